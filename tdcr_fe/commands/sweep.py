@@ -143,6 +143,7 @@ def format_cases(described: Sweep, most: int = 8) -> str:
     design = described.design()
     shown = range(min(most, design.count))
     rows = [[k + 1, *(f"{x:.6g}" if isinstance(x, float) else x for x in design.case(k))] for k in shown]
-    table = pd.DataFrame(rows, columns=["case", *(v.name for v in described.variations)])
+    table = pd.DataFrame(rows, columns=["case", *(v.column for v in described.variations)])
     more = f"\n... {design.count - most} more" if design.count > most else ""
-    return f"{common.count(design.count, 'case')}, method {design.method}\n\n{table.to_string(index=False)}{more}"
+    head = f"{common.count(design.count, 'case')}, method {described.sampling.method}"
+    return f"{head}\n\n{table.to_string(index=False)}{more}"

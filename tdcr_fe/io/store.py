@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,6 +20,7 @@ from tdcr_fe.io.processes import worker_pool
 
 Record = dict[str, Any]
 Task = TypeVar("Task")
+Key = TypeVar("Key")
 
 
 class OtherHead(ValueError):
@@ -196,29 +198,40 @@ def solve_all(
             store.keep(key, record)
             yield key, record, False
         return
-    for key, record in _in_processes(left, solve, processes, initializer):
-        store.keep(key, record)
-        yield key, record, False
+    with (
+        worker_pool(min(processes, len(left)), initializer) as pool,
+        closing(as_completed(pool, solve, left, 2 * processes)) as found,
+    ):
+        for key, future in found:
+            record = future.result()
+            store.keep(key, record)
+            yield key, record, False
 
 
-def _in_processes(
-    left: Sequence[tuple[str, Task]],
-    solve: Callable[[Task], Record],
-    processes: int,
-    initializer: Callable[[], None] | None,
-) -> Generator[tuple[str, Record], None, None]:
-    """Records as they are found; few tasks wait at a time, so that many cost no memory."""
-    with worker_pool(min(processes, len(left)), initializer) as pool:
-        running: dict[Future[Record], str] = {}
-        for key, task in left:
-            running[pool.submit(solve, task)] = key
-            if len(running) >= 2 * processes:
+def as_completed(
+    executor: Executor, solve: Callable[[Task], Any], tasks: Iterable[tuple[Key, Task]], most: int
+) -> Generator[tuple[Key, Future[Any]], None, None]:
+    """Futures of tasks, given by key, as they end; ``most`` are handed over at a time, so that many cost no memory.
+
+    Raises
+    ------
+    concurrent.futures.BrokenExecutor
+        The executor takes no more tasks.
+    """
+    running: dict[Future[Any], Key] = {}
+    try:
+        for key, task in tasks:
+            running[executor.submit(solve, task)] = key
+            if len(running) >= most:
                 yield from _finished(running)
         while running:
             yield from _finished(running)
+    finally:
+        for future in running:
+            future.cancel()
 
 
-def _finished(running: dict[Future[Record], str]) -> Iterator[tuple[str, Record]]:
+def _finished(running: dict[Future[Any], Key]) -> Iterator[tuple[Key, Future[Any]]]:
     done, _ = wait(running, return_when=FIRST_COMPLETED)
     for future in done:
-        yield running.pop(future), future.result()
+        yield running.pop(future), future

@@ -427,6 +427,8 @@ def _mistake(error: Mapping[str, Any], place: _Place, elsewhere: Sequence[str] |
         return Mistake(join(key, "kind"), value, "missing; " * (value is REQUIRED) + text, True)
     if kind == "missing" and value is REQUIRED:
         return Mistake(key, REQUIRED, f"missing; must be {allowed(node)}", True)
+    if isinstance(error := context.get("error"), FieldError) and isinstance(value, Mapping):
+        return Mistake(join(key, error.field), value.get(error.field, REQUIRED), error.allowed)
     if kind == "value_error":
         return Mistake(key, value, str(context["error"]))
     wrong_type = kind.endswith("_type") or kind == "is_instance_of"

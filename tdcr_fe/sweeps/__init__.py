@@ -1,18 +1,9 @@
 """Sweeps: many cases of a scenario with other values, over processes or machines, and one table out."""
 
-from tdcr_fe.sweeps.cases import ParameterFunction, parameter_function
+from tdcr_fe.sweeps.cases import parameter_function
 from tdcr_fe.sweeps.description import Sweep
 from tdcr_fe.sweeps.read import read_sweep
 from tdcr_fe.sweeps.result import SweepResult
-from tdcr_fe.sweeps.run import ExecutorBroken, SweepInterrupted, sweep
+from tdcr_fe.sweeps.run import SweepInterrupted, sweep
 
-__all__ = [
-    "ExecutorBroken",
-    "ParameterFunction",
-    "Sweep",
-    "SweepInterrupted",
-    "SweepResult",
-    "parameter_function",
-    "read_sweep",
-    "sweep",
-]
+__all__ = ["Sweep", "SweepInterrupted", "SweepResult", "parameter_function", "read_sweep", "sweep"]

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from functools import cached_property
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tdcr_fe.io.toml import ScenarioTables
-from tdcr_fe.model.schema import Checked, Quantity
-from tdcr_fe.sweeps.keys import Key
+from tdcr_fe.model.messages import quoted, shown
+from tdcr_fe.model.schema import Checked, FieldError, Quantity
+from tdcr_fe.model.units import has_unit
+from tdcr_fe.sweeps.keys import Key, KeyProblem, parse_key, unit_of
 from tdcr_fe.sweeps.sampling import (
-    SAMPLED,
-    Column,
-    Design,
     Distribution,
-    grid,
-    numbers_of,
-    together,
+    LogNormal,
+    LogUniform,
+    Normal,
+    Triangular,
+    Uniform,
     unit_points,
 )
 
@@ -25,6 +30,9 @@ from tdcr_fe.sweeps.sampling import (
 MOST_CASES = 1_000_000
 
 Method = Literal["grid", "list", "latin-hypercube", "sobol", "saltelli"]
+METHODS: tuple[str, ...] = get_args(Method)
+#: Methods that draw values from distributions.
+SAMPLED = ("latin-hypercube", "sobol", "saltelli")
 #: How a value acts on the one that the files declare.
 Mode = Literal["value", "factor", "offset"]
 Spacing = Literal["linear", "logarithmic"]
@@ -65,7 +73,7 @@ class Range(Checked):
 
 @dataclass(frozen=True)
 class Sampling(Checked):
-    """How cases are chosen.
+    """How cases are chosen; the table ``[sampling]``.
 
     Attributes
     ----------
@@ -82,56 +90,202 @@ class Sampling(Checked):
     samples: Annotated[int | None, Quantity("number of points", ge=1, le=MOST_CASES)] = None
     seed: Annotated[int, Quantity("seed of the random numbers", ge=0, le=2**63 - 1)] = 0
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        method, samples = quoted(self.method), self.samples
+        if self.is_sample and samples is None:
+            raise FieldError("samples", "", f"missing; method = {method} needs a number of points")
+        if not self.is_sample and samples is not None:
+            text = f"only for method = {', '.join(map(quoted, SAMPLED))}; {method} takes all values given"
+            raise FieldError("samples", str(samples), text)
+        if self.method in ("sobol", "saltelli") and samples and samples.bit_count() != 1:
+            text = f"must be a power of two for method = {method}, such as 256, 512 or 1024"
+            raise FieldError("samples", str(samples), text)
+
     @property
     def is_sample(self) -> bool:
         """Whether values are drawn from distributions."""
         return self.method in SAMPLED
 
 
+#: Keys of ``[[vary]]`` that give its values; exactly one is given.
+VALUES = ("values", "range", "uniform", "loguniform", "normal", "lognormal", "triangular")
+_TEXTS = "a list of keys in quotes, at least one"
+_LIST = "a list of values, at least one"
+
+
 @dataclass(frozen=True)
-class Variation:
-    """What takes other values from case to case.
+class Variation(Checked):
+    """What takes other values from case to case; a table ``[[vary]]``.
 
     Attributes
     ----------
-    name : str
-        Of the column in the table of cases.
-    keys : tuple of Key
+    key : str
+    keys : tuple of str
         What gets the value: one key, or several with the same value.
+    name : str
+        Of the column in the table of cases; empty: the key.
     mode : "value", "factor" or "offset"
         The value replaces, multiplies, or is added to what the files declare.
-    options : tuple
-        Values of a grid or a list, or equally likely ones of a sample.
-    distribution : Distribution or None
-        Where it is given, there are no options.
+    values, range
+        Of a grid or a list, or equally likely ones of a sample.
+    uniform, loguniform, normal, lognormal, triangular
+        A distribution.
     """
 
-    name: str
-    keys: tuple[Key, ...]
-    mode: Mode = "value"
-    options: tuple[Any, ...] = ()
-    distribution: Distribution | None = None
+    key: Annotated[str, Quantity("what varies", allowed="the key of a value, in quotes")] = ""
+    keys: Annotated[tuple[str, ...], Quantity("what varies together", allowed=_TEXTS, min_items=1)] = ()
+    name: Annotated[str, Quantity("name of the column", name=True)] = ""
+    mode: Annotated[Mode, Quantity("how the value acts on the declared one")] = "value"
+    values: Annotated[tuple[Any, ...], Quantity("values of a list or grid", allowed=_LIST, min_items=1)] = ()
+    range: Annotated[Range | None, Quantity("values at equal distances")] = None
+    uniform: Uniform | None = None
+    loguniform: LogUniform | None = None
+    normal: Normal | None = None
+    lognormal: LogNormal | None = None
+    triangular: Triangular | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if bool(self.key) == bool(self.keys):
+            text = "key and keys are both given; exactly one is allowed"
+            raise FieldError("key", self.key, text if self.key else "missing; must be the key of a value")
+        try:
+            names_robot = self.names_robot
+        except KeyProblem as error:
+            raise FieldError("keys" if self.keys else "key", self.key, str(error)) from error
+        given = [name for name in VALUES if getattr(self, name)]
+        if len(given) != 1:
+            text = f"must have exactly one of {', '.join(VALUES)}"
+            raise ValueError(text + (f"; it has {' and '.join(given)}" if given else ""))
+        numbers = all(isinstance(x, int | float) and not isinstance(x, bool) for x in self.options)
+        if self.mode != "value" and not numbers:
+            raise FieldError("mode", quoted(self.mode), "only for values that are numbers")
+        if names_robot and not (self.options and all(isinstance(x, str) for x in self.options)):
+            text = 'must be paths of robot.toml files, in quotes, for key = "robot"'
+            raise FieldError("values", shown(self.values), text)
+
+    @property
+    def column(self) -> str:
+        """Name of its column in the table of cases."""
+        return self.name or self.places[0].text
+
+    @property
+    def label(self) -> str:
+        """Its column with the unit of the value, for people."""
+        unit = "factor" if self.mode == "factor" else unit_of(self.places[0])
+        text = f"{self.column} ({self.mode})" if self.mode == "offset" else self.column
+        return f"{text} [{unit}]" if has_unit(unit) else text
+
+    @cached_property
+    def places(self) -> tuple[Key, ...]:
+        """Where the value stands."""
+        return tuple(parse_key(text) for text in self.keys or (self.key,))
 
     @property
     def names_robot(self) -> bool:
         """Whether the robot as a whole is exchanged."""
-        return any(key.names_robot for key in self.keys)
+        return any(place.names_robot for place in self.places)
+
+    @cached_property
+    def options(self) -> tuple[Any, ...]:
+        """Values to choose from; empty where there is a distribution."""
+        return self.range.values() if self.range else self.values
+
+    @property
+    def distribution(self) -> Distribution | None:
+        """The distribution that values are drawn from; None where there are options."""
+        return next((x for name in VALUES[2:] if (x := getattr(self, name))), None)
+
+    def described(self) -> tuple[str, Any]:
+        """The key that gives the values, and what stands there."""
+        if self.distribution is None:
+            return "values", list(self.options)
+        return type(self.distribution).__name__.lower(), self.distribution.numbers
+
+
+_TENSION = "a tension [N], zero or more, or a table of tensions by tendon"
+_Tension = float | dict[str, float]
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """Tensions of all tendons in the last load step; the table ``[workspace]``.
+
+    Attributes
+    ----------
+    largest, smallest : float, or mapping of str to float
+        Bounds [N], of all tendons or by tendon.
+    count : int or None
+        Values per tendon, for a grid.
+    """
+
+    largest: Annotated[_Tension, Quantity("largest tension", unit="N", ge=0.0, allowed=_TENSION)]
+    smallest: Annotated[_Tension, Quantity("smallest tension", unit="N", ge=0.0, allowed=_TENSION)] = 0.0
+    count: Annotated[int | None, Quantity("values per tendon", ge=2, le=1000)] = None
+
+
+_STEPS = 'one of "last", "all", or a list of the numbers of load steps, from 1'
+_COLUMNS = "a list of columns of steps.csv, in quotes"
+_Steps = Literal["last", "all"] | tuple[int, ...]
 
 
 @dataclass(frozen=True)
 class Output:
-    """What is kept of each case.
+    """What is kept of each case; the table ``[output]``.
 
     Attributes
     ----------
-    steps : tuple of int
-        Numbers of load steps, from 1; empty means the last one.
+    steps : "last", "all", or tuple of int
+        Numbers of load steps, from 1.
     quantities : tuple of str
         Columns of `steps.csv`; empty means all that are numbers.
     """
 
-    steps: tuple[int, ...] = ()
-    quantities: tuple[str, ...] = ()
+    steps: Annotated[_Steps, Quantity("load steps whose results are kept", ge=1, allowed=_STEPS)] = "last"
+    quantities: Annotated[tuple[str, ...], Quantity("columns", allowed=_COLUMNS)] = ()
+
+    def suffixes(self, count: int) -> dict[str, int]:
+        """What the names of columns end in, and the load step [from 1] that they are of, out of ``count`` steps."""
+        if self.steps == "last":
+            return {"": count}
+        numbers = range(1, count + 1) if self.steps == "all" else self.steps
+        return {f"_step{k}": k for k in numbers if isinstance(k, int)}
+
+
+@dataclass(frozen=True)
+class Column:
+    """Values of one variation, by case."""
+
+    options: Sequence[Any]  # to choose from; empty where `numbers` are the values
+    numbers: NDArray[Any]  # the values, or numbers of options, shape (n_cases,)
+
+    def __getitem__(self, case: int) -> Any:
+        """Value of a case, counted from 0."""
+        number = self.numbers[case].item()
+        return self.options[number] if self.options else number
+
+
+@dataclass(frozen=True)
+class Design:
+    """All cases of a sweep.
+
+    Attributes
+    ----------
+    columns : tuple of Column
+        One per variation.
+    """
+
+    columns: tuple[Column, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of cases."""
+        return len(self.columns[0].numbers)
+
+    def case(self, number: int) -> tuple[Any, ...]:
+        """Values of a case, counted from 0, one per variation."""
+        return tuple(column[number] for column in self.columns)
 
 
 @dataclass(frozen=True)
@@ -158,27 +312,39 @@ class Sweep:
     """
 
     tables: ScenarioTables
-    variations: tuple[Variation, ...]
-    sampling: Sampling
-    output: Output
+    variations: tuple[Variation, ...] = ()
+    sampling: Sampling = Sampling()
+    output: Output = Output()
     robots: tuple[tuple[str, ScenarioTables], ...] = ()
     workspace: bool = False
     digests: tuple[tuple[str, str], ...] = ()
     path: str = ""
     effects: tuple[str, ...] = ()
 
+    @property
+    def count(self) -> int:
+        """Number of cases."""
+        sizes = [len(v.options) for v in self.variations]
+        if self.sampling.method == "saltelli":
+            return (self.sampling.samples or 0) * (len(sizes) + 2)
+        return self.sampling.samples or (math.prod(sizes) if self.sampling.method == "grid" else sizes[0])
+
     def design(self) -> Design:
-        """The cases; the same ones for the same sweep."""
+        """The cases; the same ones for the same sweep. The last variation of a grid changes fastest."""
         method, samples = self.sampling.method, self.sampling.samples
-        if not self.sampling.is_sample:
-            combine = grid if method == "grid" else together
-            return combine([v.options for v in self.variations])
-        assert samples is not None
-        points = unit_points(method, samples, len(self.variations), self.sampling.seed)
-        columns = [
-            Column(v.options, numbers_of(v.options, p))
-            if v.distribution is None
-            else Column((), v.distribution.quantile(p))
-            for v, p in zip(self.variations, points.T, strict=True)
-        ]
-        return Design(method, tuple(columns), len(points), samples if method == "saltelli" else 0)
+        if samples is not None:
+            points = unit_points(method, samples, len(self.variations), self.sampling.seed)
+            return Design(tuple(_drawn(v, p) for v, p in zip(self.variations, points.T, strict=True)))
+        options = [v.options for v in self.variations]
+        rows: Sequence[NDArray[Any]] = [np.arange(self.count)] * len(options)
+        if method == "grid":
+            rows = np.unravel_index(np.arange(self.count), [len(o) for o in options])
+        return Design(tuple(Column(o, r) for o, r in zip(options, rows, strict=True)))
+
+
+def _drawn(v: Variation, probabilities: NDArray[np.float64]) -> Column:
+    """Values of a variation at probabilities between 0 and 1; options are equally likely."""
+    if v.distribution is not None:
+        return Column((), v.distribution.quantile(probabilities))
+    count = len(v.options)
+    return Column(v.options, np.minimum((probabilities * count).astype(np.int64), count - 1))

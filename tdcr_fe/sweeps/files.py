@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import importlib
 import importlib.util
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,12 +16,11 @@ from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.io.store import Lines, OtherHead
 from tdcr_fe.sweeps.cases import Evaluate, Outcome
-from tdcr_fe.sweeps.description import Sweep, Variation
+from tdcr_fe.sweeps.description import Design, Sweep
 from tdcr_fe.sweeps.result import Message, SweepResult
-from tdcr_fe.sweeps.sampling import Design
-from tdcr_fe.sweeps.statistics import Summary
 
 JOURNAL = "cases.jsonl"
+LOCK = ".cases.lock"
 TABLES = {"csv": "cases.csv", "parquet": "cases.parquet"}
 SUMMARY, REPORT = "summary.json", "report.html"
 #: Every picture that a sweep may have.
@@ -34,10 +35,12 @@ def check_format(table: str) -> None:
     InputError
         There is no such format, or the package that it needs is not installed.
     """
+    text = ""
     if table not in TABLES:
-        raise InputError([Problem("--table", "", table, f"must be one of {', '.join(TABLES)}")])
-    if table == "parquet" and importlib.util.find_spec("pyarrow") is None:
+        text = f"must be one of {', '.join(TABLES)}"
+    elif table == "parquet" and importlib.util.find_spec("pyarrow") is None:
         text = "needs pyarrow, which is not installed: pip install 'tdcr-fe[parquet]'"
+    if text:
         raise InputError([Problem("--table", "", table, text)])
 
 
@@ -49,76 +52,73 @@ def head_of(sweep: Sweep, design: Design, evaluate: Evaluate | None) -> dict[str
         values.update(column.numbers.tobytes())
     tables = [sweep.tables, *(tables for _, tables in sweep.robots)]
     contents = to_json([[t.scenario, t.robot] for t in tables])
-    function = evaluate and f"{evaluate.__module__}.{getattr(evaluate, '__qualname__', '')}"
+    variations = []
+    for v in sweep.variations:
+        kind, found = v.described()
+        keys = [place.text for place in v.places]
+        variations.append({"name": v.column, "keys": keys, "mode": v.mode, kind: found})
     return {
         "input": {name: sha256 for name, sha256 in sweep.digests if name in sweep.effects},
         "tables": hashlib.sha256(contents.encode()).hexdigest(),
-        "variations": [_described(v) for v in sweep.variations],
+        "variations": variations,
         "design": values.hexdigest(),
         "output": asdict(sweep.output),
-        "evaluate": function or "",
+        "evaluate": f"{evaluate.__module__}.{getattr(evaluate, '__qualname__', '')}" if evaluate else "",
         "versions": versions(),
     }
 
 
-def _described(variation: Variation) -> dict[str, Any]:
-    """A variation for the summary."""
-    keys = [key.text for key in variation.keys]
-    found: dict[str, Any] = {"name": variation.name, "keys": keys, "mode": variation.mode}
-    if variation.distribution is None:
-        return {**found, "values": list(variation.options)}
-    return {**found, "distribution": dict([variation.distribution.described()])}
+@contextmanager
+def journal(folder: Path, head: Mapping[str, Any], fresh: bool) -> Iterator[Lines]:
+    """The journal of a folder, which no other sweep writes to meanwhile; a new one where asked for or none is there.
+
+    The operating system frees the lock when this process ends in whatever way.
+
+    Raises
+    ------
+    InputError
+        Another sweep writes to the folder.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / LOCK).open("w") as file:
+        try:
+            if importlib.util.find_spec("fcntl"):
+                fcntl = importlib.import_module("fcntl")
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            else:  # Windows
+                msvcrt = importlib.import_module("msvcrt")
+                msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+        except (BlockingIOError, PermissionError) as error:
+            text = "another sweep is writing there; wait until it has ended, or give another directory"
+            raise InputError([Problem("-o", "", str(folder), text)]) from error
+        lines = Lines(folder / JOURNAL, head)
+        if fresh or not lines.path.exists():
+            lines.begin()
+        yield lines
 
 
-class Journal:
-    """One line for every finished case, from which a sweep continues.
+def recalled(lines: Lines, count: int) -> Iterator[Outcome]:
+    """Outcomes of a journal; the end of a line that a kill cut off is removed.
 
-    Parameters
-    ----------
-    folder
-        Of the files of the sweep.
-    head
-        First line: all that the outcomes depend on.
+    Raises
+    ------
+    InputError
+        The journal is that of another sweep, or none, or has more than ``count`` cases.
     """
 
-    def __init__(self, folder: Path, head: Mapping[str, Any]) -> None:
-        self._path = folder / JOURNAL
-        self._lines = Lines(self._path, head)
+    def refused(text: str) -> InputError:
+        return InputError([Problem("-o", "", str(lines.path), text)])
 
-    def recall(self, fresh: bool, count: int) -> Iterator[Outcome]:
-        """Outcomes that are there; a new journal begins where there is none, or where it is asked for.
-
-        The end of a line that a kill cut off is removed.
-
-        Raises
-        ------
-        InputError
-            The journal is that of another sweep, or none, or has more than ``count`` cases.
-        """
-        if fresh or not self._path.exists():
-            self._lines.begin()
-            return
-        try:
-            for outcome in self._lines.records(Outcome.from_record):
-                if outcome.case > count:
-                    raise InputError([Problem("-o", "", str(self._path), f"there is no case {outcome.case}")])
-                yield outcome
-        except OtherHead as error:
-            what = "is no journal of a sweep"
-            if error.there:
-                what = f"is of another sweep: {', '.join(error.differing) or 'keys'} differ"
-            text = f"{what}; give another directory, or --fresh to replace what is there"
-            raise InputError([Problem("-o", "", str(self._path), text)]) from error
-
-    def write(self, outcomes: Iterable[Outcome]) -> None:
-        """Append outcomes, and hand them to the operating system."""
-        self._lines.append(outcome.record() for outcome in outcomes)
-
-
-def _statistics(found: Summary) -> dict[str, Any]:
-    names = ("count", "mean", "std", "min", "max", "quantile_2.5", "median", "quantile_97.5")
-    numbers = (found.count, found.mean, found.std, found.smallest, found.largest, *found.quantiles)
-    return dict(zip(names, numbers, strict=True))
+    try:
+        for outcome in lines.records(Outcome.from_record):
+            if outcome.case > count:
+                raise refused(f"there is no case {outcome.case}")
+            yield outcome
+    except OtherHead as error:
+        what = "is no journal of a sweep"
+        if error.there:
+            what = f"is of another sweep: {', '.join(error.differing) or 'keys'} differ"
+        raise refused(f"{what}; give another directory, or --fresh to replace what is there") from error
 
 
 def _message(found: Message, count: str, text: str) -> dict[str, Any]:
@@ -146,7 +146,7 @@ def summary_of(result: SweepResult, head: Mapping[str, Any]) -> dict[str, Any]:
             for status, found in result.failures.items()
         },
         "warnings": [_message(m, "times", "text") for m in result.warnings],
-        "statistics": {name: _statistics(s) for name, s in result.statistics().items()},
+        "statistics": {name: s.numbers for name, s in result.statistics().items()},
         **({"sobol_indices": indices} if indices else {}),
         "wall_time": result.wall_time,
         "case_seconds": result.case_seconds,
@@ -156,7 +156,7 @@ def summary_of(result: SweepResult, head: Mapping[str, Any]) -> dict[str, Any]:
 
 def write_sweep(
     result: SweepResult, out: Path, head: Mapping[str, Any], table: str = "csv", report: bool = True
-) -> list[Path]:
+) -> None:
     """Write the table of cases, the summary, and the report with its pictures.
 
     Parameters
@@ -171,24 +171,15 @@ def write_sweep(
         A key of `TABLES`.
     report
         Whether to write pictures and report.
-
-    Returns
-    -------
-    list of pathlib.Path
-        The files written.
     """
 
     def write_tables(folder: Path) -> None:
-        if table == "parquet":
-            result.cases.to_parquet(folder / TABLES[table], index=False)
-        else:
-            result.cases.to_csv(folder / TABLES[table], index=False)
+        write: Any = result.cases.to_csv if table == "csv" else result.cases.to_parquet
+        write(folder / TABLES[table], index=False)
         write_json(summary_of(result, head), folder / SUMMARY)
 
-    def write_report(folder: Path) -> None:
+    write_folder(out, write_tables, ours=(*TABLES.values(), SUMMARY, REPORT, *PICTURE_FILES))
+    if report:
         from tdcr_fe.sweeps.report import write_report
 
-        write_report(result, folder)
-
-    written = write_folder(out, write_tables, ours=(*TABLES.values(), SUMMARY, REPORT, *PICTURE_FILES))
-    return written + write_folder(out, write_report) if report else written
+        write_folder(out, lambda folder: write_report(result, folder))

@@ -14,14 +14,16 @@ from tdcr_fe.io.result_files import versions
 from tdcr_fe.model.messages import shown as value_text
 from tdcr_fe.report import page as kit
 from tdcr_fe.report.environment import fixed, quantity, significant
-from tdcr_fe.report.page import Card, Level, Page, Picture, Section
+from tdcr_fe.report.page import Card, Page, Picture, Section
 from tdcr_fe.report.style import styled
 from tdcr_fe.sweeps.description import Variation
-from tdcr_fe.sweeps.figures import MOST_INPUTS, MOST_OUTPUTS, PICTURES, drawn, tip_columns, tips
-from tdcr_fe.sweeps.result import SweepResult, shown, shown_outputs
+from tdcr_fe.sweeps.figures import MOST_INPUTS, PICTURES, drawn, tip_columns, tips
+from tdcr_fe.sweeps.result import SweepResult, shown
 
 #: Warnings that are listed.
 MOST_WARNINGS = 40
+#: Where the 95 % interval of a Sobol index is wider, the samples are too few for it: the order of inputs is open.
+WIDEST = 0.2
 _METHODS = {
     "grid": "every combination of the values",
     "list": "the values taken together, in their order",
@@ -41,7 +43,6 @@ def write_report(result: SweepResult, out: Path) -> None:
 
 
 def _page(result: SweepResult, figures: dict[str, Figure]) -> Page:
-    verdict, level = _verdict(result)
     pictures = {n: Picture(f, PICTURES[n].title, PICTURES[n].caption) for n, f in figures.items()}
     names = list(pictures)
     sections = []
@@ -54,18 +55,19 @@ def _page(result: SweepResult, figures: dict[str, Figure]) -> Page:
         context = {"picture": pictures[name], "note": _left_out(name, result)}
         anchor, folded = name.partition(".")[0], len(sections) > 1
         sections.append(Section(anchor, PICTURES[name].title, "picture.html.j2", context, folded=folded))
-    note = "Values are in the units of the files; a factor multiplies the declared value, an offset is added to it."
+    note = "A factor multiplies the declared value, an offset is added to it."
     inputs = [_input(v) for v in result.sweep.variations]
     sections.append(_table("inputs", "What was varied", ("column", "keys", "mode", "values"), inputs, note))
     if result.warnings:
         warned = [(m.count, m.case, m.example) for m in result.warnings[:MOST_WARNINGS]]
         columns = ("times", "first case", "warning of that case")
         sections.append(_table("warnings", "Warnings", columns, warned))
+    finding, *sentences = _sentences(result)
     return Page(
         title="Sweep of a tendon-driven continuum robot",
-        verdict=verdict,
-        level=level,
-        sentences=tuple(_sentences(result)),
+        verdict=finding,
+        level="open" if result.interrupted else "good" if result.converged else "part" if figures else "bad",
+        sentences=tuple(sentences),
         cards=_cards(result),
         pictures=tuple(pictures[name] for name in names[:1]),
         summary=_statistics(result),
@@ -84,58 +86,62 @@ def _table(
     return Section(anchor, title, "table.html.j2", {"head": head, "rows": rows, "note": note})
 
 
-def _verdict(result: SweepResult) -> tuple[str, Level]:
+def _sentences(result: SweepResult) -> list[str]:
+    """The first screen: what was found, as the headline, and on how many cases it rests."""
+    found = _findings(result)
     count, converged = len(result.cases), result.counts.get("converged", 0)
     if result.interrupted:
-        left = result.counts["not run"]
-        return f"Interrupted: {converged} of {count} cases converged, {left} were not run.", "open"
-    if result.converged:
-        return f"All {count} cases converged." if count > 1 else "The case converged.", "good"
-    return f"{converged} of {count} cases converged.", "part" if converged else "bad"
-
-
-def _sentences(result: SweepResult) -> list[str]:
-    """Further sentences of the first screen."""
+        text = (
+            f"Interrupted: {converged} of {count} cases converged, {result.counts['not run']} were not run."
+        )
+        found.append(f"{text} The same command continues with them.")
+    elif result.converged:
+        found.append(f"All {count} cases converged." if count > 1 else "The case converged.")
+    else:
+        found.append(f"{converged} of {count} cases converged.")
     sampling, d = result.sweep.sampling, len(result.inputs)
     how = _METHODS[sampling.method]
-    if result.design.base_samples:
+    if sampling.method == "saltelli":
         how += f", {sampling.samples} base samples times {d} + 2"
     seed = f", seed {sampling.seed}" if sampling.is_sample else ""
-    varied = ", ".join(result.inputs[:MOST_INPUTS]) + (" and others" if d > MOST_INPUTS else "")
-    found = [f"Varied: {varied}. Cases: {how}{seed}."]
-    names = shown_outputs(result)
-    if result.sweep.workspace and tip_columns(result):
-        low, high = tips(result).min(axis=0), tips(result).max(axis=0)
-        box = ", ".join(f"{a} from {fixed(low[k], 1)} to {fixed(high[k], 1)}" for k, a in enumerate("xyz"))
-        offset = np.hypot(*tips(result)[:, :2].T).max()
-        found.append(f"The tip reaches {box} mm, at most {fixed(offset, 1)} mm from the z axis.")
-    elif names and names[0] in (indices := result.sobol_indices()):
-        k = int(np.nanargmax(indices[names[0]].total))
-        (low, high), total = indices[names[0]].total_interval[k], indices[names[0]].total[k]
-        text = f"Total-order Sobol index of {result.inputs[k]} for {shown(names[0]).label}"
-        found.append(f"{text}: {total:.2f} (95 % interval {low:.2f} to {high:.2f}), the largest.")
-    if names and not result.sweep.workspace:
-        found.append(_spread(result, names[0]))
-    if result.interrupted:
-        found.append("The same command continues with the cases that were not run.")
+    varied = ", ".join(list(result.inputs)[:MOST_INPUTS]) + (" and others" if d > MOST_INPUTS else "")
+    found.append(f"Varied: {varied}. Cases: {how}{seed}.")
     if result.warnings:
         noted = int((result.cases["warnings"] > 0).sum())
         found.append(f"{noted} of the cases have warnings; they are listed below.")
     return found
 
 
-def _spread(result: SweepResult, name: str) -> str:
-    """How a result is distributed in a sample; else its range."""
-    how, s = shown(name), result.statistics()[name]
+def _findings(result: SweepResult) -> list[str]:
+    """The result that was asked for: the workspace, or the scatter of the first result and its cause."""
+    if result.sweep.workspace and tip_columns(result):
+        low, high = tips(result).min(axis=0), tips(result).max(axis=0)
+        box = ", ".join(f"{a} from {fixed(low[k], 1)} to {fixed(high[k], 1)}" for k, a in enumerate("xyz"))
+        offset = np.hypot(*tips(result)[:, :2].T).max()
+        return [f"The tip reaches {box} mm, at most {fixed(offset, 1)} mm from the z axis."]
+    if not result.shown:
+        return []
+    name = result.shown[0]
+    how, s = shown(name), shown(name).texts(result.statistics()[name])
     what, unit = how.label[0].upper() + how.label[1:], f" {how.unit}" if how.unit else ""
-    smallest, largest, mean, std, low, high = (
-        significant(how.factor * x, 4)
-        for x in (s.smallest, s.largest, s.mean, s.std, s.quantiles[0], s.quantiles[2])
-    )
     if not result.sweep.sampling.is_sample:
-        return f"{what} ranges from {smallest} to {largest}{unit}."
-    spread = f"mean {mean}{unit}, standard deviation {std}{unit}"
-    return f"{what}: {spread}; 95 % of the cases lie between {low} and {high}{unit}."
+        return [f"{what} ranges from {s['min']} to {s['max']}{unit}."]
+    spread = f"mean {s['mean']}{unit}, standard deviation {s['std']}{unit}"
+    between = f"{s['quantile_2.5']} and {s['quantile_97.5']}{unit}"
+    found = [f"{what}: {spread}; 95 % of the cases lie between {between}."]
+    if (indices := result.sobol_indices().get(name)) is None:
+        return found
+    k = int(np.nanargmax(indices.total))
+    low, high = indices.total_interval[k]
+    cause = f"{list(result.inputs)[k]} for {how.label}"
+    if high - low > WIDEST:
+        text = f"Too few samples for Sobol indices: the 95 % interval of the largest one (total order, {cause}) is"
+        more = max(
+            256, 4 * (result.sweep.sampling.samples or 0)
+        )  # the width falls with the root of the number
+        return [*found, f"{text} {low:.2f} to {high:.2f}. Use samples = {more}."]
+    text = f"{indices.total[k]:.2f} (95 % interval {low:.2f} to {high:.2f}), the largest"
+    return [*found, f"Total-order Sobol index of {cause}: {text}."]
 
 
 def _cards(result: SweepResult) -> tuple[Card, ...]:
@@ -152,47 +158,46 @@ def _cards(result: SweepResult) -> tuple[Card, ...]:
 
 def _statistics(result: SweepResult) -> Section:
     """Statistics of the results over the cases that converged."""
-    found, rows = result.statistics(), []
-    for name in shown_outputs(result):
-        how, s = shown(name), found[name]
-        numbers = (s.mean, s.std, s.smallest, *s.quantiles, s.largest)
-        rows.append((name, how.unit, s.count, *(significant(how.factor * x, 4) for x in numbers)))
-    head = (
-        "result",
-        "unit",
-        "cases",
-        "mean",
-        "standard deviation",
-        "smallest",
-        "2.5 %",
-        "median",
-        "97.5 %",
-        "largest",
-    )
+    columns = {
+        "count": "cases",
+        "mean": "mean",
+        "std": "standard deviation",
+        "min": "smallest",
+        "quantile_2.5": "2.5 %",
+        "median": "median",
+        "quantile_97.5": "97.5 %",
+        "max": "largest",
+    }
+    found = result.statistics()
+    texts = {name: shown(name).texts(found[name]) for name in result.shown}
+    rows = [(name, shown(name).unit, *(s[c] for c in columns)) for name, s in texts.items()]
     sampled = result.sweep.sampling.is_sample and not result.sweep.workspace
     note = "Over the cases that converged" + ("." if sampled else ", each with the same weight.")
+    head = ("result", "unit", *columns.values())
     return _table("results", "", head, rows, note if rows else "No result differs between the cases.")
 
 
 def _input(v: Variation) -> tuple[object, ...]:
     """Column, keys, mode and values of a variation."""
     if v.distribution is not None:
-        kind, numbers = v.distribution.described()
+        kind, numbers = v.described()
         what = f"{kind} ({', '.join(f'{k} {value_text(x)}' for k, x in numbers.items())})"
     elif len(v.options) <= 2 * MOST_INPUTS:
         what = ", ".join(map(value_text, v.options))
     else:
         what = f"{len(v.options)} values from {value_text(v.options[0])} to {value_text(v.options[-1])}"
-    keys = ", ".join(key.text for key in v.keys)
-    return v.name, "" if keys == v.name else keys, v.mode, what
+    keys = ", ".join(place.text for place in v.places)
+    return v.label, "" if keys == v.column else keys, v.mode, what
 
 
 def _left_out(name: str, result: SweepResult) -> str:
     """A remark where a picture shows only some of the columns."""
-    outputs, inputs = len(shown_outputs(result)), len(result.inputs)
-    parts = []
-    if outputs > MOST_OUTPUTS and name != "workspace.png":
-        parts.append(f"{MOST_OUTPUTS} of {outputs} results are drawn; the table of cases has all")
+    inputs, parts = len(result.inputs), []
+    if result.drawn != result.shown and name != "workspace.png":
+        some = f"{', '.join(shown(n).label for n in result.drawn)} of {len(result.shown)} results"
+        parts.append(
+            f"Drawn: {some}; [output] quantities in sweep.toml chooses others, the table of cases has all."
+        )
     if inputs > MOST_INPUTS and name == "main_effects.png":
-        parts.append(f"{MOST_INPUTS} of {inputs} inputs are drawn")
-    return "; ".join(parts) + "." if parts else ""
+        parts.append(f"{MOST_INPUTS} of {inputs} inputs are drawn.")
+    return " ".join(parts)

@@ -34,6 +34,13 @@ class Summary:
     largest: float
     quantiles: tuple[float, float, float]
 
+    @property
+    def numbers(self) -> dict[str, float]:
+        """All of them by name, as in `summary.json`."""
+        names = ("count", "mean", "std", "min", "max", "quantile_2.5", "median", "quantile_97.5")
+        found = (self.count, self.mean, self.std, self.smallest, self.largest, *self.quantiles)
+        return dict(zip(names, found, strict=True))
+
 
 def summarise(values: Array) -> Summary:
     """Statistics of a column with at least one finite number; the others are left out."""

@@ -13,7 +13,7 @@ from tdcr_fe import cli
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.toml import build_scenario
 from tdcr_fe.sweeps.cases import STATUSES, tables_with
-from tdcr_fe.sweeps.sampling import DISTRIBUTIONS, METHODS
+from tdcr_fe.sweeps.description import METHODS, VALUES
 
 
 def problems_of(folder, text, **files):
@@ -62,7 +62,7 @@ HEAD = 'scenario = "scenario.toml"\n'
             HEAD + '[[vary]]\nkey = "model.friction"\nvalues = ["none", "coulomb"]',
             'sweep.toml: vary[0].values = "coulomb": model.friction: must be "none"',
         ),
-        (HEAD + '[[vary]]\nkey = "tip_mass"', "sweep.toml: vary[0]: must have exactly one of values, range"),
+        (HEAD + '[[vary]]\nkey = "tip_mass"', "must have exactly one of values, range"),
         (
             HEAD + '[[vary]]\nkey = "tip_mass"\nvalues = [0]\nuniform = { lower = 0.0, upper = 1.0 }',
             "normal, lognormal, triangular; it has values and uniform",
@@ -118,7 +118,7 @@ HEAD = 'scenario = "scenario.toml"\n'
             HEAD + '[output]\nquantities = ["tipx"]',
             'sweep.toml: output.quantities[0] = "tipx": unknown; did you mean tip_x',
         ),
-        (HEAD + "[output]\nsteps = [2]", "sweep.toml: output.steps = [2]: must be one of"),
+        (HEAD + "[output]\nsteps = [2]", 'sweep.toml: output.steps = [2]: must be "last", "all", or'),
         (HEAD + "[workspace]\nlargest = -1.0", "sweep.toml: workspace.largest = -1.0: must be a tension"),
         (HEAD + "[workspace]\nlargest = 2.0", "sweep.toml: workspace.count: missing"),
         (
@@ -178,7 +178,7 @@ def test_a_scenario_may_stand_in_the_sweep(tmp_path):
 def test_the_workspace_varies_every_tension_of_the_last_step(tmp_path):
     text = 'robot = "robot.toml"\n[sampling]\nmethod = "sobol"\nsamples = 16\nseed = 1\n[workspace]\nlargest = 2.0\n'
     described = tdcr.read_sweep(write_files(tmp_path, text))
-    assert [v.keys[0].text for v in described.variations] == [
+    assert [v.places[0].text for v in described.variations] == [
         "steps[-1].tensions.t1",
         "steps[-1].tensions.t2",
     ]
@@ -200,7 +200,7 @@ def test_the_sweeps_of_the_page_are_the_files_of_the_examples(name, cases):
 
 
 def test_the_page_names_everything():
-    for word in (*METHODS, *STATUSES, *DISTRIBUTIONS, "factor", "offset"):  # keys are generated
+    for word in (*METHODS, *STATUSES, *VALUES[2:], "factor", "offset"):  # keys are generated
         assert re.search(rf'[`"]{re.escape(word)}["`]', PAGE), word
 
 
@@ -237,8 +237,9 @@ def test_values_with_units_are_numbers_in_the_units_of_their_keys(tmp_path):
     assert tension.options == pytest.approx([0.5, 1.0, 1.5, 2.0], rel=1e-15)
     assert (modulus.distribution.mean, modulus.distribution.std) == (85e9, 3e9)
     assert (angle.distribution.lower, angle.distribution.upper) == pytest.approx((90.0, 120.0), rel=1e-15)
-    cases = (zip(sweep.variations, sweep.design().case(k), strict=True) for k in range(3))
-    lengths = {build_scenario(tables_with(sweep, case)).robot.backbone.length for case in cases}
+    length, design = sweep.variations[-1], sweep.design()
+    changes = ([(length.places[0], length.mode, design.case(k)[-1])] for k in range(3))
+    lengths = {build_scenario(tables_with(sweep, c)).robot.backbone.length for c in changes}
     assert lengths <= {0.2 * 0.9, 0.2 * 1.1}
 
 

@@ -8,26 +8,21 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tdcr_fe.sweeps.description import Range
-from tdcr_fe.sweeps.sampling import (
-    LogNormal,
-    LogUniform,
-    Normal,
-    Triangular,
-    Uniform,
-    grid,
-    numbers_of,
-    together,
-    unit_points,
-)
+from tdcr_fe.sweeps.description import Range, Sampling, Sweep, Variation
+from tdcr_fe.sweeps.sampling import LogNormal, LogUniform, Normal, Triangular, Uniform, unit_points
+
+
+def design(method, *options, **sampling):
+    variations = tuple(Variation(key="tip_mass", values=tuple(x)) for x in options)
+    return Sweep(None, variations, Sampling(method, **sampling)).design()
 
 
 def test_the_last_variation_of_a_grid_changes_fastest_and_lists_are_taken_together():
     numbers, letters = [1.0, 2.0, 3.0], ["a", "b", "c"]
-    design = grid([numbers[:2], letters])
-    assert [design.case(k) for k in range(design.count)] == [(x, y) for x in numbers[:2] for y in letters]
-    design = together([numbers, letters])
-    assert [design.case(k) for k in range(design.count)] == list(zip(numbers, letters, strict=True))
+    found = design("grid", numbers[:2], letters)
+    assert [found.case(k) for k in range(found.count)] == [(x, y) for x in numbers[:2] for y in letters]
+    found = design("list", numbers, letters)
+    assert [found.case(k) for k in range(found.count)] == list(zip(numbers, letters, strict=True))
 
 
 def test_a_range_has_equal_distances_or_ratios():
@@ -101,6 +96,5 @@ def test_a_distribution_that_cannot_be_is_refused(make):
 
 
 def test_options_of_a_sample_are_equally_likely():
-    points = unit_points("sobol", 1024, 1, seed=3)[:, 0]
-    assert np.bincount(numbers_of("abcd", points)).tolist() == [256] * 4
-    assert numbers_of("abc", np.array([1.0])).tolist() == [2]
+    (column,) = design("sobol", "abcd", samples=1024, seed=3).columns
+    assert np.bincount(column.numbers).tolist() == [256] * 4

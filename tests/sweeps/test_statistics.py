@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy import stats
 
+from tdcr_fe.sweeps.description import Sampling, Sweep, Variation
 from tdcr_fe.sweeps.figures import _with_prefixes
-from tdcr_fe.sweeps.sampling import unit_points
+from tdcr_fe.sweeps.report import _findings
+from tdcr_fe.sweeps.result import SweepResult
+from tdcr_fe.sweeps.sampling import Uniform, unit_points
 from tdcr_fe.sweeps.statistics import sobol_indices, summarise, varies
 
 A, B = 7.0, 0.1
@@ -55,6 +61,26 @@ def test_indices_are_those_of_scipy():
     mine = sobol_indices(rows.ravel(), 3)
     assert np.allclose(mine.first, theirs.first_order, atol=1e-9)
     assert np.allclose(mine.total, theirs.total_order, atol=1e-9)
+
+
+def findings(samples):
+    """First sentences of the report on Ishigami's function."""
+    names = ("x1", "x2", "x3")
+    variations = tuple(Variation("tip_mass", name=n, uniform=Uniform(-np.pi, np.pi)) for n in names)
+    about = {"case": 0, "status": "converged", "reason": "", "warnings": 0}
+    cases = pd.DataFrame({"y": ishigami_sample(samples)}).assign(**about, **dict.fromkeys(names, 0.0))
+    sweep = Sweep(None, variations, Sampling("saltelli", samples, 1))
+    return _findings(SweepResult(sweep, cases[[*about, *names, "y"]]))
+
+
+def test_the_report_asks_for_more_samples_where_an_index_is_open():
+    """With 16 base samples it printed shares of the variance up to 1.14."""
+    assert findings(16)[1].startswith("Too few samples for Sobol indices: ")
+    assert findings(16)[1].endswith("Use samples = 256.")
+    text = findings(4096)[1]
+    assert re.match(
+        r"Total-order Sobol index of x1 for y: 0\.5[56] \(95 % interval 0\.\d\d to", text
+    )  # 0.558 is exact
 
 
 def test_base_samples_with_a_case_missing_are_left_out():

@@ -17,6 +17,7 @@ from sweep_files import SCENARIO, SWEEP, InProcess, write_files
 import tdcr_fe as tdcr
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.sweeps.cases import Outcome
+from tdcr_fe.sweeps.files import journal
 from tdcr_fe.sweeps.keys import KeyProblem
 from tdcr_fe.sweeps.result import Collected
 from tdcr_fe.sweeps.run import SweepInterrupted
@@ -32,7 +33,7 @@ def test_the_printed_summary_begins_with_the_tip_in_its_unit(tmp_path):
     lines = repr(result).splitlines()
     assert lines[0].startswith('sweep of 6 cases by "grid" over ')
     assert [line.split(":")[0] for line in lines[1:3]] == ["  bending angle [deg]", "  tip x [mm]"]
-    assert f"mean {1e3 * result.cases['tip_x'].mean():.6g}, " in lines[2]
+    assert f"mean {1e3 * result.cases['tip_x'].mean():.0f}, " in lines[2]  # its standard error is 10 mm
 
 
 def test_every_row_is_the_result_of_its_scenario(tmp_path):
@@ -119,6 +120,14 @@ def test_a_journal_of_another_sweep_is_refused_and_replaced_on_demand(tmp_path):
     assert tdcr.sweep(other, out, executor=InProcess(), fresh=True, report=False).converged
 
 
+def test_two_sweeps_cannot_write_to_one_folder_at_a_time(tmp_path):
+    """Both solved all cases, into a journal with every case twice."""
+    path, out = write_files(tmp_path), tmp_path / "out"
+    with journal(out, {}, fresh=True), pytest.raises(InputError, match="another sweep is writing there"):
+        tdcr.sweep(path, out, executor=InProcess(), fresh=True, report=False)
+    assert tdcr.sweep(path, out, executor=InProcess(), fresh=True, report=False).converged
+
+
 def test_a_case_that_fails_keeps_its_reason_and_does_not_stop_the_others(tmp_path):
     """100 kN do not converge within four iterations; an offset beyond the disk is no robot."""
     text = (
@@ -140,7 +149,9 @@ def test_a_case_that_fails_keeps_its_reason_and_does_not_stop_the_others(tmp_pat
     assert sum(m.count for m in result.failures["not converged"]) == 3
     again = tdcr.sweep(path, tmp_path / "out", executor=InProcess(), retry=True, report=False)
     assert again.solved_now == 5
-    assert tdcr.sweep(path, tmp_path / "out", executor=InProcess(), report=False).solved_now == 0
+    recalled = tdcr.sweep(path, tmp_path / "out", executor=InProcess(), report=False)
+    assert recalled.solved_now == 0
+    assert recalled.failures == result.failures  # not counted twice, from two lines of the journal
 
 
 def curvature(result):
@@ -184,27 +195,25 @@ def test_a_process_that_dies_costs_its_own_case_only(tmp_path):
 
 
 class Counting(Executor):
-    """Delays what is handed over until four batches wait, and answers the last one first, without solving."""
+    """Delays what is handed over until four cases wait, and answers the last one first, without solving."""
 
     def __init__(self):
         self.waiting, self.order = [], []
 
     def submit(self, fn, /, *args, **kwargs):
         future = Future()
-        _, cases = args
-        self.waiting.append((future, cases))
+        (case,) = args
+        self.waiting.append((future, case[0]))
         assert len(self.waiting) <= 4
         if len(self.waiting) == 4:
             while self.waiting:
-                last, cases = self.waiting.pop()
-                self.order += [number for number, _ in cases]
-                last.set_result(
-                    [Outcome(n, "converged", numbers={"tip_x": n}, seconds=1.0) for n, _ in cases]
-                )
+                last, number = self.waiting.pop()
+                self.order.append(number)
+                last.set_result(Outcome(number, "converged", numbers={"tip_x": number}))
         return future
 
 
-def test_an_executor_is_given_a_few_batches_at_a_time(tmp_path):
+def test_an_executor_is_given_a_few_cases_at_a_time(tmp_path):
     vary = '[[vary]]\nkey = "steps[0].tensions.t1"\nrange = { start = 0.1, stop = 1.0, count = 8 }\n'
     executor = Counting()
     path = write_files(tmp_path, f'scenario = "scenario.toml"\n{vary}')
