@@ -1,14 +1,10 @@
-"""The cases of the cross-validation, and the robots, loads and tolerances that they are made of.
-
-All routings, models, loads and numbers of disks; histories; variants for the remaining properties of a description.
-"""
+"""The cases of the cross-validation: all routings, models, loads and numbers of disks; histories; variants."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -16,7 +12,7 @@ import numpy as np
 from tdcr_fe.model.backbone import Backbone, StiffnessPatch, Superelastic
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
+from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, Routing
 from tdcr_fe.model.tendon import Tendon
 
 #: Length of the backbone [m].
@@ -26,27 +22,29 @@ BACKBONE = Backbone(LENGTH, 0.4e-3, 85e9, 0.3, density=5600.0)
 MU = 0.3
 #: Beam elements between neighbouring disks, in every case.
 ELEMENTS_PER_BAY = 4
-#: Presliding distance of both solvers [m].
-PRESLIDING = 1e-6
-#: Tolerances [% of the length], [% of the tendon's largest tension].
-TIP_TOLERANCE, TENSION_TOLERANCE = 0.05, 0.1
-#: Upper bound of the median over all cases [% of the length].
-MEDIAN_TOLERANCE = 0.01
-#: Least order of mesh convergence.
-LEAST_ORDER = 1.9
 #: Highest tension [N], and the share of a bay's buckling load that all tendons together stay below.
 MOST_TENSION, MOST_COMPRESSION = 4.0, 0.3
+#: Highest tensions of the cases of large bending, without and with friction [N].
+LARGE_TENSIONS = (5.5, 8.0)
 
 ROUTINGS = ("parallel", "two-segment", "helical", "converging")
 #: (tendon path, friction)
 MODELS = (("continuous", "none"), ("straight", "none"), ("straight", "per-tendon"), ("straight", "per-hole"))
-LOADS = ("no load", "tip in plane", "tip out of plane", "mid-span", "gravity")
 DISKS = (5, 10, 15, 20)
-GRAVITY = (2.0, -9.0, -3.0)
-#: Plane in which the tendon of a single-segment robot bends it, from +x towards +y [deg].
+#: Plane in which the tendon of a single-segment robot bends it, from +x towards +y [deg], and its direction.
 PLANE_DEG = 40.0
-
-Values = Sequence[float]
+_C, _S = float(np.cos(np.radians(PLANE_DEG))), float(np.sin(np.radians(PLANE_DEG)))
+GRAVITY = (2.0, -9.0, -3.0)
+#: Concentrated loads by their description; with "gravity" there is `GRAVITY` instead.
+LOADS: dict[str, dict[str, Load]] = {
+    "no load": {},
+    "tip in plane": {"tip": Load(LENGTH, (-0.05 * _C, -0.05 * _S, 0.0))},
+    "tip out of plane": {"tip": Load(LENGTH, (-0.05 * _S, 0.05 * _C, 0.0))},
+    "mid-span": {"middle": Load(LENGTH / 2.0, (0.08 * _C - 0.04 * _S, 0.08 * _S + 0.04 * _C, -0.02))},
+    "gravity": {},
+}
+#: Loading, unloading, reloading, as shares of the highest tension.
+CYCLE = (0.35, 0.7, 1.0, 0.8, 0.5, 0.2, 0.0, 0.3, 0.7, 1.0)
 
 
 @dataclass(frozen=True)
@@ -61,8 +59,6 @@ class Case:
     model: Model
     steps: tuple[LoadStep, ...]  # each with its number of substeps
     quick: bool = False  # part of the quick set
-    tolerance_percent: float = TIP_TOLERANCE  # of the length
-    tension_tolerance_percent: float = TENSION_TOLERANCE  # of the tendon's largest tension
 
     @property
     def disks(self) -> int:
@@ -79,290 +75,185 @@ def highest_tension(disks: int) -> float:
     """Sum of the tensions that a case goes up to [N].
 
     4 N, but not more than 30 % of the load at which the backbone between two disks would buckle. The error beyond this
-    load is the subject of `tdcr_fe.validation.crosscheck.studies.near_buckling`.
+    load is a study of its own.
     """
     return min(MOST_TENSION, MOST_COMPRESSION * bay_buckling_load(disks))
 
 
-def make_robot(routing: str, disks: int, mu: float = MU) -> Robot:
-    """The robot of a routing.
+def make_robot(routing: str, disks: int) -> Robot:
+    """The robot of one of `ROUTINGS`, or of four "antagonists".
 
-    Parameters
-    ----------
-    routing
-        One of `ROUTINGS`. Helical tendons wind once (from ten disks on: twice) about the backbone; the first
-        segment of two ends at 40 % of the length.
-    disks
-        Number, a multiple of five for two segments.
-    mu
-        Friction coefficient [1].
+    Helical tendons wind once (from ten disks on: twice) about the backbone; the first segment of two ends at 40 % of
+    the length, so that the number of disks is a multiple of five.
     """
-    tendons: list[Tendon]
-    if routing == "parallel":
-        tendons = [Tendon("t1", ParallelRouting(4.5e-3, PLANE_DEG), mu)]
-    elif routing == "two-segment":
+    single: dict[str, Routing] = {
+        "parallel": ParallelRouting(4.5e-3, PLANE_DEG),
+        "helical": HelicalRouting(4.5e-3, 2.0 if disks >= 10 else 1.0, PLANE_DEG),
+        "converging": ConvergingRouting(4.5e-3, 0.15e-3, PLANE_DEG),
+    }
+    if routing == "two-segment":
         end = round(0.4 * LENGTH, 9)
-        tendons = [
-            Tendon(f"a{i}", ParallelRouting(4.5e-3, a), mu, end=end)
-            for i, a in enumerate((90.0, 330.0, 210.0))
-        ]
-        tendons += [
-            Tendon(f"b{i}", ParallelRouting(3.5e-3, a), mu) for i, a in enumerate((30.0, 150.0, 270.0))
-        ]
-    elif routing == "helical":
-        turns = 2.0 if disks >= 10 else 1.0
-        tendons = [Tendon("t1", HelicalRouting(4.5e-3, turns, PLANE_DEG), mu)]
-    elif routing == "converging":
-        tendons = [Tendon("t1", ConvergingRouting(4.5e-3, 0.15e-3, PLANE_DEG), mu)]
+        first = [ParallelRouting(4.5e-3, a) for a in (90.0, 330.0, 210.0)]
+        second = [ParallelRouting(3.5e-3, a) for a in (30.0, 150.0, 270.0)]
+        tendons = [Tendon(f"a{i}", r, MU, end=end) for i, r in enumerate(first)]
+        tendons += [Tendon(f"b{i}", r, MU) for i, r in enumerate(second)]
+    elif routing == "antagonists":
+        tendons = [Tendon(f"t{i}", ParallelRouting(4.5e-3, PLANE_DEG + 90.0 * i), MU) for i in range(4)]
     else:
-        raise ValueError(f"routing {routing!r}; must be one of {', '.join(ROUTINGS)}")
-    return Robot(
-        BACKBONE, Disks.equally_spaced(disks, LENGTH, mass=0.17e-3, radius=5e-3), tuple(tendons), name=routing
-    )
+        tendons = [Tendon("t1", single[routing], MU)]
+    equal = Disks.equally_spaced(disks, LENGTH, mass=0.17e-3, radius=5e-3)
+    return Robot(BACKBONE, equal, tuple(tendons), name=routing)
 
 
-def pulls(routing: str, share: float, total: float) -> dict[str, float]:
-    """Tensions of a share of the highest ones, by tendon [N]."""
+def pulls(routing: str, total: float, share: float) -> dict[str, float]:
+    """A share of the highest tensions, by tendon, which add up to `total` [N]."""
     if routing == "two-segment":
         return {"a0": 0.55 * total * share, "b0": 0.45 * total * share}
     return {"t1": total * share}
 
 
-def make_load(load: str) -> tuple[dict[str, Load], tuple[float, float, float]]:
-    """Concentrated loads, and gravity [m/s^2], of one of `LOADS`."""
-    c, s = float(np.cos(np.radians(PLANE_DEG))), float(np.sin(np.radians(PLANE_DEG)))
-    none = (0.0, 0.0, 0.0)
-    if load == "no load":
-        return {}, none
-    if load == "tip in plane":
-        return {"tip": Load(LENGTH, (-0.05 * c, -0.05 * s, 0.0))}, none
-    if load == "tip out of plane":
-        return {"tip": Load(LENGTH, (-0.05 * s, 0.05 * c, 0.0))}, none
-    if load == "mid-span":
-        return {"middle": Load(LENGTH / 2.0, (0.08 * c - 0.04 * s, 0.08 * s + 0.04 * c, -0.02))}, none
-    if load == "gravity":
-        return {}, GRAVITY
-    raise ValueError(f"load {load!r}; must be one of {', '.join(LOADS)}")
+def steps_of(levels: Sequence[Mapping[str, float]], load: str, substeps: int) -> tuple[LoadStep, ...]:
+    """A load step for each set of tensions, under one of `LOADS`."""
+    return tuple(LoadStep("", dict(t), loads=LOADS[load], substeps=substeps) for t in levels)
+
+
+def model_of(path: str, friction: str, load: str = "no load") -> Model:
+    """A model with the mesh of all cases, and with gravity where the load is that."""
+    gravity = GRAVITY if load == "gravity" else (0.0, 0.0, 0.0)
+    return Model(path, friction, ELEMENTS_PER_BAY, gravity)  # type: ignore[arg-type]
 
 
 def grid() -> Iterator[Case]:
     """Routings x models x loads x numbers of disks: three levels up, one down."""
-    for (r, routing), (m, (path, friction)), (k, load) in product(
-        enumerate(ROUTINGS), enumerate(MODELS), enumerate(LOADS)
+    for (r, routing), (m, (path, friction)), (k, load), (i, disks) in product(
+        enumerate(ROUTINGS), enumerate(MODELS), enumerate(LOADS), enumerate(DISKS)
     ):
-        for i, disks in enumerate(DISKS):
-            loads, gravity = make_load(load)
-            total = highest_tension(disks)
-            substeps = 1 if friction == "none" else 4
-            steps = tuple(
-                LoadStep(
-                    f"{share:g} of the highest tension",
-                    pulls(routing, share, total),
-                    loads=loads,
-                    substeps=substeps,
-                )
-                for share in (0.3, 0.65, 1.0, 0.5)
-            )
-            yield Case(
-                f"{routing}_{path}_{friction}_{load.replace(' ', '-')}_{disks}",
-                "grid",
-                routing,
-                load,
-                make_robot(routing, disks),
-                Model(path, friction, ELEMENTS_PER_BAY, gravity),  # type: ignore[arg-type]
-                steps,
-                quick=i == (r + m + k) % len(DISKS),
-            )
+        levels = [pulls(routing, highest_tension(disks), x) for x in (0.3, 0.65, 1.0, 0.5)]
+        yield Case(
+            f"{routing}_{path}_{friction}_{load.replace(' ', '-')}_{disks}",
+            "grid",
+            routing,
+            load,
+            make_robot(routing, disks),
+            model_of(path, friction, load),
+            steps_of(levels, load, 1 if friction == "none" else 4),
+            quick=i == (r + m + k) % len(DISKS),
+        )
 
 
 def large_bending() -> Iterator[Case]:
     """Tips turned far beyond 180 degrees."""
     for (path, friction), disks in product(MODELS, (15, 20)):
-        most = 5.5 if friction == "none" else 8.0
-        substeps = 1 if friction == "none" else 4
+        most, substeps = (LARGE_TENSIONS[0], 1) if friction == "none" else (LARGE_TENSIONS[1], 4)
         yield Case(
             f"large_parallel_{path}_{friction}_{disks}",
             "large bending",
             "parallel",
             "no load",
             make_robot("parallel", disks),
-            Model(path, friction, ELEMENTS_PER_BAY),  # type: ignore[arg-type]
-            tuple(
-                LoadStep(f"{t:g} N", {"t1": t}, substeps=substeps)
-                for t in most * np.array([0.25, 0.5, 0.75, 1.0])
-            ),
+            model_of(path, friction),
+            steps_of([{"t1": x * most} for x in (0.25, 0.5, 0.75, 1.0)], "no load", substeps),
             quick=disks == 20,
         )
 
 
-#: Loading, unloading, reloading, as shares of the highest tension.
-CYCLE = (0.35, 0.7, 1.0, 0.8, 0.5, 0.2, 0.0, 0.3, 0.7, 1.0)
-
-
-def _cycle(routing: str, total: float, loads: dict[str, Load]) -> tuple[LoadStep, ...]:
-    return tuple(
-        LoadStep(f"{share:g} of the highest tension", pulls(routing, share, total), loads=loads, substeps=4)
-        for share in CYCLE
-    )
-
-
-def _antagonists(disks: int, mu: float = MU) -> Robot:
-    tendons = tuple(Tendon(f"t{i}", ParallelRouting(4.5e-3, PLANE_DEG + 90.0 * i), mu) for i in range(4))
-    return replace(make_robot("parallel", disks), tendons=tendons)
-
-
 def histories() -> Iterator[Case]:
-    """Loading, unloading and reloading; and four tendons pulled one against the other."""
-    for routing, friction in product(ROUTINGS, ("per-tendon", "per-hole")):
-        for disks, load in ((10, "no load"), (15, "tip out of plane"), (20, "gravity")):
-            loads, gravity = make_load(load)
-            yield Case(
-                f"history_{routing}_{friction}_{load.replace(' ', '-')}_{disks}",
-                "history",
-                routing,
-                load,
-                make_robot(routing, disks),
-                Model("straight", friction, ELEMENTS_PER_BAY, gravity),  # type: ignore[arg-type]
-                _cycle(routing, highest_tension(disks), loads),
-                quick=disks == 10,
-            )
-    for friction, disks in product(("per-tendon", "per-hole"), (10, 20)):
-        turn = np.arange(12) * np.pi / 4.0
-        levels = [
-            {f"t{i}": float(0.4 + 0.9 * max(0.0, np.cos(a - i * np.pi / 2.0))) for i in range(4)}
-            for a in turn
-        ]
-        yield Case(
-            f"history_antagonists-circle_{friction}_{disks}",
-            "history",
-            "parallel",
-            "no load",
-            _antagonists(disks),
-            Model("straight", friction, ELEMENTS_PER_BAY),  # type: ignore[arg-type]
-            tuple(LoadStep(f"circle {k + 1}", t, substeps=4) for k, t in enumerate(levels)),
-            quick=disks == 10,
-        )
-    for name, names, routing, disks in (
-        ("antagonists", [f"t{i}" for i in range(4)], "parallel", 13),
-        ("two-segment", ["a0", "a1", "a2", "b0", "b1", "b2"], "two-segment", 10),
-    ):
-        draw = np.random.default_rng(20)
-        walk = [
-            {n: float(t) for n, t in zip(names, draw.uniform(0.0, 6.0 / len(names), len(names)), strict=True)}
-            for _ in range(8)
-        ]
-        robot = _antagonists(disks) if name == "antagonists" else make_robot(routing, disks)
-        yield Case(
-            f"history_{name}-walk_per-hole_{disks}",
+    """Loading, unloading and reloading; tendons pulled one against the other, in a circle and at random."""
+
+    def history(name: str, robot: Robot, friction: str, steps: tuple[LoadStep, ...], load: str) -> Case:
+        disks = len(robot.disks.positions)
+        routing = "parallel" if robot.name == "antagonists" else robot.name
+        return Case(
+            f"history_{name}_{disks}",
             "history",
             routing,
-            "no load",
+            load,
             robot,
-            Model("straight", "per-hole", ELEMENTS_PER_BAY),
-            tuple(LoadStep(f"walk {k + 1}", t, substeps=6) for k, t in enumerate(walk)),
-            quick=name == "two-segment",
+            model_of("straight", friction, load),
+            steps,
+            quick=disks == 10,
         )
 
-
-# ------------------------------------------------------------------------------------------------- variants
-
-#: Model options of tendons that follow the backbone.
-_CONTINUOUS = {"tendon_path": "continuous", "friction": "none"}
-
-#: A tip force out of the plane of bending, and its name.
-_SIDE, _SIDE_NAME = make_load("tip out of plane")[0], "tip out of plane"
-
-
-def _case(name: str, robot: Robot, steps: Sequence[LoadStep], load: str = "no load", **model: Any) -> Case:
-    options = {"elements_per_bay": ELEMENTS_PER_BAY, **model}
-    return Case(
-        f"variant_{name}", "variant", robot.name, load, robot, Model(**options), tuple(steps), quick=True
-    )
-
-
-def _up_and_down(loads: Mapping[str, Load] = MappingProxyType({}), most: float = 3.0) -> list[LoadStep]:
-    """Loading, unloading, reloading of the tendon up to a tension [N], under loads that stay."""
-    return [
-        LoadStep(f"{x * most:g} N", {"t1": x * most}, loads=dict(loads), substeps=4)
-        for x in (0.4, 1.0, 0.5, 0.1, 0.8)
+    for routing, friction in product(ROUTINGS, ("per-tendon", "per-hole")):
+        for disks, load in ((10, "no load"), (15, "tip out of plane"), (20, "gravity")):
+            levels = [pulls(routing, highest_tension(disks), x) for x in CYCLE]
+            name = f"{routing}_{friction}_{load.replace(' ', '-')}"
+            yield history(name, make_robot(routing, disks), friction, steps_of(levels, load, 4), load)
+    turn = np.arange(12) * np.pi / 4.0
+    levels = [
+        {f"t{i}": float(0.4 + 0.9 * max(0.0, np.cos(a - i * np.pi / 2.0))) for i in range(4)} for a in turn
     ]
+    for friction, disks in product(("per-tendon", "per-hole"), (10, 20)):
+        circle = steps_of(levels, "no load", 4)
+        robot = make_robot("antagonists", disks)
+        yield history(f"antagonists-circle_{friction}", robot, friction, circle, "no load")
+    for robot in (make_robot("antagonists", 13), make_robot("two-segment", 10)):
+        names = robot.tendon_names
+        drawn = np.random.default_rng(20).uniform(0.0, 6.0 / len(names), (8, len(names)))
+        walk = steps_of([dict(zip(names, t, strict=True)) for t in drawn.tolist()], "no load", 6)
+        yield history(f"{robot.name}-walk_per-hole", robot, "per-hole", walk, "no load")
+
+
+def _up_and_down(
+    most: float = 3.0, load: str = "no load", loads: Mapping[str, Load] | None = None
+) -> list[LoadStep]:
+    """Loading, unloading, reloading up to a tension [N], under one of `LOADS` or other loads."""
+    acting = LOADS[load] if loads is None else dict(loads)
+    return [LoadStep("", {"t1": x * most}, loads=acting, substeps=4) for x in (0.4, 1.0, 0.5, 0.1, 0.8)]
 
 
 def _by_displacement(most: float) -> list[LoadStep]:
     """The same with the tendon's displacement prescribed, up to a largest one [m]."""
-    return [
-        LoadStep(f"{1e3 * x * most:g} mm", displacements={"t1": x * most}, substeps=4)
-        for x in (0.4, 1.0, 0.7, 0.2, 0.8)
-    ]
+    return [LoadStep("", displacements={"t1": x * most}, substeps=4) for x in (0.4, 1.0, 0.7, 0.2, 0.8)]
 
 
-def _tendons() -> Iterator[Case]:
-    """Prescribed displacements and elastic tendons."""
-    elastic, helical, converging = (
-        make_robot(r, 15).with_tendons(axial_stiffness=400.0) for r in ("parallel", "helical", "converging")
-    )
-    yield _case("displacement-driven", make_robot("parallel", 15), _by_displacement(8e-3))
-    yield _case("displacement-driven-elastic-tendon", elastic, _by_displacement(9e-3))
-    yield _case("displacement-driven-continuous", elastic, _by_displacement(9e-3), **_CONTINUOUS)
-    yield _case("elastic-tendon", converging, _up_and_down(_SIDE), _SIDE_NAME)
-    yield _case("elastic-tendon-helical", helical, _up_and_down(_SIDE), _SIDE_NAME)
-
-
-def _backbones() -> Iterator[Case]:
-    """Thick disks, precurvature, superelasticity."""
-    parallel, helical, converging = (make_robot(r, 15) for r in ("parallel", "helical", "converging"))
-    bent = {"precurvature": (3.0, -2.0)}
-    soft = Superelastic(0.002, 0.2)
-    yield _case("thick-disks", parallel.with_disks(thickness=4.5e-3), _up_and_down(_SIDE), _SIDE_NAME)
-    yield _case("thick-disks-helical", helical.with_disks(thickness=4.5e-3), _up_and_down())
-    yield _case("precurved", parallel.with_backbone(**bent), _up_and_down(_SIDE), _SIDE_NAME)
-    yield _case("precurved-continuous", helical.with_backbone(**bent), _up_and_down(), **_CONTINUOUS)
-    yield _case("superelastic", parallel.with_backbone(superelastic=soft), _up_and_down(most=2.0))
-    yield _case(
-        "superelastic-tip-force",
-        converging.with_backbone(superelastic=soft),
-        _up_and_down(_SIDE, 2.0),
-        _SIDE_NAME,
-    )
-
-
-def _friction_and_masses() -> Iterator[Case]:
-    """Adhesion at the holes, a mass at the tip, a soft stretch of the backbone."""
-    parallel, helical, converging = (make_robot(r, 15) for r in ("parallel", "helical", "converging"))
-    yield _case("adhesion", parallel.with_tendons(adhesion=0.05), _up_and_down())
-    adhesion_only = helical.with_tendons(adhesion=0.05, friction_coefficient=0.0)
-    yield _case("adhesion-only", adhesion_only, _up_and_down())
-    yield _case("tip-mass", replace(parallel, tip_mass=3e-3), _up_and_down(), "gravity", gravity=GRAVITY)
-    patch = (StiffnessPatch(0.1, 0.13, 0.6, 0.8),)
-    yield _case("stiffness-patch", converging.with_backbone(patches=patch), _up_and_down(_SIDE), _SIDE_NAME)
-
-
-def _loads_and_disks() -> Iterator[Case]:
-    """Follower loads, a moment between two disks, disks at uneven distances, tendons that nobody pulls."""
-    parallel = make_robot("parallel", 15)
-    follower = Load(LENGTH, (0.02, 0.05, 0.0), (2e-3, 0.0, 1e-3), frame="section")
-    couple = Load(0.11, (0.0, 0.0, 0.0), (0.0, 4e-3, 2e-3))
-    spaced = tuple(float(x) for x in LENGTH * (np.arange(1, 13) / 12.0) ** 1.2)
-    uneven = replace(parallel, disks=replace(parallel.disks, positions=spaced))
-    yield _case(
-        "follower-load", parallel, _up_and_down({"tip": follower}), "force and moment that follow the tip"
-    )
-    yield _case("moment-in-a-bay", parallel, _up_and_down({"couple": couple}), "moment between two disks")
-    yield _case("uneven-disks", uneven, _up_and_down(_SIDE), _SIDE_NAME)
-    yield _case("no-tendon-pulled", parallel, [LoadStep("force", loads=_SIDE, substeps=2)], _SIDE_NAME)
-
-
-def variants() -> Iterator[Case]:
+def variants() -> list[Case]:
     """Cases for the remaining properties of a description."""
-    yield from _tendons()
-    yield from _backbones()
-    yield from _friction_and_masses()
-    yield from _loads_and_disks()
+
+    def case(name: str, robot: Robot, steps: list[LoadStep], load: str = "no load", **model: Any) -> Case:
+        with_mesh = Model(**{"elements_per_bay": ELEMENTS_PER_BAY, **model})
+        return Case(
+            f"variant_{name}", "variant", robot.name, load, robot, with_mesh, tuple(steps), quick=True
+        )
+
+    parallel, helical, converging = (make_robot(r, 15) for r in ("parallel", "helical", "converging"))
+    side, continuous = "tip out of plane", {"tendon_path": "continuous", "friction": "none"}
+    plain, sideways, pulled_in = _up_and_down(), _up_and_down(load=side), _by_displacement(9e-3)
+    elastic, thick = {"axial_stiffness": 400.0}, {"thickness": 4.5e-3}
+    bent, soft = {"precurvature": (3.0, -2.0)}, {"superelastic": Superelastic(0.002, 0.2)}
+    adhesive = helical.with_tendons(adhesion=0.05, friction_coefficient=0.0)
+    heavy = replace(parallel, tip_mass=3e-3)
+    patched = converging.with_backbone(patches=(StiffnessPatch(0.1, 0.13, 0.6, 0.8),))
+    spaced = tuple((LENGTH * (np.arange(1, 13) / 12.0) ** 1.2).tolist())
+    uneven = replace(parallel, disks=replace(parallel.disks, positions=spaced))
+    follower = _up_and_down(
+        loads={"tip": Load(LENGTH, (0.02, 0.05, 0.0), (2e-3, 0.0, 1e-3), frame="section")}
+    )
+    couple = _up_and_down(loads={"couple": Load(0.11, (0.0, 0.0, 0.0), (0.0, 4e-3, 2e-3))})
+    force = [LoadStep("", loads=LOADS[side], substeps=2)]
+    return [
+        case("displacement-driven", parallel, _by_displacement(8e-3)),
+        case("displacement-driven-elastic-tendon", parallel.with_tendons(**elastic), pulled_in),
+        case("displacement-driven-continuous", parallel.with_tendons(**elastic), pulled_in, **continuous),
+        case("elastic-tendon", converging.with_tendons(**elastic), sideways, side),
+        case("elastic-tendon-helical", helical.with_tendons(**elastic), sideways, side),
+        case("thick-disks", parallel.with_disks(**thick), sideways, side),
+        case("thick-disks-helical", helical.with_disks(**thick), plain),
+        case("precurved", parallel.with_backbone(**bent), sideways, side),
+        case("precurved-continuous", helical.with_backbone(**bent), plain, **continuous),
+        case("superelastic", parallel.with_backbone(**soft), _up_and_down(2.0)),
+        case("superelastic-tip-force", converging.with_backbone(**soft), _up_and_down(2.0, side), side),
+        case("adhesion", parallel.with_tendons(adhesion=0.05), plain),
+        case("adhesion-only", adhesive, plain),
+        case("tip-mass", heavy, plain, "gravity", gravity=GRAVITY),
+        case("stiffness-patch", patched, sideways, side),
+        case("follower-load", parallel, follower, "force and moment that follow the tip"),
+        case("moment-in-a-bay", parallel, couple, "moment between two disks"),
+        case("uneven-disks", uneven, sideways, side),
+        case("no-tendon-pulled", parallel, force, side),
+    ]
 
 
 def all_cases() -> list[Case]:
     """Every case; those of the quick set are marked."""
-    cases = [*grid(), *large_bending(), *histories(), *variants()]
-    if len({case.id for case in cases}) != len(cases):
-        raise RuntimeError("two cases have one id")
-    return cases
+    return [*grid(), *large_bending(), *histories(), *variants()]

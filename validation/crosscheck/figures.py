@@ -11,13 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from tdcr_fe.report.style import BAD, COLOURS, INK, REFERENCE, SOFT, no_axes, styled
-from tdcr_fe.validation.crosscheck.cases import LOADS, ROUTINGS
+from tdcr_fe.validation.crosscheck.cases import ROUTINGS
 
 Record = dict[str, Any]
-
-
-def _routing_colour(routing: str) -> str:
-    return COLOURS[ROUTINGS.index(routing)] if routing in ROUTINGS else SOFT
 
 
 def deviations(cases: Sequence[Record], tolerance: float, median: float) -> Figure:
@@ -28,11 +24,12 @@ def deviations(cases: Sequence[Record], tolerance: float, median: float) -> Figu
         rows = [r for r in ROUTINGS if any(c["routing"] == r for c in cases)]
         draw = np.random.default_rng(0)
         for y, routing in enumerate(rows[::-1]):
-            mine = [c for c in cases if c["routing"] == routing and c.get("deviation_percent") is not None]
+            mine = [c for c in cases if c["routing"] == routing]
             x = np.maximum([c["deviation_percent"] for c in mine], 1e-10)
             height = y + draw.uniform(-0.28, 0.28, len(x))
             good = np.array([c["passed"] for c in mine], dtype=bool)
-            axes.scatter(x[good], height[good], s=13, color=_routing_colour(routing), alpha=0.6, linewidths=0)
+            colour = COLOURS[ROUTINGS.index(routing)]
+            axes.scatter(x[good], height[good], s=13, color=colour, alpha=0.6, linewidths=0)
             axes.scatter(x[~good], height[~good], s=26, color=BAD, marker="x", linewidths=1.2)
         axes.axvline(tolerance, color=BAD, lw=1.2)
         axes.axvline(median, color=INK, lw=1.0, ls=(0, (4, 3)))
@@ -57,19 +54,16 @@ def _project(points: np.ndarray, azimuth: float = -60.0, elevation: float = 22.0
 
 
 def group(cases: Sequence[Record]) -> Figure:
-    """Shapes of both solvers at every load step, and tensions along the pulled tendons: one column for each case."""
+    """Shapes of both solvers at every load step, and tensions along the pulled tendons; a column for each case."""
     with styled():
         figure = Figure(figsize=(12.0, 5.0), layout="constrained")
-        order = sorted(cases, key=lambda c: LOADS.index(c["load"]) if c["load"] in LOADS else 99)
-        for k, case in enumerate(order):
-            shape = figure.add_subplot(2, len(order), k + 1)
-            tension = figure.add_subplot(2, len(order), len(order) + k + 1)
-            _draw_shapes(shape, case, COLOURS[k % 5])
-            _draw_tensions(tension, case, COLOURS[k % 5])
+        axes = figure.subplots(2, len(cases), squeeze=False)
+        for case, colour, shape, tension in zip(cases, COLOURS, *axes, strict=False):
+            _draw_shapes(shape, case, colour)
+            _draw_tensions(tension, case, colour)
             # Two lines: columns are too narrow for one.
             shape.set_title(f"{case['load']}\n{case['disks']} disks")
-            if k == 0:
-                tension.set_ylabel("tension [N]")
+        axes[1, 0].set_ylabel("tension [N]")
     return figure
 
 
@@ -94,7 +88,7 @@ def _draw_shapes(axes: Axes, case: Record, colour: str) -> None:
 
 
 def _draw_tensions(axes: Axes, case: Record, colour: str) -> None:
-    step = max(case["steps"], key=lambda s: sum(s["base_tensions"]))
+    step = max(case["steps"], key=lambda s: sum(t[0] for t in s["tensions_reference"]))
     most = max((max(t) for t in step["tensions_reference"]), default=0.0)
     for theirs, mine in zip(step["tensions_reference"], step["tensions_finite_element"], strict=True):
         if not most or max(theirs) < 0.02 * most:
@@ -113,7 +107,7 @@ def history(case: Record) -> Figure:
         figure = Figure(figsize=(7.0, 2.9), layout="constrained")
         left, right = figure.subplots(1, 2)
         steps = case["steps"]
-        pulled = np.array([s["base_tensions"] for s in steps])
+        pulled = np.array([[t[0] for t in s["tensions_reference"]] for s in steps])
         i = int(np.argmax(np.ptp(pulled, axis=0)))
         tension = np.concatenate(([0.0], pulled[:, i]))
         dots: Any = {"color": COLOURS[1], "ls": "", "marker": "o", "ms": 4.0, "mew": 0}

@@ -11,8 +11,8 @@ from tdcr_fe.io.atomic import plain
 from tdcr_fe.io.result_files import versions as package_versions
 from tdcr_fe.io.store import Lines, OtherHead, solve_all
 from tdcr_fe.validation.crosscheck.cases import Case
-from tdcr_fe.validation.crosscheck.compare import compare
-from tdcr_fe.validation.crosscheck.studies import Study, run_study
+from tdcr_fe.validation.crosscheck.compare import TIP_TOLERANCE, compare
+from tdcr_fe.validation.crosscheck.studies import Study
 from tdcr_fe.validation.runner import source_digest, start_worker
 
 Record = dict[str, Any]
@@ -29,11 +29,30 @@ def versions() -> dict[str, str]:
 
 def solve(task: Task) -> Record:
     """Solve one case or study; an error becomes part of the record instead of ending the run."""
+    if isinstance(task, Study):
+        record: Record = {"id": task.id, "kind": task.kind}
+    else:
+        record = {
+            "id": task.id,
+            "group": task.group,
+            "routing": task.routing,
+            "tendon_path": task.model.tendon_path,
+            "friction": task.model.friction,
+            "load": task.load,
+            "disks": task.disks,
+            "quick": task.quick,
+            "tip_finite_element": None,
+            "tip_reference": None,
+            "deviation_percent": None,
+            "tolerance_percent": TIP_TOLERANCE,
+            "passed": False,
+        }
     try:
-        record = compare(task) if isinstance(task, Case) else run_study(task)
+        record |= task.run() if isinstance(task, Study) else compare(task)
         record["error"] = ""
     except Exception as error:
-        record = {"id": task.id, "error": f"{type(error).__name__}: {error}"}
+        record["error"] = f"{type(error).__name__}: {error}"
+        record["reasons"] = [record["error"]]
     found: Record = plain(record)
     return found
 
