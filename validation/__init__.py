@@ -1,1 +1,1 @@
-"""Validation of the finite-element model: independent reference, public codes, the paper, and blind data."""
+"""Validation of the finite-element model: independent reference, the paper, and blind data."""

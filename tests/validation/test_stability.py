@@ -9,14 +9,15 @@ import pytest
 
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
 from tdcr_fe.model.robot import Disks
+from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.simulate import Simulation
 from tdcr_fe.solve.stability import stability, strain_tangent
-from tdcr_fe.validation.paper.cases import MODELS, paper_case
-from tdcr_fe.validation.paper.critical import euler_load
-from tdcr_fe.validation.paper.signs import three_tendon_robot
+from tdcr_fe.validation.paper.cases import MODELS, figure
 
-ROBOT = paper_case("fig3").robot
-EULER = euler_load(ROBOT)
+ROBOT = figure("fig3").robot
+#: Critical load of the backbone as a column clamped at the base [N].
+EULER = np.pi**2 * ROBOT.backbone.EI / (4.0 * ROBOT.backbone.length**2)
 
 
 def solved(robot, model, *steps):
@@ -116,7 +117,8 @@ def test_friction_makes_the_tangent_unsymmetric():
 
 def test_prescribed_displacements_stiffen_the_robot():
     """Driven by displacement, only changes of shape that keep the lengths of the tendons are free."""
-    robot = three_tendon_robot().with_tendons(friction_coefficient=0.0)
+    tendons = [Tendon(f"t{k + 1}", ParallelRouting(4.5e-3, 120.0 * k)) for k in range(3)]
+    robot = replace(ROBOT, tendons=tuple(tendons))
     free = solved(robot, MODELS["discrete"], LoadStep("", {"t1": 0.5, "t2": 0.5, "t3": 0.5}), push(0.5))
     pulled = dict(zip(robot.tendon_names, free.displacement.tolist(), strict=True))
     held = solved(

@@ -1,95 +1,59 @@
-"""Reproduction of the paper: its figures, tables and algorithms, and a verdict on each of its claims.
+"""Reproduction of the paper: its figures and tables, and a verdict on each of its claims.
 
 Wang, Du, Mao: Cosserat Rod-Based Tendon Friction Modeling, Simulation, and Experiments for Tendon-Driven Continuum
-Robots, Micromachines 2025, 16(3), 346, https://doi.org/10.3390/mi16030346. The pictures, and the cases as input for
-``tdcr-fe run``, are written beside the tables. It passes where every claim has the verdict that it had before.
+Robots, Micromachines 2025, 16(3), 346, https://doi.org/10.3390/mi16030346. The figures are written as input for
+``tdcr-fe run``, which draws them. It passes where every claim has the verdict that it had before.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
-import pandas as pd
-
-from tdcr_fe.validation.paper.cases import CASE_IDS, write_cases
-from tdcr_fe.validation.paper.claims import claims
-from tdcr_fe.validation.paper.critical import study_critical
-from tdcr_fe.validation.paper.figures import study_figure
-from tdcr_fe.validation.paper.limitations import study_dynamics, study_limitations
-from tdcr_fe.validation.paper.signs import study_signs
-from tdcr_fe.validation.paper.stiffness import study_stiffness
-from tdcr_fe.validation.paper.tables import TABLES, study_table
+from tdcr_fe.validation.paper.cases import write_cases
+from tdcr_fe.validation.paper.claims import CLAIMS
 from tdcr_fe.validation.runner import Campaign
-
-#: What is computed, by name, from the folder of the results.
-PARTS: dict[str, Callable[[Path], dict[str, Any]]] = {
-    **{name: partial(study_figure, name) for name in CASE_IDS},
-    **{f"table{number}": partial(study_table, number) for number in TABLES},
-    "critical": study_critical,
-    "signs": lambda out: study_signs(),
-    "stiffness": lambda out: study_stiffness(),
-    "limitations": lambda out: study_limitations(),
-    "dynamics": lambda out: study_dynamics(),
-}
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Numbers of one part of the paper."""
+    """Verdict on one claim."""
 
-    part: str
-    numbers: dict[str, Any]
-    passed: bool = True
+    claim: str  # as the paper has it
+    verdict: str
+    evidence: str  # the numbers
+    reason: str
+    expected: str  # the verdict that was found before
+
+    @property
+    def passed(self) -> bool:
+        """Whether the verdict is the expected one."""
+        return self.verdict == self.expected
 
 
 class Paper(Campaign):
     """See the text of this module."""
 
-    unit = "part"
+    unit = "claim"
     outcome = Outcome
 
     def cases(self, options: argparse.Namespace) -> Mapping[str, str]:
-        """Figures, tables, and what else is claimed."""
-        return {name: name for name in PARTS}
+        """The claims by their names."""
+        return {name: name for name in CLAIMS}
 
     def run(self, case: str, out: Path) -> Outcome:
-        """Compute a part."""
-        return Outcome(case, PARTS[case](out / "pictures"))
-
-    def table(self, outcomes: Sequence[Outcome]) -> pd.DataFrame:
-        """Verdict, evidence and reason of every claim."""
-        return pd.DataFrame([vars(c) for c in claims({o.part: o.numbers for o in outcomes})])
-
-    def passed(self, outcomes: Sequence[Outcome]) -> bool:
-        """Whether every verdict is the expected one."""
-        table = self.table(outcomes)
-        return bool((table["verdict"] == table["expected"]).all())
-
-    def report(self, outcomes: Sequence[Outcome]) -> list[str | pd.DataFrame]:
-        """The claims, then the numbers of every part."""
-        blocks: list[str | pd.DataFrame] = [self.table(outcomes).drop(columns="expected")]
-        for o in outcomes:
-            blocks.append(f"## {o.part}")
-            for name, value in o.numbers.items():
-                if isinstance(value, list) and value and isinstance(value[0], dict):
-                    rows = pd.DataFrame(value).drop(columns=["loads", "eigenvalues"], errors="ignore")
-                    blocks.append(rows.map(_short))
-                else:
-                    blocks.append(f"{name}: {_short(value)}")
-        return blocks
+        """Judge a claim."""
+        texts = tomllib.loads((files("tdcr_fe.validation.paper") / "claims.toml").read_text(encoding="utf-8"))
+        verdict, evidence = CLAIMS[case]()
+        return Outcome(verdict=verdict, evidence=evidence, **texts[case])
 
     def write(self, outcomes: Sequence[Outcome], out: Path) -> None:
         """Write the figures as input for ``tdcr-fe run``."""
         write_cases(out / "cases")
-
-
-def _short(value: Any) -> Any:
-    return f"{value:.5g}" if isinstance(value, float) else value
 
 
 CAMPAIGN = Paper()
