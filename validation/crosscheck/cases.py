@@ -219,7 +219,7 @@ def variants() -> list[Case]:
     parallel, helical, converging = (make_robot(r, 15) for r in ("parallel", "helical", "converging"))
     side, continuous = "tip out of plane", {"tendon_path": "continuous", "friction": "none"}
     plain, sideways, pulled_in = _up_and_down(), _up_and_down(load=side), _by_displacement(9e-3)
-    elastic, thick = {"axial_stiffness": 400.0}, {"thickness": 4.5e-3}
+    elastic, thick = [r.with_tendons(axial_stiffness=400.0) for r in (parallel, converging, helical)], 4.5e-3
     bent, soft = {"precurvature": (3.0, -2.0)}, {"superelastic": Superelastic(0.002, 0.2)}
     adhesive = helical.with_tendons(adhesion=0.05, friction_coefficient=0.0)
     heavy = replace(parallel, tip_mass=3e-3)
@@ -233,12 +233,12 @@ def variants() -> list[Case]:
     force = [LoadStep("", loads=LOADS[side], substeps=2)]
     return [
         case("displacement-driven", parallel, _by_displacement(8e-3)),
-        case("displacement-driven-elastic-tendon", parallel.with_tendons(**elastic), pulled_in),
-        case("displacement-driven-continuous", parallel.with_tendons(**elastic), pulled_in, **continuous),
-        case("elastic-tendon", converging.with_tendons(**elastic), sideways, side),
-        case("elastic-tendon-helical", helical.with_tendons(**elastic), sideways, side),
-        case("thick-disks", parallel.with_disks(**thick), sideways, side),
-        case("thick-disks-helical", helical.with_disks(**thick), plain),
+        case("displacement-driven-elastic-tendon", elastic[0], pulled_in),
+        case("displacement-driven-continuous", elastic[0], pulled_in, **continuous),
+        case("elastic-tendon", elastic[1], sideways, side),
+        case("elastic-tendon-helical", elastic[2], sideways, side),
+        case("thick-disks", parallel.with_disks(thickness=thick), sideways, side),
+        case("thick-disks-helical", helical.with_disks(thickness=thick), plain),
         case("precurved", parallel.with_backbone(**bent), sideways, side),
         case("precurved-continuous", helical.with_backbone(**bent), plain, **continuous),
         case("superelastic", parallel.with_backbone(**soft), _up_and_down(2.0)),

@@ -165,9 +165,9 @@ def critical_load(
     pull = LoadStep("pull", {robot.tendon_names[0]: tension})
 
     def path(sizes: Sequence[float]) -> Path:
-        forces = [tuple(f * x for x in direction) for f in sizes]
-        tip = robot.backbone.length
-        return follow(robot, model, [pull, *(LoadStep("load", loads={"tip": Load(tip, f)}) for f in forces)])
+        x, y, z = direction
+        loads = [Load(robot.backbone.length, (f * x, f * y, f * z)) for f in sizes]
+        return follow(robot, model, [pull, *(LoadStep("load", loads={"tip": load}) for load in loads)])
 
     found = path(loads)
     least = min(x.smallest for x in found.stabilities)
@@ -225,8 +225,8 @@ def stiffness() -> Verdict:
         mean = float(np.mean(np.diag(compliance)))
         return rod.length**3 / (3.0 * (mean - rod.length / rod.GA))
 
-    compliance = np.linalg.lstsq(forces, moved(forces) + noise)[0]
-    far = np.linalg.lstsq(10.0 * forces, moved(10.0 * forces))[0]
+    compliance = np.linalg.lstsq(forces, moved(forces) + noise)[0].astype(float)
+    far = np.linalg.lstsq(10.0 * forces, moved(10.0 * forces))[0].astype(float)
     new = np.array([[0.0024, -0.0018]])
     off = float(np.linalg.norm(new @ compliance - moved(new)) / np.linalg.norm(moved(new)))
     found, put_in = bending_stiffness(compliance), true.backbone.EI

@@ -157,5 +157,5 @@ def fit(number: int) -> tuple[Robot, float]:
     # The declared rod is far too soft for some tables: start from the first-order estimate.
     start = float(np.log(np.median(table["EI_tension"]) / rod.EI))
     bounds = ([start - 2.5, 0.0], [start + 2.5, 1.0])
-    x = least_squares(misfit, [start, 0.3], bounds=bounds, diff_step=1e-3, xtol=1e-5, ftol=1e-6).x
+    x = least_squares(misfit, [start, 0.3], bounds=bounds, diff_step=[1e-3, 1e-3], xtol=1e-5, ftol=1e-6).x
     return changed(x), float(x[1] * lowest)
