@@ -18,8 +18,7 @@ from tdcr_fe.io.result_folder import CORRECTED, write_markers
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml, value_to_toml
 from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.results import SequenceResult
-from tdcr_fe.report.geometry import spread
-from tdcr_fe.report.motion import Markers, Motion, motion_of
+from tdcr_fe.report.motion import Markers, Motion, motion_of, spread
 
 Table = Mapping[str, Mapping[str, float]]
 

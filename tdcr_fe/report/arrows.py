@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,9 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.report.environment import quantity
-from tdcr_fe.report.geometry import distinct_steps, load_vectors
+from tdcr_fe.report.motion import Motion
 
 Array = NDArray[np.float64]
 
@@ -25,25 +24,22 @@ _MM = 1e3
 
 
 class LoadArrows:
-    """Arrows of the loads of those steps of a run that are drawn in detail, and of gravity.
+    """Arrows of the loads of those steps of a motion that are drawn (from 0), and of gravity.
 
     The largest force and the largest moment of these steps have arrows of equal length.
-
-    Parameters
-    ----------
-    result
-        With at least one step.
     """
 
-    def __init__(self, result: SequenceResult) -> None:
-        self.result, self.gravity = result, np.array(result.model.gravity)
-        loads = [v for k in distinct_steps(result) for v in load_vectors(result.steps[k])]
-        sizes = [(v.moment, float(np.linalg.norm(v.vector))) for v in loads]
+    def __init__(self, motion: Motion, drawn: Sequence[int]) -> None:
+        self.motion, self.gravity = motion, motion.gravity
         #: Largest moment [N m] and force [N]; zero where there is none.
-        self.largest = {kind: max((x for m, x in sizes if m == kind), default=0.0) for kind in (True, False)}
-        length = LONGEST * result.robot.backbone.length * _MM
+        self.largest = motion.largest_loads(drawn)
+        length = LONGEST * motion.length * _MM
         #: Where each begins and its vector [mm], and whether it is a moment.
-        self.arrows = [(v.at * _MM, v.vector * (length / self.largest[v.moment]), v.moment) for v in loads]
+        self.arrows = [
+            (at * _MM, vector * (length / self.largest[moment]), moment)
+            for k in drawn
+            for _, at, vector, moment in motion.load_arrows(k)
+        ]
 
     def draw_planar(self, axes: Axes, i: int, j: int) -> None:
         """Draw them in a projection onto the world axes ``i`` and ``j``; a moment has two heads along its axis."""
@@ -51,7 +47,7 @@ class LoadArrows:
         for start, vector, moment in self.arrows:
             plane.arrow(start, vector, MOMENT if moment else FORCE, (1.0, 0.82) if moment else (1.0,))
         if np.any(self.gravity):
-            plane.gravity(self.gravity, _MM * np.concatenate([s.positions for s in self.result.steps]))
+            plane.gravity(self.gravity, _MM * self.motion.positions.reshape(-1, 3))
 
     def draw_spatial(self, axes: Any, corner: Array) -> None:
         """The same in three dimensions; gravity at ``corner`` [mm]."""
@@ -59,7 +55,7 @@ class LoadArrows:
             colour = MOMENT if moment else FORCE
             axes.quiver(*start, *vector, color=colour, lw=1.4, arrow_length_ratio=0.25)
         if np.any(self.gravity):
-            length = 0.12 * self.result.robot.backbone.length * _MM
+            length = 0.12 * self.motion.length * _MM
             direction = length * self.gravity / np.linalg.norm(self.gravity)
             axes.quiver(*corner, *direction, color=GRAVITY, lw=1.4, arrow_length_ratio=0.3)
             axes.text(*(corner + 0.5 * direction), " g", color=GRAVITY, style="italic")

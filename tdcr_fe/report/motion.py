@@ -1,4 +1,4 @@
-"""A robot over its load steps as plain arrays: all that the 3D panel, videos and exported geometry draw.
+"""A robot over its load steps as plain arrays: all that pictures, 3D panel, videos and exported geometry draw.
 
 `geometry` gives what a drawing needs of the robot; ``summary.json`` contains it, so that a folder of results can be
 drawn without the input files.
@@ -6,7 +6,7 @@ drawn without the input files.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,6 +28,10 @@ Indices = NDArray[np.intp]
 POINTS_PER_BAY = 6
 #: An arc length is that of a node where they differ by less than this part of the backbone [1].
 SAME_NODE = 1e-7
+#: Points of a backbone drawn as a line, and of the rim of a disk.
+CURVE_POINTS, RIM_POINTS = 120, 25
+#: Radius of the base plate as it is drawn, over that of a disk [1].
+PLATE = 1.6
 
 
 @dataclass(frozen=True)
@@ -133,6 +137,37 @@ class Motion:
         across = np.hypot(2.0 * (x * z + w * y), 2.0 * (y * z - w * x))
         return np.asarray(np.arctan2(across, 1.0 - 2.0 * (x * x + y * y)))
 
+    @property
+    def largest_tension(self) -> float:
+        """Of all tendons, segments and steps [N]."""
+        return max((float(np.max(t, initial=0.0)) for t in self.tensions), default=0.0)
+
+    @property
+    def plate(self) -> Array:
+        """Rim of the base plate [m], shape (RIM_POINTS, 3)."""
+        angle = np.linspace(0.0, 2.0 * np.pi, RIM_POINTS)
+        return PLATE * self.disk_radius * np.stack((np.cos(angle), np.sin(angle), 0.0 * angle), axis=-1)
+
+    def rims(self, step: int) -> Array:
+        """Rims of the disks in a step (from 0) [m], shape (n_disks, RIM_POINTS, 3)."""
+        turned = np.einsum("nij,pj->npi", self.matrices(step)[self.disks], self.plate / PLATE)
+        return np.asarray(self.positions[step, self.disks, None] + turned)
+
+    def curve(self, step: int) -> Array:
+        """The backbone in a step (from 0) as a smooth line [m], shape (CURVE_POINTS, 3)."""
+        s = np.linspace(self.s[0], self.s[-1], CURVE_POINTS)
+        return interpolate_positions(self.s, self.positions[step], self.matrices(step), s)
+
+    def distinct_steps(self, count: int) -> list[int]:
+        """Steps (from 0) whose tips lie apart from each other: the most bent, the last, then always the farthest."""
+        tips = self.tips
+        chosen = [int(np.argmax(self.bending_angles)), len(tips) - 1]
+        gap = np.min(np.linalg.norm(tips[:, None] - tips[chosen], axis=2), axis=1)
+        while len(chosen) < min(count, len(tips)):
+            chosen.append(int(np.argmax(gap)))
+            gap = np.minimum(gap, np.linalg.norm(tips - tips[chosen[-1]], axis=1))
+        return sorted(set(chosen))
+
     def matrices(self, step: int) -> Array:
         """World rotations of all sections in a step (from 0), shape (n, 3, 3)."""
         return Rotation.from_quat(np.roll(self.rotations[step], -1, axis=1)).as_matrix()
@@ -152,6 +187,18 @@ class Motion:
                     vector = self.matrices(step)[k] @ value if load.frame == "section" else value
                     found.append((name, self.positions[step, k], vector, moment))
         return found
+
+    def largest_loads(self, steps: Iterable[int]) -> dict[bool, float]:
+        """Largest force [N] and moment [N m] in some steps (from 0), by whether it is a moment; zero without any."""
+        sizes = [(load[3], float(np.linalg.norm(load[2]))) for k in steps for load in self.load_arrows(k)]
+        return {
+            kind: max((x for moment, x in sizes if moment == kind), default=0.0) for kind in (False, True)
+        }
+
+
+def spread(count: int, at_most: int) -> list[int]:
+    """Indices spread evenly over ``count`` steps, first and last among them."""
+    return sorted({int(k) for k in np.linspace(0, count - 1, min(count, at_most)).round()})
 
 
 # ------------------------------------------------------------------------------------- what a drawing needs

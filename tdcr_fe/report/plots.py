@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -24,22 +24,14 @@ from numpy.typing import NDArray
 
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.report.arrows import LoadArrows
-from tdcr_fe.report.geometry import (
-    DRAWN_STEPS,
-    backbone,
-    box,
-    distinct_steps,
-    rims,
-    slack,
-    spread,
-    tendon_line,
-)
-from tdcr_fe.report.style import styled
+from tdcr_fe.report.motion import Motion, motion_of, spread
+from tdcr_fe.report.style import AZIMUTH, ELEVATION, space, styled
+from tdcr_fe.report.viewer_data import SLACK, STATES, hole_codes
 
 Array = NDArray[np.float64]
 
-#: Direction from which the view in space is seen [deg].
-_ELEVATION, _AZIMUTH = 22.0, -55.0
+#: Number of steps whose shape is drawn: more hide each other.
+DRAWN_STEPS = 5
 _TENDON_COLOURS = (
     "#d1495b", "#00798c", "#e08e1b", "#6a4c93", "#3f784c", "#8d6346",
     "#e377c2", "#2b59c3", "#8fb339", "#17202a", "#35b6c9", "#7f7f7f",
@@ -55,8 +47,8 @@ _TITLE, _ROW, _ENTRY = 0.32, 0.22, 2.0
 class _StepColours:
     """A colour for each step, and the bar that explains them; without the map's end that fades on white."""
 
-    def __init__(self, result: SequenceResult, drawn: Sequence[int]) -> None:
-        self.numbers = [result.steps[k].step for k in drawn]
+    def __init__(self, steps: Sequence[int], drawn: Sequence[int]) -> None:
+        self.numbers = [steps[k] for k in drawn]
         self.colours = colormaps["viridis"](np.linspace(0.0, 0.92, len(drawn)))
 
     def __call__(self, i: int) -> Any:
@@ -112,58 +104,46 @@ def _axes_by_tendon(
 # ---------------------------------------------------------------------------------------------------- shapes
 
 
-class _Shape(NamedTuple):
-    """What is drawn of one load step, in both kinds of views; without disks and tendons only the backbone."""
-
-    curve: Array  # backbone [mm], shape (n, 3)
-    rings: list[Array]  # rims of the disks [mm], each of shape (m, 3)
-    tendons: list[tuple[Array, str]]  # line [mm], shape (k, 3), and colour of each tendon
-    colour: Any  # RGBA of the step
-    width: float  # of the backbone's line
-    alpha: float
-
-
-def _drawn_shapes(result: SequenceResult, drawn: list[int], colours: _StepColours) -> Iterator[_Shape]:
-    """Shapes of the drawn steps; disks and tendons of a few steps that differ most."""
-    detailed = distinct_steps(result)
-    for n, k in enumerate(drawn):
-        step = result.steps[k]
-        curve = backbone(result, step) * _MM
-        if k not in detailed:
-            yield _Shape(curve, [], [], colours(n), 1.0, 0.7)
-            continue
-        lines = (tendon_line(result, step, tendon) * _MM for tendon in result.robot.tendons)
-        tendons = list(zip(lines, _tendon_colours(result), strict=True))
-        yield _Shape(curve, list(rims(result, step)[1:] * _MM), tendons, colours(n), 1.9, 1.0)
-
-
 class _Shapes:
-    """What both kinds of views of a run draw, and the box that they span."""
+    """What all views of a run draw, and the box that they span: the steps that differ most, and the tip's path."""
 
-    def __init__(self, result: SequenceResult, drawn: list[int]) -> None:
-        self.result, self.arrows = result, LoadArrows(result)
-        self.colours = _StepColours(result, drawn)
-        self.shapes = list(_drawn_shapes(result, drawn, self.colours))
+    def __init__(self, motion: Motion) -> None:
+        self.motion, self.drawn = motion, motion.distinct_steps(DRAWN_STEPS)
+        self.arrows = LoadArrows(motion, self.drawn)
+        self.colours = _StepColours(motion.steps, self.drawn)
+        self.tendon_colours = [_TENDON_COLOURS[j % len(_TENDON_COLOURS)] for j in range(len(motion.tendons))]
         #: The path of the tip from step to step [mm], where it is still readable.
-        self.path = result.tips * _MM if 1 < len(result.steps) <= 40 else np.zeros((0, 3))
-        #: Box around shapes and load arrows [mm], shape (3, 2).
-        self.limits = box(result, drawn) * _MM
+        self.path = motion.tips * _MM if 1 < len(motion.steps) <= 40 else np.zeros((0, 3))
+        self.curves = [motion.curve(k) * _MM for k in self.drawn]
+        points = np.concatenate([*self.curves, self.path, np.zeros((1, 3))])
+        around = 2.0 * motion.disk_radius * _MM
+        low, high = points.min(axis=0) - around, points.max(axis=0) + around
+        # No side is slim.
+        wider = np.maximum(0.45 * (high - low).max() - (high - low), 0.0) / 2.0
+        low, high = low - wider, high + wider
         for at, vector, _ in self.arrows.arrows:
-            self.limits[:, 0] = np.minimum(self.limits[:, 0], np.minimum(at, at + vector) - 5.0)
-            self.limits[:, 1] = np.maximum(self.limits[:, 1], np.maximum(at, at + vector) + 5.0)
+            low = np.minimum(low, np.minimum(at, at + vector) - 5.0)
+            high = np.maximum(high, np.maximum(at, at + vector) + 5.0)
+        #: Box around shapes and load arrows [mm], shape (3, 2).
+        self.limits = np.stack((low, high), axis=1)
+
+    def tendons(self, k: int) -> Iterator[tuple[Array, str]]:
+        """Line [mm] and colour of every tendon in a step (from 0)."""
+        for tendon, colour in zip(self.motion.tendons, self.tendon_colours, strict=True):
+            yield self.motion.tendon_points(k, tendon) * _MM, colour
 
     def planar(self, axes: Axes, i: int, j: int) -> None:
         """Project onto the world axes ``i`` and ``j``."""
-        for shape in self.shapes:
-            fill, edge = ((*shape.colour[:3], alpha) for alpha in (0.3, 0.8))
-            for ring in shape.rings:
+        for n, k in enumerate(self.drawn):
+            colour = self.colours(n)
+            for ring in self.motion.rims(k) * _MM:
+                fill, edge = ((*colour[:3], alpha) for alpha in (0.3, 0.8))
                 axes.fill(ring[:, i], ring[:, j], fc=fill, ec=edge, lw=0.8, zorder=2)
-            for line, colour in shape.tendons:
-                axes.plot(line[:, i], line[:, j], color=colour, lw=0.9, alpha=0.85, zorder=3)
-            curve, look = shape.curve, {"color": shape.colour, "lw": shape.width, "alpha": shape.alpha}
-            axes.plot(curve[:, i], curve[:, j], zorder=4, **look)
-        plate = 1.6 * self.result.robot.plate_radius * _MM
-        axes.plot([-plate, plate], [0.0, 0.0], color=_PLATE, lw=4, solid_capstyle="butt", zorder=5)
+            for line, tendon in self.tendons(k):
+                axes.plot(line[:, i], line[:, j], color=tendon, lw=0.9, alpha=0.85, zorder=3)
+            axes.plot(self.curves[n][:, i], self.curves[n][:, j], color=colour, lw=1.9, zorder=4)
+        plate = self.motion.plate[:, 0] * _MM
+        axes.plot([plate.min(), plate.max()], [0.0, 0.0], color=_PLATE, lw=4, solid_capstyle="butt", zorder=5)
         if len(self.path):
             axes.plot(self.path[:, i], self.path[:, j], color=_PATH, lw=0.9, ls=_DASHES, zorder=1)
         axes.set_xlim(*self.limits[i])
@@ -176,53 +156,40 @@ class _Shapes:
 
     def spatial(self, axes: Any) -> None:
         """The shapes in three dimensions, on a 3D axes."""
-        for shape in self.shapes:
-            if shape.rings:
-                face = (*shape.colour[:3], 0.25)
-                rings = Poly3DCollection(shape.rings, facecolor=face, edgecolor=shape.colour, lw=0.6)
-                axes.add_collection3d(rings)
-            for line, colour in shape.tendons:
-                axes.add_collection3d(Line3DCollection([line], colors=[colour], lw=0.9, alpha=0.85))
-            axes.plot(*shape.curve.T, color=shape.colour, lw=shape.width, alpha=shape.alpha)
-        plate = rims(self.result, self.result.steps[0])[0] * _MM * [1.6, 1.6, 1.0]
-        axes.add_collection3d(Poly3DCollection([plate], facecolor=_PLATE, edgecolor=_PLATE, alpha=0.8))
+        space(axes, self.limits, "mm")
+        for n, k in enumerate(self.drawn):
+            colour = self.colours(n)
+            rings = list(self.motion.rims(k) * _MM)
+            if rings:
+                face = (*colour[:3], 0.25)
+                axes.add_collection3d(Poly3DCollection(rings, facecolor=face, edgecolor=colour, lw=0.6))
+            for line, tendon in self.tendons(k):
+                axes.add_collection3d(Line3DCollection([line], colors=[tendon], lw=0.9, alpha=0.85))
+            axes.plot(*self.curves[n].T, color=colour, lw=1.9)
+        plate = Poly3DCollection([self.motion.plate * _MM], facecolor=_PLATE, edgecolor=_PLATE, alpha=0.8)
+        axes.add_collection3d(plate)
         if len(self.path):
             axes.plot(*self.path.T, color=_PATH, lw=0.9, ls=_DASHES)
         self.arrows.draw_spatial(axes, self.free_corner())
-        span = self.limits[:, 1] - self.limits[:, 0]
-        for name, ends, width in zip("xyz", self.limits, span, strict=True):
-            getattr(axes, f"set_{name}lim")(*ends)
-            getattr(axes, f"set_{name}label")(f"{name} [mm]", labelpad=6.0)
-            getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(4 if width > 0.6 * span.max() else 2))
-            getattr(axes, f"{name}axis").pane.set_facecolor("#fafafa")
-        axes.tick_params(pad=1.0, labelsize=8.5)
-        axes.set_box_aspect(span, zoom=0.95)
-        axes.view_init(elev=_ELEVATION, azim=_AZIMUTH)
 
     def free_corner(self) -> Array:
         """Point near that corner of the box which lies farthest from all backbones where the viewer sees it [mm]."""
-        up, turn = np.radians((_ELEVATION, _AZIMUTH))
+        up, turn = np.radians((ELEVATION, AZIMUTH))
         right = np.array([-np.sin(turn), np.cos(turn), 0.0])
         above = np.array([-np.sin(up) * np.cos(turn), -np.sin(up) * np.sin(turn), np.cos(up)])
         seen = np.column_stack((right, above))
         ends = self.limits @ [[0.9, 0.1], [0.1, 0.9]]
         corners = np.array(np.meshgrid(*ends, indexing="ij")).reshape(3, -1).T
-        points = _MM * np.concatenate([s.positions for s in self.result.steps])
-        gaps = np.linalg.norm((points[None] - corners[:, None]) @ seen, axis=2).min(axis=1)
-        return np.asarray(corners[int(np.argmax(gaps))])
+        gaps = np.linalg.norm((np.concatenate(self.curves)[None] - corners[:, None]) @ seen, axis=2)
+        return np.asarray(corners[int(np.argmax(gaps.min(axis=1)))])
 
     def handles(self) -> list[Line2D]:
         """Entries of the legend."""
-        names, colours = self.result.robot.tendon_names, _tendon_colours(self.result)
-        tendons = list(zip(names, colours, strict=True))[:12]
-        handles = [Line2D([], [], color=c, lw=1.4, label=f"tendon {n}") for n, c in tendons]
+        tendons = list(zip(self.motion.tendons, self.tendon_colours, strict=True))[:12]
+        handles = [Line2D([], [], color=c, lw=1.4, label=f"tendon {t.name}") for t, c in tendons]
         if len(self.path):
             handles.append(Line2D([], [], color=_PATH, lw=0.9, ls=_DASHES, label="path of the tip"))
         return [*handles, *self.arrows.legend_handles()]
-
-
-def _tendon_colours(result: SequenceResult) -> list[str]:
-    return [_TENDON_COLOURS[i % len(_TENDON_COLOURS)] for i in range(len(result.robot.tendons))]
 
 
 def shapes(result: SequenceResult) -> Figure:
@@ -237,23 +204,21 @@ def shapes(result: SequenceResult) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    _refuse_empty(result)
-    drawn = sorted({*spread(len(result.steps), DRAWN_STEPS), *distinct_steps(result)})
     with styled():
-        view = _Shapes(result, drawn)
+        view = _Shapes(motion_of(result))
         span = view.limits[:, 1] - view.limits[:, 0]
-        ratios = [*(span[:2] / span[2]), max(1.0, 0.85 * float(np.hypot(*span[:2]) / span[2]))]
+        ratios = [max(1.2, 1.1 * float(np.hypot(*span[:2]) / span[2])), *(span[:2] / span[2])]
         width = min(3.6 * sum(ratios) + 2.6, 16.0)
         figure = _framed(width, 4.5, f"{result.robot.name}: shapes of the backbone", view.handles())
         grid = figure.add_gridspec(1, 3, width_ratios=ratios)
-        side = figure.add_subplot(grid[0])
-        front = figure.add_subplot(grid[1], sharey=side)
+        whole = figure.add_subplot(grid[0], projection="3d")
+        view.spatial(whole)
+        side = figure.add_subplot(grid[1])
+        front = figure.add_subplot(grid[2], sharey=side)
         for axes, i, title in ((side, 0, "Seen along y"), (front, 1, "Seen along x")):
             view.planar(axes, i, 2)
             axes.set_title(title)
-        space = figure.add_subplot(grid[2], projection="3d")
-        view.spatial(space)
-        view.colours.bar(figure, [side, front, space], shrink=0.75, pad=0.02, aspect=28)
+        view.colours.bar(figure, [whole, side, front], shrink=0.75, pad=0.02, aspect=28)
     return figure
 
 
@@ -268,16 +233,6 @@ _MARKERS = {
 }
 
 
-def _hole_states(result: SequenceResult, k: int, j: int) -> list[str]:
-    """States of the holes of tendon ``j`` in step ``k``; "slack" where no segment at the hole carries tension."""
-    step = result.steps[k]
-    loose = slack(result, step)[j]
-    return [
-        "slack" if loose[i] and loose[i + 1] else state
-        for i, state in enumerate(step.hole_states[j][: len(loose) - 1])
-    ]
-
-
 def tensions(result: SequenceResult) -> Figure:
     """Tension along every tendon, segment by segment, for steps spread over the sequence.
 
@@ -290,78 +245,63 @@ def tensions(result: SequenceResult) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    _refuse_empty(result)
-    if not result.robot.tendons:
+    motion = motion_of(result)
+    if not motion.tendons:
         raise ValueError("the robot has no tendons whose tension could be drawn")
-    drawn = sorted({*spread(len(result.steps), 24), *distinct_steps(result)})
-    count = len(result.robot.tendons)
-    seen = {
-        state
-        for k in drawn
-        for j in range(count)
-        for state in (_hole_states(result, k, j) if result.model.friction != "none" else ())
-    }
+    drawn = sorted({*spread(len(motion.steps), 24), *motion.distinct_steps(DRAWN_STEPS)})
+    # States of the holes between base and anchor, by tendon, of shape (n_steps, n_holes).
+    states = [np.array(STATES)[codes[:, :-1]] for codes in hole_codes(motion)]
+    seen = {s for by_step in states for s in by_step[drawn].ravel()} if motion.friction else set()
     handles = [
         Line2D([], [], marker=m, ls="none", ms=4.5, mec="#444444", mfc="white" if s == "stick" else "#444444",
                label=text)
         for s, (m, text) in _MARKERS.items() if s in seen
     ]  # fmt: skip
     with styled():
-        title = f"{result.robot.name}: tension along the tendons"
-        figure, axes = _axes_by_tendon(count, (6.8, 2.9), title, "tension [N]", handles)
-        colours = _StepColours(result, drawn)
-        for j in range(count):
-            _tension_profile(axes[j], result, j, drawn, colours)
+        title = f"{motion.name}: tension along the tendons"
+        figure, axes = _axes_by_tendon(len(motion.tendons), (6.8, 2.9), title, "tension [N]", handles)
+        colours = _StepColours(motion.steps, drawn)
+        for ax, tendon, tensions, by_step in zip(
+            axes, result.robot.tendons, motion.tensions, states, strict=True
+        ):
+            holes = result.robot.hole_arc_lengths(tendon) * _MM
+            for n, k in enumerate(drawn):
+                ax.stairs(tensions[k], holes, baseline=None, color=colours(n), lw=1.4)
+                if motion.friction:
+                    _mark_holes(ax, holes[1:-1], tensions[k], by_step[k], colours(n))
+            if np.all(tensions[drawn] <= SLACK * motion.largest_tension):
+                look: Any = {"transform": ax.transAxes, "ha": "center", "color": "#777777"}
+                ax.text(0.5, 0.5, "slack in every step drawn", **look)
+            ax.set_title(f"tendon {tendon.name}")
+            ax.set_xlabel("arc length s [mm]")
+            ax.set_xlim(0.0, motion.length * _MM)
+            ax.set_ylim(bottom=0.0)
         colours.bar(figure, axes, pad=0.02, aspect=28)
     return figure
 
 
-def _tension_profile(
-    axes: Axes, result: SequenceResult, j: int, drawn: list[int], colours: _StepColours
-) -> None:
-    """Tension of tendon ``j`` over arc length, with the state of each hole where there is friction."""
-    tendon = result.robot.tendons[j]
-    holes = result.robot.hole_arc_lengths(tendon) * _MM
-    for n, k in enumerate(drawn):
-        values = result.steps[k].tensions[j]
-        axes.stairs(values, holes, baseline=None, color=colours(n), lw=1.4)
-        if result.model.friction == "none":
-            continue
-        states = _hole_states(result, k, j)
-        for state, (marker, _) in _MARKERS.items():
-            at = [i for i, x in enumerate(states) if x == state]
-            if not at:
-                continue
-            between = [(values[i] + values[i + 1]) / 2.0 for i in at]
-            fill = "white" if state == "stick" else colours(n)
-            axes.plot(holes[1:][at], between, marker, ms=3.4, mfc=fill, mec=colours(n), mew=0.8, ls="none",
-                  clip_on=False)  # fmt: skip
-    if all(slack(result, result.steps[k])[j].all() for k in drawn):
-        axes.text(
-            0.5, 0.5, "slack in every step drawn", transform=axes.transAxes, ha="center", color="#777777"
-        )
-    axes.set_title(f"tendon {tendon.name}")
-    axes.set_xlabel("arc length s [mm]")
-    axes.set_xlim(0.0, result.robot.backbone.length * _MM)
-    axes.set_ylim(bottom=0.0)
+def _mark_holes(axes: Axes, holes: Array, tensions: Array, states: NDArray[np.str_], colour: Any) -> None:
+    """Markers of the states of a tendon's holes, halfway between the tensions on both sides."""
+    between = (tensions[:-1] + tensions[1:]) / 2.0
+    for state, (marker, _) in _MARKERS.items():
+        at = states == state
+        if at.any():
+            fill = "white" if state == "stick" else colour
+            axes.plot(holes[at], between[at], marker, ms=3.4, mfc=fill, mec=colour, mew=0.8, clip_on=False)
 
 
 # ------------------------------------------------------------------------------------------------ hysteresis
 
 
-def _driven(result: SequenceResult) -> list[tuple[str, Array, str]]:
+def _driven(motion: Motion) -> list[tuple[str, Array, str]]:
     """Tendons whose input rises and falls, a displacement [mm] or a tension [N]: name, values, label."""
     found = []
-    for j, name in enumerate(result.robot.tendon_names):
-        by_displacement = [s.actuation is not None and s.actuation.by_displacement[j] for s in result.steps]
-        if any(by_displacement):
-            values = np.array([s.displacements[j] for s in result.steps]) * _MM
-            label = f"displacement of {name} at the base [mm]"
-        else:
-            values = np.array([s.base_tensions[j] for s in result.steps])
-            label = f"tension of {name} at the base [N]"
+    for j, tendon in enumerate(motion.tendons):
+        kind, unit, values = "tension", "N", motion.base_tensions[:, j]
+        if motion.driven_by_displacement[:, j].any():
+            kind, unit, values = "displacement", "mm", motion.displacements[:, j] * _MM
         if _returns(values):
-            found.append((name, values, label))
+            found.append((tendon.name, values, f"{kind} of {tendon.name} at the base [{unit}]"))
     return found
 
 
@@ -385,22 +325,22 @@ def hysteresis(result: SequenceResult) -> Figure | None:
     matplotlib.figure.Figure or None
         None where no input rises and falls.
     """
-    _refuse_empty(result)
-    driven = _driven(result)
+    motion = motion_of(result)
+    driven = _driven(motion)
     if not driven:
         return None
-    angle = np.degrees(result.bending_angles)
+    angle = np.degrees(motion.bending_angles)
     handles = [
         Line2D([], [], color="#444444", lw=1.6, label="pulled"),
         Line2D([], [], color="#444444", lw=1.6, ls=(0, (4, 1.5)), label="released"),
         Line2D([], [], color="#444444", lw=1.0, ls=":", label="input held constant"),
     ]
     with styled():
-        title = f"{result.robot.name}: hysteresis of the tip angle"
+        title = f"{motion.name}: hysteresis of the tip angle"
         figure, axes = _axes_by_tendon(
             len(driven), (6.4, 3.2), title, "bending angle of the tip [deg]", handles
         )
-        colours = _StepColours(result, range(len(result.steps)))
+        colours = _StepColours(motion.steps, range(len(motion.steps)))
         for ax, (name, values, label) in zip(axes, driven, strict=True):
             _branches(ax, values, angle, colours)
             ax.set_title(f"tendon {name}")
@@ -436,11 +376,6 @@ def _branches(axes: Axes, values: Array, angle: Array, colours: _StepColours) ->
 
 
 # --------------------------------------------------------------------------------------------------- pictures
-
-
-def _refuse_empty(result: SequenceResult) -> None:
-    if not result.steps:
-        raise ValueError("no step was solved, so there is nothing to draw")
 
 
 def _tensions_if_any(result: SequenceResult) -> Figure | None:

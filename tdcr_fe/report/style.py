@@ -8,9 +8,12 @@ import re
 from contextlib import AbstractContextManager
 from typing import Any
 
+import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
 #: Text and main lines; labels and secondary text; frames; grid lines.
 INK, SOFT, PALE, RULE = "#1f2933", "#56626f", "#b8c0c8", "#dfe3e7"
@@ -21,6 +24,8 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9")
 MEASURED, DECLARED, CORRECTED, REFERENCE = INK, COLOURS[1], COLOURS[0], INK
 #: Ground of steps that were held out.
 HELD_OUT = "#ebe6da"
+#: Direction from which views in space are seen [deg].
+ELEVATION, AZIMUTH = 22.0, -55.0
 
 STYLE: Any = {
     "font.family": "sans-serif",
@@ -110,6 +115,19 @@ def logarithmic(axes: Axes, decades: float = 2.0) -> None:
     low, high = axes.get_ylim()
     middle, half = math.sqrt(low * high), 10.0 ** (0.5 * decades)
     axes.set_ylim(min(low, middle / half), max(high, middle * half))
+
+
+def space(axes: Any, limits: NDArray[np.float64], unit: str) -> None:
+    """Prepare axes in three dimensions for what lies within limits of shape (3, 2), to scale."""
+    span = limits[:, 1] - limits[:, 0]
+    for name, ends, width in zip("xyz", limits, span, strict=True):
+        getattr(axes, f"set_{name}lim")(*ends)
+        getattr(axes, f"set_{name}label")(f"{name} [{unit}]", labelpad=6.0)
+        getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(4 if width > 0.6 * span.max() else 2))
+        getattr(axes, f"{name}axis").pane.set_facecolor("#fafafa")
+    axes.tick_params(pad=1.0, labelsize=8.5)
+    axes.set_box_aspect(span, zoom=0.92)
+    axes.view_init(elev=ELEVATION, azim=AZIMUTH)
 
 
 def no_axes(axes: Axes) -> None:

@@ -14,12 +14,12 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
+from tdcr_fe.report.arrows import FORCE, LONGEST, MOMENT
 from tdcr_fe.report.motion import Motion, between
-from tdcr_fe.report.style import COLOURS, INK, PALE, SOFT, styled
+from tdcr_fe.report.style import COLOURS, INK, PALE, SOFT, space, styled
 
 Array = NDArray[np.float64]
 
@@ -61,16 +61,10 @@ class _Drawing:
         self.heat = LinearSegmentedColormap.from_list(
             "tension", colormaps["plasma"](np.linspace(0.0, 0.86, 64))
         )
-        self.largest = max((float(np.max(t, initial=0.0)) for t in motion.tensions), default=0.0) or 1.0
-        loads = [load for by_name in motion.loads for load in by_name.values()]
-        sizes = {False: [load.force for load in loads], True: [load.moment for load in loads]}
-        #: Largest force [N] and moment [N m].
-        self.largest_loads = {
-            moment: max((float(np.linalg.norm(v)) for v in vectors), default=0.0)
-            for moment, vectors in sizes.items()
-        }
+        self.largest = motion.largest_tension or 1.0
+        self.largest_loads = motion.largest_loads(range(len(motion.steps)))
         self.figure = Figure(figsize=SIZE, dpi=DPI)
-        self.space: Any = self.figure.add_axes((0.0, 0.0, 0.62, 0.92), projection="3d")
+        self.space: Any = self.figure.add_axes((0.0, 0.05, 0.62, 0.88), projection="3d")
         response = self.figure.add_axes((0.69, 0.13, 0.29, 0.66))
         self.title = self.figure.text(0.02, 0.95, "", weight="bold", size=11, va="center")
         self.response, label = self._response()
@@ -83,26 +77,12 @@ class _Drawing:
         self.moving: list[Any] = []
 
     def _box(self) -> None:
-        m, r = self.motion, 1.6 * self.motion.disk_radius
-        points = self.factor * np.concatenate([m.positions.reshape(-1, 3), [[-r, -r, 0.0], [r, r, 0.0]]])
+        m, plate = self.motion, self.factor * self.motion.plate
+        points = np.concatenate([self.factor * m.positions.reshape(-1, 3), plate])
         low, high = points.min(axis=0), points.max(axis=0)
-        half = 0.5 * max(float(np.max(high - low)), 1e-12) * 1.04
-        span = np.maximum(high - low, 0.4 * half)
-        middle = (low + high) / 2.0
-        for name, centre, width in zip("xyz", middle, span, strict=True):
-            getattr(self.space, f"set_{name}lim")(centre - width / 2.0, centre + width / 2.0)
-            getattr(self.space, f"set_{name}label")(
-                f"{name} [{self.unit}]", labelpad=8.0 if name == "z" else 4.0
-            )
-            getattr(self.space, f"{name}axis").set_major_locator(MaxNLocator(4))
-            getattr(self.space, f"{name}axis").pane.set_facecolor("#fafafa")
-        self.space.tick_params(pad=1.0)
-        self.space.set_box_aspect(span, zoom=0.84)
-        self.space.view_init(elev=20.0, azim=-60.0)
-        tips = self.factor * m.tips
-        self.space.plot(*tips.T, color=PALE, lw=0.8)
-        angle = np.linspace(0.0, 2.0 * np.pi, 40)
-        plate = self.factor * r * np.stack((np.cos(angle), np.sin(angle), 0.0 * angle), axis=-1)
+        half = np.maximum(high - low, 0.2 * float(np.max(high - low))) / 2.0
+        space(self.space, np.stack(((low + high) / 2.0 - half, (low + high) / 2.0 + half), axis=1), self.unit)
+        self.space.plot(*(self.factor * m.tips).T, color=PALE, lw=0.8)
         self.space.add_collection3d(Poly3DCollection([plate], facecolor="#8b95a1"))
 
     def _response(self) -> tuple[Array, str]:
@@ -140,13 +120,10 @@ class _Drawing:
         share = time - k
         after = self.response[min(k + 1, len(self.response) - 1)]
         self.dot.set_data(*([v] for v in (1.0 - share) * self.response[k] + share * after))
-        angle = np.linspace(0.0, 2.0 * np.pi, 25)
-        rim = m.disk_radius * np.stack((np.cos(angle), np.sin(angle), 0.0 * angle), axis=-1)
-        rims = m.positions[0, m.disks, None] + np.einsum("nij,pj->npi", m.matrices(0)[m.disks], rim)
-        parts: list[Any] = [self.space.plot(*(f * m.positions[0]).T, color=INK, lw=2.2)[0]]
+        parts: list[Any] = [self.space.plot(*(f * m.curve(0)).T, color=INK, lw=2.2)[0]]
         if len(m.disks):
             disks = Poly3DCollection(
-                list(f * rims), facecolor=(0.75, 0.78, 0.82, 0.7), edgecolor=SOFT, lw=0.4
+                list(f * m.rims(0)), facecolor=(0.75, 0.78, 0.82, 0.7), edgecolor=SOFT, lw=0.4
             )
             parts.append(self.space.add_collection3d(disks))
         for tendon, tensions in zip(m.tendons, m.tensions, strict=True):
@@ -155,10 +132,8 @@ class _Drawing:
             colours = self.heat(tensions[0, tendon.segments] / self.largest)
             parts.append(self.space.add_collection3d(Line3DCollection(list(sides), colors=colours, lw=1.6)))
         for _, at, vector, moment in m.load_arrows(0):
-            colour = "#7a1fa2" if moment else "#b3001b"
-            # The largest force, and the largest moment, is a fifth of the backbone.
-            scaled = 0.2 * f * m.length / self.largest_loads[moment] * vector
-            parts.append(self.space.quiver(*(f * at), *scaled, color=colour, lw=1.6))
+            scaled = LONGEST * f * m.length / self.largest_loads[moment] * vector
+            parts.append(self.space.quiver(*(f * at), *scaled, color=MOMENT if moment else FORCE, lw=1.6))
         self.moving = parts
 
 

@@ -19,8 +19,6 @@ Array = NDArray[np.float64]
 LIFT, OFF_PLANE, UNBENT = 0.32, 0.3, -0.96
 #: Size of the picture [pixels] and margin [1].
 WIDTH, HEIGHT, MARGIN = 640, 560, 0.06
-#: Sections of the backbone's curve at most.
-POINTS = 240
 
 
 def panel(motion: Motion, extent: Literal["part", "whole"] = "part") -> Markup:
@@ -88,15 +86,14 @@ def _svg_path(points: Array, closed: bool = False) -> str:
 def still(motion: Motion) -> str:
     """Backbone, disks, tendons and measured markers in the load step that bends the tip most, as SVG text."""
     k = int(np.argmax(motion.bending_angles))
-    view, turns = _view(motion.tips[k], motion.length), motion.matrices(k)
-    angle = np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
-    circle = motion.disk_radius * np.stack((np.cos(angle), np.sin(angle), 0.0 * angle), axis=-1)
-    rims = motion.positions[k, motion.disks, None] + np.einsum("nij,pj->npi", turns[motion.disks], circle)
+    view, rims, curve, plate = (
+        _view(motion.tips[k], motion.length),
+        motion.rims(k),
+        motion.curve(k),
+        motion.plate,
+    )
     tendons = [motion.tendon_points(k, t) for t in motion.tendons]
-    every = max(1, -(-len(motion.s) // POINTS))
-    curve = np.append(motion.positions[k, :-1:every], motion.positions[k, -1:], axis=0)
     markers = motion.markers.measured[k] if motion.markers is not None else np.zeros((0, 3))
-    plate = 1.6 * circle
     everything = np.concatenate([curve, plate, *rims, *tendons]) @ view[:2].T
     low, high = everything.min(axis=0), everything.max(axis=0)
     scale = float(np.min((1.0 - 2.0 * MARGIN) * np.array([WIDTH, HEIGHT]) / np.maximum(high - low, 1e-12)))

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.report.geometry import SLACK, spread
-from tdcr_fe.report.motion import Motion, nearest
+from tdcr_fe.report.motion import Motion, nearest, spread
 
 Array = NDArray[np.float64]
 
@@ -20,6 +19,8 @@ POSES = 80_000
 SECTIONS = 400
 #: Stored numbers run from 0 to this; the number above it stands for a missing value.
 LEVELS = 65534
+#: A tendon is slack where its tension is below this part of the largest tension of the run [1].
+SLACK = 1e-6
 #: Codes of the hole states.
 STATES = ("stick", "pull", "release", "anchor", "slack")
 
@@ -113,13 +114,12 @@ def hole_codes(motion: Motion) -> list[NDArray[np.uint8]]:
 
     A hole is slack where neither of the segments that meet there carries tension.
     """
-    largest = max((float(np.max(t, initial=0.0)) for t in motion.tensions), default=0.0)
     codes = []
     for tensions, states in zip(motion.tensions, motion.hole_states, strict=True):
         code = np.array([[STATES.index(x) for x in row] for row in states], dtype=np.uint8).reshape(
             tensions.shape
         )
-        loose = tensions <= SLACK * largest
+        loose = tensions <= SLACK * motion.largest_tension
         code[:, :-1][loose[:, :-1] & loose[:, 1:]] = STATES.index("slack")
         codes.append(code)
     return codes

@@ -12,8 +12,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.report import geometry, plots
+from tdcr_fe.report import plots
 from tdcr_fe.report.arrows import LoadArrows
+from tdcr_fe.report.motion import CURVE_POINTS, motion_of
+from tdcr_fe.report.viewer_data import STATES, hole_codes
 
 
 def axes_by_title(figure):
@@ -32,35 +34,42 @@ def test_pictures_are_written_and_settings_of_matplotlib_stay(tmp_path):
     assert dict(mpl.rcParams) == before
 
 
-def test_shapes_are_drawn_to_scale_in_millimetres_with_every_step():
+def test_shapes_are_drawn_to_scale_in_millimetres_with_the_tip_of_every_step():
     result = arc_result()
     axes = axes_by_title(plots.shapes(result))
     side = axes["Seen along y"]
     assert (side.get_xlabel(), side.get_ylabel(), side.get_aspect()) == ("x [mm]", "z [mm]", 1.0)
     assert axes["Seen along x"].get_xlabel() == "y [mm]"
-    ends = np.array([line.get_xydata()[-1] for line in side.lines])
+    drawn = np.concatenate([line.get_xydata() for line in side.lines])
     for tip in result.tips:
-        assert np.min(np.linalg.norm(ends - 1e3 * tip[[0, 2]], axis=1)) < 1e-6
+        assert np.min(np.linalg.norm(drawn - 1e3 * tip[[0, 2]], axis=1)) < 1e-6
 
 
 def test_straight_tendon_is_drawn_from_hole_to_hole_and_classical_one_along_the_backbone():
     result = arc_result()
-    step, tendon = result.steps[4], result.robot.tendons[0]
-    line = geometry.tendon_line(result, step, tendon)
-    assert len(line) == 14
+    motion = motion_of(result)
+    step, line = result.steps[4], motion.tendon_points(4, motion.tendons[0])
     nodes = np.concatenate(([0], np.arange(2, 27, 2)))
     holes = step.positions[nodes] + 4.5e-3 * step.rotations[nodes][:, :, 0]
     assert line == pytest.approx(holes, abs=1e-9)
-    classical = dataclasses.replace(result, model=Model("continuous", "none"))
-    assert len(geometry.tendon_line(classical, step, tendon)) == 120
+    classical = motion_of(dataclasses.replace(result, model=Model("continuous", "none")))
+    assert len(classical.tendon_points(4, classical.tendons[0])) == 6 * 13 + 1
+
+
+def test_a_backbone_is_drawn_as_the_arc_that_it_is():
+    """Between two nodes, too, as of a robot with one disk."""
+    motion = motion_of(arc_result())
+    curve, angle = motion.curve(4), float(motion.bending_angles[4])
+    bent = angle * np.linspace(0.0, 1.0, CURVE_POINTS)
+    radius = 0.25 / angle
+    assert np.hypot(*curve[:, :2].T) == pytest.approx(radius * (1.0 - np.cos(bent)), abs=1e-9)
+    assert curve[:, 2] == pytest.approx(radius * np.sin(bent), abs=1e-9)
 
 
 def test_many_steps_are_thinned_and_explained_by_a_bar_not_a_legend():
     figure = plots.shapes(arc_result(paper_robot(3), many_steps()))
-    assert (
-        len(axes_by_title(figure)["Seen along y"].lines)
-        < geometry.DRAWN_STEPS + 3 * geometry.DETAILED_STEPS + 10
-    )
+    # of every step drawn the backbone and three tendons; and the base
+    assert len(axes_by_title(figure)["Seen along y"].lines) == 4 * plots.DRAWN_STEPS + 1
     (legend,) = figure.legends
     assert [t.get_text() for t in legend.get_texts()] == ["tendon t1", "tendon t2", "tendon t3"]
     assert "load step" in [ax.get_ylabel() for ax in figure.axes]
@@ -173,9 +182,10 @@ def test_loads_and_gravity_are_drawn_as_arrows_to_scale():
     bare = arc_result(steps=[LoadStep("", {"t1": 0.5})])
     result = dataclasses.replace(with_actuation(bare, False, loads), model=Model(gravity=(0.0, 0.0, -9.81)))
     step = result.steps[0]
-    (tip, force, moment) = geometry.load_vectors(step)
-    assert (tip.at == step.tip).all() and (tip.moment, force.moment, moment.moment) == (False, False, True)
-    lengths = [np.linalg.norm(vector) for _, vector, _ in LoadArrows(result).arrows]
+    motion = motion_of(result)
+    (tip, force, moment) = motion.load_arrows(0)
+    assert tip[1] == pytest.approx(step.tip) and (tip[3], force[3], moment[3]) == (False, False, True)
+    lengths = [np.linalg.norm(vector) for _, vector, _ in LoadArrows(motion, [0]).arrows]
     assert lengths == pytest.approx([0.2 * 250.0, 0.1 * 250.0, 0.2 * 250.0])
     figure = plots.shapes(result)
     text = [t.get_text().replace("\N{NO-BREAK SPACE}", " ") for t in figure.legends[0].get_texts()]
@@ -192,8 +202,9 @@ def test_loads_and_gravity_are_drawn_as_arrows_to_scale():
 
 def test_a_load_that_follows_the_section_is_turned_with_it():
     result = with_actuation(arc_result(), False, {"tip": Load(0.25, force=(0.0, 0.0, 1.0), frame="section")})
-    for step in result.steps:
-        assert geometry.load_vectors(step)[0].vector == pytest.approx(step.tangent)
+    motion = motion_of(result)
+    for k, step in enumerate(result.steps):
+        assert motion.load_arrows(k)[0][2] == pytest.approx(step.tangent)
 
 
 def test_a_slack_tendon_is_called_slack():
@@ -203,14 +214,14 @@ def test_a_slack_tendon_is_called_slack():
     assert [t.get_text() for t in axes_by_title(figure)["tendon t2"].texts] == ["slack in every step drawn"]
     assert not axes_by_title(figure)["tendon t1"].texts
     assert "tendon slack" in [t.get_text() for t in figure.legends[0].get_texts()]
-    assert set(plots._hole_states(result, 0, 1)) == {"slack"}
-    assert "slack" not in plots._hole_states(result, 0, 0)
+    pulled, loose = hole_codes(motion_of(result))
+    assert set(loose[0, :-1]) == {STATES.index("slack")} and STATES.index("slack") not in pulled[0]
 
 
 def test_gravity_in_the_view_in_space_is_drawn_off_the_robot():
     """Its arrow lay on a straight robot."""
     result = dataclasses.replace(arc_result(), model=Model(gravity=(0.0, 0.0, -9.81)))
-    view = plots._Shapes(result, [0])
+    view = plots._Shapes(motion_of(result))
     limits, corner = view.limits, view.free_corner()
     assert np.all((corner > limits[:, 0]) & (corner < limits[:, 1]))
     points = 1e3 * np.concatenate([s.positions for s in result.steps])
