@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -72,28 +72,6 @@ def add_options(parser: argparse.ArgumentParser, *names: str) -> None:
     """Add options that several commands have, by their names, and ``--quiet``."""
     for name in (*names, "--quiet"):
         parser.add_argument(*(["-q"] if name == "--quiet" else []), name, **_OPTIONS[name])
-
-
-def read_all(*readers: Callable[[], Any]) -> list[Any]:
-    """What each of some functions returns.
-
-    Raises
-    ------
-    InputError
-        With the mistakes that all of them found.
-    """
-    from tdcr_fe.io.problems import InputError
-
-    problems: list[Problem] = []
-    found = []
-    for read in readers:
-        try:
-            found.append(read())
-        except InputError as error:
-            problems.extend(error.problems)
-    if problems:
-        raise InputError(problems)
-    return found
 
 
 def progress_bar(args: argparse.Namespace, total: int | None = None, **options: Any) -> Any:

@@ -61,7 +61,7 @@ def follow(args: argparse.Namespace) -> int:
     """Find the loading sequence, and write it with what it reaches."""
     from tdcr_fe.io.atomic import check_output_folder
     from tdcr_fe.io.loading_table import read_path
-    from tdcr_fe.io.problems import InputError, Problem
+    from tdcr_fe.io.problems import InputError, Problem, read_all
     from tdcr_fe.io.result_files import write_follow
     from tdcr_fe.io.toml import digest, read_model_file, read_robot
     from tdcr_fe.model.loading import Model, SolverSettings
@@ -76,7 +76,7 @@ def follow(args: argparse.Namespace) -> int:
             read_model_file(args.model, robot) if args.model else (Model.default_for(robot), SolverSettings())
         )
 
-    targets, (model, settings), limits = common.read_all(
+    targets, (model, settings), limits = read_all(
         lambda: read_path(args.path, robot.backbone.length), read_model, lambda: _limits(args, robot)
     )
     out = check_output_folder(args.out)

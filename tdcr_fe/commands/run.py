@@ -69,13 +69,14 @@ def _add_solver_options(parser: argparse.ArgumentParser, *further: str) -> None:
 def run(args: argparse.Namespace) -> int:
     """Solve a scenario and write the results."""
     from tdcr_fe.io.atomic import check_output_folder
+    from tdcr_fe.io.problems import read_all
     from tdcr_fe.io.toml import read_scenario
-    from tdcr_fe.io.user_effects import effects_reader, read_own_effects
+    from tdcr_fe.io.user_effects import read_own_effects
 
     def read() -> Scenario:
-        return read_scenario(args.scenario, {"effects": effects_reader(read_own_effects(args.effects))})
+        return read_scenario(args.scenario, read_own_effects(args.effects))
 
-    scenario, out = common.read_all(read, lambda: check_output_folder(args.out))
+    scenario, out = read_all(read, lambda: check_output_folder(args.out))
     return _solve_and_write(scenario, out, args)
 
 

@@ -52,11 +52,12 @@ def add_sweep_parser(commands: Any) -> None:
 def run_sweep(args: argparse.Namespace) -> int:
     """Solve the cases of a sweep, write them, and print what came out."""
     from tdcr_fe.io.atomic import check_output_folder
+    from tdcr_fe.io.problems import read_all
     from tdcr_fe.sweeps.read import read_sweep
 
     if args.out is None and not args.check:
         args.parser.error("the following arguments are required: -o/--out")
-    described, _ = common.read_all(
+    described, _ = read_all(
         lambda: read_sweep(args.sweep, args.effects), lambda: args.out and check_output_folder(args.out)
     )
     if args.check:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,9 +20,11 @@ from tdcr_fe.model.messages import meant
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.targets import TipTarget
 
-FORCES = ("force_x", "force_y", "force_z")
+FORCES, POSITION, DIRECTION = ("force_x", "force_y", "force_z"), ("x", "y", "z"), ("dx", "dy", "dz")
 #: A table with more mistakes is not read on.
 MOST_PROBLEMS = 1000
+#: A target farther away than this many lengths of the robot is taken for one in another unit.
+FARTHEST = 10.0
 
 
 class Loading(NamedTuple):
@@ -42,128 +44,172 @@ class Loading(NamedTuple):
     branches: tuple[str, ...] = ()
 
 
-#: What is wrong with a cell: its column, and what is allowed there.
-_Wrong = tuple[str, str]
+#: From the text of a cell to its value; raises a ValueError with what is allowed.
+_Cell = Callable[[str], Any]
 
 
-class _Rows:
-    """What both tables share: numbers of steps are different, times do not run backwards, mistakes have a line."""
-
-    def __init__(self, file: str) -> None:
-        self.file = file
-        self.problems: list[Problem] = []
-        self.taken: dict[int, None] = {}  # in order; many steps are found in it fast
-        self.last_time = 0.0
-
-    def check_columns(self, columns: Iterable[str], known: Sequence[str], required: Sequence[str]) -> None:
-        """Columns that are unknown or missing."""
-        columns = [c for c in columns if c != "line"]
-        for column in columns:
-            if column not in known:
-                text = f"unknown column{meant(column, known)}; allowed: {', '.join(known)}"
-                self.problems.append(Problem(self.file, column, "", text))
-        text = f"missing column; must have {', '.join(required)}"
-        self.problems += [Problem(self.file, c, "", text) for c in required if c not in columns]
-        for three in (FORCES, DIRECTION):
-            if 0 < len(set(three) & set(columns)) < 3 and three[0] in known:
-                text = "all three or none of these columns"
-                self.problems.append(Problem(self.file, ", ".join(three), "", text))
-
-    def step(self, cells: Mapping[Any, Any], time: float | None, wrong: list[_Wrong]) -> int:
-        """Number of the step in a row, 0 where it has none; what is wrong with number and time goes to ``wrong``."""
-        step = whole_number(cells["step"])
-        if step is None:
-            wrong.append(("step", "must be a whole number"))
-        elif step in self.taken:
-            text = "the step is there more than once; the order of the rows is the order of loading"
-            wrong.append(("step", text))
-        if time is not None and time < self.last_time:
-            wrong.append(("time", f"must not be before the step before, at {self.last_time:g} s"))
-        self.last_time = max(self.last_time, time or 0.0)
-        self.taken[step or 0] = None
-        return step or 0
-
-    def report(self, line: Any, cells: Mapping[Any, Any], wrong: Iterable[_Wrong]) -> bool:
-        """Take mistakes of a row; whether there are too many to read on."""
-        self.problems += [
-            Problem(self.file, f"line {line}, {column}", str(cells[column]) or "empty", allowed)
-            for column, allowed in wrong
-        ]
-        return len(self.problems) > MOST_PROBLEMS
+def _step(text: str) -> int:
+    step = whole_number(text)
+    if step is None:
+        raise ValueError("must be a whole number")
+    return step
 
 
-def read_loading(table: pd.DataFrame, robot: Robot, file: str) -> tuple[Loading, list[Problem]]:
-    """The loading sequence, and all mistakes in it.
+def _number(
+    least: float = -math.inf,
+    most: float = math.inf,
+    allowed: str = "",
+    *,
+    missing: str = "",
+    empty: bool = False,
+) -> _Cell:
+    """Cells with a number within bounds; those that may be empty are None then.
+
+    Parameters
+    ----------
+    least, most, allowed
+        Bounds, and what is allowed where a number is outside.
+    missing
+        Said where there is no number.
+    empty
+        Whether a cell may be empty.
+    """
+
+    def read(text: str) -> float | None:
+        value = number(text)
+        if empty and not text:
+            return None
+        if math.isnan(value):
+            raise ValueError(f"must be a finite number{missing}")
+        if not least <= value <= most:
+            raise ValueError(allowed + (millimetres_hint(value, most) if math.isfinite(most) else ""))
+        return value
+
+    return read
+
+
+def _rows(
+    table: pd.DataFrame,
+    cells: Mapping[str, _Cell],
+    required: Sequence[str],
+    file: str,
+    check: Callable[[dict[str, Any]], dict[str, str]] = lambda values: {},
+) -> list[dict[str, Any]]:
+    """Values of each row by column; numbers of steps differ, and times do not run backwards.
 
     Parameters
     ----------
     table
-        Of texts, with the column ``line``.
+        Of texts; its index is the line in the file.
+    cells
+        How the cells of each column that may be there are read.
+    required
+        Columns that must be there.
+    file
+        For messages.
+    check
+        What is wrong with the values of a row, by column.
+
+    Raises
+    ------
+    InputError
+        With every mistake, or those of the first rows where there are more than `MOST_PROBLEMS`.
+    """
+    problems = [Problem(file, column, "", text) for column, text in _wrong_columns(table, cells, required)]
+    if not problems and table.empty:
+        problems = [Problem(file, "", "", "has no rows")]
+    if problems:
+        raise InputError(problems)
+    rows: list[dict[str, Any]] = []
+    steps, last = set(), 0.0
+    for line, texts in table.to_dict("index").items():
+        values, wrong = {}, {}
+        for column, text in texts.items():
+            try:
+                values[str(column)] = cells[str(column)](text)
+            except ValueError as error:
+                wrong[str(column)] = str(error)
+        if "step" in values and values["step"] in steps:
+            wrong["step"] = "the step is there more than once; the order of the rows is the order of loading"
+        time = values.get("time") or 0.0
+        if time < last and "time" in values:
+            wrong["time"] = f"must not be before the step before, at {last:g} s"
+        wrong = wrong or check(values)
+        problems += [
+            Problem(file, f"line {line}, {column}", texts[column] or "empty", text)
+            for column, text in wrong.items()
+        ]
+        if len(problems) > MOST_PROBLEMS:
+            break
+        rows.append(values)
+        steps.add(values.get("step"))
+        last = max(last, time)
+    if problems:
+        raise InputError(problems)
+    return rows
+
+
+def _wrong_columns(
+    table: pd.DataFrame, known: Mapping[str, Any], required: Sequence[str]
+) -> Iterator[tuple[str, str]]:
+    """Columns that are unknown, missing, or given twice, and what is allowed."""
+    for column in table.columns:
+        if column not in known:
+            yield column, f"unknown column{meant(column, known)}; allowed: {', '.join(known)}"
+        if (
+            column.startswith("displacement_")
+            and column.replace("displacement", "tension", 1) in table.columns
+        ):
+            yield column, "the tendon has a tension too; one of the two is allowed"
+    for column in required:
+        if column not in table.columns:
+            yield column, f"missing column; must have {', '.join(required)}"
+    for three in (FORCES, DIRECTION):
+        if 0 < len(set(three) & set(table.columns)) < 3 and three[0] in known:
+            yield ", ".join(three), "all three or none of these columns"
+
+
+def read_loading(table: pd.DataFrame, robot: Robot, file: str) -> Loading:
+    """The loading sequence.
+
+    Parameters
+    ----------
+    table
+        Of texts; its index is the line in the file.
     robot
         Whose tendons are named.
     file
         For messages.
 
-    Returns
-    -------
-    loading : Loading
-        Complete where there are no problems.
-    problems : list of Problem
-        Those of the first rows where there are more than `MOST_PROBLEMS`.
+    Raises
+    ------
+    InputError
+        With every mistake in the file.
     """
-    tendons, rows = robot.tendon_names, _Rows(file)
-    inputs = [f"{kind}_{name}" for kind in ("displacement", "tension") for name in tendons]
-    rows.check_columns(table.columns, sorted({"step", "branch", "time", *FORCES, *inputs}), ["step"])
-    both = "the tendon has a tension too; one of the two is allowed"
-    rows.problems += [
-        Problem(file, f"displacement_{name}", "", both)
-        for name in tendons
-        if {f"tension_{name}", f"displacement_{name}"} <= set(table.columns)
-    ]
-    if not rows.problems and table.empty:
-        rows.problems.append(Problem(file, "", "", "has no steps"))
-    if rows.problems:
-        return Loading(), rows.problems
-    steps, branches = [], []
-    for cells in table.to_dict("records"):
-        values, wrong = _values(cells, robot.backbone.length)
-        step_id = rows.step(cells, values.get("time"), wrong)
-        if rows.report(cells["line"], cells, wrong):
-            break
-        if not wrong:
-            steps.append(_load_step(step_id, values, robot))
-            branches.append(str(cells.get("branch", "")))
-    return Loading(tuple(rows.taken), tuple(steps), tuple(branches)), rows.problems
+    length, lost = robot.backbone.length, "; without it the history of loading is lost"
+    too_long = f"more than the robot's length of {length:g} m; must be in m"
+    force = _number(missing=lost)
+    tension = _number(0.0, allowed="a tension must be zero or more [N]", missing=lost)
+    displacement = _number(-length, length, too_long, missing=lost)
+    cells: dict[str, _Cell] = {"step": _step, "branch": str, "time": _number(missing=lost, empty=True)}
+    cells |= {**dict.fromkeys(FORCES, force), **{f"tension_{name}": tension for name in robot.tendon_names}}
+    cells |= {f"displacement_{name}": displacement for name in robot.tendon_names}
+    rows = _rows(table, cells, ["step"], file)
+    return Loading(
+        tuple(row["step"] for row in rows),
+        tuple(_load_step(row, robot) for row in rows),
+        tuple(row.get("branch", "") for row in rows),
+    )
 
 
-def _values(cells: Mapping[Any, Any], length: float) -> tuple[dict[str, float], list[_Wrong]]:
-    """Inputs, forces and time of a step, by column, NaN where a cell is no finite number; and what is wrong."""
-    values: dict[str, float] = {}
-    wrong = []
-    for column, text in cells.items():
-        if column in ("line", "step", "branch") or (column == "time" and text == ""):
-            continue
-        values[column] = value = number(text)
-        if math.isnan(value):
-            wrong.append((column, "must be a finite number; without it the history of loading is lost"))
-        elif column.startswith("tension_") and value < 0.0:
-            wrong.append((column, "a tension must be zero or more [N]"))
-        elif column.startswith("displacement_") and abs(value) > length:
-            hint = millimetres_hint(value, length)
-            wrong.append((column, f"more than the robot's length of {length:g} m; must be in m{hint}"))
-    return values, wrong
-
-
-def _load_step(step_id: int, values: Mapping[str, float], robot: Robot) -> LoadStep:
-    loads = {}
-    if FORCES[0] in values:
-        x, y, z = (values[c] for c in FORCES)
-        loads["tip"] = Load(robot.backbone.length, (x, y, z))
+def _load_step(row: Mapping[str, Any], robot: Robot) -> LoadStep:
+    force = tuple(row[c] for c in FORCES if c in row)
+    loads = {"tip": Load(robot.backbone.length, force)} if force else {}
     tensions, displacements = (
-        {n: values[f"{kind}_{n}"] for n in robot.tendon_names if f"{kind}_{n}" in values}
+        {n: row[f"{kind}_{n}"] for n in robot.tendon_names if f"{kind}_{n}" in row}
         for kind in ("tension", "displacement")
     )
-    return LoadStep(str(step_id), tensions, displacements, loads, time=values.get("time"))
+    return LoadStep(str(row["step"]), tensions, displacements, loads, time=row.get("time"))
 
 
 def loading_table(
@@ -242,11 +288,6 @@ def loading_text(
     return text
 
 
-POSITION, DIRECTION = ("x", "y", "z"), ("dx", "dy", "dz")
-#: A target farther away than this many lengths of the robot is taken for one in another unit.
-FARTHEST = 10.0
-
-
 def read_path(path: str | os.PathLike[str], length: float) -> tuple[TipTarget, ...]:
     """Read ``path.csv``.
 
@@ -262,45 +303,28 @@ def read_path(path: str | os.PathLike[str], length: float) -> tuple[TipTarget, .
     InputError
         With every mistake in the file.
     """
-    table, rows = read_table(path), _Rows(str(path))
-    known = ("step", *POSITION, *DIRECTION, "label", "time")
-    rows.check_columns(table.columns, known, ("step", *POSITION))
-    if not rows.problems and table.empty:
-        rows.problems.append(Problem(str(path), "", "", "has no targets"))
-    if rows.problems:
-        raise InputError(rows.problems)
-    targets = []
-    for line, cells in table.to_dict("index").items():
-        target, wrong = _target(cells, length)
-        rows.step(cells, None if target is None else target.time, wrong)
-        if rows.report(line, cells, wrong):
-            break
-        if target is not None:
-            targets.append(target)
-    if rows.problems:
-        raise InputError(rows.problems)
-    return tuple(targets)
+    most = FARTHEST * length
+    position = _number(-most, most, f"more than {FARTHEST:g} lengths of the robot away; must be in m")
+    cells: dict[str, _Cell] = {"step": _step, **dict.fromkeys(POSITION, position)}
+    cells |= {**dict.fromkeys(DIRECTION, _number(empty=True)), "label": str, "time": _number(empty=True)}
+    rows = _rows(read_table(path), cells, ("step", *POSITION), str(path), _wrong_direction)
+    return tuple(
+        TipTarget(
+            tuple(row[c] for c in POSITION),
+            None if row.get("dx") is None else (row["dx"], row["dy"], row["dz"]),
+            row.get("label") or f"step {row['step']}",
+            row.get("time"),
+        )
+        for row in rows
+    )
 
 
-def _target(cells: Mapping[Any, str], length: float) -> tuple[TipTarget | None, list[_Wrong]]:
-    """The target of a row, None where it is not sound; and what is wrong."""
-    wrong = []
-    values = {c: number(cells[c]) for c in (*POSITION, *DIRECTION, "time") if cells.get(c)}
-    free = all(not cells.get(c) for c in DIRECTION)
-    for column in (*POSITION, *(() if free else DIRECTION)):
-        value = values.get(column, math.nan)
-        if math.isnan(value):
-            wrong.append((column, "must be a finite number"))
-        elif column in POSITION and abs(value) > FARTHEST * length:
-            hint = millimetres_hint(value, length)
-            wrong.append((column, f"more than {FARTHEST:g} lengths of the robot away; must be in m{hint}"))
-    if not free and not any(values.get(c, 1.0) for c in DIRECTION):
-        wrong.append(("dx", "the direction is zero; leave dx, dy and dz empty where it does not matter"))
-    time = values.get("time")
-    if time is not None and not time >= 0.0:
-        wrong.append(("time", "must be a time of zero or more [s]"))
-    if wrong:
-        return None, wrong
-    x, y, z = (values[c] for c in POSITION)
-    direction = None if free else (values["dx"], values["dy"], values["dz"])
-    return TipTarget((x, y, z), direction, cells.get("label") or f"step {cells['step']}", time), []
+def _wrong_direction(row: Mapping[str, Any]) -> dict[str, str]:
+    """A direction of which a part is missing, or that is zero; all of it may be left out."""
+    direction = {column: row[column] for column in DIRECTION if column in row}
+    given = [x for x in direction.values() if x is not None]
+    if given and len(given) < 3:
+        return {column: "must be a finite number" for column, x in direction.items() if x is None}
+    if given and not any(given):
+        return {"dx": "the direction is zero; leave dx, dy and dz empty where it does not matter"}
+    return {}

@@ -6,14 +6,15 @@ import itertools
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
 
 from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.io.atomic import write_text
-from tdcr_fe.io.loading_table import loading_table, read_loading
-from tdcr_fe.io.problems import InputError, Problem
+from tdcr_fe.io.loading_table import Loading, loading_table, read_loading
+from tdcr_fe.io.problems import InputError, Problem, Reporter, read_all
 from tdcr_fe.io.readings import (
     OBSERVATION_COLUMNS,
     BadRow,
@@ -24,7 +25,7 @@ from tdcr_fe.io.readings import (
 )
 from tdcr_fe.io.spreadsheet import read_table, table_file
 from tdcr_fe.io.toml import digest, read_model_file, read_robot, read_toml
-from tdcr_fe.io.user_effects import checked_effects
+from tdcr_fe.io.user_effects import apply_effects
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml
 from tdcr_fe.model.checks import size_contradictions
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
@@ -130,34 +131,26 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
         so many had to be left out that the rest cannot be trusted.
     """
     folder = Path(folder)
-    problems: list[Problem] = []
     if not folder.is_dir():
         allowed = "no such folder; must hold robot.toml, loading.csv, observations.csv"
         raise InputError([Problem(str(folder), "", "", allowed)])
-    robot, model, settings = _read_declared(folder, problems)
-    of_loading, of_readings = (table_file(folder / f"{n}.csv") for n in ("loading", "observations"))
-    loading = _table(of_loading, problems)
-    observed = _table(of_readings, problems)
-    if robot is None or loading is None or observed is None:
-        raise InputError(problems)
-    (step_ids, steps, branches), wrong = read_loading(loading, robot, str(of_loading))
-    problems += wrong
-    if not problems:
-        problems += [
-            Problem(str(of_loading), c.key, c.value, c.allowed)
-            for c in size_contradictions(robot, model, len(steps))
-        ]
-    file = str(of_readings)
-    missing = [c for c in OBSERVATION_COLUMNS if c not in observed.columns]
-    allowed = f"missing column; must have {', '.join(OBSERVATION_COLUMNS)}"
-    problems += [Problem(file, c, "", allowed) for c in missing]
-    if problems:
-        raise InputError(problems)
-    readings, bad = read_observations(observed, robot, set(step_ids), file)
-    _refuse_bad_readings(readings, bad, robot, file, strict)
-    names = [
-        n for n in ("robot.toml", "model.toml", of_loading.name, of_readings.name) if (folder / n).exists()
-    ]
+    paths = [table_file(folder / f"{name}.csv") for name in ("loading", "observations")]
+    of_model = folder / "model.toml"
+    (robot, model, settings), loading, observed = read_all(
+        lambda: _read_declared(folder), *(partial(read_table, path) for path in paths)
+    )
+    (step_ids, steps, branches), _ = read_all(
+        lambda: _read_steps(loading, robot, model, str(paths[0])),
+        lambda: _check_columns(observed, str(paths[1])),
+    )
+    readings, bad = read_observations(observed, robot, set(step_ids), str(paths[1]))
+    if bad and strict:
+        rows = [Problem(b.file, f"line {b.line}, {b.column}", b.value or "empty", b.allowed) for b in bad]
+        raise InputError(rows)
+    refuse_if_doubtful(bad, readings, robot, str(paths[1]))
+    if not readings:
+        raise InputError([Problem(str(paths[1]), "", "", "has no readings")])
+    files = [path for path in (folder / "robot.toml", of_model, *paths) if path.exists()]
     data = MeasuredData(
         folder.resolve().name,
         robot,
@@ -167,46 +160,43 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
         branches,
         tuple(readings),
         tuple(bad),
-        {n: digest(folder / n) for n in names},
+        {path.name: digest(path) for path in files},
         settings,
     )
-    table = read_toml(folder / "model.toml")[0].get("effects") if "model.toml" in names else None
-    return data if table is None else _with_declared_effects(data, table, str(folder / "model.toml"))
+    table = read_toml(of_model)[0].get("effects") if of_model in files else None
+    return data if table is None else _with_declared_effects(data, table, str(of_model))
 
 
-def _read_declared(folder: Path, problems: list[Problem]) -> tuple[Robot | None, Model, SolverSettings]:
-    """``robot.toml`` and ``model.toml`` of a folder; None for a robot with mistakes, which go to ``problems``."""
-    robot, model, settings = None, Model(), SolverSettings()
-    try:
-        robot = read_robot(folder / "robot.toml")
-        model = Model.default_for(robot)
-    except InputError as error:
-        problems += error.problems
-    if (folder / "model.toml").exists():
-        try:
-            model, settings = read_model_file(folder / "model.toml", robot, apart=["effects"])
-        except InputError as error:
-            problems += error.problems
-    return robot, model, settings
+def _read_declared(folder: Path) -> tuple[Robot, Model, SolverSettings]:
+    """``robot.toml`` and ``model.toml`` of a folder."""
+    found: list[Robot] = []  # empty where the robot has mistakes
+
+    def read_declared_model() -> tuple[Model, SolverSettings]:
+        robot = found[0] if found else None
+        if (folder / "model.toml").exists():
+            return read_model_file(folder / "model.toml", robot, apart=["effects"])
+        return Model() if robot is None else Model.default_for(robot), SolverSettings()
+
+    _, (model, settings) = read_all(
+        lambda: found.append(read_robot(folder / "robot.toml")), read_declared_model
+    )
+    return found[0], model, settings
 
 
-def _refuse_bad_readings(
-    readings: Sequence[Reading], bad: Sequence[BadRow], robot: Robot, file: str, strict: bool
-) -> None:
-    """Refuse bad rows where ``strict``, rows that make the others doubtful, and a file without readings.
+def _read_steps(table: pd.DataFrame, robot: Robot, model: Model, file: str) -> Loading:
+    """The loading sequence, refused where the results would not fit into memory."""
+    loading, reporter = read_loading(table, robot, file), Reporter(file)
+    reporter.contradictions(size_contradictions(robot, model, len(loading.steps)))
+    reporter.refuse()
+    return loading
 
-    Raises
-    ------
-    InputError
-        One of these.
-    """
-    if bad and strict:
-        raise InputError(
-            [Problem(b.file, f"line {b.line}, {b.column}", b.value or "empty", b.allowed) for b in bad]
-        )
-    refuse_if_doubtful(bad, readings, robot, file)
-    if not readings:
-        raise InputError([Problem(file, "", "", "has no readings")])
+
+def _check_columns(table: pd.DataFrame, file: str) -> None:
+    """Refuse a table of readings with other columns."""
+    allowed = f"missing column; must have {', '.join(OBSERVATION_COLUMNS)}"
+    missing = [Problem(file, c, "", allowed) for c in OBSERVATION_COLUMNS if c not in table.columns]
+    if missing:
+        raise InputError(missing)
 
 
 def _with_declared_effects(data: MeasuredData, table: object, file: str) -> MeasuredData:
@@ -217,21 +207,9 @@ def _with_declared_effects(data: MeasuredData, table: object, file: str) -> Meas
     InputError
         An unknown effect or parameter, a value out of bounds, or a robot that cannot be.
     """
-    problems: list[Problem] = []
-
-    def report(key: str, value: str, allowed: str) -> None:
-        problems.append(Problem(file, key, value, allowed))
-
-    declared = data.experiment
-    sound = checked_effects(table, declared, report)
-    changed = declared
-    if not problems:
-        try:
-            changed = with_effects(declared, sound)
-        except ValueError as error:
-            report("effects", "", str(error))
-    if problems:
-        raise InputError(problems)
+    declared, reporter = data.experiment, Reporter(file)
+    sound, changed = apply_effects(table, declared, reporter)
+    reporter.refuse()
     # What is left for the commands and the measurement once robot and model are as declared.
     rest = {
         name: values
@@ -244,17 +222,6 @@ def _with_declared_effects(data: MeasuredData, table: object, file: str) -> Meas
 def _is_of_robot(before: Experiment, after: Experiment) -> bool:
     """Whether an effect leaves commands and measurement as they are."""
     return (before.steps, before.ends, before.observation) == (after.steps, after.ends, after.observation)
-
-
-def _table(path: Path, problems: list[Problem]) -> pd.DataFrame | None:
-    """A table as texts, with the column ``line``; None where it cannot be read."""
-    try:
-        table = read_table(path)
-    except InputError as error:
-        problems += error.problems
-        return None
-    table.insert(0, "line", table.index)
-    return table
 
 
 def write_measured(data: MeasuredData, folder: str | os.PathLike[str]) -> None:

@@ -6,6 +6,7 @@ import difflib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from tdcr_fe.model.checks import Contradiction
 from tdcr_fe.model.messages import shown
@@ -62,6 +63,26 @@ class InputError(Exception):
         super().__init__("\n".join(str(p) for p in self.problems))
 
 
+def read_all(*readers: Callable[[], Any]) -> list[Any]:
+    """What each of some functions returns.
+
+    Raises
+    ------
+    InputError
+        With the mistakes that all of them found.
+    """
+    problems: list[Problem] = []
+    found = []
+    for read in readers:
+        try:
+            found.append(read())
+        except InputError as error:
+            problems.extend(error.problems)
+    if problems:
+        raise InputError(problems)
+    return found
+
+
 #: Takes key, value and what is allowed of one mistake.
 Report = Callable[[str, str, str], None]
 
@@ -84,6 +105,11 @@ class Reporter:
     def __call__(self, key: str, value: str, allowed: str) -> None:
         """Take one mistake."""
         self.problems.append(Problem(self.file, key, value, allowed))
+
+    def refuse(self) -> None:
+        """Raise an `InputError` where there are mistakes."""
+        if self.problems:
+            raise InputError(self.problems)
 
     def mistake(self, mistake: Mistake) -> None:
         """Take a value that its field does not allow."""

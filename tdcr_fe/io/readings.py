@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,6 +15,7 @@ from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.spreadsheet import millimetres_hint, number, whole_number
 from tdcr_fe.model.channels import QUANTITIES, Channel, channel
 from tdcr_fe.model.checks import ARC_TOLERANCE
+from tdcr_fe.model.messages import meant
 from tdcr_fe.model.robot import Robot
 
 OBSERVATION_COLUMNS = ("step", "quantity", "location", "value", "sigma")
@@ -106,7 +106,7 @@ def read_observations(
     Parameters
     ----------
     table
-        Of texts, with the columns `OBSERVATION_COLUMNS` and ``line``.
+        Of texts, with the columns `OBSERVATION_COLUMNS`; its index is the line in the file.
     robot
         Its tendons and length bound the readings.
     steps
@@ -123,113 +123,89 @@ def read_observations(
     """
     readings: list[Reading] = []
     bad: list[BadRow] = []
-    seen: dict[tuple[int, str, float | str | None], int] = {}
-    name = Path(file).name
-    for row in table.to_dict("records"):
-        line = int(row["line"])
-        fault, reading = _reading(row, robot, steps, line)
-        if fault is None and reading is not None:
+    seen: dict[tuple[int, str, float | str | None], Any] = {}
+    for line, row in zip(table.index.tolist(), table.to_dict("records"), strict=True):
+        try:
+            reading = _reading(row, robot, steps, line)
             at = reading.location
             key = (reading.step, reading.quantity, round(at, 7) if isinstance(at, float) else at)
             if key in seen:
-                fault = _Fault(
-                    "step",
-                    f"the same quantity at the same location and step stands in line {seen[key]}; that one is kept",
-                )
-            else:
-                seen[key] = line
-                readings.append(reading)
-        if fault is not None:
-            found = str(row[fault.column])
+                there = f"stands in line {seen[key]}; that one is kept"
+                raise _Fault("step", f"the same quantity at the same location and step {there}")
+        except _Fault as fault:
+            found, quantity = str(row[fault.column]), str(row["quantity"])
             bad.append(
-                BadRow(name, line, fault.column, found, fault.allowed, fault.unit, str(row["quantity"]))
+                BadRow(Path(file).name, line, fault.column, found, fault.allowed, fault.unit, quantity)
             )
+        else:
+            seen[key] = line
+            readings.append(reading)
     return readings, bad
 
 
-@dataclass(frozen=True)
-class _Fault:
+class _Fault(Exception):
     """What is wrong with a row: the column, what is allowed there, and the unit that was probably meant."""
 
-    column: str
-    allowed: str
-    unit: str = ""
+    def __init__(self, column: str, allowed: str, unit: str = "") -> None:
+        self.column, self.allowed, self.unit = column, allowed, unit
 
 
-def _reading(
-    row: Mapping[Any, Any], robot: Robot, steps: set[int], line: int
-) -> tuple[_Fault | None, Reading | None]:
-    """A reading, or the column and what is allowed there."""
-    step = whole_number(row["step"])
+def _reading(row: Mapping[Any, str], robot: Robot, steps: set[int], line: int) -> Reading:
+    """The reading in a row; raises a `_Fault`."""
+    step, quantity = whole_number(row["step"]), row["quantity"]
     if step is None or step not in steps:
-        return _Fault("step", "must be a step of loading.csv"), None
-    quantity = row["quantity"]
+        raise _Fault("step", "must be a step of loading.csv")
     if quantity not in QUANTITIES:
-        near = difflib.get_close_matches(quantity, QUANTITIES, n=1)
-        hint = f"; did you mean {near[0]}?" if near else ""
-        return _Fault("quantity", f"must be one of {', '.join(QUANTITIES)}{hint}"), None
-    known = channel(quantity)
-    fault, location = _location(known, row["location"], robot)
-    value = number(row["value"])
-    fault = fault or _value_fault(known, value, robot.backbone.length)
-    sigma: float | None = None
-    if fault is None and row["sigma"] != "":
-        sigma = number(row["sigma"])
-        fault = _sigma_fault(known, sigma, robot.backbone.length)
-    if fault is not None:
-        return fault, None
-    return None, Reading(step, quantity, location, value, sigma, line)
+        raise _Fault("quantity", f"must be one of {', '.join(QUANTITIES)}{meant(quantity, QUANTITIES)}")
+    known, length = channel(quantity), robot.backbone.length
+    location = _location(known, row["location"], robot)
+    value = _value(known, row["value"], length)
+    sigma = None if row["sigma"] == "" else _sigma(known, row["sigma"], length)
+    return Reading(step, quantity, location, value, sigma, line)
 
 
-def _location(known: Channel, text: str, robot: Robot) -> tuple[_Fault | None, float | str | None]:
-    """The location of a reading, or what is wrong with it."""
+def _location(known: Channel, text: str, robot: Robot) -> float | str | None:
     length = robot.backbone.length
     if known.location == "arc length":
         s = number(text)
         if not 0.0 <= s <= length + 10 * ARC_TOLERANCE:
             hint = millimetres_hint(s, length) if math.isfinite(s) else ""
-            fault = _Fault(
+            raise _Fault(
                 "location", f"must be an arc length from 0 to {length:g} m{hint}", "mm" if hint else ""
             )
-            return fault, None
-        return None, min(s, length)
-    if known.location == "tendon":
-        if text not in robot.tendon_names:
-            return _Fault("location", f"must be a tendon: {', '.join(robot.tendon_names)}"), None
-        return None, text
-    if text != "":
-        return _Fault("location", f"must be empty for {known.quantity}"), None
-    return None, None
+        return min(s, length)
+    if known.location == "tendon" and text not in robot.tendon_names:
+        raise _Fault("location", f"must be a tendon: {', '.join(robot.tendon_names)}")
+    if not known.location and text != "":
+        raise _Fault("location", f"must be empty for {known.quantity}")
+    return text or None
 
 
-def _value_fault(known: Channel, value: float, length: float) -> _Fault | None:
-    """What is wrong with a value."""
+def _value(known: Channel, text: str, length: float) -> float:
+    value = number(text)
     if math.isnan(value):
-        return _Fault("value", f"must be a finite number [{known.unit}]")
+        raise _Fault("value", f"must be a finite number [{known.unit}]")
     low, high = known.limits(length)
     if low <= value <= high:
-        return None
+        return value
     converted = value * known.mistaken_factor
     beyond = abs(value) > max(abs(low), abs(high))
     unit = known.mistaken_unit if beyond and low <= converted <= high else ""
     hint = f"; {converted:.4g} would fit, are these {unit}?" if unit else ""
-    return _Fault(
-        "value",
-        f"{known.quantity} of a robot of {length:g} m lies between {low:.4g} and {high:.4g} {known.unit}{hint}",
-        unit,
-    )
+    between = f"lies between {low:.4g} and {high:.4g} {known.unit}"
+    raise _Fault("value", f"{known.quantity} of a robot of {length:g} m {between}{hint}", unit)
 
 
-def _sigma_fault(known: Channel, sigma: float, length: float) -> _Fault | None:
-    """What is wrong with a standard uncertainty."""
+def _sigma(known: Channel, text: str, length: float) -> float:
+    sigma = number(text)
     if not sigma > 0.0:
-        return _Fault("sigma", f"must be positive and finite [{known.unit}], or empty where it is not known")
-    if sigma <= known.largest_sigma(length):
-        return None
-    hint = f", is this {known.mistaken_unit}?" if known.mistaken_unit else ""
-    return _Fault(
-        "sigma", f"larger than the robot allows; must be in {known.unit}{hint}", known.mistaken_unit
-    )
+        raise _Fault("sigma", f"must be positive and finite [{known.unit}], or empty where it is not known")
+    if sigma > known.largest_sigma(length):
+        hint = f", is this {known.mistaken_unit}?" if known.mistaken_unit else ""
+        raise _Fault(
+            "sigma", f"larger than the robot allows; must be in {known.unit}{hint}", known.mistaken_unit
+        )
+    return sigma
 
 
 def refuse_if_doubtful(bad: Sequence[BadRow], sound: Sequence[Reading], robot: Robot, file: str) -> None:
@@ -249,17 +225,12 @@ def refuse_if_doubtful(bad: Sequence[BadRow], sound: Sequence[Reading], robot: R
         return
     problems = []
     for unit in dict.fromkeys(b.unit for b in in_unit):
-        largest = max((abs(float(b.value)) for b in in_unit if b.unit == unit), default=0.0)
-        count = sum(b.unit == unit for b in in_unit)
-        problems.append(
-            Problem(
-                file,
-                "value",
-                f"{count} of {total} rows",
-                f"values up to {largest:g} for a robot of {robot.backbone.length:g} m: are they in {unit}? "
-                "All numbers must be in SI units (m, rad, N)",
-            )
+        values = [abs(float(b.value)) for b in in_unit if b.unit == unit]
+        about = (
+            f"values up to {max(values):g} for a robot of {robot.backbone.length:g} m: are they in {unit}? "
         )
+        about += "All numbers must be in SI units (m, rad, N)"
+        problems.append(Problem(file, "value", f"{len(values)} of {total} rows", about))
     reasons: dict[tuple[str, str], list[BadRow]] = {}
     for b in bad:
         if b not in in_unit:
@@ -274,14 +245,6 @@ def refuse_if_doubtful(bad: Sequence[BadRow], sound: Sequence[Reading], robot: R
 
 def observations_table(readings: Iterable[Reading]) -> pd.DataFrame:
     """Readings as ``observations.csv`` has them."""
-    rows = [
-        (
-            r.step,
-            r.quantity,
-            "" if r.location is None else r.location,
-            r.value,
-            "" if r.sigma is None else r.sigma,
-        )
-        for r in readings
-    ]
+    rows = [[getattr(r, name) for name in OBSERVATION_COLUMNS] for r in readings]
+    rows = [["" if x is None else x for x in row] for row in rows]
     return pd.DataFrame(rows, columns=list(OBSERVATION_COLUMNS))

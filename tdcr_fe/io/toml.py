@@ -9,14 +9,15 @@ from __future__ import annotations
 import hashlib
 import os
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.io.keys import BACKBONE, DISKS, MODEL_FILE, ROBOT, SCENARIO, routings_with, tendon_keys
-from tdcr_fe.io.problems import InputError, Problem, Report, Reporter, read_bytes
-from tdcr_fe.io.user_effects import read_effects
+from tdcr_fe.io.problems import InputError, Problem, Reporter, read_bytes
+from tdcr_fe.io.user_effects import apply_effects
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import (
     ARC_TOLERANCE,
@@ -40,12 +41,6 @@ from tdcr_fe.model.schema import FieldError, keys_of
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.model.units import number_or_none
 
-Steps = tuple[LoadStep, ...]
-
-#: Reads a further table of `scenario.toml`: from the table, the robot, the model, the steps and a `Report` of mistakes
-#: to another robot, model and steps.
-TableReader = Callable[[Any, Robot, Model, Steps, Report], tuple[Robot, Model, Steps]]
-
 
 @dataclass(frozen=True)
 class Scenario:
@@ -67,7 +62,7 @@ class Scenario:
 
     robot: Robot
     model: Model
-    steps: Steps
+    steps: tuple[LoadStep, ...]
     path: Path
     robot_path: Path
     digests: Mapping[str, str] = field(default_factory=dict)
@@ -424,29 +419,25 @@ def with_robot_table(scenario: dict[str, Any], path: Path, sha256: str = "") -> 
     return ScenarioTables(scenario, robot, path, robot_path, digests)
 
 
-def read_scenario(
-    path: str | os.PathLike[str], further_tables: Mapping[str, TableReader] | None = None
-) -> Scenario:
+def read_scenario(path: str | os.PathLike[str], effects: Sequence[Effect] = ()) -> Scenario:
     """Read `scenario.toml` and the `robot.toml` that it names.
 
     Parameters
     ----------
     path
         Of the scenario.
-    further_tables
-        Readers of tables beyond those of the documentation, by name.
+    effects
+        Of your own, besides the listed ones; see `tdcr_fe.io.user_effects.read_own_effects`.
 
     Raises
     ------
     InputError
         With every mistake in both files.
     """
-    return build_scenario(read_scenario_tables(path), further_tables)
+    return build_scenario(read_scenario_tables(path), effects)
 
 
-def build_scenario(
-    tables: ScenarioTables, further_tables: Mapping[str, TableReader] | None = None
-) -> Scenario:
+def build_scenario(tables: ScenarioTables, effects: Sequence[Effect] = ()) -> Scenario:
     """The scenario that the tables of its files describe; see `read_scenario`.
 
     Raises
@@ -455,34 +446,44 @@ def build_scenario(
         With every mistake in both files.
     """
     problems: list[Problem] = []
-    readers: dict[str, TableReader] = {"effects": read_effects, **(further_tables or {})}
     data = tables.scenario
     if "backbone" in data and not {"robot", "steps"} & data.keys():
         allowed = "is the file of a robot; give the scenario.toml that names it"
         raise InputError([Problem(str(tables.path), "", "", allowed)])
     reporter = Reporter(str(tables.path), problems)
-    top, _ = SCENARIO.read(data, "", reporter.mistake, list(readers))
+    top, _ = SCENARIO.read(data, "", reporter.mistake, ["effects"])
 
     problems += tables.problems
     parts = RobotParts()
     if tables.robot is not None:
         parts = _build_robot(tables.robot, Reporter(str(tables.robot_path), problems))
-
-    model = _build_model(top["model"], reporter, parts.robot) if "model" in top else None
+    robot = parts.robot
+    model = _build_model(top["model"], reporter, robot) if "model" in top else None
     settings = _build_settings(top["solver"], reporter) if "solver" in top else None
     given = top.get("steps", ())
-    steps = [_build_step(i, table, parts, reporter) for i, table in enumerate(given)]
+    found = [_build_step(i, table, parts, reporter) for i, table in enumerate(given)]
+    steps = tuple(s for s in found if s is not None)
     times = [number_or_none(t.get("time"), "s") if isinstance(t, dict) else None for t in given]
     reporter.contradictions(time_contradictions(times))
-
-    robot = parts.robot
-    sound = tuple(s for s in steps if s is not None)
     if robot is not None and model is not None:
         reporter.contradictions(course_contradictions(robot, model))
     if not problems and robot is not None and model is not None:
-        for name in readers.keys() & data.keys():
-            robot, model, sound = readers[name](data[name], robot, model, sound, reporter)
-        reporter.contradictions(size_contradictions(robot, model, len(sound)))
+        robot, model, steps = _with_effects(data.get("effects", {}), (robot, model, steps), reporter, effects)
+        reporter.contradictions(size_contradictions(robot, model, len(steps)))
     if problems or robot is None or model is None or settings is None:
         raise InputError(problems)
-    return Scenario(robot, model, sound, tables.path, tables.robot_path, tables.digests, settings)
+    return Scenario(robot, model, steps, tables.path, tables.robot_path, tables.digests, settings)
+
+
+_Declared = tuple[Robot, Model, tuple[LoadStep, ...]]
+
+
+def _with_effects(table: Any, declared: _Declared, reporter: Reporter, own: Sequence[Effect]) -> _Declared:
+    """Robot, model and steps with the table ``[effects]``."""
+    experiment = Experiment(*declared)
+    sound, changed = apply_effects(table, experiment, reporter, own)
+    if changed.observation != experiment.observation:
+        names = " and ".join(n for n in sound if n in ("frame_misalignment", "marker_offset"))
+        text = "acts on the measurement only; the results of a run are those of the robot itself"
+        reporter("effects", names, text)
+    return changed.robot, changed.model, changed.steps

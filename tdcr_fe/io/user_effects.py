@@ -6,72 +6,52 @@ import inspect
 import math
 import os
 import runpy
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from tdcr_fe.effects import EFFECTS, Effect, Experiment, Parameter, with_effects
 from tdcr_fe.io.problems import InputError, Problem, Report
-from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.messages import meant
-from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.units import number_or_none, with_units
 
 
-def read_effects(
-    table: Any,
-    robot: Robot,
-    model: Model,
-    steps: tuple[LoadStep, ...],
-    report: Report,
-    catalogue: Sequence[Effect] = EFFECTS,
-) -> tuple[Robot, Model, tuple[LoadStep, ...]]:
-    """Apply a table such as ``gravity = { g_z = -9.81 }`` to the robot, model and steps of a scenario.
+def apply_effects(
+    table: Any, experiment: Experiment, report: Report, own: Sequence[Effect] = ()
+) -> tuple[dict[str, dict[str, float]], Experiment]:
+    """Apply a table such as ``gravity = { g_z = -9.81 }``.
 
     Parameters
     ----------
     table
         By name of the effect, a table of its parameters; those that are not named keep their null values.
-    robot, model, steps
-        As the files describe them.
+    experiment
+        As the files describe it.
     report
         Takes every mistake: key, value, what is allowed.
-    catalogue
-        The effects that there are.
+    own
+        Effects that there are besides the listed ones.
+
+    Returns
+    -------
+    values : dict
+        Of the effects that are sound, by effect and parameter.
+    experiment : Experiment
+        With them.
     """
-    experiment = Experiment(robot, model, steps)
-    sound = checked_effects(table, experiment, report, catalogue)
+    catalogue = (*EFFECTS, *own)
+    sound = _checked(table, experiment, report, catalogue)
     try:
-        changed = with_effects(experiment, sound, catalogue)
+        return sound, with_effects(experiment, sound, catalogue)
     except ValueError as error:  # a robot that cannot be
         report("effects", "", str(error))
-        return robot, model, steps
-    if changed.observation != experiment.observation:
-        names = " and ".join(n for n in sound if n in ("frame_misalignment", "marker_offset"))
-        report(
-            "effects",
-            names,
-            "acts on the measurement only; the results of a run are those of the robot itself",
-        )
-    return changed.robot, changed.model, changed.steps
+        return sound, experiment
 
 
-def checked_effects(
-    table: Any, experiment: Experiment, report: Report, catalogue: Sequence[Effect] = EFFECTS
+def _checked(
+    table: Any, experiment: Experiment, report: Report, catalogue: Sequence[Effect]
 ) -> dict[str, dict[str, float]]:
-    """Values of a table of effects, by effect and parameter; what is wrong is reported and left out.
-
-    Parameters
-    ----------
-    table
-        By name of the effect, a table of its parameters.
-    experiment
-        Whose tendons and markers parameters may name.
-    report
-        Takes every mistake: key, value, what is allowed.
-    catalogue
-        The effects that there are.
-    """
+    """Values of a table of effects, by effect and parameter; what is wrong is reported and left out."""
     if not isinstance(table, dict):
         report("effects", str(table), "must be a table of effects by name, each a table of numbers")
         return {}
@@ -101,19 +81,6 @@ def checked_effects(
             else:
                 sound[name][key] = float(number)
     return sound
-
-
-def effects_reader(
-    own: Sequence[Effect],
-) -> Callable[[Any, Robot, Model, tuple[LoadStep, ...], Report], tuple[Robot, Model, tuple[LoadStep, ...]]]:
-    """`read_effects` that knows effects of the user's own besides the listed ones."""
-
-    def read(
-        table: Any, robot: Robot, model: Model, steps: tuple[LoadStep, ...], report: Report
-    ) -> tuple[Robot, Model, tuple[LoadStep, ...]]:
-        return read_effects(table, robot, model, steps, report, (*EFFECTS, *own))
-
-    return read
 
 
 #: What a file must contain.

@@ -13,9 +13,10 @@ from typing import Any, Literal, get_args
 import exudyn
 import numpy as np
 
+from tdcr_fe.effects import Effect
 from tdcr_fe.io.problems import InputError, Problem
-from tdcr_fe.io.toml import ScenarioTables, TableReader, build_scenario, read_scenario_tables
-from tdcr_fe.io.user_effects import effects_reader, read_own_effects
+from tdcr_fe.io.toml import ScenarioTables, build_scenario, read_scenario_tables
+from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.model.dataframes import AFTER_TENDONS, OF_TENDONS
 from tdcr_fe.model.messages import meant, shown
 from tdcr_fe.model.results import SequenceResult, StepResult
@@ -85,7 +86,7 @@ def _solved(job: Job, number: int, changes: Sequence[Change]) -> Outcome:
     numbers: dict[str, float] = {}
     warnings: tuple[str, ...] = ()
     try:
-        scenario = build_scenario(tables_with(job.sweep, changes), _readers(job.sweep.effects))
+        scenario = build_scenario(tables_with(job.sweep, changes), _own_effects(job.sweep.effects))
         result = simulate(scenario.robot, scenario.model, scenario.steps, scenario.settings)
         numbers, warnings = numbers_of(result, job.sweep.output, len(scenario.steps)), result.warnings
         if not result.converged:
@@ -107,8 +108,8 @@ def _solved(job: Job, number: int, changes: Sequence[Change]) -> Outcome:
 
 
 @lru_cache(maxsize=4)
-def _readers(effects: tuple[str, ...]) -> Mapping[str, TableReader]:
-    return {"effects": effects_reader(read_own_effects(effects))} if effects else {}
+def _own_effects(paths: tuple[str, ...]) -> tuple[Effect, ...]:
+    return read_own_effects(paths)
 
 
 def tables_with(sweep: Sweep, changes: Iterable[Change]) -> ScenarioTables:
@@ -213,7 +214,7 @@ def parameter_function(
         A file is wrong, or a quantity is unknown.
     """
     tables, files = read_scenario_tables(scenario), tuple(map(str, effects))
-    known = columns_of_steps(build_scenario(tables, _readers(files)).robot.tendon_names)
+    known = columns_of_steps(build_scenario(tables, _own_effects(files)).robot.tendon_names)
     wrong = [name for name in quantities if name not in known]
     if wrong:
         text = f"; there are {', '.join(known)}"

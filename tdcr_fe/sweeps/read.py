@@ -12,19 +12,19 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from tdcr_fe.effects import Effect
 from tdcr_fe.io.keys import json_schema
 from tdcr_fe.io.problems import InputError, Problem, Reporter
 from tdcr_fe.io.toml import (
     Scenario,
     ScenarioTables,
-    TableReader,
     build_scenario,
     digest,
     read_scenario_tables,
     read_toml,
     with_robot_table,
 )
-from tdcr_fe.io.user_effects import effects_reader, read_own_effects
+from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.messages import join, meant, quoted, shown
@@ -109,8 +109,6 @@ def read_sweep(
         path = Path(source)
         (data, sha256), robot = read_toml(path), None
     report = Reporter(str(path))
-    further: dict[str, TableReader] = {}
-
     def sound(read: Callable[[], Any]) -> Any:
         """What a function returns; None where it finds mistakes, which are reported with the others."""
         try:
@@ -118,11 +116,10 @@ def read_sweep(
         except InputError as error:
             report.problems.extend(error.problems)
 
-    if own := sound(lambda: read_own_effects(effects)):
-        further["effects"] = effects_reader(own)
+    own: Sequence[Effect] = sound(lambda: read_own_effects(effects)) or ()
     top, bad = _top(data, report)
     tables: Any = None if "scenario" in bad else sound(lambda: _base_tables(data, robot, path))
-    scenario: Any = tables and sound(lambda: build_scenario(tables, further))
+    scenario: Any = tables and sound(lambda: build_scenario(tables, own))
     if report.problems:
         raise InputError(report.problems)
     sampling, output, workspace = top["sampling"], top["output"], top["workspace"]
@@ -145,7 +142,7 @@ def read_sweep(
     )
     _check_together(sweep, scenario, report)
     if not report.problems:
-        _check_values(sweep, further, report)
+        _check_values(sweep, own, report)
     if report.problems:
         raise InputError(report.problems)
     return sweep
@@ -323,7 +320,7 @@ def _check_together(sweep: Sweep, scenario: Scenario, report: Reporter) -> None:
         report("sampling.method", quoted(sampling.method), text)
 
 
-def _check_values(sweep: Sweep, further: Mapping[str, TableReader], report: Reporter) -> None:
+def _check_values(sweep: Sweep, own: Sequence[Effect], report: Reporter) -> None:
     """Values that the files do not allow.
 
     A value is refused where it is wrong alone, all others as declared, and in every case tried that has it as well.
@@ -335,7 +332,7 @@ def _check_values(sweep: Sweep, further: Mapping[str, TableReader], report: Repo
         """Of the files with some values; a key that names nothing is one without a key."""
         try:
             changes = [(place, v.mode, value) for v, value in values for place in v.places]
-            build_scenario(tables_with(sweep, changes), further)
+            build_scenario(tables_with(sweep, changes), own)
         except KeyProblem as error:
             return [Problem("", "", "", str(error))]
         except InputError as error:

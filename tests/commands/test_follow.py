@@ -109,7 +109,7 @@ def test_mistakes_of_all_inputs_are_reported_together(tmp_path, robot, capsys):
         ("x,y,z\n0,0,0.2\n", "step: missing column"),
         ("step,x,y,z,dx\n1,0,0,0.2,1\n", "all three or none"),
         ("step,x,y,zz\n1,0,0,0.2\n", "did you mean z?"),
-        ("step,x,y,z\n", "has no targets"),
+        ("step,x,y,z\n", "has no rows"),
     ],
 )
 def test_columns_are_checked(tmp_path, robot, capsys, text, expected):

@@ -100,9 +100,8 @@ def test_the_loading_file_is_read_as_it_was_planned(ambiguous, tmp_path):
 
     (tmp_path / "loading.csv").write_text(IdentificationResult.next_loading(Made()), encoding="utf-8")
     table = pd.read_csv(tmp_path / "loading.csv", dtype=str)
-    table.insert(0, "line", range(2, 2 + len(table)))
-    (ids, steps, branches), wrong = read_loading(table, ambiguous.problem.data.robot, "loading.csv")
-    assert (ids, branches, wrong) == ((1, 2, 3), ("next",) * 3, [])
+    ids, steps, branches = read_loading(table, ambiguous.problem.data.robot, "loading.csv")
+    assert (ids, branches) == ((1, 2, 3), ("next",) * 3)
     assert [s.tensions for s in steps] == [dict(s.tensions) for s in planned.steps]
     assert [s.loads["tip"].force for s in steps] == [s.loads["tip"].force for s in planned.steps]
 

@@ -34,9 +34,9 @@ from tdcr_fe.model.schema import keys_of
 from tdcr_fe.model.tendon import Tendon
 
 
-def problems_of(path: Path, further_tables=None) -> list[Problem]:
+def problems_of(path: Path) -> list[Problem]:
     with pytest.raises(InputError) as caught:
-        read_scenario(path, further_tables)
+        read_scenario(path)
     assert caught.value.problems
     for p in caught.value.problems:
         assert str(p) in str(caught.value)
@@ -355,19 +355,6 @@ def paths(data, prefix=""):
         yield f"{prefix}{key}"
         if isinstance(value, dict | list):
             yield from paths(value, f"{prefix}{key}.")
-
-
-def test_further_table_gets_table_robot_and_model_and_changes_them(tmp_path):
-    def read(table, robot, model, steps, report):
-        if table["g"] < 0:
-            report("weight.g", str(table["g"]), "zero or more")
-        return robot.with_backbone(density=1.0), Model(gravity=(table["g"], 0.0, 0.0)), steps
-
-    further = {"weight": read}
-    scenario = read_scenario(write(tmp_path, scenario=changed(SCENARIO, {"weight": {"g": 2.0}})), further)
-    assert (scenario.model.gravity, scenario.robot.backbone.density) == ((2.0, 0.0, 0.0), 1.0)
-    (problem,) = problems_of(write(tmp_path, scenario=changed(SCENARIO, {"weight": {"g": -2.0}})), further)
-    assert problem.key == "weight.g"
 
 
 # ---------------------------------------------------------------------------------------------- written back
