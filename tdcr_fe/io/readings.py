@@ -130,8 +130,8 @@ def read_observations(
             at = reading.location
             key = (reading.step, reading.quantity, round(at, 7) if isinstance(at, float) else at)
             if key in seen:
-                there = f"stands in line {seen[key]}; that one is kept"
-                raise _Fault("step", f"the same quantity at the same location and step {there}")
+                text = f"the same quantity at the same location and step stands in line {seen[key]}"
+                raise _Fault("step", f"{text}; that one is kept")
         except _Fault as fault:
             found, quantity = str(row[fault.column]), str(row["quantity"])
             bad.append(
@@ -226,10 +226,8 @@ def refuse_if_doubtful(bad: Sequence[BadRow], sound: Sequence[Reading], robot: R
     problems = []
     for unit in dict.fromkeys(b.unit for b in in_unit):
         values = [abs(float(b.value)) for b in in_unit if b.unit == unit]
-        about = (
-            f"values up to {max(values):g} for a robot of {robot.backbone.length:g} m: are they in {unit}? "
-        )
-        about += "All numbers must be in SI units (m, rad, N)"
+        about = f"values up to {max(values):g} for a robot of {robot.backbone.length:g} m: "
+        about += f"are they in {unit}? All numbers must be in SI units (m, rad, N)"
         problems.append(Problem(file, "value", f"{len(values)} of {total} rows", about))
     reasons: dict[tuple[str, str], list[BadRow]] = {}
     for b in bad:

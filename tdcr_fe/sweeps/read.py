@@ -109,6 +109,7 @@ def read_sweep(
         path = Path(source)
         (data, sha256), robot = read_toml(path), None
     report = Reporter(str(path))
+
     def sound(read: Callable[[], Any]) -> Any:
         """What a function returns; None where it finds mistakes, which are reported with the others."""
         try:
