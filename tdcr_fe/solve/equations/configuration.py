@@ -61,7 +61,6 @@ class Move(NamedTuple):
 
     configuration: Configuration
     fraction: float  # Fraction of the step that was taken [1]
-    turn: float  # Of the element that turns most in the whole step [rad]
 
 
 class ConfigurationSpace:
@@ -203,7 +202,7 @@ class ConfigurationSpace:
             coordinates[reduction.other_coordinates] += rest[:n2]
             multipliers[reduction.other_multipliers] += rest[n2:]
         moved = Unknowns(coordinates, multipliers, twists, tuple(bases))
-        return Move(self.build(moved, start.parameters), fraction, turn)
+        return Move(self.build(moved, start.parameters), fraction)
 
     def write(self, configuration: Configuration, initial: bool = False) -> None:
         """Make this the current configuration of Exudyn's scene; with ``initial`` the initial one, too."""

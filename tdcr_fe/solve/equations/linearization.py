@@ -234,24 +234,6 @@ class Linearization(NamedTuple):
             factors.slack[p.tensions.start - first : p.tensions.stop - first] for p in self.numbering.robots
         )
 
-    def step(self, unbalanced: Array, forces: tuple[TendonForces, ...], inputs: tuple[Array, ...]) -> Array:
-        """Step at fixed friction that undoes a residual, shape (linear,); the same tendons stay slack.
-
-        Parameters
-        ----------
-        unbalanced
-            Reduced residual, shape (reduced,).
-        forces
-            By robot.
-        inputs
-            By robot, prescribed tensions [N] and displacements [m], shape (m,).
-        """
-        factors = self.factorisation
-        if not isinstance(factors, BorderedFactors):
-            return factors.solve(-unbalanced)
-        gap, tension = self._gaps(forces, inputs)
-        return factors.solve(-np.concatenate((unbalanced, np.where(factors.slack, tension, gap))))
-
     def response(self, changes: tuple[Array, ...], clamped: Sequence[slice]) -> Array:
         """Change of the unknowns with the inputs, shape (linear,); the same tendons stay slack.
 
@@ -280,7 +262,15 @@ class Linearization(NamedTuple):
 
         After the step every tendon with prescribed displacement is taut and meets it, or has no tension and takes less
         length than its base lets out: a complementarity problem in the tensions, with the robot in equilibrium.
-        Arguments as of `step`.
+
+        Parameters
+        ----------
+        unbalanced
+            Reduced residual, shape (reduced,).
+        forces
+            By robot.
+        inputs
+            By robot, prescribed tensions [N] and displacements [m], shape (m,).
 
         Far from a solution the problem may have none: with friction against the pull, or near buckling, a tendon that
         is pulled may let others go. The step is then that of a positive definite matrix nearby, which has one always;
@@ -296,7 +286,8 @@ class Linearization(NamedTuple):
         if not solved:
             new, solved = solve_nonnegative(positive_definite_near(factors.schur), at_zero, tension)
         if not solved:
-            return self, self.step(unbalanced, forces, inputs)
+            missed = np.where(factors.slack, tension, gap)
+            return self, factors.solve(-np.concatenate((unbalanced, missed)))
         linear = self._replace(factorisation=factors.with_slack(new == 0.0))
         return linear, factors.at_tensions(start, new - tension)
 

@@ -91,7 +91,7 @@ class SubstepSolver:
                 near = result.linearization or linear
                 return result._replace(linearization=near, predicted_slips=first.slips), first.slope
             spent = result.iterations
-        result = newton(self.system, state, target, self.settings, linearization=linear)
+        result = newton(self.system, state, target, self.settings)
         return result._replace(iterations=result.iterations + spent), None
 
     def _among_triangles(self, predicted: SolverState, state: SolverState, target: Target) -> bool:

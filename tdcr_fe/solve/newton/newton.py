@@ -16,20 +16,10 @@ from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.convergence import Iterate, NewtonStatus, Unmet, first_unmet, stalled
-from tdcr_fe.solve.newton.steps import NewtonStep, advanced, chord_step, damped_step, full_step, step_with
+from tdcr_fe.solve.newton.steps import NewtonStep, advanced, damped_step, full_step
 
 Array = NDArray[np.float64]
 
-#: Contraction of a chord step: a step with the tangent of the iteration before leaves about this times the residual,
-#: per turn of the elements since [1/rad]; a prediction that met the tolerance in all of 216 steps of three routings.
-CHORD_CONTRACTION = 3.0
-#: A residual below this fraction of the tolerance is not reduced further [1]. With four times as much, twenty random
-#: robots took 3 % fewer iterations; with a quarter, 10 % more; their errors were the same.
-MARGIN = 0.05
-#: The first step may use a linearisation from whose elements none has turned by more than this since [rad].
-NEAR_TURN = 0.01
-#: And only where the relative residual is below this: else the tangent changes more with the loads than with the state.
-NEAR_RESIDUAL = 0.01
 #: How often contact that opens or closes is updated in one solve.
 MOST_CONTACT_UPDATES = 20
 
@@ -75,7 +65,6 @@ def newton(
     *,
     damped: bool = False,
     presliding: float | None = None,
-    linearization: Linearization | None = None,
     friction_fixed: bool = False,
 ) -> NewtonResult:
     """Solve for equilibrium.
@@ -96,9 +85,6 @@ def newton(
         Kelley, D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508-523).
     presliding
         Presliding distance, replaces that of the settings [m].
-    linearization
-        Of a state near the initial one, as that of the last load step. Where it is near enough, the first step is taken
-        with it, which saves a factorisation: from a solved state that step is a prediction in any case.
     friction_fixed
         Keep the mobilisations of the initial state, whatever their history.
     """
@@ -117,7 +103,7 @@ def newton(
         residual = system.residual(trial, target, solve.numbering)
     # Iterates far off may overflow; the residual is then not a number, which ends the solve by name.
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        result = solve.iterate(residual, linearization)
+        result = solve.iterate(residual)
         return solve.with_contact(trial, result) if system.has_contact else result
 
 
@@ -168,15 +154,13 @@ class _Solve(NamedTuple):
             )
         return result._replace(status=NewtonStatus.NO_CONTACT_STATE) if result.converged else result
 
-    def iterate(self, residual: Residual, near: Linearization | None = None) -> NewtonResult:
-        """Newton's iteration from a first residual; its first step may use the linearisation of a near state."""
+    def iterate(self, residual: Residual) -> NewtonResult:
+        """Newton's iteration from a first residual."""
         system, numbering, settings, damped = self.system, self.numbering, self.settings, self.damped
-        if not self._is_usable(near, residual):
-            near = None
         limit = 10 * settings.max_iterations if damped else settings.max_iterations
         residuals: list[float] = []
         step: NewtonStep | None = None
-        turn, predicted = 0.0, None
+        predicted = None
         damping = system.layout.scales.elastic_force * system.length if damped else None
 
         def end(status: NewtonStatus, unmet: Unmet | None = None) -> NewtonResult:
@@ -192,32 +176,22 @@ class _Solve(NamedTuple):
             if not isfinite(residual.size):
                 return end(NewtonStatus.NOT_FINITE)
             unmet = first_unmet(self._iterate(residual, step), settings)
-            chord_allowed = step is not None and step.chords > 0 and step.friction_kept and not damped
-            # A chord step costs little: it is also taken where the tolerance is only just met.
-            if unmet is None and not (chord_allowed and residual.size > MARGIN * settings.tolerance):
+            if unmet is None:
                 return end(NewtonStatus.CONVERGED)
             if len(residuals) > limit or (not damped and system.contact_goes_astray(residuals)):
-                return end(NewtonStatus.CONVERGED if unmet is None else unmet.status, unmet)
-            # Expected after a chord step; if it does not suffice, the next step has its own tangent.
-            left = CHORD_CONTRACTION * turn * residual.size
-            chord = chord_allowed and (unmet is None or left < MARGIN * settings.tolerance)
+                return end(unmet.status, unmet)
             try:
-                if chord and step is not None:
-                    step = chord_step(step, numbering, residual)
-                elif damping is not None:
+                if damping is None:
+                    step = full_step(system, residual, numbering, self.presliding)
+                else:
                     step = damped_step(system, residual, numbering, self.presliding, damping)
                     damping = step.damping
-                elif near is not None and step is None:
-                    # Its chord steps contract less, so two may follow.
-                    step = step_with(near, system, residual, numbering, self.presliding)._replace(chords=2)
-                else:
-                    step = full_step(system, residual, numbering, self.presliding)
             except np.linalg.LinAlgError:
                 return end(NewtonStatus.SINGULAR)
             if len(residuals) == 1:
                 predicted = step.slips
             before = residual.size
-            trial, turn = advanced(system, residual.state, step, numbering, settings.max_turn)
+            trial = advanced(system, residual.state, step, numbering, settings.max_turn)
             # Newton's steps are taken with the contact of their start, a damped motion opens and closes it on its way.
             residual = system.residual(
                 trial, residual.target, numbering, len(residuals), hold_contact=not damped
@@ -226,21 +200,6 @@ class _Solve(NamedTuple):
             if last and first_unmet(self._iterate(residual, step), settings, balance=False) is None:
                 residuals.append(residual.size)
                 return end(NewtonStatus.STALLED)
-
-    def _is_usable(self, linearization: Linearization | None, residual: Residual) -> bool:
-        """Whether the first step from a state may be taken with a linearisation.
-
-        What else is in a scene, such as contact, may change its stiffness without any turn of an element, so there must
-        be nothing but robots.
-        """
-        return (
-            linearization is not None
-            and not self.damped
-            and residual.size < NEAR_RESIDUAL
-            and self.numbering.same_unknowns(linearization.numbering)
-            and self.system.tangent_follows_from_elements()
-            and linearization.turn_since(residual.state.configuration.twists) <= NEAR_TURN
-        )
 
     def _iterate(self, residual: Residual, step: NewtonStep | None) -> Iterate:
         """What the convergence tests see after a step; None at the start."""

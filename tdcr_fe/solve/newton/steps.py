@@ -236,11 +236,8 @@ class NewtonStep(NamedTuple):
 
     change: Array  # (total,)
     linearization: Linearization  # The linearisation used
-    # Whether every hole continues to slip in its direction, so that a chord step may follow
-    friction_kept: bool
     damping: float = 0.0  # Damping used [N m]
-    chords: int = 1  # Chord steps that may still follow with the same linearisation
-    # (k,): Slip residual after the step at fixed friction, where friction is kept [m]
+    # (k,): Slip residual after the step at fixed friction, where every hole keeps slipping in its direction [m]
     slips: Array | None = None
 
 
@@ -249,35 +246,17 @@ def full_step(
 ) -> NewtonStep:
     """A step with a new tangent: at fixed friction where every hole keeps slipping, else a complementarity step."""
     linear = system.linearize(residual, numbering, damping)
-    return step_with(linear, system, residual, numbering, presliding, damping)
-
-
-def step_with(
-    linear: Linearization,
-    system: SceneSystem,
-    residual: Residual,
-    numbering: Numbering,
-    presliding: float,
-    damping: float = 0.0,
-) -> NewtonStep:
-    """A step with a given linearisation, of this or a near state."""
     linear, fixed = linear.complementarity_step(residual.unbalanced, residual.forces, residual.target.inputs)
     if not numbering.has_friction:
-        return NewtonStep(fixed, linear, True, damping)
+        return NewtonStep(fixed, linear, damping)
     state, forces = residual.state, residual.forces
     mobilised = mobilisations(numbering, state)
     slips = slip_residual(numbering, forces, state, fixed, presliding)
     if all_keep_slipping(mobilised, slips):
-        return NewtonStep(_padded(fixed, numbering), linear, True, damping, slips=slips)
+        return NewtonStep(_padded(fixed, numbering), linear, damping, slips)
     coupling = FrictionCoupling.of(numbering, forces, system.layout.clamped, linear.slack)
     change = friction_step(coupling, linear.factorisation.solve, fixed, slips, mobilised, presliding)
-    return NewtonStep(change, linear, False, damping)
-
-
-def chord_step(before: NewtonStep, numbering: Numbering, residual: Residual) -> NewtonStep:
-    """Chord step: with the tangent and frames of the previous iteration, at fixed friction."""
-    change = before.linearization.step(residual.unbalanced, residual.forces, residual.target.inputs)
-    return before._replace(change=_padded(change, numbering), chords=before.chords - 1)
+    return NewtonStep(change, linear, damping)
 
 
 def damped_step(
@@ -324,8 +303,8 @@ def _padded(fixed: Array, numbering: Numbering) -> Array:
 
 def advanced(
     system: SceneSystem, state: SolverState, step: NewtonStep, numbering: Numbering, max_turn: float
-) -> tuple[SolverState, float]:
-    """The state after a step, no element turning more than allowed; and the turn of the whole step [rad]."""
+) -> SolverState:
+    """The state after a step, no element turning more than allowed."""
     chains: tuple[ElementChain, ...] = step.linearization.chains
     change = step.change
     move = system.layout.space.move(state.configuration, change, chains, max_turn)
@@ -345,5 +324,4 @@ def advanced(
             new = mobilisation[i].copy()
             new[part.frictional] = np.clip(new[part.frictional] + move.fraction * slipped, -1.0, 1.0)
             mobilisation = (*mobilisation[:i], new, *mobilisation[i + 1 :])
-    moved = state._replace(configuration=move.configuration, base_tension=tension, mobilisation=mobilisation)
-    return moved, move.turn
+    return state._replace(configuration=move.configuration, base_tension=tension, mobilisation=mobilisation)
