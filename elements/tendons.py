@@ -295,7 +295,13 @@ class CableGeometry:
         return lever
 
     def shift_in_holes(self, positions: Array, rotations: Array) -> None:
-        """Shift the tendons sideways inside oversized holes, in the direction of their pull.
+        """Shift the tendons sideways inside oversized holes, see `shifted`."""
+        if self.clearance is not None:
+            self.offsets = self.shifted(positions, rotations)
+            self._lever = self._levers()
+
+    def shifted(self, positions: Array, rotations: Array) -> Array:
+        """Where the tendons lie in oversized holes, shifted sideways in the direction of their pull [m].
 
         At a hole the tendon pulls along ``b = d_before + d_after``, the unit vectors from the middle of the hole to
         those of its neighbours (below the base plate: straight down). In the plane of the disk it is shifted by
@@ -304,27 +310,30 @@ class CableGeometry:
         Parameters
         ----------
         positions, rotations
-            Of the nodes that carry holes [m], shapes (N, 3) and (N, 3, 3).
+            Of the nodes that carry holes [m], shapes (..., N, 3) and (..., N, 3, 3).
+
+        Returns
+        -------
+        ndarray, shape (..., m, n+1, 3)
         """
-        if self.clearance is None:
-            return
-        frames = rotations[self.nodes]
-        middle = positions[self.nodes] + (frames @ self.nominal[..., None])[..., 0]
-        d = np.diff(middle, axis=1)
-        length = np.linalg.norm(d, axis=2, keepdims=True)
+        assert self.clearance is not None
+        frames = rotations[..., self.nodes, :, :]
+        middle = positions[..., self.nodes, :] + (frames @ self.nominal[..., None])[..., 0]
+        d = np.diff(middle, axis=-2)
+        length = np.linalg.norm(d, axis=-1, keepdims=True)
         d = d / np.where(length > 0.0, length, 1.0)
         pull = np.zeros_like(middle)
-        pull[:, :-1] += d
-        pull[:, 1:] -= d
-        pull[:, 0] -= frames[:, 0, :, 0]
-        local = (pull[:, :, None, :] @ frames)[:, :, 0, :]
+        pull[..., :-1, :] += d
+        pull[..., 1:, :] -= d
+        pull[..., 0, :] -= frames[..., 0, :, 0]
+        local = (pull[..., None, :] @ frames)[..., 0, :]
         local[..., 0] = 0.0
-        size = np.sqrt(np.einsum("mki,mki->mk", local, local) + self.CLEARANCE_ANGLE**2)
+        size = np.sqrt(np.einsum("...i,...i->...", local, local) + self.CLEARANCE_ANGLE**2)
         inner = np.ones(self.nodes.shape, dtype=bool)
-        inner[:, 1:] = np.concatenate((self.mask[:, 1:], np.zeros((len(self.mask), 1), dtype=bool)), axis=1)
-        shift = np.where(inner, self.clearance[:, None] / size, 0.0)
-        self.offsets = self.nominal + local * shift[..., None]
-        self._lever = self._levers()
+        inner[:, 1:-1], inner[:, -1] = self.mask[:, 1:], False
+        return np.asarray(
+            self.nominal + local * np.where(inner, self.clearance[:, None] / size, 0.0)[..., None]
+        )
 
     def holes(self, positions: Array, rotations: Array) -> Array:
         """World positions of all holes [m], shape (m, n+1, 3)."""
@@ -333,12 +342,6 @@ class CableGeometry:
     def lengths(self, positions: Array, rotations: Array) -> Array:
         """Lengths of the segments only [m], shape (m, n)."""
         return np.linalg.norm(np.diff(self.holes(positions, rotations), axis=1), axis=2) * self.mask
-
-    def directions(self, positions: Array, rotations: Array) -> Array:
-        """Unit vectors of the segments from base to anchor, zero where padded, shape (m, n, 3)."""
-        d = np.diff(self.holes(positions, rotations), axis=1)
-        length = np.linalg.norm(d, axis=2, keepdims=True)
-        return d / np.where(length > 0.0, length, 1.0)
 
     def evaluate(self, positions: Array, rotations: Array) -> CableShape:
         """Lengths and angles.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import exudyn as exu
@@ -17,7 +17,7 @@ from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.scene.mesh import softened_stiffness
+from tdcr_fe.scene.mesh import softened
 
 Array = NDArray[np.float64]
 #: A tension this far below zero is taken as zero: round-off of the user's function [N].
@@ -160,17 +160,11 @@ class AssembledRobot:
         if factor == self._compliance:
             return
         self._compliance = factor
-        softer = softened_stiffness(self.mesh, self.rigid, factor)
-        for beam, stiffness, rigid in zip(self.oBeams, softer, self.rigid, strict=True):
-            if not rigid:
-                section = self.mbs.GetObjectParameter(beam, "sectionData")
-                section.stiffnessMatrix = np.diag(stiffness)
-                self.mbs.SetObjectParameter(beam, "sectionData", section)
-        model, section = self.actuation.model, self.actuation.section
-        if section is not None and section.superelastic is not None:
-            bending = np.where(self.rigid, 0.0, self.mesh.stiffness[:, 5] / factor)
-            section = replace(section, superelastic=replace(section.superelastic, bending_stiffness=bending))
-        self.actuation.model = replace(model, mesh=replace(self.mesh, stiffness=softer), section=section)
+        self.actuation.model = softened(self.actuation.model, self.mesh, self.rigid, factor)
+        for beam, stiffness in zip(self.oBeams, self.actuation.model.mesh.stiffness, strict=True):
+            section = self.mbs.GetObjectParameter(beam, "sectionData")
+            section.stiffnessMatrix = np.diag(stiffness)
+            self.mbs.SetObjectParameter(beam, "sectionData", section)
 
     # ------------------------------------------------------------------ reading
 

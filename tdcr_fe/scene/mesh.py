@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from tdcr_fe.elements.backbone import (
     add_residual_flexibility,
     subdivide,
 )
+from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
 
@@ -118,13 +120,25 @@ def build_mesh(
     return BackboneMesh(arc, stiffness, b.mass_per_length * one * density, rotary, precurvature), rigid
 
 
-def softened_stiffness(mesh: BackboneMesh, rigid: NDArray[np.bool_], factor: float) -> NDArray[np.float64]:
-    """Stiffness of every element with its compliance in bending and torsion multiplied by a factor, shape (E, 6).
+def softened(forces: ForceModel, mesh: BackboneMesh, rigid: NDArray[np.bool_], factor: float) -> ForceModel:
+    """The force model of a backbone that has crept; rigid inserts stay as they are.
 
-    The residual bending flexibility in the shear is scaled by the same factor; rigid inserts stay as they are.
+    Parameters
+    ----------
+    forces
+        Of the same backbone, crept or not.
+    mesh, rigid
+        Before it crept.
+    factor
+        On the compliance in bending and torsion [1].
     """
+    section = forces.section
+    if section is not None and section.superelastic is not None:
+        bending = np.where(rigid, 0.0, mesh.stiffness[:, 5] / factor)
+        section = replace(section, superelastic=replace(section.superelastic, bending_stiffness=bending))
     softer = mesh.stiffness.copy()
+    # The bending flexibility within the shear grows by the same factor.
     add_residual_flexibility(softer, mesh.lengths, factor - 1.0)
     softer[:, 3:] /= factor
     softer[rigid] = mesh.stiffness[rigid]
-    return softer
+    return replace(forces, mesh=replace(mesh, stiffness=softer), section=section)

@@ -1,7 +1,4 @@
-"""Derivatives by differences: rules for the steps, models beside the present one, and changes of the inputs.
-
-What follows from a parameter by explicit formulas is differentiated by such quotients.
-"""
+"""Derivatives by differences: rules for the steps, models beside the present one, and changes of the inputs."""
 
 from __future__ import annotations
 
@@ -14,8 +11,8 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.model.loading import Actuation, LoadStep, resolve
-from tdcr_fe.solve.equations.robot_model import RobotModel
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, StepInput
+from tdcr_fe.solve.sensitivities.robot_model import RobotModel
 from tdcr_fe.solve.simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -48,7 +45,8 @@ class NoDerivative(ValueError):
 class Stencil:
     """Experiments at neighbouring values, and the weights with which they give a derivative."""
 
-    weights: np.ndarray  # (k,): Of the neighbours
+    offsets: np.ndarray  # (k,): Of the neighbours' values from the present one
+    weights: np.ndarray  # as `offsets`
     base_weight: float  # Of the present experiment
     experiments: tuple[Experiment, ...]  # The neighbours
 
@@ -84,7 +82,7 @@ def stencil(
             if not isinstance(reason, StructureChanged):
                 reason = error
             continue
-        return Stencil(np.array(weights) / step, base / step, found)
+        return Stencil(step * np.array(offsets), np.array(weights) / step, base / step, found)
     raise NoDerivative(parameter, reason) from reason
 
 
@@ -128,15 +126,6 @@ def same_structure(present: Sequence[LoadStep], other: Sequence[LoadStep]) -> bo
         and {n: x.frame for n, x in a.loads.items()} == {n: x.frame for n, x in b.loads.items()}
         for a, b in zip(present, other, strict=True)
     )
-
-
-class Inherited(NamedTuple):
-    """Derivatives of what an increment inherits, and of its times."""
-
-    slip: Array  # (m, g, P): Of the history [m, m/s]
-    slip_rate: Array  # as `slip`
-    time: Array  # (P,): Of the time at its end, and of its duration [s]
-    elapsed: Array  # as `time`
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,46 +195,6 @@ def _check_structure(present: RobotModel, other: RobotModel) -> None:
         raise StructureChanged("the mesh has other nodes there")
     if a.law.shape != b.law.shape or not np.array_equal(a.law.parameters.mask, b.law.parameters.mask):
         raise StructureChanged("the tendons have other holes there")
-
-
-@dataclass(frozen=True, eq=False)
-class ParameterModels:
-    """Models of a robot at the present values of its parameters, and at neighbouring values of each."""
-
-    present: RobotModel  # At the present values
-    neighbours: tuple[Neighbours, ...]  # By parameter of the description; inputs of the load steps have none
-    count: int  # Number of parameters P, inputs included
-
-    def where(self, differs: Callable[[RobotModel, RobotModel], bool]) -> Stacked:
-        """The models of the parameters by which something differs from the present model."""
-        return Stacked.of(
-            self.present, [x for x in self.neighbours if any(differs(self.present, m) for m in x.models)]
-        )
-
-
-class Stacked(NamedTuple):
-    """Models of some parameters, the present model first."""
-
-    models: list[RobotModel]
-    parameters: NDArray[np.int_]  # (P',): Numbers of the parameters
-    weights: Array  # (P', S): Of the models in each derivative
-
-    @classmethod
-    def of(cls, present: RobotModel, chosen: Sequence[Neighbours]) -> Stacked:
-        """The models of all chosen parameters."""
-        models = [present]
-        weights = np.zeros((len(chosen), 1 + sum(len(x.models) for x in chosen)))
-        for row, each in enumerate(chosen):
-            weights[row, 0] = each.stencil.base_weight
-            weights[row, len(models) : len(models) + len(each.models)] = each.stencil.weights
-            models += each.models
-        numbers = np.array([x.number for x in chosen], dtype=int)
-        return cls(models, numbers, weights)
-
-    def derivative(self, values: Array) -> Array:
-        """Derivatives from values of all models, (S, ...) to (..., P')."""
-        found = self.weights @ values.reshape(len(values), -1)
-        return np.moveaxis(found.reshape(len(found), *values.shape[1:]), 0, -1)
 
 
 class InputValues(NamedTuple):

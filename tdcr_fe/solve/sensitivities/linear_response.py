@@ -30,12 +30,15 @@ from scipy.linalg import lu_factor, lu_solve
 from tdcr_fe.elements.backbone import INSERT_FACTORS, BackboneMesh, strain_matrices
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.friction import FrictionState
+from tdcr_fe.elements.poses import skew
+from tdcr_fe.elements.tendons import CableGeometry
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import Numbering, RobotUnknowns, zero_bases
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.sensitivities.cables import hole_disturbance, shift_variation
+from tdcr_fe.solve.sensitivities.explicit import ForceChange
+from tdcr_fe.solve.sensitivities.robot_model import RobotPoint, TendonStack
 
 Array = NDArray[np.float64]
 
@@ -43,6 +46,8 @@ Array = NDArray[np.float64]
 STIFF = 1e3
 #: Mobilisations this near to their bounds are at them [1].
 AT_BOUND = 1e-7
+#: Difference step of tendons in oversized holes over the length of a segment, and of a node's turn [rad].
+SHIFT_STEP = 1e-6
 
 
 Solve = Callable[[Array], Array]
@@ -245,34 +250,23 @@ class SolvedPoint:
         own, poses = self.forces[robot], self.state.configuration.poses[robot]
         geometry, which = own.model.geometry, own.model.cable_nodes
         assert geometry is not None
-        (m, n), nodes = own.model.law.shape, self.numbering.robots[robot].nodes
-        inner = np.zeros((n + 1, 3, m), dtype=bool)
-        inner[0, 1:] = True
-        inner[1:-1, 1:] = geometry.mask[:, 1:].T[:, None]
-        places = np.flatnonzero(inner.ravel())
+        places = np.zeros((*geometry.nodes.shape, 3), dtype=bool)
+        places[:, 0, 1:] = True
+        places[:, 1:-1, 1:] = geometry.mask[:, 1:, None]
+        none = [Disturbance.none(x, int(places.sum())) for x in self.forces]
+        point = RobotPoint(
+            *poses, self.state.configuration.twists[robot], own.base_tension, own.field.mobilisation
+        )
+        none[robot] = none[robot]._replace(**_pushed(own, point, places)._asdict())
+        by_shift = self._respond_with_holes(tuple(none))
+        rows = _shifts(geometry, poses[0][which], poses[1][which])[places]
 
         def shifts(unknowns: Array) -> Array:
             """Shifts of the holes that can shift as the robot moves, shape (q, P)."""
-            count = unknowns.shape[1]
-            moved = unknowns[nodes].reshape(-1, 6, count)[which]
-            still = np.zeros((n + 1, 3, m, count)), np.zeros((m, count))
-            found = shift_variation(geometry, poses[0][which], poses[1][which], moved, *still)
-            return np.asarray(found.reshape(-1, count)[places])
+            moved = unknowns[self.numbering.robots[robot].nodes]
+            return np.asarray(rows @ moved.reshape(len(poses[0]), -1)[which].reshape(rows.shape[1], -1))
 
-        units = np.zeros((inner.size, len(places)))
-        units[places, np.arange(len(places))] = 1.0
-        none = [Disturbance.none(x, len(places)) for x in self.forces]
-        pushed = hole_disturbance(
-            own,
-            poses[1],
-            units.reshape(n + 1, 3, m, -1),
-            slice(None),
-            none[robot].tension,
-            none[robot].released,
-        )
-        none[robot] = none[robot]._replace(**pushed._asdict())
-        by_shift = self._respond_with_holes(tuple(none))
-        found = np.linalg.solve(np.eye(len(places)) - shifts(by_shift.unknowns), shifts(response.unknowns))
+        found = np.linalg.solve(np.eye(len(rows)) - shifts(by_shift.unknowns), shifts(response.unknowns))
         tendons = tuple(
             TendonChange(*(a + b @ found for a, b in zip(x, y, strict=True)))
             for x, y in zip(response.tendons, by_shift.tendons, strict=True)
@@ -371,6 +365,44 @@ class SolvedPoint:
         for here, sticks, change in zip(places, stuck, changes, strict=True):
             change[sticks] = found[here]
         return np.asarray(fixed + response @ found)
+
+
+def _pushed(own: TendonForces, point: RobotPoint, places: NDArray[np.bool_]) -> ForceChange:
+    """Change of the forces with the tendons' places in their holes, which are chosen by shape (m, n+1, 3)."""
+    law, offsets = own.model.law, own.measured.offsets
+    assert offsets is not None
+    step = SHIFT_STEP * law.parameters.lengths[law.parameters.mask].min()
+    units = np.zeros((int(places.sum()), places.size))
+    units[:, places.ravel()] = np.eye(len(units))
+    moved = step * units.reshape(-1, *places.shape)
+    rate = np.zeros_like(point.mobilisation) if own.field.slip_rate is None else own.field.slip_rate
+    stack = TendonStack.with_offsets(own.model, np.concatenate((offsets + moved, offsets - moved)))
+    values = stack.at(point, np.tile(rate, (stack.size, 1, 1)), own.model.cable_nodes)
+    by_place = [np.moveaxis(x[: len(units)] - x[len(units) :], 0, -1) / (2.0 * step) for x in values]
+    wrenches = np.zeros((len(point.positions), 6, len(units)))
+    wrenches[own.model.cable_nodes] = by_place[0]
+    found = ForceChange(wrenches.reshape(-1, len(units)), by_place[1], by_place[2])
+    return found.with_rates(own, rate, None)
+
+
+def _shifts(geometry: CableGeometry, positions: Array, rotations: Array) -> Array:
+    """Derivative of the tendons' places in their holes by body-frame increments of the nodes.
+
+    Shape (m, n+1, 3, 6 (n+1)); poses are those of the nodes with holes.
+    """
+    count = len(positions)
+    lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    steps = SHIFT_STEP * np.repeat((lengths.min(), 1.0), 3)
+    node, component = np.divmod(np.arange(6 * count), 6)
+    size = steps[component]
+    moved = np.zeros((6 * count, count, 6))
+    moved[np.arange(6 * count), node, component] = size
+    ends = []
+    for sign in (1.0, -1.0):
+        along = positions + (rotations @ (sign * moved[..., :3, None]))[..., 0]
+        turned = rotations + rotations @ skew(sign * moved[..., 3:])
+        ends.append(geometry.shifted(along, turned))
+    return np.moveaxis((ends[0] - ends[1]) / (2.0 * size[:, None, None, None]), 0, -1)
 
 
 def _balanced(system: SceneSystem, state: SolverState, target: Target, numbering: Numbering) -> Residual:

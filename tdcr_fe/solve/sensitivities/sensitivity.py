@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.elements.friction import FrictionState
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model.loading import Load, LoadStep
@@ -25,20 +26,19 @@ from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve.equations.configuration import SolverState
-from tdcr_fe.solve.equations.robot_model import RobotModel, RobotPoint, load_wrench
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.load_path import Ramp
 from tdcr_fe.solve.sensitivities.differences import (
-    Inherited,
     InputDerivatives,
     InputValues,
-    ParameterModels,
+    Neighbours,
     load_positions,
     neighbours,
 )
-from tdcr_fe.solve.sensitivities.explicit import ExplicitDerivatives
+from tdcr_fe.solve.sensitivities.explicit import ExplicitDerivatives, Inherited
 from tdcr_fe.solve.sensitivities.linear_response import Disturbance, SolvedPoint, TendonChange
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, parameters
+from tdcr_fe.solve.sensitivities.robot_model import RobotModel, RobotPoint
 from tdcr_fe.solve.simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -147,10 +147,11 @@ class SensitivityHistory:
         """
         handle, presliding = simulation.handle, simulation.settings.presliding
         loads = tuple(NodeLoad(handle.mesh.node_at(at, 1e-6), frame) for _, at, frame in simulation.loads)
-        models = _models(handle, experiment, chosen, presliding)
-        frictional = bool(models.present.forces.law.frictional.any())
-        inputs = InputDerivatives.of(experiment, simulation, chosen, models.neighbours, frictional)
-        return cls._begun(handle, presliding, chosen, models, inputs, loads)
+        present, near = _models(handle, experiment, chosen, presliding)
+        frictional = bool(present.forces.law.frictional.any())
+        inputs = InputDerivatives.of(experiment, simulation, chosen, near, frictional)
+        explicit = ExplicitDerivatives(present, near, len(chosen))
+        return cls(handle, presliding, tuple(chosen), explicit, inputs, loads)
 
     @classmethod
     def of_scene(cls, arm: TDCR, names: Sequence[str | Parameter]) -> SensitivityHistory:
@@ -170,7 +171,7 @@ class SensitivityHistory:
                     f"sensitivities: {p.name!r}: a scene has no load steps; name inputs of the call"
                 )
         presliding = arm.actuation.law.presliding
-        models = _models(arm, experiment, chosen, presliding)
+        explicit = ExplicitDerivatives(*_models(arm, experiment, chosen, presliding), len(chosen))
         own = {id(load): name for name, load in arm.loads.items()}
         items = SceneHooks.of(arm.mbs).point_loads
         loads = tuple(
@@ -181,21 +182,7 @@ class SensitivityHistory:
         )
         labels = [own.get(id(x), "") for x in items]
         inputs = InputDerivatives.of_inputs(len(arm.robot.tendons), labels, chosen)
-        return cls._begun(arm, presliding, chosen, models, inputs, loads)
-
-    @classmethod
-    def _begun(
-        cls,
-        handle: TDCR,
-        presliding: float,
-        chosen: Sequence[Parameter],
-        models: ParameterModels,
-        inputs: InputDerivatives,
-        loads: tuple[NodeLoad, ...],
-    ) -> SensitivityHistory:
-        """A history before the first step."""
-        explicit = ExplicitDerivatives(models)
-        return cls(handle, presliding, tuple(chosen), explicit, inputs, loads)
+        return cls(arm, presliding, tuple(chosen), explicit, inputs, loads)
 
     @property
     def carried(self) -> _Carried:
@@ -268,20 +255,22 @@ class SensitivityHistory:
         """Differentiate one substep."""
         before, state, own = carried.derivative, solved.state, solved.forces[robot]
         history = state.friction[robot]
-        point = RobotPoint.of(
-            state.configuration.poses[robot],
-            state.configuration.twists[robot],
-            state.base_tension[robot],
-            state.mobilisation[robot],
-            history,
-            time,
-        )
         mobilisation, at_slip = self._mobilisation(solved, robot, carried)
+        elapsed = time - history.time
+        rate = np.zeros_like(at_slip) if history.slip_rate is None else history.slip_rate
+        if elapsed > 0.0:
+            rate = (at_slip - carried.slip) / elapsed
+        poses = state.configuration.poses[robot]
+        point = RobotPoint(*poses, state.configuration.twists[robot], state.base_tension[robot], mobilisation)
         inherited = Inherited(before.slip, before.slip_rate, inputs.time, inputs.time - before.time)
-        explicit = self.explicit.at(own, point, mobilisation, inherited)
-        wrenches = explicit.wrenches + self._load_wrenches(point, inputs.loads)
+        explicit = self.explicit.at(own, point, rate, (history.time, time), inherited)
         disturbance = Disturbance(
-            wrenches, inputs.tendons, explicit.tension, explicit.released, before.slip, before.mobilisation
+            explicit.wrenches + self._load_wrenches(poses[1], inputs.loads),
+            inputs.tendons,
+            explicit.tension,
+            explicit.released,
+            before.slip,
+            before.mobilisation,
         )
         others = [Disturbance.none(x, len(self.parameters)) for x in solved.forces]
         others[robot] = disturbance
@@ -289,17 +278,16 @@ class SensitivityHistory:
         change = response.tendons[robot]
         law = own.model.law
         slip = law.slip_operator @ change.released
-        elapsed = time - history.time
-        rate = before.slip_rate
+        rates = before.slip_rate
         if elapsed > 0.0:
-            travel = (own.field.slip - history.slip)[:, :, None] / elapsed
-            rate = (slip - before.slip - travel * inherited.elapsed) / elapsed
+            travel = rate[:, : law.groups, None] * inherited.elapsed
+            rates = (slip - before.slip - travel) / elapsed
         after = Derivative(
-            slip, change.mobilisation, rate, change.base_tension, change.released.sum(axis=1), *inputs
+            slip, change.mobilisation, rates, change.base_tension, change.released.sum(axis=1), *inputs
         )
         part = solved.numbering.robots[robot]
         moved = response.unknowns[part.nodes].reshape(-1, 2, 3, len(self.parameters))
-        world = point.rotations[:, None] @ moved
+        world = poses[1][:, None] @ moved
         holes = np.triu(np.ones((law.shape[1] - 1, law.shape[1])), 1)
         displacements = after.base_slip.copy()
         displacements[part.driven] = inputs.tendons[part.driven]
@@ -314,22 +302,21 @@ class SensitivityHistory:
         """
         own, presliding = solved.forces[robot], solved.presliding
         law = own.model.law
-        if law.groups == carried.mobilisation.shape[1] and law.frictional.all():
-            return solved.state.mobilisation[robot], carried.slip
-        operator = self.explicit.law.slip_operator(law.shape[1])
-        slip = own.field.released_length @ operator.T
+        slip = own.field.released_length @ self.explicit.law.slip_operator(law.shape[1]).T
         free = np.clip(carried.mobilisation + (slip - carried.slip) / presliding, -1.0, 1.0)
         if law.groups == free.shape[1]:
             free = np.where(law.frictional, solved.state.mobilisation[robot], free)
         return free, slip
 
-    def _load_wrenches(self, point: RobotPoint, loads: Array) -> Array:
-        """Derivatives of the concentrated loads on the nodes, shape (6 N, P)."""
-        nodes = np.zeros((len(point.positions), len(self.parameters), 6))
+    def _load_wrenches(self, rotations: Array, loads: Array) -> Array:
+        """Derivatives of the concentrated loads on nodes with these rotations, shape (6 N, P)."""
+        count = len(self.parameters)
+        nodes = np.zeros((len(rotations), 2, 3, count))
         for load, values in zip(self.loads, loads, strict=True):
-            if load.node >= 0 and values.any():
-                nodes[load.node] += load_wrench(values.T, load.frame, point.rotations[load.node])
-        return nodes.transpose(0, 2, 1).reshape(-1, len(self.parameters))
+            if load.node >= 0:
+                turn = BEAM_TO_SECTION if load.frame == "section" else rotations[load.node]
+                nodes[load.node] += turn.T @ values.reshape(2, 3, count)
+        return nodes.reshape(-1, count)
 
     # ------------------------------------------------------------------ result
 
@@ -381,12 +368,12 @@ def _presliding_factor(state: FrictionState, history: FrictionState, presliding:
 
 def _models(
     handle: TDCR, experiment: Experiment, chosen: Sequence[Parameter], presliding: float
-) -> ParameterModels:
+) -> tuple[RobotModel, tuple[Neighbours, ...]]:
     """Models of a robot in a scene at the present and at neighbouring values of all parameters."""
     counts = elements_of_bays(handle.robot, handle.model)
     experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=counts))
     present = RobotModel.of(experiment.robot, experiment.model, load_positions(experiment), presliding)
-    return ParameterModels(present, neighbours(experiment, present, chosen, presliding), len(chosen))
+    return present, neighbours(experiment, present, chosen, presliding)
 
 
 def _arc_length(arm: TDCR, load: PointLoad) -> float:
