@@ -105,8 +105,8 @@ def run(args: argparse.Namespace) -> int:
     """Identify what the model of a folder of measured data is missing."""
     from tdcr_fe.identify.identification import NotSolved
     from tdcr_fe.identify.report import write_result
-    from tdcr_fe.identify.sentences import summary
     from tdcr_fe.identify.settings import GRACE_OF_TABLES, IdentifySettings, clock
+    from tdcr_fe.identify.statistics import summary
     from tdcr_fe.io.atomic import check_output_folder
     from tdcr_fe.io.measured import join_measured, read_measured
     from tdcr_fe.io.user_effects import read_own_effects

@@ -1,4 +1,4 @@
-"""Candidate effects: what a model of a real robot may lack, for use in a scenario and by `identify`."""
+"""Candidate effects: what a model of a real robot may be missing, for use in a scenario and by `identify`."""
 
 from __future__ import annotations
 

@@ -236,7 +236,7 @@ class ExcitationRange:
 
 
 class Effect:
-    """A candidate that a model may lack. Adding one takes a class and an entry of `tdcr_fe.effects.EFFECTS`.
+    """A candidate that a model may be missing. Adding one takes a class and an entry of `tdcr_fe.effects.EFFECTS`.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Identification: from measured data to the effects that a declared model lacks."""
+"""Identification: from measured data to the effects that a declared model is missing."""
 
 from __future__ import annotations
 

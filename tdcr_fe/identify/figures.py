@@ -403,7 +403,7 @@ def over_input(result: IdentificationResult) -> Figure:
 
 
 def missing_moment(result: IdentificationResult) -> Figure | None:
-    """Bending moment that the model lacks, by step and arc length; None where it was not computed."""
+    """Bending moment that the model is missing, by step and arc length; None where it was not computed."""
     rest = result.remaining
     if rest.moment is None or rest.bays is None:
         return None

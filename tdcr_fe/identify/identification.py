@@ -1,4 +1,4 @@
-"""Identification: traces the residual of a declared robot to effects that it lacks, until only noise is left."""
+"""Identification: traces the residual of a declared robot to effects that it is missing, until only noise is left."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class NotSolved(Exception):
 def identify(
     data: MeasuredData, settings: IdentifySettings | None = None, progress: Progress | None = None
 ) -> IdentificationResult:
-    """Trace the residual of a declared model to effects that it lacks.
+    """Trace the residual of a declared model to the effects that it is missing.
 
     Parameters
     ----------

@@ -272,10 +272,10 @@ def _shrinking(model: _Model, planned: FitProblem) -> NextExperiment | None:
     (share,) = _remaining_shares(model, [planned]).tolist()
     if not np.isfinite(share):
         return None
-    name = ".".join(model.fit.free[_known_worst(model, planned)[0]])
+    effect, parameter = model.fit.free[_known_worst(model, planned)[0]]
     return NextExperiment(
         steps=planned.data.steps,
-        purpose=f"reduces the standard error of {name} to {share:.2g} of its present value",
-        parameter=name,
+        purpose=f"narrows the interval of {parameter} ({effect}) by {100.0 * (1.0 - share):.0f} %",
+        parameter=f"{effect}.{parameter}",
         remaining_share=share,
     )

@@ -9,7 +9,7 @@ import math
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from tdcr_fe.effects import effect
 from tdcr_fe.identify import figures
@@ -21,14 +21,15 @@ from tdcr_fe.identify.corrected import (
     scenario_names,
 )
 from tdcr_fe.identify.result import IdentificationResult, Misfit
-from tdcr_fe.identify.sentences import half_width, headline, measure, noise_size, remarks, sentences, size
+from tdcr_fe.identify.sentences import headline, measure, noise_size, remarks, sentences, size
 from tdcr_fe.identify.settings import TABLES, OutOfTime
+from tdcr_fe.identify.statistics import correlations, fitted_numbers, statistics
 from tdcr_fe.io.atomic import write_json, write_text
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.model.channels import channel
 from tdcr_fe.report import page as kit
 from tdcr_fe.report import viewer
-from tdcr_fe.report.environment import fixed, quantity, shown_unit, significant, words
+from tdcr_fe.report.environment import quantity, words
 from tdcr_fe.report.motion import Motion
 from tdcr_fe.report.page import Card, Level, Page, Picture, Section
 
@@ -44,36 +45,10 @@ LEVELS: dict[str, Level] = {
 }
 
 
-def _effect_rows(result: IdentificationResult) -> list[dict[str, Any]]:
-    """One row per parameter, as the first screen shows them: value, standard error and half-width in one unit."""
-    rows = []
-    for e in result.effects:
-        for name, p in e.parameters.items():
-            width = half_width(p)
-            factor, unit = shown_unit(p.unit, max(abs(p.value), width or 0.0))
-            value = significant(factor * p.value, 4)
-            if width:
-                value = fixed(factor * p.value, max(1 - math.floor(math.log10(factor * width)), 0))
-            error, half = (significant(None if x is None else factor * x, 2) for x in (p.std_error, width))
-            row = {"value": value, "std_error": error, "half_width": half, "unit": unit, "note": p.note}
-            rows.append({"effect": words(e.name), "parameter": name, **row})
-    return rows
-
-
-def _errors(result: IdentificationResult) -> list[dict[str, str]]:
-    rows = [{"steps": "fitted", "before": size(result.before_fit), "after": size(result.after_fit)}]
-    if result.held_out_steps:
-        before, after = size(result.before_held_out), size(result.after_held_out)
-        rows.append({"steps": "held out", "before": before, "after": after})
-    return rows
-
-
 def _first_screen(result: IdentificationResult) -> Section:
     context = {
-        "effects": _effect_rows(result),
-        "errors": _errors(result),
-        "noise": noise_size(result),
-        "measure": measure(result),
+        "numbers": fitted_numbers(result),
+        "statistics": statistics(result),
         "remarks": [t for texts in remarks(result).values() for t in texts],
         "block": effects_block(result),
         "scenarios": scenario_names(result),
@@ -88,8 +63,12 @@ def _evidence_section(result: IdentificationResult) -> Section:
     described = [
         (e, effect(e.name, result.catalogue).description, noted.get(e.name, [])) for e in result.effects
     ]
-    rows = zip(result.parameter_names, result.correlation, strict=True)
-    context = {"result": result, "effects": described, "size": size, "correlation": list(rows)}
+    context = {
+        "result": result,
+        "effects": described,
+        "size": size,
+        "correlations": correlations(result),
+    }
     return Section("effects", "Effects added, and the evidence", "effects.html.j2", context)
 
 
@@ -159,7 +138,8 @@ def _cards(result: IdentificationResult) -> tuple[Card, ...]:
     space = ", distance in space" if result.noise.rms_position is not None else ""
     cards.append(Card(noise_size(result), f"noise of the measurement alone (rms{space})"))
     count = f"{len(result.data.steps)} / {len(result.data.readings)}"
-    cards.append(Card(count, f"load steps / readings, {len(result.held_out_steps)} steps held out"))
+    held = f"{len(result.held_out_steps)} step{'' if len(result.held_out_steps) == 1 else 's'}"
+    cards.append(Card(count, f"load steps / readings; {held} held out"))
     return tuple(cards)
 
 

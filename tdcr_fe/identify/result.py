@@ -427,7 +427,7 @@ class IdentificationResult:
         return loading_text(self.data.robot, range(1, len(steps) + 1), steps, ["next"] * len(steps))
 
     def __repr__(self) -> str:
-        from tdcr_fe.identify.sentences import summary
+        from tdcr_fe.identify.statistics import summary
 
         return summary(self)
 

@@ -299,7 +299,7 @@ def _held_out(result: IdentificationResult) -> list[str]:
     if not result.held_out_steps or not (result.effects or result.law):
         return []
     before, after = result.before_held_out, result.after_held_out
-    change = f"the error goes from {size(before)} to {size(after)}."
+    change = f"the error changes from {size(before)} to {size(after)}."
     if after.chi2_per_dof < min(2.0, 0.5 * before.chi2_per_dof):
         change = (
             f"the error drops from {size(before)} to {size(after)}, so the corrected model predicts data it was not "
@@ -453,11 +453,11 @@ def next_sentence(result: IdentificationResult) -> list[str]:
         parts += [tip_force(load.force) for load in step.loads.values() if any(load.force)]
         commands.append(", ".join(parts) or "all tendons at zero, no force at the tip")
     # a step in which nothing changes is no step of the experiment
-    how = "; then ".join(text for text, _ in itertools.groupby(commands))
+    how, purpose = "; then ".join(text for text, _ in itertools.groupby(commands)), words(planned.purpose)
     if planned.helps:
-        return [f"Next experiment (next/loading.csv), which {planned.purpose}: {how}."]
+        return [f"Next experiment (next/loading.csv), which {purpose}: {how}."]
     return [
-        f"No experiment within the measured inputs helps much. The best one (next/loading.csv) {planned.purpose}: "
+        f"No experiment within the measured inputs helps much. The best one (next/loading.csv) {purpose}: "
         f"{how}. Measure other quantities (tensions at the base, more markers), or apply forces at the tip."
     ]
 
@@ -485,15 +485,3 @@ def _explainable(result: IdentificationResult) -> list[str]:
 
 def _sigmas(number: float | None) -> str:
     return f"{significant(number)} sigma"
-
-
-def summary(result: IdentificationResult) -> str:
-    """The verdict and the effects with their values, as plain text."""
-    lines = [headline(result), *sentences(result)]
-    noted = remarks(result)
-    for e in result.effects:
-        for name, p in e.parameters.items():
-            notes = (" (95 %)" if p.std_error is not None else "") + (f" ({p.note})" if p.note else "")
-            lines.append(f"    {e.name}.{name} = {estimate(p.value, half_width(p), p.unit)}{notes}")
-        lines += [f"    {text}" for text in noted.get(e.name, [])]
-    return "\n".join(lines)

@@ -56,7 +56,7 @@ class Load(Checked):
 
 @dataclass(frozen=True)
 class LoadStep(Checked):
-    """One step of a loading sequence; what it does not name stays as it was.
+    """One step of a loading sequence; what it does not mention keeps its previous value.
 
     Attributes
     ----------

@@ -29,7 +29,7 @@ from tdcr_fe.identify.load_steps import blocks, choose_held_out
 from tdcr_fe.identify.noise import chi_square_z_score, estimate_sigma, is_noise, outliers, structure
 from tdcr_fe.identify.problem import Fit, refine
 from tdcr_fe.identify.report import render
-from tdcr_fe.identify.sentences import summary
+from tdcr_fe.identify.statistics import summary
 from tdcr_fe.io.measured import MeasuredData, write_measured
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.backbone import StiffnessPatch

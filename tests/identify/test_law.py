@@ -41,8 +41,9 @@ from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.search import search_effects
 from tdcr_fe.identify.search_state import SearchState
-from tdcr_fe.identify.sentences import headline, summary
+from tdcr_fe.identify.sentences import headline
 from tdcr_fe.identify.settings import Budget
+from tdcr_fe.identify.statistics import summary
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Load, LoadStep

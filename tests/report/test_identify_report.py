@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 
@@ -16,7 +17,8 @@ from tdcr_fe.identify import figures
 from tdcr_fe.identify.corrected import corrected_files, corrected_motion, effects_block, markers, replay
 from tdcr_fe.identify.report import LEVELS, render
 from tdcr_fe.identify.result import FoundLaw, Misfit
-from tdcr_fe.identify.sentences import headline, largest_strain, remarks, summary
+from tdcr_fe.identify.sentences import headline, largest_strain, remarks
+from tdcr_fe.identify.statistics import goodness, summary
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.result_folder import read_motion
 from tdcr_fe.io.toml import read_scenario
@@ -45,7 +47,8 @@ def test_the_first_screen_has_verdict_errors_effects_picture_and_next_step(html)
         "Explained: the declared model is missing gravity.",
         "18.8 mm → 0.18 mm", "17.4 mm → 0.187 mm",
         "noise of the measurement alone (rms, distance in space)", "0.173 mm",
-        "standard error", "half-width, 95 %", "m/s²", "as on Earth",
+        "g_y acceleration of gravity along y 6.950 ± 0.014 m/s² 0 m/s²", "not different from the declared value",
+        "reduced chi-square 900 1.05", "as on Earth",
         "Next step: run the corrected robot", "[effects] gravity = {",
     ):  # fmt: skip
         assert words in text
@@ -115,9 +118,31 @@ def test_friction_above_that_of_common_materials_is_named():
     assert not remarks(result(each))
 
 
-def test_the_summary_labels_its_half_widths():
-    text = summary(result(GRAVITY)).replace("\N{NO-BREAK SPACE}", " ")
-    assert "gravity.g_y = 6.950 ± 0.014 m/s² (95 %)" in text
+def test_statistics_are_those_of_lmfit():
+    """A straight line through (0, 1.1), (1, 1.9), (2, 3.2), (3, 3.8): squares of 0.082."""
+    x, y = np.arange(4.0), np.array([1.1, 1.9, 3.2, 3.8])
+    squares = float(np.polyfit(x, y, 1, full=True)[1][0])
+    found = goodness(Misfit(None, None, None, squares / 2.0, 4), 2)
+    # as `lmfit.minimizer.MinimizerResult._calculate_statistics`
+    assert found["chi-square"] == pytest.approx(squares) == pytest.approx(0.082)
+    assert found["Akaike (AIC)"] == pytest.approx(4.0 * math.log(squares / 4.0) + 2.0 * 2)
+    assert found["Bayesian (BIC)"] == pytest.approx(4.0 * math.log(squares / 4.0) + math.log(4.0) * 2)
+
+
+def test_the_printed_result_has_statistics_values_with_intervals_and_correlations():
+    linked = result(GRAVITY, correlation=np.array([[1.0, -0.4], [-0.4, 1.0]]))
+    lines = summary(linked).replace("\N{NO-BREAK SPACE}", " ").splitlines()
+    values = [re.split(" {2,}", line.strip()) for line in lines]
+    assert ["reduced chi-square", "900", "1.05"] in values
+    assert [
+        "gravity: g_y",
+        "6.950 ± 0.014 m/s²",
+        "0.2",
+        "0 m/s²",
+        "acceleration of gravity along y",
+    ] in values
+    assert ["a", "b", "−0.40"] in values
+    assert "not different from the declared value" in summary(linked)  # of g_x, which is 0 +- 0.02
 
 
 def test_a_loop_is_a_run_in_which_one_tendon_moves():
