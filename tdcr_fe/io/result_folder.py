@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,21 +33,33 @@ def _refuse(path: Path, allowed: str, key: str = "", value: str = "") -> InputEr
     return InputError([Problem(str(path), key, value, allowed)])
 
 
-def _table(path: Path, columns: Iterable[str]) -> pd.DataFrame:
+def _table(path: Path, numbers: Sequence[str], texts: Sequence[str] = ()) -> pd.DataFrame:
     """A table with at least these columns; texts stay as they are."""
     import pandas as pd
 
-    texts = {"label", "tendon", "hole_state", "converged"}
+    columns = [*numbers, *texts]
     try:
-        head = list(pd.read_csv(path, nrows=0).columns)
-        missing = [c for c in columns if c not in head]
-        if missing:
+        found = pd.read_csv(
+            path,
+            usecols=lambda name: name in columns,
+            dtype=dict.fromkeys(texts, str),
+            keep_default_na=False,
+            na_values={name: ["", "nan"] for name in numbers},
+        )
+        if missing := [c for c in columns if c not in found.columns]:
             raise _refuse(path, f"missing column; needed are {', '.join(columns)}", missing[0])
-        kinds = {c: str if c in texts else float for c in columns}
-        return pd.read_csv(path, usecols=list(columns), dtype=kinds, keep_default_na=False, na_values={
-            c: ["", "nan"] for c in columns if c not in texts})  # fmt: skip
-    except (ValueError, UnicodeDecodeError, pd.errors.ParserError) as error:
+        return found.astype(dict.fromkeys(numbers, float))
+    except (ValueError, pd.errors.ParserError) as error:
         raise _refuse(path, f"not a table of results: {str(error).splitlines()[0]}") from error
+
+
+def _by_step(rows: pd.DataFrame, path: Path, steps: Sequence[int]) -> Array:
+    """The numbers of a table that has the same rows in every step, shape (n_steps, n_rows, n_columns)."""
+    count, rest = divmod(len(rows), len(steps))
+    if rest or not np.array_equal(rows.step, np.repeat(steps, count)):
+        raise _refuse(path, "must have the same rows in every step of steps.csv", "step")
+    values: Array = rows.select_dtypes("number").drop(columns="step").to_numpy(dtype=float)
+    return values.reshape(len(steps), count, -1)
 
 
 def _summary(path: Path) -> dict[str, Any]:
@@ -81,56 +93,43 @@ def _folder(folder: str | os.PathLike[str]) -> Path:
 
 def _nodes(path: Path, steps: list[int]) -> Nodes:
     """Poses of the nodes from ``shape.csv``, which has the same nodes in every step."""
-    table = _table(path, ["step", "s", "x", "y", "z", "qw", "qx", "qy", "qz"])
-    values: Array = table.to_numpy(dtype=float)
-    count, rest = divmod(len(values), len(steps))
-    if rest or count < 2 or not np.array_equal(values[:, 0], np.repeat(steps, count)):
-        raise _refuse(path, "must have the same backbone nodes in every step of steps.csv", "step")
-    values = values.reshape(len(steps), count, 9)
-    s = values[0, :, 1]
-    if not np.all(np.diff(s) > 0.0) or not np.all(values[:, :, 1] == s):
+    columns = ["step", "s", "x", "y", "z", "qw", "qx", "qy", "qz"]
+    values = _by_step(_table(path, columns)[columns], path, steps)
+    if values.shape[1] < 2 or not np.all(np.isfinite(values)):
+        raise _refuse(path, "must have two nodes or more, and finite numbers")
+    s = values[0, :, 0]
+    if not np.all(np.diff(s) > 0.0) or not np.all(values[:, :, 0] == s):
         raise _refuse(path, "must be ascending, and the same in every step", "s")
-    if not np.all(np.isfinite(values)):
-        raise _refuse(path, "has empty or infinite values")
-    norm = np.linalg.norm(values[:, :, 5:], axis=-1, keepdims=True)
-    if np.any(np.abs(norm - 1.0) > 1e-3):
+    if np.any(np.abs(np.linalg.norm(values[:, :, 4:], axis=-1) - 1.0) > 1e-3):
         raise _refuse(path, "must be unit quaternions", "qw, qx, qy, qz")
-    return Nodes(s, values[:, :, 2:5], values[:, :, 5:])
+    return Nodes(s, values[:, :, 1:4], values[:, :, 4:])
 
 
 def _tensions(
     path: Path, names: list[str], steps: list[int]
 ) -> tuple[tuple[Array, ...], tuple[tuple[tuple[str, ...], ...], ...]]:
     """By tendon: tensions of shape (n_steps, n_segments), and the states of holes by step."""
-    table = _table(path, ["step", "tendon", "segment", "tension", "hole_state"])
-    wrong = sorted(set(table.hole_state) - set(HOLE_STATES))
-    if wrong:
+    table = _table(path, ["step", "tension"], ["tendon", "hole_state"])
+    if wrong := sorted(set(table.hole_state) - set(HOLE_STATES)):
         raise _refuse(path, f"must be one of {', '.join(HOLE_STATES)}", "hole_state", wrong[0])
-    tensions, states = [], []
-    for name in names:
-        rows = table[table.tendon == name]
-        count, rest = divmod(len(rows), len(steps))
-        if rest or not count or not np.array_equal(rows.step, np.repeat(steps, count)):
-            raise _refuse(path, "must have the same segments in every step of steps.csv", "tendon", name)
-        tensions.append(rows.tension.to_numpy(dtype=float).reshape(len(steps), count))
-        texts = list(rows.hole_state)
-        states.append(tuple(tuple(texts[count * k : count * (k + 1)]) for k in range(len(steps))))
-    return tuple(tensions), tuple(states)
+    by_tendon = [table[table.tendon == name] for name in names]
+    if missing := [name for name, rows in zip(names, by_tendon, strict=True) if rows.empty]:
+        raise _refuse(path, "has no rows of this tendon", "tendon", missing[0])
+    tensions = tuple(_by_step(rows, path, steps)[:, :, 0] for rows in by_tendon)
+    states = (rows.hole_state.to_numpy().reshape(len(steps), -1).tolist() for rows in by_tendon)
+    return tensions, tuple(tuple(map(tuple, of_tendon)) for of_tendon in states)
 
 
 def _markers(folder: Path, steps: list[int]) -> Markers | None:
     """Measured markers and the declared model's backbone, where `identify` has written them."""
     if not (folder / MARKERS).is_file():
         return None
-    found = []
-    for name in (MARKERS, DECLARED):
-        table = _table(folder / name, ["step", "s", "x", "y", "z"])
-        values = table.to_numpy(dtype=float)
-        count, rest = divmod(len(values), len(steps))
-        if rest or not np.array_equal(values[:, 0], np.repeat(steps, count)):
-            raise _refuse(folder / name, "must have the same rows in every step of steps.csv", "step")
-        found.append(values.reshape(len(steps), count, 5))
-    return Markers(found[0][0, :, 1], found[0][:, :, 2:], found[1][:, :, 2:])
+    columns = ["step", "s", "x", "y", "z"]
+    measured, declared = (
+        _by_step(_table(folder / name, columns)[columns], folder / name, steps)
+        for name in (MARKERS, DECLARED)
+    )
+    return Markers(measured[0, :, 0], measured[:, :, 1:], declared[:, :, 1:])
 
 
 def read_motion(folder: str | os.PathLike[str]) -> Motion:
@@ -153,7 +152,7 @@ def read_motion(folder: str | os.PathLike[str]) -> Motion:
     try:
         names = [str(t["name"]) for t in shape["tendons"]]
         columns = [f"{kind}_{n}" for kind in ("tension", "displacement") for n in names]
-        table = _table(path / STEPS, ["step", "label", *columns])
+        table = _table(path / STEPS, ["step", *columns], ["label"])
         steps = [int(x) for x in table.step]
         if not steps:
             raise _refuse(path / STEPS, "no step was solved, so there is nothing to draw")

@@ -14,6 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.io.keys import BACKBONE, DISKS, MODEL_FILE, ROBOT, SCENARIO, routings_with, tendon_keys
 from tdcr_fe.io.problems import InputError, Problem, Reporter, read_bytes
@@ -81,23 +83,15 @@ class RobotParts:
     names: tuple[str, ...] | None = None  # of the tendons
 
 
-@dataclass(frozen=True)
-class _DiskParts:
-    """The valid parts of the disks."""
-
-    disks: Disks | None = None  # None where their positions are invalid
-    radius: float | None = None  # [m]
-
-
 def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
     before = len(reporter.problems)
     top, bad = ROBOT.read(data, "", reporter.mistake)
     backbone, length = _build_backbone(top["backbone"], reporter) if "backbone" in top else (None, None)
-    parts = _DiskParts()
-    if "disks" in top:
-        parts = _DiskParts(Disks()) if top["disks"] is None else _build_disks(top["disks"], length, reporter)
+    disks = Disks() if top.get("disks", {}) is None else None
+    if "disks" in top and disks is None:
+        disks = _build_disks(top["disks"], length, reporter)
     tables = top.get("tendons", ())
-    built = [_build_tendon(i, table, parts, length, reporter) for i, table in enumerate(tables)]
+    built = [_build_tendon(i, table, disks, length, reporter) for i, table in enumerate(tables)]
     tendons = tuple(tendon for tendon, _ in built if tendon is not None)
     names = tuple(name for _, name in built if name is not None)
     reporter.contradictions(name_contradictions(names))
@@ -105,9 +99,9 @@ def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
         reporter.contradictions(spring_contradictions(top.get("springs", ()), length))
     known = "tendons" not in bad and len(set(names)) == len(tables)
     robot = None
-    if len(reporter.problems) == before and backbone is not None and parts.disks is not None:
+    if len(reporter.problems) == before and backbone is not None and disks is not None:
         rest = {k: top[k] for k in ("name", "tip_mass", "springs", "base_stiffness")}
-        robot = Robot(backbone, parts.disks, tendons, **rest)
+        robot = Robot(backbone, disks, tendons, **rest)
     return RobotParts(robot, length, names if known else None)
 
 
@@ -130,20 +124,20 @@ def _build_backbone(data: Any, reporter: Reporter) -> tuple[Backbone | None, flo
     return backbone, length
 
 
-def _build_disks(data: Any, length: float | None, reporter: Reporter) -> _DiskParts:
+def _build_disks(data: Any, length: float | None, reporter: Reporter) -> Disks | None:
+    """The disks; None where their positions are invalid."""
     values, bad = DISKS.read(data, "disks", reporter.mistake)
-    radius = values.get("radius")
     if not isinstance(data, dict):
-        return _DiskParts(None, radius)
-    if ("count" in data) == ("positions" in data):
-        if "count" in data:
-            sentence = "count and positions are both given; exactly one is allowed"
-            reporter("disks.count", shown(data["count"]), sentence)
-        else:
-            reporter("disks", "", "missing; exactly one of count and positions must be given")
-        return _DiskParts(None, radius)
+        return None
+    if "count" in data and "positions" in data:
+        sentence = "count and positions are both given; exactly one is allowed"
+        reporter("disks.count", shown(data["count"]), sentence)
+        return None
+    if not {"count", "positions"} & data.keys():
+        reporter("disks", "", "missing; exactly one of count and positions must be given")
+        return None
     if bad & {"count", "positions"} or length is None:
-        return _DiskParts(None, radius)
+        return None
     count = values.pop("count")
     if count is not None:
         values["positions"] = Disks.equally_spaced(count, length).positions
@@ -155,11 +149,11 @@ def _build_disks(data: Any, length: float | None, reporter: Reporter) -> _DiskPa
         sentence = "too many; they must be apart from each other"
         found = [Contradiction("disks.count", str(count), sentence)]
     reporter.contradictions(found)
-    return _DiskParts(None if unsound else disks, radius)
+    return None if unsound else disks
 
 
 def _build_tendon(
-    i: int, data: Any, parts: _DiskParts, length: float | None, reporter: Reporter
+    i: int, data: Any, disks: Disks | None, length: float | None, reporter: Reporter
 ) -> tuple[Tendon | None, str | None]:
     """A tendon, None where it is invalid; and its name, None where that is invalid."""
     key = f"tendons[{i}]"
@@ -175,14 +169,12 @@ def _build_tendon(
         reporter(p.key, p.value, allowed)
     name = values.get("name")
     own = set(keys_of(routing)) if routing else set()
-    disks = parts.disks
     if routing is None or bad & (own | {"end"}) or disks is None or length is None:
-        _check_offsets(key, values, parts.radius, reporter)
         return None, name
     end = length if values["end"] is None else values["end"]
     arcs = (0.0, *(s for s in disks.positions if s <= end + ARC_TOLERANCE))
-    if not disks.positions:
-        arcs = _course_arc_lengths(values.get("holes", ()), end)
+    if not disks.positions:  # a tendon that follows the backbone: points at equal distances
+        arcs = tuple(np.linspace(0.0, end, max(len(values.get("holes", ())), 2)).tolist())
     fields = {k: v for k, v in values.items() if k in keys_of(Tendon)}
     try:
         # An invalid name is replaced, so that the rest can still be checked.
@@ -197,20 +189,6 @@ def _build_tendon(
     contradictions = tendon_contradictions(i, tendon, disks, length)
     reporter.contradictions(contradictions)
     return (None if bad or contradictions else tendon), name
-
-
-def _course_arc_lengths(points: Sequence[Any], end: float) -> tuple[float, ...]:
-    """Arc lengths of the points of a tendon that follows a backbone without disks: equally spaced up to its end [m]."""
-    last = max(len(points), 2) - 1
-    return (*(end * k / last for k in range(last)), end)
-
-
-def _check_offsets(key: str, values: Mapping[str, Any], radius: float | None, reporter: Reporter) -> None:
-    """Check a tendon's holes as far as possible without the rest of the robot."""
-    for name in ("offset", "end_offset"):
-        offset = values.get(name)
-        if offset is not None and radius is not None and offset > radius:
-            reporter(f"{key}.{name}", shown(offset), f"must not lie outside the disk of radius {radius:g} m")
 
 
 # ---------------------------------------------------------------------------------------- model and loading

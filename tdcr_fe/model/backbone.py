@@ -6,6 +6,7 @@ Section frames are aligned with the world in the straight state; the tangent is 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -211,30 +212,22 @@ class Backbone(Checked):
     @property
     def EI(self) -> float:
         """Bending stiffness [N m^2]."""
-        if self.bending_stiffness is not None:
-            return self.bending_stiffness
-        return float(self.youngs_modulus * self.second_moment)
+        return self.bending_stiffness or self.youngs_modulus * self.second_moment
 
     @property
     def GJ(self) -> float:
         """Torsional stiffness [N m^2]."""
-        if self.torsional_stiffness is not None:
-            return self.torsional_stiffness
-        return float(self.shear_modulus * 2.0 * self.second_moment)
+        return self.torsional_stiffness or self.shear_modulus * 2.0 * self.second_moment
 
     @property
     def EA(self) -> float:
         """Axial stiffness [N]."""
-        if self.axial_stiffness is not None:
-            return self.axial_stiffness
-        return self.youngs_modulus * self.area
+        return self.axial_stiffness or self.youngs_modulus * self.area
 
     @property
     def GA(self) -> float:
         """Shear stiffness, without shear correction [N]."""
-        if self.shear_stiffness is not None:
-            return self.shear_stiffness
-        return self.shear_modulus * self.area
+        return self.shear_stiffness or self.shear_modulus * self.area
 
     @property
     def mass_per_length(self) -> float:
@@ -243,21 +236,21 @@ class Backbone(Checked):
 
     def stiffness_factors(self, s: Array) -> tuple[Array, Array]:
         """Factors of bending and torsional stiffness at arc lengths ``s`` [m], each of shape ``s.shape``."""
-        bending, torsion = np.ones_like(s), np.ones_like(s)
-        for patch in self.patches:
-            inside = (s >= patch.start) & (s < patch.end)
-            bending = np.where(inside, bending * patch.bending * patch.modulus, bending)
-            torsion = np.where(inside, torsion * patch.torsion * patch.modulus, torsion)
-        return bending, torsion
+        return (
+            self._patched(s, lambda patch: patch.bending * patch.modulus),
+            self._patched(s, lambda patch: patch.torsion * patch.modulus),
+        )
 
     def material_factors(self, s: Array) -> tuple[Array, Array]:
         """Factors of axial and shear stiffness, and of the mass, at arc lengths ``s`` [m], each like ``s``."""
-        modulus, density = np.ones_like(s), np.ones_like(s)
+        return self._patched(s, lambda patch: patch.modulus), self._patched(s, lambda patch: patch.density)
+
+    def _patched(self, s: Array, factor: Callable[[StiffnessPatch], float]) -> Array:
+        """Product of a factor of all patches at arc lengths, shape ``s.shape``."""
+        found = np.ones_like(s)
         for patch in self.patches:
-            inside = (s >= patch.start) & (s < patch.end)
-            modulus = np.where(inside, modulus * patch.modulus, modulus)
-            density = np.where(inside, density * patch.density, density)
-        return modulus, density
+            found[(s >= patch.start) & (s < patch.end)] *= factor(patch)
+        return found
 
     def radius_at(self, s: Array) -> Array:
         """Radius at arc lengths ``s`` [m], shape ``s.shape``."""
