@@ -377,7 +377,7 @@ class TendonLaw:
             field = self.field(base_tension, lengths, angles, mobilisation, state, time)
             trial = self.trial_mobilisation(field.slip, state, delta)
             error = np.abs(np.clip(trial, -1.0, 1.0) - mobilisation)
-            if np.max(error, initial=0.0) <= MOBILISATION_TOLERANCE:
+            if not np.max(error, initial=0.0) > MOBILISATION_TOLERANCE:  # ends with nan, too
                 break
             # A step of Newton's method for s = clip(trial(s)): a complementarity problem by tendon.
             jacobian = self._jacobian(field, delta)

@@ -63,7 +63,7 @@ class ElasticTendons(NamedTuple):
             new = np.where(driven, np.maximum(tension + change, 0.0), tension)
             moved = np.max(np.abs(new - tension))
             tension = new
-            if moved <= 1e-12 * (1.0 + np.max(new)):
+            if not moved > 1e-12 * (1.0 + np.max(new)):  # ends with nan, too
                 break
         forces = self.model.after(measured, tension, state, t, soft)
         pulled = driven & (tension > 0.0)

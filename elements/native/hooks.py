@@ -14,19 +14,17 @@ from typing import Any, Protocol
 
 import exudyn as exu
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BackboneMesh
 from tdcr_fe.elements.native.actuation import TendonActuation
-from tdcr_fe.elements.native.items import RecordedItems, SystemReference, item_counts
+from tdcr_fe.elements.native.items import RecordedItems, SystemReference, item_counts, refuse_force_sensors
 from tdcr_fe.elements.native.material_damping import MaterialDamping
 
 #: A step is tiny where it is shorter than this part of the one that was asked for [1].
 TINY = 0.01
-#: So many tiny steps in a row end a run; after a sudden change a few of them are taken.
-MOST = 50
-#: Relative tolerance of Newton's method that round-off hardly ever prevents [1].
-SAFE_TOLERANCE = 1e-7
+#: So many tiny steps in a row end a run. From Exudyn's smallest step, 1e-8 s of 1 ms, and with its default recovery of
+#: ten steps, 100 of them bring the step back.
+MOST = 200
 #: Key of the hooks in ``mbs.variables``.
 KEY = "tdcr_fe.hooks"
 
@@ -62,62 +60,44 @@ class StepSizes:
         Raises
         ------
         RuntimeError
-            One of many tiny steps in a row, with tolerances below round-off; names what sets others.
+            One of many tiny steps in a row; says why, as far as the settings show it.
         """
-        size, self._last = t - self._last, t
+        tiny, self._last = self._is_tiny(mbs, t), t
+        self._tiny = self._tiny + 1 if tiny and meshes else 0
+        if self._tiny < MOST:
+            return
+        self._tiny = 0
+        integration, limit = mbs.sys["simulationSettings"].timeIntegration, max(map(round_off, meshes))
+        newton, rho = integration.newton, integration.generalizedAlpha.spectralRadius
+        raise RuntimeError(
+            f"up to {t:g} s {MOST} steps in a row were shorter than a hundredth of the step that was asked for. Either "
+            f"Newton's tolerances (relative {newton.relativeTolerance:g}, absolute {newton.absoluteTolerance:g}) lie "
+            f"below the round-off of the backbone's forces ({limit:.1g} N); arm.recommended_settings(end_time, "
+            f"step_size) has others. Or the forces in joints grow from step to step, as with spectralRadius = 1, where "
+            f"0.99 does not let them (it is {rho:g}). Or forces jump: smooth inputs and laws of friction"
+        )
+
+    def check_tensions(self, mbs: exu.MainSystem, t: float, actuation: TendonActuation) -> None:
+        """Refuse tensions that are no numbers in a tiny step up to a time [s], where shorter ones do not help."""
+        if self._is_tiny(mbs, t):
+            raise RuntimeError(
+                f"robot {actuation.name!r}: at {t:g} s no tensions satisfy the law of friction. A tendon has no "
+                "inertia: where its friction falls with the slip rate it jumps, and shorter steps find no tension in "
+                "between. Take a law that falls less, or a constant coefficient"
+            )
+
+    def _is_tiny(self, mbs: exu.MainSystem, t: float) -> bool:
+        """Whether a step of the dynamic solver up to a time [s] is a tiny one."""
         solver, settings = mbs.sys.get("dynamicSolver"), mbs.sys.get("simulationSettings")
         # Of a solver that ran before, as beside a static one, the time is another.
         running = solver is not None and settings is not None and solver.it.currentTime == t
-        if not (running and meshes and 0.0 < size < TINY * _asked(settings)):
-            self._tiny = 0
-            return
-        self._tiny += 1
-        newton = settings.timeIntegration.newton
-        limit = max(round_off(mesh) for mesh in meshes)
-        if self._tiny < MOST or newton.relativeTolerance > SAFE_TOLERANCE or newton.absoluteTolerance > limit:
-            return
-        self._tiny = 0
-        raise RuntimeError(
-            f"{MOST} steps in a row were shorter than a hundredth of the step that was asked for, because Newton's "
-            f"tolerances (relative {newton.relativeTolerance:g}, absolute {newton.absoluteTolerance:g}) lie below the "
-            f"round-off of the backbone's forces ({limit:.1g} N); use arm.recommended_settings(end_time, step_size)"
-        )
+        return running and 0.0 < t - self._last < TINY * _asked(settings)
 
 
 def _asked(settings: exu.SimulationSettings) -> float:
     """Step size that settings ask for in time [s]."""
     integration = settings.timeIntegration
     return float(integration.endTime - integration.startTime) / max(1, int(integration.numberOfSteps))
-
-
-class PointLoadItem(Protocol):
-    """A concentrated load that a solver ramps from its last applied value to the value set since."""
-
-    #: Force [N] and moment [N m] in the last solved state, shape (6,).
-    applied: NDArray[np.float64]
-
-    @property
-    def numbers(self) -> tuple[int, int]:
-        """Numbers of its two loads of Exudyn."""
-        ...
-
-    @property
-    def nApplied(self) -> Any:
-        """Number of the data node of `applied`."""
-        ...
-
-    @property
-    def value(self) -> NDArray[np.float64]:
-        """Force [N] and moment [N m] as set, shape (6,)."""
-        ...
-
-    def set(self, force: NDArray[np.float64], moment: NDArray[np.float64]) -> None:
-        """Set force [N] and moment [N m], each of shape (3,)."""
-        ...
-
-    def keep(self) -> None:
-        """Make the last applied value that of the initial configuration, too."""
-        ...
 
 
 class StepObserver(Protocol):
@@ -137,11 +117,12 @@ class RobotInScene:
 
     actuation: TendonActuation
     items: RecordedItems  # Items that must keep their numbers
-    point_loads: list[PointLoadItem] = field(default_factory=list)  # The concentrated loads on it
+    # The concentrated loads on it, of `tdcr_fe.scene.loads`
+    point_loads: list[Any] = field(default_factory=list)
     # What sees every step of Exudyn's own solvers before the history is committed
     observers: list[StepObserver] = field(default_factory=list)
 
-    def add_load(self, load: PointLoadItem) -> None:
+    def add_load(self, load: Any) -> None:
         """Add a concentrated load."""
         self.point_loads.append(load)
         self.items = self.items.joined(
@@ -197,7 +178,7 @@ class SceneHooks:
         return [robot.actuation for robot in self.robots]
 
     @property
-    def point_loads(self) -> list[PointLoadItem]:
+    def point_loads(self) -> list[Any]:
         """The concentrated loads on all robots."""
         return [load for robot in self.robots for load in robot.point_loads]
 
@@ -231,6 +212,10 @@ class SceneHooks:
             )
         if changed:
             self.robots = [robot for robot in self.robots if robot not in changed]
+        if item_counts(mbs)["Sensor"] != self._counts["Sensor"]:
+            refuse_force_sensors(
+                mbs, [spring for each in self.actuations for spring in each.connectors.drawn]
+            )
         self._counts = item_counts(mbs)
 
     def add(self, actuation: TendonActuation, damping: MaterialDamping | None = None) -> None:
@@ -247,9 +232,12 @@ class SceneHooks:
         def forces(t: float, q: Sequence[float], q_t: Sequence[float]) -> Any:
             self._check_counts()
             self.adopt(self.system.mbs)
-            return actuation.forces_on_coordinates(q, t)
+            found = actuation.forces_on_coordinates(q, t)
+            if np.isnan(found[0]) and not actuation.law.simple:
+                self._step_sizes.check_tensions(self.system.mbs, t, actuation)
+            return found
 
-        def jacobian(t: float, q: Sequence[float], q_t: Sequence[float], factors: tuple[float, float]) -> Any:
+        def jacobian(t: float, q: Sequence[float], q_t: Sequence[float], factors: tuple[float, ...]) -> Any:
             return actuation.jacobian_on_coordinates(q, t, *factors)
 
         actuation.attach(*user_functions(forces, jacobian))
@@ -265,7 +253,7 @@ class SceneHooks:
         def forces(t: float, q: Sequence[float], q_t: Sequence[float]) -> Any:
             return damping.forces(actuation.mesh.twist_stiffness, np.array(q), np.array(q_t))
 
-        def jacobian(t: float, q: Sequence[float], q_t: Sequence[float], factors: tuple[float, float]) -> Any:
+        def jacobian(t: float, q: Sequence[float], q_t: Sequence[float], factors: tuple[float, ...]) -> Any:
             return damping.jacobian(actuation.mesh.twist_stiffness, np.array(q), np.array(q_t), *factors)
 
         of_force, of_jacobian = user_functions(forces, jacobian)
@@ -337,7 +325,7 @@ class SceneHooks:
 
 def user_functions(
     forces: Callable[[float, Sequence[float], Sequence[float]], Any],
-    jacobian: Callable[[float, Sequence[float], Sequence[float], tuple[float, float]], Any],
+    jacobian: Callable[[float, Sequence[float], Sequence[float], tuple[float, ...]], Any],
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """User functions of an object of Exudyn for its forces and their Jacobian.
 
@@ -355,17 +343,9 @@ def user_functions(
         with np.errstate(all="ignore"):
             return forces(t, q, q_t)
 
-    def of_jacobian(
-        mbs: exu.MainSystem,
-        t: float,
-        item: int,
-        q: Sequence[float],
-        q_t: Sequence[float],
-        by_position: float,
-        by_velocity: float,
-    ) -> Any:
+    def of_jacobian(mbs: Any, t: float, item: int, q: Any, q_t: Any, *factors: float) -> Any:
         with np.errstate(all="ignore"):
-            return jacobian(t, q, q_t, (by_position, by_velocity))
+            return jacobian(t, q, q_t, factors)
 
     return of_force, of_jacobian
 

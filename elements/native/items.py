@@ -83,9 +83,21 @@ class RecordedItems:
 
 
 def item_counts(mbs: exu.MainSystem) -> dict[str, int]:
-    """Number of objects, of nodes and of loads of a system."""
-    data = mbs.systemData
-    return {"Object": data.NumberOfObjects(), "Node": data.NumberOfNodes(), "Load": data.NumberOfLoads()}
+    """Number of objects, nodes, loads and sensors of a system."""
+    kinds = ("Object", "Node", "Load", "Sensor")
+    return {kind: getattr(mbs.systemData, f"NumberOf{kind}s")() for kind in kinds}
+
+
+def refuse_force_sensors(mbs: exu.MainSystem, drawn: Sequence[int]) -> None:
+    """Refuse sensors of the force of objects that are only drawn."""
+    forces = (exu.OutputVariableType.Force, exu.OutputVariableType.ForceLocal)
+    for k in range(mbs.systemData.NumberOfSensors()):
+        sensor = mbs.GetSensor(k)
+        if int(sensor.get("objectNumber", -1)) in drawn and sensor["outputVariableType"] in forces:
+            raise ValueError(
+                f"sensor {sensor['name']!r}: segments in oTendons are only drawn, their force is zero; "
+                "arm.add_sensors() adds sensors of the tensions (tension_NAME, tensions_NAME)"
+            )
 
 
 def _name(mbs: exu.MainSystem, kind: str, number: Any) -> str:
@@ -106,10 +118,14 @@ class Connectors:
     others: list[Any] = field(default_factory=list)
 
     @property
+    def drawn(self) -> list[int]:
+        """Numbers of all spring-dampers."""
+        return [int(spring) for springs in self.springs for spring in springs]
+
+    @property
     def object_numbers(self) -> list[int]:
         """Numbers of all its objects."""
-        springs = [spring for springs in self.springs for spring in springs]
-        return [int(i) for i in (self.forces, *self.beams, *springs, *self.others)]
+        return [int(i) for i in (self.forces, *self.beams, *self.drawn, *self.others)]
 
 
 @dataclass(frozen=True)

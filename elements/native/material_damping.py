@@ -110,12 +110,10 @@ class MaterialDamping:
         rates = self.motion(displacements, velocities).rates
         return float(np.sum(self._viscosity(twist_stiffness) * rates**2))
 
-    def in_step(
+    def dissipated(
         self, twist_stiffness: Array, start: tuple[Array, Array], end: tuple[Array, Array]
-    ) -> tuple[float, Array]:
-        """Energy that the material dissipates in a step, and the sum of its generalised forces at both ends.
-
-        The energy is the mean stress times the change of strain, over all elements.
+    ) -> float:
+        """Energy that the material dissipates in a step [J]: mean stress times the change of strain, over all elements.
 
         Parameters
         ----------
@@ -123,18 +121,10 @@ class MaterialDamping:
             As in `forces`.
         start, end
             Coordinates and velocities of the nodes, see `motion`.
-
-        Returns
-        -------
-        energy : float
-            [J].
-        forces : ndarray, shape (7 N,)
-            On the coordinates of the nodes, see `forces`.
         """
         before, after = self.motion(*start), self.motion(*end)
         stress = 0.5 * self._viscosity(twist_stiffness) * (before.rates + after.rates)
-        energy = float(np.sum(stress * (after.twists - before.twists)))
-        return energy, self._generalized(twist_stiffness, before) + self._generalized(twist_stiffness, after)
+        return float(np.sum(stress * (after.twists - before.twists)))
 
     def forces(self, twist_stiffness: Array, displacements: Array, velocities: Array) -> Array:
         """Generalised forces on the coordinates of the nodes, shape (7 N,); zero at rest.

@@ -9,6 +9,7 @@ from typing import Any
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
+from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, add_backbone
 from tdcr_fe.elements.native.actuation import TendonActuation
@@ -34,14 +35,14 @@ def CreateTDCR(
     model: Model | None = None,
     *,
     name: str | None = None,
-    basePosition: Sequence[float] | None = None,
-    baseRotationMatrix: Any = None,
+    referencePosition: Sequence[float] | None = None,
+    referenceRotationMatrix: Any = None,
     baseMarker: Any = None,
+    initialVelocity: Sequence[float] = (0.0, 0.0, 0.0),
+    initialAngularVelocity: Sequence[float] = (0.0, 0.0, 0.0),
     loadPositions: Sequence[float] = (),
     presliding: float = 1e-6,
     show: bool = True,
-    referencePosition: Sequence[float] | None = None,
-    referenceRotationMatrix: Any = None,
     gravity: Sequence[float] | None = None,
     color: Sequence[float] | None = None,
     graphicsDataList: Sequence[Any] = (),
@@ -62,20 +63,21 @@ def CreateTDCR(
         Tendon path, friction, elements per bay, gravity.
     name
         Prefix of all item names; must differ between robots of one system. Default: the robot's name.
-    basePosition, baseRotationMatrix
+    referencePosition, referenceRotationMatrix
         Pose of the base plate in the world [m], shapes (3,) and (3, 3); the robot points along the third axis. None
         is the origin with the axes of the world or, with ``baseMarker``, the pose of that marker.
     baseMarker
         Rigid marker that carries the base plate, at its pose in the reference configuration. None puts the robot on
         ground.
+    initialVelocity, initialAngularVelocity
+        Of the base plate, which the robot follows as a rigid body, in world axes [m/s, rad/s]: where the body of
+        ``baseMarker`` begins with them in ``mbs.SolveDynamic``. ``mbs.SolveTDCR`` leaves everything at rest.
     loadPositions
         Arc lengths of further nodes, for loads or markers between disks [m].
     presliding
         Slip within which the friction at a hole goes from zero to full [m].
     show
         Whether the robot is drawn: backbone, disks, tendons, and the plate of a base on ground.
-    referencePosition, referenceRotationMatrix
-        Exudyn's names of ``basePosition`` and ``baseRotationMatrix``.
     gravity
         As ``gravity`` of the model [m/s^2], shape (3,).
     color
@@ -96,30 +98,27 @@ def CreateTDCR(
         An argument is of another type; the message names the expected type and the function to call.
     ValueError
         The model needs too much memory, two robots have one name, an argument is no rotation, a load lies beyond
-        the tip, one thing is given under two names, or the pose of ``baseMarker`` is another than the one given.
+        the tip, a base on ground has a velocity, or the pose of ``baseMarker`` is another than the one given.
     """
     check_system("CreateTDCR", mbs)
     model = _checked_model(robot, model, gravity)
-    positions = {"basePosition": basePosition, "referencePosition": referencePosition}
-    _check_placement(name, positions, loadPositions, presliding)
+    _check_placement(name, referencePosition, loadPositions, presliding)
+    motion = _checked_motion(initialVelocity, initialAngularVelocity, baseMarker is None)
     _check_drawing(show, color, graphicsDataList, baseMarker is not None)
     outside = [s for s in loadPositions if not -1e-9 <= s <= robot.backbone.length + 1e-9]
     if outside:
         raise ValueError(
             f"loadPositions: {outside[0]:g} m; the backbone spans 0 to {robot.backbone.length:g} m"
         )
-    pose = parts.base_pose(
-        mbs,
-        _one_of("basePosition", basePosition, "referencePosition", referencePosition),
-        _one_of("baseRotationMatrix", baseRotationMatrix, "referenceRotationMatrix", referenceRotationMatrix),
-        baseMarker,
-    )
+    pose = parts.base_pose(mbs, referencePosition, referenceRotationMatrix, baseMarker)
     name, hooks = name or robot.name, SceneHooks.of(mbs)
     if name in (actuation.name for actuation in hooks.actuations):
         raise ValueError(f"the system has a robot {name!r} already; give another name")
     mesh, rigid = build_mesh(robot, model, loadPositions)
     drawn = BACKBONE_COLOR if color is None else tuple(color)
     backbone = add_backbone(mbs, mesh, pose.position, pose.rotation, name, robot.backbone.radius, drawn)
+    if motion.any():
+        parts.set_moving(mbs, backbone.nodes, pose.position, motion)
     disks = parts.add_disks(mbs, robot, mesh, backbone.nodes, name)
     bodies = [*disks, *parts.add_tip_mass(mbs, robot, backbone.nodes[-1], name)]
     with_mass = [*backbone.beams, *bodies] if robot.backbone.density > 0.0 else bodies
@@ -181,17 +180,31 @@ def _checked_model(robot: Any, model: Any, gravity: Sequence[float] | None) -> M
     return model
 
 
-def _check_placement(name: Any, positions: dict[str, Any], load_positions: Any, presliding: Any) -> None:
-    """Refuse arguments of `CreateTDCR` of another type or size; positions by the name they were given under."""
+def _check_placement(name: Any, position: Any, load_positions: Any, presliding: Any) -> None:
+    """Refuse arguments of `CreateTDCR` of another type or size."""
     hint = "a text. It is the prefix of all item names; None takes the robot's name."
     arguments.check_instance("CreateTDCR", "name", name, (str, type(None)), hint)
-    for argument, position in positions.items():
-        if position is not None:
-            arguments.check_numbers("CreateTDCR", argument, position, "[0, 0, 0] is the origin [m].", count=3)
+    if position is not None:
+        hint = "[0, 0, 0] is the origin [m]."
+        arguments.check_numbers("CreateTDCR", "referencePosition", position, hint, count=3)
     hint = "loadPositions=[0.1] adds a node at 0.1 m."
     arguments.check_numbers("CreateTDCR", "loadPositions", load_positions, hint)
     hint = "1e-6 is the default [m]."
     arguments.check_number("CreateTDCR", "presliding", presliding, hint, positive=True)
+
+
+def _checked_motion(velocity: Any, angular_velocity: Any, on_ground: bool) -> NDArray[np.float64]:
+    """Velocity and angular velocity of the base plate [m/s, rad/s], shape (2, 3); refused for one on ground."""
+    given = {"initialVelocity": velocity, "initialAngularVelocity": angular_velocity}
+    for argument, value in given.items():
+        arguments.check_numbers("CreateTDCR", argument, value, "[0, 0, 0] is at rest.", count=3)
+    motion = np.array([velocity, angular_velocity], dtype=float)
+    if on_ground and motion.any():
+        raise ValueError(
+            "CreateTDCR: a base on ground has no velocity; initialVelocity and initialAngularVelocity are for a "
+            "baseMarker on a body that moves"
+        )
+    return motion
 
 
 def _check_drawing(show: Any, color: Any, graphics: Any, on_marker: bool) -> None:
@@ -212,13 +225,6 @@ def _check_drawing(show: Any, color: Any, graphics: Any, on_marker: bool) -> Non
             "CreateTDCR: graphicsDataList is drawn on the base of a robot on ground; with baseMarker, give it to your "
             "own body"
         )
-
-
-def _one_of(ours: str, value: Any, theirs: str, other: Any) -> Any:
-    """The value of an argument that has two names, only one of which may be given."""
-    if value is not None and other is not None:
-        raise ValueError(f"CreateTDCR: {ours} and {theirs} are two names of one argument; give one of them")
-    return other if value is None else value
 
 
 def _force_item(mbs: exu.MainSystem, nodes: Sequence[Any], name: str) -> Any:

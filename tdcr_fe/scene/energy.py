@@ -1,14 +1,9 @@
 """Energy of a robot in Exudyn's own solvers: what it stores, the work of tendons and loads, what it dissipates.
 
-The works and dissipations are summed over the steps and kept in data coordinates, so that Exudyn itself restores them
-with the state. All sums are by the trapezoidal rule between the beginning and the end of a step.
-
-The integration in time has an error, and with ``spectralRadius`` below 1 it damps; both change the energy. In a step
-the coordinates change by ``dq``. By the trapezoidal rule the forces on the coordinates do the work
-``dq (f0 + f1) / 2``, of which the masses take ``dq (M a0 + M a1) / 2``; the rest, the balance, is the work on other
-items of the scene. The true work of a force is that on its own way: tension times the tendon that passes, stress of the
-material times the change of strain. The true works, less dissipation, balance and growth of the stored energy, are the
-numerical dissipation.
+The works and dissipations are summed over the steps by the trapezoidal rule, and kept in data coordinates, so that
+Exudyn itself restores them with the state. The work of a force is that on its own way: tension times the tendon that
+passes, stress of the material times the change of strain. Works less dissipations less what the stored energy has grown
+went to other items of the scene, or is the error of the integration in time, which also damps.
 """
 
 from __future__ import annotations
@@ -23,16 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import spence
 
-from tdcr_fe.elements.backbone import BEAM_TO_SECTION, relative_twists, strain_matrices
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION, relative_twists
 from tdcr_fe.elements.disks import disk_inertia
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.condensation import ElasticTendons
-from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_forces, twists_by_coordinates
+from tdcr_fe.elements.native.coordinates import NodeCoordinates, twists_by_coordinates
 from tdcr_fe.elements.native.material_damping import MaterialDamping
 from tdcr_fe.elements.poses import log_so3
-from tdcr_fe.elements.section import NonlinearSection, SuperelasticSection, wrenches_on_nodes
+from tdcr_fe.elements.section import NonlinearSection, SuperelasticSection
 from tdcr_fe.model.loading import Vector
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.loads import PointLoad
@@ -49,11 +44,9 @@ ENERGY_COLUMNS = (
     "load_work",
     "friction_dissipation",
     "material_dissipation",
-    "numerical_dissipation",
-    "balance",
 )
 #: How many of them are sums.
-_SUMS = 6
+_SUMS = 4
 #: Points and weights of a rule on [-1, 1] that is exact up to degree 7.
 _GAUSS = np.polynomial.legendre.leggauss(4)
 
@@ -64,12 +57,10 @@ _GAUSS = np.polynomial.legendre.leggauss(4)
 class NodeMotion(NamedTuple):
     """Nodes of a robot at one time."""
 
-    coordinates: Array  # without reference values, shape (7 N,); so are the next two
+    coordinates: Array  # without reference values, shape (7 N,); so are the next
     velocities: Array
-    accelerations: Array
     positions: Array  # shape (N, 3)
     rotations: Array  # shape (N, 3, 3)
-    parameters: Array  # Euler parameters, shape (N, 4)
     linear: Array  # velocities of the positions in world axes, shape (N, 3)
     angular: Array  # angular velocities in the nodes' own axes, shape (N, 3)
 
@@ -79,13 +70,9 @@ class NodeMotion(NamedTuple):
         data, numbers = mbs.systemData, nodes.numbers
         moved = np.asarray(data.GetODE2Coordinates(configuration))[numbers]
         rates = np.asarray(data.GetODE2Coordinates_t(configuration))[numbers]
-        accelerations = np.asarray(data.GetODE2Coordinates_tt(configuration))[numbers]
         positions, rotations, parameters = nodes.poses(moved)
         twists = (twists_by_coordinates(rotations, parameters) @ rates[:, :, None])[:, :, 0]
-        return cls(
-            moved.ravel(), rates.ravel(), accelerations.ravel(),
-            positions, rotations, parameters, rates[:, :3], twists[:, 3:],
-        )  # fmt: skip
+        return cls(moved.ravel(), rates.ravel(), positions, rotations, rates[:, :3], twists[:, 3:])
 
 
 @dataclass(frozen=True)
@@ -126,25 +113,6 @@ class Masses:
         middle = 0.5 * (positions[:-1] + positions[1:])
         moment = self.of_elements @ middle + self.of_nodes @ positions
         return -float(self.gravity @ moment)
-
-    def inertial_forces(self, motion: NodeMotion) -> Array:
-        """Forces that accelerate the masses, on the coordinates of the nodes, shape (7 N,); zero in statics."""
-        rotations, parameters = motion.rotations, motion.parameters
-        rates = motion.accelerations.reshape(-1, 7)
-        turning = (twists_by_coordinates(rotations, parameters) @ rates[:, :, None])[:, 3:, 0]
-        linear = _distributed(self.of_elements[:, None], self.of_nodes[:, None], rates[:, :3])
-        moment = _distributed(self.rotary, self.inertia, turning)
-        moment += np.cross(motion.angular, _distributed(self.rotary, self.inertia, motion.angular))
-        linear = (rotations.swapaxes(1, 2) @ linear[:, :, None])[:, :, 0]
-        return generalized_forces(np.concatenate((linear, moment), axis=1), rotations, parameters)
-
-
-def _distributed(of_elements: Array, of_nodes: Array, rates: Array) -> Array:
-    """Masses or inertias times what is linear between the nodes, by node, shape (N, 3)."""
-    found = of_nodes * rates
-    found[:-1] += of_elements * (2.0 * rates[:-1] + rates[1:]) / 6.0
-    found[1:] += of_elements * (2.0 * rates[1:] + rates[:-1]) / 6.0
-    return np.asarray(found)
 
 
 # ---------------------------------------------------------------- elastic energy
@@ -221,17 +189,7 @@ def _softplus_integral(x: Array) -> Array:
 # ---------------------------------------------------------------- sums over the steps
 
 
-class _Instant(NamedTuple):
-    """A robot at the beginning or at the end of a step, with the history at the beginning of the step."""
-
-    motion: NodeMotion
-    forces: TendonForces
-    nodal: Array  # forces of tendons, backbone and springs to ground on the coordinates, shape (7 N,)
-    stored: Array  # kinetic, elastic and gravitational energy [J], shape (3,)
-    load_factor: float  # by which the static solver multiplies loads and weight [1]
-
-
-class EnergyBalance:
+class EnergySums:
     """Stored energy of one robot, and what goes in and out of it, step by step.
 
     Parameters
@@ -257,8 +215,8 @@ class EnergyBalance:
         self._actuation, self._masses, self._damping, self._loads = actuation, masses, damping, loads
         self._system = actuation.system
         self._coordinates = NodeCoordinates(self._system, actuation.nodes)
-        #: The end of the last step.
-        self._last: _Instant | None = None
+        #: By which the static solver multiplied loads and weight at the end of the last step [1].
+        self._load_factor = 1.0
         sums = {"numberOfDataCoordinates": _SUMS, "initialCoordinates": [0.0] * _SUMS}
         self.node = self._system.mbs.AddNode(eii.NodeGenericData(name=f"{actuation.name}.energy", **sums))
 
@@ -267,10 +225,14 @@ class EnergyBalance:
         return [float(x) for x in self.values()]
 
     def values(self) -> Array:
-        """All columns in the current configuration, see `ENERGY_COLUMNS` [J], shape (9,)."""
+        """All columns in the current configuration, see `ENERGY_COLUMNS` [J], shape (7,)."""
         motion = NodeMotion.of(self._system.mbs, self._coordinates, _CURRENT)
-        forces = self._tendons().at_rest(self._measured(motion))
-        return np.concatenate((self._stored(motion, forces), self._sums()))
+        tendons = self._tendons()
+        elastic = elastic_energy(
+            self._actuation, motion, tendons.at_rest(self._measured(motion)), tendons.law()
+        )
+        stored = [self._masses.kinetic(motion), elastic, self._masses.potential(motion.positions)]
+        return np.concatenate((stored, self._sums()))
 
     def observe(self, t: float) -> None:
         """Add what a step has brought, after it was solved and before its history is committed.
@@ -281,50 +243,30 @@ class EnergyBalance:
             At the end of the step [s].
         """
         mbs = self._system.mbs
+        factor_before, self._load_factor = self._load_factor, static_load_factor(mbs)
         begin, finish = (NodeMotion.of(mbs, self._coordinates, which) for which in (_START, _CURRENT))
-        last, end = self._last, self._instant(finish, t, _CURRENT)
-        self._last = end
         if np.array_equal(begin.coordinates, finish.coordinates):
-            # A step at rest, or a solver that begins, with the inputs for its initial accelerations.
             return
-        start = self._instant(begin, mbs.systemData.GetTime(_START), _START)
-        # Inputs that are set after a step act in the next one, but not in the accelerations with which that begins.
-        if last is not None and not _continues(last.motion, begin):
-            last = None
+        start = self._forces(begin, mbs.systemData.GetTime(_START), _START)
+        end = self._forces(finish, t, _CURRENT)
+        tendon_work, friction = tendon_work_and_dissipation(self._tendons().law(), start, end)
         # The static solver leaves velocities as they are, and ramps loads and weight.
         statics = np.array_equal(begin.velocities, finish.velocities)
-        factors = np.array([(last or end).load_factor, end.load_factor]) if statics else np.ones(2)
-        way = finish.coordinates - begin.coordinates
-
-        def by_trapezoid(at_start: Array, at_end: Array) -> float:
-            return 0.5 * float((at_start + at_end) @ way)
-
-        tendon_work, friction = tendon_work_and_dissipation(self._tendons().law(), start.forces, end.forces)
-        loads = np.zeros(2)  # true work, and by the trapezoidal rule
+        factors = np.array([factor_before, self._load_factor])
+        load_work = 0.0
         for load in self._loads.values():
             value, moved = load.value, _moved(self._actuation.nodes.index(load.node), begin, finish)
-            mean = 0.5 * (factors @ [value if last is None else load.applied, value])
-            true = mean if statics else value
-            loads += [_load_work(load, force, moved) for force in (true, mean)]
-        gained = end.stored - start.stored
-        # The part of the weight that the static solver does not apply yet.
-        load_work, load_trapezoid = loads + (1.0 - factors.mean()) * gained[2]
-        material, viscous = 0.0, 0.0
+            acting = 0.5 * (factors @ [load.applied, value]) if statics else value
+            load_work += _load_work(load, acting, moved)
+        if statics:  # the part of the weight that the static solver does not apply yet
+            risen = self._masses.potential(finish.positions) - self._masses.potential(begin.positions)
+            load_work += (1.0 - factors.mean()) * risen
+        material = 0.0
         if self._damping is not None:
             ends = ((motion.coordinates, motion.velocities) for motion in (begin, finish))
-            material, forces = self._damping.in_step(self._actuation.mesh.twist_stiffness, *ends)
-            viscous = -0.5 * float(forces @ way)
-        inertia = 0.0 if statics else by_trapezoid(*map(self._masses.inertial_forces, (begin, finish)))
-        balance = by_trapezoid((last or start).nodal, end.nodal) + load_trapezoid - gained[2]
-        balance -= inertia + viscous
-        numerical = tendon_work + load_work - friction - material - balance - gained.sum()
+            material = self._damping.dissipated(self._actuation.mesh.twist_stiffness, *ends)
         sums = self._sums()
-        sums += [tendon_work, load_work, friction, material, numerical, balance]
-
-    def _stored(self, motion: NodeMotion, forces: TendonForces) -> Array:
-        """Kinetic, elastic and gravitational energy [J], shape (3,)."""
-        elastic = elastic_energy(self._actuation, motion, forces, self._tendons().law())
-        return np.array([self._masses.kinetic(motion), elastic, self._masses.potential(motion.positions)])
+        sums += [tendon_work, load_work, friction, material]
 
     def _sums(self) -> Array:
         """The coordinates of the data node, in the memory of Exudyn."""
@@ -333,18 +275,10 @@ class EnergyBalance:
         everything: Array = data.GetDataCoordinates(_CURRENT, copy=False)
         return everything[first : first + _SUMS]
 
-    def _instant(self, motion: NodeMotion, t: float, configuration: Any) -> _Instant:
+    def _forces(self, motion: NodeMotion, t: float, configuration: Any) -> TendonForces:
         """With the history at the beginning of the step, at a time [s]; motors are as in a configuration of Exudyn."""
-        mesh, history = self._actuation.mesh, self._actuation.history
         values = self._actuation.input_values(t, configuration)
-        forces = self._tendons().forces(self._measured(motion), values, history.base_tension, t)
-        twists = relative_twists(motion.positions, motion.rotations)
-        strained = mesh.twist_stiffness * (twists - mesh.reference_twists)
-        wrenches = forces.nodal_wrenches() + wrenches_on_nodes(strained, strain_matrices(twists))
-        nodal = generalized_forces(wrenches, motion.rotations, motion.parameters)
-        return _Instant(
-            motion, forces, nodal, self._stored(motion, forces), static_load_factor(self._system.mbs)
-        )
+        return self._tendons().forces(self._measured(motion), values, self._actuation.history.base_tension, t)
 
     def _measured(self, motion: NodeMotion) -> Any:
         return self._actuation.model.measure(motion.positions, motion.rotations)
@@ -352,13 +286,6 @@ class EnergyBalance:
     def _tendons(self) -> ElasticTendons:
         a = self._actuation
         return ElasticTendons(a.model, a.by_displacement, a.history, a.inextensible_stiffness)
-
-
-def _continues(last: NodeMotion, begin: NodeMotion) -> bool:
-    """Whether a step begins where the last one ended."""
-    return np.array_equal(begin.coordinates, last.coordinates) and np.array_equal(
-        begin.velocities, last.velocities
-    )
 
 
 def _moved(k: int, begin: NodeMotion, finish: NodeMotion) -> tuple[Array, Array, Array]:

@@ -18,7 +18,7 @@ from tdcr_fe.model.loading import Model
 from tdcr_fe.scene import contact
 from tdcr_fe.scene.assembled_robot import AssembledRobot
 from tdcr_fe.scene.contact import DiskContact, Sphere
-from tdcr_fe.scene.energy import EnergyBalance, Masses
+from tdcr_fe.scene.energy import EnergySums, Masses
 from tdcr_fe.scene.loads import Frame, PointLoad, add_point_load
 from tdcr_fe.scene.parts import section_marker
 from tdcr_fe.scene.sensors import SensorMaker
@@ -306,12 +306,11 @@ class TDCR(AssembledRobot):
 
         Its columns, all in J and listed in `tdcr_fe.scene.energy.ENERGY_COLUMNS`, are the kinetic, elastic and
         gravitational energy; then sums over the steps: work of the tendons at the base plate, work of the loads of
-        `add_load`, dissipation by friction, by the material and by the integration in time; and the balance: works less
-        dissipation less what the stored energy has grown. The balance goes to other items of the scene, or is what
-        Newton's method has left. The numerical dissipation is damping by ``spectralRadius`` and the error of the time
-        step, which may be negative: where it is not small beside the works, take smaller steps. Elastic energy includes
-        elastic tendons and springs to ground. ``mbs.SolveStatic`` ramps loads and weight, and the work of loads is that
-        of the ramp.
+        `add_load`, dissipation by friction and by the material. Elastic energy includes elastic tendons and springs to
+        ground. Works less dissipations less what the stored energy has grown went to other items of the scene, or is
+        the error of the integration in time (``spectralRadius`` below 1 damps): where no other item takes energy and
+        this is not small beside the works, take smaller steps. ``mbs.SolveStatic`` ramps loads and weight, and the work
+        of loads is that of the ramp.
 
         Parameters
         ----------
@@ -321,20 +320,21 @@ class TDCR(AssembledRobot):
             Keep the values in memory.
         """
         masses = Masses.of(self.robot, self.actuation, self.model.gravity)
-        balance = EnergyBalance(self.actuation, masses, self.damping, self.loads)
-        SceneHooks.of(self.mbs).robot(self.actuation).add_observer(balance)
+        sums = EnergySums(self.actuation, masses, self.damping, self.loads)
+        SceneHooks.of(self.mbs).robot(self.actuation).add_observer(sums)
         maker = SensorMaker(self.mbs, self.name, fileName, storeInternal)
-        self.sensors |= maker.of_function("energy", balance.measure)
+        self.sensors |= maker.of_function("energy", sums.measure)
         return self.sensors["energy"]
 
     # ------------------------------------------------------------------ after Assemble
 
     def recommended_settings(self, end_time: float, step_size: float) -> exu.SimulationSettings:
-        """Settings for ``mbs.SolveDynamic`` with tolerances above the round-off of the stiffest element.
+        """Settings for ``mbs.SolveDynamic`` and ``mbs.SolveStatic``, tolerances above the stiffest element's round-off.
 
         Exudyn's defaults ask for a residual below round-off: the axial stiffness of a thin backbone turns the last
         digit of a node's position into a force, all the more so inside thick disks. Everything else in the settings is
-        yours to change: output, damping (``spectralRadius``), modified Newton.
+        yours to change: output, damping (``spectralRadius``), modified Newton. ``mbs.SolveStatic`` ramps loads over as
+        many load steps as ``mbs.SolveDynamic`` takes, in the same time; 50 are enough for most robots.
 
         Parameters
         ----------
@@ -367,6 +367,12 @@ class TDCR(AssembledRobot):
         # After a sudden change the step grows again as soon as two in a row have converged.
         integration.adaptiveStepRecoverySteps, integration.adaptiveStepRecoveryIterations = 2, 12
         integration.newton.absoluteTolerance = max(1e-8, round_off(self.mesh))
+        statics = settings.staticSolver
+        statics.numberOfLoadSteps, statics.loadStepDuration = round(end_time / step_size), end_time
+        statics.newton.relativeTolerance = integration.newton.relativeTolerance
+        statics.newton.absoluteTolerance = integration.newton.absoluteTolerance
+        # Holes that change between stick and slip take more iterations than Exudyn's default permits.
+        statics.newton.maxIterations = 50
         # Friction couples nearly all coordinates of a robot; for one robot a dense factorisation is the fastest.
         data, solvers = self.mbs.systemData, exu.LinearSolverType
         count = data.ODE2Size() if self.mbs.systemIsConsistent else 7 * len(self.nNodes)

@@ -142,7 +142,7 @@ def TDCREigenvalues(mbs: exu.MainSystem, *, holes: Holes = "stuck", numberOfEige
 
 
 def TDCRLinearized(
-    mbs: exu.MainSystem, *, holes: Holes = "stuck", sensors: Sequence[Any] = ()
+    mbs: exu.MainSystem, *, holes: Holes = "sliding", sensors: Sequence[Any] = ()
 ) -> LinearSystem:
     """Linearise a scene about its present state at rest, with the tendons of all robots as inputs.
 
@@ -154,8 +154,8 @@ def TDCRLinearized(
     mbs
         An assembled system with at least one robot, in a state as `SolveTDCR` leaves it.
     holes
-        As in `TDCREigenvalues`: "stuck" for motions so small that no hole slips beyond its presliding, "sliding" on top
-        of a motion that goes on.
+        As in `TDCREigenvalues`: "sliding" on top of a motion that goes on, as under a controller, whose inputs move
+        the tendons at once; "stuck" for motions so small that no hole slips beyond its presliding.
     sensors
         Numbers of the sensors that are the outputs, as of ``arm.sensors["tip_position"]``; their values follow from
         coordinates.

@@ -10,6 +10,7 @@ from typing import Any
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
+from exudyn.rigidBodyUtilities import AngularVelocity2EulerParameters_t
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh
@@ -67,11 +68,11 @@ def base_pose(mbs: exu.MainSystem, position: Any, rotation: Any, marker: Any) ->
     p = np.zeros(3) if position is None else np.asarray(position, dtype=float)
     r = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
     if p.shape != (3,) or not np.all(np.isfinite(p)):
-        raise ValueError(f"basePosition {position!r}; must be three finite coordinates [m]")
+        raise ValueError(f"referencePosition {position!r}; must be three finite coordinates [m]")
     if r.shape != (3, 3) or not np.allclose(r @ r.T, np.eye(3), atol=1e-9):
-        raise ValueError("baseRotationMatrix must be a rotation matrix of shape (3, 3)")
+        raise ValueError("referenceRotationMatrix must be a rotation matrix of shape (3, 3)")
     if np.linalg.det(r) < 0.0:
-        raise ValueError("baseRotationMatrix is a reflection; must be a rotation matrix")
+        raise ValueError("referenceRotationMatrix is a reflection; must be a rotation matrix")
     if marker is None:
         return BasePose(p, r)
     variable, reference = exu.OutputVariableType, exu.ConfigurationType.Reference
@@ -86,15 +87,24 @@ def base_pose(mbs: exu.MainSystem, position: Any, rotation: Any, marker: Any) ->
     scale = max(1.0, float(np.abs(at).max()))
     if position is not None and not np.allclose(p, at, rtol=0.0, atol=1e-6 * scale):
         raise ValueError(
-            f"basePosition {p.tolist()} differs from that of baseMarker {marker}, {at.tolist()}, in the reference "
+            f"referencePosition {p.tolist()} differs from that of baseMarker {marker}, {at.tolist()}, in the reference "
             "configuration; leave it out to take that of the marker"
         )
     if rotation is not None and not np.allclose(r, axes, rtol=0.0, atol=1e-6):
         raise ValueError(
-            f"baseRotationMatrix differs from the axes of baseMarker {marker}, {axes.tolist()}, in the reference "
+            f"referenceRotationMatrix differs from the axes of baseMarker {marker}, {axes.tolist()}, in the reference "
             "configuration; leave it out to take those of the marker"
         )
     return BasePose(at, axes)
+
+
+def set_moving(mbs: exu.MainSystem, nodes: Sequence[Any], at: Array, motion: Array) -> None:
+    """Give nodes initial velocities as of a rigid body, of velocity and angular velocity at a place, shape (2, 3)."""
+    for node in nodes:
+        reference = np.array(mbs.GetNodeParameter(node, "referenceCoordinates"))
+        velocity = motion[0] + np.cross(motion[1], reference[:3] - at)
+        rates = AngularVelocity2EulerParameters_t(motion[1], reference[3:])
+        mbs.SetNodeParameter(node, "initialVelocities", [*velocity, *rates])
 
 
 def add_ground(

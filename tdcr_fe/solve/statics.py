@@ -28,8 +28,8 @@ def SolveTDCR(
     mbs: exu.MainSystem,
     settings: SolverSettings | None = None,
     *,
-    startTime: float = 0.0,
-    endTime: float = 1.0,
+    startTime: float | None = None,
+    endTime: float | None = None,
     substeps: int | None = None,
     sensitivities: Sequence[SensitivityHistory] = (),
 ) -> dict[str, Any]:
@@ -50,7 +50,7 @@ def SolveTDCR(
     settings
         Numerics.
     startTime, endTime
-        [s].
+        [s]. None is the present time of the scene, and that no time passes: what is driven over time stays where it is.
     substeps
         Fixed number of substeps; None chooses.
     sensitivities
@@ -79,7 +79,9 @@ def SolveTDCR(
     check_instance("SolveTDCR", "settings", settings, (SolverSettings, type(None)), hint)
     if substeps is not None:
         check_number("SolveTDCR", "substeps", substeps, "None lets the solver choose.", positive=True)
-    for name, value in (("startTime", startTime), ("endTime", endTime)):
+    start = mbs.systemData.GetTime() if startTime is None else startTime
+    end = start if endTime is None else endTime
+    for name, value in (("startTime", start), ("endTime", end)):
         check_number("SolveTDCR", name, value, "It is a time [s].")
     hooks = SceneHooks.of(mbs)
     hooks.refuse_motors("SolveTDCR")
@@ -90,8 +92,8 @@ def SolveTDCR(
         )
     system = SceneSystem(mbs)
     try:
-        _refuse_free_bases(system, startTime)
-        path = _solve(system, settings or SolverSettings(), startTime, endTime, substeps, sensitivities)
+        _refuse_free_bases(system, start)
+        path = _solve(system, settings or SolverSettings(), start, end, substeps, sensitivities)
         system.bring_to_rest()
         remember(system, path)
         _draw(mbs)
@@ -110,9 +112,9 @@ def _refuse_free_bases(system: SceneSystem, time: float) -> None:
     ]
     if not off:
         return
-    free = set(freely_moving(system, system.current_state(time)))
+    free = freely_moving(system, system.current_state(time))
     for robot in off:
-        if free & {str(mbs.GetNodeParameter(node, "name")) for node in robot.nodes}:
+        if f"robot {robot.name!r}" in free:
             raise ValueError(
                 f"robot {robot.name!r}: its base joint is switched off (activeConnector), and nothing else holds it; "
                 "switch the joint on, join the base to something, or use mbs.SolveDynamic"

@@ -114,7 +114,7 @@ def test_springs_in_a_rotated_scene_act_sideways_to_the_base():
     turn = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     found = []
     for pose in (np.eye(3), turn):
-        _keep, mbs, arm = scene(robot, friction="none", baseRotationMatrix=pose)
+        _keep, mbs, arm = scene(robot, friction="none", referenceRotationMatrix=pose)
         arm.set_tensions({"t1": 1.0, "t2": 0.2})
         SolveTDCR(mbs)
         found.append(arm.tip_position)

@@ -94,7 +94,7 @@ def facing_each_other(robot, apart, elements=1):
     mbs = keep.AddSystem()
     model = Model(friction="per-hole", elements_per_bay=elements)
     a = CreateTDCR(mbs, robot, model, name="a")
-    there = {"basePosition": [apart, 0.0, 0.0], "baseRotationMatrix": np.diag([-1.0, -1.0, 1.0])}
+    there = {"referencePosition": [apart, 0.0, 0.0], "referenceRotationMatrix": np.diag([-1.0, -1.0, 1.0])}
     b = CreateTDCR(mbs, robot, model, name="b", **there)
     contact = a.add_disk_contact(b, STIFFNESS)
     mbs.Assemble()

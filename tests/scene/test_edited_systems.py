@@ -96,7 +96,7 @@ def two_robots():
     mbs = keep.AddSystem()
     a = mbs.CreateTDCR(three(0.3), name="a")
     a.add_load("tip", LENGTH)
-    b = mbs.CreateTDCR(three(0.3), name="b", basePosition=[0.1, 0.0, 0.0])
+    b = mbs.CreateTDCR(three(0.3), name="b", referencePosition=[0.1, 0.0, 0.0])
     b.add_load("tip", LENGTH)
     return keep, mbs, a, b
 

@@ -71,7 +71,7 @@ def test_static_solver_with_two_robots_and_a_hook_of_the_user():
     mbs.SetPreNewtonResidualUserFunction(lambda mbs_, t, newton, discontinuous: calls.append(t))
     model = Model(friction="per-hole", elements_per_bay=1)
     a = CreateTDCR(mbs, paper(0.3), model, name="a")
-    b = CreateTDCR(mbs, paper(0.3, 90.0), model, name="b", basePosition=[0.1, 0.0, 0.0])
+    b = CreateTDCR(mbs, paper(0.3, 90.0), model, name="b", referencePosition=[0.1, 0.0, 0.0])
     mbs.SetPostStepUserFunction(lambda mbs_, t: calls.append(-1) or True)
     mbs.Assemble()
     a.set_inputs_over_time(lambda t: [1.0 * t])

@@ -44,7 +44,7 @@ def solved(mbs, handle, *tensions: float) -> None:
 def test_a_moved_base_moves_the_solution():
     turn = Rotation.random(random_state=0).as_matrix()
     at = np.random.default_rng(0).normal(size=3)
-    _keep, mbs, handle = scene(paper(0.3), basePosition=at, baseRotationMatrix=turn)
+    _keep, mbs, handle = scene(paper(0.3), referencePosition=at, referenceRotationMatrix=turn)
     assert distance(handle.tip_position, at + turn @ STRAIGHT) < 1e-12
     solved(mbs, handle, 1.0, 2.0, 1.0)
     expected = solve(paper(0.3), pull(1.0, 2.0, 1.0)).steps[-1]
@@ -75,7 +75,9 @@ def test_base_on_the_tip_of_another_robot():
     """The second robot is joined to the first one's tip; unloaded it follows as a rigid body."""
     _keep, mbs = system()
     first = CreateTDCR(mbs, paper(0.3), MODEL, name="first")
-    second = CreateTDCR(mbs, paper(0.3), MODEL, name="second", basePosition=STRAIGHT, baseMarker=first.mTip)
+    second = CreateTDCR(
+        mbs, paper(0.3), MODEL, name="second", referencePosition=STRAIGHT, baseMarker=first.mTip
+    )
     mbs.Assemble()
     first.set_tensions([1.0])
     mbs.SolveTDCR()
@@ -253,7 +255,7 @@ def test_a_robot_added_later_joins_the_first():
     """Assemble again: all robots begin unloaded, with the inputs that were set."""
     _keep, mbs, handle = scene(paper(0.3))
     solved(mbs, handle, 1.0)
-    second = CreateTDCR(mbs, paper(0.3), MODEL, name="second", basePosition=[0.1, 0.0, 0.0])
+    second = CreateTDCR(mbs, paper(0.3), MODEL, name="second", referencePosition=[0.1, 0.0, 0.0])
     mbs.Assemble()
     second.set_tensions([0.5])
     mbs.SolveTDCR()

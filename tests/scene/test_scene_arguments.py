@@ -31,7 +31,7 @@ def bent(mbs, handle):
 
 
 def test_exudyns_names_give_the_same_robot():
-    pose = {"basePosition": [0.1, 0.2, 0.0], "baseRotationMatrix": TURN}
+    pose = {"referencePosition": [0.1, 0.2, 0.0], "referenceRotationMatrix": TURN}
     _keep, mbs, handle = scene(three(0.0), assemble=False, gravity=tuple(HEAVY), **pose)
     keep = exu.SystemContainer()
     other = keep.AddSystem()
@@ -60,14 +60,14 @@ ORIGIN = [0.0, 0.0, 0.0]
     ("given", "error", "message"),
     [
         (
-            {"basePosition": ORIGIN, "referencePosition": ORIGIN},
+            {"referencePosition": ORIGIN, "referencePosition": ORIGIN},
             ValueError,
-            "basePosition and referencePosition",
+            "referencePosition and referencePosition",
         ),
         (
-            {"baseRotationMatrix": TURN, "referenceRotationMatrix": TURN},
+            {"referenceRotationMatrix": TURN, "referenceRotationMatrix": TURN},
             ValueError,
-            "baseRotationMatrix and referenceRotationMatrix",
+            "referenceRotationMatrix and referenceRotationMatrix",
         ),
         (
             {"gravity": HEAVY, "model": Model(gravity=tuple(HEAVY))},
@@ -76,8 +76,8 @@ ORIGIN = [0.0, 0.0, 0.0]
         ),
         ({"color": [2.0, 0.0, 0.0, 1.0]}, ValueError, "four numbers from 0 to 1"),
         ({"loadPositions": [0.3]}, ValueError, "0 to 0.25 m"),
-        ({"baseRotationMatrix": 2.0 * np.eye(3)}, ValueError, "must be a rotation"),
-        ({"baseRotationMatrix": np.diag([1.0, 1.0, -1.0])}, ValueError, "reflection"),
+        ({"referenceRotationMatrix": 2.0 * np.eye(3)}, ValueError, "must be a rotation"),
+        ({"referenceRotationMatrix": np.diag([1.0, 1.0, -1.0])}, ValueError, "reflection"),
         ({"graphicsDataList": graphics.Sphere(radius=0.1)}, TypeError, "is of type dict; expected a list of"),
         ({"graphicsDataList": [0.1]}, TypeError, "is of type float; expected a list of graphics"),
         ({"show": "no"}, TypeError, "show is 'no'; expected True or False"),
@@ -137,8 +137,11 @@ def test_the_pose_of_the_base_is_that_of_its_marker():
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"basePosition": ORIGIN}, "basePosition .* differs from that of baseMarker"),
-        ({"baseRotationMatrix": np.eye(3)}, "baseRotationMatrix differs from the axes of baseMarker"),
+        ({"referencePosition": ORIGIN}, "referencePosition .* differs from that of baseMarker"),
+        (
+            {"referenceRotationMatrix": np.eye(3)},
+            "referenceRotationMatrix differs from the axes of baseMarker",
+        ),
     ],
 )
 def test_a_base_pose_other_than_that_of_the_marker_is_refused(given, words):

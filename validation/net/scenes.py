@@ -143,7 +143,7 @@ def _general(triangles: bool) -> Callable[..., None]:
 
 
 def _turned(mbs: exu.MainSystem) -> Mapping[str, Any]:
-    return {"basePosition": [0.01, 0.02, 0.3], "baseRotationMatrix": RotationMatrixY(0.7)}
+    return {"referencePosition": [0.01, 0.02, 0.3], "referenceRotationMatrix": RotationMatrixY(0.7)}
 
 
 def _carriage(mbs: exu.MainSystem) -> Mapping[str, Any]:
@@ -274,7 +274,7 @@ def solve(key: str) -> dict[str, NDArray[np.float64] | str]:
 
 def _add(mbs: exu.MainSystem, scene: Scene, number: int) -> tdcr.TDCR:
     model = tdcr.Model(**{"friction": "per-hole", "elements_per_bay": 1, **scene.model})
-    base = {"basePosition": [0.045, 0.0, 0.0]} if number else scene.base(mbs) if scene.base else {}
+    base = {"referencePosition": [0.045, 0.0, 0.0]} if number else scene.base(mbs) if scene.base else {}
     return mbs.CreateTDCR(_robot(scene, f"robot{number}"), model, **base)
 
 

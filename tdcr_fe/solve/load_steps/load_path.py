@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import TendonForces
-from tdcr_fe.elements.native.hooks import PointLoadItem
+from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState, Target
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
@@ -28,7 +28,7 @@ InputRamp = Callable[[float, float], Array]
 class LoadRamp:
     """Change of one concentrated load, six values: force [N] and moment [N m]."""
 
-    item: PointLoadItem
+    item: PointLoad
     start: Array  # (6,)
     end: Array  # as `start`
 

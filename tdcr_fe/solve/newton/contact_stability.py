@@ -97,7 +97,7 @@ def _compliance(
 
 
 def freely_moving(system: SceneSystem, state: SolverState) -> list[str]:
-    """Names of the nodes that some motion without resistance displaces; none where that motion is not found.
+    """Robots and bodies by name that some motion without resistance displaces; none where it is not found.
 
     Parameters
     ----------
@@ -116,19 +116,18 @@ def freely_moving(system: SceneSystem, state: SolverState) -> list[str]:
     _, resistance, motions = np.linalg.svd(tangent)
     free = motions[resistance <= NO_RESISTANCE]
     displaced = np.flatnonzero(np.abs(free).max(axis=0, initial=0.0) > PART)
-    return _nodes_with(system, displaced)
+    return _moved(system, displaced)
 
 
-def _nodes_with(system: SceneSystem, coordinates: NDArray[np.int_]) -> list[str]:
-    """Names of the nodes that have any of the scene's ODE2 coordinates."""
-    mbs, data = system.mbs, system.mbs.systemData
-    found = []
-    for i in range(data.NumberOfNodes()):
-        node = mbs.GetNode(i)
-        if node["nodeType"] == "GenericData" or node["nodeType"].endswith("Ground"):
-            continue
-        first = mbs.GetNodeODE2Index(i)
-        count = np.size(node["referenceCoordinates"])
-        if np.any((coordinates >= first) & (coordinates < first + count)):
-            found.append(node["name"] or f"node {i}")
+def _moved(system: SceneSystem, coordinates: NDArray[np.int_]) -> list[str]:
+    """Names of the robots, and of the bodies beside them, that have any of the scene's ODE2 coordinates."""
+    mbs, left, found = system.mbs, set(coordinates.tolist()), []
+    for robot in system.robots:
+        own = set(robot.coordinates.ravel().tolist())
+        found += [] if own.isdisjoint(left) else [f"robot {robot.name!r}"]
+        left -= own
+    for i in range(mbs.systemData.NumberOfObjects()):
+        own = set(mbs.systemData.GetObjectLTGODE2(i))
+        found += [] if own.isdisjoint(left) else [repr(mbs.GetObject(i)["name"])]
+        left -= own
     return found
