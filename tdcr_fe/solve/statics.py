@@ -9,7 +9,7 @@ from typing import Any
 import exudyn as exu
 
 from tdcr_fe.elements.native.hooks import SceneHooks
-from tdcr_fe.model.arguments import check_instance, check_number
+from tdcr_fe.model.arguments import check_instance, check_number, check_numbers
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.scene.builder import check_system
 from tdcr_fe.scene.handle import TDCR
@@ -36,10 +36,10 @@ def SolveTDCR(
     """Take all robots of a scene, and the scene with them, to the inputs that were set.
 
     Every tendon input is ramped from its current value to that of the last ``set_tensions`` or ``set_displacements`` of
-    its robot, every concentrated load of a robot from its value in the last solved state to that of the last ``set``,
-    and time from ``startTime`` to ``endTime``: your load user functions and your ``PreNewtonResidual`` and ``PreStep``
-    functions are called with that time. Loads of your own act in full from the beginning. The step is refined as in
-    `tdcr_fe.solve.simulate.simulate`, so that the path of the friction is resolved. The solved state is left in the
+    its robot, and every concentrated load of a robot from its value in the last solved state to that of the last
+    ``set``. Loads of your own act in full from the beginning; your load user functions and your ``PreNewtonResidual``
+    and ``PreStep`` functions are called with the time, which stands unless ``endTime`` is given. The step is refined as
+    in `tdcr_fe.solve.simulate.simulate`, so that the path of the friction is resolved. The solved state is left in the
     scene, at rest, as current and as initial configuration, so that a next call, ``mbs.SolveStatic`` or
     ``mbs.SolveDynamic`` continues from it, histories of the holes included.
 
@@ -50,7 +50,8 @@ def SolveTDCR(
     settings
         Numerics.
     startTime, endTime
-        [s]. None is the present time of the scene, and that no time passes: what is driven over time stays where it is.
+        Between which time passes [s]. Defaults: the present time of the scene, and that no time passes, so that what
+        user functions drive over time stays where it is.
     substeps
         Fixed number of substeps; None chooses.
     sensitivities
@@ -81,8 +82,7 @@ def SolveTDCR(
         check_number("SolveTDCR", "substeps", substeps, "None lets the solver choose.", positive=True)
     start = mbs.systemData.GetTime() if startTime is None else startTime
     end = start if endTime is None else endTime
-    for name, value in (("startTime", start), ("endTime", end)):
-        check_number("SolveTDCR", name, value, "It is a time [s].")
+    check_numbers("SolveTDCR", "startTime, endTime", (start, end), "They are times [s].")
     hooks = SceneHooks.of(mbs)
     hooks.refuse_motors("SolveTDCR")
     if not all(robot.connected for robot in hooks.actuations):

@@ -186,7 +186,7 @@ def test_a_body_that_moves_freely_is_refused_by_name():
     handle.add_disk_contact(mass, STIFFNESS, sphereRadius=0.01)
     mbs.Assemble()
     handle.set_tensions({"t1": 1.0})
-    with pytest.raises(StepFailed, match=r"What moves freely: .*loose"):
+    with pytest.raises(StepFailed, match="Nothing holds 'loose'"):
         mbs.SolveTDCR()
     assert keep
 

@@ -1,4 +1,4 @@
-"""The energy balance of a robot in Exudyn's own solvers, by `TDCR.add_energy_sensor`."""
+"""The energy of a robot in Exudyn's own solvers, by `TDCR.add_energy_sensor`."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def test_the_force_of_nonlinear_fibres_is_the_derivative_of_their_energy():
     assert np.abs(expected).max() > 1e-6
 
 
-# ---------------------------------------------------------------- balance
+# ---------------------------------------------------------------- what goes in and out
 
 
 def random_run(seed: int, end: float, rho: float = 1.0, elements: int | str = 1) -> dict[str, np.ndarray]:
@@ -153,42 +153,26 @@ def random_run(seed: int, end: float, rho: float = 1.0, elements: int | str = 1)
     return columns(mbs, sensor)
 
 
-def exchanged(found: dict[str, np.ndarray]) -> float:
-    """Sum of all exchanges, by their size, with tendons and loads [J]."""
-    return float(sum(np.abs(np.diff(found[k])).sum() for k in ("tendon_work", "load_work")))
+def rest(found: dict[str, np.ndarray]) -> np.ndarray:
+    """Works less dissipations less what the stored energy has grown [J]: other items, and the integration in time."""
+    stored = sum(found[k] for k in ("kinetic", "elastic", "gravity"))
+    lost = found["friction_dissipation"] + found["material_dissipation"]
+    return found["tendon_work"] + found["load_work"] - lost - (stored - stored[0])
 
 
-def largest(values: np.ndarray) -> float:
-    return float(np.abs(values).max())
-
-
-def check(found: dict[str, np.ndarray], balance: float, numerical: float) -> None:
-    """Balance and numerical dissipation are below these parts of the work, dissipations grow, and the sum is zero."""
-    work = exchanged(found)
+def check(found: dict[str, np.ndarray], tolerance: float) -> None:
+    """The rest is below this part of all exchanges with tendons and loads; dissipations grow."""
+    work = sum(np.abs(np.diff(found[k])).sum() for k in ("tendon_work", "load_work"))
     assert work > 1e-4
     for kind in ("friction_dissipation", "material_dissipation"):
         assert np.diff(found[kind]).min() > -1e-3 * work
         assert found[kind][-1] >= 0.0
-    stored = sum(found[k] for k in ("kinetic", "elastic", "gravity"))
-    into = found["tendon_work"] + found["load_work"]
-    out = found["friction_dissipation"] + found["material_dissipation"]
-    rest = found["balance"] + found["numerical_dissipation"]
-    assert stored - stored[0] == pytest.approx(into - out - rest, abs=1e-9 * work)
-    assert largest(found["balance"]) < balance * work
-    assert largest(found["numerical_dissipation"]) < numerical * work
+    assert np.abs(rest(found)).max() < tolerance * work
 
 
-@pytest.mark.parametrize(
-    ("seed", "rho"),
-    [(2, 0.5), *(pytest.param(*x, marks=pytest.mark.integration) for x in ((0, 1.0), (2, 1.0)))],
-)
-def test_the_energy_of_a_random_motion_is_balanced(seed, rho):
-    """To 1e-5 of the work at all times of a tenth of a second, with and without damping by the integration.
-
-    When the balance was the sum of what goes to other items and of the error of the integration, it was 7e-5 with
-    ``spectralRadius = 1`` and 6e-4 with 0.5, although there is no other item.
-    """
-    check(random_run(seed, 0.1, rho), 1e-5, 1e-4 if rho == 1.0 else 1e-3)
+def test_the_energy_of_a_random_motion_is_balanced():
+    """At all times of a tenth of a second; the rest is the error of the integration in time."""
+    check(random_run(2, 0.1), 1e-4)
 
 
 @pytest.mark.campaign
@@ -198,30 +182,11 @@ def test_the_energy_of_random_motions_is_conserved_for_half_a_second(seed):
 
     In steps of 1 ms, on the default mesh; the error of the integration in time is counted as well.
     """
-    check(random_run(seed, 0.5, elements="auto"), 1e-4, 1e-4)
+    check(random_run(seed, 0.5, elements="auto"), 2e-4)
 
 
-def test_inputs_that_jump_at_every_step_leave_the_balance_as_it_is():
-    """Tensions and a load are set in ``PreStep``: they hold in the step, which begins with accelerations of the old.
-
-    The difference is an error of the time step, no work on other items; as such it would be 2e-3 of the work.
-    """
-    _keep, mbs, handle, load, sensor = measured(three(0.3), "section")
-
-    def control(mbs, t):
-        handle.set_tensions([0.4 + 0.3 * np.sin(40.0 * t), 0.0, 0.3 * (t > 0.025)])
-        load.set([0.01 * np.sin(90.0 * t), 0.0, 0.0], [0.0, 1e-4 * np.cos(90.0 * t), 0.0])
-        return True
-
-    mbs.SetPreStepUserFunction(control)
-    run(mbs, handle, 0.05)
-    found = columns(mbs, sensor)
-    assert largest(found["balance"]) < 1e-4 * exchanged(found)
-    assert largest(found["numerical_dissipation"]) > 1e-3 * exchanged(found)
-
-
-def test_a_damper_of_the_scene_gets_what_the_balance_shows():
-    """A dashpot at the tip: the balance is what it dissipates, the integral of ``c v^2``."""
+def test_a_damper_of_the_scene_gets_the_rest():
+    """A dashpot at the tip dissipates the integral of ``c v^2``."""
     _keep, mbs, handle = damped(three(0.0), damping=0.02, assemble=False)
     sensor = handle.add_energy_sensor()
     velocity = mbs.AddSensor(
@@ -238,7 +203,7 @@ def test_a_damper_of_the_scene_gets_what_the_balance_shows():
     found, v = columns(mbs, sensor), np.array(mbs.GetSensorStoredData(velocity))
     power = 0.02 * np.sum(v[:, 1:] ** 2, axis=1)
     expected = float(np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(v[:, 0])))
-    assert found["balance"][-1] == pytest.approx(expected, rel=1e-2)
+    assert rest(found)[-1] == pytest.approx(expected, rel=1e-2)
     assert expected > 0.1 * found["tendon_work"][-1]
 
 
@@ -271,30 +236,12 @@ def test_the_sums_are_restored_with_the_state():
     assert present(mbs, sensor) == pytest.approx(first, rel=1e-9, abs=1e-15)
 
 
-def test_loads_and_weight_that_the_static_solver_ramps_are_balanced():
-    """``mbs.SolveStatic`` multiplies them by a factor from 0 to 1: a load does half its final value times the way.
-
-    With the work of the whole load from the first step on, the balance was more than half of the work.
-    """
+def test_loads_and_weight_that_the_static_solver_ramps_do_the_work_of_the_ramp():
+    """``mbs.SolveStatic`` multiplies them by a factor from 0 to 1: a load does half its final value times the way."""
     _keep, mbs, handle, load, sensor = measured(three(0.0), gravity=(0.5, 0.0, 0.0))
     load.set([2e-3, 0.0, 0.0])
     assert mbs.SolveStatic(static_settings(20))
     found, away = present(mbs, sensor), handle.tip_position[0]
-    assert abs(found["balance"]) < 1e-6 * found["elastic"]
     # The ramp holds back half of the work of the weight.
     assert found["load_work"] - 0.5 * found["gravity"] == pytest.approx(0.5 * 2e-3 * away, rel=1e-3)
     assert found["elastic"] == pytest.approx(found["load_work"] - found["gravity"], rel=1e-3)
-
-
-@pytest.mark.integration
-def test_a_slow_pull_by_exudyns_statics_is_balanced_too():
-    """To 1.2 N in 40 load steps with friction: work of the tendon, elastic energy and friction."""
-    _keep, mbs, handle = scene(three(0.3), assemble=False)
-    sensor = handle.add_energy_sensor()
-    mbs.Assemble()
-    handle.set_inputs_over_time(lambda t: [1.2 * t, 0.0, 0.0])
-    assert mbs.SolveStatic(static_settings(40))
-    found = present(mbs, sensor)
-    assert found["kinetic"] == 0.0
-    assert found["friction_dissipation"] > 0.05 * found["tendon_work"]
-    assert abs(found["balance"]) < 1e-4 * found["tendon_work"]

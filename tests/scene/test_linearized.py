@@ -169,7 +169,7 @@ def test_the_static_gain_is_what_statics_give(drive, mu):
     """Change of the tip by a small change of each input: 1e-4 of the largest; with friction all holes stick."""
     _keep, mbs, handle, sensor = at_rest(drive, mu, **({} if mu else ELASTIC))
     settings = SolverSettings(presliding=PRESLIDING if mu else 1e-6)
-    gain = mbs.TDCRLinearized(sensors=[sensor]).static_gain()
+    gain = mbs.TDCRLinearized(holes="stuck", sensors=[sensor]).static_gain()
     inputs = handle.actuation.input_values().copy()
     size = 1e-6 if drive == "displacement" else 1e-4 if mu else 1e-3
     change = handle.set_tensions if drive == "tension" else handle.set_displacements
@@ -208,7 +208,7 @@ def test_the_gain_with_stuck_holes_is_that_of_a_small_release_after_slip(rest):
 def test_modes_and_state_space_agree():
     """Eigenvalues of the first-order system are the frequencies of `TDCREigenvalues`."""
     _keep, mbs, _, sensor = at_rest("tension", 0.3)
-    linear = mbs.TDCRLinearized(sensors=[sensor])
+    linear = mbs.TDCRLinearized(holes="stuck", sensors=[sensor])
     modes = mbs.TDCREigenvalues(numberOfEigenvalues=2)
     assert frequencies(linear.stiffness, linear.mass, 2) == pytest.approx(modes.frequencies, rel=1e-6)
     a, b, c = linear.state_space()

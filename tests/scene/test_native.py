@@ -11,8 +11,11 @@ from native_solvers import damped, dynamic_settings, recommended, static_setting
 from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, scene, solve, three
 
 from tdcr_fe.model.backbone import Superelastic
+from tdcr_fe.model.friction import StribeckFriction
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.native import register
 from tdcr_fe.scene.builder import CreateTDCR
 from tdcr_fe.solve.statics import SolveTDCR
@@ -289,10 +292,47 @@ def test_a_run_with_tolerances_below_round_off_ends_by_name():
     settings.timeIntegration.newton = exu.SimulationSettings().timeIntegration.newton
     settings.timeIntegration.newton.useModifiedNewton = False
     settings.timeIntegration.generalizedAlpha.spectralRadius = 0.9
-    with pytest.raises(exu.ModelError, match=r"below the round-off .* arm.recommended_settings"):
+    with pytest.raises(
+        exu.ModelError, match=r"below the round-off .* arm.recommended_settings.* \(it is 0.9\)"
+    ):
         mbs.SolveDynamic(settings)
     assert mbs.sys["dynamicSolver"].it.currentStepIndex < 1000
     assert mbs.SolveDynamic(handle.recommended_settings(0.03, 1e-3))
+
+
+def test_recommended_settings_serve_exudyns_statics():
+    """At rest, where Exudyn's tolerances fail, and in a pull, to the tip of `SolveTDCR`."""
+    _keep, mbs, handle = scene(three(0.3))
+    handle.set_tensions([1.0, 0.2, 0.2])
+    SolveTDCR(mbs)
+    start = handle.tip_position
+    assert mbs.SolveStatic(recommended(handle, 1.0, 0.1))
+    assert distance(handle.tip_position, start) < 1e-9
+    handle.set_inputs_over_time(lambda t: [1.0 + 0.5 * t, 0.2, 0.2])
+    assert mbs.SolveStatic(recommended(handle, 1.0, 0.05), updateInitialValues=True)
+    pulled = handle.tip_position
+    handle.set_tensions([1.5, 0.2, 0.2])
+    SolveTDCR(mbs)
+    assert distance(handle.tip_position, start) > 0.1
+    assert distance(handle.tip_position, pulled) < 1e-4
+
+
+def test_a_law_of_friction_that_no_tensions_satisfy_ends_a_run_with_a_message(monkeypatch):
+    """The run stood still: a loop of 60 and one of 20 iterations went on with what is no number."""
+    law = StribeckFriction(0.4, 0.15, 1e-3)
+    known = law.coefficient
+
+    def lost(self, normal_force, slip_rate):
+        found = known(normal_force, slip_rate)
+        return found if np.abs(slip_rate).max() < 1e-4 else (np.full_like(found[0], np.nan), *found[1:])
+
+    monkeypatch.setattr(StribeckFriction, "coefficient", lost)
+    tendon = Tendon("t1", ParallelRouting(4.5e-3), friction=law, axial_stiffness=2000.0)
+    _keep, mbs, handle = scene(Robot(BACKBONE, DISKS, (tendon,), name="paper"))
+    handle.set_displacements([0.0])
+    handle.set_inputs_over_time(lambda t: [0.02 * t])
+    with pytest.raises(exu.ModelError, match=r"robot 'paper': at .* no tensions satisfy the law of friction"):
+        mbs.SolveDynamic(recommended(handle, 0.1, 1e-3))
 
 
 def test_recommended_settings_refuse_wrong_times():

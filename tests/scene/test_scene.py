@@ -5,14 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import exudyn as exu
+import exudyn.itemInterface as eii
 import numpy as np
 import pytest
+from exudyn.utilities import InertiaCuboid
+from native_solvers import recommended
 from robots import BACKBONE, DISKS, LENGTH, distance, hinged_platform, paper, pull, scene, solve, three
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.native import register
 from tdcr_fe.scene.builder import CreateTDCR
+from tdcr_fe.solve.load_steps.load_path import StepFailed
 
 register()
 
@@ -88,6 +92,43 @@ def test_base_on_the_tip_of_another_robot():
     mbs.SolveTDCR()
     assert distance(first.tip_position, single_tip()) < 1e-8
     assert distance(second.tip_position, first.tip_position + first.tip_rotation @ single_tip()) < 1e-7
+
+
+def test_no_time_passes_and_motion_goes_on_from_a_base_that_is_driven():
+    """By a user function of time: with time from 0 to 1 the base stood where it is at 1 s, and the motion failed."""
+    _keep, mbs = system()
+    marker = mbs.AddMarker(
+        eii.MarkerBodyRigid(bodyNumber=mbs.CreateRigidBody(inertia=InertiaCuboid(1e3, [0.05] * 3)))
+    )
+    ground = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.CreateGround()))
+
+    def offset(mbs, t, item, parameters):
+        return [0.1 * np.sin(t), 0.0, 0.0, 0.0, 0.0, 0.0]
+
+    drive = {"constrainedAxes": [1] * 6, "offsetUserFunction": offset}
+    mbs.AddObject(eii.GenericJoint(markerNumbers=[ground, marker], **drive))
+    handle = CreateTDCR(mbs, paper(0.3), MODEL, baseMarker=marker)
+    mbs.Assemble()
+    solved(mbs, handle, 1.0)
+    assert distance(handle.tip_position, single_tip()) < 1e-8
+    assert mbs.SolveDynamic(recommended(handle, 0.01, 1e-3))
+    assert handle.position_at(0.0) == pytest.approx([0.1 * np.sin(0.01), 0.0, 0.0], abs=1e-9)
+    mbs.SolveTDCR(endTime=0.5)
+    assert handle.position_at(0.0) == pytest.approx([0.1 * np.sin(0.5), 0.0, 0.0], abs=1e-9)
+
+
+def test_what_nothing_holds_is_named():
+    """A cart on a rail, pushed along it by the tip force of its robot."""
+    _keep, mbs = system()
+    cart = mbs.CreateRigidBody(name="cart", inertia=InertiaCuboid(1e3, [0.05] * 3))
+    mbs.CreatePrismaticJoint(itemNumbers=[mbs.CreateGround(), cart], position=[0, 0, 0], axis=[1, 0, 0])
+    marker = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=cart))
+    handle = CreateTDCR(mbs, paper(0.3), MODEL, baseMarker=marker)
+    load = handle.add_load("tip", LENGTH)
+    mbs.Assemble()
+    load.set([0.01, 0.0, 0.0])
+    with pytest.raises(StepFailed, match="Nothing holds robot 'paper', 'cart': fix or support"):
+        mbs.SolveTDCR()
 
 
 # ---------------------------------------------------------------- several robots
@@ -217,6 +258,16 @@ def test_sensors_give_tip_tensions_displacement_and_friction():
     assert values["slip_t1"] == pytest.approx([released[k:].sum() for k in range(1, 13)], abs=1e-15)
     disks = [values[f"disk_position_{k}"] for k in range(1, 14)]
     assert np.array(disks) == pytest.approx(handle.position_at(np.array(DISKS.positions)), abs=1e-12)
+
+
+def test_a_force_sensor_on_a_segment_that_is_only_drawn_is_refused():
+    """It read zero."""
+    _keep, mbs, handle = scene(paper(0.3), assemble=False)
+    force = exu.OutputVariableType.Force
+    mbs.AddSensor(eii.SensorObject(name="pull", objectNumber=handle.oTendons[0][0], outputVariableType=force))
+    mbs.Assemble()
+    with pytest.raises(ValueError, match=r"sensor 'pull': .* only drawn, .* arm.add_sensors\(\)"):
+        handle.set_tensions([1.0])
 
 
 def test_loads_and_markers_need_a_node():

@@ -7,7 +7,8 @@ import exudyn.graphics as graphics
 import exudyn.itemInterface as eii
 import numpy as np
 import pytest
-from native_solvers import dynamic_settings, static_settings
+from exudyn.utilities import InertiaCuboid
+from native_solvers import dynamic_settings, recommended, static_settings
 from robots import LENGTH, distance, paper, scene, three
 from scipy.spatial.transform import Rotation
 
@@ -30,16 +31,14 @@ def bent(mbs, handle):
     return handle.shape()[0]
 
 
-def test_exudyns_names_give_the_same_robot():
-    pose = {"referencePosition": [0.1, 0.2, 0.0], "referenceRotationMatrix": TURN}
-    _keep, mbs, handle = scene(three(0.0), assemble=False, gravity=tuple(HEAVY), **pose)
+def test_gravity_colour_graphics_and_a_dict_are_as_in_exudyns_functions():
+    _keep, mbs, handle = scene(three(0.0), assemble=False, gravity=tuple(HEAVY), referenceRotationMatrix=TURN)
     keep = exu.SystemContainer()
     other = keep.AddSystem()
     made = CreateTDCR(
         other,
         three(0.0),
         MODEL,
-        referencePosition=[0.1, 0.2, 0.0],
         referenceRotationMatrix=TURN,
         gravity=HEAVY,
         color=[1.0, 0.0, 0.0, 1.0],
@@ -59,16 +58,7 @@ ORIGIN = [0.0, 0.0, 0.0]
 @pytest.mark.parametrize(
     ("given", "error", "message"),
     [
-        (
-            {"referencePosition": ORIGIN, "referencePosition": ORIGIN},
-            ValueError,
-            "referencePosition and referencePosition",
-        ),
-        (
-            {"referenceRotationMatrix": TURN, "referenceRotationMatrix": TURN},
-            ValueError,
-            "referenceRotationMatrix and referenceRotationMatrix",
-        ),
+        ({"initialVelocity": [0.1, 0.0, 0.0]}, ValueError, "a base on ground has no velocity"),
         (
             {"gravity": HEAVY, "model": Model(gravity=tuple(HEAVY))},
             ValueError,
@@ -148,6 +138,25 @@ def test_a_base_pose_other_than_that_of_the_marker_is_refused(given, words):
     _keep, mbs, marker = carrier([0.5, 0.0, 0.1], Rotation.from_euler("x", 0.3).as_matrix())
     with pytest.raises(ValueError, match=words):
         CreateTDCR(mbs, paper(), MODEL, baseMarker=marker, **given)
+
+
+def test_a_robot_on_a_body_in_free_flight_moves_with_it():
+    """Body and robot begin with one velocity and one spin, about the axis of all centres of mass, and keep them."""
+    velocity, spin, end = [0.3, -0.2, 0.1], [0.0, 0.0, 2.0], 0.05
+    keep = exu.SystemContainer()
+    mbs = keep.AddSystem()
+    motion = {"initialVelocity": velocity, "initialAngularVelocity": spin}
+    body = mbs.CreateRigidBody(inertia=InertiaCuboid(500.0, [0.05] * 3), **motion)
+    marker = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=body))
+    handle = CreateTDCR(mbs, three(0.3), MODEL, baseMarker=marker, **motion)
+    mbs.Assemble()
+    assert mbs.SolveDynamic(recommended(handle, end, 1e-3))
+    position, rotation = handle.shape()
+    assert position == pytest.approx(
+        handle.arc_lengths[:, None] * [0, 0, 1] + end * np.array(velocity), abs=1e-9
+    )
+    turned = Rotation.from_rotvec(end * np.array(spin)).as_matrix()
+    assert np.abs(rotation - turned).max() < 1e-6
 
 
 # ---------------------------------------------------------------- inputs

@@ -122,7 +122,7 @@ moved = arm.tip_position
 print(f"after the motion: carriage at {1e3 * carriage_at():.3f} mm, tip at {np.round(1e3 * moved, 3)} mm")
 
 # The equilibrium is a few hundredths of a millimetre from the end of the dynamics.
-mbs.SolveTDCR(startTime=3.0, endTime=3.0)
+mbs.SolveTDCR()
 again = arm.tip_position
 print(f"at rest again: carriage at {1e3 * carriage_at():.4f} mm, tip at {np.round(1e3 * again, 3)} mm")
 assert abs(carriage_at() + 0.12 / STIFFNESS) < 1e-9

@@ -228,16 +228,11 @@ class SubstepSolver:
     ) -> StepFailed:
         """The error for a smallest substep that did not converge, with the state at its beginning."""
         moments = any(load[3:].any() for load in self.ramp.apply(self.system, end).loads)
-        hint, examined = (
-            advice(failed.status, moments, has_rates(self.system)),
-            not self.system.layout.no_others,
-        )
-        if failed.status is NewtonStatus.SINGULAR or examined:
-            free = freely_moving(self.system, state)
-            hint = f"Nothing holds {', '.join(free)}: fix or support what moves freely." if free else hint
+        free = [] if self.system.layout.no_others else freely_moving(self.system, state)
+        hint = f"Nothing holds {', '.join(free)}: fix or support what moves freely."
         message = (
-            f"{failed.reason(self.settings)}, between load factors {start:.4f} and {end:.4f} of the step, the "
-            f"smallest substep allowed. {hint}"
+            f"{failed.reason(self.settings)}, between load factors {start:.4f} and {end:.4f} of the step, the smallest "
+            f"substep allowed. {hint if free else advice(failed.status, moments, has_rates(self.system))}"
         )
         return StepFailed(message, start, failed.residual, state, iterations)
 
