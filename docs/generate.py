@@ -6,7 +6,6 @@ Keys of the files, effects, commands and public names go to ``docs/_generated``;
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import io
 import os
@@ -211,13 +210,9 @@ def effects() -> str:
 
 def commands() -> str:
     """``--help`` of every command."""
-    parsers = argparse.ArgumentParser().add_subparsers()
-    for place in cli.COMMANDS:
-        module, _, function = place.partition(":")
-        getattr(importlib.import_module(module), function)(parsers)
     os.environ["COLUMNS"] = "100"
     text = []
-    for name in parsers.choices:
+    for name in cli.COMMANDS:
         printed = io.StringIO()
         with redirect_stdout(printed), suppress(SystemExit):
             cli.main([name, "--help"])

@@ -1,7 +1,6 @@
 """The command ``tdcr-fe``: parses arguments, prints, and turns outcomes into exit statuses. No physics.
 
-A subcommand is a function that takes argparse's subparsers, adds its parser and sets the default ``handler``
-(arguments in, exit status out). It is named in `COMMANDS`, and imports what is heavy only in its handler.
+The commands are those of `tdcr_fe.commands.table`; the module of one is imported when it is called.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ import argparse
 import importlib
 import io
 import os
+import re
 import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -24,24 +24,11 @@ from tdcr_fe.commands.common import (
     count,
     stdout_kept_free,
 )
+from tdcr_fe.commands.table import COMMANDS
 from tdcr_fe.io.processes import sigterm_as_interrupt
 
 if TYPE_CHECKING:
     from tdcr_fe.io.problems import Problem
-
-#: Every subcommand, as ``module:function``.
-COMMANDS = (
-    "tdcr_fe.commands.run:add_run_parser",
-    "tdcr_fe.commands.follow:add_follow_parser",
-    "tdcr_fe.commands.sweep:add_sweep_parser",
-    "tdcr_fe.commands.view:add_view_parser",
-    "tdcr_fe.commands.run:add_demo_parser",
-    "tdcr_fe.commands.new:add_new_parser",
-    "tdcr_fe.commands.identify:add_identify_parser",
-    "tdcr_fe.commands.validate:add_validate_parser",
-    "tdcr_fe.commands.new:add_schema_parser",
-    "tdcr_fe.commands.new:add_completion_parser",
-)
 
 #: Mistakes in the input that are printed; of more their number is.
 MOST_PROBLEMS = 40
@@ -113,14 +100,27 @@ class _Parser(argparse.ArgumentParser):
     """Parser whose errors are exceptions, so that they can be printed as JSON."""
 
     def error(self, message: str) -> NoReturn:
-        """Raise `WrongArguments`."""
+        """Raise `WrongArguments`; for a choice that is misspelt it names the nearest one."""
+        if found := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
+            from tdcr_fe.model.messages import meant
+
+            message += meant(found[1], re.findall(r"[\w-]+", found[2]))
         raise WrongArguments(self, message)
+
+
+class _Formatter(argparse.HelpFormatter):
+    """Keeps the lines of the examples."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        fill = super()._fill_text
+        return "\n".join(x if x.startswith(" ") else fill(x, width, indent) for x in text.split("\n"))
 
 
 def _run(args: argparse.Namespace) -> int:
     """Call the handler of the subcommand; errors and interruptions become exit statuses."""
     try:
-        status = int(args.handler(args))
+        module, _, function = COMMANDS[args.command].handler.partition(":")
+        status = int(getattr(importlib.import_module(module), function)(args))
         sys.stdout.flush()
         return status
     except KeyboardInterrupt:
@@ -179,8 +179,22 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
-    for place in COMMANDS:
-        module, _, function = place.partition(":")
-        getattr(importlib.import_module(module), function)(commands)
+    for name, command in COMMANDS.items():
+        examples = "\n".join(f"  tdcr-fe {example}" for example in command.examples)
+        own = commands.add_parser(
+            name,
+            help=command.help,
+            description=command.description,
+            epilog=f"Examples:\n{examples}"
+            + (f"\n\nExit status: {command.status}" if command.status else ""),
+            formatter_class=_Formatter,
+        )
+        for names, options in command.arguments:
+            own.add_argument(*names, **options)
+        own.set_defaults(parser=own)
     parser.set_defaults(program=parser, commands=commands.choices)  # for the completion of shells
     return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

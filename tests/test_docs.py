@@ -1,6 +1,5 @@
 """Pages: links, names, examples and printed output agree with the program; every example asserts a number."""
 
-import argparse
 import ast
 import importlib
 import re
@@ -96,11 +95,7 @@ def test_keys_and_effects_of_the_pages_are_those_of_the_program(generate):
 
 def test_readme_has_a_row_for_every_command():
     rows = re.findall(r"^\| `tdcr-fe (\w+)", text_of(ROOT / "README.md"), re.MULTILINE)
-    commands = argparse.ArgumentParser().add_subparsers()
-    for place in cli.COMMANDS:
-        module, _, function = place.partition(":")
-        getattr(importlib.import_module(module), function)(commands)
-    assert sorted(rows) == sorted(set(commands.choices))
+    assert sorted(rows) == sorted(cli.COMMANDS)
 
 
 def test_the_page_validation_has_a_row_for_every_campaign():

@@ -1,12 +1,13 @@
-"""What the commands share: exit statuses, messages on stderr, options, progress bars, and what ``--json`` prints."""
+"""What the commands share: exit statuses, messages on stderr, progress bars, and what ``--json`` prints."""
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,44 +35,23 @@ def count(n: int, noun: str) -> str:
     return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
 
 
-def at_least_one(text: str) -> int:
-    """A whole number from 1, as a type for `argparse`.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-    """
-    number = int(text) if text.isascii() and text.isdecimal() else 0
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}; must be a whole number, at least 1")
-    return number
+def cores() -> int:
+    """Number of cores of this machine that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-#: Options that several commands have.
-_OPTIONS: dict[str, dict[str, Any]] = {
-    "--effects": {
-        "action": "append",
-        "default": [],
-        "metavar": "FILE.py",
-        "help": "effects of your own, classes in a Python file; may be repeated",
-    },
-    "--processes": {"type": at_least_one, "metavar": "N", "help": "processes to use [number of cores]"},
-    "--no-pictures": {
-        "action": "store_true",
-        "help": "write tables and summary only, no pictures and no pages",
-    },
-    "--quiet": {"action": "store_true", "help": "print nothing but errors and warnings"},
-    "--json": {
-        "action": "store_true",
-        "help": "print one JSON object with status, files written, main figures and errors, and nothing else on stdout",
-    },
-}
+def warn(args: argparse.Namespace, warnings: Sequence[str]) -> None:
+    """Print warnings, and note them for ``--json``."""
+    args.noted.warnings += warnings
+    for text in warnings:
+        complain(f"warning: {text}")
 
 
-def add_options(parser: argparse.ArgumentParser, *names: str) -> None:
-    """Add options that several commands have, by their names, and ``--quiet``."""
-    for name in (*names, "--quiet"):
-        parser.add_argument(*(["-q"] if name == "--quiet" else []), name, **_OPTIONS[name])
+def refuse(file: str | Path, value: str, allowed: str) -> Exception:
+    """An error that names a file or an option, the value there, and what is allowed."""
+    from tdcr_fe.io.problems import InputError, Problem
+
+    return InputError([Problem(str(file), "", value, allowed)])
 
 
 def progress_bar(args: argparse.Namespace, total: int | None = None, **options: Any) -> Any:
@@ -94,7 +74,6 @@ class Noted:
 
     def document(self, command: str, status: int) -> dict[str, Any]:
         """The object that is printed; the name of the command is empty where the arguments named none."""
-        errors = [{"file": p.file, "key": p.key, "value": p.value, "allowed": p.allowed} for p in self.errors]
         return {
             "command": command,
             "status": STATUSES.get(status, "failed"),
@@ -102,7 +81,7 @@ class Noted:
             "files": [Path(f).as_posix() for f in self.files],
             "figures": self.figures,
             "warnings": self.warnings,
-            "errors": errors,
+            "errors": [asdict(p) for p in self.errors],
             "message": self.message,
         }
 

@@ -5,70 +5,30 @@ from __future__ import annotations
 import argparse
 import importlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from tdcr_fe.commands import common
-from tdcr_fe.commands.common import FAILURE, INTERRUPTED, SUCCESS, complain
-
-if TYPE_CHECKING:
-    from tdcr_fe.model.loading import Model, SolverSettings
-    from tdcr_fe.model.robot import Robot
-    from tdcr_fe.model.targets import DriveBy, FollowResult, ReachedTarget, TensionLimits
-
-
-def add_follow_parser(commands: Any) -> None:
-    """Add ``tdcr-fe follow``."""
-    parser = commands.add_parser(
-        "follow",
-        help="find the tensions that take the tip along a path",
-        description="Find the loading sequence that takes the tip of a robot through the targets of a path.csv, with "
-        "bounds on the tensions; a target that is out of reach is approached as far as possible.",
-        epilog="Exit status: 0 every target was reached or is out of reach; 1 a load step or a search did not "
-        "converge; 2 the input is wrong; 130 interrupted (143 by SIGTERM), what was found is written.",
-    )
-    option = parser.add_argument
-    option("robot", help="path of a robot.toml")
-    option("path", help="path of a path.csv with the columns step,x,y,z[,dx,dy,dz], in m")
-    option("-o", "--out", metavar="OUT", required=True, help="directory for the results")
-    option(
-        "--largest",
-        nargs="+",
-        required=True,
-        metavar="T",
-        help="largest tension in N: one number for all tendons, or NAME=T for each",
-    )
-    option(
-        "--pretension",
-        nargs="+",
-        default=["0"],
-        metavar="T",
-        help="smallest tension in N, above zero to keep tendons from becoming slack: one number, or NAME=T [0]",
-    )
-    option("--model", metavar="MODEL", help="path of a model.toml with the tables [model] and [solver]")
-    option("--displacements", action="store_true", help="find prescribed displacements instead of tensions")
-    option(
-        "--effort",
-        choices=("tension", "change"),
-        default="tension",
-        help="what has the smallest sum of squares where several tensions reach a target: the tensions, or their "
-        "change from the target before [%(default)s]",
-    )
-    common.add_options(parser, "--no-pictures")
-    parser.set_defaults(handler=follow)
+from tdcr_fe.commands.common import (
+    FAILURE,
+    INTERRUPTED,
+    SUCCESS,
+    complain,
+    count,
+    progress_bar,
+    refuse,
+)
+from tdcr_fe.io.atomic import check_output_folder
+from tdcr_fe.io.loading_table import read_path
+from tdcr_fe.io.problems import read_all
+from tdcr_fe.io.result_files import write_follow
+from tdcr_fe.io.toml import digest, read_model_file, read_robot
+from tdcr_fe.model.loading import Model, SolverSettings
+from tdcr_fe.model.results import Interrupted
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.targets import DriveBy, FollowResult, ReachedTarget, TensionLimits
+from tdcr_fe.solve.inverse_statics.inverse import follow_path
 
 
 def follow(args: argparse.Namespace) -> int:
     """Find the loading sequence, and write it with what it reaches."""
-    from tdcr_fe.io.atomic import check_output_folder
-    from tdcr_fe.io.loading_table import read_path
-    from tdcr_fe.io.problems import InputError, Problem, read_all
-    from tdcr_fe.io.result_files import write_follow
-    from tdcr_fe.io.toml import digest, read_model_file, read_robot
-    from tdcr_fe.model.loading import Model, SolverSettings
-    from tdcr_fe.model.results import Interrupted
-    from tdcr_fe.model.targets import FollowResult
-    from tdcr_fe.solve.inverse_statics.inverse import follow_path
-
     robot = read_robot(args.robot)
 
     def read_model() -> tuple[Model, SolverSettings]:
@@ -83,7 +43,7 @@ def follow(args: argparse.Namespace) -> int:
     if not args.no_pictures:
         importlib.import_module("tdcr_fe.report.plots")  # slow; an interruption after solving must not hit it
     drive_by: DriveBy = "displacement" if args.displacements else "tension"
-    with common.progress_bar(args, len(targets), unit="target") as bar:
+    with progress_bar(args, len(targets) + 1, unit="target") as bar:
 
         def progress(found: ReachedTarget) -> None:
             if found.result.step == 1:
@@ -99,7 +59,7 @@ def follow(args: argparse.Namespace) -> int:
             assert isinstance(stop.result, FollowResult)
             result = stop.result
         except ValueError as error:  # a contradiction between bounds, model and robot
-            raise InputError([Problem(args.robot, "", "", str(error))]) from error
+            raise refuse(args.robot, "", str(error)) from error
     options = {
         "largest": limits.largest,
         "pretension": limits.pretension,
@@ -133,7 +93,7 @@ def _status(result: FollowResult, asked: int) -> int:
         return FAILURE if result.not_converged else SUCCESS
     done, message = len(result.targets), result.simulation.message
     complain(
-        f"{message}; {common.count(done, 'target')} of {asked} before that {'is' if done == 1 else 'are'} written"
+        f"{message}; {count(done, 'target')} of {asked} before that {'is' if done == 1 else 'are'} written"
     )
     return INTERRUPTED if message == "interrupted" else FAILURE
 
@@ -146,16 +106,13 @@ def _limits(args: argparse.Namespace, robot: Robot) -> TensionLimits:
     InputError
         They are no numbers, contradict each other, or name no tendon.
     """
-    from tdcr_fe.io.problems import InputError, Problem
-    from tdcr_fe.model.targets import TensionLimits
-
     try:
         limits = TensionLimits(_tensions(args.largest), _tensions(args.pretension))
         limits.bounds(robot.tendon_names)
         return limits
     except ValueError as error:
         text = str(error).removeprefix("TensionLimits.")
-        raise InputError([Problem("--largest, --pretension", "", "", text)]) from error
+        raise refuse("--largest, --pretension", "", text) from error
 
 
 def _tensions(texts: list[str]) -> float | dict[str, float]:

@@ -6,72 +6,38 @@ import argparse
 import importlib
 import math
 from dataclasses import replace
+from importlib.resources import as_file, files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from shutil import copyfile
+from typing import Any
 
-from tdcr_fe.commands import common
-from tdcr_fe.commands.common import FAILURE, INTERRUPTED, SUCCESS, complain
-
-if TYPE_CHECKING:
-    from tdcr_fe.io.toml import Scenario
-    from tdcr_fe.model.results import SequenceResult, StepResult
+from tdcr_fe.commands.common import (
+    FAILURE,
+    INTERRUPTED,
+    SUCCESS,
+    complain,
+    count,
+    progress_bar,
+    refuse,
+    warn,
+)
+from tdcr_fe.commands.tables import response_tables, sensitivity_table, step_tables
+from tdcr_fe.io.atomic import check_output_folder, write_folder
+from tdcr_fe.io.problems import read_all
+from tdcr_fe.io.result_files import write_results
+from tdcr_fe.io.toml import Scenario, read_scenario
+from tdcr_fe.io.user_effects import read_own_effects
+from tdcr_fe.model.checks import backbone_elements
+from tdcr_fe.model.plausibility import plausibility_warnings
+from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
+from tdcr_fe.solve.simulate import simulate
 
 #: A run that takes longer is announced [s].
 LONG_RUN = 60.0
 
 
-def add_run_parser(commands: Any) -> None:
-    """Add ``tdcr-fe run``."""
-    parser = commands.add_parser(
-        "run",
-        help="solve a scenario; write tables and pictures",
-        description="Solve the loading sequence of a scenario.toml; write tables, a summary and pictures.",
-    )
-    option = parser.add_argument
-    option("scenario", help="path of a scenario.toml")
-    option("-o", "--out", metavar="OUT", required=True, help="directory for the results")
-    _add_solver_options(parser, "--effects", "--json")
-    parser.set_defaults(handler=run)
-
-
-def add_demo_parser(commands: Any) -> None:
-    """Add ``tdcr-fe demo``."""
-    parser = commands.add_parser(
-        "demo",
-        help="solve the paper's single-segment robot, input included",
-        description="Pull the paper's single-segment robot to 2.5 N in five steps, load its tip, release it; "
-        "write the input, tables, a summary and pictures.",
-    )
-    parser.add_argument(
-        "-o", "--out", metavar="OUT", default="tdcr-fe-demo", help="directory for the results [%(default)s]"
-    )
-    _add_solver_options(parser)
-    parser.set_defaults(handler=demo)
-
-
-def _add_solver_options(parser: argparse.ArgumentParser, *further: str) -> None:
-    option = parser.add_argument
-    option(
-        "--sensitivities",
-        nargs="+",
-        default=[],
-        metavar="PARAMETER",
-        help="differentiate the results by parameters such as backbone.youngs_modulus; writes sensitivities.csv",
-    )
-    option(
-        "--compliance",
-        action="store_true",
-        help="write compliance and tendon Jacobians of the tip, and the stiffness seen by the motors, to summary.json",
-    )
-    common.add_options(parser, "--no-pictures", *further)
-
-
 def run(args: argparse.Namespace) -> int:
     """Solve a scenario and write the results."""
-    from tdcr_fe.io.atomic import check_output_folder
-    from tdcr_fe.io.problems import read_all
-    from tdcr_fe.io.toml import read_scenario
-    from tdcr_fe.io.user_effects import read_own_effects
 
     def read() -> Scenario:
         return read_scenario(args.scenario, read_own_effects(args.effects))
@@ -82,12 +48,6 @@ def run(args: argparse.Namespace) -> int:
 
 def demo(args: argparse.Namespace) -> int:
     """Solve the packaged scenario; leave its input beside the results."""
-    from importlib.resources import as_file, files
-    from shutil import copyfile
-
-    from tdcr_fe.io.atomic import check_output_folder, write_folder
-    from tdcr_fe.io.toml import read_scenario
-
     out = check_output_folder(args.out)
     with as_file(files("tdcr_fe") / "data" / "demo") as folder:
 
@@ -105,37 +65,33 @@ def demo(args: argparse.Namespace) -> int:
 
 def _solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) -> int:
     """Solve a scenario, write its results, and return the exit status."""
-    from tdcr_fe.io.result_files import write_results
-    from tdcr_fe.model.plausibility import plausibility_warnings
-
     if not args.no_pictures:
         importlib.import_module("tdcr_fe.report.plots")  # slow; an interruption after solving must not hit it
     odd = plausibility_warnings(scenario.robot, scenario.model, scenario.steps)
-    args.noted.warnings += odd
-    for warning in odd:
-        complain(f"warning: {warning}")
+    warn(args, odd)
     if not args.quiet and (duration := long_run(scenario)):
         complain(duration)
-    result = _solve(scenario, args)
-    found = [warning for warning in result.warnings if warning not in odd]
-    result = replace(result, warnings=(*odd, *found))
-    args.noted.figures, args.noted.message = figures(result, scenario), result.message
-    args.noted.warnings += found
-    try:
-        written = write_results(result, out, scenario.digests, len(scenario.steps), not args.no_pictures)
-    except KeyboardInterrupt:  # while drawing, most likely; what was solved is kept
-        args.noted.files += write_results(result, out, scenario.digests, len(scenario.steps), pictures=False)
-        complain(f"interrupted while writing; the tables are in {out}, without pictures")
-        return INTERRUPTED
+    asked = len(scenario.steps)
+    with progress_bar(args, asked + 1, unit="step") as bar:
+        result = _solve(scenario, args, bar)
+        found = [warning for warning in result.warnings if warning not in odd]
+        result = replace(result, warnings=(*odd, *found))
+        args.noted.figures, args.noted.message = figures(result, scenario), result.message
+        bar.set_postfix_str("writing" if args.no_pictures else "drawing")
+        try:
+            written = write_results(result, out, scenario.digests, asked, not args.no_pictures)
+        except KeyboardInterrupt:  # while drawing, most likely; what was solved is kept
+            args.noted.files += write_results(result, out, scenario.digests, asked, pictures=False)
+            complain(f"interrupted while writing; the tables are in {out}, without pictures")
+            return INTERRUPTED
     args.noted.files += written
     if not args.quiet:
         _print(result, out, written)
-    for warning in found:
-        complain(f"warning: {warning}")
+    warn(args, found)
     return SUCCESS if result.converged else _report_failure(result, scenario, out)
 
 
-def _solve(scenario: Scenario, args: argparse.Namespace) -> SequenceResult:
+def _solve(scenario: Scenario, args: argparse.Namespace, bar: Any) -> SequenceResult:
     """Simulate with a progress bar; an interruption gives what was solved before it.
 
     Raises
@@ -143,43 +99,36 @@ def _solve(scenario: Scenario, args: argparse.Namespace) -> SequenceResult:
     InputError
         A contradiction that only the solver can detect.
     """
-    from tdcr_fe.io.problems import InputError, Problem
-    from tdcr_fe.model.results import Interrupted, SequenceResult
-    from tdcr_fe.solve.simulate import simulate
 
-    with common.progress_bar(args, len(scenario.steps), unit="step") as bar:
+    def progress(step: StepResult) -> None:
+        bar.set_postfix_str(step.label, refresh=False)
+        bar.update(step.step - bar.n)  # refining the mesh begins again with the first step
 
-        def progress(step: StepResult) -> None:
-            bar.set_postfix_str(step.label, refresh=False)
-            bar.update(step.step - bar.n)  # refining the mesh begins again with the first step
-
-        try:
-            return simulate(
-                scenario.robot,
-                scenario.model,
-                scenario.steps,
-                scenario.settings,
-                progress,
-                sensitivities=args.sensitivities,
-                responses=args.compliance,
-            )
-        except Interrupted as stop:
-            assert isinstance(stop.result, SequenceResult)
-            return stop.result
-        except ValueError as error:
-            option, named, text = str(error).partition("sensitivities: ")
-            problem = Problem("--sensitivities", "", "", text) if named and not option else None
-            raise InputError([problem or Problem(str(scenario.path), "", "", str(error))]) from error
+    try:
+        return simulate(
+            scenario.robot,
+            scenario.model,
+            scenario.steps,
+            scenario.settings,
+            progress,
+            sensitivities=args.sensitivities,
+            responses=args.compliance,
+        )
+    except Interrupted as stop:
+        assert isinstance(stop.result, SequenceResult)
+        return stop.result
+    except ValueError as error:
+        text = str(error).removeprefix("sensitivities: ")
+        raise refuse(scenario.path if text == str(error) else "--sensitivities", "", text) from error
 
 
 def _print(result: SequenceResult, out: Path, written: list[Path]) -> None:
-    from tdcr_fe.commands.tables import response_tables, sensitivity_table, step_tables
 
     if result.steps:
         for text in (step_tables(result), sensitivity_table(result), response_tables(result)):
             if text:
                 print(text + "\n")
-    print(f"{common.count(len(result.steps), 'step')} in {result.wall_time:.2f} s. Written to {out}:")
+    print(f"{count(len(result.steps), 'step')} in {result.wall_time:.2f} s. Written to {out}:")
     print("    " + ", ".join(p.name for p in written))
 
 
@@ -217,9 +166,7 @@ def _report_failure(result: SequenceResult, scenario: Scenario, out: Path) -> in
         where = f"step {number} of {total}" + (f' ("{label}")' if label else "")
     solved = sum(s.converged for s in result.steps)
     what = f"interrupted in {where}" if interrupted else f"{where} did not converge"
-    complain(
-        f"{what}; {common.count(solved, 'step')} solved before it {'is' if solved == 1 else 'are'} in {out}"
-    )
+    complain(f"{what}; {count(solved, 'step')} solved before it {'is' if solved == 1 else 'are'} in {out}")
     if result.message and not interrupted:
         complain(result.message)
     return INTERRUPTED if interrupted else FAILURE
@@ -231,11 +178,9 @@ def long_run(scenario: Scenario) -> str:
     A load step that needs no refinement takes about 6 ms per element for the elements, and three factorisations of
     the dense tangent of ``6 N`` unknowns. Measured with 13, 100 and 300 elements, times lie within a factor of three.
     """
-    from tdcr_fe.model.checks import backbone_elements
-
     elements, steps = backbone_elements(scenario.robot, scenario.model), len(scenario.steps)
     seconds = steps * (6e-3 * elements + 4.0 * (6.0 * elements) ** 3 / 1e10)
     if seconds < LONG_RUN:
         return ""
     time = f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.0f} hours"
-    return f"{common.count(steps, 'load step')} on {common.count(elements, 'element')}: about {time}"
+    return f"{count(steps, 'load step')} on {count(elements, 'element')}: about {time}"

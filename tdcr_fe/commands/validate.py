@@ -7,40 +7,22 @@ import os
 import time
 from typing import Any
 
-from tdcr_fe.commands.common import FAILURE, INTERRUPTED, SUCCESS, add_options, complain, progress_bar
-
-
-def add_validate_parser(commands: Any) -> None:
-    """Add ``tdcr-fe validate``."""
-    parser = commands.add_parser(
-        "validate",
-        help="finite elements against the independent shooting reference; write the report",
-        description="Solve the same cases with finite elements and with the independent Cosserat shooting "
-        "reference, and write OUT/report.html and OUT/report.json. Finished cases are kept in OUT/cases.jsonl, so a "
-        "run that was interrupted continues where it stopped.",
-        epilog="Exit status: 0 all cases and requirements pass, 1 one fails, 2 the input is wrong, 130 interrupted.",
-    )
-    option = parser.add_argument
-    option("-o", "--out", metavar="OUT", required=True, help="directory for the report")
-    option("--full", action="store_true", help="every case; without it a quick set")
-    add_options(parser, "--processes")
-    parser.set_defaults(handler=validate)
+from tdcr_fe.commands.common import FAILURE, INTERRUPTED, SUCCESS, complain, progress_bar
+from tdcr_fe.io.atomic import check_output_folder
+from tdcr_fe.validation.crosscheck import report
+from tdcr_fe.validation.crosscheck.cases import all_cases
+from tdcr_fe.validation.crosscheck.run import run
+from tdcr_fe.validation.crosscheck.studies import all_studies
 
 
 def validate(args: argparse.Namespace) -> int:
     """Solve the cases, write the report, print the result of every requirement."""
-    from tdcr_fe.io.atomic import check_output_folder
-    from tdcr_fe.validation.crosscheck import report
-    from tdcr_fe.validation.crosscheck.cases import all_cases
-    from tdcr_fe.validation.crosscheck.run import run
-    from tdcr_fe.validation.crosscheck.studies import all_studies
-
     out = check_output_folder(args.out)
     begun, recalled = time.perf_counter(), 0
     cases = [case for case in all_cases() if args.full or case.quick]
     studies = [study for study in all_studies() if args.full or study.quick]
     processes, file = args.processes or os.cpu_count() or 1, out / "cases.jsonl"
-    with progress_bar(args, len(cases) + len(studies), unit="case") as bar:
+    with progress_bar(args, len(cases) + len(studies) + 1, unit="case") as bar:
 
         def progress(record: dict[str, Any], known: bool) -> None:
             nonlocal recalled
@@ -52,13 +34,14 @@ def validate(args: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             complain(f"interrupted; finished cases are in {file}, the same command continues from there")
             return INTERRUPTED
-    outcome = report.judge(
-        [records[case.id] for case in cases],
-        [records[study.id] for study in studies],
-        args.full,
-        {"wall": time.perf_counter() - begun, "processes": processes, "recalled": recalled},
-    )
-    report.write(outcome, out)
+        bar.set_postfix_str("drawing the report")
+        outcome = report.judge(
+            [records[case.id] for case in cases],
+            [records[study.id] for study in studies],
+            args.full,
+            {"wall": time.perf_counter() - begun, "processes": processes, "recalled": recalled},
+        )
+        report.write(outcome, out)
     if not args.quiet:
         print("\n".join(report.headline(outcome)))
         print(f"Written to {out}: report.html, report.json")

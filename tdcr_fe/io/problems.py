@@ -149,8 +149,8 @@ def read_bytes(path: Path, named: Problem | None = None) -> bytes:
             reason = f"{file}is not a regular file"
         else:
             there = sorted(path.parent.glob(f"*{path.suffix}")) if path.parent.is_dir() else []
-            near = difflib.get_close_matches(path.name, [p.name for p in there if p.is_file()], n=1)
-            hint = f"; did you mean {near[0]}?" if near else ""
+            near = difflib.get_close_matches(path.stem, [p.stem for p in there if p.is_file()], n=1)
+            hint = f"; did you mean {near[0]}{path.suffix}?" if near else ""
             reason = (f"there is no file {path}" if named else "no such file") + hint
     except (OSError, ValueError) as error:
         reason = f"cannot be read: {getattr(error, 'strerror', None) or error}"

@@ -276,6 +276,9 @@ def read_robot(path: str | os.PathLike[str]) -> Robot:
         With every mistake in the file.
     """
     data, _ = read_toml(path)
+    if {"robot", "steps"} & data.keys():
+        name = data.get("robot", "the robot.toml")
+        raise InputError([Problem(str(path), "", "", f"is the file of a scenario; give its robot, {name}")])
     reporter = Reporter(str(path))
     robot = _build_robot(data, reporter).robot
     if reporter.problems or robot is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import shlex
 import subprocess
 import sys
 import types
@@ -14,6 +15,7 @@ from arcs import arc_result
 from inputs import ROBOT, SCENARIO, changed, write
 
 from tdcr_fe import __version__, cli
+from tdcr_fe.commands.table import Command, argument
 from tdcr_fe.io.result_files import RESULT_FILES
 from tdcr_fe.model.results import Interrupted
 
@@ -35,9 +37,7 @@ def calls(monkeypatch):
 
 
 def install(monkeypatch, simulate):
-    module = types.ModuleType("tdcr_fe.solve.simulate")
-    module.simulate = simulate
-    monkeypatch.setitem(sys.modules, "tdcr_fe.solve.simulate", module)
+    monkeypatch.setattr("tdcr_fe.commands.run.simulate", simulate)
 
 
 def stopping(message, failed_step):
@@ -191,24 +191,35 @@ def test_version_is_printed(capsys):
     assert capsys.readouterr().out.startswith(f"tdcr-fe {__version__} (")
 
 
-def test_command_that_is_none_returns_2(capsys):
+def test_command_that_is_none_returns_2_and_the_nearest_is_named(capsys):
     with pytest.raises(SystemExit, match="2"):
         cli.main(["rum"])
+    assert capsys.readouterr().err.endswith("did you mean run?\n")
     with pytest.raises(SystemExit, match="2"):
         cli.main([])
-    assert "run" in capsys.readouterr().err
+    assert "COMMAND" in capsys.readouterr().err
 
 
-def test_further_command_is_one_function(monkeypatch, capsys):
+@pytest.mark.parametrize("name", cli.COMMANDS)
+def test_the_examples_of_a_command_are_taken_by_its_parser(name, monkeypatch):
+    monkeypatch.setattr(cli, "_run", lambda args: 0)
+    first, second = cli.COMMANDS[name].examples
+    for example in (first, second):
+        words = shlex.split(example.partition(" > ")[0])
+        assert words[0] == name and cli.main(words) == 0
+
+
+def test_further_command_is_one_function(monkeypatch):
+    def further(args):
+        return args.number
+
     module = types.ModuleType("further_command")
-
-    def add_parser(commands):
-        commands.add_parser("further").set_defaults(handler=lambda args: 7)
-
-    module.add_parser = add_parser
+    module.further = further
+    arguments = (argument("number", "exit status", type=int),)
+    command = Command("further_command:further", "", "", arguments, ("further 1", "further 2"))
     monkeypatch.setitem(sys.modules, "further_command", module)
-    monkeypatch.setattr(cli, "COMMANDS", (*cli.COMMANDS, "further_command:add_parser"))
-    assert cli.main(["further"]) == 7
+    monkeypatch.setitem(cli.COMMANDS, "further", command)
+    assert cli.main(["further", "7"]) == 7
 
 
 def test_help_loads_neither_solver_nor_tables_nor_pictures():
@@ -221,9 +232,10 @@ def test_help_loads_neither_solver_nor_tables_nor_pictures():
     assert "demo" in done.stdout
 
 
-def test_python_m_is_the_same_command(tmp_path):
+@pytest.mark.parametrize("module", ["tdcr_fe", "tdcr_fe.cli"])
+def test_python_m_is_the_same_command(tmp_path, module):
     environment = {**os.environ, "PYTHONWARNINGS": "error"}
-    command = [sys.executable, "-m", "tdcr_fe", "run", str(tmp_path / "no.toml"), "-o", str(tmp_path / "out")]
+    command = [sys.executable, "-m", module, "run", str(tmp_path / "no.toml"), "-o", str(tmp_path / "out")]
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == (

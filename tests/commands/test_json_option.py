@@ -110,7 +110,7 @@ def test_a_command_that_is_interrupted_says_so(tmp_path, monkeypatch, capsys, nu
         os.kill(os.getpid(), number)
         raise AssertionError("the signal raises before")
 
-    monkeypatch.setattr("tdcr_fe.solve.simulate.simulate", interrupted)
+    monkeypatch.setattr("tdcr_fe.commands.run.simulate", interrupted)
     path = write(tmp_path, scenario=changed(SCENARIO, SMALL))
     # A shell that runs the tests in the background has SIGINT ignored.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)

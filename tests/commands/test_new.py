@@ -26,8 +26,10 @@ def begin(tmp_path, kind, *options):
 
 
 @pytest.mark.parametrize("tendons", [1, 3, 5])
-def test_a_new_robot_is_solved(tmp_path, tendons):
-    folder = begin(tmp_path, "robot", "--tendons", str(tendons))
+def test_a_new_robot_is_solved(tmp_path, tendons, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["new", "robot", "-q", "--tendons", str(tendons)]) == 0
+    folder = tmp_path / "tdcr-fe-robot"
     assert len(tdcr.read_robot(folder / "robot.toml").tendons) == tendons
     assert (
         cli.main(["run", str(folder / "scenario.toml"), "-o", str(tmp_path / "out"), "-q", "--no-pictures"])

@@ -44,7 +44,7 @@ def test_odd_values_are_warned_of_before_solving_and_in_the_summary(tmp_path, ca
     )
     path.write_text(path.read_text().replace("[model]", "[model]\ngravity = [0.0, 0.0, -9.81]"))
     said = []
-    from tdcr_fe.solve import simulate as module
+    from tdcr_fe.commands import run as module
 
     solve = module.simulate
     monkeypatch.setattr(
@@ -109,13 +109,19 @@ def test_tables_of_many_tendons_fit_a_terminal(count):
         assert all(any(abs(x - n) < 1e-3 for x in found) for n in numbers)
 
 
-def test_a_robot_given_in_place_of_a_scenario_is_named(tmp_path, capsys):
+def test_a_file_of_another_kind_is_named(tmp_path, capsys):
     """It gave six mistakes: robot and steps missing, and every table of the robot unknown."""
     write_robot(tmp_path, "straight", "none")
     robot = tmp_path / "robot.toml"
     assert cli.main(["run", str(robot), "-o", str(tmp_path / "out")]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert lines[1:] == [f"  {robot}: is the file of a robot; give the scenario.toml that names it"]
+    scenario = str(tmp_path / "scenario.toml")
+    out = ["--largest", "1", "-o", str(tmp_path / "out")]
+    assert cli.main(["follow", scenario, "path.csv", *out]) == 2
+    assert "scenario.toml: is the file of a scenario; give its robot, robot.toml" in capsys.readouterr().err
+    assert cli.main(["run", str(tmp_path / "nothere.toml"), *out[2:]]) == 2
+    assert capsys.readouterr().err.endswith("nothere.toml: no such file\n")  # robot.toml was proposed
 
 
 @pytest.mark.parametrize(("tendon_path", "friction"), [("straight", "per-hole"), ("continuous", "none")])
@@ -145,9 +151,16 @@ def test_derivatives_and_responses_are_written(tmp_path, capsys, tendon_path, fr
     assert "tip_response" not in json.loads((out / "summary.json").read_text())["steps"][0]
 
 
-def test_a_parameter_that_does_not_exist_is_named(tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("backbone.elasticity", "names no number; did you mean backbone.superelastic? allowed are"),
+        ("youngs", "names no parameter; did you mean backbone.youngs_modulus? allowed are"),
+    ],
+)
+def test_a_parameter_that_does_not_exist_is_named(tmp_path, capsys, name, said):
     scenario = write_robot(tmp_path, "straight", "per-hole")
-    arguments = ["run", str(scenario), "-o", str(tmp_path / "out"), "--sensitivities", "backbone.elasticity"]
+    arguments = ["run", str(scenario), "-o", str(tmp_path / "out"), "--sensitivities", name]
     assert cli.main(arguments) == 2
-    assert "  --sensitivities: 'backbone.elasticity' names no number" in capsys.readouterr().err
+    assert f"  --sensitivities: '{name}' {said}" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

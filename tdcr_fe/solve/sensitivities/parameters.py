@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
+from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -214,7 +215,7 @@ def _named(experiment: Experiment, name: str) -> Parameter:
     tokens = re.findall(r"[^.\[\]]+", name)
     robot = experiment.robot
     if not tokens:
-        raise ValueError(f"sensitivities: {name!r} names no parameter; {_examples(robot)}")
+        raise ValueError(f"sensitivities: {name!r} names no parameter; {_examples(robot, name)}")
     root, rest = tokens[0], tokens[1:]
     try:
         if root == "effects" and len(rest) == 2:
@@ -235,14 +236,21 @@ def _named(experiment: Experiment, name: str) -> Parameter:
         if root in ("model", "steps") and rest:
             return _number(experiment, name, tuple(tokens))
     except (KeyError, IndexError, AttributeError, TypeError) as error:
-        raise ValueError(f"sensitivities: {name!r} names no number; {_examples(robot)}") from error
-    raise ValueError(f"sensitivities: {name!r} names no parameter; {_examples(robot)}")
+        raise ValueError(f"sensitivities: {name!r} names no number; {_examples(robot, name)}") from error
+    raise ValueError(f"sensitivities: {name!r} names no parameter; {_examples(robot, name)}")
 
 
-def _examples(robot: Robot) -> str:
+def _examples(robot: Robot, name: str) -> str:
+    """The nearest name, and examples of what there is."""
+    tables: dict[str, Any] = {"backbone": robot.backbone, "disks": robot.disks}
+    tables |= {f"tendons.{t.name}": t for t in reversed(robot.tendons)}
+    known = {f.name: f"{table}.{f.name}" for table, x in tables.items() for f in fields(x)}
+    last = name.rpartition(".")[2]
+    near = [n for n in known if last and last in n] or get_close_matches(last, known, n=1)
+    hint = f"did you mean {known[near[0]]}? " if near else ""
     tendon = robot.tendon_names[0] if robot.tendons else "t1"
     return (
-        f"allowed are fields of the files such as backbone.youngs_modulus, disks.mass, tendons.{tendon}.offset, "
+        f"{hint}allowed are fields of the files such as backbone.youngs_modulus, disks.mass, tendons.{tendon}.offset, "
         f"tendons.friction_coefficient (all tendons), model.gravity[2], steps[0].tensions.{tendon}, "
         f"effects.gravity.g_z, and inputs.{tendon} or loads.NAME.force_x of every step"
     )
