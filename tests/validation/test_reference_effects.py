@@ -7,11 +7,11 @@ import pytest
 
 from tdcr_fe.model.backbone import Backbone, Superelastic
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.robot import Disks, Robot, SideSpring
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
-from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.model.tendon import Tendon, TightHole
 from tdcr_fe.solve.simulate import simulate
-from tdcr_fe.validation.reference import Extras, HoleFriction, ReferenceSettings, Spring, solve_reference
+from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
 L = 0.25
 BACKBONE = Backbone(L, 0.4e-3, 85e9, 0.3, density=5600.0)
@@ -28,14 +28,8 @@ def robot(*routings, disks=10, **tendon):
     )
 
 
-def solve(robot, steps, friction="none", extras=None, gravity=(0.0, 0.0, 0.0), **settings):
-    result = solve_reference(
-        robot,
-        Model(friction=friction, gravity=gravity),
-        steps,
-        settings=ReferenceSettings(**settings),
-        extras=extras,
-    )
+def solve(robot, steps, friction="none"):
+    result = solve_reference(robot, Model(friction=friction), steps)
     assert result.converged, result.message
     assert max(s.residual for s in result.steps) <= 1e-10
     return result
@@ -140,7 +134,7 @@ def test_creep_is_a_softer_backbone_at_every_time():
 
 def test_creep_under_a_tip_moment_is_an_arc_of_growing_curvature():
     bare = Robot(replace(BACKBONE, creep_rate=1e-3), Disks.equally_spaced(5, L))
-    moment, samples = 2e-3, ReferenceSettings(samples_per_bay=2)
+    moment, samples = 2e-3, ReferenceSettings(sample_at=(0.02, 0.11))
     steps = [LoadStep(loads={"tip": Load(L, moment=(0.0, moment, 0.0))}, time=t) for t in (0.0, 300.0)]
     result = solve_reference(bare, Model(friction="none"), steps, settings=samples)
     for step, factor in zip(result.steps, (1.0, 1.3), strict=True):
@@ -165,21 +159,21 @@ def test_creep_agrees_with_finite_elements(law, elements):
     assert np.max(np.linalg.norm(ours.tips - theirs.tips, axis=1)) < 2e-4 * L
 
 
-# ---------------------------------------------------------------------------------------------- beyond the description
+# ---------------------------------------------------------------------------------------------- springs and stuck holes
 
 
 def test_a_soft_spring_at_the_tip_of_a_cantilever():
     """Force F against EI and spring k: deflection F / (3 EI / L^3 + k), as long as it is small."""
-    bare, k, force = Robot(BACKBONE, Disks.equally_spaced(5, L)), 0.3, 1e-5
-    spring = Extras(springs=(Spring(L, (k, 0.0, 0.0)),))
-    step = solve(bare, [LoadStep(loads={"tip": Load(L, (force, 0.0, 0.0))})], extras=spring).steps[0]
+    k, force = 0.3, 1e-5
+    bare = Robot(BACKBONE, Disks.equally_spaced(5, L), springs=(SideSpring(L, k),))
+    step = solve(bare, [LoadStep(loads={"tip": Load(L, (force, 0.0, 0.0))})]).steps[0]
     assert step.tip[0] == pytest.approx(force / (3.0 * BACKBONE.EI / L**3 + k), rel=1e-4)
 
 
 def test_a_spring_pulls_as_an_equal_load_would():
     at, k = 0.125, 3.0
     subject = robot(ParallelRouting(4.5e-3, 30.0))
-    held = solve(subject, pulls(1.5), extras=Extras(springs=(Spring(at, (k, k, 0.0)),))).steps[0]
+    held = solve(replace(subject, springs=(SideSpring(at, k),)), pulls(1.5)).steps[0]
     x, y, _ = held.position_at(at)
     load = Load(at, (-k * x, -k * y, 0.0))
     loaded = solve(subject, [LoadStep(tensions={"t1": 1.5}, loads={"spring": load})]).steps[0]
@@ -189,21 +183,14 @@ def test_a_spring_pulls_as_an_equal_load_would():
 
 def test_a_stuck_hole_keeps_its_tension_beyond_while_the_base_changes():
     """Nothing passes hole 4, so the tendon beyond it keeps its length: the outer part acts as a strut."""
-    subject = robot(friction_coefficient=0.0)
-    stuck = Extras(holes=(HoleFriction("t1", 4, adhesion=20.0),))
-    result = solve(subject, pulls(0.5, 1.0), friction="per-hole", extras=stuck)
+    smooth = robot(friction_coefficient=0.0)
+    stuck = smooth.with_tendons(tight_holes=(TightHole(0.1, 20.0),))
+    result = solve(stuck, pulls(0.5, 1.0), friction="per-hole")
     last = result.steps[-1]
     assert last.hole_states[0][3] == "stick"
     assert last.tensions[0][2] == pytest.approx(1.0)
     assert last.tensions[0][4] < 0.05
-    free = solve(subject, pulls(0.5, 1.0), friction="per-hole").steps[-1]
+    free = solve(smooth, pulls(0.5, 1.0), friction="per-hole").steps[-1]
     assert free.bending_angle > 2.0 * last.bending_angle
-
-
-def test_extras_that_cannot_act_are_refused():
-    with pytest.raises(ValueError, match="base does not move"):
-        solve_reference(robot(), Model(), pulls(1.0), extras=Extras(springs=(Spring(0.0, (1.0, 1.0, 0.0)),)))
     with pytest.raises(ValueError, match="per-hole"):
-        solve_reference(
-            robot(), Model(friction="none"), pulls(1.0), extras=Extras(holes=(HoleFriction("t1", 1, 1.0),))
-        )
+        solve_reference(stuck, Model(friction="none"), pulls(1.0))

@@ -133,38 +133,10 @@ def test_no_friction_coefficient_is_no_friction_to_the_last_bit(friction):
 
 
 @pytest.mark.integration
-@pytest.mark.parametrize("name", ROUTINGS)
-def test_dissipation_at_every_hole_never_falls(name):
-    result = run(robot(ROUTINGS[name], mu=0.3), pulls(*CYCLE, loads=SIDE), friction="per-hole")
-    lost = np.array([step.details["dissipation"][0] for step in result.steps])
-    assert np.all(np.diff(lost, axis=0) >= -1e-16)
-    assert np.all(lost[-1] > 0.0)
-
-
-@pytest.mark.integration
 def test_monotone_loading_is_the_same_per_tendon_and_per_hole():
     steps = pulls(0.5, 1.0, 2.0, 3.0)
     one, other = (run(robot(mu=0.3), steps, friction=f) for f in ("per-tendon", "per-hole"))
     np.testing.assert_allclose(one.tips, other.tips, atol=1e-10)
-
-
-@pytest.mark.integration
-def test_a_cycle_needs_the_work_that_is_dissipated():
-    def net(count):
-        up = np.linspace(0.0, 2.5, count + 1)[1:]
-        values = np.concatenate((up, up[::-1][1:], [0.0]))
-        settings = ReferenceSettings(presliding=1e-8, substeps=1)
-        result = run(robot(mu=0.3), pulls(*values), friction="per-hole", settings=settings)
-        u = np.concatenate(([0.0], [s.displacements[0] for s in result.steps]))
-        t = np.concatenate(([0.0], [s.base_tensions[0] for s in result.steps]))
-        work = np.sum(0.5 * (t[1:] + t[:-1]) * np.diff(u))
-        lost = np.array([s.details["dissipation"][0].sum() for s in result.steps])
-        return work, lost[-1]
-
-    (coarse, lost), (fine, less) = net(80), net(160)
-    assert coarse > 0.0
-    assert abs(fine - less) < 1e-3 * fine
-    assert abs(fine - less) < 0.6 * abs(coarse - lost)
 
 
 @pytest.mark.integration
@@ -270,9 +242,10 @@ def test_every_feature_of_the_description_together():
     assert np.linalg.norm(result.tips[1] - continuous.tips[1]) < 0.03 * L
 
 
-def test_a_failing_step_is_named_with_a_cure():
-    settings = ReferenceSettings(max_iterations=1, max_bisections=0)
-    result = solve_reference(robot(), Model("straight", "none"), pulls(0.0, 2.5), settings=settings)
+def test_a_failing_step_is_named_with_a_cure(monkeypatch):
+    monkeypatch.setattr("tdcr_fe.validation.reference.newton.MAX_ITERATIONS", 1)
+    monkeypatch.setattr("tdcr_fe.validation.reference.path.MAX_BISECTIONS", 0)
+    result = solve_reference(robot(), Model("straight", "none"), pulls(0.0, 2.5))
     assert not result.converged
     assert result.failed_step == 2
     assert len(result.steps) == 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,10 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.results import SequenceResult, StepResult
+from tdcr_fe.model.robot import Robot, SideSpring
 from tdcr_fe.validation.blind.declared import largest_commands
 from tdcr_fe.validation.blind.recipes import FORMS, PLACES, Recipe
-from tdcr_fe.validation.reference import Extras, HoleFriction, Spring
+from tdcr_fe.validation.reference import Extras, HoleFriction
 
 #: By effect, the value of every parameter.
 Values = dict[str, dict[str, float]]
@@ -277,15 +278,19 @@ class Unlisted:
     ----------
     answer : dict
         "kind", location along the backbone ("start", "end" [m], "bay" from 1), and its size; empty where there is none.
-    patches : tuple of StiffnessPatch
-        Of the true backbone.
+    change : callable
+        From the robot without it to the true one.
     extras : Extras
         Of the true robot.
     """
 
     answer: dict[str, Any]
-    patches: tuple[StiffnessPatch, ...] = ()
+    change: Callable[[Robot], Robot] = lambda robot: robot
     extras: Extras = field(default_factory=Extras)
+
+
+def _with_patch(patch: StiffnessPatch) -> Callable[[Robot], Robot]:
+    return lambda robot: robot.with_backbone(patches=(*robot.backbone.patches, patch))
 
 
 def _soft_spot(declared: Experiment, edges: tuple[float, ...], rng: np.random.Generator) -> Unlisted:
@@ -293,7 +298,7 @@ def _soft_spot(declared: Experiment, edges: tuple[float, ...], rng: np.random.Ge
     factor = round(float(rng.uniform(0.3, 0.6)), 3)
     start, end = edges[bay - 1], edges[bay]
     answer = {"kind": "soft_spot", "bay": bay, "start": start, "end": end, "bending": factor}
-    return Unlisted(answer, patches=(StiffnessPatch(start, end, factor, 1.0),))
+    return Unlisted(answer, _with_patch(StiffnessPatch(start, end, factor, 1.0)))
 
 
 def _side_spring(declared: Experiment, edges: tuple[float, ...], rng: np.random.Generator) -> Unlisted:
@@ -302,7 +307,7 @@ def _side_spring(declared: Experiment, edges: tuple[float, ...], rng: np.random.
     at = edges[disk]
     stiffness = float(f"{rng.uniform(0.1, 0.5) * 3.0 * declared.robot.backbone.EI / at**3:.4g}")
     answer = {"kind": "side_spring", "bay": disk, "start": at, "end": at, "stiffness": stiffness}
-    return Unlisted(answer, extras=Extras(springs=(Spring(at, (stiffness, stiffness, 0.0)),)))
+    return Unlisted(answer, lambda robot: replace(robot, springs=(SideSpring(at, stiffness),)))
 
 
 def _stuck_hole(declared: Experiment, edges: tuple[float, ...], rng: np.random.Generator) -> Unlisted:
@@ -330,7 +335,7 @@ def _kink(declared: Experiment, edges: tuple[float, ...], rng: np.random.Generat
         "kappa_x": kappa[0],
         "kappa_y": kappa[1],
     }
-    return Unlisted(answer, patches=(StiffnessPatch(start, end, 1.0, 1.0, (kappa[0], kappa[1])),))
+    return Unlisted(answer, _with_patch(StiffnessPatch(start, end, 1.0, 1.0, (kappa[0], kappa[1]))))
 
 
 _DRAW: dict[str, Callable[[Experiment, tuple[float, ...], np.random.Generator], Unlisted]] = {

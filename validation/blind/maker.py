@@ -26,7 +26,6 @@ from tdcr_fe.validation.blind.declared import (
 )
 from tdcr_fe.validation.blind.hidden import (
     DETECTABLE,
-    Unlisted,
     Values,
     detectable,
     draw_unlisted,
@@ -114,7 +113,8 @@ def _make(recipe: Recipe, rng: np.random.Generator, substeps: int) -> tuple[Meas
     unlisted = draw_unlisted(recipe, declared, rng)
 
     def readings(values: Values, substeps: int) -> Array:
-        setup = _true_robot(declared, values, unlisted)
+        listed = with_effects(declared, values)
+        setup = replace(listed, robot=unlisted.change(listed.robot))
         return read(_solve(setup, unlisted.extras, plan.arc_lengths, substeps), setup, plan.marks)
 
     def misfit(exact: Array) -> float:
@@ -210,15 +210,6 @@ def _draw_measurement(recipe: Recipe, declared: Experiment, rng: np.random.Gener
     by_unit = {"m": recipe.sigma, "rad": recipe.sigma / 0.06, "N": 5e-3}
     sigma = [5e-5 if m[1] == "tendon_displacement" else by_unit[channel(m[1]).unit] for m in marks]
     return _Measurement(arc_lengths, marks, np.array(sigma))
-
-
-def _true_robot(declared: Experiment, values: Values, unlisted: Unlisted) -> Experiment:
-    """The declared robot with its hidden effects."""
-    setup = with_effects(declared, values)
-    if not unlisted.patches:
-        return setup
-    patches = (*setup.robot.backbone.patches, *unlisted.patches)
-    return setup.with_robot(backbone=replace(setup.robot.backbone, patches=patches))
 
 
 def _solve(

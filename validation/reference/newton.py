@@ -86,6 +86,8 @@ def solve_box(matrix: Array, offset: Array, start: Array, lower: Array, upper: A
     return best
 
 
+#: Largest scaled residual of a converged state: moments over EI/L, forces over EI/L^2 [1]; iterations in one attempt.
+TOLERANCE, MAX_ITERATIONS = 1e-10, 30
 #: Number of Newton steps over which the merit function must decrease.
 _MEMORY = 3
 #: Decrease of the merit function that a step must bring, relative to its linear prediction [1].
@@ -128,7 +130,7 @@ class _Evaluation:
     merit: float
 
 
-class _Problem:
+class Problem:
     """The equations of one substep.
 
     Parameters
@@ -201,53 +203,37 @@ class _Problem:
         return np.concatenate((solved[:, 0] + solved[:, 1:] @ change, change[:friction]))
 
 
-def solve(
-    statics: Statics, start: Array, forces: Forces, driver: Driver, history: History, presliding: float
-) -> Attempt:
+def solve(problem: Problem, start: Array) -> Attempt:
     """Newton's method from given unknowns, with a line search.
 
     The equations of rod and tensions are linearised; stick and slip are not: in every iteration they are
     a complementarity problem on the linearised robot, solved exactly.
-
-    Parameters
-    ----------
-    statics
-        The robot.
-    start
-        Unknowns to start from.
-    forces, driver, history
-        Loads, prescribed inputs, and friction history.
-    presliding
-        Slip from rest to full friction [m].
     """
-    problem = _Problem(statics, forces, driver, history, presliding)
-    tolerance = statics.settings.tolerance
     x = start.copy()
     now = problem.evaluate(x)
     merits = [now.merit]
-    for iteration in range(1, statics.settings.max_iterations + 1):
+    for iteration in range(1, MAX_ITERATIONS + 1):
         step = problem.step(now)
         if step is None:
             return Attempt(now.state, False, iteration)
         found = _line_search(problem, x, step, max(merits[-_MEMORY:]))
         if found is None:
-            return Attempt(now.state, now.state.residual <= tolerance, iteration)
+            return Attempt(now.state, now.state.residual <= TOLERANCE, iteration)
         x, now = found
         merits.append(now.merit)
-        if now.state.residual <= tolerance:
+        if now.state.residual <= TOLERANCE:
             return Attempt(now.state, True, iteration)
-    return Attempt(now.state, False, statics.settings.max_iterations)
+    return Attempt(now.state, False, MAX_ITERATIONS)
 
 
-def _line_search(problem: _Problem, x: Array, step: Array, merit: float) -> tuple[Array, _Evaluation] | None:
+def _line_search(problem: Problem, x: Array, step: Array, merit: float) -> tuple[Array, _Evaluation] | None:
     """Unknowns after the longest part of a step that decreases the merit function; None where none does."""
     share = _longest_share(problem.statics, step)
     for _ in range(_HALVINGS):
         trial = x + share * step
         new = problem.evaluate(trial)
         if np.isfinite(new.merit) and (
-            new.merit <= (1.0 - _DECREASE * share) * merit
-            or new.state.residual <= problem.statics.settings.tolerance
+            new.merit <= (1.0 - _DECREASE * share) * merit or new.state.residual <= TOLERANCE
         ):
             return trial, new
         share *= 0.5

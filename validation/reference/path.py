@@ -18,14 +18,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.model.loading import Actuation, Load
-from tdcr_fe.validation.reference.balance import Forces
-from tdcr_fe.validation.reference.newton import Attempt, solve
-from tdcr_fe.validation.reference.settings import ReferenceSettings
+from tdcr_fe.validation.reference.newton import Attempt, Problem, solve
 from tdcr_fe.validation.reference.statics import State, Statics
 from tdcr_fe.validation.reference.tendons import Driver, History
 
 Array = NDArray[np.float64]
 
+#: Largest displacement of a node, over the length, by halving every substep of a load step [1]; distributed over the
+#: substeps.
+PATH_TOLERANCE = 1e-4
+#: Substeps that step doubling begins with; four to each are solved at least.
+_INITIAL_SUBSTEPS = 2
+#: How often a substep may be halved, for the path or to converge. Beyond it, a path that is not resolved is reported
+#: with its refinement error, and a substep that does not converge ends the sequence.
+MAX_BISECTIONS = 10
 #: Mobilisation from which on a hole counts as slipping.
 SLIPPING = 1.0 - 1e-9
 #: Factors on the presliding distance of the continuation that is tried where Newton's method fails.
@@ -42,19 +48,12 @@ _EVENTFUL = 1.0 / 16.0
 #: ends as if it had been at rest, so that a single agreement may be coincidence.
 _AGREEMENTS = 2
 
-#: Friction coefficients that depend on the normal force: repetitions at most, and the change that ends them [1].
-_REPETITIONS, _COEFFICIENT_TOLERANCE = 40, 1e-10
-
-#: Laws of the extras: repetitions at most, and the change (moments over EI/L, forces over EI/L^2) that ends them [1].
-_LAW_REPETITIONS, _LAW_TOLERANCE = 60, 1e-7
+#: Repetitions, at most, of a solution with moments, forces and coefficients that follow laws of the state.
+_REPETITIONS = 60
 
 
 class NotConverged(Exception):
-    """A substep has no solution that Newton's method finds, however small; carries the scaled residual."""
-
-    def __init__(self, residual: float) -> None:
-        super().__init__(f"scaled residual {residual:.2g}")
-        self.residual = residual
+    """A substep has no solution that Newton's method finds, however small."""
 
 
 @dataclass(frozen=True)
@@ -125,36 +124,10 @@ class Ramp:
 
 @dataclass(frozen=True)
 class Point:
-    """A point of the equilibrium path, history committed.
-
-    Attributes
-    ----------
-    state : State
-    history : History
-    dissipated : ndarray, shape (n_holes,)
-        Work lost at each hole since the unloaded state [J].
-    """
+    """A point of the equilibrium path, history committed."""
 
     state: State
     history: History
-    dissipated: Array
-
-
-@dataclass(frozen=True)
-class Unresolved:
-    """A part of a load step where the last bisection exceeded its share of the tolerance.
-
-    Attributes
-    ----------
-    begin, end : float
-        Load factors 0..1 of the step.
-    error : float
-        Largest difference of a node over the length [1].
-    """
-
-    begin: float
-    end: float
-    error: float
 
 
 @dataclass(frozen=True)
@@ -164,34 +137,19 @@ class Path:
     Attributes
     ----------
     end : Point
-    iterations : int
-        Newton iterations on it.
     substeps : int
-    bisections : int
-        Substeps that were halved because Newton's method failed.
     refinement_error : float
         Sum over the substeps of the difference that taking them in halves made, largest at any node, over the
         length [1]; NaN where the number of substeps was given.
-    unresolved : tuple of Unresolved
     """
 
     end: Point
-    iterations: int
     substeps: int = 1
-    bisections: int = 0
     refinement_error: float = 0.0
-    unresolved: tuple[Unresolved, ...] = ()
 
     def then(self, other: Path) -> Path:
         """Join this part and the next."""
-        return Path(
-            other.end,
-            self.iterations + other.iterations,
-            self.substeps + other.substeps,
-            self.bisections + other.bisections,
-            self.refinement_error + other.refinement_error,
-            self.unresolved + other.unresolved,
-        )
+        return Path(other.end, self.substeps + other.substeps, self.refinement_error + other.refinement_error)
 
 
 class LoadStepPath:
@@ -203,97 +161,72 @@ class LoadStepPath:
         Equilibrium of the robot.
     ramp
         Change of inputs, loads and time.
-    settings
-        Tolerance of the path, largest substep, number of bisections.
+
+    Attributes
+    ----------
+    iterations : int
+        Newton iterations so far.
     """
 
-    def __init__(self, statics: Statics, ramp: Ramp, settings: ReferenceSettings) -> None:
-        self.statics, self.ramp, self.settings = statics, ramp, settings
+    def __init__(self, statics: Statics, ramp: Ramp) -> None:
+        self.statics, self.ramp = statics, ramp
+        self.iterations = 0
 
-    def fixed(self, start: Point, count: int) -> Path:
-        """A given number of equal substeps; one is halved only where Newton's method fails.
+    def solve(self, start: Point, count: int | None) -> Path:
+        """A number of equal substeps, halved only where Newton's method fails; without one as many as resolve the path.
 
         Raises
         ------
         NotConverged
         """
-        path: Path | None = None
-        for k in range(count):
-            part = self._halved(start, k / count, (k + 1) / count, self.settings.max_bisections)
-            path = part if path is None else path.then(part)
-            start = part.end
-        assert path is not None
-        return replace(path, refinement_error=float("nan"))
+        path, n = Path(start, 0), count or _INITIAL_SUBSTEPS
+        for k in range(n):
+            begin, end = k / n, (k + 1) / n
+            if count is None:
+                whole = self._substep(path.end, end)
+                path = path.then(self._refine(path.end, begin, end, whole, 0))
+            else:
+                path = path.then(self._halved(path.end, begin, end, MAX_BISECTIONS))
+        return path if count is None else replace(path, refinement_error=float("nan"))
 
     def _halved(self, start: Point, begin: float, end: float, bisections: int) -> Path:
-        try:
-            return self._substep(start, end)
-        except NotConverged:
-            if bisections == 0:
-                raise
+        path = self._substep(start, end)
+        if path is not None:
+            return path
+        if bisections == 0:
+            raise NotConverged
         middle = 0.5 * (begin + end)
         first = self._halved(start, begin, middle, bisections - 1)
-        second = self._halved(first.end, middle, end, bisections - 1)
-        both = first.then(second)
-        return replace(both, bisections=both.bisections + 1)
-
-    def resolved(self, start: Point) -> Path:
-        """Substeps refined until the tolerance of the path is met.
-
-        Raises
-        ------
-        NotConverged
-        """
-        count = self.settings.initial_substeps
-        path: Path | None = None
-        for k in range(count):
-            begin, end = k / count, (k + 1) / count
-            part = self._refine(start, begin, end, self._attempt(start, end), 0)
-            path = part if path is None else path.then(part)
-            start = part.end
-        assert path is not None
-        return path
+        return first.then(self._halved(first.end, middle, end, bisections - 1))
 
     def _refine(
-        self, start: Point, begin: float, end: float, whole: Path | NotConverged, level: int, agreed: int = 0
+        self, start: Point, begin: float, end: float, whole: Path | None, level: int, agreed: int = 0
     ) -> Path:
-        """Refine one solved substep by bisection until two successive bisections agree."""
-        middle, last = 0.5 * (begin + end), level >= self.settings.max_bisections
-        failed = int(isinstance(whole, NotConverged))
-        first = self._attempt(start, middle)
-        second = first if isinstance(first, NotConverged) else self._attempt(first.end, end)
+        """Refine one substep, None where it failed, by bisection until two successive bisections agree."""
+        middle, last = 0.5 * (begin + end), level >= MAX_BISECTIONS
+        first = self._substep(start, middle)
+        second = None if first is None else self._substep(first.end, end)
         met = False
-        if isinstance(first, Path) and isinstance(second, Path):
+        if first is not None and second is not None:
             halves = first.then(second)
-            error = self._difference(whole.end, halves.end) if isinstance(whole, Path) else float("inf")
+            error = float("inf") if whole is None else self._difference(whole.end, halves.end)
             error = max(error, self._missed_reversal(start, first.end, halves.end))
             quiet = end - begin <= _EVENTFUL or not _changes_state(start, first.end, halves.end)
-            met = quiet and error <= self._tolerance(end - begin)
+            met = quiet and error <= PATH_TOLERANCE * max(end - begin, _SMALLEST)
             if last or (met and agreed + 1 >= _AGREEMENTS):
-                met = error <= self._tolerance(end - begin)
-                doubt = () if met else (Unresolved(begin, end, error),)
-                return Path(halves.end, halves.iterations, 2, failed, error, doubt)
-        elif last and isinstance(whole, Path):
-            error = self._difference(start, whole.end)
-            return replace(whole, refinement_error=error, unresolved=(Unresolved(begin, end, error),))
-        elif last:
-            raise second if isinstance(second, NotConverged) else NotConverged(float("nan"))
-        agreed = agreed + 1 if met else 0
+                return replace(halves, refinement_error=error)
         try:
+            if last:
+                raise NotConverged
+            agreed = agreed + 1 if met else 0
             one = self._refine(start, begin, middle, first, level + 1, agreed)
-            two = self._refine(one.end, middle, end, self._attempt(one.end, end), level + 1, agreed)
+            after = self._substep(one.end, end)
+            return one.then(self._refine(one.end, middle, end, after, level + 1, agreed))
         except NotConverged:
-            if isinstance(whole, NotConverged):
+            if whole is None:
                 raise
             # the coarser solution is kept; its whole displacement counts as error
-            error = self._difference(start, whole.end)
-            return replace(whole, refinement_error=error, unresolved=(Unresolved(begin, end, error),))
-        both = one.then(two)
-        return replace(both, bisections=both.bisections + failed)
-
-    def _tolerance(self, size: float) -> float:
-        """Of a substep of a given length; the tolerance of the load step is spread over it, down to `_SMALLEST`."""
-        return self.settings.path_tolerance * max(size, _SMALLEST)
+            return replace(whole, refinement_error=self._difference(start, whole.end))
 
     def _difference(self, a: Point, b: Point) -> float:
         """Largest distance between the stations of two configurations over the length [1]."""
@@ -337,92 +270,44 @@ class LoadStepPath:
         effect = np.bincount(tendons.variable[tendons.rough], bend[tendons.rough], tendons.n_friction)
         return np.asarray(effect, dtype=float)
 
-    def _attempt(self, start: Point, factor: float) -> Path | NotConverged:
-        try:
-            return self._substep(start, factor)
-        except NotConverged as failure:
-            return failure
-
-    def _substep(self, start: Point, factor: float) -> Path:
+    def _substep(self, start: Point, factor: float) -> Path | None:
         """Newton from the last point; if it fails with friction, continuation in the presliding distance."""
-        statics, ramp = self.statics, self.ramp
+        statics = self.statics
         backbone = statics.robot.backbone
         if backbone.creep_rate != 0.0:
-            statics.set_compliance_factor(backbone.compliance_factor(ramp.time(factor)))
+            statics.set_compliance_factor(backbone.compliance_factor(self.ramp.time(factor)))
         delta, unknowns = statics.settings.presliding, start.state.unknowns
         attempt = self._with_laws(unknowns, factor, start, delta)
-        iterations = attempt.iterations
         if not attempt.converged and statics.tendons.n_friction:
             for softer in _CONTINUATION:
                 attempt = self._with_laws(unknowns, factor, start, softer * delta)
-                iterations += attempt.iterations
                 if not attempt.converged:
                     break
                 unknowns = attempt.state.unknowns
         if not attempt.converged:
-            raise NotConverged(attempt.state.residual)
-        return Path(commit(statics, start, attempt.state), iterations)
+            return None
+        state, tendons = attempt.state, statics.tendons
+        passed = tendons.passed_sum @ tendons.taken_in(state.lengths, state.tensions)[0]
+        return Path(Point(state, History(state.mobilisation.copy(), passed)))
 
     def _with_laws(self, unknowns: Array, factor: float, start: Point, presliding: float) -> Attempt:
-        """Solve with moments and forces that follow laws of the state, by fixed-point iteration."""
-        statics, ramp = self.statics, self.ramp
-        driver, loads = ramp.driver(factor), ramp.loads(factor)
-        attempt = self._consistent(unknowns, statics.forces(loads), driver, start, presliding)
-        if not statics.extras.has_laws:
-            return attempt
-        iterations = attempt.iterations
-        for _ in range(_LAW_REPETITIONS):
+        """Solve with moments, forces and coefficients that follow laws of the state, by fixed-point iteration."""
+        statics, ramp, tendons = self.statics, self.ramp, self.statics.tendons
+        tendons.mu = tendons.coefficients(start.state.tensions, start.state.angles)
+        for _ in range(_REPETITIONS):
+            forces = statics.forces(ramp.loads(factor))
+            problem = Problem(statics, forces, ramp.driver(factor), start.history, presliding)
+            attempt = solve(problem, unknowns)
+            self.iterations += attempt.iterations
             if not attempt.converged:
-                break
-            change = statics.follow_laws(attempt.state, ramp.direction, ramp.time(factor))
-            if change <= _LAW_TOLERANCE:
-                return replace(attempt, iterations=iterations)
-            attempt = self._consistent(
-                attempt.state.unknowns, statics.forces(loads), driver, start, presliding
-            )
-            iterations += attempt.iterations
-        return replace(attempt, converged=False, iterations=iterations)
-
-    def _consistent(
-        self, unknowns: Array, forces: Forces, driver: Driver, start: Point, presliding: float
-    ) -> Attempt:
-        """Solve with friction coefficients consistent with the normal forces, by fixed-point iteration."""
-        statics, tendons = self.statics, self.statics.tendons
-        if len(tendons.dependent):
-            tendons.mu = tendons.coefficients(start.state.tensions, start.state.angles)
-        attempt = solve(statics, unknowns, forces, driver, start.history, presliding)
-        iterations = attempt.iterations
-        for _ in range(_REPETITIONS if len(tendons.dependent) else 0):
-            if not attempt.converged:
-                break
-            mu = tendons.coefficients(attempt.state.tensions, attempt.state.angles)
-            change = float(np.max(np.abs(mu - tendons.mu)))
-            if change <= _COEFFICIENT_TOLERANCE:
-                return replace(attempt, iterations=iterations)
-            tendons.mu = mu
-            attempt = solve(statics, attempt.state.unknowns, forces, driver, start.history, presliding)
-            iterations += attempt.iterations
-        consistent = attempt.converged and not len(tendons.dependent)
-        return replace(attempt, converged=consistent, iterations=iterations)
+                return attempt
+            if statics.follow_laws(attempt.state, ramp.direction, ramp.time(factor)):
+                return attempt
+            unknowns = attempt.state.unknowns
+        return replace(attempt, converged=False)
 
 
 def _changes_state(*points: Point) -> bool:
     """Whether any hole changes between stick, pull and release from one of these points to another."""
     states = [np.trunc(p.history.mobilisation / SLIPPING) for p in points]
     return any(bool(np.any(state != states[0])) for state in states)
-
-
-def commit(statics: Statics, start: Point, state: State) -> Point:
-    """The point reached, with the slip and the dissipation at the holes since ``start``."""
-    tendons, old = statics.tendons, start.history
-    after = tendons.taken_in(state.lengths, state.tensions)[0]
-    dissipated = start.dissipated
-    if tendons.n_friction:
-        mobilised = state.mobilisation[tendons.variable]
-        creep = statics.settings.presliding * (mobilised - old.mobilisation[tendons.variable])
-        before = tendons.taken_in(start.state.lengths, start.state.tensions)[0]
-        slip = tendons.beyond @ (after - before) - creep
-        slip[(tendons.variable < 0) | (np.abs(mobilised) < SLIPPING)] = 0.0
-        drop = state.tensions[tendons.holes] - state.tensions[tendons.holes + 1]
-        dissipated = dissipated + drop * slip
-    return Point(state, History(state.mobilisation.copy(), tendons.passed_sum @ after), dissipated)

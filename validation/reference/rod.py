@@ -159,14 +159,7 @@ class Rod:
         lever[..., 3:] = np.eye(3)
         return TendonCourse(lever, slope, np.swapaxes(lever, -1, -2) @ lever)
 
-    def integrate(
-        self,
-        wrench: Array,
-        weight: Array | None = None,
-        tension: Array | None = None,
-        *,
-        derivatives: bool = True,
-    ) -> Flow:
+    def integrate(self, wrench: Array, weight: Array | None = None, tension: Array | None = None) -> Flow:
         """Integrate every interval from its start to its end.
 
         Parameters
@@ -177,22 +170,18 @@ class Rod:
             Weight per length in the frames of the starts [N/m], shape (n, 3); needed with gravity.
         tension
             Of continuous tendons [N], shape (n_tendons,).
-        derivatives
-            Whether to integrate the variational equations too; without them the derivatives are empty.
 
         Returns
         -------
         Flow
             The ends.
         """
-        n, t = self.size, self.n_tendons
-        c = self.columns if derivatives else 0
+        n, t, c = self.size, self.n_tendons, self.columns
         head = 18 + t
         y = np.zeros((n, head + (12 + t) * c))
         y[:, :6] = wrench
         y[:, 6:15] = np.eye(3).ravel()
-        if c:
-            y[:, head:].reshape(n, 12 + t, c)[:, :6, :6] = np.eye(6)
+        y[:, head:].reshape(n, 12 + t, c)[:, :6, :6] = np.eye(6)
         pull = self.active * tension if t and tension is not None else np.zeros((n, t))
         guess = np.broadcast_to(self.section.rest, (n, 6))
         slopes = np.empty((len(_C), *y.shape))
@@ -201,7 +190,7 @@ class Rod:
         for k in range(self.steps):
             for i in range(len(_C)):
                 at = y if i == 0 else y + self.h[:, None] * (_A[i, :i] @ flat[:i]).reshape(y.shape)
-                guess = self._slope(at, slopes[i], weight, pull, guess, matrix, k, i, c)
+                guess = self._slope(at, slopes[i], weight, pull, guess, matrix, k, i)
             y = y + self.h[:, None] * (_B @ flat).reshape(y.shape)
             rotation = y[:, 6:15].reshape(n, 3, 3)
             square = np.swapaxes(rotation, 1, 2) @ rotation
@@ -227,10 +216,9 @@ class Rod:
         matrix: Array,
         step: int,
         stage: int,
-        c: int,
     ) -> Array:
         """Write the derivative of the state with respect to arc length to ``out``; give the strain."""
-        n, t = self.size, self.n_tendons
+        n, t, c = self.size, self.n_tendons, self.columns
         wrench, rotation = y[:, :6], y[:, 6:15].reshape(n, 3, 3)
         if t:
             strain, compliance, along, stretch = coupled_strain(
@@ -247,8 +235,6 @@ class Rod:
         if weight is not None:
             local = (weight[:, None, :] @ rotation)[:, 0]
             out[:, 3:6] -= local
-        if not c:
-            return strain
         variation = y[:, 18 + t :].reshape(n, 12 + t, c)
         target = out[:, 18 + t :].reshape(n, 12 + t, c)
         turn = wrench_matrix(wrench)

@@ -61,23 +61,6 @@ def bending_moment(
     return moment, slope
 
 
-def bending_curvature(
-    moment: Array, stiffness: Array, law: Superelastic, radius: Array | float
-) -> tuple[Array, Array]:
-    """Inverse of `bending_moment`: curvature [1/m] and slope dM/dk [N m^2] at a moment >= 0 [N m].
-
-    The moment is concave in the curvature, so Newton's method from the elastic curvature converges monotonically.
-    """
-    curvature = moment / stiffness
-    for _ in range(60):
-        value, slope = bending_moment(curvature, stiffness, law, radius)
-        change = (moment - value) / slope
-        curvature = curvature + change
-        if np.all(np.abs(change) <= 1e-14 * (1.0 + np.abs(curvature))):
-            break
-    return curvature, bending_moment(curvature, stiffness, law, radius)[1]
-
-
 #: Quadrature over the unit disk, exact for polynomials of degree 5: points (q, 2) and weights (q,) that add up to 1.
 _RADII, _RADIAL = np.polynomial.legendre.leggauss(4)
 _ANGLES = np.arange(8) * np.pi / 4.0
@@ -198,39 +181,12 @@ class Section:
 
     def strain(self, wrench: Array) -> tuple[Array, Array]:
         """Strain, shape (n, 6), and its derivative with respect to the wrench, shape (n, 6, 6)."""
-        if self.fibres is not None:
-            return self._fibre_strain(wrench)
-        wrench = wrench - self.carried
+        if self.superelastic is not None or self.fibres is not None:
+            alone = TendonCourse.none(len(wrench))
+            start = self.rest + (wrench - self.carried) / self.stiffness
+            return coupled_strain(self, alone, np.zeros((len(wrench), 0)), wrench, start)[:2]
         compliance = np.where(self.rigid[:, None], 0.0, 1.0 / self.stiffness)
-        strain = self.rest + compliance * wrench
-        derivative = compliance[:, :, None] * np.eye(6)
-        if self.superelastic is not None:
-            size = np.hypot(wrench[:, 0], wrench[:, 1])
-            curvature, slope = bending_curvature(size, self.stiffness[:, 0], self.superelastic, self.radius)
-            free = ~self.rigid
-            zero = size == 0.0
-            safe = np.where(zero, 1.0, size)
-            direction = wrench[:, :2] / safe[:, None]
-            secant = np.where(zero, compliance[:, 0], curvature / safe) * free
-            tangent = free / slope
-            strain[:, :2] = self.rest[:, :2] + secant[:, None] * wrench[:, :2]
-            derivative[:, :2, :2] = secant[:, None, None] * np.eye(2) + (
-                (tangent - secant)[:, None, None] * direction[:, :, None] * direction[:, None, :]
-            )
-        return strain, derivative
-
-    def _fibre_strain(self, wrench: Array) -> tuple[Array, Array]:
-        """`strain` of nonlinear fibres, by Newton's method from the linear one."""
-        free = ~self.rigid
-        strain = self.rest + np.where(self.rigid[:, None], 0.0, (wrench - self.carried) / self.stiffness)
-        for _ in range(60):
-            value, slope = self.wrench(strain)
-            change = free[:, None] * np.linalg.solve(slope, (wrench - value)[..., None])[..., 0]
-            strain = strain + change
-            if np.max(np.abs(change), initial=0.0) <= 1e-12 * (1.0 + np.max(np.abs(strain), initial=0.0)):
-                break
-        derivative = free[:, None, None] * np.linalg.inv(self.wrench(strain)[1])
-        return strain, derivative
+        return self.rest + compliance * (wrench - self.carried), compliance[:, :, None] * np.eye(6)
 
     def wrench(self, strain: Array) -> tuple[Array, Array]:
         """Wrench, (n, 6), and its derivative by the strain, (n, 6, 6); rigidity is ignored."""
@@ -271,6 +227,11 @@ class TendonCourse:
     lever: Array
     slope: Array
     square: Array
+
+    @classmethod
+    def none(cls, n: int) -> TendonCourse:
+        """No tendons in n intervals."""
+        return cls(np.zeros((n, 0, 3, 6)), np.zeros((n, 0, 3)), np.zeros((n, 0, 6, 6)))
 
 
 def coupled_strain(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,16 @@ from numpy.typing import NDArray
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.validation.reference.path import SLIPPING, LoadStepPath, NotConverged, Path, Point, Ramp
+from tdcr_fe.validation.reference.path import (
+    MAX_BISECTIONS,
+    PATH_TOLERANCE,
+    SLIPPING,
+    LoadStepPath,
+    NotConverged,
+    Path,
+    Point,
+    Ramp,
+)
 from tdcr_fe.validation.reference.rod import Rod
 from tdcr_fe.validation.reference.settings import Extras, ReferenceSettings
 from tdcr_fe.validation.reference.statics import State, Statics
@@ -27,15 +35,11 @@ class Sampler:
     def __init__(self, statics: Statics) -> None:
         layout, settings = statics.layout, statics.settings
         length = statics.robot.backbone.length
-        nodes = layout.s[layout.nodes]
-        wanted = [min(max(p, 0.0), length) for p in settings.sample_at]
-        for a, b in pairwise(nodes):
-            n = settings.samples_per_bay
-            wanted += [float(a + (b - a) * (i + 1) / (n + 1)) for i in range(n)]
-        extra = [p for p in wanted if np.min(np.abs(layout.s - p)) > 1e-9]
-        inner = [int(np.argmin(np.abs(layout.s - p))) for p in wanted if np.min(np.abs(layout.s - p)) <= 1e-9]
-        self.stations = np.unique(np.concatenate((layout.nodes, np.array(inner, dtype=np.intp))))
-        self.extra = np.unique(np.array(extra))
+        wanted = np.unique(np.clip(settings.sample_at, 0.0, length))
+        off = np.abs(layout.s[:, None] - wanted)
+        known = off.min(axis=0) <= 1e-9
+        self.stations = np.unique(np.concatenate((layout.nodes, off.argmin(axis=0)[known])))
+        self.extra = wanted[~known]
         self.interval = np.searchsorted(layout.s, self.extra) - 1
         self.s = np.concatenate((layout.s[self.stations], self.extra))
         self.order = np.argsort(self.s)
@@ -60,12 +64,8 @@ class Sampler:
             weight = None
             if self.statics.heavy:
                 weight = np.einsum("nji,nj->ni", state.rotations[at], self.statics.weight[at])
-            flow = self.rod.integrate(
-                state.wrenches[at],
-                weight,
-                state.tensions if self.statics.continuous else None,
-                derivatives=False,
-            )
+            tension = state.tensions if self.statics.continuous else None
+            flow = self.rod.integrate(state.wrenches[at], weight, tension)
             start = state.rotations[at]
             more = state.positions[at] + (start @ flow.position[:, :, None])[..., 0]
             positions = np.concatenate((positions, more))
@@ -108,27 +108,23 @@ def solve_reference(
     -------
     SequenceResult
         With nodes at base, disks, load points, tip and the samples of the settings. ``details`` of a
-        step: "dissipation" [J], by tendon the work dissipated at each hole since the start; "mobilisation" [1], by
-        tendon and hole; "base_wrench" [N m, N], shape (6,), internal wrench just above the base plate (of
-        rod and tendons together in the classical model); "bisections", substeps that had to be halved to
-        converge; "refinement_error", the change of the shape over the length [1] that halving every substep made,
-        summed over the substeps, NaN where their number was given; "path_resolved", whether it is within the
-        tolerance, None where their number was given. ``warnings`` name the steps where it is not, and the part of
-        the step that contributes most.
+        step: "mobilisation" [1], by tendon and hole; "base_wrench" [N m, N], shape (6,), internal wrench just above the
+        base plate (of rod and tendons together in the classical model); "refinement_error", the change of the shape
+        over the length [1] that halving every substep made, summed over the substeps, NaN where their number was
+        given. ``warnings`` name the steps where it is beyond the tolerance.
 
     Raises
     ------
     ValueError
-        Friction with the classical model, a coefficient of friction that depends on the slip rate, or a load step
-        that does not fit the robot.
+        A coefficient of friction that depends on the slip rate, or a load step that does not fit the robot.
     """
     settings = settings or ReferenceSettings()
     clock = time.perf_counter()
     actuations = resolve(robot, steps)
     points = sorted({min(load.at, robot.backbone.length) for a in actuations for load in a.loads.values()})
-    statics = Statics(robot, model, points, settings, extras)
+    statics = Statics(robot, model, points, settings, extras or Extras())
     sampler = Sampler(statics)
-    point = Point(statics.rest, statics.tendons.start(), np.zeros(len(statics.tendons.holes)))
+    point = Point(statics.rest, statics.tendons.start())
     before: Actuation | None = None
     direction = np.zeros(statics.tendons.count)
     results: list[StepResult] = []
@@ -137,21 +133,29 @@ def solve_reference(
     for number, (step, actuation) in enumerate(zip(steps, actuations, strict=True), start=1):
         ramp = Ramp.between(statics, before, actuation, point.state, direction)
         direction = ramp.direction
-        one, count = LoadStepPath(statics, ramp, settings), step.substeps or settings.substeps
+        one, count = LoadStepPath(statics, ramp), step.substeps or settings.substeps
         name = f"step {number} ({step.label or 'no label'})"
         try:
-            path = one.resolved(point) if count is None else one.fixed(point, count)
-        except NotConverged as failure:
+            path = one.solve(point, count)
+        except NotConverged:
             failed = number
             message = (
-                f"{name} did not converge: scaled residual {failure.residual:.2g} after "
-                f"{settings.max_bisections} bisections; use smaller load steps, more substeps, or a larger "
-                "presliding distance"
+                f"{name} did not converge after {MAX_BISECTIONS} bisections; use smaller load steps, more substeps, or "
+                "a larger presliding distance"
             )
             break
         point, before = path.end, actuation
-        results.append(_result(statics, sampler, path, ramp, number, step))
-        warnings += _warnings(name, path, count, statics)
+        results.append(_result(sampler, one, path, number, step))
+        if count is not None and path.substeps > count and statics.tendons.n_friction:
+            warnings.append(
+                f"{name}: {path.substeps} substeps were needed in place of {count}; the friction history was "
+                "committed after each"
+            )
+        if path.refinement_error > PATH_TOLERANCE:
+            warnings.append(
+                f"{name}: path not resolved; halving every substep once more would move a node by about "
+                f"{path.refinement_error:.1e} of the length; use smaller load steps"
+            )
     return SequenceResult(
         robot=robot,
         model=model,
@@ -165,74 +169,44 @@ def solve_reference(
     )
 
 
-def _warnings(name: str, path: Path, count: int | None, statics: Statics) -> list[str]:
-    """Warnings where the path of a load step is not resolved, or more substeps were needed than prescribed."""
-    if count is not None:
-        if not (path.bisections and statics.tendons.n_friction):
-            return []
-        return [
-            f"{name}: {path.substeps} substeps were needed in place of {count}; the friction history was committed "
-            "after each"
-        ]
-    if path.refinement_error <= statics.settings.path_tolerance:
-        return []
-    text = (
-        f"{name}: path not resolved; halving every substep once more would move a node by about "
-        f"{path.refinement_error:.1e} of the length; use smaller load steps"
-    )
-    if path.unresolved:
-        worst = max(path.unresolved, key=lambda part: part.error)
-        text += f", above all between load factors {worst.begin:.4g} and {worst.end:.4g}"
-    return [text]
-
-
-def _result(
-    statics: Statics, sampler: Sampler, path: Path, ramp: Ramp, number: int, step: LoadStep
-) -> StepResult:
+def _result(sampler: Sampler, solved: LoadStepPath, path: Path, number: int, step: LoadStep) -> StepResult:
     """The state reached, as a result."""
-    tendons, state, robot, error = statics.tendons, path.end.state, statics.robot, path.refinement_error
+    statics, state = solved.statics, path.end.state
+    tendons, robot, driver = statics.tendons, statics.robot, solved.ramp.driver(1.0)
     s, positions, rotations = sampler(state)
     pulled = tendons.base_sum @ tendons.taken_in(state.lengths, state.tensions)[0]
-    driver = ramp.driver(1.0)
-    displacements = np.where(driver.by_displacement, driver.values, pulled)
     tensions: list[Array] = []
     states: list[tuple[str, ...]] = []
     mobilisations: list[Array] = []
-    dissipation: list[Array] = []
     share = np.zeros(len(tendons.holes))
     share[tendons.rough] = state.mobilisation[tendons.variable[tendons.rough]]
-    for i, tendon in enumerate(robot.tendons):
-        pull = state.tensions[tendons.first[i] : tendons.last[i]]
-        segments = len(robot.hole_arc_lengths(tendon)) - 1
-        mine = (tendons.holes >= tendons.first[i]) & (tendons.holes < tendons.last[i])
-        own = share[mine]
+    for tendon, first, last in zip(robot.tendons, tendons.first, tendons.last, strict=True):
+        pull = state.tensions[first:last]
+        own = share[(tendons.holes >= first) & (tendons.holes < last)]
         if statics.continuous:
+            segments = len(robot.hole_arc_lengths(tendon)) - 1
             pull, own = np.repeat(pull, segments), np.zeros(segments - 1)
         words = ["pull" if x >= SLIPPING else "release" if x <= -SLIPPING else "stick" for x in own]
         tensions.append(pull.copy())
         states.append((*words, "anchor"))
         mobilisations.append(own)
-        dissipation.append(path.end.dissipated[mine].copy())
     return StepResult(
         step=number,
         label=step.label,
         converged=True,
-        iterations=path.iterations,
+        iterations=solved.iterations,
         substeps=path.substeps,
         s=s,
         positions=positions,
         rotations=rotations,
         base_tensions=state.tensions[tendons.first] if tendons.count else np.zeros(0),
-        displacements=displacements,
+        displacements=np.where(driver.by_displacement, driver.values, pulled),
         tensions=tuple(tensions),
         hole_states=tuple(states),
         residual=state.residual,
         details={
-            "dissipation": tuple(dissipation),
             "mobilisation": tuple(mobilisations),
             "base_wrench": state.wrenches[0].copy(),
-            "bisections": path.bisections,
-            "refinement_error": error,
-            "path_resolved": None if np.isnan(error) else error <= statics.settings.path_tolerance,
+            "refinement_error": path.refinement_error,
         },
     )

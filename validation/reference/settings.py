@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.model.robot import Robot
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -19,15 +19,8 @@ class ReferenceSettings:
     ----------
     sample_at : tuple of float
         Extra arc lengths at which the shape is given [m].
-    samples_per_bay : int
-        Extra points between neighbouring nodes at which the shape is given.
     substeps : int or None
         Substeps of a load step without a number of its own; None chooses them by step doubling.
-    path_tolerance : float
-        Largest displacement of a node, over the length, by halving every substep of a load step [1]; distributed over
-        the substeps.
-    initial_substeps : int
-        Substeps that step doubling begins with; four to each are solved at least.
     presliding : float
         Slip of a tendon through a hole from rest to full friction [m].
     max_interval : float
@@ -35,58 +28,20 @@ class ReferenceSettings:
     max_step : float
         Longest Runge-Kutta step, over the length of the backbone [1]; with continuous tendons, which bend
         the rod more evenly, twice that.
-    tolerance : float
-        Largest scaled residual of a converged state: moments over EI/L, forces over EI/L^2 [1].
-    max_iterations : int
-        Of Newton's method, in one attempt.
-    max_bisections : int
-        How often a substep may be halved, for the path or to converge. Beyond it, a path that is not resolved is
-        reported with its refinement error, and a substep that does not converge ends the sequence.
     """
 
     sample_at: tuple[float, ...] = ()
-    samples_per_bay: int = 0
     substeps: int | None = None
-    path_tolerance: float = 1e-4
-    initial_substeps: int = 2
     presliding: float = 1e-6
     max_interval: float = 0.125
     max_step: float = 0.03
-    tolerance: float = 1e-10
-    max_iterations: int = 30
-    max_bisections: int = 10
 
     def __post_init__(self) -> None:
-        for name in ("presliding", "max_interval", "max_step", "tolerance", "path_tolerance"):
+        for name in ("presliding", "max_interval", "max_step"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"{name} = {getattr(self, name)}; must be positive")
-        counts = {"initial_substeps": self.initial_substeps, "max_iterations": self.max_iterations}
-        if self.substeps is not None:
-            counts["substeps"] = self.substeps
-        for name, value in counts.items():
-            if value < 1:
-                raise ValueError(f"{name} = {value}; must be at least 1")
-        if self.samples_per_bay < 0 or self.max_bisections < 0:
-            raise ValueError("samples_per_bay and max_bisections must not be negative")
-
-
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Spring:
-    """A linear spring between a point of the backbone and ground, without force in the unloaded state.
-
-    Attributes
-    ----------
-    at : float
-        Arc length [m].
-    stiffness : (float, float, float)
-        Along the world's axes [N/m].
-    """
-
-    at: float
-    stiffness: tuple[float, float, float]
+        if self.substeps is not None and self.substeps < 1:
+            raise ValueError(f"substeps = {self.substeps}; must be at least 1")
 
 
 @dataclass(frozen=True)
@@ -107,8 +62,8 @@ class HoleFriction:
 
     tendon: str
     hole: int
-    mu: float = 0.0
-    adhesion: float = 0.0
+    mu: float
+    adhesion: float
 
 
 @dataclass(frozen=True)
@@ -154,11 +109,10 @@ class PointForce:
 
 @dataclass(frozen=True)
 class Extras:
-    """All such properties.
+    """All that a true robot has besides its description.
 
     Attributes
     ----------
-    springs : tuple of Spring
     holes : tuple of HoleFriction
         Straight tendon segments and friction per hole only.
     bending : callable or None
@@ -167,27 +121,6 @@ class Extras:
     forces : tuple of PointForce
     """
 
-    springs: tuple[Spring, ...] = ()
     holes: tuple[HoleFriction, ...] = ()
     bending: Callable[[BackboneState], Array] | None = None
     forces: tuple[PointForce, ...] = ()
-
-    @property
-    def has_laws(self) -> bool:
-        """Whether anything depends on the state by a law of its own."""
-        return self.bending is not None or bool(self.forces)
-
-    def with_robot(self, robot: Robot) -> Extras:
-        """With the springs and the stuck holes of a robot's description."""
-        springs = tuple(Spring(x.at, (x.stiffness, x.stiffness, 0.0)) for x in robot.springs)
-        holes = tuple(
-            HoleFriction(
-                t.name,
-                int(np.argmin(np.abs(robot.hole_arc_lengths(t) - x.at))),
-                t.friction_coefficient,
-                x.drop,
-            )
-            for t in robot.tendons
-            for x in t.tight_holes
-        )
-        return replace(self, springs=(*self.springs, *springs), holes=(*self.holes, *holes))

@@ -55,13 +55,10 @@ class State:
 
 def _check(robot: Robot, model: Model, extras: Extras) -> None:
     """Refuse combinations that the reference does not solve."""
-    if model.tendon_path == "continuous" and model.friction != "none":
-        raise ValueError(
-            f"friction {model.friction!r} with tendon_path 'continuous'; only 'none' goes with it"
-        )
-    if model.tendon_path == "continuous" and any(t.clearance > 0.0 for t in robot.tendons):
+    continuous = model.tendon_path == "continuous"
+    if continuous and any(t.clearance > 0.0 for t in robot.tendons):
         raise ValueError("clearance of holes with tendon_path 'continuous'; only 'straight' goes with it")
-    if extras.bending is not None and model.tendon_path == "continuous":
+    if continuous and extras.bending is not None:
         raise ValueError("a law of bending with tendon_path 'continuous'; only 'straight' goes with it")
     if robot.base_stiffness is not None and (
         robot.backbone.superelastic is not None
@@ -69,8 +66,14 @@ def _check(robot: Robot, model: Model, extras: Extras) -> None:
         or robot.backbone.creep_rate > 0.0
     ):
         raise ValueError("base_stiffness with a backbone that creeps or is not linear; not in the reference")
-    if extras.holes and (model.tendon_path == "continuous" or model.friction != "per-hole"):
+    special = extras.holes or any(t.tight_holes for t in robot.tendons)
+    if special and (continuous or model.friction != "per-hole"):
         raise ValueError("holes that differ need tendon_path 'straight' and friction 'per-hole'")
+
+
+#: Changes that end the iteration for laws of the state: of friction coefficients [1], and of moments and forces over
+#: EI/L and EI/L^2 [1].
+_COEFFICIENT_TOLERANCE, _LAW_TOLERANCE = 1e-10, 1e-7
 
 
 class Statics:
@@ -99,12 +102,11 @@ class Statics:
         model: Model,
         load_points: list[float],
         settings: ReferenceSettings,
-        extras: Extras | None = None,
+        extras: Extras,
     ) -> None:
-        extras = (extras or Extras()).with_robot(robot)
         _check(robot, model, extras)
         self.robot, self.model, self.settings = robot, model, settings
-        points = [*load_points, *(s.at for s in extras.springs), *(f.at for f in extras.forces)]
+        points = [*load_points, *(s.at for s in robot.springs), *(f.at for f in extras.forces)]
         self.layout: Layout = lay_out(robot, points, settings.max_interval)
         self.extras = extras
         #: Forces at the stations that depend on displacements [N].
@@ -134,17 +136,14 @@ class Statics:
         self.smooth = self.rod_size + self.tendons.size
         self.size = self.smooth + self.tendons.n_friction
         self.force_scale = backbone.EI / backbone.length**2
-        self.moment_scale = backbone.EI / backbone.length
         self.length_scale = 0.01 * backbone.length
-        self._wrench_scale = np.repeat([self.moment_scale, self.force_scale], 3)
+        self._wrench_scale = np.repeat([self.force_scale * backbone.length, self.force_scale], 3)
         self._before = np.tri(n + 1, n, -1, dtype=bool)[:, None, :, None]
         rest = self.evaluate(np.zeros(self.size), self.no_forces(), None)[0]
         self.tendons.rest = rest.lengths
-        for spring in extras.springs:
-            at = self.layout.station(spring.at)
-            if at == 0:
-                raise ValueError(f"a spring at {spring.at:g} m; the base does not move")
-            self.springs.append(GroundedSpring(at, np.array(spring.stiffness), rest.positions[at].copy()))
+        for spring in robot.springs:
+            at, sideways = self.layout.station(spring.at), spring.stiffness * np.array([1.0, 1.0, 0.0])
+            self.springs.append(GroundedSpring(at, sideways, rest.positions[at].copy()))
         #: The unloaded state, without weight; its unknowns are a start with weight.
         self.rest = replace(rest, unknowns=self._weights(), residual=0.0)
 
@@ -160,23 +159,27 @@ class Statics:
         self.section = replace(self.layout.section.softened(factor), carried=self.section.carried)
         self.rod.section = self.section
 
-    def follow_laws(self, state: State, direction: Array, time: float) -> float:
-        """Set the moments and forces that laws of the extras give in a state; the largest scaled change [1]."""
-        change = 0.0
+    def follow_laws(self, state: State, direction: Array, time: float) -> bool:
+        """Set what depends on the state by laws of friction and of the extras; whether it is as it was."""
+        tendons = self.tendons
+        mu = tendons.coefficients(state.tensions, state.angles)
+        settled = bool(np.max(np.abs(mu - tendons.mu), initial=0.0) <= _COEFFICIENT_TOLERANCE)
+        tendons.mu = mu
         if self.extras.bending is not None:
             carried = np.zeros((self.n, 6))
             here = self._backbone_state(state, direction, time)
             carried[:, :2] = self._next_bending(self.extras.bending, here)
-            change = float(np.max(np.abs(carried - self.section.carried))) / self.moment_scale
+            change = np.max(np.abs(carried - self.section.carried)) / self._wrench_scale[0]
+            settled = settled and bool(change <= _LAW_TOLERANCE)
             self.section = replace(self.section, carried=carried)
             self.rod.section = self.section
         forces = np.zeros((self.n + 1, 3))
         for each in self.extras.forces:
             at = self.layout.station(each.at)
             forces[at] += each.force(state.positions[at] - self.rest.positions[at])
-        change = max(change, float(np.max(np.abs(forces - self.by_displacement))) / self.force_scale)
+        change = np.max(np.abs(forces - self.by_displacement)) / self.force_scale
         self.by_displacement = forces
-        return change
+        return settled and bool(change <= _LAW_TOLERANCE)
 
     def _next_bending(self, law: Callable[[BackboneState], Array], here: BackboneState) -> Array:
         """Moments of the next iteration: Newton's method, with the curvature that a change leaves at equal wrench."""

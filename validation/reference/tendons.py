@@ -138,7 +138,7 @@ def hole_friction(
     owner
         Tendon of every hole, shape (n_holes,).
     special
-        Holes that differ from their tendon.
+        Holes that differ from their tendon, besides those of its description.
     """
     if model.friction == "none":
         return np.zeros(len(owner)), np.zeros(len(owner)), [None] * len(owner)
@@ -146,7 +146,17 @@ def hole_friction(
     mu = np.array([coefficient_at_rest(t) for t in tendons], dtype=float)
     adhesion = np.array([t.adhesion for t in tendons], dtype=float)
     laws = [t.friction if isinstance(t.friction, ForceDependentFriction) else None for t in tendons]
-    for hole in special:
+    described = [
+        HoleFriction(
+            t.name,
+            int(np.argmin(np.abs(robot.hole_arc_lengths(t) - tight.at))),
+            t.friction_coefficient,
+            tight.drop,
+        )
+        for t in robot.tendons
+        for tight in t.tight_holes
+    ]
+    for hole in (*described, *special):
         index = int(np.flatnonzero(owner == robot.tendon_names.index(hole.tendon))[hole.hole - 1])
         mu[index], adhesion[index], laws[index] = hole.mu, hole.adhesion, None
     return mu, adhesion, laws
@@ -165,9 +175,7 @@ class Tendons:
         Holes that differ from their tendon.
     """
 
-    def __init__(
-        self, robot: Robot, model: Model, layout: Layout, special: tuple[HoleFriction, ...] = ()
-    ) -> None:
+    def __init__(self, robot: Robot, model: Model, layout: Layout, special: tuple[HoleFriction, ...]) -> None:
         self.count = len(robot.tendons)
         self.continuous = model.tendon_path == "continuous"
         stations = [
@@ -206,8 +214,7 @@ class Tendons:
         self.base_sum = np.zeros((self.count, self.size))
         for i in range(self.count):
             self.base_sum[i, self.first[i] : self.last[i]] = 1.0
-        #: Slip operator: sums the released lengths of the segments beyond each hole.
-        self.beyond = self.base_sum[owner] * (np.arange(self.size) > self.holes[:, None])
+        beyond = self.base_sum[owner] * (np.arange(self.size) > self.holes[:, None])
         shared = model.friction == "per-tendon"
         rough = (self.mu > 0.0) | (self.adhesion > 0.0)
         #: Friction variable of every hole; -1 without friction.
@@ -216,8 +223,8 @@ class Tendons:
         _, first_hole = np.unique(self.variable[self.rough], return_index=True)
         leading = self.rough[first_hole]
         self.n_friction = len(leading)
-        #: From the released lengths to the slip of every friction variable.
-        self.passed_sum = self.base_sum[owner[leading]] if shared else self.beyond[leading]
+        #: Sums the released lengths of the segments beyond each friction variable: its slip.
+        self.passed_sum = self.base_sum[owner[leading]] if shared else beyond[leading]
 
     def coefficients(self, tension: Array, angles: Array) -> Array:
         r"""Friction coefficients at the holes in a solved state [1], shape (n_holes,).
