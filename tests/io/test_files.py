@@ -102,12 +102,6 @@ def test_model_file_holds_the_model_table_alone(tmp_path):
     assert [p.key for p in caught.value.problems] == ["robot", "model.friction"]
 
 
-def test_positions_of_disks_replace_their_count(tmp_path):
-    changes = {"disks.count": REMOVED, "disks.positions": [0.05, 0.1, 0.15, 0.2, 0.25]}
-    robot = read_scenario(write(tmp_path, changed(ROBOT, changes))).robot
-    assert robot.disks.positions == (0.05, 0.1, 0.15, 0.2, 0.25)
-
-
 def test_digests_are_the_sha256_of_the_files(tmp_path):
     path = write(tmp_path)
     expected = {
@@ -134,21 +128,17 @@ NAN, INF = float("nan"), float("inf")
 ROBOT_MISTAKES = [
     # change, key, value, words of what is allowed
     ({"backbone.lenght": 1.0}, "backbone.lenght", "1.0", ["unknown key", "did you mean length?", "radius"]),
-    ({"backbone.length": "long"}, "backbone.length", '"long"', ["a positive number [m]"]),
     ({"backbone.length": -0.25}, "backbone.length", "-0.25", ["positive"]),
-    ({"backbone.youngs_modulus": INF}, "backbone.youngs_modulus", "inf", ["a positive number [Pa]"]),
     ({"backbone.radius": REMOVED}, "backbone.radius", "", ["missing", "a positive number [m]"]),
     ({"backbone.radius": [1.0]}, "backbone.radius", "[1.0]", ["a positive number [m]"]),
     ({"backbone.radius": 1e-90}, "backbone.radius", "1e-90", ["EI"]),
     ({"backbone.poisson_ratio": 0.51}, "backbone.poisson_ratio", "0.51", ["at most 0.5"]),
     ({"backbone": REMOVED}, "backbone", "", ["missing", "[backbone]"]),
-    ({"backbone": 3}, "backbone", "3", ["table [backbone]"]),
     ({"disks.count": REMOVED}, "disks", "", ["exactly one of count and positions"]),
     ({"disks.positions": [0.25]}, "disks.count", "5", ["both given"]),
     ({"disks.thickness": 0.05}, "disks.thickness", "0.05", ["flexible", "0.05 m"]),
     ({"tendons": {"name": "t1"}}, "tendons", '{name = "t1"}', ["[[tendons]]"]),
     ({"tendons.0": 7}, "tendons[0]", "7", ["must be a table", "routing"]),
-    ({"tendons.0.name": ""}, "tendons[0].name", '""', ["not empty"]),
     ({"tendons.1.name": "t1"}, "tendons[1].name", "'t1'", ["2 times"]),
     (
         {"tendons.0.routing": "paralel"},
@@ -165,6 +155,13 @@ ROBOT_MISTAKES = [
     ({"tendons.2.holes.3": [9e-3, 0.0]}, "tendons[2].holes[3]", "0.009 m", ["disk 3", "0.005 m"]),
     ({"tendons.2.holes.3.0": NAN}, "tendons[2].holes[3][0]", "nan", ["pairs [x, y]"]),
     ({"tendons.2.end": 0.15}, "tendons[2].holes", "6 holes", ["4 are needed"]),
+    (
+        {"tendons.3.friction": {"kind": "stribek"}},
+        "tendons[3].friction.kind",
+        '"stribek"',
+        ["mean stribeck?"],
+    ),
+    ({"tendons.3.friction": {"kind": "constant"}}, "tendons[3].friction.mu", "", ["missing"]),
 ]
 WITHOUT_COUNT = {"disks.count": REMOVED}
 ROBOT_MISTAKES += [
@@ -205,7 +202,6 @@ SCENARIO_MISTAKES = [
     ({"robot": REMOVED}, "robot", "", ["missing", "robot.toml"]),
     ({"robot": "robo.toml"}, "robot", '"robo.toml"', ["there is no file", "did you mean robot.toml?"]),
     ({"robot": "a\0b"}, "robot", '"a\\u0000b"', ["no file"]),
-    ({"model": []}, "model", "[]", ["a table [model]"]),
     ({"model.friction": "per_hole"}, "model.friction", '"per_hole"', ["did you mean per-hole?"]),
     ({"model.tendon_path": "continuous"}, "model.friction", '"per-hole"', ['set friction = "none"']),
     (
@@ -215,13 +211,9 @@ SCENARIO_MISTAKES = [
         ['set friction = "none"'],
     ),
     ({"model.elements_per_bay": "automatic"}, "model.elements_per_bay", '"automatic"', ['"auto"']),
-    ({"model.elements_per_bay": 1.5}, "model.elements_per_bay", "1.5", ["whole number"]),
-    ({"model.gravity": [0, 9.81]}, "model.gravity", "[0, 9.81]", ["three finite numbers [m/s^2]"]),
     ({"model.gravity": [0, 0, NAN]}, "model.gravity[2]", "nan", ["three finite numbers"]),
     ({"steps": []}, "steps", "[]", ["at least one"]),
-    ({"steps": {"label": "x"}}, "steps", '{label = "x"}', ["[[steps]]"]),
     ({"steps.0.tension": {"t1": 1}}, "steps[0].tension", "{t1 = 1}", ["did you mean tensions?", "substeps"]),
-    ({"steps.0.tensions.t1": -1.5}, "steps[0].tensions.t1", "-1.5", ["zero or more"]),
     ({"steps.0.tensions": 1.5}, "steps[0].tensions", "1.5", ["by name, each a number [N], zero or more"]),
     ({"steps.0.tensions.t11": 1.5}, "steps[0].tensions.t11", "1.5", ["unknown", "mean t1?", "t2, t3"]),
     ({"steps.0.displacements.x y": 0.1}, 'steps[0].displacements."x y"', "0.1", ["unknown tendon", "t1, t2"]),
@@ -229,7 +221,6 @@ SCENARIO_MISTAKES = [
     ({"steps.0.loads.tip.at": 0.26}, "steps[0].loads.tip.at", "0.26", ["beyond the tip", "0 to 0.25 m"]),
     ({"steps.0.loads.tip.at": REMOVED}, "steps[0].loads.tip.at", "", ["missing", "arc length"]),
     ({"steps.0.loads.tip.frame": "body"}, "steps[0].loads.tip.frame", '"body"', ['"world" or "section"']),
-    ({"steps.0.loads.tip": 3}, "steps[0].loads.tip", "3", ["a table with at, force"]),
     ({"steps.0.time": 2.0, "steps.1.time": 1.0}, "steps[1].time", "1.0", ["not be before", "2 s"]),
 ]  # fmt: skip
 
@@ -495,19 +486,6 @@ def test_effects_written_are_those_read(tmp_path):
     assert (read.robot.tip_mass, read.model.gravity) == (0.01, (0.0, 0.0, -9.0))
 
 
-def test_free_holes_and_positions_written_and_read_are_the_same(tmp_path):
-    positions = (0.1, 0.17, 0.25)
-    holes = ((1e-3, 0.0), (0.0, 2e-3), (-1e-3, 1e-4))
-    robot = Robot(
-        Backbone(0.25, 0.4e-3, 85e9, 0.3),
-        Disks(positions, thickness=1e-3),
-        (Tendon("t1", PointsRouting((0.0, 0.1, 0.17), holes), end=0.17),),
-    )
-    path = tmp_path / "robot.toml"
-    path.write_text(robot_to_toml(robot))
-    assert read_robot(path) == robot
-
-
 def test_what_the_format_cannot_express_is_refused_and_named():
     @dataclasses.dataclass(frozen=True)
     class OwnLaw(ConstantFriction):
@@ -522,15 +500,6 @@ def test_what_the_format_cannot_express_is_refused_and_named():
         robot_to_toml(robot)
     for word in ("tendons[0].routing (twisted)", "tendons[1].friction (own)"):
         assert word in str(caught.value)
-
-
-def test_scenario_and_model_written_and_read_are_the_same(tmp_path):
-    scenario = read_scenario(write(tmp_path))
-    text = scenario_to_toml(scenario.model, scenario.steps)
-    again = read_scenario(write(tmp_path, scenario=text))
-    assert (again.model, again.steps) == (scenario.model, scenario.steps)
-    (tmp_path / "model.toml").write_text(model_to_toml(scenario.model))
-    assert read_model(tmp_path / "model.toml") == scenario.model
 
 
 # ------------------------------------------------------------------------------------------------- the docs

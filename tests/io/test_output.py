@@ -9,13 +9,12 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from arcs import arc_result, arc_step, paper_robot
+from arcs import arc_result, paper_robot
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.io import result_files as output
-from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.result_files import write_results
 from tdcr_fe.model.dataframes import quaternions
 from tdcr_fe.model.loading import LoadStep
@@ -154,31 +153,3 @@ def test_directory_that_exists_keeps_what_is_not_ours(tmp_path):
     write_results(arc_result(), tmp_path, pictures=False)
     assert {p.name for p in tmp_path.iterdir()} == {"notes.txt", *output.RESULT_FILES}
     assert (tmp_path / "steps.csv").read_text() != "old"
-
-
-@pytest.mark.parametrize("existed", [False, True])
-def test_nothing_half_written_remains_where_writing_fails(tmp_path, monkeypatch, existed):
-    out = tmp_path / "out"
-    if existed:
-        write_results(arc_result(), out, pictures=False)
-    before = {p.name: p.read_bytes() for p in out.iterdir()} if existed else None
-    robot = paper_robot()
-    broken = dataclasses.replace(arc_step(robot, 1, 0.1, 0.0, np.ones(1)), hole_states=(("stick",),))
-    with pytest.raises(ValueError):
-        write_results(dataclasses.replace(arc_result(robot), steps=(broken,)), out, pictures=False)
-    assert (out.exists(), [p.name for p in tmp_path.iterdir()]) == (existed, ["out"] * existed)
-    if existed:
-        assert {p.name: p.read_bytes() for p in out.iterdir()} == before
-
-
-@pytest.mark.parametrize("place", ["file", "file/below", "file/far/below"])
-def test_path_that_cannot_be_a_directory_is_an_input_error(tmp_path, place):
-    (tmp_path / "file").write_text("mine")
-    with pytest.raises(InputError, match="is a file; must be a directory"):
-        write_results(arc_result(), tmp_path / place)
-    assert (tmp_path / "file").read_text() == "mine"
-
-
-def test_directories_above_are_made(tmp_path):
-    written = write_results(arc_result(), tmp_path / "a" / "b", pictures=False)
-    assert all(p.parent == tmp_path / "a" / "b" and p.exists() for p in written)

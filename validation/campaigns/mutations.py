@@ -166,8 +166,8 @@ MUTATIONS: Mapping[str, Mutation] = {
         ("model/test_robot_facts.py",),
     ),
     "reader: a negative tension is taken": Mutation(
-        'if column.startswith("tension_") and value < 0.0:',
-        'if column.startswith("tension_") and value < -1e3:',
+        'tension = _number(0.0, allowed="a tension must be zero or more [N]"',
+        'tension = _number(-1e3, allowed="a tension must be zero or more [N]"',
         ("io/test_measured.py",),
     ),
     "schema: range of the parameters of effects": Mutation(
