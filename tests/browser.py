@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import contextlib
 import json
 import os
@@ -123,10 +122,6 @@ class Browser:
         self.call("Input.dispatchKeyEvent", type="keyDown", **rest, **text)
         self.call("Input.dispatchKeyEvent", type="keyUp", **rest)
 
-    def picture(self) -> bytes:
-        """The visible part of the page as PNG."""
-        return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
-
     def errors(self) -> list[str]:
         """Errors of scripts, and requests for anything but the page itself."""
         found = []
@@ -141,6 +136,19 @@ class Browser:
                 if not url.startswith(("file:", "data:", "about:")):
                     found.append(url)
         return found
+
+
+def check_on_a_phone(page: Path) -> None:
+    """In dark mode on 390 pixels nothing is wider than the window, folded parts included, and nothing fails."""
+    with browser() as b:
+        b.open(page, 390, 844, dark=True)
+        b.ask("document.querySelectorAll('details').forEach(d => { d.open = true; })")
+        assert b.ask("document.documentElement.scrollWidth") <= 390
+        ground = "getComputedStyle(document.body).backgroundColor"
+        assert b.ask(ground) == "rgb(20, 24, 29)"
+        b.ask("document.querySelector('button.theme').click()")
+        assert b.ask(ground) == "rgb(255, 255, 255)"
+        assert b.errors() == []
 
 
 @contextlib.contextmanager

@@ -125,6 +125,10 @@ class Robot(Checked):
             lines = "\n".join(f"  {c.key}: {c.value}; {c.allowed}" for c in found)
             raise ValueError(f"robot {self.name!r}:\n{lines}")
 
+    def __repr__(self) -> str:
+        disks, tendons = len(self.disks.positions), ", ".join(self.tendon_names) or "none"
+        return f"Robot {self.name!r}: {1e3 * self.backbone.length:g} mm, disks {disks}, tendons {tendons}"
+
     @property
     def tendon_names(self) -> tuple[str, ...]:
         """Names in order."""

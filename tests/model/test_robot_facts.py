@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from arcs import paper_robot
 
 from tdcr_fe import (
     Backbone,
@@ -63,3 +64,8 @@ def test_what_a_step_does_not_name_stays_as_it_was():
     assert second.values.tolist() == [1.5, 1e-3] and second.by_displacement.tolist() == [False, True]
     assert dict(second.loads) == {"push": push} and second.time == 2.0
     assert third.values.tolist() == [0.5, 1e-3] and set(third.loads) == {"push", "couple"}
+
+
+def test_a_printed_robot_is_one_line():
+    """In 0.1 it was all of its fields, some thousand characters."""
+    assert repr(paper_robot(2)) == "Robot 'single-segment': 250 mm, disks 13, tendons t1, t2"

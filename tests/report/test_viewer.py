@@ -315,6 +315,19 @@ def test_pointing_at_a_hole_tells_its_tension_and_a_plot_leads_to_the_step(chrom
 
 @pytest.mark.integration
 @needs_chromium
+def test_a_link_leads_to_the_same_step_and_view(page, chromium):
+    view = f"(p => [p.motion.step, p.camera.turn, p.camera.distance, ...p.camera.target])({PANEL})"
+    chromium.ask(f"{PANEL}.go(3), {PANEL}.change(() => {PANEL}.camera.orbit(0.4, 0.1)), {PANEL}.link()")
+    shown, address = chromium.ask(view), chromium.ask("location.hash")
+    with browser() as b:
+        b.open(page)
+        assert b.ask(view) != pytest.approx(shown, rel=1e-4)
+        b.ask(f"location.hash = {json.dumps(address)}, {PANEL}.restore()")
+        assert b.ask(view) == pytest.approx(shown, rel=1e-5)
+
+
+@pytest.mark.integration
+@needs_chromium
 def test_the_page_is_whole_when_it_is_first_painted(page, tmp_path):
     """Without waiting for anything: in the first draft a screenshot had the still picture and empty plots."""
     path = tmp_path / "view.html"

@@ -9,6 +9,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from browser import check_on_a_phone, needs_chromium
 
 from tdcr_fe.cli import main
 from tdcr_fe.io.atomic import plain
@@ -216,6 +217,14 @@ def test_a_wrong_number_of_processes_is_refused(capsys):
     with pytest.raises(SystemExit):
         main(["validate", "-o", "out", "--processes", "0"])
     assert "at least 1" in capsys.readouterr().err
+
+
+@pytest.mark.integration
+@needs_chromium
+def test_the_page_fits_a_phone(record, tmp_path):
+    page = tmp_path / "report.html"
+    page.write_text(report.to_html(judged(record)), encoding="utf-8")
+    check_on_a_phone(page)
 
 
 def test_numbers_of_the_method_come_from_the_cases(record):

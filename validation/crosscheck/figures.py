@@ -56,7 +56,7 @@ def _project(points: np.ndarray, azimuth: float = -60.0, elevation: float = 22.0
 def group(cases: Sequence[Record]) -> Figure:
     """Shapes of both solvers at every load step, and tensions along the pulled tendons; a column for each case."""
     with styled():
-        figure = Figure(figsize=(12.0, 5.0), layout="constrained")
+        figure = Figure(figsize=(11.0, 5.0), layout="constrained")
         axes = figure.subplots(2, len(cases), squeeze=False)
         for case, colour, shape, tension in zip(cases, COLOURS, *axes, strict=False):
             _draw_shapes(shape, case, colour)
