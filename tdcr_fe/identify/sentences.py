@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.effects import effect
 from tdcr_fe.identify.result import (
     NOT_KNOWN,
     THE_DATA,
@@ -23,8 +24,6 @@ from tdcr_fe.identify.result import (
     tip_force,
 )
 from tdcr_fe.identify.settings import A_LAW
-from tdcr_fe.model.loading import Model
-from tdcr_fe.model.robot import Robot
 from tdcr_fe.report.environment import SPACE, estimate, quantity, significant, words
 
 #: Half-width of a 95 % interval over the standard error [1].
@@ -35,51 +34,6 @@ LEAST_THRESHOLD = 3e-3
 
 #: Gravity on earth, and the deviation of a fitted magnitude above which the report warns [m/s^2].
 EARTH, EARTH_TOLERANCE = 9.81, 0.15
-
-
-def _common(values: list[float | None]) -> float | None:
-    """The value that all tendons have; None where they differ or one has none."""
-    first = values[0] if values else None
-    return first if first is not None and all(v == first for v in values) else None
-
-
-def _component(
-    i: int, of: Callable[[Robot, Model], Sequence[float]]
-) -> Callable[[Robot, Model], float | None]:
-    """A component of a vector; None where all are zero, as is the default."""
-    return lambda robot, model: of(robot, model)[i] if any(of(robot, model)) else None
-
-
-#: Parameters for which the files declare a value: what it is, and where it is declared.
-DECLARED: dict[tuple[str, str], tuple[str, Callable[[Robot, Model], float | None]]] = {
-    ("tendon_stretch", "axial_stiffness"): (
-        "the axial stiffness of the tendons",
-        lambda robot, model: _common([t.axial_stiffness for t in robot.tendons]),
-    ),
-    ("friction_coefficient", "mu"): (
-        "the friction coefficient",
-        lambda robot, model: _common([t.friction_coefficient for t in robot.tendons]),
-    ),
-    ("rigid_disks", "thickness"): (
-        "the thickness of the disks",
-        lambda robot, model: robot.disks.thickness or None,
-    ),
-    **{
-        ("precurvature", f"kappa_{a}"): (
-            f"the precurvature about {a}",
-            _component(i, lambda robot, model: robot.backbone.precurvature),
-        )
-        for i, a in enumerate("xy")
-    },
-    **{
-        ("gravity", f"g_{a}"): (f"gravity along {a}", _component(i, lambda robot, model: model.gravity))
-        for i, a in enumerate("xyz")
-    },
-    **{
-        ("stiffness_scale", name): (f"the factor on the declared {which} stiffness", lambda robot, model: 1.0)
-        for name, which in (("bending", "bending"), ("torsion", "torsional"))
-    },
-}
 
 
 def half_width(p: Estimate) -> float | None:
@@ -93,24 +47,21 @@ def _contradicts(p: Estimate, declared: float) -> bool:
     return width is not None and abs(p.value - declared) > width
 
 
-def _contradictions(e: AddedEffect, robot: Robot, model: Model) -> list[str]:
-    found = []
+def _contradictions(e: AddedEffect, result: IdentificationResult) -> list[str]:
+    """Declared values outside the interval of the fit; what nobody declares has the default as its null value."""
+    of, found = effect(e.name, result.catalogue), []
+    default = {p.name: p for p in of.parameters_of(result.commanded)}
     for name, p in e.parameters.items():
-        what, declared_of = DECLARED.get((e.name, name), ("", None))
-        declared = declared_of(robot, model) if declared_of else None
-        if declared is None or not _contradicts(p, declared):
+        declared = of.null_value(result.commanded, name)
+        if not math.isfinite(declared) or name not in default or declared == default[name].null_value:
             continue
-        if e.name == "stiffness_scale":
-            found.append(
-                f"The fit contradicts a declared value: {what} is {estimate(p.value, half_width(p), p.unit)}. Check "
-                "modulus and diameter."
-            )
+        if not _contradicts(p, declared):
             continue
         others = " or ".join(words(n) for n in e.indistinguishable_from) or "none of the listed effects"
         found.append(
-            f"The fit contradicts a declared value: {what} is fitted as {estimate(p.value, half_width(p), p.unit)}, "
-            f"declared as {quantity(declared, p.unit, 4)}. If the declared value is certain, the error has another "
-            f"cause: {others}."
+            f"The fit contradicts a declared value: {name} ({default[name].meaning}) is fitted as "
+            f"{estimate(p.value, half_width(p), p.unit)}, declared as {quantity(declared, p.unit, 4)}. If the declared "
+            f"value is certain, the error has another cause: {others}."
         )
     return found
 
@@ -151,6 +102,8 @@ def _implausible(e: AddedEffect, result: IdentificationResult) -> list[str]:
         size = math.sqrt(sum(x * x for x in value.values()))
         if abs(size - EARTH) <= EARTH_TOLERANCE:
             return [f"The magnitude of the fitted gravity is {quantity(size, 'm/s^2')}, as on Earth."]
+        if abs(size - EARTH) <= math.hypot(*(half_width(p) or 0.0 for p in e.parameters.values())):
+            return []
         return [
             f"The magnitude of the fitted gravity is {quantity(size, 'm/s^2')}, not {EARTH} m/s²: either "
             "the declared masses are wrong, or the effect represents another cause."
@@ -164,10 +117,7 @@ def _implausible(e: AddedEffect, result: IdentificationResult) -> list[str]:
 
 def remarks(result: IdentificationResult) -> dict[str, list[str]]:
     """Remarks by name of the effect, for effects that have any."""
-    data = result.data
-    found = {
-        e.name: _contradictions(e, data.robot, data.model) + _implausible(e, result) for e in result.effects
-    }
+    found = {e.name: _contradictions(e, result) + _implausible(e, result) for e in result.effects}
     return {name: texts for name, texts in found.items() if texts}
 
 

@@ -99,6 +99,8 @@ def test_gravity_of_another_size_than_on_earth_is_named():
     assert "as on Earth" in remarks(result(GRAVITY))["gravity"][0]
     odd = added("gravity", g_x=(0.0, 0.1, "m/s^2"), g_y=(0.0, 0.1, "m/s^2"), g_z=(-5.0, 0.1, "m/s^2"))
     assert "not 9.81 m/s²" in remarks(result(odd))["gravity"][0]
+    vague = added("gravity", g_x=(0.0, 3.0, "m/s^2"), g_y=(0.0, 3.0, "m/s^2"), g_z=(-5.0, 3.0, "m/s^2"))
+    assert not remarks(result(vague))
 
 
 def test_friction_above_that_of_common_materials_is_named():
