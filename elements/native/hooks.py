@@ -73,8 +73,8 @@ class StepSizes:
             f"up to {t:g} s {MOST} steps in a row were shorter than a hundredth of the step that was asked for. Either "
             f"Newton's tolerances (relative {newton.relativeTolerance:g}, absolute {newton.absoluteTolerance:g}) lie "
             f"below the round-off of the backbone's forces ({limit:.1g} N); arm.recommended_settings(end_time, "
-            f"step_size) has others. Or the forces in joints grow from step to step, as with spectralRadius = 1, where "
-            f"0.99 does not let them (it is {rho:g}). Or forces jump: smooth inputs and laws of friction"
+            f"step_size) has others. Or the forces in joints grow from step to step, as with spectralRadius = 1; take "
+            f"0.9 (it is {rho:g}). Or forces jump: smooth inputs and laws of friction"
         )
 
     def check_tensions(self, mbs: exu.MainSystem, t: float, actuation: TendonActuation) -> None:

@@ -31,20 +31,14 @@ def node_markers(handle: TDCR) -> list[Any]:
 
 
 def spheres(mbs: exu.MainSystem, handle: TDCR, at: Any = CENTRE) -> None:
-    """A fixed sphere against one on every node, as `CreateSphereSphereContact` makes them."""
-    centre = centre_marker(mbs, at)
-    for node in node_markers(handle):
-        data = mbs.AddNode(eii.NodeGenericData(initialCoordinates=list(APART), numberOfDataCoordinates=4))
-        mbs.AddObject(
-            eii.ObjectContactSphereSphere(
-                markerNumbers=[centre, node],
-                nodeNumber=data,
-                spheresRadii=[SPHERE, DISK],
-                contactStiffness=STIFFNESS,
-                contactStiffnessExponent=1.0,
-                contactDamping=0.0,
-                dynamicFriction=0.0,
-            )
+    """A fixed sphere against one on every disk."""
+    ground = mbs.CreateGround(referencePosition=list(at))
+    for disk in handle.bDisks:
+        mbs.CreateSphereSphereContact(
+            itemNumbers=[ground, disk],
+            spheresRadii=[SPHERE, DISK],
+            contactStiffness=STIFFNESS,
+            dataInitialCoordinates=list(APART),
         )
 
 
@@ -66,18 +60,6 @@ def connectors(mbs: exu.MainSystem, handle: TDCR) -> None:
                 damping=[0.0] * 3,
                 springForceUserFunction=_push,
             )
-        )
-
-
-def disks_and_sphere(mbs: exu.MainSystem, handle: TDCR) -> None:
-    """The same by `mbs.CreateSphereSphereContact` on the bodies of the disks."""
-    ground = mbs.CreateGround(referencePosition=list(CENTRE))
-    for disk in handle.bDisks:
-        mbs.CreateSphereSphereContact(
-            itemNumbers=[ground, disk],
-            spheresRadii=[SPHERE, DISK],
-            contactStiffness=STIFFNESS,
-            dataInitialCoordinates=list(APART),
         )
 
 
@@ -174,8 +156,7 @@ def limit_stops(mbs: exu.MainSystem, handle: TDCR, **friction: float) -> None:
 
 #: All of them by name.
 CONTACTS = {
-    "spheres": spheres,
-    "CreateSphereSphereContact": disks_and_sphere,
+    "CreateSphereSphereContact": spheres,
     "CreateSphereQuadContact": wall,
     "GeneralContact, spheres": general_spheres,
     "GeneralContact, triangles": general_triangles,

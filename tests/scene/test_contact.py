@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import exudyn as exu
-import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from contacts import (
     CENTRE,
     CONTACTS,
     DISK,
-    STIFFNESS,
     WALL,
     connectors,
     limit_stops,
@@ -42,7 +39,7 @@ def pulled_in_steps(mbs, handle, count=10):
     return reports
 
 
-QUICK = {("spheres", 0.0), ("GeneralContact, triangles", 0.0)}
+QUICK = {("CreateSphereSphereContact", 0.0), ("GeneralContact, triangles", 0.0)}
 CASES = [
     pytest.param(kind, mu, marks=() if (kind, mu) in QUICK else pytest.mark.integration)
     for kind in CONTACTS
@@ -131,39 +128,6 @@ def test_contact_opens_again_and_leaves_nothing_behind():
     free.set_tensions({"t1": 0.4})
     free_mbs.SolveTDCR()
     assert distance(handle.shape()[0], free.shape()[0]) < 1e-9
-
-
-def test_a_robot_pushes_a_body_on_a_spring():
-    """A ball guided along x in front of the tip: the force of its spring is that of the contact."""
-    stiffness = 5.0
-    keep, mbs, handle = scene(three(0.0), assemble=False)
-    ball = mbs.CreateMassPoint(referencePosition=[0.05, 0.0, 0.235], mass=0.01)
-    mbs.CreateCartesianSpringDamper(
-        itemNumbers=[mbs.CreateGround(), ball],
-        localPosition0=[0.05, 0.0, 0.235],
-        stiffness=[stiffness, 1e4, 1e4],
-    )
-    marker = mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=ball))
-    contact = mbs.AddGeneralContact()
-    contact.SetFrictionPairings(np.zeros((1, 1)))
-    contact.SetSearchTreeCellSize([4, 4, 4])
-    contact.SetSearchTreeBox([-0.5] * 3, [0.5] * 3)
-    for m, radius in ((marker, 0.01), (handle.mTip, DISK)):
-        contact.AddSphereWithMarker(
-            m, radius=radius, contactStiffness=STIFFNESS, contactDamping=0.0, frictionMaterialIndex=0
-        )
-    mbs.Assemble()
-    for tension in np.linspace(0.1, 1.2, 12):
-        handle.set_tensions({"t1": float(tension)})
-        mbs.SolveTDCR()
-    at = mbs.GetObjectOutputBody(ball, exu.OutputVariableType.Position)
-    gap = np.linalg.norm(at - handle.tip_position) - 0.01 - DISK
-    push = stiffness * (at[0] - 0.05)
-    assert push > 0.01
-    direction = (at - handle.tip_position) / np.linalg.norm(at - handle.tip_position)
-    # Two springs of the same stiffness in series.
-    assert -0.5 * STIFFNESS * gap * direction[0] == pytest.approx(push, rel=1e-5)
-    assert keep
 
 
 def test_what_cannot_be_solved_is_refused_by_name():

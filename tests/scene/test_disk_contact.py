@@ -72,6 +72,7 @@ def test_an_obstacle_gives_the_shape_of_the_static_solver_of_exudyn(add, mu, ele
     assert keep and mbs.systemIsConsistent
 
 
+@pytest.mark.integration
 def test_a_robot_bent_to_a_ring_touches_itself():
     """Its tip against its first disk, with the shape of the static solver of Exudyn from shortly before on."""
     robot = three(0.0, disks=LARGE)
@@ -99,23 +100,6 @@ def facing_each_other(robot, apart, elements=1):
     contact = a.add_disk_contact(b, STIFFNESS)
     mbs.Assemble()
     return keep, mbs, a, b, contact
-
-
-@pytest.mark.integration
-def test_two_robots_push_each_other_as_in_the_static_solver_of_exudyn():
-    """One bends towards the other, which is pulled less, with friction in the holes."""
-    _keep, mbs, a, b, contact = facing_each_other(three(0.3, disks=LARGE), 0.09)
-    for share in np.linspace(0.1, 1.0, 10):
-        a.set_tensions({"t1": 0.9 * share})
-        b.set_tensions({"t1": 0.7 * share})
-        assert mbs.SolveTDCR()["iterations"] <= 30
-    _keep_other, other, c, d, _ = facing_each_other(three(0.3, disks=LARGE), 0.09)
-    c.set_inputs_over_time(lambda t: [0.9 * t, 0.0, 0.0])
-    d.set_inputs_over_time(lambda t: [0.7 * t, 0.0, 0.0])
-    assert other.SolveStatic(static_settings(25))
-    assert contact.normal_forces().max() > 5e-3
-    for one, compared in ((a, c), (b, d)):
-        assert distance(one.shape()[0], compared.shape()[0]) < 1e-3
 
 
 def test_mirror_images_press_their_tips_together():

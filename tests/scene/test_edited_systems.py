@@ -74,22 +74,6 @@ def test_solve_tdcr_in_a_step_function_is_refused():
     assert handle.tensions()["t1"][0] == pytest.approx(0.5)
 
 
-def delete_items(mbs, name):
-    """Delete all items of a robot, as nothing of Exudyn's does at once."""
-    data = mbs.systemData
-    for count, get, delete in (
-        (data.NumberOfSensors, mbs.GetSensor, mbs.DeleteSensor),
-        (data.NumberOfLoads, mbs.GetLoad, lambda i: mbs.DeleteLoad(i, False, True)),
-        (data.NumberOfObjects, mbs.GetObject, lambda i: mbs.DeleteObject(i, False, True)),
-        (data.NumberOfMarkers, mbs.GetMarker, lambda i: mbs.DeleteMarker(i, True)),
-        (data.NumberOfNodes, mbs.GetNode, lambda i: mbs.DeleteNode(i, True)),
-    ):
-        for i in reversed(range(count())):
-            if get(i)["name"].startswith(f"{name}."):
-                delete(i)
-    mbs.Assemble()
-
-
 def two_robots():
     """Both with a load at the tip."""
     keep = exu.SystemContainer()
@@ -101,40 +85,12 @@ def two_robots():
     return keep, mbs, a, b
 
 
-def test_a_robot_whose_items_are_all_deleted_is_forgotten():
-    """The other one is solved as alone."""
-    _keep, mbs, a, b = two_robots()
-    b.add_energy_sensor()
-    mbs.Assemble()
-    b.set_tensions(INPUTS)
-    solved(mbs, a)
-    delete_items(mbs, "b")
-    a.loads["tip"].set([0.0, 0.02, 0.0])
-    tip = solved(mbs, a)
-    alone_keep = exu.SystemContainer()
-    alone = alone_keep.AddSystem()
-    other = alone.CreateTDCR(three(0.3))
-    load = other.add_load("tip", LENGTH)
-    alone.Assemble()
-    load.set([0.0, 0.02, 0.0])
-    # Assembled again, a system begins at its reference configuration.
-    assert distance(tip, solved(alone, other)) < 1e-9
-    assert mbs.SolveDynamic(dynamic_settings(2e-3, 1e-3))
-    assert distance(a.tip_position, tip) < 1e-6
-    with pytest.raises(ValueError, match="not in the system any more"):
-        b.set_tensions(INPUTS)
-
-
-@pytest.mark.parametrize("what", ["robot", "load"])
-def test_deleted_items_that_give_those_of_a_robot_other_numbers_are_refused_every_time(what):
-    """The first of two robots; the load of the first, which makes that of the second another."""
+def test_a_deleted_load_that_gives_another_one_a_new_number_is_refused_every_time():
+    """The load of the first of two robots, which makes that of the second another."""
     _keep, mbs, a, b = two_robots()
     mbs.Assemble()
-    if what == "robot":
-        delete_items(mbs, "a")
-    else:
-        mbs.DeleteLoad(a.loads["tip"].lForce, deleteDependentMarkers=False)
-        mbs.Assemble()
+    mbs.DeleteLoad(a.loads["tip"].lForce, deleteDependentMarkers=False)
+    mbs.Assemble()
     for _ in range(2):
         with pytest.raises(ValueError, match="because items were deleted"):
             b.set_tensions(INPUTS)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from exudyn.utilities import InertiaCuboid
 from native_solvers import recommended
-from robots import BACKBONE, DISKS, LENGTH, distance, hinged_platform, paper, pull, scene, solve, three
+from robots import DISKS, LENGTH, distance, hinged_platform, paper, pull, scene, solve, three
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 from tdcr_fe.native import register
 from tdcr_fe.scene.builder import CreateTDCR
 from tdcr_fe.solve.load_steps.load_path import StepFailed
@@ -128,7 +126,7 @@ def test_what_nothing_holds_is_named():
     mbs.Assemble()
     load.set([0.01, 0.0, 0.0])
     with pytest.raises(StepFailed, match="Nothing holds robot 'paper', 'cart': fix or support"):
-        mbs.SolveTDCR()
+        mbs.SolveTDCR(SolverSettings(min_substep=0.5))
 
 
 # ---------------------------------------------------------------- several robots
@@ -280,16 +278,6 @@ def test_loads_and_markers_need_a_node():
         handle.add_load("x", LENGTH)
 
 
-def test_model_that_needs_too_much_memory_is_refused():
-    """In 0.1 a thousand elements a bay ended in a MemoryError."""
-    keep = exu.SystemContainer()
-    robot = paper().with_disks(positions=tuple(LENGTH * (i + 1) / 50 for i in range(50)))
-    with pytest.raises(
-        ValueError, match=r"model.elements_per_bay = 64: 50 disks with 64 elements per bay are 3200"
-    ):
-        CreateTDCR(keep.AddSystem(), robot, Model(elements_per_bay=64))
-
-
 def test_reading_before_assembly_is_refused_and_before_solving_gives_the_unloaded_state():
     _keep, mbs, handle = scene(three(0.3), assemble=False)
     for read in (lambda: handle.tip_position, handle.tensions, handle.hole_states, handle.displacements):
@@ -312,26 +300,6 @@ def test_a_robot_added_later_joins_the_first():
     mbs.SolveTDCR()
     assert distance(second.tip_position - [0.1, 0.0, 0.0], single_tip(tension=0.5)) < 1e-7
     assert distance(handle.tip_position, single_tip()) < 1e-3
-
-
-def test_friction_history_continues_between_calls_and_can_be_reset():
-    _keep, mbs, handle = scene(paper(0.3))
-    solved(mbs, handle, 2.0, 1.0)
-    expected = solve(paper(0.3), pull(2.0, 1.0)).tips
-    assert distance(handle.tip_position, expected[-1]) < 1e-4
-    assert "release" in handle.hole_states()["t1"]
-    handle.reset()
-    assert np.all(handle.actuation.state.mobilisation == 0.0)
-
-
-def test_weight_of_tip_mass_disks_and_backbone_at_the_base():
-    """Reaction of the base to gravity along the backbone: shortening of the lowest element is weight / EA."""
-    robot = replace(three(), tip_mass=0.01)
-    g = 9.81
-    step = solve(robot, [LoadStep("")], gravity=(0.0, 0.0, g)).steps[0]
-    h = step.s[1]
-    above = 0.01 + 13 * 0.17e-3 + BACKBONE.mass_per_length * (LENGTH - h / 2)
-    assert step.positions[1][2] - h == pytest.approx(above * g * h / BACKBONE.EA, rel=1e-4)
 
 
 def test_the_base_joint_carries_the_load_and_the_robot_follows_its_support():

@@ -10,14 +10,11 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from contacts import CONTACTS
-from exudyn import robotics
-from exudyn.utilities import HTtranslate, InertiaCuboid, LoadSolutionFile, SetSolutionState
+from exudyn.utilities import LoadSolutionFile, SetSolutionState
 from native_solvers import damped, dynamic_settings, recommended, static_settings
 from robots import LENGTH, distance, scene, three
 
-from tdcr_fe.model.loading import Model
 from tdcr_fe.native import register
-from tdcr_fe.scene.builder import CreateTDCR
 from tdcr_fe.solve.statics import SolveTDCR
 
 register()
@@ -44,8 +41,7 @@ def pull(mbs, handle, tension: float) -> np.ndarray:
 # ---------------------------------------------------------------- functions of the user
 
 
-@pytest.mark.parametrize("reset", [False, pytest.param(True, marks=pytest.mark.integration)])
-def test_a_second_dynamic_run_is_the_first_one_again(reset):
+def test_a_second_dynamic_run_is_the_first_one_again():
     """From the same initial configuration, with friction; a reset clears the history.
 
     In version 0.1 tensions left in the springs entered the initial accelerations: the tip ended kilometres away.
@@ -57,96 +53,12 @@ def test_a_second_dynamic_run_is_the_first_one_again(reset):
         assert mbs.SolveDynamic(dynamic_settings(0.15, 1e-3))
         shapes.append(handle.shape()[0])
         assert np.any(handle.actuation.state.mobilisation == 1.0)
-        if reset:
-            handle.reset()
-            assert not np.any(handle.actuation.state.mobilisation)
-            assert not np.any(handle.actuation.base_tension)
     assert distance(shapes[0][-1], [0.0, 0.0, LENGTH]) > 0.05
     assert distance(*shapes) < 1e-12
-    assert reset or handle.actuation.state.time == pytest.approx(0.15)
-
-
-KINDS = ("PreStep", "PostStep", "PreNewtonResidual", "PostNewton", "SystemJacobian")
-
-
-def user_functions(calls):
-    """Functions that change nothing and count their calls."""
-
-    def counted(kind, result):
-        def function(mbs, *arguments):
-            calls[kind] += 1
-            return result(mbs) if callable(result) else result
-
-        return function
-
-    def no_jacobian(mbs):
-        n = mbs.systemData.ODE2Size() + mbs.systemData.ODE1Size() + mbs.systemData.AEsize()
-        container = exu.MatrixContainer()
-        container.SetWithDenseMatrix(np.zeros((n, n)), useDenseMatrix=False)
-        return container
-
-    results = (True, True, None, [0.0, -1.0], no_jacobian)
-    return {kind: counted(kind, result) for kind, result in zip(KINDS, results, strict=True)}
-
-
-def with_functions(when, kinds):
-    """A robot on ground with functions of the user, set before or after the robot, or set and taken away."""
-    calls = dict.fromkeys(KINDS, 0)
-    functions = {kind: f for kind, f in user_functions(calls).items() if kind in kinds}
-    keep = exu.SystemContainer()
-    mbs = keep.AddSystem()
-
-    def put(taken_away=False):
-        for kind, function in functions.items():
-            getattr(mbs, f"Set{kind}UserFunction")(0 if taken_away else function)
-
-    if when in ("before", "taken away after"):
-        put()
-    handle = CreateTDCR(mbs, three(0.3), Model(friction="per-hole", elements_per_bay=1))
-    if when in ("after", "taken away"):
-        put()
-    mbs.Assemble()
-    if when == "after assembly":
-        put()
-    if when.startswith("taken away"):
-        put(taken_away=True)
-    return keep, mbs, handle, calls
-
-
-@pytest.mark.parametrize(
-    ("solver", "when"),
-    [
-        *(("SolveTDCR", when) for when in ("before", "after assembly", "taken away", "taken away after")),
-        ("SolveDynamic", "after"),
-        ("SolveDynamic", "taken away after"),
-        pytest.param("SolveStatic", "after assembly", marks=pytest.mark.integration),
-        pytest.param("SolveStatic", "taken away", marks=pytest.mark.integration),
-    ],
-)
-def test_functions_of_the_user_change_nothing_whenever_they_are_set(solver, when):
-    """In version 0.1 a `PreNewtonResidual` set after the robot left all tendons without tension in Exudyn's solvers.
-
-    One that was taken away again took the tendons with it, or went on being called.
-    """
-    settings = {"SolveStatic": [static_settings(40)], "SolveDynamic": [dynamic_settings(0.1, 1e-3)]}
-    shapes, counted = [], []
-    for kinds in ((), KINDS):
-        _keep, mbs, handle, calls = with_functions(when, kinds)
-        handle.set_inputs_over_time(rise if solver == "SolveDynamic" else lambda t: [1.5 * t, 0.0, 0.0])
-        if solver == "SolveTDCR":
-            mbs.SolveTDCR(endTime=1.0)
-        else:
-            getattr(mbs, solver)(*settings[solver])
-        shapes.append(handle.shape()[0])
-        counted.append(calls)
-        assert handle.tensions()["t1"][0] == pytest.approx(1.5)
-        assert np.any(handle.actuation.state.mobilisation == 1.0)
-    assert distance(*shapes) < 1e-12
-    expected = set() if when.startswith("taken away") else set(KINDS)
-    if solver == "SolveTDCR":
-        # It has no function after Newton, and calls none after a step.
-        expected -= {"PostNewton", "PostStep"}
-    assert {kind for kind, count in counted[1].items() if count} == expected
+    assert handle.actuation.state.time == pytest.approx(0.15)
+    handle.reset()
+    assert not np.any(handle.actuation.state.mobilisation)
+    assert not np.any(handle.actuation.base_tension)
 
 
 def test_a_function_after_every_step_is_replaced_and_taken_away_between_runs():
@@ -294,8 +206,8 @@ def test_coordinates_that_were_set_by_hand_do_not_change_the_solution_without_fr
 # ---------------------------------------------------------------- files and variations
 
 
-def test_frames_of_a_solution_file_restore_the_run_and_are_gone_on_from(tmp_path):
-    """As `SolutionViewer` sets them: shape, tensions and holes of every frame; then the second half again."""
+def test_frames_of_a_solution_file_restore_the_run(tmp_path):
+    """As `SolutionViewer` sets them: shape, tensions and holes of every frame."""
     _keep, mbs, handle = scene(three(0.3))
     handle.set_inputs_over_time(swing)
     settings = recommended(handle, 0.08, 1e-3)
@@ -310,7 +222,7 @@ def test_frames_of_a_solution_file_restore_the_run_and_are_gone_on_from(tmp_path
 
     mbs.SetPostStepUserFunction(after_step)
     assert mbs.SolveDynamic(settings)
-    end, tensions, holes = handle.shape()[0], handle.tensions(), handle.hole_states()
+    tensions, holes = handle.tensions(), handle.hole_states()
     solution = LoadSolutionFile(settings.solution.file.name, verbose=False)
     assert solution["nRows"] == 5
     for row in (1, 3, 4):
@@ -319,15 +231,6 @@ def test_frames_of_a_solution_file_restore_the_run_and_are_gone_on_from(tmp_path
     assert handle.hole_states() == holes
     for name, values in tensions.items():
         assert handle.tensions()[name] == pytest.approx(values, abs=1e-9)
-    SetSolutionState(mbs, solution, 2, sendRedrawSignal=False)
-    assert handle.hole_states() != holes
-    mbs.systemData.SetSystemState(mbs.systemData.GetSystemState(), exu.ConfigurationType.Initial)
-    assert mbs.SolveDynamic(recommended(handle, 0.08, 1e-3, start=0.04))
-    # The state has no accelerations of the integrator, which begins anew in the middle.
-    assert distance(handle.shape()[0], end) < 1e-3
-    assert handle.hole_states() == holes
-    for name, values in tensions.items():
-        assert handle.tensions()[name] == pytest.approx(values, rel=1e-3)
 
 
 def test_sensors_write_the_files_of_exudyn(tmp_path):
@@ -345,9 +248,8 @@ def test_sensors_write_the_files_of_exudyn(tmp_path):
     assert distance(rows[-1, 1:], handle.tip_position) < 1e-6
 
 
-@pytest.mark.parametrize("end", ["stopped", pytest.param("whole", marks=pytest.mark.integration)])
-def test_a_run_goes_on_from_the_restart_file_of_exudyn(tmp_path, end):
-    """In another system, after the run was over or stopped by an error: the same end, holes and sums of energy too."""
+def test_a_run_goes_on_from_the_restart_file_of_exudyn(tmp_path):
+    """In another system, after the run was stopped by an error: the same end, holes and sums of energy too."""
 
     def made():
         keep, mbs, handle = scene(three(0.3), assemble=False)
@@ -365,20 +267,17 @@ def test_a_run_goes_on_from_the_restart_file_of_exudyn(tmp_path, end):
     assert mbs.SolveDynamic(settings(expected, 0.04))
     energy = np.array(mbs.GetSensorValues(sensor))
     _keep, mbs, handle, sensor = made()
-    first = settings(handle, 0.02 if end == "whole" else 0.04)
+    first = settings(handle, 0.04)
     first.solution.restart.write = True
-    if end == "stopped":
 
-        def stop(mbs, t):
-            if t > 0.0255:
-                raise ArithmeticError("stopped")
-            return True
+    def stop(mbs, t):
+        if t > 0.0255:
+            raise ArithmeticError("stopped")
+        return True
 
-        mbs.SetPreStepUserFunction(stop)
-        with pytest.raises(exu.ModelError, match="stopped"):
-            mbs.SolveDynamic(first)
-    else:
-        assert mbs.SolveDynamic(first)
+    mbs.SetPreStepUserFunction(stop)
+    with pytest.raises(exu.ModelError, match="stopped"):
+        mbs.SolveDynamic(first)
     _keep, mbs, handle, sensor = made()
     second = settings(handle, 0.04)
     second.solution.restart.continueIfAvailable = True
@@ -386,44 +285,6 @@ def test_a_run_goes_on_from_the_restart_file_of_exudyn(tmp_path, end):
     assert distance(handle.shape()[0], expected.shape()[0]) < 1e-10
     assert handle.hole_states() == expected.hole_states()
     assert mbs.GetSensorValues(sensor) == pytest.approx(energy, abs=1e-9 * np.abs(energy).max())
-
-
-def test_a_kinematic_tree_of_exudyn_robotics_carries_a_robot():
-    """Minimal coordinates: a force at the robot's tip turns two joints by its moments over their stiffness."""
-    keep = exu.SystemContainer()
-    mbs = keep.AddSystem()
-    arm = robotics.Robot(gravity=[0.0] * 3, base=robotics.RobotBase(), tool=robotics.RobotTool())
-    inertia = InertiaCuboid(density=1000.0, sideLengths=[0.05, 0.05, 0.3]).Translated([0.0, 0.0, 0.15])
-    for offset in (0.0, 0.3):
-        arm.AddLink(
-            robotics.RobotLink(
-                mass=inertia.Mass(),
-                COM=inertia.COM(),
-                inertia=inertia.InertiaCOM(),
-                preHT=HTtranslate([0.0, 0.0, offset]),
-                jointType="Ry",
-                PDcontrol=(2.0, 0.1),
-            )
-        )
-    tree = arm.CreateKinematicTree(mbs)
-    end = eii.MarkerKinematicTreeRigid(
-        objectNumber=tree["objectKinematicTree"], linkNumber=1, localPosition=[0.0, 0.0, 0.3]
-    )
-    handle = mbs.CreateTDCR(three(0.3), baseMarker=mbs.AddMarker(end))
-    load = handle.add_load("tip", LENGTH)
-    mbs.Assemble()
-    assert handle.shape()[0][0] == pytest.approx([0.0, 0.0, 0.6], abs=1e-12)
-    handle.set_tensions([0.5, 0.0, 0.0])
-    load.set([0.05, 0.0, -0.02])
-    SolveTDCR(mbs)
-    first, second = mbs.GetNodeOutput(tree["nodeGeneric"], exu.OutputVariableType.Coordinates)
-    elbow = 0.3 * np.array([np.sin(first), 0.0, np.cos(first)])
-    for angle, joint in ((first, np.zeros(3)), (second, elbow)):
-        lever = handle.tip_position - joint
-        assert angle == pytest.approx((lever[2] * 0.05 + lever[0] * 0.02) / 2.0, rel=1e-6)
-    there = handle.shape()[0]
-    assert mbs.SolveDynamic(recommended(handle, 0.02, 1e-3))
-    assert distance(handle.shape()[0], there) < 1e-9
 
 
 # ---------------------------------------------------------------- memory

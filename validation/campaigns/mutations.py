@@ -123,7 +123,7 @@ MUTATIONS: Mapping[str, Mutation] = {
     "load: gravity upside down in a scene": Mutation(
         "loadVector=list(gravity)",
         "loadVector=[-g for g in gravity]",
-        ("scene/test_scene.py", "scene/test_load_ramps.py"),
+        ("scene/test_energy_sensor.py",),
     ),
     "history: loads that a step does not name end": Mutation(
         "loads = {**loads, **step.loads}",
