@@ -53,10 +53,22 @@ def write_generated(folder: Path) -> None:
         "sweep": keys_of("sweep"),
         "effects": effects(),
         "commands": commands(),
+        "limits": physical_limits(),
         "api": api(),
     }
     for name, text in parts.items():
         (folder / f"{name}.md").write_text(text, encoding="utf-8")
+
+
+def physical_limits() -> str:
+    """Table of all physical limits."""
+    from tdcr_fe.model.plausibility import limits
+
+    lines = ["| quantity | from | to | source |", "| --- | --- | --- | --- |"]
+    for row in limits().values():
+        low, high = (f"{x:g}" if abs(x) < float("inf") else "" for x in (row.low, row.high))
+        lines.append(f"| {row.quantity} | {low} | {high} | {row.source} |")
+    return "\n".join(lines) + "\n"
 
 
 def schema(file: str) -> dict[str, Any]:

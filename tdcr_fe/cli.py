@@ -26,6 +26,7 @@ from tdcr_fe.commands.common import (
 )
 from tdcr_fe.commands.table import COMMANDS
 from tdcr_fe.io.processes import sigterm_as_interrupt
+from tdcr_fe.model.messages import warnings_to
 
 if TYPE_CHECKING:
     from tdcr_fe.io.problems import Problem
@@ -60,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         args = _parser().parse_args(given)
         args.noted, command = noted, args.command
-        with sigterm_as_interrupt() as termination, stdout_kept_free(args):
+        with sigterm_as_interrupt() as termination, stdout_kept_free(args), warnings_to(noted.warn):
             status = _run(args)
     except WrongArguments as error:
         error.parser.print_usage(sys.stderr)

@@ -40,13 +40,6 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def warn(args: argparse.Namespace, warnings: Sequence[str]) -> None:
-    """Print warnings, and note them for ``--json``."""
-    args.noted.warnings += warnings
-    for text in warnings:
-        complain(f"warning: {text}")
-
-
 def refuse(file: str | Path, value: str, allowed: str) -> Exception:
     """An error that names a file or an option, the value there, and what is allowed."""
     from tdcr_fe.io.problems import InputError, Problem
@@ -71,6 +64,14 @@ class Noted:
     warnings: list[str] = field(default_factory=list)
     errors: Sequence[Problem] = ()  # mistakes in the input
     message: str = ""  # why the command failed
+
+    def warn(self, text: str) -> None:
+        """Print a warning, above the progress bar, and note it."""
+        from tqdm import tqdm
+
+        self.warnings.append(text)
+        with tqdm.external_write_mode(file=sys.stderr):
+            complain(f"warning: {text}")
 
     def document(self, command: str, status: int) -> dict[str, Any]:
         """The object that is printed; the name of the command is empty where the arguments named none."""

@@ -79,8 +79,6 @@ def follow(args: argparse.Namespace) -> int:
         print(f"{result!r}\nWritten to {out}: " + ", ".join(str(p.relative_to(out)) for p in written))
         if result.steps:
             print(f"To solve it again: tdcr-fe run {out / 'scenario' / 'scenario.toml'} -o OUT")
-    for warning in result.simulation.warnings:
-        complain(f"warning: {warning}")
     return _status(result, len(targets))
 
 

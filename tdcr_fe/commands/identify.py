@@ -13,7 +13,6 @@ from tdcr_fe.commands.common import (
     cores,
     count,
     progress_bar,
-    warn,
 )
 from tdcr_fe.identify.identification import NotSolved, identify
 from tdcr_fe.identify.report import write_result
@@ -23,7 +22,6 @@ from tdcr_fe.identify.statistics import summary
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.io.measured import MeasuredData, join_measured, read_measured
 from tdcr_fe.io.user_effects import read_own_effects
-from tdcr_fe.model.plausibility import plausibility_warnings
 
 #: Keys of result.json that `--json` prints.
 FIGURES = ("verdict", "observations", "held_out_steps", "before", "effects", "after", "law", "ceiling")
@@ -53,7 +51,9 @@ def run(args: argparse.Namespace) -> int:
         hold_out_branches=tuple(args.hold_out),
         own_effects=read_own_effects(args.effects),
     )
-    _warn(args, data)
+    for row in data.left_out:
+        args.noted.warnings.append(f"left out: {row}")
+        complain(f"left out: {row}")
     try:
         result = _identified(args, data, settings)
     except NotSolved as error:
@@ -73,15 +73,6 @@ def run(args: argparse.Namespace) -> int:
         complain("interrupted; what was found until then is written")
         return INTERRUPTED
     return SUCCESS
-
-
-def _warn(args: argparse.Namespace, data: MeasuredData) -> None:
-    """Report rows that were left out, and declared values that are not plausible."""
-    left_out = [f"left out: {row}" for row in data.left_out]
-    args.noted.warnings += left_out
-    for text in left_out:
-        complain(text)
-    warn(args, plausibility_warnings(data.robot, data.model, data.steps))
 
 
 def _identified(

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import _thread
 import argparse
 import importlib
 import math
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from importlib.resources import as_file, files
 from pathlib import Path
 from shutil import copyfile
+from threading import Event, Thread
 from typing import Any
 
 from tdcr_fe.commands.common import (
@@ -19,7 +24,6 @@ from tdcr_fe.commands.common import (
     count,
     progress_bar,
     refuse,
-    warn,
 )
 from tdcr_fe.commands.tables import response_tables, sensitivity_table, step_tables
 from tdcr_fe.io.atomic import check_output_folder, write_folder
@@ -27,13 +31,11 @@ from tdcr_fe.io.problems import read_all
 from tdcr_fe.io.result_files import write_results
 from tdcr_fe.io.toml import Scenario, read_scenario
 from tdcr_fe.io.user_effects import read_own_effects
-from tdcr_fe.model.checks import backbone_elements
-from tdcr_fe.model.plausibility import plausibility_warnings
 from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
 from tdcr_fe.solve.simulate import simulate
 
-#: A run that takes longer is announced [s].
-LONG_RUN = 60.0
+#: Every so often it is looked whether a step was solved, and whether those left will take so long [s].
+LOOK, LONG_RUN = 5.0, 60.0
 
 
 def run(args: argparse.Namespace) -> int:
@@ -67,15 +69,9 @@ def _solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) ->
     """Solve a scenario, write its results, and return the exit status."""
     if not args.no_pictures:
         importlib.import_module("tdcr_fe.report.plots")  # slow; an interruption after solving must not hit it
-    odd = plausibility_warnings(scenario.robot, scenario.model, scenario.steps)
-    warn(args, odd)
-    if not args.quiet and (duration := long_run(scenario)):
-        complain(duration)
     asked = len(scenario.steps)
     with progress_bar(args, asked + 1, unit="step") as bar:
         result = _solve(scenario, args, bar)
-        found = [warning for warning in result.warnings if warning not in odd]
-        result = replace(result, warnings=(*odd, *found))
         args.noted.figures, args.noted.message = figures(result, scenario), result.message
         bar.set_postfix_str("writing" if args.no_pictures else "drawing")
         try:
@@ -87,7 +83,6 @@ def _solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) ->
     args.noted.files += written
     if not args.quiet:
         _print(result, out, written)
-    warn(args, found)
     return SUCCESS if result.converged else _report_failure(result, scenario, out)
 
 
@@ -99,27 +94,69 @@ def _solve(scenario: Scenario, args: argparse.Namespace, bar: Any) -> SequenceRe
     InputError
         A contradiction that only the solver can detect.
     """
+    clock = _Clock(len(scenario.steps), args.minutes)
 
     def progress(step: StepResult) -> None:
+        clock.solved = step.step
         bar.set_postfix_str(step.label, refresh=False)
         bar.update(step.step - bar.n)  # refining the mesh begins again with the first step
 
     try:
-        return simulate(
-            scenario.robot,
-            scenario.model,
-            scenario.steps,
-            scenario.settings,
-            progress,
-            sensitivities=args.sensitivities,
-            responses=args.compliance,
-        )
+        with clock.running():
+            return simulate(
+                scenario.robot,
+                scenario.model,
+                scenario.steps,
+                scenario.settings,
+                progress,
+                sensitivities=args.sensitivities,
+                responses=args.compliance,
+            )
     except Interrupted as stop:
         assert isinstance(stop.result, SequenceResult)
-        return stop.result
+        limit = f"stopped at the time limit of {args.minutes:g} minutes" if clock.is_over else ""
+        return replace(stop.result, message=limit or stop.result.message)
     except ValueError as error:
         text = str(error).removeprefix("sensitivities: ")
         raise refuse(scenario.path if text == str(error) else "--sensitivities", "", text) from error
+
+
+class _Clock:
+    """Announces a long run after some seconds, and interrupts it at its time limit as Ctrl-C does."""
+
+    def __init__(self, steps: int, minutes: float | None) -> None:
+        self.steps, self.limit = steps, math.inf if minutes is None else 60.0 * minutes
+        self.solved, self.is_over = 0, False
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Until the block ends."""
+        done = Event()
+        Thread(target=self._watch, args=(done,), daemon=True).start()
+        try:
+            yield
+        finally:
+            done.set()
+
+    def _watch(self, done: Event) -> None:
+        begun, before, said = time.perf_counter(), 0, False
+        while not done.wait(min(LOOK, self.limit)):
+            elapsed = time.perf_counter() - begun
+            if elapsed > self.limit:
+                self.is_over = True
+                _thread.interrupt_main()
+                return
+            left = elapsed * (self.steps / self.solved - 1.0) if self.solved > before else math.inf
+            if left > LONG_RUN and not said:
+                said = True
+                how_long = (
+                    f"about {left / 60.0:.0f} minutes more" if left < math.inf else "this may take minutes"
+                )
+                complain(
+                    f"{self.solved} of {count(self.steps, 'load step')} solved in {elapsed:.0f} s: {how_long}; "
+                    "Ctrl-C or --minutes keeps what is solved"
+                )
+            before = self.solved
 
 
 def _print(result: SequenceResult, out: Path, written: list[Path]) -> None:
@@ -165,22 +202,9 @@ def _report_failure(result: SequenceResult, scenario: Scenario, out: Path) -> in
         label = scenario.steps[number - 1].label
         where = f"step {number} of {total}" + (f' ("{label}")' if label else "")
     solved = sum(s.converged for s in result.steps)
-    what = f"interrupted in {where}" if interrupted else f"{where} did not converge"
+    stopped = result.message if result.message.startswith("stopped") else "interrupted" if interrupted else ""
+    what = f"{stopped} in {where}" if stopped else f"{where} did not converge"
     complain(f"{what}; {count(solved, 'step')} solved before it {'is' if solved == 1 else 'are'} in {out}")
-    if result.message and not interrupted:
+    if result.message and not stopped:
         complain(result.message)
     return INTERRUPTED if interrupted else FAILURE
-
-
-def long_run(scenario: Scenario) -> str:
-    """A sentence on how long solving will take, where that is long; else nothing.
-
-    A load step that needs no refinement takes about 6 ms per element for the elements, and three factorisations of
-    the dense tangent of ``6 N`` unknowns. Measured with 13, 100 and 300 elements, times lie within a factor of three.
-    """
-    elements, steps = backbone_elements(scenario.robot, scenario.model), len(scenario.steps)
-    seconds = steps * (6e-3 * elements + 4.0 * (6.0 * elements) ** 3 / 1e10)
-    if seconds < LONG_RUN:
-        return ""
-    time = f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.0f} hours"
-    return f"{count(steps, 'load step')} on {count(elements, 'element')}: about {time}"

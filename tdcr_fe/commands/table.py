@@ -99,6 +99,8 @@ COMPLIANCE = argument(
     "write compliance and tendon Jacobians of the tip, and the stiffness seen by the motors, to summary.json",
 )
 
+MINUTES = argument("--minutes", "time limit; what is solved until then is written [none]", type=minutes)
+
 #: Every command, by name.
 COMMANDS = {
     "run": Command(
@@ -107,7 +109,7 @@ COMMANDS = {
         "Solve the loading sequence of a scenario.toml; write tables, a summary and pictures.",
         (
             argument("scenario", "path of a scenario.toml"),
-            *(OUT, SENSITIVITIES, COMPLIANCE, NO_PICTURES, EFFECTS, JSON, QUIET),
+            *(OUT, SENSITIVITIES, COMPLIANCE, MINUTES, NO_PICTURES, EFFECTS, JSON, QUIET),
         ),
         (
             "run scenario.toml -o results",
@@ -208,7 +210,7 @@ COMMANDS = {
         "write the input, tables, a summary and pictures.",
         (
             argument("-o --out OUT", "directory for the results [%(default)s]", default="tdcr-fe-demo"),
-            *(SENSITIVITIES, COMPLIANCE, NO_PICTURES, QUIET),
+            *(SENSITIVITIES, COMPLIANCE, MINUTES, NO_PICTURES, QUIET),
         ),
         ("demo", "demo -o results --compliance"),
     ),

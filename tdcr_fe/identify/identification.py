@@ -43,8 +43,11 @@ from tdcr_fe.identify.settings import (
     clock,
 )
 from tdcr_fe.io.measured import MeasuredData, without_unread_steps
+from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.user_effects import check_on
 from tdcr_fe.model.arguments import check_instance
+from tdcr_fe.model.messages import PlausibilityWarning, issue, warnings_to
+from tdcr_fe.model.plausibility import plausibility_warnings
 
 #: Tolerance of the loading path as a fraction of the noise of a position (a third of it is left), and its limit.
 PATH_SHARE, LOOSEST = 0.6, 3e-4
@@ -78,8 +81,8 @@ def identify(
     TypeError
         An argument is of another type; the message names the expected type and the function to call.
     InputError
-        ``settings.hold_out_branches`` matches no branch, or every step, or an effect of one's own fails; nothing was
-        simulated.
+        ``settings.hold_out_branches`` matches no branch, or every step, or an effect of one's own fails, or a load is
+        far beyond what the robot can carry; nothing was simulated.
     NotSolved
         The declared model does not converge.
     KeyboardInterrupt
@@ -90,8 +93,17 @@ def identify(
     check_instance("identify", "settings", settings, (IdentifySettings, type(None)), hint)
     settings = settings or IdentifySettings()
     check_on(settings.own_effects, Experiment(data.robot, data.model, data.steps))
+    try:
+        issue(plausibility_warnings(data.robot, data.model, data.steps), PlausibilityWarning)
+    except ValueError as error:
+        raise InputError([Problem(data.name, "", "", str(error))]) from error
+    with warnings_to():
+        return _identified(data, settings, Search(settings, progress or (lambda text, share: None)))
+
+
+def _identified(data: MeasuredData, settings: IdentifySettings, search: Search) -> IdentificationResult:
+    """See `identify`."""
     begun = clock()
-    search = Search(settings, progress or (lambda text, share: None))
     search.report("the declared model", 0.0)
     try:
         with ForwardModel(settings.processes, data.settings) as forward:

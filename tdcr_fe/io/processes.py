@@ -18,6 +18,8 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from types import FrameType
 
+from tdcr_fe.model.messages import ignore_warnings
+
 #: Exit statuses of a process that SIGINT or SIGTERM ended (128 and the number of the signal).
 STATUS_SIGINT, STATUS_SIGTERM = 130, 143
 
@@ -74,8 +76,8 @@ def worker_pool(
 ) -> Iterator[ProcessPoolExecutor]:
     """A pool of worker processes that ends with this process.
 
-    Workers leave Ctrl-C to the parent and use one thread for linear algebra. When the block ends by an exception
-    (an interruption in particular), they exit at once; otherwise they finish what was submitted.
+    Workers leave Ctrl-C and warnings to the parent and use one thread for linear algebra. When the block ends by an
+    exception (an interruption in particular), they exit at once; otherwise they finish what was submitted.
 
     Parameters
     ----------
@@ -117,6 +119,7 @@ def _start_worker(alive: Connection, initializer: Callable[[], None] | None) -> 
     from threadpoolctl import threadpool_limits
 
     threadpool_limits(1)  # for libraries that are loaded already
+    ignore_warnings()
     if initializer is not None:
         initializer()
 

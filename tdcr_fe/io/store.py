@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 from tdcr_fe.io.atomic import to_json, write_text
 from tdcr_fe.io.processes import worker_pool
+from tdcr_fe.model.messages import warnings_to
 
 Record = dict[str, Any]
 Task = TypeVar("Task")
@@ -194,7 +195,8 @@ def solve_all(
         if initializer is not None:
             initializer()
         for key, task in left:
-            record = solve(task)
+            with warnings_to():
+                record = solve(task)
             store.keep(key, record)
             yield key, record, False
         return

@@ -181,6 +181,9 @@ def tendon_contradictions(index: int, tendon: Tendon, disks: Disks, length: floa
     if tendon.pretension > 0.0 and tendon.axial_stiffness is None:
         sentence = "needs an elastic tendon; give its axial_stiffness [N], or leave pretension out"
         found.append(Contradiction(f"{key}.pretension", f"{tendon.pretension:g}", sentence))
+    if disks.positions and tendon.clearance >= disks.radius:
+        sentence = f"must be smaller than the disks, which have the radius {disks.radius:g} m"
+        found.append(Contradiction(f"{key}.clearance", f"{tendon.clearance:g}", sentence))
     s = np.asarray(disks.positions, dtype=float)
     end = length if tendon.end is None else tendon.end
     if not s.size:

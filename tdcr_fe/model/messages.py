@@ -1,12 +1,53 @@
-"""Keys, values and load steps as text, what a key allows in words, and the option that was probably meant."""
+"""Keys, values and load steps as text, what a key allows in words, the option that was probably meant, and warnings."""
 
 from __future__ import annotations
 
 import difflib
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
+
+
+class TDCRWarning(UserWarning):
+    """A result that should not be trusted blindly: its mesh, its friction path, its stability."""
+
+
+class PlausibilityWarning(TDCRWarning):
+    """A value that hardly any robot has, known before solving."""
+
+
+#: Takes the warnings of the program; None: `warnings.warn`.
+_receiver: ContextVar[Callable[[str], object] | None] = ContextVar("receiver", default=None)
+
+
+def issue(texts: Iterable[str], category: type[TDCRWarning] = TDCRWarning) -> None:
+    """Warn the caller of the function that calls this one."""
+    receive = _receiver.get()
+    for text in texts:
+        if receive is None:
+            warnings.warn(text, category, stacklevel=3)
+        else:
+            receive(text)
+
+
+@contextmanager
+def warnings_to(receive: Callable[[str], object] = str) -> Iterator[None]:
+    """Hand the warnings that are issued inside over to a function; by default nothing becomes of them."""
+    before = _receiver.set(receive)
+    try:
+        yield
+    finally:
+        _receiver.reset(before)
+
+
+def ignore_warnings() -> None:
+    """Issue no warnings in this process: its parent has them in the results."""
+    _receiver.set(str)
+
 
 _COUNTS = {1: "one", 2: "two", 3: "three"}
 #: By type in a JSON schema; numbers with a unit may be texts.

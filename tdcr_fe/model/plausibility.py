@@ -1,206 +1,344 @@
 """Warnings of implausible values: wrong units, missing masses, loads far beyond the elastic range.
 
-Such values are allowed. Each warning names the key as in the files, the value and, where a factor of a usual unit
-explains it, the unit that was probably meant.
+Every limit is a row of ``data/limits.toml``, with its source. A warning names the key as in the files, the value and,
+where a factor of a usual unit explains it, the unit that was probably meant. What follows from a stiffness is judged
+where the robot itself is plausible, so that one mistake gives one warning.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+import tomllib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
 from typing import NamedTuple
 
 import numpy as np
 
-from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.checks import ARC_TOLERANCE
+from tdcr_fe.model.loading import LoadStep, Model, Vector
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
 
-#: Longest robot [m], and range of its length over its radius [1].
-LONGEST, SLENDERNESS = 10.0, (5.0, 1e5)
-#: Range of Young's modulus [Pa], of silicone to diamond, and of density [kg/m^3], of foam to iridium.
-MODULUS, DENSITY = (1e4, 1e12), (10.0, 25_000.0)
-#: Largest strain that is not warned of [1].
-LARGEST_STRAIN = 0.2
-#: Largest load times length squared over bending stiffness [1]: an elastica under 100 is bent nearly straight along it.
-LARGEST_LOAD = 100.0
-
-#: Units that a number may have been given in, and their size in SI.
-_LENGTHS = {"mm": 1e-3, "cm": 1e-2, "um": 1e-6}
-_MODULI = {"GPa": 1e9, "MPa": 1e6, "kPa": 1e3}
-_DENSITIES = {"g/cm^3": 1e3}
-_FORCES = {"mN": 1e-3, "g": 9.81e-3}
-
-
-def _meant(value: float, units: Mapping[str, float], low: float, high: float) -> str:
-    """A question that names the unit in which the value would be usual, or nothing."""
-    fitting = [name for name, size in units.items() if low <= value * size <= high]
-    return f"; was it meant in {fitting[0]}?" if fitting else ""
+#: Units that a number may have been given in, by the unit of the file, and their size in it.
+UNITS = {
+    "m": {"mm": 1e-3},
+    "N": {"mN": 1e-3, "gf": 9.81e-3, "kN": 1e3},
+    "N m": {"N mm": 1e-3},
+    "N m^2": {"N mm^2": 1e-6},
+    "kg": {"g": 1e-3},
+    "Pa": {"GPa": 1e9, "MPa": 1e6, "kPa": 1e3},
+    "kg/m^3": {"g/cm^3": 1e3},
+    "m/s^2": {"mm/s^2": 1e-3},
+    "deg": {"rad": math.degrees(1.0)},
+    "turns": {"degrees": 1.0 / 360.0},
+    "": {"per cent": 0.01},
+}
+#: Materials by Young's modulus, and where they begin [Pa].
+MATERIALS = {"steel": 1.5e11, "metal": 2e10, "plastic": 1e8, "rubber": 0.0}
 
 
-class _Limit(NamedTuple):
-    """A range in which a value is usual."""
+@dataclass(frozen=True)
+class Limit:
+    """A row of ``data/limits.toml``."""
 
+    quantity: str
+    says: str
+    source: str
+    low: float = -math.inf
+    high: float = math.inf
+    by_stiffness: bool = False
+    refused_from: float = math.inf
+    usual: float = 0.0
+
+    def is_usual(self, ratio: float) -> bool:
+        """Whether a value of the quantity is within the limit, and not so small that it has no effect."""
+        least = self.low if self.high == math.inf else self.usual or 1e-4 * self.high
+        return max(least, self.low) <= ratio <= self.high
+
+
+@lru_cache(maxsize=1)
+def limits() -> dict[str, Limit]:
+    """The table of physical limits, by name."""
+    text = (files("tdcr_fe") / "data" / "limits.toml").read_text(encoding="utf-8")
+    return {name: Limit(**row) for name, row in tomllib.loads(text).items()}
+
+
+class Value(NamedTuple):
+    """A value of a description, and the quantity that a limit bounds; they are in proportion."""
+
+    limit: str
     key: str
     value: float
     unit: str
-    usual: tuple[float, float]
-    reason: str  # why a value outside is unusual; empty: the range itself
-    units: Mapping[str, float]  # in which it may have been given
-    meant: tuple[float, float] | None = None  # where it would be usual then; None: the range
+    ratio: float
+    detail: str = ""
 
-    def warnings(self) -> list[str]:
-        """One sentence where the value is outside."""
-        low, high = self.usual
-        if low <= self.value <= high:
-            return []
-        side = f"below {low:g}" if self.value < low else f"above {high:g}"
-        reason = self.reason or f"{side} {self.unit}"
-        hint = _meant(self.value, self.units, *(self.meant or self.usual))
-        return [f"{self.key} = {self.value:g} {self.unit}: {reason}{hint}"]
+    @property
+    def row(self) -> Limit:
+        """Its limit."""
+        return limits()[self.limit]
 
+    @property
+    def is_beyond(self) -> bool:
+        """Whether it is beyond its limit."""
+        return not self.row.low <= self.ratio <= self.row.high
 
-def robot_warnings(robot: Robot) -> list[str]:
-    """What is unusual about a robot, by key."""
-    b, d, disks = robot.backbone, robot.disks, not robot.without_disks
-    thin, thick = b.length / SLENDERNESS[1], b.length / SLENDERNESS[0]
-    radii = (thin, min(d.radius, thick) if disks else thick)
-    reason = "larger than a fifth of the length; rod theory needs a slender backbone"
-    if disks and b.radius >= d.radius:
-        reason = f"not thinner than its disks (radius {d.radius:g} m)"
-        thick = math.nextafter(d.radius, 0.0)
-    elif b.radius < thin:
-        reason = f"the length is {b.length / b.radius:.0f} times as large"
-    longest, widest = f"longer than {LONGEST:g} m", "larger than half the length"
-    density = b.density or DENSITY[0]  # without density: no weight and no inertia
-    outside = f"outside {DENSITY[0]:g} to {DENSITY[1]:g} kg/m^3"
-    limits = [
-        _Limit("backbone.length", b.length, "m", (0.0, LONGEST), longest, _LENGTHS, (0.01, LONGEST)),
-        _Limit(
-            "backbone.radius",
-            b.radius,
-            "m",
-            (thin, thick),
-            reason,
-            {} if b.radius < thin else _LENGTHS,
-            radii,
-        ),
-        _Limit("backbone.youngs_modulus", b.youngs_modulus, "Pa", MODULUS, "", _MODULI),
-        _Limit("backbone.density", density, "kg/m^3", DENSITY, outside, _DENSITIES),
-    ]
-    if disks:
-        half = 0.5 * b.length
-        limits.append(_Limit("disks.radius", d.radius, "m", (0.0, half), widest, _LENGTHS, (b.radius, half)))
-    return [text for limit in limits for text in limit.warnings()] + (
-        [] if disks else _course_warnings(robot)
-    )
+    @property
+    def says(self) -> str:
+        """What is wrong with it, and the units in which it would be usual; empty where it is within the limit."""
+        if not self.is_beyond:
+            return ""
+        row, percent = self.row, 100.0 * self.ratio
+        text = row.says.format(
+            ratio=self.ratio, percent=percent, low=row.low, high=row.high, detail=self.detail
+        )
+        fitting = [u for u, size in UNITS.get(self.unit, {}).items() if row.is_usual(self.ratio * size)]
+        return text + (f"; was it meant in {' or '.join(fitting)}?" if fitting else "")
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong with it, with key and value."""
+        unit = self.unit if self.unit != "turns" else ""
+        given = "" if math.isnan(self.value) else f" = {self.value:g} {unit}".rstrip()
+        return f"{self.key}{given}: {self.says}"
 
 
-def _course_warnings(robot: Robot) -> list[str]:
-    """Tendons that follow a backbone without disks outside of its body, or with friction, which has no effect."""
-    found = []
+# ------------------------------------------------------------------------------------------------- quantities
+
+
+def _robot_values(robot: Robot) -> Iterator[Value]:
+    """Quantities of backbone, disks and tendons."""
+    b, disks = robot.backbone, robot.disks
+    yield Value("length", "backbone.length", b.length, "m", b.length)
+    thick = robot.without_disks or b.radius < disks.radius
+    ratio = b.radius / (b.length if thick else disks.radius)
+    detail = f"radius {disks.radius:g} m"
+    yield Value("radius" if thick else "radius_of_disks", "backbone.radius", b.radius, "m", ratio, detail)
+    yield Value("slenderness", "backbone.radius", b.radius, "m", b.length / b.radius)
+    yield Value("modulus", "backbone.youngs_modulus", b.youngs_modulus, "Pa", b.youngs_modulus)
+    if b.density > 0.0:  # without: no weight and no inertia
+        yield Value("density", "backbone.density", b.density, "kg/m^3", b.density)
+    yield from _stiffness_values(b)
+    if b.superelastic is not None:
+        strain = b.superelastic.threshold_strain
+        yield Value("threshold_strain", "backbone.superelastic.threshold_strain", strain, "", strain)
+    curved = math.hypot(*b.precurvature)
+    yield Value("precurvature", "backbone.precurvature", curved, "1/m", curved * b.length)
+    if not robot.without_disks:
+        yield Value("disks", "disks.radius", disks.radius, "m", disks.radius / b.length)
+    yield from _tendon_values(robot)
+
+
+def _stiffness_values(b: Backbone) -> Iterator[Value]:
+    """Stiffnesses that are given by hand, beside those of the round rod."""
+    solid = Backbone(b.length, b.radius, b.youngs_modulus, b.poisson_ratio)
+    names = {"bending": "EI", "torsional": "GJ", "axial": "EA", "shear": "GA"}
+    for name, symbol in names.items():
+        key, unit = f"{name}_stiffness", "N m^2" if symbol in ("EI", "GJ") else "N"
+        given, computed = getattr(b, key), getattr(solid, symbol)
+        if given is not None:
+            detail = f"{symbol} = {computed:.3g} {unit}"
+            if name == "axial" and 0.1 < given / solid.EI < 10.0:
+                detail += f", and EI = {solid.EI:.3g} N m^2: is it the bending_stiffness?"
+            # A backbone without stretch and shear is given by high stiffnesses.
+            ratio = given / computed if unit == "N m^2" else min(given / computed, 1.0)
+            yield Value("stiffness", f"backbone.{key}", given, unit, ratio, detail)
+
+
+def _tendon_values(robot: Robot) -> Iterator[Value]:
+    """Quantities of the tendons, each alone and two by two."""
     for i, tendon in enumerate(robot.tendons):
-        s = np.linspace(0.0, robot.end(tendon), 101)
-        offset = np.linalg.norm(tendon.routing.position(s, robot.end(tendon)), axis=1)
-        outside = np.flatnonzero(offset > robot.backbone.radius_at(s) * (1.0 + 1e-9))
-        if outside.size:
-            k = int(outside[0])
-            radius = float(robot.backbone.radius_at(s[k : k + 1])[0])
-            found.append(
-                f"tendons[{i}]: {offset[k]:g} m from the axis at {s[k]:g} m, outside of the backbone of radius "
-                f"{radius:g} m" + _meant(float(offset[k]), _LENGTHS, 0.0, radius)
-            )
-        if tendon.friction_coefficient > 0.0 or tendon.adhesion > 0.0 or tendon.friction is not None:
-            name = "friction_coefficient" if tendon.friction_coefficient > 0.0 else "adhesion"
-            name = "friction" if tendon.friction is not None else name
-            found.append(
-                f"tendons[{i}].{name} is given: it has no effect in a robot without disks, whose tendons follow the "
-                "backbone without friction; massless [disks] are guides with friction"
-            )
-    return found
-
-
-def _gravity_warnings(robot: Robot, model: Model) -> list[str]:
-    if not any(model.gravity):
-        return []
-    found = []
-    if robot.backbone.density == 0.0 and robot.disks.mass == 0.0 and robot.tip_mass == 0.0:
-        found.append(
-            f"model.gravity = {list(model.gravity)}: nothing has mass, so it does nothing; give "
-            "backbone.density, disks.mass or tip_mass"
-        )
-    size = float(np.linalg.norm(model.gravity))
-    if size > 100.0:
-        found.append(
-            f"model.gravity = {list(model.gravity)}: {size:g} m/s^2 is {size / 9.81:.0f} times that of the earth"
-        )
-    return found
-
-
-def _largest(pairs: Iterable[tuple[float, int]]) -> tuple[float, int]:
-    """The largest value with the step where it is first reached."""
-    return max(pairs, key=lambda p: (p[0], -p[1]), default=(0.0, 0))
-
-
-def loading_warnings(robot: Robot, steps: Sequence[LoadStep]) -> list[str]:
-    """What is unusual about a loading sequence for this robot, by key; needs no solution."""
-    b = robot.backbone
-    found = []
-    softness = b.length**2 / b.EI
-    for tendon in robot.tendons:
-        force, k = _largest((s.tensions.get(tendon.name, 0.0), i) for i, s in enumerate(steps))
-        key = f"steps[{k}].tensions.{tendon.name} = {force:g} N"
-        soft = f" (backbone.youngs_modulus = {b.youngs_modulus:g} Pa)"
-        strains = {"the backbone": (force / b.EA, soft)}
+        key, end = f"tendons[{i}]", robot.end(tendon)
+        bays = sum(s <= end + ARC_TOLERANCE for s in robot.bay_ends)
+        for name, turns in vars(tendon.routing).items():
+            if name.startswith("turns"):
+                yield Value("turns", f"{key}.{name}", turns, "turns", abs(turns) / max(1, bays))
+        mu, law = tendon.friction_coefficient, tendon.friction
+        given = {"friction_coefficient": mu, "adhesion": tendon.adhesion}
+        given |= {f"friction.{n}": getattr(law, n, 0.0) for n in ("mu", "static", "kinetic")}
+        for name, value in given.items():
+            if robot.without_disks:
+                yield Value("no_holes", f"{key}.{name}", value, "", value)
+            elif name != "adhesion":
+                yield Value("friction", f"{key}.{name}", value, "", value)
         if tendon.axial_stiffness is not None:
-            strains["the tendon"] = force / tendon.axial_stiffness, ""
-        for what, (strain, why) in strains.items():
-            if strain > LARGEST_STRAIN:
-                found.append(f"{key}: by itself it strains {what} by {100 * strain:.3g} %{why}")
+            ea = tendon.axial_stiffness
+            yield Value("tendon_stiffness", f"{key}.axial_stiffness", ea, "N", ea)
+        if robot.without_disks:
+            s = np.linspace(0.0, end, 101)
+            offset, radius = (
+                np.linalg.norm(tendon.routing.position(s, end), axis=1),
+                robot.backbone.radius_at(s),
+            )
+            k = int(np.argmax(offset / radius))
+            detail = f"of radius {radius[k]:g} m at s = {s[k]:g} m"
+            yield Value("course", f"{key}.offset", offset[k], "m", offset[k] / radius[k], detail)
+    for (i, one), (k, other) in itertools.combinations(enumerate(robot.tendons), 2):
+        a, b = (robot.holes(t) for t in (one, other))
+        if a.shape == b.shape:
+            apart = float(np.max(np.linalg.norm(a - b, axis=1)))
+            yield Value("same_holes", f"tendons[{k}]", math.nan, "m", apart, f"tendons[{i}]")
+    angles = [abs(getattr(t.routing, "angle_deg", math.inf)) for t in robot.tendons]
+    if len(set(angles)) > 1:
+        yield Value("angles", "tendons.angle_deg", max(angles), "deg", max(angles))
+
+
+def _gravity_values(robot: Robot, model: Model) -> Iterator[Value]:
+    """Gravity, and the weights of a robot against the stiffness of its backbone."""
+    g = float(np.linalg.norm(model.gravity))
+    if g == 0.0:
+        return
+    b, key = robot.backbone, "model.gravity"
+    masses = {
+        "backbone.density": (b.density, "kg/m^3", b.mass_per_length * b.length),
+        "disks.mass": (robot.disks.mass, "kg", robot.disks.mass * len(robot.disks.positions)),
+        "tip_mass": (robot.tip_mass, "kg", robot.tip_mass),
+    }
+    yield Value("gravity", key, g, "m/s^2", g, f"{g / 9.81:.3g}")
+    yield Value("direction", key, g, "m/s^2", abs(g - 1.0))
+    yield Value("no_mass", key, g, "m/s^2", sum(mass for _, _, mass in masses.values()))
+    for key, (value, unit, mass) in masses.items():
+        ratio = mass * _bending(model.gravity) * b.length**2 / b.EI
+        yield Value("weight", key, value, unit, ratio, f"{mass * g:.3g} N")
+
+
+def _bending(vector: Vector) -> float:
+    """Size of a force or acceleration, but for what pulls the robot straight: its component from base to tip."""
+    x, y, z = vector
+    return math.hypot(x, y, min(z, 0.0))
+
+
+def _loading_values(robot: Robot, steps: Sequence[LoadStep]) -> Iterator[Value]:
+    """Quantities of a loading sequence; those of tendons in the step where they are largest."""
+    b = robot.backbone
+    strain, surface = f"strain_{material(b.youngs_modulus)}", "at the surface, by bending"
+    for tendon in robot.tendons:
+        tensions = [s.tensions.get(tendon.name, 0.0) for s in steps]
+        k = int(np.argmax(tensions)) if tensions else 0
+        force, key = max(tensions, default=0.0), f"steps[{k}].tensions.{tendon.name}"
         # A parallel tendon bends the backbone to the curvature T a / EI (pure moment).
         offset = float(np.max(np.linalg.norm(robot.holes(tendon), axis=1)))
-        bending = force * offset / b.EI * b.radius
-        if bending > LARGEST_STRAIN and not any(w.startswith(key) for w in found):
-            found.append(
-                f"{key}: its moment bends the backbone by a strain of {100 * bending:.3g} % at the surface"
-                + _meant(force, _FORCES, 0.0, LARGEST_STRAIN * b.EI / (offset * b.radius))
-            )
-        far, k = _largest((abs(s.displacements.get(tendon.name, 0.0)), i) for i, s in enumerate(steps))
-        if far > robot.end(tendon):
-            found.append(
-                f"steps[{k}].displacements.{tendon.name} = {far:g} m: more than the tendon's length in the robot, "
-                f"{robot.end(tendon):g} m" + _meant(far, _LENGTHS, 0.0, robot.end(tendon))
-            )
-    for i, step in enumerate(steps):
+        strains = (force / b.EA, "along its axis"), (force * offset / b.EI * b.radius, surface)
+        yield Value(strain, key, force, "N", *max(strains))
+        if (ea := tendon.axial_stiffness or 0.0) >= limits()["tendon_stiffness"].low:
+            yield Value("tendon_strain", key, force, "N", force / ea)
+        moved = [s.displacements.get(tendon.name, 0.0) for s in steps]
+        k = int(np.argmax(np.abs(moved))) if moved else 0
+        far, key = moved[k] if moved else 0.0, f"steps[{k}].displacements.{tendon.name}"
+        end = robot.end(tendon)
+        yield Value("displacement", key, far, "m", abs(far) / end, f"{end:g} m")
+    if not any(s.loads or any(s.tensions.values()) for s in steps):
+        yield from _let_out(robot, steps)
+    for k, step in enumerate(steps):
         for name, load in step.loads.items():
-            force, moment = float(np.linalg.norm(load.force)), float(np.linalg.norm(load.moment))
-            if force * softness > LARGEST_LOAD:
-                found.append(
-                    f"steps[{i}].loads.{name}.force: {force:g} N is {force * softness:.3g} EI/L^2, far beyond what the "
-                    "backbone can carry elastically" + _meant(force, _FORCES, 0.0, LARGEST_LOAD / softness)
-                )
-            if moment / b.EI * b.radius > LARGEST_STRAIN:
-                strain = 100 * moment / b.EI * b.radius
-                found.append(
-                    f"steps[{i}].loads.{name}.moment: {moment:g} N m bends the backbone by a strain of {strain:.3g} % "
-                    "at the surface"
-                )
-    return found
+            key = f"steps[{k}].loads.{name}"
+            force, moment = math.hypot(*load.force), math.hypot(*load.moment)
+            across = _bending(load.force)
+            yield Value("force", f"{key}.force", force, "N", across * load.at**2 / b.EI)
+            # A force cannot bend the elastica more than that, however long it is.
+            curvature = min(across * load.at / b.EI, math.sqrt(2.0 * across / b.EI))
+            strains = (force / b.EA, "along its axis"), (curvature * b.radius, surface)
+            yield Value(strain, f"{key}.force", force, "N", *max(strains))
+            yield Value(strain, f"{key}.moment", moment, "N m", moment / b.EI * b.radius, surface)
 
 
-def plausibility_warnings(robot: Robot, model: Model, steps: Sequence[LoadStep]) -> list[str]:
-    """What is unusual about a scenario, known before solving; one sentence each.
+def _let_out(robot: Robot, steps: Sequence[LoadStep]) -> Iterator[Value]:
+    """Displacements of tendons without pretension that nothing but displacements pulls."""
+    slack: dict[str, list[float]] = {t.name: [] for t in robot.tendons if not t.pretension}
+    held: dict[str, float] = {}
+    for step in steps:
+        held |= step.displacements
+        for name in slack:
+            if held.get(name, 0.0) < 0.0:
+                slack[name].append(held[name] + 1.5 * sum(max(x, 0.0) for x in held.values()))
+    for name, values in slack.items():
+        if values:
+            lowest = min((s.displacements.get(name, 0.0), k) for k, s in enumerate(steps))
+            yield Value("slack", f"steps[{lowest[1]}].displacements.{name}", lowest[0], "m", max(values))
+
+
+# ------------------------------------------------------------------------------------------------- sentences
+
+
+def plausibility_warnings(
+    robot: Robot, model: Model, steps: Sequence[LoadStep], targets: Iterable[Vector] = ()
+) -> list[str]:
+    """What is unusual about a scenario, known before solving; one sentence for each quantity.
 
     Parameters
     ----------
     robot, model, steps
         Description.
+    targets
+        Positions that the tip is to reach [m].
+
+    Raises
+    ------
+    ValueError
+        A load or a target is so far beyond its limit that a solution would have no meaning.
     """
-    return [*robot_warnings(robot), *_gravity_warnings(robot, model), *loading_warnings(robot, steps)]
+    values = [*_robot_values(robot), *_gravity_values(robot, model), *_loading_values(robot, steps)]
+    for k, target in enumerate(targets):
+        far = math.hypot(*target)
+        values.append(Value("target", f"targets[{k}].position", far, "m", far / robot.backbone.length))
+    beyond = [v for v in values if v.is_beyond]
+    found = [v for v in beyond if not v.row.by_stiffness]
+    if any(v.key.startswith(("backbone.", "model.gravity")) for v in found):
+        beyond = found  # the others may follow from that
+    modulus = _modulus_meant(robot.backbone, [v for v in beyond if v.row.by_stiffness])
+    if modulus is not None:
+        beyond = [*found, modulus]
+    refused = [v for v in beyond if v.ratio > v.row.refused_from * v.row.high]
+    if refused:
+        raise ValueError("\n".join([*_sentences(refused), "Nothing was solved"]))
+    return _sentences(beyond)
+
+
+def _modulus_meant(b: Backbone, beyond: Sequence[Value]) -> Value | None:
+    """Young's modulus, where another unit of it explains all that is beyond a limit."""
+    soft = Value(
+        "soft",
+        "backbone.youngs_modulus",
+        b.youngs_modulus,
+        "Pa",
+        b.youngs_modulus,
+        material(b.youngs_modulus),
+    )
+    for size in UNITS["Pa"].values():
+        meant = [v._replace(ratio=v.ratio / size) for v in beyond]
+        usual = any(v.row.is_usual(v.ratio) for v in meant) and not any(v.is_beyond for v in meant)
+        if usual and soft.is_beyond and soft.row.is_usual(soft.ratio * size):
+            return soft
+    return None
+
+
+def _sentences(found: Iterable[Value]) -> list[str]:
+    """One sentence for each limit, about the value that is farthest beyond it; a key is named once."""
+    by_limit: dict[str, list[Value]] = {}
+    named: set[str] = set()
+    for value in sorted(found, key=lambda v: v.ratio / v.row.high, reverse=True):
+        if value.key not in named:
+            by_limit.setdefault(value.limit, []).append(value)
+        named.add(value.key)
+    others = {name: ", ".join(v.key for v in values[1:4]) for name, values in by_limit.items()}
+    return [
+        values[0].sentence + (f" (also {others[name]})" if others[name] else "")
+        for name, values in by_limit.items()
+    ]
+
+
+def material(modulus: float) -> str:
+    """Name in `MATERIALS` of what a backbone with this modulus is made of [Pa]."""
+    return next(name for name, least in MATERIALS.items() if modulus >= least)
 
 
 def strain_warnings(robot: Robot, steps: Sequence[StepResult]) -> list[str]:
-    """Steps in which bending strains the surface of the backbone by more than `LARGEST_STRAIN`.
+    """Steps in which bending strains the surface of the backbone by more than its material bears.
 
     Parameters
     ----------
@@ -215,8 +353,8 @@ def strain_warnings(robot: Robot, steps: Sequence[StepResult]) -> list[str]:
     list of str
         One sentence for the step with the largest strain, or nothing.
     """
-    unloaded = math.hypot(*robot.backbone.precurvature)
     backbone = robot.backbone
+    unloaded = math.hypot(*backbone.precurvature)
     worst, number, where = 0.0, 0, 0.0
     for step in steps:
         tangents = step.rotations[:, :, 2]
@@ -228,15 +366,14 @@ def strain_warnings(robot: Robot, steps: Sequence[StepResult]) -> list[str]:
         k = int(np.argmax(strain))
         if strain[k] > worst:
             worst, number, where = float(strain[k]), step.step, float(0.5 * (step.s[k] + step.s[k + 1]))
-    law = backbone.nonlinear
-    if law is not None and worst > law.largest_strain:
-        return [
-            f"step {number}: bending strains the surface of the backbone by {100 * worst:.3g} % at s = {where:.4g} m; "
-            f"the stress of backbone.nonlinear falls from {100 * law.largest_strain:.3g} % on"
-        ]
-    if worst <= LARGEST_STRAIN or law is not None:
+    if backbone.nonlinear is not None:
+        most = backbone.nonlinear.largest_strain
+        reason = f"the stress of backbone.nonlinear falls from {100 * most:.3g} % on"
+    else:
+        kind = material(backbone.youngs_modulus)
+        most = limits()[f"strain_{kind}"].high
+        reason = f"no {kind} is elastic beyond {100 * most:g} %"
+    if worst <= most:
         return []
-    return [
-        f"step {number}: bending strains the surface of the backbone by {100 * worst:.3g} % at s = {where:.4g} m, "
-        f"beyond {100 * LARGEST_STRAIN:g} %; no backbone stays elastic there"
-    ]
+    text = f"bending strains the surface of the backbone by {100 * worst:.3g} % at s = {where:.4g} m"
+    return [f"step {number}: {text}; {reason}"]

@@ -12,6 +12,7 @@ from typing import NamedTuple
 from tdcr_fe.effects import Experiment
 from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, SolverSettings, resolve
+from tdcr_fe.model.messages import PlausibilityWarning, issue, warnings_to
 from tdcr_fe.model.plausibility import plausibility_warnings, strain_warnings
 from tdcr_fe.model.results import Interrupted, Sensitivities, SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
@@ -108,20 +109,24 @@ def simulate(
         responses,
         record_path is not None,
     )
-    with one_thread():
+    implausible = plausibility_warnings(robot, model, steps)
+    issue(implausible, PlausibilityWarning)
+    with one_thread(), warnings_to():
         kept, last, stop = _refined_runs(request)
     if record_path is not None:
         record_path[:] = kept.path
     estimates = kept.monitor.estimates
     warnings = [
-        *plausibility_warnings(robot, model, steps),
         *kept.warnings,
         *mesh_warnings(kept.simulation.handle, model, estimates, settings.mesh_tolerance),
         *instability_warnings(kept.unstable),
         *([] if kept is last else [_coarser_mesh_kept(kept, last)]),
         *strain_warnings(robot, kept.solved),
     ]
+    issue(warnings)
     failed, message = (last.failed, last.message) if kept is last else _outcome_on_coarser_mesh(kept, last)
+    if implausible and message not in (CONVERGED, INTERRUPTED):
+        message += f". Implausible: {implausible[0]}"
     result = SequenceResult(
         robot=robot,
         model=model,
@@ -130,7 +135,7 @@ def simulate(
         message=message,
         failed_step=failed,
         wall_time=time.perf_counter() - begun,
-        warnings=tuple(warnings),
+        warnings=(*implausible, *warnings),
         settings=asdict(settings),
         elements_per_bay=kept.elements_per_bay,
         sensitivities=Sensitivities() if kept.history is None else kept.history.result(),

@@ -18,7 +18,7 @@ from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.toml import ScenarioTables, build_scenario, read_scenario_tables
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.model.dataframes import AFTER_TENDONS, OF_TENDONS
-from tdcr_fe.model.messages import meant, shown
+from tdcr_fe.model.messages import meant, shown, warnings_to
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.units import number_or_none
 from tdcr_fe.solve.simulate import simulate
@@ -76,7 +76,10 @@ def solve_case(job: Job, case: tuple[int, Sequence[Change]]) -> Outcome:
     """Solve a case, given by its number from 1 and what changes in it."""
     exudyn.config.printToConsole = False
     begun = time.perf_counter()
-    with np.errstate(over="ignore", invalid="ignore"):  # on the way to a failure, which the status reports
+    with (
+        warnings_to(),
+        np.errstate(over="ignore", invalid="ignore"),
+    ):  # on the way to a failure, which the status reports
         outcome = _solved(job, *case)
     return replace(outcome, seconds=time.perf_counter() - begun)
 

@@ -17,6 +17,7 @@ from inputs import ROBOT, SCENARIO, changed, write
 from tdcr_fe import __version__, cli
 from tdcr_fe.commands.table import Command, argument
 from tdcr_fe.io.result_files import RESULT_FILES
+from tdcr_fe.model.messages import issue
 from tdcr_fe.model.results import Interrupted
 
 
@@ -158,7 +159,8 @@ def test_contradiction_that_only_the_solver_knows_returns_2(tmp_path, monkeypatc
 
 def test_warnings_of_the_solver_are_passed_on(tmp_path, monkeypatch, capsys):
     def simulate(robot, model, steps, settings=None, progress=None, **beside):
-        return arc_result(robot, list(steps), warnings=("mind the mesh",))
+        issue(["mind the mesh"])
+        return arc_result(robot, list(steps))
 
     install(monkeypatch, simulate)
     assert cli.main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out"), "-q", "--no-pictures"]) == 0

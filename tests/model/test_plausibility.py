@@ -1,75 +1,235 @@
-"""Implausible values cause a warning by name before solving; values of real robots do not."""
+"""Implausible values cause one warning by name before solving; values of real robots do not."""
 
 from __future__ import annotations
 
+import math
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
+import exudyn as exu
+import numpy as np
 import pytest
+from random_robots import random_robot, random_steps
 from robots import BACKBONE, LENGTH, paper, solve, three
 
 import tdcr_fe
 from tdcr_fe.io.toml import read_robot, read_scenario
+from tdcr_fe.model.backbone import Backbone, Superelastic
+from tdcr_fe.model.friction import StribeckFriction
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.plausibility import plausibility_warnings, strain_warnings
+from tdcr_fe.model.messages import PlausibilityWarning, TDCRWarning, warnings_to
+from tdcr_fe.model.plausibility import limits, material, plausibility_warnings, strain_warnings
 from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.routing import HelicalRouting, ParallelRouting
+from tdcr_fe.model.targets import TensionLimits
+from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.validation.crosscheck import cases as crosscheck
 from tdcr_fe.validation.paper import cases as paper_cases
 
 DATA = Path(tdcr_fe.__file__).parent / "data" / "demo"
-PULL = [LoadStep(tensions={"t1": 1.0})]
-WITHOUT_MASS = paper(backbone=replace(BACKBONE, density=0.0)).with_disks(mass=0.0)
+GRAVITY = Model(gravity=(0.0, 0.0, -9.81))
+PULL = [LoadStep(tensions={"t1": 3.0})]
 
 
-def scaled(factor):
-    """The paper's robot with every length of disks and routing multiplied, and the backbone's length."""
-    disks = Disks.equally_spaced(13, factor * LENGTH, radius=factor * 5e-3)
-    return Robot(replace(BACKBONE, length=factor * LENGTH, radius=factor * 0.4e-3), disks)
+def wire(angles=(0.0, 120.0, 240.0), routing=lambda angle: ParallelRouting(6.5e-3, angle), **tendon):
+    """1 mm of steel wire, 200 mm long, with ten disks and three tendons."""
+    given = {"friction_coefficient": 0.15, "axial_stiffness": 6e3} | tendon
+    tendons = tuple(Tendon(f"t{k}", routing(a), **given) for k, a in enumerate(angles, start=1))
+    disks = Disks.equally_spaced(10, 0.2, thickness=3e-3, radius=8e-3, mass=1.2e-3)
+    return Robot(Backbone(0.2, 0.5e-3, 200e9, 0.3, 7800.0), disks, tendons)
+
+
+WIRE = wire()
+
+
+def at_tip(**load):
+    return [*PULL, LoadStep(loads={"tip": Load(0.2, **load)})]
+
+
+def drawn(**displacements):
+    return [LoadStep(displacements={n: share * x for n, x in displacements.items()}) for share in (0.5, 1.0)]
+
+
+def helical(turns):
+    return wire(routing=lambda angle: HelicalRouting(6.5e-3, turns, angle))
+
+
+def soft(modulus):
+    return WIRE.with_backbone(youngs_modulus=modulus), GRAVITY, at_tip(force=(0.3, 0.0, 0.0))
+
+
+#: Robot, model, load steps; how the only warning begins, and how it ends, where it names a unit.
+ROWS = {
+    # Nothing was said of these.
+    "turns in degrees": (helical(360.0), Model(), PULL, "tendons[0].turns = 360: 36 turns", "in degrees?"),
+    "a turn a bay": (helical(10.0), Model(), PULL, "tendons[0].turns = 10: 1 turns between", ""),
+    "more than half a turn a bay": (helical(9.0), Model(), PULL, "tendons[0].turns = 9:", ""),
+    "angles in rad": (wire((0.0, 2.0944, 4.18879)), Model(), PULL, "tendons.angle_deg = 4.18879 deg", "in rad?"),
+    "one angle in rad": (wire((0.0, math.radians(120.0))), Model(), PULL, "tendons.angle_deg", "in rad?"),
+    "the same hole twice": (wire((0.0, 0.0)), Model(), PULL, "tendons[1]: tendons[0] and this", ""),
+    "the same hole by a full turn": (wire((0.0, 120.0, 480.0)), Model(), PULL, "tendons[2]: tendons[1]", ""),
+    "displacement of the other sign": (
+        WIRE, Model(), drawn(t1=-4e-3), "steps[1].displacements.t1 = -0.004 m: it is let out and slack", ""),
+    "one of two displacements": (WIRE, Model(), drawn(t1=-4e-3, t2=2e-3), "steps[1].displacements.t1", ""),
+    "friction in per cent": (
+        wire(friction_coefficient=15.0), Model(), PULL, "tendons[0].friction_coefficient = 15:", "in per cent?"),
+    "friction above 1": (wire(friction_coefficient=1.5), Model(), PULL, "tendons[0].friction_coefficient", ""),
+    "static friction": (
+        wire(friction_coefficient=0.0, friction=StribeckFriction(40.0, 0.2, 1e-3)), Model(), PULL,
+        "tendons[0].friction.static = 40:", "in per cent?"),
+    "EI in N mm^2": (
+        WIRE.with_backbone(bending_stiffness=9817.0), Model(), PULL,
+        "backbone.bending_stiffness = 9817 N m^2: radius, modulus and Poisson's ratio give EI = 0.00982",
+        "in N mm^2?"),
+    "plateau in per cent": (
+        WIRE.with_backbone(superelastic=Superelastic(1.0, 0.1)), Model(), PULL,
+        "backbone.superelastic.threshold_strain = 1:", "in per cent?"),
+    "mass of disks in g": (WIRE.with_disks(mass=1.2), GRAVITY, PULL, "disks.mass = 1.2 kg: a weight of 118 N", "in g?"),
+    "mass of the tip in g": (replace(WIRE, tip_mass=5.0), GRAVITY, PULL, "tip_mass = 5 kg: a weight of 49", "in g?"),
+    "load in gf": (WIRE, Model(), at_tip(force=(20.0, 0.0, 0.0)), "steps[1].loads.tip.force = 20 N", "gf?"),
+    "gravity as a direction": (
+        WIRE, Model(gravity=(0.0, 0.0, -1.0)), PULL, "model.gravity = 1 m/s^2: a direction", "in multiples of"),
+    # These failed after up to 37 s, and another quantity or the size of the load steps was named.
+    "E in MPa": (*soft(200e3), "backbone.youngs_modulus = 200000 Pa: as soft as rubber", "in MPa?"),
+    "E in kPa": (*soft(200e6), "backbone.youngs_modulus = 2e+08 Pa: as soft as plastic", "in kPa?"),
+    "E in GPa": (*soft(200.0), "backbone.youngs_modulus = 200 Pa: outside", "in GPa?"),
+    "tension in gf": (WIRE, Model(), [LoadStep(tensions={"t1": 500.0})], "steps[0].tensions.t1 = 500 N", "gf?"),
+    "tensions in gf": (
+        WIRE, Model(), [LoadStep(tensions={"t1": 102.0, "t2": 102.0})], "steps[0].tensions.t1 = 102 N", "tensions.t2)"),
+    "tension in mN": (WIRE, Model(), [LoadStep(tensions={"t1": 5e3})], "steps[0].tensions.t1 = 5000 N", "gf?"),
+    "moment in N mm": (
+        WIRE, Model(), at_tip(moment=(0.0, 2.0, 0.0)), "steps[1].loads.tip.moment = 2 N m", "in N mm?"),
+    "radius of curvature": (
+        WIRE.with_backbone(precurvature=(0.0, 500.0)), Model(), PULL, "backbone.precurvature = 500 1/m", "a radius"),
+    "EI as EA": (
+        WIRE.with_backbone(axial_stiffness=0.0098), Model(), PULL, "backbone.axial_stiffness = 0.0098 N",
+        "is it the bending_stiffness?"),
+    # Others.
+    "radius in mm": (WIRE.with_backbone(radius=0.5), Model(), PULL, "backbone.radius = 0.5 m: not thinner", "in mm?"),
+    "thin as nothing": (WIRE.with_backbone(radius=1e-7), Model(), PULL, "backbone.radius = 1e-07 m", ""),
+    "all lengths in mm": (
+        Robot(replace(BACKBONE, length=200.0, radius=0.4), Disks.equally_spaced(13, 200.0, radius=5.0)), Model(), [],
+        "backbone.length = 200 m", "in mm?"),
+    "radius of the disks": (paper().with_disks(radius=5.0), Model(), [], "disks.radius = 5 m", "in mm?"),
+    "E beyond diamond": (WIRE.with_backbone(youngs_modulus=1e13), Model(), [], "backbone.youngs_modulus", ""),
+    "density of water": (WIRE.with_backbone(density=7.8), Model(), [], "backbone.density = 7.8 kg/m^3", "in g/cm^3?"),
+    "no mass": (
+        WIRE.with_backbone(density=0.0).with_disks(mass=0.0), GRAVITY, PULL, "model.gravity = 9.81 m/s^2: nothing", ""),
+    "gravity of no planet": (
+        WIRE, Model(gravity=(0.0, 0.0, -981.0)), PULL, "model.gravity = 981 m/s^2: 100 times", ""),
+    "EA of a tendon in kN": (
+        wire(axial_stiffness=6.0), Model(), PULL, "tendons[0].axial_stiffness = 6 N: below 10 N", "in kN?"),
+    "strain of a tendon": (
+        wire(axial_stiffness=60.0), Model(), [LoadStep(tensions={"t1": 30.0})],
+        "steps[0].tensions.t1 = 30 N: strains the tendon by 50 %", ""),
+    "displacement in mm": (WIRE, Model(), drawn(t1=2.0), "steps[1].displacements.t1 = 2 m", "in mm?"),
+    "load in mN": (WIRE, Model(), at_tip(force=(200.0, 0.0, 0.0)), "steps[1].loads.tip.force = 200 N", "mN or gf?"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_a_value_that_no_robot_has_gives_one_warning_that_names_it_and_its_unit(row):
+    robot, model, steps, begin, end = ROWS[row]
+    (found,) = plausibility_warnings(robot, model, steps)
+    assert found.startswith(begin) and end in found, found
+
+
+def test_every_limit_has_a_source():
+    assert all(row.quantity and row.source and row.says for row in limits().values())
+    assert material(200e9) == "steel" and material(60e9) == "metal" and material(2e9) == "plastic"
 
 
 @pytest.mark.parametrize(
-    ("robot", "model", "steps", "words"),
+    ("steps", "words"),
     [
-        # The review's examples, all of which ended with exit status 0 and no word in 0.1.
-        (paper(backbone=replace(BACKBONE, radius=0.5)), Model(), PULL,
-         ["backbone.radius = 0.5 m", "not thinner than its disks", "meant in mm?"]),
-        (scaled(800.0), Model(), [], ["backbone.length = 200 m", "was it meant in mm?"]),
-        (paper(backbone=replace(BACKBONE, youngs_modulus=60.0)), Model(), [],
-         ["backbone.youngs_modulus = 60 Pa", "was it meant in GPa?"]),
-        (WITHOUT_MASS, Model(gravity=(0.0, 0.0, -9.81)), PULL,
-         ["model.gravity = [0.0, 0.0, -9.81]", "nothing has mass"]),
-        (paper(), Model(), [LoadStep(tensions={"t1": 500.0})], ["steps[0].tensions.t1 = 500 N", "strain"]),
-        (paper(), Model(), [*PULL, LoadStep(loads={"tip": Load(LENGTH, (1e4, 0.0, 0.0))})],
-         ["steps[1].loads.tip.force: 10000 N", "EI/L^2"]),
-        # Others.
-        (paper(backbone=replace(BACKBONE, density=6.5)), Model(), [],
-         ["backbone.density = 6.5 kg/m^3", "was it meant in g/cm^3?"]),
-        (paper(backbone=replace(BACKBONE, youngs_modulus=1e13)), Model(), [], ["above 1e+12 Pa"]),
-        (paper(backbone=replace(BACKBONE, radius=1e-7)), Model(), [], ["backbone.radius", "times as large"]),
-        (paper(), Model(gravity=(0.0, 0.0, -9810.0)), [], ["1000 times that of the earth"]),
-        (paper(axial_stiffness=100.0), Model(), [LoadStep(tensions={"t1": 30.0})],
-         ["steps[0].tensions.t1 = 30 N", "strains the tendon by 30 %"]),
-        (paper(axial_stiffness=100.0), Model(), [LoadStep(displacements={"t1": 5.0})],
-         ["steps[0].displacements.t1 = 5 m", "was it meant in mm?"]),
-        (paper(), Model(), [LoadStep(loads={"tip": Load(LENGTH, moment=(0.0, 1e3, 0.0))})],
-         ["steps[0].loads.tip.moment: 1000 N m"]),
+        (at_tip(force=(2e5, 0.0, 0.0)), "steps[1].loads.tip.force = 200000 N"),
+        ([LoadStep(tensions={"t1": 1e6})], "steps[0].tensions.t1 = 1e+06 N"),
+        (PULL, "model.gravity = 9810 m/s^2: 1e+03 times that of the earth; was it meant in mm/s^2?"),
     ],
-)  # fmt: skip
-def test_value_that_no_robot_has_is_warned_of_by_name(robot, model, steps, words):
-    found = plausibility_warnings(robot, model, steps)
-    assert any(all(w in sentence for w in words) for sentence in found), found
+)
+def test_a_load_far_beyond_the_limit_is_refused_before_solving(steps, words):
+    model = Model(gravity=(0.0, 0.0, -9810.0)) if steps is PULL else Model()
+    with pytest.raises(ValueError, match="Nothing was solved") as error:
+        tdcr_fe.simulate(WIRE, model, steps)
+    assert str(error.value).startswith(words)
 
 
-def test_disks_larger_than_the_robot_are_warned_of():
-    (found,) = plausibility_warnings(paper().with_disks(radius=5.0), Model(), [])
-    assert found.startswith("disks.radius = 5 m") and found.endswith("was it meant in mm?")
+def test_a_target_in_millimetres_is_refused():
+    """It was "out of reach" after a long search."""
+    with pytest.raises(ValueError, match=r"targets\[0\].position = 196.122 m: .* was it meant in mm\?"):
+        tdcr_fe.follow_path(WIRE, Model(), [[40.0, 0.0, 192.0]], TensionLimits(10.0))
 
 
-@pytest.mark.parametrize("robot", [paper(), paper(0.3), three(), paper(axial_stiffness=400.0)])
+def test_a_clearance_wider_than_the_disk_is_refused():
+    with pytest.raises(ValueError, match=r"tendons\[0\].clearance: 0.1; .*radius 0.008 m"):
+        wire(clearance=0.1)
+
+
+def test_warnings_reach_the_caller_in_python():
+    """They were in the result only, which a script need not print."""
+    robot = wire((0.0, 120.0), friction_coefficient=1.5)
+    with pytest.warns(PlausibilityWarning, match="friction_coefficient") as found:
+        result = tdcr_fe.simulate(robot, Model(elements_per_bay=1), [LoadStep(tensions={"t1": 0.1})])
+    assert [str(w.message) for w in found] == list(result.warnings) and len(found) == 1
+    assert found[0].filename == __file__
+    with pytest.warns(PlausibilityWarning, match="friction_coefficient") as found:
+        mbs = exu.SystemContainer().AddSystem()
+        tdcr_fe.CreateTDCR(mbs, robot, Model())
+    assert len(found) == 1 and found[0].filename == __file__
+    with pytest.warns(TDCRWarning, match="the mesh is too coarse") as found:
+        steps = [LoadStep(tensions={"t1": 3.0})]
+        result = tdcr_fe.simulate(
+            paper(), Model(elements_per_bay=1), steps, tdcr_fe.SolverSettings(mesh_tolerance=1e-9)
+        )
+    assert [str(w.message) for w in found] == list(result.warnings)
+
+
+def test_warnings_go_where_a_program_wants_them():
+    texts = []
+    with warnings_to(texts.append), warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mbs = exu.SystemContainer().AddSystem()
+        tdcr_fe.CreateTDCR(mbs, wire(friction_coefficient=1.5), Model())
+    assert len(texts) == 1 and texts[0].startswith("tendons[0].friction_coefficient = 1.5")
+
+
+# ------------------------------------------------------------------------------------------------- no false alarms
+
+
+@pytest.mark.parametrize("robot", [paper(), paper(0.3), three(), paper(axial_stiffness=400.0), WIRE])
 @pytest.mark.parametrize("tension", [1.0, 10.0])
 def test_robots_of_the_tests_give_no_warning(robot, tension):
-    steps = [LoadStep(tensions={"t1": tension}), LoadStep(loads={"tip": Load(LENGTH, (0.0, 1.0, 0.0))})]
-    assert plausibility_warnings(robot, Model(gravity=(0.0, 0.0, -9.81)), steps) == []
+    steps = [LoadStep(tensions={"t1": tension}), LoadStep(loads={"tip": Load(0.2, (0.0, 1.0, 0.0))})]
+    assert plausibility_warnings(robot, GRAVITY, steps) == []
+    assert plausibility_warnings(robot, GRAVITY, drawn(t1=4e-3)) == []
+
+
+def test_antagonists_that_are_let_out_give_no_warning():
+    """Of three tendons at 120 degrees, one takes up what the others are pulled in; of two, opposite ones the same."""
+    assert plausibility_warnings(WIRE, Model(), drawn(t1=-4e-3, t2=2e-3, t3=2e-3)) == []
+    assert plausibility_warnings(wire((0.0, 180.0)), Model(), drawn(t1=4e-3, t2=-4e-3)) == []
+
+
+def test_a_thin_robot_may_hang_down():
+    assert plausibility_warnings(WIRE.with_disks(mass=0.1), Model(gravity=(0.0, 0.0, 9.81)), PULL) == []
+    assert len(plausibility_warnings(WIRE.with_disks(mass=0.1), GRAVITY, PULL)) == 1
+
+
+def test_a_soft_robot_gives_no_warning():
+    body = Backbone(0.12, 0.01, 0.2e6, 0.5, 1070.0)
+    robot = Robot(
+        body, tendons=(Tendon("t1", ParallelRouting(6e-3)), Tendon("t2", ParallelRouting(6e-3, 180.0)))
+    )
+    steps = [LoadStep(tensions={"t1": 2.0})]
+    assert plausibility_warnings(robot, Model.default_for(robot), steps) == []
+
+
+def test_random_robots_give_no_warning():
+    for n in (1, 2, 3, 4):
+        for seed in range(10):
+            robot = random_robot(n, seed)
+            assert plausibility_warnings(robot, Model(), random_steps(robot, seed)) == []
 
 
 def test_demo_and_cases_of_the_paper_give_no_warning():
@@ -92,15 +252,30 @@ def test_cases_of_the_cross_validation_give_no_warning():
         assert plausibility_warnings(case.robot, case.model, case.steps) == [], case.id
 
 
+# ------------------------------------------------------------------------------------------- strains of a solution
+
+
+def test_a_force_strains_an_elastica_by_no_more_than_the_limit_says():
+    """At the base of a cantilever EI kappa^2 / 2 = F sin(theta) of the tip (elastica): kappa <= sqrt(2 F / EI)."""
+    robot = Robot(BACKBONE, Disks.equally_spaced(13, LENGTH, radius=5e-3))
+    force = 60.0 * BACKBONE.EI / LENGTH**2
+    result = solve(robot, [LoadStep(loads={"tip": Load(LENGTH, (force, 0.0, 0.0))})], friction="none")
+    tangents = result.steps[-1].rotations[:, :, 2]
+    slopes = np.arccos(np.clip(np.einsum("ij,ij->i", tangents[1:], tangents[:-1]), -1.0, 1.0))
+    largest = math.sqrt(2.0 * force / BACKBONE.EI)
+    assert 0.75 * largest < slopes[0] / result.steps[-1].s[1] < largest
+
+
 def test_strain_of_a_solved_arc_is_curvature_times_radius():
     """A moment M at the tip bends the rod to kappa = M / EI; the strain of the surface is kappa r (closed form)."""
+    most = limits()[f"strain_{material(BACKBONE.youngs_modulus)}"].high
     thick = replace(BACKBONE, radius=4e-3)
     robot = Robot(thick, Disks.equally_spaced(13, LENGTH, radius=5e-3))
-    for strain, count in ((0.19, 0), (0.21, 1)):
+    for strain, count in ((0.95 * most, 0), (1.05 * most, 1)):
         moment = strain / thick.radius * thick.EI
-        result = solve(
-            robot, [LoadStep(loads={"m": Load(LENGTH, moment=(0.0, moment, 0.0))})], friction="none"
-        )
+        with warnings_to():
+            steps = [LoadStep(loads={"m": Load(LENGTH, moment=(0.0, moment, 0.0))})]
+            result = solve(robot, steps, friction="none")
         found = strain_warnings(robot, result.steps)
         assert len(found) == count
     assert f"by {100 * strain:.3g} %" in found[0] and found[0].startswith("step 1: bending strains")
@@ -113,12 +288,3 @@ def test_the_turn_of_a_base_that_gives_way_is_no_strain_of_the_backbone():
     result = solve(robot, [LoadStep(loads={"m": Load(LENGTH, moment=(0.0, moment, 0.0))})], friction="none")
     assert result.converged
     assert strain_warnings(robot, result.steps) == []
-
-
-def test_a_modulus_that_is_too_small_for_the_tensions_is_named():
-    """60 GPa given as 60e3: above that of silicone, so that only the tensions show it."""
-    robot = three()
-    soft = replace(robot, backbone=replace(robot.backbone, youngs_modulus=6e4))
-    (found,) = [w for w in plausibility_warnings(soft, Model(), [LoadStep(tensions={"t1": 2.0})])]
-    assert found.startswith("steps[0].tensions.t1 = 2 N: by itself it strains the backbone by ")
-    assert found.endswith(" % (backbone.youngs_modulus = 60000 Pa)")

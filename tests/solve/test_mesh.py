@@ -37,7 +37,7 @@ def true_errors(coarse: SequenceResult, fine: SequenceResult) -> np.ndarray:
         (paper(0.3), Model(), (0.0, 0.05, 0.0)),
         (paper(), Model("continuous", "none"), (0.0, 0.05, 0.0)),
         (
-            paper(backbone=replace(BACKBONE, density=5e4)),
+            paper(backbone=replace(BACKBONE, density=2e4)),
             Model(friction="none", gravity=(9.81, 0, 0)),
             (0, 0, 0),
         ),

@@ -20,7 +20,8 @@ from scipy.stats import qmc
 
 from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
-from tdcr_fe.model.plausibility import strain_warnings
+from tdcr_fe.model.messages import PlausibilityWarning, issue, warnings_to
+from tdcr_fe.model.plausibility import plausibility_warnings, strain_warnings
 from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.targets import (
@@ -122,9 +123,13 @@ def follow_path(
         )
     task = _Task(robot, model, tip_targets(targets), lower, upper, drive_by, effort, tuple(before))
     begun = time.perf_counter()
-    with one_thread():
+    positions = [target.position for target in task.targets]
+    implausible = plausibility_warnings(robot, model, task.before, positions)
+    issue(implausible, PlausibilityWarning)
+    with one_thread(), warnings_to():
         run, stop = _refined_runs(task, settings or SolverSettings(), progress)
-    result = run.result(time.perf_counter() - begun)
+    result = run.result(time.perf_counter() - begun, implausible)
+    issue(result.simulation.warnings[len(implausible) :])
     if stop is not None:
         raise Interrupted(result) from stop
     return result
@@ -367,7 +372,7 @@ class _FollowRun:
             result,
         )
 
-    def result(self, wall_time: float) -> FollowResult:
+    def result(self, wall_time: float, implausible: Sequence[str]) -> FollowResult:
         """The loading sequence, and what it reaches."""
         task, estimates = self.task, self.monitor.estimates
         handle = self.trials.simulation.handle
@@ -378,6 +383,7 @@ class _FollowRun:
                 buckling_load_fraction=float(estimate.bay_loads.max()),
             )
         warnings = [
+            *implausible,
             *self.warnings,
             *mesh_warnings(handle, task.model, estimates, self.settings.mesh_tolerance),
             *strain_warnings(task.robot, self.solved),
