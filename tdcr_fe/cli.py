@@ -185,7 +185,7 @@ def _parser() -> argparse.ArgumentParser:
         own = commands.add_parser(
             name,
             help=command.help,
-            description=command.description,
+            description=f"{command.help[0].upper()}{command.help[1:]}. {command.description}",
             epilog=f"Examples:\n{examples}"
             + (f"\n\nExit status: {command.status}" if command.status else ""),
             formatter_class=_Formatter,

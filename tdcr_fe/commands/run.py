@@ -28,7 +28,7 @@ from tdcr_fe.commands.common import (
 from tdcr_fe.commands.tables import response_tables, sensitivity_table, step_tables
 from tdcr_fe.io.atomic import check_output_folder, write_folder
 from tdcr_fe.io.problems import read_all
-from tdcr_fe.io.result_files import write_results
+from tdcr_fe.io.result_files import summary, write_results
 from tdcr_fe.io.toml import Scenario, read_scenario
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
@@ -171,15 +171,10 @@ def _print(result: SequenceResult, out: Path, written: list[Path]) -> None:
 
 def figures(result: SequenceResult, scenario: Scenario) -> dict[str, Any]:
     """Main results for ``--json``; tensions and displacements are those after the last step that was solved."""
-    found: dict[str, Any] = {
-        "robot": result.robot.name,
-        "steps_asked": len(scenario.steps),
-        "steps_solved": sum(s.converged for s in result.steps),
-        "failed_step": result.failed_step,
-        "converged": result.converged,
-        "elements": sum(result.elements_per_bay),
-        "wall_time": result.wall_time,
-    }
+    full = summary(result, steps_asked=len(scenario.steps))
+    found: dict[str, Any] = {"robot": result.robot.name, "elements": sum(result.elements_per_bay)}
+    for name in ("steps_asked", "steps_solved", "failed_step", "converged", "wall_time"):
+        found[name] = full[name]
     if not result.steps:
         return found
     last, names = result.steps[-1], result.robot.tendon_names

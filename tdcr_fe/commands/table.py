@@ -23,9 +23,9 @@ class Command:
     handler : str
         Function from the arguments to the exit status, as ``module:function`` of a module that is imported for it.
     help : str
-        In the list of commands.
+        In the list of commands, and at the top of its own help.
     description : str
-        At the top of its own help.
+        What follows there.
     arguments : tuple of Argument
     examples : tuple of str
         What follows the program's name.
@@ -106,7 +106,7 @@ COMMANDS = {
     "run": Command(
         "tdcr_fe.commands.run:run",
         "solve a scenario; write tables and pictures",
-        "Solve the loading sequence of a scenario.toml; write tables, a summary and pictures.",
+        "",
         (
             argument("scenario", "path of a scenario.toml"),
             *(OUT, SENSITIVITIES, COMPLIANCE, MINUTES, NO_PICTURES, EFFECTS, JSON, QUIET),
@@ -119,8 +119,7 @@ COMMANDS = {
     "follow": Command(
         "tdcr_fe.commands.follow:follow",
         "find the tensions that take the tip along a path",
-        "Find the loading sequence that takes the tip of a robot through the targets of a path.csv, with "
-        "bounds on the tensions; a target that is out of reach is approached as far as possible.",
+        "Tensions stay within bounds; a target that is out of reach is approached as far as possible.",
         (
             argument("robot", "path of a robot.toml"),
             argument("path", "path of a path.csv with the columns step,x,y,z[,dx,dy,dz], in m"),
@@ -158,9 +157,8 @@ COMMANDS = {
     "sweep": Command(
         "tdcr_fe.commands.sweep:run_sweep",
         "solve many cases: grids, samples of uncertain values, the workspace of a robot",
-        "Solve a scenario with other values of its keys: a grid, a list, or a sample of uncertain values; write one "
-        "table with a row per case, statistics and a report. Finished cases are kept in OUT/cases.jsonl: the same "
-        "command continues a sweep that was interrupted.",
+        "Writes one table with a row per case, statistics and a report. Finished cases are kept in OUT/cases.jsonl: "
+        "the same command continues a sweep that was interrupted.",
         (
             argument("sweep", "path of a sweep.toml"),
             argument("-o --out OUT", "directory for the results"),
@@ -186,8 +184,7 @@ COMMANDS = {
     "view": Command(
         "tdcr_fe.commands.view:view",
         "draw results in 3D, as one HTML file",
-        "Write one HTML file with the robot in 3D, a slider over the load steps, and plots that follow it. "
-        "It opens in a browser without a server and without a network.",
+        "A slider over the load steps and plots that follow it; no server and no network are needed.",
         (
             argument("result", "folder that tdcr-fe run, follow or identify wrote"),
             argument("-o --out FILE.html", "the page [RESULT/view.html]"),
@@ -206,8 +203,7 @@ COMMANDS = {
     "demo": Command(
         "tdcr_fe.commands.run:demo",
         "solve the paper's single-segment robot, input included",
-        "Pull the paper's single-segment robot to 2.5 N in five steps, load its tip, release it; "
-        "write the input, tables, a summary and pictures.",
+        "It is pulled to 2.5 N in five steps, loaded at its tip, and released.",
         (
             argument("-o --out OUT", "directory for the results [%(default)s]", default="tdcr-fe-demo"),
             *(SENSITIVITIES, COMPLIANCE, MINUTES, NO_PICTURES, QUIET),
@@ -217,9 +213,9 @@ COMMANDS = {
     "new": Command(
         "tdcr_fe.commands.new:new",
         "write commented input files to start from",
-        "Write input files with every key, its unit and its default as comments. robot: robot.toml and "
-        "scenario.toml for `tdcr-fe run`; experiment: a folder of measured data for `tdcr-fe identify`, filled with "
-        "numbers of a simulation; sweep: the files of robot and a sweep.toml for `tdcr-fe sweep`.",
+        "Every key is there with its unit and default. robot: robot.toml and scenario.toml for `tdcr-fe run`; "
+        "experiment: a folder of measured data for `tdcr-fe identify`, filled with numbers of a simulation; sweep: the "
+        "files of robot and a sweep.toml for `tdcr-fe sweep`.",
         (
             argument("kind", "what to begin", choices=("robot", "experiment", "sweep")),
             argument("-o --out OUT", "directory for the files, none of which is overwritten [tdcr-fe-KIND]"),
@@ -231,8 +227,7 @@ COMMANDS = {
     "identify": Command(
         "tdcr_fe.commands.identify:run",
         "find from measured data which effects a model is missing",
-        "Compare a declared robot with measured data, find which effects its model is missing, add them, and report "
-        "the error before and after.",
+        "Effects that are found are added to the model; the report shows the error before and after.",
         (
             argument(
                 "folder",
@@ -270,9 +265,7 @@ COMMANDS = {
     "validate": Command(
         "tdcr_fe.commands.validate:validate",
         "finite elements against the independent shooting reference; write the report",
-        "Solve the same cases with finite elements and with the independent Cosserat shooting reference, and write "
-        "OUT/report.html and OUT/report.json. Finished cases are kept in OUT/cases.jsonl, so a run that was "
-        "interrupted continues where it stopped.",
+        "Finished cases are kept in OUT/cases.jsonl: the same command continues a run that was interrupted.",
         (
             argument("-o --out OUT", "directory for the report", required=True),
             argument("--full", "every case; without it a quick set"),
@@ -284,15 +277,14 @@ COMMANDS = {
     "schema": Command(
         "tdcr_fe.commands.editors:schema",
         "print the JSON schema of an input file, for editors",
-        "Print the JSON schema of one of the .toml files, with which editors check and complete it.",
+        "",
         (argument("file", "the file", choices=("robot", "scenario", "model", "sweep")),),
         ("schema robot", "schema sweep > sweep.schema.json"),
     ),
     "completion": Command(
         "tdcr_fe.commands.editors:completion",
         "print a script for the shell that completes commands and options",
-        "Print a script that completes commands, options, their values and file names. Put "
-        'eval "$(tdcr-fe completion bash)" into ~/.bashrc, or the same with zsh into ~/.zshrc.',
+        'Put eval "$(tdcr-fe completion bash)" into ~/.bashrc, or the same with zsh into ~/.zshrc.',
         (argument("shell", "the shell", choices=("bash", "zsh")),),
         ("completion bash", "completion zsh"),
     ),

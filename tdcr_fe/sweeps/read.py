@@ -30,6 +30,7 @@ from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.messages import join, meant, quoted, shown
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import Keys, Mistake, Quantity, keys_of
+from tdcr_fe.model.targets import TensionLimits
 from tdcr_fe.model.units import number_or_none, with_units
 from tdcr_fe.sweeps.cases import ABOUT_CASE, columns_of_steps, tables_with
 from tdcr_fe.sweeps.description import (
@@ -217,11 +218,7 @@ def _base_tables(data: Mapping[str, Any], robot: dict[str, Any] | None, path: Pa
         There are none, or the file cannot be read.
     """
     if "scenario" in data:
-        where = path.parent / data["scenario"]
-        if not where.is_file():
-            text = f"there is no file {where}"
-            raise InputError([Problem(str(path), "scenario", shown(data["scenario"]), text)])
-        return read_scenario_tables(where)
+        return read_scenario_tables(path.parent / data["scenario"])
     if "robot" not in data:
         text = "missing; must be the path of a scenario.toml, or robot that of a robot.toml"
         raise InputError([Problem(str(path), "scenario", "", text)])
@@ -240,34 +237,22 @@ def _workspace(table: Workspace, scenario: Scenario, sampling: Sampling, report:
         report("workspace.count", str(table.count), 'only for method = "grid"')
     if not table.count and not sampling.is_sample:
         report("workspace.count", "", 'missing; method = "grid" needs values per tendon')
-    low, high = (
-        _by_tendon(f"workspace.{which}", getattr(table, which), names, report)
-        for which in ("smallest", "largest")
-    )
+    try:
+        low, high = TensionLimits(table.largest, table.smallest).bounds(names)
+    except ValueError as error:
+        text = str(error).removeprefix("TensionLimits").strip(".: ").replace("pretension", "smallest")
+        report("workspace", "", text)
+        return []
+    if not (low < high).all():
+        report("workspace.largest", shown(table.largest), "must be above smallest")
     found: list[Variation] = []
-    for name in () if report.problems else names:
-        if not low[name] < high[name]:
-            text = f"must be above smallest, {low[name]:g} N, for tendon {quoted(name)}"
-            report("workspace.largest", f"{high[name]:g}", text)
-            continue
-        bounds = low[name], high[name]
-        values: Any = {"range": Range(*bounds, table.count)} if table.count else {"uniform": Uniform(*bounds)}
-        found.append(Variation(join("steps[-1].tensions", name), name=f"pull_{name}", **values))
+    for name, least, most in zip(names, low.tolist(), high.tolist(), strict=True):
+        if not report.problems:
+            values: Any = {"uniform": Uniform(least, most)}
+            if table.count:
+                values = {"range": Range(least, most, table.count)}
+            found.append(Variation(join("steps[-1].tensions", name), name=f"pull_{name}", **values))
     return found
-
-
-def _by_tendon(
-    key: str, value: float | dict[str, float], names: Sequence[str], report: Reporter
-) -> dict[str, float]:
-    """Tension of every tendon; wrong names are reported."""
-    if not isinstance(value, dict):
-        return dict.fromkeys(names, value)
-    for name in value.keys() - set(names):
-        text = f"unknown tendon{meant(name, names)}; there are {', '.join(names)}"
-        report(join(key, name), shown(value[name]), text)
-    for name in [n for n in names if n not in value]:
-        report(key, shown(value), f"tendon {quoted(name)} is missing")
-    return value
 
 
 def _check_output(output: Output, scenario: Scenario, report: Reporter) -> None:

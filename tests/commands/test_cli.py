@@ -218,7 +218,7 @@ def test_further_command_is_one_function(monkeypatch):
     module = types.ModuleType("further_command")
     module.further = further
     arguments = (argument("number", "exit status", type=int),)
-    command = Command("further_command:further", "", "", arguments, ("further 1", "further 2"))
+    command = Command("further_command:further", "further", "", arguments, ("further 1", "further 2"))
     monkeypatch.setitem(sys.modules, "further_command", module)
     monkeypatch.setitem(cli.COMMANDS, "further", command)
     assert cli.main(["further", "7"]) == 7

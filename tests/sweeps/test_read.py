@@ -25,110 +25,64 @@ def problems_of(folder, text, **files):
 HEAD = 'scenario = "scenario.toml"\n'
 
 
+MANY = "range = { start = 0.0, stop = 1.0, count = 2000 }"
+ONE = "values = [1.0]"
+UNIFORM = "uniform = { lower = 0.1, upper = 0.5 }"
+SOBOL = '[sampling]\nmethod = "sobol"\n'
+LIST = '[sampling]\nmethod = "list"\n'
+
+
+def vary(key, rest, before=""):
+    return f'{HEAD}{before}[[vary]]\nkey = "{key}"\n{rest}\n'
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ('[[vary]]\nkey = "tip_mass"\nvalues = [0.0]', "sweep.toml: scenario: missing"),
-        ('scenario = "other.toml"', 'sweep.toml: scenario = "other.toml": there is no file'),
+        ("", "sweep.toml: scenario: missing"),
+        ('scenario = "other.toml"', "other.toml: no such file"),
         ("scenario = 3", "sweep.toml: scenario = 3: must be the path of a scenario.toml"),
         (HEAD + "[model]\n", "sweep.toml: model = {}: unknown key"),
         (HEAD, "sweep.toml: vary: nothing is varied"),
         (HEAD + "[[vary]]\nvalues = [1.0]", "sweep.toml: vary[0].key: missing"),
-        (
-            HEAD + '[[vary]]\nkey = "backbon.radius"\nvalues = [1.0]',
-            'sweep.toml: vary[0].key = "backbon.radius": unknown key; did you mean backbone',
-        ),
-        (
-            HEAD + '[[vary]]\nkey = "backbone.raduis"\nvalues = [1e-3]',
-            'sweep.toml: vary[0].key = "backbone.raduis": unknown key; did you mean radius',
-        ),
-        (
-            HEAD + '[[vary]]\nkey = "effects.gravity.g_q"\nvalues = [1.0]',
-            'sweep.toml: vary[0].key = "effects.gravity.g_q": unknown parameter; did you mean g_z',
-        ),
-        (
-            HEAD + '[[vary]]\nkey = "effects.gravty.g_z"\nvalues = [1.0]',
-            'sweep.toml: vary[0].key = "effects.gravty.g_z": unknown effect; did you mean gravity',
-        ),
-        (
-            HEAD + '[[vary]]\nkey = "steps[0].tensions.t3"\nvalues = [1.0]',
-            'sweep.toml: vary[0].key = "steps[0].tensions.t3": unknown tendon',
-        ),
-        (
-            HEAD + '[[vary]]\nkey = "backbone.radius"\nvalues = [1e-3, -1e-3]',
-            "sweep.toml: vary[0].values = -0.001: backbone.radius: must be a positive number [m]",
-        ),
-        (
-            HEAD + '[[vary]]\nkey = "model.friction"\nvalues = ["none", "coulomb"]',
-            'sweep.toml: vary[0].values = "coulomb": model.friction: must be "none"',
-        ),
-        (HEAD + '[[vary]]\nkey = "tip_mass"', "must have exactly one of values, range"),
-        (
-            HEAD + '[[vary]]\nkey = "tip_mass"\nvalues = [0]\nuniform = { lower = 0.0, upper = 1.0 }',
-            "normal, lognormal, triangular; it has values and uniform",
-        ),
-        (
-            HEAD + '[[vary]]\nkey = "tip_mass"\nuniform = { lower = 1.0, upper = 0.5 }',
-            "lower must be below upper",
-        ),
-        (
-            HEAD + '[[vary]]\nkey = "tip_mass"\nuniform = { lower = 0.1, upper = 0.5 }',
-            'sweep.toml: vary[0] = "tip_mass": a distribution needs sampling.method = "latin-hypercube"',
-        ),
-        (
-            HEAD + '[sampling]\nmethod = "sobol"\nsamples = 100\n'
-            '[[vary]]\nkey = "tip_mass"\nuniform = { lower = 0.1, upper = 0.5 }',
-            'sweep.toml: sampling.samples = 100: must be a power of two for method = "sobol"',
-        ),
-        (HEAD + '[sampling]\nmethod = "sobol"', "sweep.toml: sampling.samples: missing"),
-        (HEAD + '[sampling]\nmethod = "grod"', 'sweep.toml: sampling.method = "grod": must be "grid"'),
+        (vary("backbon.radius", ONE), 'vary[0].key = "backbon.radius": unknown key; did you mean backbone'),
+        (vary("backbone.raduis", ONE), 'vary[0].key = "backbone.raduis": unknown key; did you mean radius'),
+        (vary("effects.gravity.g_q", ONE), 'key = "effects.gravity.g_q": unknown parameter; did you mean g_z'),
+        (vary("effects.gravty.g_z", ONE), 'key = "effects.gravty.g_z": unknown effect; did you mean gravity'),
+        (vary("steps[0].tensions.t3", ONE), 'vary[0].key = "steps[0].tensions.t3": unknown tendon'),
+        (vary("backbone.radius", "values = [1e-3, -1e-3]"), "values = -0.001: backbone.radius: must be a positive"),
+        (vary("model.friction", 'values = ["none", "coulomb"]'), 'values = "coulomb": model.friction: must be "none"'),
+        (vary("tip_mass", ""), "must have exactly one of values, range"),
+        (vary("tip_mass", f"values = [0]\n{UNIFORM}"), "normal, lognormal, triangular; it has values and uniform"),
+        (vary("tip_mass", "uniform = { lower = 1.0, upper = 0.5 }"), "lower must be below upper"),
+        (vary("tip_mass", UNIFORM), 'vary[0] = "tip_mass": a distribution needs sampling.method = "latin-hypercube"'),
+        (vary("tip_mass", UNIFORM, f"{SOBOL}samples = 100\n"), "sampling.samples = 100: must be a power of two"),
+        (HEAD + SOBOL, "sweep.toml: sampling.samples: missing"),
+        (HEAD + SOBOL.replace("sobol", "grod"), 'sweep.toml: sampling.method = "grod": must be "grid"'),
         (HEAD + "[sampling]\nsamples = 4", 'sweep.toml: sampling.samples = 4: only for method = "latin'),
         (
-            HEAD + '[sampling]\nmethod = "latin-hypercube"\nsamples = 64\n'
-            '[[vary]]\nkey = "tendons.friction_coefficient"\nnormal = { mean = 0.05, std = 0.05 }',
+            vary("tendons.friction_coefficient", "normal = { mean = 0.05, std = 0.05 }", f"{SOBOL}samples = 64\n"),
             "bounds (lower, upper) leave such values out",
         ),
+        (vary("backbone.density", 'mode = "factor"\nvalues = [1.1]'), 'mode = "factor" needs a number there'),
+        (vary("model.friction", 'mode = "offset"\nvalues = ["none"]'), "only for values that are numbers"),
+        (vary("tip_mass", f"{ONE}\n[[vary]]\nkey = 'tip_mass'\n{ONE}"), 'vary = "tip_mass": is varied twice'),
+        (vary("tip_mass", "name = 'tip_x'\nvalues = [0.0]"), 'vary = "tip_x": is the name of another column'),
         (
-            HEAD + '[[vary]]\nkey = "backbone.density"\nmode = "factor"\nvalues = [0.9, 1.1]',
-            'backbone.density is not in the file; mode = "factor" needs a number there',
-        ),
-        (
-            HEAD + '[[vary]]\nkey = "model.friction"\nmode = "offset"\nvalues = ["none"]',
-            'sweep.toml: vary[0].mode = "offset": only for values that are numbers',
-        ),
-        (
-            HEAD + '[[vary]]\nkey = "tip_mass"\nvalues = [0.0, 0.1]\n[[vary]]\nkey = "tip_mass"\nvalues = [0.2]',
-            'sweep.toml: vary = "tip_mass": is varied twice',
-        ),
-        (
-            HEAD + '[[vary]]\nname = "tip_x"\nkey = "tip_mass"\nvalues = [0.0]',
-            'sweep.toml: vary = "tip_x": is the name of another column',
-        ),
-        (
-            HEAD + '[sampling]\nmethod = "list"\n[[vary]]\nkey = "tip_mass"\nvalues = [0.0, 0.1]\n'
-            '[[vary]]\nkey = "backbone.density"\nvalues = [0.2]',
+            vary("tip_mass", f"values = [0, 1]\n[[vary]]\nkey = 'backbone.density'\n{ONE}", LIST),
             'method = "list" needs as many values of each; there are 2 of tip_mass, 1 of backbone.density',
         ),
         (
-            HEAD + '[[vary]]\nkey = "tip_mass"\nrange = { start = 0.0, stop = 1.0, count = 2000 }\n'
-            '[[vary]]\nkey = "backbone.density"\nrange = { start = 0.0, stop = 1.0, count = 2000 }',
-            'sweep.toml: sampling.method = "grid": gives 4000000 cases; must be at most 1000000',
+            vary("tip_mass", f"{MANY}\n[[vary]]\nkey = 'backbone.density'\n{MANY}"),
+            'sampling.method = "grid": gives 4000000 cases; must be at most 1000000',
         ),
-        (
-            HEAD + '[output]\nquantities = ["tipx"]',
-            'sweep.toml: output.quantities[0] = "tipx": unknown; did you mean tip_x',
-        ),
+        (HEAD + '[output]\nquantities = ["tipx"]', 'output.quantities[0] = "tipx": unknown; did you mean tip_x'),
         (HEAD + "[output]\nsteps = [2]", 'sweep.toml: output.steps = [2]: must be "last", "all", or'),
         (HEAD + "[workspace]\nlargest = -1.0", "sweep.toml: workspace.largest = -1.0: must be a tension"),
+        (HEAD + "[workspace]\nlargest = 0.0\ncount = 2", "sweep.toml: workspace.largest = 0.0: must be above smallest"),
         (HEAD + "[workspace]\nlargest = 2.0", "sweep.toml: workspace.count: missing"),
-        (
-            HEAD + "[workspace]\nlargest = { t1 = 2.0, t9 = 1.0 }\ncount = 3",
-            'sweep.toml: workspace.largest.t9 = 1.0: unknown tendon',
-        ),
-        (
-            HEAD + '[[vary]]\nkey = "robot"\nvalues = ["robot.toml", "robt.toml"]',
-            'sweep.toml: robot = "robt.toml": there is no file robt.toml; did you mean robot.toml',
-        ),
+        (HEAD + "[workspace]\nlargest = { t1 = 2.0, t9 = 1.0 }\ncount = 3", "workspace: largest: unknown tendon t9"),
+        (vary("robot", 'values = ["robot.toml", "robt.toml"]'), "there is no file robt.toml; did you mean robot.toml"),
     ],
 )  # fmt: skip
 def test_a_mistake_is_named(tmp_path, text, expected):

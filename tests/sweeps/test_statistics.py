@@ -45,14 +45,6 @@ def test_sobol_indices_of_ishigamis_function():
         assert (np.ptp(interval, axis=1) < 0.12).all()
 
 
-def test_the_error_falls_with_the_number_of_samples():
-    errors = [
-        np.mean([np.abs(sobol_indices(ishigami_sample(n, s), 3).total - TOTAL).max() for s in range(4)])
-        for n in (64, 4096)
-    ]
-    assert errors[1] < errors[0] / 8.0  # 1 / sqrt(64) for random points; Sobol points are better
-
-
 def test_indices_are_those_of_scipy():
     rows = ishigami_sample(256).reshape(-1, 5)
     theirs = stats.sobol_indices(
@@ -111,23 +103,14 @@ def test_rounding_is_no_variation(values, answer):
     assert varies(np.array(values)) is answer
 
 
-@pytest.mark.parametrize(
-    ("values", "label"),
-    [
-        ([50e9, 60e9, 70e9], "60 G"),
-        ([2e-5, 4e-5, 6e-5], "40 µ"),
-        ([0.1, 0.2, 0.3], "0.2"),
-        ([1.0, 2.0, 3.0], "2"),
-    ],
-)
-def test_large_and_small_inputs_have_prefixes_and_others_stay(values: list[float], label: str) -> None:
+def test_large_and_small_inputs_have_prefixes_and_others_stay() -> None:
     """Young's modulus had "5.4, 6.0, 6.6" and a 1e10 on the label of the next plot."""
     figure = Figure()
     canvas = FigureCanvasAgg(figure)
-    ax = figure.add_subplot()
-    ax.plot(values, values)
-    ax.set_xticks(values)
-    _with_prefixes(ax.xaxis, np.array(values))
-    canvas.draw()
-    assert ax.get_xticklabels()[1].get_text() == label
-    assert ax.xaxis.get_offset_text().get_text() == ""
+    for values, label in (([50e9, 60e9], "50 G"), ([2e-5, 4e-5], "20 µ"), ([0.1, 0.2], "0.1")):
+        ax = figure.add_subplot()
+        ax.plot(values, values)
+        ax.set_xticks(values)
+        _with_prefixes(ax.xaxis, np.array(values))
+        canvas.draw()
+        assert ax.get_xticklabels()[0].get_text() == label and ax.xaxis.get_offset_text().get_text() == ""

@@ -6,7 +6,6 @@ import json
 import math
 import os
 from concurrent.futures import Executor, Future
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -334,20 +333,3 @@ def test_variance_of_the_deflection_of_a_cantilever(tmp_path, method, share):
     found = result.statistics()["tip_x"]
     assert found.mean == pytest.approx(mean, rel=0.005)
     assert found.std**2 == pytest.approx(variance, rel=share)
-
-
-@pytest.mark.integration
-def test_sobol_indices_of_the_deflection_of_a_cantilever(tmp_path):
-    """``V(E(u | E)) = c^2 m^2 V(1/E)``, ``V(E(u | F)) = c^2 s^2 E(1/E)^2``; the rest is their interaction."""
-    text = UNCERTAIN.replace("METHOD", "saltelli").replace("samples = 128", "samples = 64")
-    described = tdcr.read_sweep(write_files(tmp_path, text, LOADED, CANTILEVER))
-    described = replace(described, output=replace(described.output, quantities=("tip_x",)))
-    result = tdcr.sweep(described, executor=InProcess())
-    a, b, s = 0.7e9, 1.3e9, 0.2
-    first, second = math.log(b / a) / (b - a), 1.0 / (a * b)
-    variance = (1.0 + s**2) * second - first**2
-    exact = np.array([second - first**2, s**2 * first**2]) / variance
-    found = result.sobol_indices()["tip_x"]
-    assert found.samples == 64
-    assert np.allclose(found.first, exact, atol=0.06)
-    assert np.allclose(found.total, 1.0 - exact[::-1], atol=0.06)
