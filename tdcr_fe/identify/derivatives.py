@@ -213,7 +213,7 @@ class _Part:
         return tuple(effects), values
 
     def _moved(self, number: int, coordinate: float) -> Experiment:
-        """The experiment with the parameter of a column at a coordinate; shares with the present one what is the same.
+        """The experiment with the parameter of a column at a coordinate.
 
         Raises
         ------
@@ -228,8 +228,7 @@ class _Part:
             raise ValueError(f"{e.name}.{column.parameter} must be from {low:g} to {high:g}")
         effects = [x for x in self.effects if x.name != e.name]
         own = {**column.values, column.parameter: parameter.value(coordinate)}
-        moved = self.problem.with_effects([*effects, e], {**self.values, e.name: own})
-        return _sharing(moved, self.experiment)
+        return self.problem.with_effects([*effects, e], {**self.values, e.name: own})
 
     def _table(self, number: int, relative_step: float | None = None) -> Tabulated:
         """Neighbours of the experiment by a column's parameter."""
@@ -307,14 +306,3 @@ def _difference(values: Mapping[int, Array], present: Array, step: float) -> Arr
 def _same_robot(a: Experiment, b: Experiment) -> bool:
     """Whether two experiments differ in the observation at most."""
     return (a.robot, a.model, a.steps, a.ends) == (b.robot, b.model, b.steps, b.ends)
-
-
-def _sharing(experiment: Experiment, present: Experiment) -> Experiment:
-    """An experiment that shares with another one the objects that are equal, which spares setting them up again."""
-    robot, own = experiment.robot, present.robot
-    parts = ("backbone", "disks", "tendons")
-    same = {name: getattr(own, name) for name in parts if getattr(robot, name) == getattr(own, name)}
-    robot = own if robot == own else replace(robot, **same)
-    model = present.model if experiment.model == present.model else experiment.model
-    steps = present.steps if experiment.steps == present.steps else experiment.steps
-    return replace(experiment, robot=robot, model=model, steps=steps)

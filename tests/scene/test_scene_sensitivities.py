@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import exudyn as exu
 import numpy as np
 import pytest
 from robots import LENGTH, hinged_platform, scene, three
 
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Robot, SideSpring
 from tdcr_fe.scene import TDCR, CreateTDCR
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.solve.statics import SolveTDCR, track_sensitivities
@@ -20,17 +22,19 @@ NAMES = [
     "inputs.t1",
     "loads.tip.force_y",
     "backbone.length",
+    "springs[0].stiffness",
 ]
 
 
 def test_a_robot_alone_has_the_derivatives_of_simulate():
-    robot = three(0.3)
+    """Wherever its base is: springs to ground are at rest where the unloaded robot is."""
+    robot = replace(three(0.3), springs=(SideSpring(0.15, 1.5),))
     steps = [
         LoadStep("", {"t1": 1.0, "t2": 0.3}, loads={"tip": Load(LENGTH)}, substeps=2),
         LoadStep("", {"t1": 0.6}, loads={"tip": Load(LENGTH, (0.0, 0.02, 0.0))}, substeps=2),
     ]
     expected = simulate(robot, Model(elements_per_bay=1), steps, SETTINGS, sensitivities=NAMES).sensitivities
-    _container, mbs, arm = scene(robot, assemble=False)
+    _container, mbs, arm = scene(robot, assemble=False, basePosition=[0.1, 0.05, 0.2])
     tip = arm.add_load("tip", LENGTH)
     mbs.Assemble()
     tracked = track_sensitivities(arm, NAMES)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from robots import three
 
+from tdcr_fe.effects import Experiment
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.model.backbone import StiffnessPatch, Superelastic
 from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
@@ -63,7 +64,7 @@ def test_wrenches_on_the_nodes_are_those_of_exudyn(name: str) -> None:
     for action in actions:
         simulation.advance(action)
     system, state = simulation.system, simulation.state
-    stack = ModelStack([RobotModel.of(robot, model, sorted({key[1] for key in simulation.loads}))] * 2)
+    stack = ModelStack([RobotModel.of(Experiment(robot, model, tuple(STEPS)), 1e-6)] * 2)
     mesh = simulation.handle.mesh
     rng = np.random.default_rng(1)
     for change in (0.0, 0.02):

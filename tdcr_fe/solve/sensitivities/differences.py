@@ -137,28 +137,21 @@ class Neighbours:
     models: tuple[RobotModel, ...]  # Of the stencil's experiments
 
 
-def neighbours(
-    experiment: Experiment, present: RobotModel, chosen: Sequence[Parameter], presliding: float
-) -> tuple[Neighbours, ...]:
+def neighbours(present: RobotModel, chosen: Sequence[Parameter]) -> tuple[Neighbours, ...]:
     """Models at neighbouring values of all parameters of the description.
 
     Parameters
     ----------
-    experiment
-        The present one, with a number of elements for every bay.
     present
-        Its model.
+        Model at the present values.
     chosen
         Parameters; inputs of the current step have no neighbours.
-    presliding
-        Presliding distance [m].
 
     Raises
     ------
     ValueError
         A parameter changes the mesh or the tendons' holes, so that there is no derivative.
     """
-    counts = experiment.model.elements_per_bay
     found = []
     for number, parameter in enumerate(chosen):
         if not isinstance(parameter, ModelParameter):
@@ -167,25 +160,13 @@ def neighbours(
 
         def build(each: Experiment, models: dict[int, RobotModel] = models) -> None:
             """Build and keep the model of a neighbour."""
-            same_steps = each.steps is experiment.steps
-            model = RobotModel.of(
-                each.robot,
-                replace(each.model, elements_per_bay=counts),
-                load_positions(each),
-                presliding,
-                present if same_steps else None,
-            )
+            model = present.beside(each)
             _check_structure(present, model)
             models[id(each)] = model
 
-        at = stencil(experiment, parameter, build)
+        at = stencil(present.experiment, parameter, build)
         found.append(Neighbours(number, at, tuple(models[id(e)] for e in at.experiments)))
     return tuple(found)
-
-
-def load_positions(experiment: Experiment) -> list[float]:
-    """Arc lengths of all loads [m], ascending."""
-    return sorted({float(load.at) for step in experiment.steps for load in step.loads.values()})
 
 
 def _check_structure(present: RobotModel, other: RobotModel) -> None:
@@ -273,7 +254,7 @@ class InputDerivatives:
         for each in found:
             weights = (each.stencil.base_weight, *each.stencil.weights)
             others = each.stencil.experiments
-            if all(e.steps is experiment.steps for e in others):
+            if all(e.steps == experiment.steps for e in others):
                 continue
             parameter = chosen[each.number]
             ordered = frictional and isinstance(parameter, ModelParameter) and not parameter.approximate

@@ -113,8 +113,9 @@ class ExplicitDerivatives:
 
     def released_unloaded(self) -> Array:
         """Derivatives of the released lengths in the unloaded shape without tension, shape (m, n, P)."""
-        law = self._stack.tendons.law
-        return self._derivative(law.released_unloaded().reshape(-1, *self.present.forces.law.shape))
+        tendons = self._stack.tendons
+        values = tendons.law.released_unloaded().reshape(-1, *self.present.forces.law.shape)
+        return self._derivative(values[tendons.index])
 
     def at(
         self,

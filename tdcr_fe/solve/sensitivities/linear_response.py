@@ -377,7 +377,7 @@ def _pushed(own: TendonForces, point: RobotPoint, places: NDArray[np.bool_]) -> 
     moved = step * units.reshape(-1, *places.shape)
     rate = np.zeros_like(point.mobilisation) if own.field.slip_rate is None else own.field.slip_rate
     stack = TendonStack.with_offsets(own.model, np.concatenate((offsets + moved, offsets - moved)))
-    values = stack.at(point, np.tile(rate, (stack.size, 1, 1)), own.model.cable_nodes)
+    values = stack.at(point, np.tile(rate, (2 * len(units), 1, 1)), own.model.cable_nodes)
     by_place = [np.moveaxis(x[: len(units)] - x[len(units) :], 0, -1) / (2.0 * step) for x in values]
     wrenches = np.zeros((len(point.positions), 6, len(units)))
     wrenches[own.model.cable_nodes] = by_place[0]

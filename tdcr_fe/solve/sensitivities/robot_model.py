@@ -7,21 +7,21 @@ of `tdcr_fe.solve.equations.system.SceneSystem.residual`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.effects import Experiment
 from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.elements.friction import FrictionState, TendonLaw, TendonParameters
 from tdcr_fe.elements.section import SectionForces
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
-from tdcr_fe.model.loading import Model
-from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.forces import force_model, ground_springs, tendon_law
 from tdcr_fe.scene.mesh import build_mesh, softened
+from tdcr_fe.scene.parts import BasePose
 
 Array = NDArray[np.float64]
 
@@ -30,8 +30,9 @@ Array = NDArray[np.float64]
 class RobotModel:
     """A robot as arrays."""
 
-    robot: Robot
-    model: Model  # Descriptions it was made from
+    experiment: Experiment  # From which it was made, with a number of elements for every bay
+    presliding: float  # Presliding distance [m]
+    base: BasePose | None  # Of the base plate in the world; None is that of the world
     forces: ForceModel  # Mesh, tendons, laws and section forces
     rigid: NDArray[np.bool_]  # (E,): Which elements are rigid inserts
     weight: Array  # (N, 3): Weight on every node, world axes [N]
@@ -39,75 +40,97 @@ class RobotModel:
     @classmethod
     def of(
         cls,
-        robot: Robot,
-        model: Model,
-        load_positions: Sequence[float] = (),
-        presliding: float = 1e-6,
+        experiment: Experiment,
+        presliding: float,
+        base: BasePose | None = None,
         similar: RobotModel | None = None,
     ) -> RobotModel:
-        """Model from its description.
+        """Model from its description; arguments as the attributes.
 
         Parameters
         ----------
-        robot, model
-            With a number of elements for every bay.
-        load_positions
-            Arc lengths of further nodes [m].
-        presliding
-            Presliding distance [m].
+        experiment, presliding, base
+            See above.
         similar
-            Another model, of the same load positions. What follows from descriptions that both share (the same
-            objects) is taken from it.
+            Another model of the same presliding distance and base. What is equal in both is taken from it.
         """
-        same_backbone = (
-            similar is not None
-            and similar.robot.backbone is robot.backbone
-            and similar.robot.disks is robot.disks
-            and [x.at for x in similar.robot.springs] == [x.at for x in robot.springs]
-            and similar.robot.base_stiffness == robot.base_stiffness
-            and similar.model.elements_per_bay == model.elements_per_bay
-        )
-        if similar is not None and same_backbone:
+        robot, model = experiment.robot, experiment.model
+        if similar is not None and _mesh_source(similar.experiment) == _mesh_source(experiment):
             mesh, rigid = similar.forces.mesh, similar.rigid
         else:
-            mesh, rigid = build_mesh(robot, model, load_positions)
+            mesh, rigid = build_mesh(robot, model, load_positions(experiment))
         if (
             similar is not None
-            and same_backbone
-            and similar.robot.tendons is robot.tendons
-            and (similar.model.friction, similar.model.tendon_path) == (model.friction, model.tendon_path)
+            and mesh is similar.forces.mesh
+            and _hole_source(similar.experiment) == _hole_source(experiment)
         ):
-            forces = similar.forces
-        elif similar is not None and same_backbone and _same_holes(similar, robot, model):
-            before = similar.forces.law.parameters
-            law = tendon_law(robot, model.friction, before.lengths, before.mask, presliding)
-            forces = replace(similar.forces, law=law)
+            forces, before = similar.forces, similar.experiment
+            if (before.robot.tendons, before.model.friction) != (robot.tendons, model.friction):
+                unloaded = forces.law.parameters
+                law = tendon_law(robot, model.friction, unloaded.lengths, unloaded.mask, presliding)
+                forces = replace(forces, law=law)
+            if before.robot.springs != robot.springs:
+                forces = replace(forces, springs=ground_springs(robot, mesh, base))
         else:
-            forces = force_model(robot, model, mesh, rigid, presliding)
-        if similar is not None and similar.robot.springs != robot.springs:
-            forces = replace(forces, springs=ground_springs(robot, mesh))
+            forces = force_model(robot, model, mesh, rigid, presliding, base)
+            if similar is not None and _same(_tendon_arrays(forces), _tendon_arrays(similar.forces)):
+                forces = replace(forces, geometry=similar.forces.geometry, law=similar.forces.law)
         mass = np.zeros(len(mesh.arc_lengths))
         lumped = 0.5 * mesh.mass_per_length * mesh.lengths
         mass[:-1] += lumped
         mass[1:] += lumped
         mass[forces.hole_nodes[1:]] += robot.disks.mass
         mass[-1] += robot.tip_mass
-        return cls(robot, model, forces, rigid, mass[:, None] * np.array(model.gravity))
+        weight = mass[:, None] * np.array(model.gravity)
+        return cls(experiment, presliding, base, forces, rigid, weight)
+
+    def beside(self, experiment: Experiment) -> RobotModel:
+        """The model of a neighbouring description, with as many elements in every bay."""
+        counts = self.experiment.model.elements_per_bay
+        experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=counts))
+        return RobotModel.of(experiment, self.presliding, self.base, self)
 
     def gradient(self, twists: Array, base_tension: Array, time: float) -> Array:
         """Gradient of the energy of elements and section forces by the twists at a time [s], shape (E, 6)."""
-        forces, backbone = self.forces, self.robot.backbone
+        forces, backbone = self.forces, self.experiment.robot.backbone
         if backbone.creep_rate != 0.0:
             forces = softened(forces, forces.mesh, self.rigid, backbone.compliance_factor(time))
         found = forces.mesh.twist_stiffness * (twists - forces.mesh.reference_twists)
         return found if forces.section is None else found + forces.section.gradient(twists, base_tension)
 
 
-def _same_holes(similar: RobotModel, robot: Robot, model: Model) -> bool:
-    """Whether tendons run through the same holes as in a model of the same backbone."""
-    return similar.model.tendon_path == model.tendon_path and [
-        (t.routing, t.end, t.clearance) for t in similar.robot.tendons
-    ] == [(t.routing, t.end, t.clearance) for t in robot.tendons]
+def load_positions(experiment: Experiment) -> list[float]:
+    """Arc lengths of all loads [m], ascending."""
+    return sorted({float(load.at) for step in experiment.steps for load in step.loads.values()})
+
+
+def _mesh_source(e: Experiment) -> tuple[Any, ...]:
+    """What the mesh follows from."""
+    springs = [x.at for x in e.robot.springs]
+    counts = e.model.elements_per_bay
+    return e.robot.backbone, e.robot.disks, springs, e.robot.base_stiffness, counts, load_positions(e)
+
+
+def _hole_source(e: Experiment) -> tuple[Any, ...]:
+    """What the tendons' places and unloaded lengths on a mesh follow from."""
+    return e.model.tendon_path, [(t.routing, t.end, t.clearance) for t in e.robot.tendons]
+
+
+def _tendon_arrays(forces: ForceModel) -> tuple[Any, ...]:
+    """What the tensions of cables in a state follow from."""
+    g, law = forces.geometry, forces.law
+    return None if g is None else (g.nominal, g.clearance), law.parameters, law.law
+
+
+def _same(a: Any, b: Any) -> bool:
+    """Whether two values are equal, arrays in all their elements."""
+    if a is b:
+        return True
+    if is_dataclass(a):
+        return type(a) is type(b) and all(_same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
+    if isinstance(a, tuple) and isinstance(b, tuple):
+        return len(a) == len(b) and all(map(_same, a, b))
+    return bool(np.array_equal(a, b))
 
 
 class RobotPoint(NamedTuple):
@@ -132,20 +155,29 @@ class Values(NamedTuple):
 class TendonStack:
     """Tendons of several models of one robot, evaluated as if they were so many tendons."""
 
-    size: int  # Number of models S
-    law: TendonLaw  # Of all; where one of the models has friction, the mobilisations are those of its law
-    geometry: CableGeometry | None  # Of all; None where the tendons follow the backbone
-    sections: tuple[SectionForces | None, ...]  # By model
+    index: NDArray[np.int_]  # (S,): By model, which of the different ones it is
+    law: TendonLaw  # Of the different ones; where one has friction, the mobilisations are those of its law
+    geometry: CableGeometry | None  # Of the different ones; None where the tendons follow the backbone
+    sections: tuple[SectionForces | None, ...]  # Of the different ones
 
     @classmethod
     def of(cls, models: Sequence[ForceModel]) -> TendonStack:
         """The tendons of models with the same numbers of tendons and holes."""
-        geometries = [m.geometry for m in models if m.geometry is not None]
+        # Rates of slip may be those of one model alone.
+        keys: list[Any] = [
+            k
+            if m.geometry is None or any(x is not None for x in m.law.parameters.laws)
+            else (id(m.geometry), id(m.law))
+            for k, m in enumerate(models)
+        ]
+        places = {key: place for place, key in enumerate(dict.fromkeys(keys))}
+        different = [models[keys.index(key)] for key in places]
+        geometries = [m.geometry for m in different if m.geometry is not None]
         return cls(
-            len(models),
-            _joined_law([m.law for m in models]),
+            np.array([places[key] for key in keys]),
+            _joined_law([m.law for m in different]),
             _joined_geometry(geometries) if geometries else None,
-            tuple(m.section for m in models),
+            tuple(m.section for m in different),
         )
 
     @classmethod
@@ -159,7 +191,7 @@ class TendonStack:
             np.tile(own.mask, (size, 1)),
             own.node_count,
         )
-        return cls(size, _joined_law([model.law] * size), geometry, ())
+        return cls(np.arange(size), _joined_law([model.law] * size), geometry, ())
 
     def at(self, point: RobotPoint, rates: Array, nodes: NDArray[np.int_]) -> Values:
         """Forces in a state.
@@ -173,22 +205,21 @@ class TendonStack:
         nodes
             With holes, see `tdcr_fe.elements.forces.ForceModel.cable_nodes`; empty where tendons follow the backbone.
         """
-        each, (m, n) = (self.size, 1), (len(point.base_tension), self.law.shape[1])
+        m, n = len(point.base_tension), self.law.shape[1]
+        size = self.law.shape[0] // m
         shape = self._shape(point, nodes)
-        mobilisation = np.tile(point.mobilisation, each)
+        mobilisation = np.tile(point.mobilisation, (size, 1))
+        rates = rates[np.unique(self.index, return_index=True)[1]].reshape(mobilisation.shape)
         # No time passes, so that the rates are those given.
-        state = FrictionState(np.zeros_like(mobilisation), mobilisation, rates.reshape(mobilisation.shape))
-        base = np.tile(point.base_tension, self.size)
+        state = FrictionState(np.zeros_like(mobilisation), mobilisation, rates)
+        base = np.tile(point.base_tension, size)
         field = self.law.field(base, shape.lengths, shape.angles, mobilisation, state)
-        wrenches = np.zeros((self.size, 0, 6))
+        wrenches = np.zeros((size, 0, 6))
         if self.geometry is not None:
             pulled = shape.lines.maps @ shape.lines.pulls(field.tension)[..., None]
-            wrenches = pulled.reshape(self.size, m, -1, 6).sum(axis=1)
-        return Values(
-            wrenches,
-            field.tension.reshape(self.size, m, n),
-            field.released_length.reshape(self.size, m, n),
-        )
+            wrenches = pulled.reshape(size, m, -1, 6).sum(axis=1)
+        found = wrenches, field.tension.reshape(size, m, n), field.released_length.reshape(size, m, n)
+        return Values(*(x[self.index] for x in found))
 
     def _shape(self, point: RobotPoint, nodes: NDArray[np.int_]) -> CableShape:
         if self.geometry is not None:

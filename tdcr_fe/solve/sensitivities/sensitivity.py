@@ -25,6 +25,7 @@ from tdcr_fe.model.results import Sensitivities, Sensitivity
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.scene.mesh import elements_of_bays
+from tdcr_fe.scene.parts import BasePose
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.load_path import Ramp
@@ -32,7 +33,6 @@ from tdcr_fe.solve.sensitivities.differences import (
     InputDerivatives,
     InputValues,
     Neighbours,
-    load_positions,
     neighbours,
 )
 from tdcr_fe.solve.sensitivities.explicit import ExplicitDerivatives, Inherited
@@ -370,10 +370,11 @@ def _models(
     handle: TDCR, experiment: Experiment, chosen: Sequence[Parameter], presliding: float
 ) -> tuple[RobotModel, tuple[Neighbours, ...]]:
     """Models of a robot in a scene at the present and at neighbouring values of all parameters."""
-    counts = elements_of_bays(handle.robot, handle.model)
+    counts, clamp = elements_of_bays(handle.robot, handle.model), handle.actuation.clamp
+    base = None if clamp is None else BasePose(clamp.position, clamp.rotation @ BEAM_TO_SECTION.T)
     experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=counts))
-    present = RobotModel.of(experiment.robot, experiment.model, load_positions(experiment), presliding)
-    return present, neighbours(experiment, present, chosen, presliding)
+    present = RobotModel.of(experiment, presliding, base)
+    return present, neighbours(present, chosen)
 
 
 def _arc_length(arm: TDCR, load: PointLoad) -> float:
