@@ -41,6 +41,8 @@ FARTHEST = 2.0
 #: A jump of the residual that is left is reported where it is this many times the scatter before and after it, and
 #: sigma [1], there are so many steps on both sides, and it leaves at most this share of what a line leaves [1].
 CLEAR_JUMP, LEAST_PART, BESIDE_TREND = 4.0, 4, 0.7
+#: A marker is elsewhere where it is read farther from the base than its arc length by this share of the length [1].
+ELSEWHERE = 0.25
 #: Other drives are simulated with friction where they leave less than this share of the residual without it [1].
 LIKELY = 0.5
 #: Share of the readings that must be predicted without friction to say whether drives are likely [1].
@@ -114,9 +116,9 @@ def data_fault(problem: FitProblem, declared: Fit) -> str:
     declared
         The declared model.
     """
-    too_short = _declared_length(problem.data)
-    if too_short:
-        return too_short
+    seen = _declared_length(problem.data) or _opposite_sign(problem, declared)
+    if seen:
+        return seen
     grid = _Grid.of(problem, declared)
     if len(grid.steps) < EQUAL_STEPS or not grid.markers:
         return ""
@@ -132,7 +134,12 @@ def data_fault(problem: FitProblem, declared: Fit) -> str:
     best = min(found, default=(float("inf"), ""))
     if best[0] > limit:
         best = min(_other_drives(problem, declared), default=best)
-    return best[1] if best[0] <= limit else ""
+    elif (
+        "relabelled" in best[1]
+    ):  # a symmetric robot turns or mirrors its motion where its tendons are exchanged
+        others = [text for cost, text in _other_drives(problem, declared) if cost <= limit]
+        best = best[0], ", or if ".join([best[1], *(text.partition(" if ")[2] for text in others)])
+    return best[1] if best[0] <= limit else impossible_place(problem.data)
 
 
 def wrong_sigma(problem: FitProblem, best: Fit) -> str:
@@ -211,6 +218,34 @@ def _declared_length(data: MeasuredData) -> str:
         f"the declared length contradicts the readings: {sum(markers.values())} of them are of {listed}, beyond the "
         f"end of a backbone that is declared {length:.4g} m long (they were left out); a marker on something beyond "
         "the tip is declared at the tip, with marker_offset along the tangent"
+    )
+
+
+def impossible_place(data: MeasuredData) -> str:
+    """A marker that most readings place farther from the base than the backbone is long up to it, as a sentence."""
+    squares: dict[tuple[float, int], float] = {}
+    for r in data.readings:
+        if r.channel.family == "position" and isinstance(r.location, float):
+            squares[r.location, r.step] = squares.get((r.location, r.step), 0.0) + r.value**2
+    for s in sorted({s for s, _ in squares}):
+        far = float(np.sqrt(np.median([x for (at, _), x in squares.items() if at == s])))
+        if far > s + ELSEWHERE * data.robot.backbone.length:
+            return (
+                f"the marker at s = {s:g} m is read {far:.4g} m from the base, where no backbone reaches that has this "
+                f"length: it sits at s = {far:.3g} m or beyond"
+            )
+    return ""
+
+
+def _opposite_sign(problem: FitProblem, declared: Fit) -> str:
+    """Displacements of tendons that were read with the other sign, as a sentence."""
+    read = problem.readings.quantities == "tendon_displacement"
+    r, value = declared.residual[read], problem.readings.values[read] / problem.sigma[read]
+    if np.count_nonzero(read) < EQUAL_STEPS or MISFIT * _mean_square(r - 2.0 * value) > _mean_square(r):
+        return ""
+    return (
+        "the readings of tendon_displacement fit with the other sign: it is positive where a tendon is pulled in, "
+        "negative where it is let out"
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.criteria import robust_threshold, unusable_data
-from tdcr_fe.identify.data_faults import data_fault, other_sign_solves
+from tdcr_fe.identify.data_faults import data_fault, impossible_place, other_sign_solves
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.judge import Found, conclude
 from tdcr_fe.identify.law_search import LEAST_ITERATIONS, find_law
@@ -94,7 +94,8 @@ def identify(
     settings = settings or IdentifySettings()
     check_on(settings.own_effects, Experiment(data.robot, data.model, data.steps))
     try:
-        issue(plausibility_warnings(data.robot, data.model, data.steps), PlausibilityWarning)
+        found = plausibility_warnings(data.robot, data.model, data.steps)
+        issue([*found, *filter(None, [impossible_place(data)])], PlausibilityWarning)
     except ValueError as error:
         raise InputError([Problem(data.name, "", "", str(error))]) from error
     with warnings_to():

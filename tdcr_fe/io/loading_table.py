@@ -16,7 +16,7 @@ import pandas as pd
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.spreadsheet import millimetres_hint, number, read_table, whole_number
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, resolve
-from tdcr_fe.model.messages import meant
+from tdcr_fe.model.messages import PlausibilityWarning, issue, meant
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.targets import TipTarget
 
@@ -146,6 +146,10 @@ def _rows(
         last = max(last, time)
     if problems:
         raise InputError(problems)
+    numbers = [values["step"] for values in rows]
+    if numbers != sorted(numbers):
+        text = "numbers of steps do not ascend; the order of the rows is taken for the order in time"
+        issue([f"{file}: {text}"], PlausibilityWarning)
     return rows
 
 

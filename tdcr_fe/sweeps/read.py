@@ -6,6 +6,7 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -27,7 +28,8 @@ from tdcr_fe.io.toml import (
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
-from tdcr_fe.model.messages import join, meant, quoted, shown
+from tdcr_fe.model.messages import PlausibilityWarning, issue, join, meant, quoted, shown
+from tdcr_fe.model.plausibility import plausibility_warnings
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import Keys, Mistake, Quantity, keys_of
 from tdcr_fe.model.targets import TensionLimits
@@ -147,6 +149,8 @@ def read_sweep(
         _check_values(sweep, own, report)
     if report.problems:
         raise InputError(report.problems)
+    with suppress(ValueError):  # of a case that is refused the reason is in the table
+        issue(plausibility_warnings(scenario.robot, scenario.model, scenario.steps), PlausibilityWarning)
     return sweep
 
 

@@ -4,17 +4,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import FRICTIONAL, GRAVITY, MODEL, ROBOT, begun, measured, problem_of
+from identify_data import FRICTIONAL, GRAVITY, MODEL, ROBOT, begun, data_of, measured, positions, problem_of
 from identify_result import result
 
-from tdcr_fe.identify import identify
-from tdcr_fe.identify.data_faults import _likely_without_friction, data_fault, jump_of_residual, wrong_sigma
+from tdcr_fe.effects import Experiment
+from tdcr_fe.identify import IdentifySettings, identify
+from tdcr_fe.identify.data_faults import (
+    _likely_without_friction,
+    data_fault,
+    impossible_place,
+    jump_of_residual,
+    wrong_sigma,
+)
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import Fit, FitProblem, evaluate
 from tdcr_fe.identify.sentences import headline, jump_sentence, sentences
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import BadRow, Reading
 from tdcr_fe.model.loading import LoadStep
+from tdcr_fe.model.messages import PlausibilityWarning
+from tdcr_fe.solve.simulate import simulate
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +96,40 @@ def test_a_fault_of_the_readings_is_named(clean, change, words):
     """Each would leave an error of many sigma that a listed effect removes in part."""
     found = fault_of(changed(clean, change))
     assert words in found and bool(words) == bool(found)
+
+
+def test_a_marker_where_no_backbone_reaches_is_named_before_anything_is_solved(clean):
+    """0.02 in place of 0.2 m gave "has the marker moved?"."""
+    data = changed(clean, lambda r: replace(r, location=0.02) if r.location == 0.2 else r)
+    assert "the marker at s = 0.02 m is read 0.19" in impossible_place(data) and not impossible_place(clean)
+    with pytest.warns(PlausibilityWarning, match="s = 0.02 m is read 0.19"):
+        found = identify(data, IdentifySettings(time_limit=20.0))
+    assert "marker at s = 0.02 m is read" in sentences(found)[0] and found.runs < 20
+
+
+def test_displacements_read_with_the_other_sign_are_named(clean):
+    """27 outliers were listed, and the search was unfinished."""
+    run = simulate(clean.robot, clean.model, clean.steps)
+    for sign, words in ((-1.0, "fit with the other sign"), (1.0, "")):
+        read = [
+            Reading(n, "tendon_displacement", name, sign * float(x), 1e-4)
+            for n, step in zip(clean.step_ids, run.steps, strict=True)
+            for name, x in zip(clean.robot.tendon_names, step.displacements, strict=True)
+        ]
+        found = fault_of(replace(clean, readings=(*clean.readings, *read)))
+        assert words in found and bool(words) == bool(found)
+
+
+def test_of_a_symmetric_robot_exchanged_tendons_are_named_beside_exchanged_axes():
+    pulls = [{"t1": 0.4}, {"t1": 0.8}, {"t1": 1.2}, {"t2": 0.5}, {"t2": 1.0}, {"t1": 0.5}, {"t1": 0.0}]
+    other = {"t1": "t2", "t2": "t1"}
+    true, given = (
+        [LoadStep(tensions={m.get(n, n): t for n, t in p.items()}) for p in pulls] for m in (other, {})
+    )
+    found = fault_of(
+        data_of(given, positions(Experiment(ROBOT, replace(MODEL, elements_per_bay=4), tuple(true))))
+    )
+    assert "x = position_y, y = position_x, or if tendons t1 and t2 are exchanged" in found
 
 
 def test_after_a_fault_nothing_is_searched(clean):

@@ -11,6 +11,7 @@ from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import CHANNELS
 from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.messages import PlausibilityWarning
 
 
 @pytest.fixture
@@ -207,3 +208,12 @@ def test_a_reading_of_an_unknown_step_cannot_be_made():
             ("",),
             (Reading(9, "tip_offset", None, math.pi / 100),),
         )
+
+
+def test_steps_that_do_not_ascend_are_warned_of(folder):
+    """A table upside down was solved as the history in reverse, without a word."""
+    table = folder / "loading.csv"
+    header, *rows = table.read_text().splitlines()
+    table.write_text("\n".join([header, *reversed(rows)]) + "\n")
+    with pytest.warns(PlausibilityWarning, match="loading.csv: numbers of steps do not ascend"):
+        read_measured(folder)

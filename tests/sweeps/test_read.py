@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from sweep_files import InProcess, write_files
+from sweep_files import ROBOT, InProcess, write_files
 
 import tdcr_fe as tdcr
 from tdcr_fe import cli
@@ -206,3 +206,9 @@ def test_a_wrong_unit_of_a_sweep_is_named(tmp_path):
             'vary[2].normal.std = "3 Gpa": must be a positive number, or a number with its unit',
         )
     )
+
+
+def test_what_is_implausible_is_warned_of_before_any_case_is_solved(tmp_path):
+    robot = ROBOT.replace("[backbone]", "[backbone]\nbending_stiffness = 1e3\n")
+    with pytest.warns(tdcr.PlausibilityWarning, match="backbone.bending_stiffness = 1000 N m"):
+        tdcr.read_sweep(write_files(tmp_path, robot=robot))
