@@ -91,12 +91,12 @@ MUTATIONS: Mapping[str, Mutation] = {
         ("solve/test_tangent.py", "elements/test_tendons.py"),
     ),
     "backbone: torsional stiffness of the section": Mutation(
-        "return float(self.shear_modulus * 2.0 * self.second_moment)",
+        "return self.torsional_stiffness or self.shear_modulus * 2.0 * self.second_moment",
         "return float(self.shear_modulus * 1.9 * self.second_moment)",
         ("model/test_robot_facts.py",),
     ),
     "backbone: a shear correction": Mutation(
-        "return self.shear_modulus * self.area",
+        "return self.shear_stiffness or self.shear_modulus * self.area",
         "return 0.9 * self.shear_modulus * self.area",
         ("model/test_robot_facts.py",),
     ),
