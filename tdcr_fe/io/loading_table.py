@@ -284,14 +284,6 @@ def without_columns(robot: Robot, states: Sequence[Actuation]) -> list[str]:
     return sorted(set(found))
 
 
-def loading_text(
-    robot: Robot, step_ids: Sequence[int], steps: Sequence[LoadStep], branches: Sequence[str]
-) -> str:
-    """A loading sequence as the text of a ``loading.csv``, see `loading_table`."""
-    text: str = loading_table(robot, step_ids, steps, branches).to_csv(index=False)
-    return text
-
-
 def read_path(path: str | os.PathLike[str], length: float) -> tuple[TipTarget, ...]:
     """Read ``path.csv``.
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ Array = NDArray[np.float64]
 LIST = "robot.pvd"
 #: Codes of the cell array ``part``.
 PARTS = ("backbone", "tendon", "disk", "hole", "load")
+#: Kinds of cells, in the order of the file.
+KINDS = ("Verts", "Lines", "Polys")
 #: Corners of a disk's rim.
 CORNERS = 24
 
@@ -37,35 +40,15 @@ def _array(name: str, values: NDArray[np.generic], indent: str) -> str:
     )
 
 
-class _Cells:
-    """Cells of one kind with their points and values, in the order in which they are added."""
+class _Cell(NamedTuple):
+    """A vertex, line or polygon with its own points."""
 
-    def __init__(self) -> None:
-        self.points: list[Array] = []
-        self.sizes: list[int] = []
-        self.values: list[tuple[int, int, float, int]] = []  # part, tendon, tension, hole state
-
-    def add(
-        self, points: Array, part: str, tendon: int = -1, tension: float = np.nan, state: int = 255
-    ) -> None:
-        """Add a cell with its own points, shape (n, 3)."""
-        self.points.append(points)
-        self.sizes.append(len(points))
-        self.values.append((PARTS.index(part), tendon, tension, state))
-
-    def xml(self, name: str, first: int) -> str:
-        """The table of connections; the first point has the number ``first``."""
-        count = sum(self.sizes)
-        return "\n".join(
-            [
-                f"      <{name}>",
-                _array("connectivity", first + np.arange(count, dtype=np.int32), "        "),
-                _array(
-                    "offsets", np.cumsum(np.array(self.sizes, dtype=np.int32), dtype=np.int32), "        "
-                ),
-                f"      </{name}>",
-            ]
-        )
+    kind: str  # "Verts", "Lines" or "Polys"
+    points: Array  # shape (n, 3)
+    part: str
+    tendon: int = -1
+    tension: float = np.nan
+    state: int = 255
 
 
 def vtk_text(motion: Motion, step: int, codes: Sequence[NDArray[np.uint8]]) -> str:
@@ -83,75 +66,68 @@ def vtk_text(motion: Motion, step: int, codes: Sequence[NDArray[np.uint8]]) -> s
     codes
         States of the holes, see `tdcr_fe.report.viewer_data.hole_codes`.
     """
-    verts, lines, polys = _Cells(), _Cells(), _Cells()
-    lines.add(motion.positions[step], "backbone")
+    backbone = _Cell("Lines", motion.positions[step], "backbone")
+    verts, lines, polys = [], [backbone], []
     for j, tendon in enumerate(motion.tendons):
         corners = motion.tendon_points(step, tendon)
         for i, segment in enumerate(tendon.segments):
-            lines.add(corners[i : i + 2], "tendon", j, float(motion.tensions[j][step, segment]))
+            tension = float(motion.tensions[j][step, segment])
+            lines.append(_Cell("Lines", corners[i : i + 2], "tendon", j, tension))
             if i + 1 == len(tendon.segments) or tendon.segments[i + 1] != segment:
                 state = int(codes[j][step, segment])
-                tension = float(motion.tensions[j][step, segment])
-                verts.add(corners[i + 1 : i + 2], "hole", j, tension, state)
+                verts.append(_Cell("Verts", corners[i + 1 : i + 2], "hole", j, tension, state))
     angle = np.linspace(0.0, 2.0 * np.pi, CORNERS + 1)[:-1]
     rim = motion.disk_radius * np.stack((np.cos(angle), np.sin(angle), 0.0 * angle), axis=-1)
     turns = motion.matrices(step)
     for k in motion.disks:
-        polys.add(motion.positions[step, k] + rim @ turns[k].T, "disk")
+        polys.append(_Cell("Polys", motion.positions[step, k] + rim @ turns[k].T, "disk"))
     arrows = motion.load_arrows(step)
-    for _, at, _, _ in arrows:
-        verts.add(at[None], "load")
-    kinds = (verts, lines, polys)
-    counts = [sum(c.sizes) for c in kinds]
-    points = np.concatenate([p for c in kinds for p in c.points])
-    arc, radius = np.full(len(points), np.nan), np.full(len(points), np.nan)
-    backbone = slice(counts[0], counts[0] + len(motion.s))
-    arc[backbone], radius[backbone] = motion.s, motion.radius
-    vectors = np.zeros((2, len(points), 3))
+    verts += [_Cell("Verts", at[None], "load") for _, at, _, _ in arrows]
+    before = sum(len(cell.points) for cell in verts)
+    count = before + sum(len(cell.points) for cell in (*lines, *polys))
+    on_backbone = np.full((2, count), np.nan)
+    on_backbone[:, before : before + len(motion.s)] = motion.s, motion.radius
+    vectors = np.zeros((2, count, 3))
     for i, (_, _, vector, moment) in enumerate(arrows):
-        vectors[int(moment), counts[0] - len(arrows) + i] = vector
-    return _document(kinds, points, arc, radius, vectors)
+        vectors[int(moment), before - len(arrows) + i] = vector
+    of_points = dict(zip(("arc_length", "radius", "force", "moment"), (*on_backbone, *vectors), strict=True))
+    return _document([*verts, *lines, *polys], of_points)
 
 
-def _document(
-    kinds: tuple[_Cells, _Cells, _Cells], points: Array, arc: Array, radius: Array, vectors: Array
-) -> str:
-    """The text of a file from its vertices, lines and polygons, and the arrays of its points."""
-    verts, lines, polys = kinds
-    counts = [sum(c.sizes) for c in kinds]
-    columns = list(zip(*(v for c in kinds for v in c.values), strict=True))
-    sizes = [len(c.sizes) for c in kinds]
-    return "\n".join(
-        [
-            '<?xml version="1.0"?>',
-            '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt32">',
-            "  <PolyData>",
-            f'    <Piece NumberOfPoints="{len(points)}" NumberOfVerts="{sizes[0]}" NumberOfLines="{sizes[1]}" '
-            f'NumberOfStrips="0" NumberOfPolys="{sizes[2]}">',
-            "      <Points>",
-            _array("Points", points, "        "),
-            "      </Points>",
-            verts.xml("Verts", 0),
-            lines.xml("Lines", counts[0]),
-            polys.xml("Polys", counts[0] + counts[1]),
-            '      <PointData Vectors="force">',
-            _array("arc_length", arc, "        "),
-            _array("radius", radius, "        "),
-            _array("force", vectors[0], "        "),
-            _array("moment", vectors[1], "        "),
-            "      </PointData>",
-            '      <CellData Scalars="tension">',
-            _array("part", np.array(columns[0], dtype=np.int32), "        "),
-            _array("tendon", np.array(columns[1], dtype=np.int32), "        "),
-            _array("tension", np.array(columns[2], dtype=float), "        "),
-            _array("hole_state", np.array(columns[3], dtype=np.uint8), "        "),
-            "      </CellData>",
-            "    </Piece>",
-            "  </PolyData>",
-            "</VTKFile>",
-            "",
-        ]
-    )
+def _document(cells: Sequence[_Cell], of_points: Mapping[str, Array]) -> str:
+    """The text of a file from its cells, by kind, and the arrays of its points."""
+    points = np.concatenate([cell.points for cell in cells])
+    numbers = {kind: sum(cell.kind == kind for cell in cells) for kind in KINDS}
+    counts = " ".join(f'NumberOf{kind}="{number}"' for kind, number in numbers.items())
+    text = [
+        '<?xml version="1.0"?>',
+        '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt32">',
+        "  <PolyData>",
+        f'    <Piece NumberOfPoints="{len(points)}" {counts} NumberOfStrips="0">',
+        *_section("Points", {"Points": points}),
+    ]
+    first = 0
+    for kind in KINDS:
+        ends = np.cumsum([len(cell.points) for cell in cells if cell.kind == kind], dtype=np.int32)
+        count = int(ends[-1]) if len(ends) else 0
+        connections = first + np.arange(count, dtype=np.int32)
+        text += _section(kind, {"connectivity": connections, "offsets": ends})
+        first += count
+    of_cells: dict[str, NDArray[np.generic]] = {
+        "part": np.array([PARTS.index(cell.part) for cell in cells], dtype=np.int32),
+        "tendon": np.array([cell.tendon for cell in cells], dtype=np.int32),
+        "tension": np.array([cell.tension for cell in cells]),
+        "hole_state": np.array([cell.state for cell in cells], dtype=np.uint8),
+    }
+    text += _section("PointData", of_points, ' Vectors="force"')
+    text += _section("CellData", of_cells, ' Scalars="tension"')
+    return "\n".join([*text, "    </Piece>", "  </PolyData>", "</VTKFile>", ""])
+
+
+def _section(name: str, arrays: Mapping[str, NDArray[np.generic]], attributes: str = "") -> list[str]:
+    """An element with arrays, line by line."""
+    rows = [_array(key, values, "        ") for key, values in arrays.items()]
+    return [f"      <{name}{attributes}>", *rows, f"      </{name}>"]
 
 
 def write_vtk(motion: Motion, folder: str | Path) -> list[Path]:
