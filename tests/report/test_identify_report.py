@@ -178,16 +178,6 @@ def folder(tmp_path_factory):
     return path, corrected_motion(result(GRAVITY), path)
 
 
-def test_the_report_with_a_motion_has_the_panel_and_needs_no_other_file(folder, html):
-    without, html = html, render(result(GRAVITY), folder[1])
-    after = html[html.index("</nav>") :]
-    assert after.count('<section class="section" id="robot">') == 1 and html.count('class="robot-view"') == 1
-    assert "measured markers" in html and len(html) < 1e6
-    outside = re.sub(r"data:image/svg\+xml;base64,[\w+/=]+", "", html)
-    assert not re.search(r"https?:|<link|@import|fetch\(|src=\"[^\"]", outside)
-    assert 'class="robot-view"' not in without
-
-
 @pytest.mark.integration
 @needs_chromium
 def test_the_page_fits_a_phone(folder, tmp_path):

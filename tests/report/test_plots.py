@@ -22,10 +22,6 @@ def axes_by_title(figure):
     return {ax.get_title(loc="left"): ax for ax in figure.axes}
 
 
-def many_steps():
-    return [LoadStep("", {"t1": 2.0 * abs(np.sin(k / 7)), "t2": 0.5}) for k in range(150)]
-
-
 def test_pictures_are_written_and_settings_of_matplotlib_stay(tmp_path):
     before = dict(mpl.rcParams)
     written = plots.save_pictures(arc_result(), tmp_path, dpi=50)
@@ -64,15 +60,6 @@ def test_a_backbone_is_drawn_as_the_arc_that_it_is():
     radius = 0.25 / angle
     assert np.hypot(*curve[:, :2].T) == pytest.approx(radius * (1.0 - np.cos(bent)), abs=1e-9)
     assert curve[:, 2] == pytest.approx(radius * np.sin(bent), abs=1e-9)
-
-
-def test_many_steps_are_thinned_and_explained_by_a_bar_not_a_legend():
-    figure = plots.shapes(arc_result(paper_robot(3), many_steps()))
-    # of every step drawn the backbone and three tendons; and the base
-    assert len(axes_by_title(figure)["Seen along y"].lines) == 4 * plots.DRAWN_STEPS + 1
-    (legend,) = figure.legends
-    assert [t.get_text() for t in legend.get_texts()] == ["tendon t1", "tendon t2", "tendon t3"]
-    assert "load step" in [ax.get_ylabel() for ax in figure.axes]
 
 
 def test_tensions_are_steps_over_arc_length_for_each_tendon():
