@@ -222,20 +222,6 @@ def test_a_swing_loses_what_the_material_dissipates():
     assert found["material_dissipation"][-1] == pytest.approx(lost, rel=3e-3)
 
 
-def test_the_sums_are_restored_with_the_state():
-    """A second run from the initial configuration, and a state that was stored, have the sums of then."""
-    _keep, mbs, handle, _, sensor = measured(three(0.3))
-    handle.set_inputs_over_time(lambda t: [1.0 - np.cos(20.0 * t), 0.0, 0.0])
-    run(mbs, handle, 0.02)
-    first, stored = present(mbs, sensor), mbs.systemData.GetSystemState()
-    run(mbs, handle, 0.02)
-    assert present(mbs, sensor) == pytest.approx(first, rel=1e-9, abs=1e-15)
-    run(mbs, handle, 0.03)
-    assert present(mbs, sensor)["tendon_work"] > 1.5 * first["tendon_work"]
-    mbs.systemData.SetSystemState(stored)
-    assert present(mbs, sensor) == pytest.approx(first, rel=1e-9, abs=1e-15)
-
-
 def test_loads_and_weight_that_the_static_solver_ramps_do_the_work_of_the_ramp():
     """``mbs.SolveStatic`` multiplies them by a factor from 0 to 1: a load does half its final value times the way."""
     _keep, mbs, handle, load, sensor = measured(three(0.0), gravity=(0.5, 0.0, 0.0))
