@@ -17,18 +17,19 @@ from tdcr_fe.validation.fuzz import drawing
 
 
 def digest(cases):
-    """Of the robots and scenarios as files."""
+    """Of the robots and scenarios as files, with numbers to nine digits: the last ones depend on the processor."""
     texts = [
         text for c in cases for text in (robot_to_toml(c.robot), scenario_to_toml(c.model, list(c.steps)))
     ]
-    data = json.dumps([tomllib.loads(text) for text in texts], sort_keys=True)
+    tables = [tomllib.loads(text, parse_float=lambda number: f"{float(number):.9g}") for text in texts]
+    data = json.dumps(tables, sort_keys=True)
     return hashlib.sha256(data.encode()).hexdigest()[:16]
 
 
 def test_seeds_draw_the_same_robots_as_ever():
     """One to six tendons; tension, displacement, elastic tendons."""
     cases = [random_robots.draw(number) for number in range(60)]
-    assert digest(cases) == "9cc26f75fa9a078e"
+    assert digest(cases) == "428914800711bac1"
     assert {len(case.robot.tendons) for case in cases} == set(range(1, 7))
     elastic = {(case.by_displacement, case.robot.tendons[0].axial_stiffness is not None) for case in cases}
     assert elastic == {(False, False), (True, False), (True, True)}
@@ -37,7 +38,7 @@ def test_seeds_draw_the_same_robots_as_ever():
 def test_seeds_draw_the_same_robots_with_all_options_as_ever():
     cases = [drawing.draw(number) for number in range(100)]
     written = [c for c in cases if not any(t.routing.kind == "twisted" for t in c.robot.tendons)]
-    assert digest(written) == "6031bd10aeea213a"
+    assert digest(written) == "0b1b5f9f10e0556d"
     assert len({word for case in cases for word in case.options}) >= 30
 
 
