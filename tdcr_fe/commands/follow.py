@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 from pathlib import Path
+from typing import Any
 
 from tdcr_fe.commands.common import (
     FAILURE,
@@ -18,12 +19,12 @@ from tdcr_fe.commands.common import (
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.io.loading_table import read_path
 from tdcr_fe.io.problems import read_all
-from tdcr_fe.io.result_files import write_follow
+from tdcr_fe.io.result_files import TARGETS, write_follow
 from tdcr_fe.io.toml import digest, read_model_file, read_robot
 from tdcr_fe.model.loading import Model, SolverSettings
 from tdcr_fe.model.results import Interrupted
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.targets import DriveBy, FollowResult, ReachedTarget, TensionLimits
+from tdcr_fe.model.targets import FollowResult, ReachedTarget, ReachStatus, TensionLimits
 from tdcr_fe.solve.inverse_statics.inverse import follow_path
 
 
@@ -42,7 +43,11 @@ def follow(args: argparse.Namespace) -> int:
     out = check_output_folder(args.out)
     if not args.no_pictures:
         importlib.import_module("tdcr_fe.report.plots")  # slow; an interruption after solving must not hit it
-    drive_by: DriveBy = "displacement" if args.displacements else "tension"
+    choices: dict[str, Any] = {
+        "drive_by": "displacement" if args.displacements else "tension",
+        "effort": args.effort,
+        "tolerance": args.tolerance,
+    }
     with progress_bar(args, len(targets) + 1, unit="target") as bar:
 
         def progress(found: ReachedTarget) -> None:
@@ -52,41 +57,35 @@ def follow(args: argparse.Namespace) -> int:
             bar.update(1)
 
         try:
-            result = follow_path(
-                robot, model, targets, limits, settings, progress, drive_by=drive_by, effort=args.effort
-            )
+            result = follow_path(robot, model, targets, limits, settings, progress, **choices)
         except Interrupted as stop:
             assert isinstance(stop.result, FollowResult)
             result = stop.result
         except ValueError as error:  # a contradiction between bounds, model and robot
             raise refuse(args.robot, "", str(error)) from error
-    options = {
-        "largest": limits.largest,
-        "pretension": limits.pretension,
-        "drive_by": drive_by,
-        "effort": args.effort,
-    }
     written = write_follow(
         result,
         out,
         settings,
         {Path(n).name: digest(n) for n in (args.robot, args.path, args.model) if n},
         len(targets),
-        options,
+        {**vars(limits), **choices, "tolerance": result.tolerance},
         not args.no_pictures,
     )
     if not args.quiet:
         print(f"{result!r}\nWritten to {out}: " + ", ".join(str(p.relative_to(out)) for p in written))
         if result.steps:
             print(f"To solve it again: tdcr-fe run {out / 'scenario' / 'scenario.toml'} -o OUT")
+    for status in (ReachStatus.OUT_OF_REACH, ReachStatus.NOT_CONVERGED):
+        if numbers := result.numbers(status):
+            most = 1e3 * max(result.targets[n - 1].error for n in numbers)
+            which = f"{count(len(numbers), 'target')} ({', '.join(map(str, numbers))})"
+            complain(f"{status.value}: {which}, at most {most:.3g} mm away; see {out / TARGETS}")
     return _status(result, len(targets))
 
 
 def _status(result: FollowResult, asked: int) -> int:
     """Exit status; what went wrong is printed."""
-    for number in (*result.out_of_reach, *result.not_converged):
-        found = result.targets[number - 1]
-        complain(f"target {number} ({found.target.label}): {found.sentence}")
     if result.simulation.converged:
         return FAILURE if result.not_converged else SUCCESS
     done, message = len(result.targets), result.simulation.message

@@ -122,7 +122,7 @@ COMMANDS = {
         "Tensions stay within bounds; a target that is out of reach is approached as far as possible.",
         (
             argument("robot", "path of a robot.toml"),
-            argument("path", "path of a path.csv with the columns step,x,y,z[,dx,dy,dz], in m"),
+            argument("path", "path of a path.csv with the columns step,x,y,z[,dx,dy,dz], in m; empty: any"),
             OUT,
             argument(
                 "--largest T",
@@ -140,10 +140,15 @@ COMMANDS = {
             argument("--displacements", "find prescribed displacements instead of tensions"),
             argument(
                 "--effort",
-                "what has the smallest sum of squares where several tensions reach a target: the tensions, or their "
+                "what has the smallest sum of squares where several tensions come as near: the tensions, or their "
                 "change from the target before [%(default)s]",
                 choices=("tension", "change"),
                 default="tension",
+            ),
+            argument(
+                "--tolerance D",
+                "error in m with which a target counts as reached [0.1 %% of the length]",
+                type=float,
             ),
             *(NO_PICTURES, QUIET),
         ),

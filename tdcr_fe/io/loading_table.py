@@ -297,7 +297,8 @@ def read_path(path: str | os.PathLike[str], length: float) -> tuple[TipTarget, .
     Parameters
     ----------
     path
-        Columns ``step,x,y,z`` and, optionally, ``dx,dy,dz``, ``label`` and ``time``.
+        Columns ``step,x,y,z`` and, optionally, ``dx,dy,dz``, ``label`` and ``time``; an empty cell leaves a
+        coordinate open.
     length
         Of the robot [m], by which positions in another unit are recognised.
 
@@ -307,13 +308,16 @@ def read_path(path: str | os.PathLike[str], length: float) -> tuple[TipTarget, .
         With every mistake in the file.
     """
     most = FARTHEST * length
-    position = _number(-most, most, f"more than {FARTHEST:g} lengths of the robot away; must be in m")
-    cells: dict[str, _Cell] = {"step": _step, **dict.fromkeys(POSITION, position)}
+    far = f"more than {FARTHEST:g} lengths of the robot away; must be in m"
+    cells: dict[str, _Cell] = {
+        "step": _step,
+        **dict.fromkeys(POSITION, _number(-most, most, far, empty=True)),
+    }
     cells |= {**dict.fromkeys(DIRECTION, _number(empty=True)), "label": str, "time": _number(empty=True)}
-    rows = _rows(read_table(path), cells, ("step", *POSITION), str(path), _wrong_direction)
+    rows = _rows(read_table(path), cells, ("step", *POSITION), str(path), _wrong_target)
     return tuple(
         TipTarget(
-            tuple(row[c] for c in POSITION),
+            (row["x"], row["y"], row["z"]),
             None if row.get("dx") is None else (row["dx"], row["dy"], row["dz"]),
             row.get("label") or f"step {row['step']}",
             row.get("time"),
@@ -322,10 +326,12 @@ def read_path(path: str | os.PathLike[str], length: float) -> tuple[TipTarget, .
     )
 
 
-def _wrong_direction(row: Mapping[str, Any]) -> dict[str, str]:
-    """A direction of which a part is missing, or that is zero; all of it may be left out."""
+def _wrong_target(row: Mapping[str, Any]) -> dict[str, str]:
+    """Nothing given, or a direction of which a part is missing or that is zero; all of it may be left out."""
     direction = {column: row[column] for column in DIRECTION if column in row}
     given = [x for x in direction.values() if x is not None]
+    if not given and all(row.get(column) is None for column in POSITION):
+        return {"x": "must be a finite number where y and z are open"}
     if given and len(given) < 3:
         return {column: "must be a finite number" for column, x in direction.items() if x is None}
     if given and not any(given):

@@ -266,7 +266,7 @@ def _let_out(robot: Robot, steps: Sequence[LoadStep]) -> Iterator[Value]:
 
 
 def plausibility_warnings(
-    robot: Robot, model: Model, steps: Sequence[LoadStep], targets: Iterable[Vector] = ()
+    robot: Robot, model: Model, steps: Sequence[LoadStep], targets: Iterable[Sequence[float | None]] = ()
 ) -> list[str]:
     """What is unusual about a scenario, known before solving; one sentence for each quantity.
 
@@ -275,7 +275,7 @@ def plausibility_warnings(
     robot, model, steps
         Description.
     targets
-        Positions that the tip is to reach [m].
+        Positions that the tip is to reach [m]; None is an open coordinate.
 
     Raises
     ------
@@ -284,7 +284,7 @@ def plausibility_warnings(
     """
     values = [*_robot_values(robot), *_gravity_values(robot, model), *_loading_values(robot, steps)]
     for k, target in enumerate(targets):
-        far = math.hypot(*target)
+        far = math.hypot(*(x for x in target if x is not None))
         values.append(Value("target", f"targets[{k}].position", far, "m", far / robot.backbone.length))
     beyond = [v for v in values if v.is_beyond]
     found = [v for v in beyond if not v.row.by_stiffness]

@@ -32,7 +32,7 @@ class TipTarget(Checked):
     Attributes
     ----------
     position : (float, float, float)
-        World frame [m].
+        World frame [m]; None leaves a coordinate open.
     direction : (float, float, float) or None
         Of the tangent at the tip, of any length; None leaves it free.
     label : str
@@ -41,7 +41,7 @@ class TipTarget(Checked):
         At which the target is to be reached [s]; for creep and for friction that depends on the slip rate.
     """
 
-    position: Annotated[Vector, Quantity("position of the tip", "m")]
+    position: Annotated[tuple[float | None, float | None, float | None], Quantity("position of the tip", "m")]
     direction: Annotated[Vector | None, Quantity("direction of the tangent at the tip")] = None
     label: str = ""
     time: Annotated[float | None, Quantity("at which the target is to be reached", "s")] = None
@@ -50,6 +50,13 @@ class TipTarget(Checked):
         super().__post_init__()
         if self.direction is not None and not any(self.direction):
             raise ValueError("TipTarget.direction = (0, 0, 0): must not be zero; None leaves it free")
+        if self.direction is None and not self.given.any():
+            raise ValueError("TipTarget.position = (None, None, None): must be given in part")
+
+    @property
+    def given(self) -> NDArray[np.bool_]:
+        """Which coordinates of the position are given, shape (3,)."""
+        return np.array([x is not None for x in self.position])
 
     @property
     def unit_direction(self) -> Array | None:
@@ -66,7 +73,7 @@ def tip_targets(targets: ArrayLike | Sequence[TipTarget] | TipTarget) -> tuple[T
     Parameters
     ----------
     targets
-        One or several `TipTarget`, or an array of shape (n, 3) or (n, 6).
+        One or several `TipTarget`, or an array of shape (n, 3) or (n, 6); None leaves a coordinate open.
 
     Raises
     ------
@@ -77,10 +84,7 @@ def tip_targets(targets: ArrayLike | Sequence[TipTarget] | TipTarget) -> tuple[T
         return (targets,)
     if isinstance(targets, Sequence) and targets and all(isinstance(x, TipTarget) for x in targets):
         return tuple(x for x in targets if isinstance(x, TipTarget))
-    try:
-        table = np.atleast_2d(np.asarray(targets, dtype=float))
-    except (TypeError, ValueError):
-        table = np.zeros((0, 0))  # not numbers, or rows of different lengths
+    table = np.atleast_2d(np.array(targets, dtype=object))
     if table.ndim != 2 or table.shape[0] == 0 or table.shape[1] not in (3, 6):
         raise ValueError(
             "targets: must be TipTarget objects, or an array of shape (n, 3) for positions [m] or (n, 6) for "
@@ -152,10 +156,10 @@ class ReachedTarget:
     ----------
     target : TipTarget
     status : ReachStatus
-        Out of reach: the distance is smallest here, as no admissible change of the tensions reduces it to first order.
+        Out of reach: no admissible change of the tensions reduces the distance to first order at a bearable price.
         Not converged: the search ended elsewhere, so that nothing is known.
     error : float
-        Distance of the tip from the target [m].
+        Distance of the tip from the target, over the given coordinates [m].
     direction_error : float or None
         Angle between the tangent at the tip and the target's direction [rad]; None where that is free.
     tensions : ndarray, shape (n_tendons,)
@@ -165,7 +169,8 @@ class ReachedTarget:
     at_largest, at_pretension : tuple of str
         Tendons whose tension is at its upper and lower bound.
     possible_gain : float
-        By how much the linearised robot could still come closer within the bounds, as a fraction of its length [1].
+        By how much the linearised robot could still come closer within the bounds, less the price of the tensions, as a
+        fraction of its length [1].
     trials : int
         Load steps that were solved for this target.
     starts : int
@@ -225,6 +230,8 @@ class FollowResult:
         The loading sequence, with the steps before the first target; `simulate` with the same model reproduces it.
     simulation : SequenceResult
         The same sequence as solved.
+    tolerance : float
+        Error with which a target counts as reached [m].
     wall_time : float
         [s].
     """
@@ -232,6 +239,7 @@ class FollowResult:
     targets: tuple[ReachedTarget, ...]
     steps: tuple[LoadStep, ...]
     simulation: SequenceResult
+    tolerance: float
     wall_time: float
 
     @property
@@ -242,14 +250,15 @@ class FollowResult:
     @property
     def out_of_reach(self) -> tuple[int, ...]:
         """Numbers of the targets that are out of reach, from 1."""
-        return self._with(ReachStatus.OUT_OF_REACH)
+        return self.numbers(ReachStatus.OUT_OF_REACH)
 
     @property
     def not_converged(self) -> tuple[int, ...]:
         """Numbers of the targets at which the search did not converge, from 1."""
-        return self._with(ReachStatus.NOT_CONVERGED)
+        return self.numbers(ReachStatus.NOT_CONVERGED)
 
-    def _with(self, status: ReachStatus) -> tuple[int, ...]:
+    def numbers(self, status: ReachStatus) -> tuple[int, ...]:
+        """Numbers of the targets with a status, from 1."""
         return tuple(k for k, x in enumerate(self.targets, start=1) if x.status is status)
 
     @property
@@ -279,8 +288,6 @@ class FollowResult:
                 "target": number,
                 "label": found.target.label,
                 "step": found.result.step,
-            }
-            row |= {
                 "status": found.status.value,
                 "error": found.error,
                 "direction_error": found.direction_error,
@@ -298,17 +305,17 @@ class FollowResult:
         return pd.DataFrame(rows)
 
     def __repr__(self) -> str:
-        reached = sum(x.reached for x in self.targets)
+        reached = f"{sum(x.reached for x in self.targets)} reached within {1e3 * self.tolerance:.3g} mm"
+        others = {"out of reach": self.out_of_reach, "not converged": self.not_converged}
+        outcome = [reached, *(f"{len(numbers)} {what}" for what, numbers in others.items() if numbers)]
         lines = [
             f"robot         {self.robot.name}: {len(self.robot.tendons)} tendons",
-            f"targets       {len(self.targets)}, {reached} reached, {len(self.out_of_reach)} out of reach, "
-            f"{len(self.not_converged)} not converged; {sum(x.trials for x in self.targets)} load steps solved, "
-            f"{self.wall_time:.2f} s",
-            f"status        {self.simulation.message}",
+            f"targets       {len(self.targets)}: {', '.join(outcome)}",
+            f"load steps    {sum(x.trials for x in self.targets)} solved in {self.wall_time:.2f} s",
         ]
+        if not self.simulation.converged:
+            lines.append(f"stopped       {self.simulation.message}")
         if self.targets:
             lines.append(f"largest error {1e3 * float(self.errors.max()):.3g} mm")
             lines.append(f"tension [N]   {self.tensions.min():.4g} to {self.tensions.max():.4g}")
-        for number in (*self.out_of_reach, *self.not_converged)[:6]:
-            lines.append(f"target {number:<6d} {self.targets[number - 1].sentence}")
         return "\n".join(lines)

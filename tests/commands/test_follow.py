@@ -40,7 +40,7 @@ def test_run_reproduces_the_path(tmp_path, robot, capsys, displacements):
     tips = simulate(ROBOT, MODEL, steps).tips
     rows = [f"{k},{x!r},{y!r},{z!r}" for k, (x, y, z) in enumerate(tips.tolist(), start=1)]
     (tmp_path / "path.csv").write_text("\n".join(["step,x,y,z", *rows]) + "\n")
-    options = ["--displacements"] if displacements else []
+    options = ["--tolerance", "2.5e-7", *(["--displacements"] if displacements else [])]
     assert follow(robot, "--largest", "2", "--pretension", "0.1", *options) == 0
     assert "2 reached" in capsys.readouterr().out
     out = tmp_path / "out"
@@ -78,11 +78,25 @@ def test_a_sequence_with_a_load_beside_the_tip_is_written_as_a_scenario_alone(tm
 
 def test_a_target_out_of_reach_is_named_and_the_exit_status_is_0(tmp_path, robot, capsys):
     (tmp_path / "path.csv").write_text("step;x;y;z;dx;dy;dz;label\n1;0,0;0,0;0,3;;;;above\n")
-    assert follow(robot, "--largest", "t1=2", "t2=2", "t3=1.5", "-q") == 0
-    assert "target 1 (above): out of reach; the nearest point found is 50 mm away" in capsys.readouterr().err
+    assert follow(robot, "--largest", "t1=2", "t2=2", "t3=1.5") == 0
+    out, err = capsys.readouterr()
+    assert "targets       1: 0 reached within 0.25 mm, 1 out of reach" in out
+    assert "out of reach: 1 target (1), at most 50 mm away; see" in err and "targets.csv" in err
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["targets"]["out_of_reach"] == [1]
     assert summary["targets"]["largest"] == {"t1": 2.0, "t2": 2.0, "t3": 1.5}
+
+
+def test_an_empty_cell_leaves_a_coordinate_open(tmp_path, robot, capsys):
+    (tmp_path / "path.csv").write_text("step,x,y,z\n1,0.05,0.0,\n")
+    assert follow(robot, "--largest", "2", "--pretension", "0.1") == 0
+    table = pd.read_csv(tmp_path / "out" / "targets.csv")
+    assert table["status"][0] == "reached" and np.isnan(table["z"][0])
+    assert table["tip_x"][0] == pytest.approx(0.05, abs=1e-5) and table["tip_z"][0] < 0.25
+    assert table["error"][0] == pytest.approx(np.hypot(table["tip_x"][0] - 0.05, table["tip_y"][0]))
+    (tmp_path / "path.csv").write_text("step,x,y,z\n1,,,\n")
+    assert follow(robot, "--largest", "2") == 2
+    assert "line 2, x = empty: must be a finite number where y and z are open" in capsys.readouterr().err
 
 
 def test_mistakes_of_all_inputs_are_reported_together(tmp_path, robot, capsys):

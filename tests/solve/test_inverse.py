@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 from robots import BACKBONE, LENGTH, tendon, three
 
+from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.results import Interrupted
 from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.targets import ReachStatus, TensionLimits, TipTarget
-from tdcr_fe.solve.inverse_statics.inverse import REACHED, follow_path, reach
+from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.solve.inverse_statics.inverse import TOLERANCE, follow_path, reach
 from tdcr_fe.solve.simulate import simulate
 
+FINE = 1e-6 * LENGTH
 LIMITS = TensionLimits(largest=2.5, pretension=0.1)
 DISKS = Disks.equally_spaced(10, LENGTH, radius=5e-3)
 
@@ -53,20 +57,22 @@ def test_tips_of_random_tensions_are_reached_within_the_bounds(case, drive_by):
     for tip in random_tips(robot, model, 2, seed=4):
         found = reach(robot, model, tip, LIMITS, drive_by=drive_by)
         assert found.status is ReachStatus.REACHED, found
-        assert found.error <= REACHED * LENGTH
+        assert found.error <= TOLERANCE * LENGTH
         assert (found.tensions >= 0.1 - 1e-5).all() and (found.tensions <= 2.5 + 1e-5).all()
         # The step alone, from the unloaded robot, leads there.
         again = simulate(robot, model, [found.step])
-        assert np.linalg.norm(again.tips[-1] - tip) <= REACHED * LENGTH
+        assert np.linalg.norm(again.tips[-1] - tip) == pytest.approx(found.error, abs=FINE)
 
 
 @pytest.mark.campaign
+@pytest.mark.parametrize("tolerance", [None, FINE])
 @pytest.mark.parametrize("case", CASES)
-def test_99_percent_of_random_reachable_targets_are_reached(case):
-    """334 targets of each robot, a thousand in all; 99 % reach 1e-6 of the length."""
+def test_99_percent_of_random_reachable_targets_are_reached(case, tolerance):
+    """334 targets of each robot, a thousand in all; 99 % reach the tolerance, by default and at 1e-6 of the length."""
     robot, model = CASES[case]
-    found = [reach(robot, model, tip, LIMITS) for tip in random_tips(robot, model, 334, seed=11)]
-    assert sum(x.error <= 1e-6 * LENGTH for x in found) >= 0.99 * len(found)
+    tips = random_tips(robot, model, 334, seed=11)
+    found = [reach(robot, model, tip, LIMITS, tolerance=tolerance) for tip in tips]
+    assert sum(x.error <= (tolerance or 1e-3 * LENGTH) for x in found) >= 0.99 * len(found)
 
 
 @pytest.mark.parametrize("drive_by", ["tension", "displacement"])
@@ -80,17 +86,14 @@ def test_the_loading_sequence_solved_again_ends_where_the_path_did(drive_by):
         [*before, LoadStep(tensions={"t1": 1.2, "t2": 0.5, "t3": 0.1}), LoadStep("", {"t1": 0.6})],
     ).tips[1:]
     path = [ends[0], ends[1], ends[0]]
-    found = follow_path(robot, model, path, LIMITS, drive_by=drive_by, before=before)
+    found = follow_path(robot, model, path, LIMITS, drive_by=drive_by, before=before, tolerance=FINE)
     assert found.simulation.converged and len(found.steps) == 4
     again = simulate(robot, found.simulation.model, found.steps)
     # Linearisations kept from the step before make a difference far below the tolerance.
-    assert np.abs(again.tips - found.simulation.tips).max() <= 0.1 * REACHED * LENGTH
-    assert (
-        np.abs(again.tips[1:] - np.array([x.result.tip for x in found.targets])).max()
-        <= 0.1 * REACHED * LENGTH
-    )
+    assert np.abs(again.tips - found.simulation.tips).max() <= 0.1 * FINE
+    assert np.abs(again.tips[1:] - np.array([x.result.tip for x in found.targets])).max() <= 0.1 * FINE
     assert [x.error for x in found.targets] == pytest.approx(
-        np.linalg.norm(again.tips[1:] - path, axis=1).tolist(), abs=0.1 * REACHED * LENGTH
+        np.linalg.norm(again.tips[1:] - path, axis=1).tolist(), abs=0.1 * FINE
     )
     # The last target is where the first one is, but the friction has another history.
     assert np.abs(found.tensions[2] - found.tensions[0]).max() > 1e-3
@@ -102,9 +105,9 @@ def test_position_and_direction_are_reached_by_two_segments():
     tensions = {"p0": 1.0, "p1": 0.3, "p2": 0.2, "d0": 0.2, "d1": 0.6, "d2": 0.3}
     goal = simulate(robot, model, [LoadStep(tensions=tensions)]).steps[-1]
     target = TipTarget(tuple(goal.tip), tuple(3.0 * goal.tangent), "pose")
-    found = reach(robot, model, target, LIMITS)
+    found = reach(robot, model, target, LIMITS, tolerance=FINE)
     assert found.status is ReachStatus.REACHED
-    assert found.error <= 1e-6 * LENGTH and found.direction_error <= 1e-6
+    assert found.error <= FINE and found.direction_error <= 1e-6
     assert np.sum(found.tensions**2) <= sum(x**2 for x in tensions.values()) * (1.0 + 1e-6)
     # The position alone takes less effort, and leaves another direction.
     alone = reach(robot, model, goal.tip, LIMITS)
@@ -146,6 +149,55 @@ def test_out_of_reach_ends_at_the_nearest_point_and_says_so():
     assert found.error < others.min()
 
 
+CIRCLE = np.radians(np.arange(0, 361, 30))
+STEEL = Robot(
+    Backbone(0.2, 0.5e-3, 200e9, 0.3),
+    Disks.equally_spaced(10, 0.2, radius=8e-3, thickness=3e-3),
+    tuple(
+        Tendon(f"t{k + 1}", ParallelRouting(6.5e-3, 120.0 * k), 0.15, axial_stiffness=6e3) for k in range(3)
+    ),
+    "steel wire",
+)
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize("height", [0.191, 0.1913, None])
+def test_neighbours_on_a_circle_have_neighbouring_tensions(height):
+    """A robot of one segment moves its tip on a surface; 20 N would bring it 0.1 mm nearer to points off it."""
+    circle = [(0.05 * np.cos(a), 0.05 * np.sin(a), height) for a in CIRCLE]
+    model, limits = Model(friction="none", elements_per_bay=1), TensionLimits(20.0, 0.2)
+    found = follow_path(STEEL, model, circle, limits)
+    # Targets that are turned by 120 degrees, or mirrored, have the same error and the same tensions.
+    tensions, third = found.tensions, [1, 2, 0]
+    assert found.errors[4:] == pytest.approx(found.errors[:-4], abs=1e-6)
+    assert tensions[4:, third] == pytest.approx(tensions[:-4], abs=0.01)
+    assert tensions[::-1, [0, 2, 1]] == pytest.approx(tensions, abs=0.01)
+    # A bending moment of constant size that turns: 0.5 of the largest tension for 30 degrees is its largest change.
+    assert np.abs(np.diff(tensions, axis=0)).max() < 0.55 * tensions.max()
+    assert tensions.max() < 6.0
+    # From the other side as well: without friction it does not matter where the robot comes from.
+    back = follow_path(STEEL, model, circle[::-1], limits)
+    assert back.tensions[::-1] == pytest.approx(tensions, abs=0.01)
+    if height is None:
+        assert all(x.reached for x in found.targets) and found.errors.max() < 1e-6
+    else:
+        assert found.errors.max() < found.errors.min() + 1e-5
+
+
+@pytest.mark.integration
+def test_with_friction_symmetric_targets_out_of_reach_have_the_same_nearest_point():
+    """A third of a turn is a symmetry of robot and path; a reflection is none, as friction has turned one way."""
+    circle = np.column_stack((0.05 * np.cos(CIRCLE), 0.05 * np.sin(CIRCLE), np.full(13, 0.191)))
+    found = follow_path(STEEL, Model(elements_per_bay=1), circle, TensionLimits(20.0, 0.2))
+    assert found.out_of_reach == tuple(range(1, 14)) and not found.not_converged
+    assert found.errors[5:] == pytest.approx(found.errors[1:-4], abs=1e-6)
+    assert found.tensions[5:, [1, 2, 0]] == pytest.approx(found.tensions[1:-4], abs=0.02)
+    assert np.abs(np.diff(found.tensions, axis=0)).max() < 0.55 * found.tensions.max()
+    assert "13: 0 reached within 0.2 mm, 13 out of reach" in repr(found)
+    wide = follow_path(STEEL, Model(elements_per_bay=1), circle, TensionLimits(20.0, 0.2), tolerance=1e-3)
+    assert all(x.reached for x in wide.targets)
+
+
 def test_bounds_and_targets_that_make_no_sense_are_refused():
     robot, model = CASES["no friction"]
     target = [0.0, 0.0, 0.2]
@@ -161,8 +213,13 @@ def test_bounds_and_targets_that_make_no_sense_are_refused():
         reach(robot, model, target, TensionLimits(1.0), drive_by="displacement")
     with pytest.raises(ValueError, match=r"shape \(n, 3\)"):
         follow_path(robot, model, [[1.0, 2.0]], TensionLimits(1.0))
-    with pytest.raises(ValueError, match="three finite numbers"):
-        TipTarget((0.0, np.nan, 0.2))
+    for position in ((0.0, np.nan, 0.2), (None, None, None)):
+        with pytest.raises(ValueError, match="must be"):
+            TipTarget(position)
+    with pytest.raises(ValueError, match="must be"):
+        follow_path(robot, model, np.array([[0.0, np.nan, 0.2]]), TensionLimits(1.0))
+    with pytest.raises(ValueError, match="above zero"):
+        reach(robot, model, target, TensionLimits(1.0), tolerance=0.0)
     with pytest.raises(ValueError, match="must not be zero"):
         TipTarget((0.0, 0.0, 0.2), (0.0, 0.0, 0.0))
     with pytest.raises(TypeError, match="TensionLimits"):

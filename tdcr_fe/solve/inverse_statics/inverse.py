@@ -8,15 +8,12 @@ Derivation: documentation, page "Inverse statics".
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import islice
 from math import isfinite
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import qmc
 
 from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
@@ -35,23 +32,19 @@ from tdcr_fe.model.targets import (
     tip_targets,
 )
 from tdcr_fe.scene.mesh import elements_of_bays
-from tdcr_fe.solve.inverse_statics.target_search import Aim, Effort, SearchResult, TargetSearch
+from tdcr_fe.solve.inverse_statics.target_search import Objective, SearchResult, TargetSearch
 from tdcr_fe.solve.inverse_statics.trials import TrialSteps
 from tdcr_fe.solve.mesh import MOST_MESHES, MeshMonitor, error_order, mesh_warnings, refined
 from tdcr_fe.solve.simulate import CONVERGED, INTERRUPTED
 from tdcr_fe.solve.simulation import one_thread, step_warnings
 
 Array = NDArray[np.float64]
-#: A target is reached where the error is smaller [fraction of the length, rad].
-REACHED = 1e-6
+#: Tolerance of the error, where none is given [fraction of the length].
+TOLERANCE = 1e-3
 #: Tensions from which the search is started at most before a target is said to be out of reach.
-MOST_STARTS = 6
-#: Relative difference of distances from a target below which two searches ended in the same nearest point [1].
-NEARER = 1e-3
-#: Searches that end in the same nearest point, after which no more are started.
-AGREEING_STARTS = 3
-#: Random tensions whose tips are looked up for further starts.
-SAMPLES = 64
+MOST_STARTS = 4
+#: A point is the nearest one where the linearised robot could come nearer by less than this share of the tolerance [1].
+STATIONARY = 0.1
 
 
 def follow_path(
@@ -65,6 +58,7 @@ def follow_path(
     drive_by: DriveBy = "tension",
     effort: EffortKind = "tension",
     before: Sequence[LoadStep] = (),
+    tolerance: float | None = None,
 ) -> FollowResult:
     """Find the loading sequence that takes the tip through targets, one after the other.
 
@@ -74,7 +68,8 @@ def follow_path(
         Description.
     targets
         An array of shape (n, 3) with positions [m], or (n, 6) with positions and directions of the tangent, or
-        `TipTarget` objects. An error of direction of 1 rad counts as much as one of position of the robot's length.
+        `TipTarget` objects. None leaves a coordinate open. An error of direction of 1 rad counts as much as one of
+        position of the robot's length.
     limits
         Bounds of the tensions.
     settings
@@ -84,10 +79,13 @@ def follow_path(
     drive_by
         What the load steps prescribe: tensions or displacements. With displacements the pretension must be above zero.
     effort
-        Where several tensions reach a target, those with the smallest sum of squares are taken ("tension"), or those
-        whose change from the target before has the smallest one ("change").
+        Where several tensions come as near to a target, those with the smallest sum of squares are taken ("tension"),
+        or those whose change from the target before has the smallest one ("change").
     before
         Load steps before the first target, such as loads that go on acting.
+    tolerance
+        Error with which a target counts as reached [m]; None is 0.1 % of the length. Where coming nearer by it would
+        need much higher tensions, the tip stays away.
 
     Returns
     -------
@@ -121,7 +119,10 @@ def follow_path(
             "follow_path: driven by displacement, every tendon needs a pretension above zero, since the displacement "
             "of a slack tendon acts on nothing"
         )
-    task = _Task(robot, model, tip_targets(targets), lower, upper, drive_by, effort, tuple(before))
+    tolerance = TOLERANCE * robot.backbone.length if tolerance is None else tolerance
+    if not 0.0 < tolerance < np.inf:
+        raise ValueError(f"follow_path: tolerance = {tolerance:g}: must be above zero, and finite [m]")
+    task = _Task(robot, model, tip_targets(targets), lower, upper, drive_by, effort, tuple(before), tolerance)
     begun = time.perf_counter()
     positions = [target.position for target in task.targets]
     implausible = plausibility_warnings(robot, model, task.before, positions)
@@ -145,6 +146,7 @@ def reach(
     drive_by: DriveBy = "tension",
     effort: EffortKind = "tension",
     before: Sequence[LoadStep] = (),
+    tolerance: float | None = None,
 ) -> ReachedTarget:
     """Find the tensions or displacements that take the tip to one target; arguments as those of `follow_path`.
 
@@ -168,6 +170,7 @@ def reach(
         drive_by=drive_by,
         effort=effort,
         before=before,
+        tolerance=tolerance,
     )
     if not found.targets:
         raise RuntimeError(found.simulation.message)
@@ -186,6 +189,7 @@ class _Task:
     drive_by: DriveBy
     effort: EffortKind
     before: tuple[LoadStep, ...]
+    tolerance: float  # [m]
 
     @property
     def scale(self) -> float:
@@ -237,7 +241,9 @@ class _FollowRun:
         self.trials = TrialSteps(task.robot, self.model, task.before, settings)
         self.goal = settings.mesh_tolerance * task.robot.backbone.length
         self.monitor = MeshMonitor(self.trials.simulation, self.goal)
-        self.samples = _Samples(task, counts)
+        # Squares, since the tensions of least effort are small in most tendons.
+        points = np.random.default_rng(1).random((MOST_STARTS, len(task.lower))) ** 2
+        self.points = task.lower + (task.upper - task.lower) * points
         self.steps: list[LoadStep] = []
         self.solved: list[StepResult] = []
         self.found: list[ReachedTarget] = []
@@ -285,17 +291,18 @@ class _FollowRun:
         """Reach for one target from the present state; None where no trial step has a solution."""
         task, simulation = self.task, self.trials.simulation
         start = simulation.state
-        aim = Aim.of(target, task.robot.backbone.length)
         present = np.clip(start.base_tension[0], task.lower, task.upper)
         reference = np.zeros_like(present) if task.effort == "tension" else start.base_tension[0]
-        effort = Effort(task.lower, task.upper, reference, task.scale)
+        length = task.robot.backbone.length
+        objective = Objective(
+            target, length, task.tolerance / length, task.lower, task.upper, reference, task.scale
+        )
         label = target.label or f"target {number + 1}"
-        search = TargetSearch(self.trials, start, aim, effort, label, target.time)
-        guess = [self.guesses[number]] if number < len(self.guesses) else []
-        whole = task.model.friction != "none"
-        best, starts = self._searched(search, self._starts(aim, [*guess, present]), whole)
+        search = TargetSearch(self.trials, start, objective, label)
+        starts = [*self.guesses[number : number + 1], present, *self.points][:MOST_STARTS]
+        best, count = search.best(starts, task.model.friction != "none")
         if best is not None and task.drive_by == "displacement":
-            best = search.by_displacement(best)
+            best = search.run(best.trial.displacements, by_displacement=True)
         if best is None:
             return None
         trial = best.trial
@@ -304,52 +311,19 @@ class _FollowRun:
         result = simulation.result(len(self.solved) + 1, label, trial.report, trial.actuation)
         self._keep(trial.step, result)
         self.warnings += step_warnings(result.step, trial.report)
-        return self._outcome(target, aim, best, search.count, starts, result)
-
-    @staticmethod
-    def _searched(
-        search: TargetSearch, tensions: Iterator[Array], whole: bool
-    ) -> tuple[SearchResult | None, int]:
-        """The best of the searches from several tensions, and their number.
-
-        With ``whole`` every search begins among load steps solved whole. Where it ends there no nearer to the target
-        than one before, it is not taken up with the friction's path.
-        """
-        ended: list[SearchResult] = []
-        best: SearchResult | None = None
-        nearest, starts = np.inf, 0
-        for start in islice(tensions, MOST_STARTS):
-            starts += 1
-            rough = search.whole(start) if whole else None
-            if rough is not None and best is not None and rough.size > max(REACHED, (1.0 - NEARER) * nearest):
-                found: SearchResult | None = rough
-            else:
-                found = search.run(start if rough is None else rough.trial.tensions)
-                nearest = nearest if rough is None else min(nearest, rough.size)
-                if found is not None:
-                    best = found if best is None or found.better_than(best) else best
-            if found is None or best is None:
-                continue
-            ended.append(found)
-            same = sum(x.stationary and x.size <= (1.0 + NEARER) * best.size for x in ended)
-            if best.size <= REACHED or same >= AGREEING_STARTS:
-                break
-        return best, starts
-
-    def _starts(self, aim: Aim, first: Sequence[Array]) -> Iterator[Array]:
-        """Tensions to start from: those given, then samples by the distance of their tips from the target."""
-        yield from first
-        yield from self.samples.nearest(aim)
+        return self._outcome(objective, best, search.count, count, result)
 
     def _outcome(
-        self, target: TipTarget, aim: Aim, best: SearchResult, trials: int, starts: int, result: StepResult
+        self, objective: Objective, best: SearchResult, trials: int, starts: int, result: StepResult
     ) -> ReachedTarget:
         task, trial = self.task, best.trial
-        error, direction_error = aim.errors(trial)
-        if best.size <= REACHED:
+        error, direction_error = objective.errors(trial)
+        if objective.size(trial) <= objective.tolerance:
             status = ReachStatus.REACHED
+        elif best.possible_gain <= STATIONARY * objective.tolerance:
+            status = ReachStatus.OUT_OF_REACH
         else:
-            status = ReachStatus.OUT_OF_REACH if best.stationary else ReachStatus.NOT_CONVERGED
+            status = ReachStatus.NOT_CONVERGED
         near = 1e-6 * task.scale
         names = task.robot.tendon_names
 
@@ -357,7 +331,7 @@ class _FollowRun:
             return tuple(n for n, x in zip(names, which, strict=True) if x)
 
         return ReachedTarget(
-            target,
+            objective.target,
             status,
             error,
             direction_error,
@@ -404,42 +378,4 @@ class _FollowRun:
         found = tuple(
             replace(x, result=result) for x, result in zip(self.found, self.solved[first:], strict=False)
         )
-        return FollowResult(found, tuple(self.steps), sequence, wall_time)
-
-
-class _Sample(NamedTuple):
-    """Tensions [N], and the tip and its tangent that they lead to without friction."""
-
-    tensions: Array
-    tip: Array
-    tangent: Array
-
-
-class _Samples:
-    """Tips of random tensions within the bounds, solved without friction when they are first needed."""
-
-    def __init__(self, task: _Task, counts: tuple[int, ...]) -> None:
-        self._task, self._counts = task, counts
-        self._solved: list[_Sample] = []
-
-    def nearest(self, aim: Aim) -> Iterator[Array]:
-        """Tensions by the distance of their tips from a target, nearest first."""
-        if not self._solved:
-            self._solved = list(self._solve())
-        yield from (x.tensions for x in sorted(self._solved, key=lambda x: aim.size(x.tip, x.tangent)))
-
-    def _solve(self) -> Iterator[_Sample]:
-        task = self._task
-        model = replace(task.model, friction="none", elements_per_bay=self._counts)
-        trials = TrialSteps(task.robot, model, task.before, SolverSettings())
-        for step, actuation in zip(task.before, resolve(task.robot, task.before), strict=True):
-            trials.simulation.advance(actuation, step.substeps)
-            trials.begin(actuation)
-        start = trials.simulation.state
-        points = qmc.Sobol(len(task.lower), seed=1).random(SAMPLES)
-        for point in points:
-            # Squares, since the tensions of least effort are small in most tendons.
-            tensions = task.lower + (task.upper - task.lower) * point**2
-            trial = trials.solve(start, trials.step(tensions, by_displacement=False), differentiate=False)
-            if trial is not None:
-                yield _Sample(tensions, trial.tip, trial.tangent)
+        return FollowResult(found, tuple(self.steps), sequence, task.tolerance, wall_time)

@@ -13,15 +13,12 @@ from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.solve.equations.configuration import SolverState
-from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Ramp, StepFailed
+from tdcr_fe.solve.load_steps.load_path import LoadStepReport, StepFailed
 from tdcr_fe.solve.sensitivities.parameters import parameters
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
 from tdcr_fe.solve.simulation import Simulation
 
 Array = NDArray[np.float64]
-#: Derivatives of a trial that was not differentiated.
-_UNKNOWN = np.zeros((6, 0)), np.zeros((0, 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,13 +33,9 @@ class Trial:
     tangent: Array  # as `tip`
     tensions: Array  # (m,): At the base [N, m]
     displacements: Array  # as `tensions`
-    # (6, m): Of the tip (position and world rotation vector) by the tension of each tendon [m/N, rad/N]; empty
-    # where it was not differentiated
+    # (6, m): Derivatives of the tip (position and world rotation vector) by the tension of each tendon [m/N, rad/N]
     motion: Array
-    # (m, m): Derivative of the inputs by the tensions; empty where it was not differentiated
-    inputs_by_tension: Array
-    # Whether the derivatives are those of the whole path; else of a path without reversals within substeps
-    exact: bool
+    inputs_by_tension: Array  # (m, m): Derivatives of the inputs
 
     @property
     def inputs(self) -> Array:
@@ -95,37 +88,23 @@ class TrialSteps:
             return LoadStep(label, displacements=named, substeps=substeps, time=time)
         return LoadStep(label, tensions=named, substeps=substeps, time=time)
 
-    def solve(
-        self, start: SolverState, step: LoadStep, *, differentiate: bool = True, exact: bool = False
-    ) -> Trial | None:
+    def solve(self, start: SolverState, step: LoadStep) -> Trial | None:
         """Solve a step from a state, and differentiate; None where it has no solution.
 
-        Parameters
-        ----------
-        start, step
-            The state and the step.
-        differentiate
-            Whether derivatives are needed.
-        exact
-            Whether along the whole path. Where slips reverse within substeps, that takes a path divided at every
-            reversal, at several times the cost of the step; otherwise they are those of as many plain substeps, in
-            which slips reverse at the ends only. That is a hundredth off, for a fraction of the cost.
+        Where slips reverse within substeps, exact derivatives would take a path divided at every reversal, at several
+        times the cost of the step. Those of as many plain substeps, in which slips reverse at the ends only, are a
+        hundredth off, for a fraction of the cost.
         """
         simulation = self.simulation
         target = self._actuation(step)
-        report = self._advance(start, target, step.substeps, differentiate, at_end=not exact)
+        report = self._advance(start, target, step.substeps, at_end=True)
         if report is None:
             return None
-        by_displacement, located = bool(step.displacements), simulation.located
-        motion, inputs_by_tension = self._derivatives(by_displacement) if differentiate else _UNKNOWN
+        by_displacement = bool(step.displacements)
+        derivatives = self._derivatives(by_displacement)
         state, displacements = simulation.state, simulation.displacement
-        if (
-            differentiate
-            and located
-            and not exact
-            and self._advance(start, target, report.substeps, differentiate=True, at_end=False) is not None
-        ):
-            motion, inputs_by_tension = self._derivatives(by_displacement)
+        if simulation.located and self._advance(start, target, report.substeps, at_end=False) is not None:
+            derivatives = self._derivatives(by_displacement)
         positions, rotations = state.configuration.poses[0]
         return Trial(
             step,
@@ -136,9 +115,7 @@ class TrialSteps:
             rotations[-1] @ BEAM_TO_SECTION.T[:, 2],
             state.base_tension[0].copy(),
             displacements,
-            motion,
-            inputs_by_tension,
-            exact or not located,
+            *derivatives,
         )
 
     def _actuation(self, step: LoadStep) -> Actuation:
@@ -153,15 +130,13 @@ class TrialSteps:
         )
 
     def _advance(
-        self, start: SolverState, target: Actuation, substeps: int | None, differentiate: bool, at_end: bool
+        self, start: SolverState, target: Actuation, substeps: int | None, at_end: bool
     ) -> LoadStepReport | None:
         """Solve a step from a state; None where it has no solution."""
         self.simulation.restore(start)
         self._history.steps.clear()
         try:
-            return self.simulation.advance(
-                target, substeps, follow=self._differentiate if differentiate else None, at_end=at_end
-            )
+            return self.simulation.advance(target, substeps, follow=self._history.advance, at_end=at_end)
         except (
             StepFailed,
             np.linalg.LinAlgError,
@@ -177,13 +152,3 @@ class TrialSteps:
             return motion, np.eye(len(by))
         inputs_by_tension = np.linalg.pinv(np.array([x.base_tensions[-1] for x in by]).T, rcond=1e-12)
         return motion @ inputs_by_tension, inputs_by_tension
-
-    def _differentiate(
-        self,
-        system: SceneSystem,
-        ramp: Ramp,
-        before: SolverState,
-        increments: tuple[tuple[float, SolverState], ...],
-    ) -> None:
-        """Derivatives along the substeps of a trial."""
-        self._history.advance(system, ramp, before, increments)
