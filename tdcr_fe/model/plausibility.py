@@ -89,23 +89,17 @@ class Value(NamedTuple):
         return not self.row.low <= self.ratio <= self.row.high
 
     @property
-    def says(self) -> str:
-        """What is wrong with it, and the units in which it would be usual; empty where it is within the limit."""
-        if not self.is_beyond:
-            return ""
-        row, percent = self.row, 100.0 * self.ratio
-        text = row.says.format(
-            ratio=self.ratio, percent=percent, low=row.low, high=row.high, detail=self.detail
+    def sentence(self) -> str:
+        """What is wrong with it, with key, value, and the units in which it would be usual."""
+        row, unit = self.row, self.unit if self.unit != "turns" else ""
+        given = "" if math.isnan(self.value) else f" = {self.value:g} {unit}".rstrip()
+        says = row.says.format(
+            ratio=self.ratio, percent=100.0 * self.ratio, low=row.low, high=row.high, detail=self.detail
         )
         fitting = [u for u, size in UNITS.get(self.unit, {}).items() if row.is_usual(self.ratio * size)]
-        return text + (f"; was it meant in {' or '.join(fitting)}?" if fitting else "")
-
-    @property
-    def sentence(self) -> str:
-        """What is wrong with it, with key and value."""
-        unit = self.unit if self.unit != "turns" else ""
-        given = "" if math.isnan(self.value) else f" = {self.value:g} {unit}".rstrip()
-        return f"{self.key}{given}: {self.says}"
+        return f"{self.key}{given}: {says}" + (
+            f"; was it meant in {' or '.join(fitting)}?" if fitting else ""
+        )
 
 
 # ------------------------------------------------------------------------------------------------- quantities
@@ -166,8 +160,7 @@ def _tendon_values(robot: Robot) -> Iterator[Value]:
                 yield Value("no_holes", f"{key}.{name}", value, "", value)
             elif name != "adhesion":
                 yield Value("friction", f"{key}.{name}", value, "", value)
-        if tendon.axial_stiffness is not None:
-            ea = tendon.axial_stiffness
+        if (ea := tendon.axial_stiffness) is not None:
             yield Value("tendon_stiffness", f"{key}.axial_stiffness", ea, "N", ea)
         if robot.without_disks:
             s = np.linspace(0.0, end, 101)
@@ -213,7 +206,7 @@ def _bending(vector: Vector) -> float:
     return math.hypot(x, y, min(z, 0.0))
 
 
-def _loading_values(robot: Robot, steps: Sequence[LoadStep]) -> Iterator[Value]:
+def _loading_values(robot: Robot, model: Model, steps: Sequence[LoadStep]) -> Iterator[Value]:
     """Quantities of a loading sequence; those of tendons in the step where they are largest."""
     b = robot.backbone
     strain, surface = f"strain_{material(b.youngs_modulus)}", "at the surface, by bending"
@@ -232,7 +225,7 @@ def _loading_values(robot: Robot, steps: Sequence[LoadStep]) -> Iterator[Value]:
         far, key = moved[k] if moved else 0.0, f"steps[{k}].displacements.{tendon.name}"
         end = robot.end(tendon)
         yield Value("displacement", key, far, "m", abs(far) / end, f"{end:g} m")
-    if not any(s.loads or any(s.tensions.values()) for s in steps):
+    if not any(model.gravity[:2]) and not any(s.loads or any(s.tensions.values()) for s in steps):
         yield from _let_out(robot, steps)
     for k, step in enumerate(steps):
         for name, load in step.loads.items():
@@ -282,7 +275,7 @@ def plausibility_warnings(
     ValueError
         A load or a target is so far beyond its limit that a solution would have no meaning.
     """
-    values = [*_robot_values(robot), *_gravity_values(robot, model), *_loading_values(robot, steps)]
+    values = [*_robot_values(robot), *_gravity_values(robot, model), *_loading_values(robot, model, steps)]
     for k, target in enumerate(targets):
         far = math.hypot(*(x for x in target if x is not None))
         values.append(Value("target", f"targets[{k}].position", far, "m", far / robot.backbone.length))

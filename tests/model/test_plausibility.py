@@ -209,6 +209,7 @@ def test_antagonists_that_are_let_out_give_no_warning():
     """Of three tendons at 120 degrees, one takes up what the others are pulled in; of two, opposite ones the same."""
     assert plausibility_warnings(WIRE, Model(), drawn(t1=-4e-3, t2=2e-3, t3=2e-3)) == []
     assert plausibility_warnings(wire((0.0, 180.0)), Model(), drawn(t1=4e-3, t2=-4e-3)) == []
+    assert plausibility_warnings(WIRE, Model(gravity=(9.81, 0.0, 0.0)), drawn(t1=-1e-3)) == []
 
 
 def test_a_thin_robot_may_hang_down():
