@@ -21,12 +21,11 @@ from tdcr_fe.commands.common import (
     WRONG_INPUT,
     Noted,
     complain,
-    count,
     stdout_kept_free,
 )
 from tdcr_fe.commands.table import COMMANDS
 from tdcr_fe.io.processes import sigterm_as_interrupt
-from tdcr_fe.model.messages import warnings_to
+from tdcr_fe.model.messages import count, warnings_to
 
 if TYPE_CHECKING:
     from tdcr_fe.io.problems import Problem

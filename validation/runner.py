@@ -25,6 +25,7 @@ from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.processes import sigterm_as_interrupt
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.io.store import Lines, OtherHead, Record, solve_all
+from tdcr_fe.model.messages import count
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -87,11 +88,6 @@ class Campaign:
 
     def write(self, outcomes: Sequence[Any], out: Path) -> None:
         """Write further files, such as pictures."""
-
-
-def count(number: int, noun: str, plural: str = "") -> str:
-    """A number with its noun."""
-    return f"{number} {noun if number == 1 else plural or noun + 's'}"
 
 
 def names() -> list[str]:

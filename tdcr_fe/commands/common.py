@@ -30,11 +30,6 @@ def complain(text: str) -> None:
     print(f"tdcr-fe: {text}", file=sys.stderr)
 
 
-def count(n: int, noun: str) -> str:
-    """A number with its noun, in the singular or the plural."""
-    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
-
-
 def cores() -> int:
     """Number of cores of this machine that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -12,7 +12,6 @@ from tdcr_fe.commands.common import (
     INTERRUPTED,
     SUCCESS,
     complain,
-    count,
     progress_bar,
     refuse,
 )
@@ -22,6 +21,7 @@ from tdcr_fe.io.problems import read_all
 from tdcr_fe.io.result_files import TARGETS, write_follow
 from tdcr_fe.io.toml import digest, read_model_file, read_robot
 from tdcr_fe.model.loading import Model, SolverSettings
+from tdcr_fe.model.messages import count
 from tdcr_fe.model.results import Interrupted
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.targets import FollowResult, ReachedTarget, ReachStatus, TensionLimits

@@ -11,7 +11,6 @@ from tdcr_fe.commands.common import (
     SUCCESS,
     complain,
     cores,
-    count,
     progress_bar,
 )
 from tdcr_fe.identify.identification import NotSolved, identify
@@ -22,6 +21,7 @@ from tdcr_fe.identify.statistics import summary
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.io.measured import MeasuredData, join_measured, read_measured
 from tdcr_fe.io.user_effects import read_own_effects
+from tdcr_fe.model.messages import count
 
 #: Keys of result.json that `--json` prints.
 FIGURES = ("verdict", "observations", "held_out_steps", "before", "effects", "after", "law", "ceiling")

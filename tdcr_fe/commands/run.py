@@ -21,7 +21,6 @@ from tdcr_fe.commands.common import (
     INTERRUPTED,
     SUCCESS,
     complain,
-    count,
     progress_bar,
     refuse,
 )
@@ -31,6 +30,7 @@ from tdcr_fe.io.problems import read_all
 from tdcr_fe.io.result_files import summary, write_results
 from tdcr_fe.io.toml import Scenario, read_scenario
 from tdcr_fe.io.user_effects import read_own_effects
+from tdcr_fe.model.messages import count
 from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
 from tdcr_fe.solve.simulate import simulate
 

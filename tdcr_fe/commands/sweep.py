@@ -15,12 +15,12 @@ from tdcr_fe.commands.common import (
     INTERRUPTED,
     SUCCESS,
     complain,
-    count,
     progress_bar,
     refuse,
 )
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.io.problems import read_all
+from tdcr_fe.model.messages import count
 from tdcr_fe.sweeps.description import Sweep
 from tdcr_fe.sweeps.read import read_sweep
 from tdcr_fe.sweeps.result import SweepResult

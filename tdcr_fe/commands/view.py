@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tdcr_fe.commands.common import SUCCESS, count, progress_bar, refuse
+from tdcr_fe.commands.common import SUCCESS, progress_bar, refuse
 from tdcr_fe.io.atomic import check_output_folder, write_text
 from tdcr_fe.io.gltf import write_glb
 from tdcr_fe.io.result_files import VIEW_PAGE
 from tdcr_fe.io.result_folder import read_motion
 from tdcr_fe.io.vtk_files import write_vtk
+from tdcr_fe.model.messages import count
 from tdcr_fe.report import video
 from tdcr_fe.report.motion import Motion
 from tdcr_fe.report.viewer import summary, view_page

@@ -65,6 +65,11 @@ def quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
+def count(number: int, noun: str, plural: str = "") -> str:
+    """A number with its noun, in the singular or the plural."""
+    return f"{number} {noun if number == 1 else plural or noun + 's'}"
+
+
 def steps_named(numbers: Sequence[int]) -> str:
     """Load steps by their numbers, shortened where there are several."""
     if len(numbers) == 1:

@@ -15,6 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from tdcr_fe.model.dataframes import AFTER_TENDONS, OF_TENDONS
+from tdcr_fe.model.messages import count
 from tdcr_fe.report.environment import MINUS, fixed
 from tdcr_fe.sweeps.cases import ESTIMATES, STATUSES, Outcome, columns_of_steps
 from tdcr_fe.sweeps.description import Column, Design, Sweep
@@ -226,7 +227,7 @@ class SweepResult:
         states = ", ".join(f"{n} {status}" for status, n in self.counts.items())
         inputs = ", ".join(self.inputs)
         lines = [
-            f'sweep of {len(self.cases)} cases by "{self.sweep.sampling.method}" over {inputs}: {states}'
+            f'sweep of {count(len(self.cases), "case")} by "{self.sweep.sampling.method}" over {inputs}: {states}'
         ]
         found = self.statistics()
         for name in self.shown[:MOST_PRINTED]:
@@ -236,7 +237,9 @@ class SweepResult:
         if len(self.shown) > MOST_PRINTED:
             lines.append(f"  and {len(self.shown) - MOST_PRINTED} more results")
         rate = self.solved_now / self.wall_time if self.wall_time > 0.0 else np.nan
-        lines.append(f"  {self.solved_now} cases solved in {self.wall_time:.1f} s, {rate:.3g} per second")
+        lines.append(
+            f"  {count(self.solved_now, 'case')} solved in {self.wall_time:.1f} s, {rate:.3g} per second"
+        )
         return "\n".join(lines)
 
 

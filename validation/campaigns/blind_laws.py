@@ -15,9 +15,10 @@ from typing import Any
 import pandas as pd
 
 from tdcr_fe.identify import IdentificationResult, identify
+from tdcr_fe.model.messages import count
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.blind.laws import LAWS, LawRecipe, make_law_set
-from tdcr_fe.validation.runner import Campaign, count
+from tdcr_fe.validation.runner import Campaign
 
 #: In so large a share of the sets the held-out error is halved, and in so large a one the formula is right.
 HALVED, RIGHT = 0.75, 0.5

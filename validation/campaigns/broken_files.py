@@ -28,9 +28,10 @@ from typing import ClassVar
 import numpy as np
 import pandas as pd
 
+from tdcr_fe.model.messages import count
 from tdcr_fe.validation.broken_files.inputs import INPUTS, Inputs, files_of, is_required
 from tdcr_fe.validation.broken_files.mutations import Change, change
-from tdcr_fe.validation.runner import Campaign, count
+from tdcr_fe.validation.runner import Campaign
 
 #: Processor time after which a command is interrupted [s].
 TIME_LIMIT = 10.0

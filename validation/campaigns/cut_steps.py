@@ -19,9 +19,10 @@ import numpy as np
 import pandas as pd
 
 from tdcr_fe.model.loading import Load, LoadStep, SolverSettings
+from tdcr_fe.model.messages import count
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.random_robots import MOST_TENDONS, RandomCase, draw
-from tdcr_fe.validation.runner import Campaign, count
+from tdcr_fe.validation.runner import Campaign
 
 #: Largest unreported difference of a node's position, over the length [1].
 ALLOWED = 1e-5

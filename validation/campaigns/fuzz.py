@@ -17,13 +17,14 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
+from tdcr_fe.model.messages import count
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.fuzz.checks import CHECKS, check_step
 from tdcr_fe.validation.fuzz.drawing import FuzzCase, draw
 from tdcr_fe.validation.fuzz.energy import divided, is_covered, ledger
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
-from tdcr_fe.validation.runner import Campaign, count
+from tdcr_fe.validation.runner import Campaign
 
 #: One case in so many is solved by the reference, too, and one in so many with every load step divided.
 REFERENCE_EVERY, ENERGY_EVERY = 50, 20

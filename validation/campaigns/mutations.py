@@ -21,7 +21,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import pandas as pd
 
-from tdcr_fe.validation.runner import Campaign, count
+from tdcr_fe.model.messages import count
+from tdcr_fe.validation.runner import Campaign
 
 #: The clone: mutations need its tests.
 CLONE = Path(__file__).parents[2]

@@ -26,10 +26,11 @@ from tdcr_fe.identify.search_state import Search, SearchState
 from tdcr_fe.io.measured import MeasuredData, join_measured
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.messages import count
 from tdcr_fe.validation.blind.declared import draw_loading, draw_markers, draw_robot, planned_readings, read
 from tdcr_fe.validation.blind.recipes import Drive
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
-from tdcr_fe.validation.runner import Campaign, count
+from tdcr_fe.validation.runner import Campaign
 
 Array = NDArray[np.float64]
 

@@ -18,11 +18,12 @@ import numpy as np
 import pandas as pd
 
 from tdcr_fe.io.atomic import write_json
+from tdcr_fe.model.messages import count
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.random_robots import RandomCase, draw
 from tdcr_fe.validation.reference import solve_reference
-from tdcr_fe.validation.runner import Campaign, count, source_digest
+from tdcr_fe.validation.runner import Campaign, source_digest
 
 #: Largest distance of a disk between both solutions over the length that need not be announced [1].
 TOLERANCE = 1e-3

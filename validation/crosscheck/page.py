@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from tdcr_fe.model.messages import count
 from tdcr_fe.report.environment import short
 from tdcr_fe.report.page import Card, Page, Picture, Section, render
 from tdcr_fe.validation.crosscheck import figures
@@ -17,7 +18,6 @@ from tdcr_fe.validation.crosscheck.cases import (
     ROUTINGS,
 )
 from tdcr_fe.validation.crosscheck.compare import PRESLIDING, THRESHOLD, TIP_TOLERANCE
-from tdcr_fe.validation.runner import count
 
 Record = dict[str, Any]
 
