@@ -125,7 +125,7 @@ def add_key(rng: Random, data: Any) -> Mutated:
 def text_for_number(rng: Random, data: Any) -> Mutated:
     """A text where a number belongs."""
     path = _pick(rng, _numbers(data))
-    text = str(rng.choice(["abc", "0.25", "1,5", "5 mm", "", "nan", "none"]))
+    text = str(rng.choice(["abc", "0.25", "1,5", "5 mn", "", "nan", "none"]))
     return to_toml(_with(data, path, text)), path, text, True
 
 
