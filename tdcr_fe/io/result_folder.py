@@ -109,13 +109,14 @@ def _tensions(
     path: Path, names: list[str], steps: list[int]
 ) -> tuple[tuple[Array, ...], tuple[tuple[tuple[str, ...], ...], ...]]:
     """By tendon: tensions of shape (n_steps, n_segments), and the states of holes by step."""
-    table = _table(path, ["step", "tension"], ["tendon", "hole_state"])
+    table = _table(path, ["step", "segment", "tension"], ["tendon", "hole_state"])
     if wrong := sorted(set(table.hole_state) - set(HOLE_STATES)):
         raise _refuse(path, f"must be one of {', '.join(HOLE_STATES)}", "hole_state", wrong[0])
     by_tendon = [table[table.tendon == name] for name in names]
-    if missing := [name for name, rows in zip(names, by_tendon, strict=True) if rows.empty]:
-        raise _refuse(path, "has no rows of this tendon", "tendon", missing[0])
-    tensions = tuple(_by_step(rows, path, steps)[:, :, 0] for rows in by_tendon)
+    for name, rows in zip(names, by_tendon, strict=True):
+        if rows.empty or len(rows) % len(steps):
+            raise _refuse(path, "must have the same segments in every step of steps.csv", "tendon", name)
+    tensions = tuple(_by_step(rows[["step", "tension"]], path, steps)[:, :, 0] for rows in by_tendon)
     states = (rows.hole_state.to_numpy().reshape(len(steps), -1).tolist() for rows in by_tendon)
     return tensions, tuple(tuple(map(tuple, of_tendon)) for of_tendon in states)
 
