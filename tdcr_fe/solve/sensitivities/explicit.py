@@ -141,6 +141,10 @@ class ExplicitDerivatives:
             Derivatives of history and times.
         """
         begin, end = times
+        if len(self._owner) == 1:  # inputs alone, as in inverse statics
+            nodes, count = 6 * len(point.positions), self._weights.shape[1]
+            still = np.zeros((*own.field.tension.shape, count))
+            return ForceChange(np.zeros((nodes, count)), still, still).with_rates(own, rate, inherited)
         by_parameter = np.append(inherited.time, 0.0)
         rates = np.broadcast_to(rate, (len(self._owner), *rate.shape))
         if end <= begin and rate.shape == inherited.slip_rate.shape[:2]:
