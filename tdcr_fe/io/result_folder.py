@@ -53,11 +53,12 @@ def _table(path: Path, numbers: Sequence[str], texts: Sequence[str] = ()) -> pd.
         raise _refuse(path, f"not a table of results: {str(error).splitlines()[0]}") from error
 
 
-def _by_step(rows: pd.DataFrame, path: Path, steps: Sequence[int]) -> Array:
+def _by_step(rows: pd.DataFrame, path: Path, steps: Sequence[int], tendon: str = "") -> Array:
     """The numbers of a table that has the same rows in every step, shape (n_steps, n_rows, n_columns)."""
     count, rest = divmod(len(rows), len(steps))
-    if rest or not np.array_equal(rows.step, np.repeat(steps, count)):
-        raise _refuse(path, "must have the same rows in every step of steps.csv", "step")
+    if rest or not count or not np.array_equal(rows.step, np.repeat(steps, count)):
+        text = "must have the same rows in every step of steps.csv"
+        raise _refuse(path, text, "tendon" if tendon else "step", tendon)
     values: Array = rows.select_dtypes("number").drop(columns="step").to_numpy(dtype=float)
     return values.reshape(len(steps), count, -1)
 
@@ -112,12 +113,11 @@ def _tensions(
     table = _table(path, ["step", "segment", "tension"], ["tendon", "hole_state"])
     if wrong := sorted(set(table.hole_state) - set(HOLE_STATES)):
         raise _refuse(path, f"must be one of {', '.join(HOLE_STATES)}", "hole_state", wrong[0])
-    by_tendon = [table[table.tendon == name] for name in names]
-    for name, rows in zip(names, by_tendon, strict=True):
-        if rows.empty or len(rows) % len(steps):
-            raise _refuse(path, "must have the same segments in every step of steps.csv", "tendon", name)
-    tensions = tuple(_by_step(rows[["step", "tension"]], path, steps)[:, :, 0] for rows in by_tendon)
-    states = (rows.hole_state.to_numpy().reshape(len(steps), -1).tolist() for rows in by_tendon)
+    by_tendon = {name: table[table.tendon == name] for name in names}
+    tensions = tuple(
+        _by_step(rows[["step", "tension"]], path, steps, name)[:, :, 0] for name, rows in by_tendon.items()
+    )
+    states = (rows.hole_state.to_numpy().reshape(len(steps), -1).tolist() for rows in by_tendon.values())
     return tensions, tuple(tuple(map(tuple, of_tendon)) for of_tendon in states)
 
 
