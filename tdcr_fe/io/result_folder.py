@@ -56,7 +56,7 @@ def _table(path: Path, numbers: Sequence[str], texts: Sequence[str] = ()) -> pd.
 def _by_step(rows: pd.DataFrame, path: Path, steps: Sequence[int], tendon: str = "") -> Array:
     """The numbers of a table that has the same rows in every step, shape (n_steps, n_rows, n_columns)."""
     count, rest = divmod(len(rows), len(steps))
-    if rest or not count or not np.array_equal(rows.step, np.repeat(steps, count)):
+    if rest or (tendon and not count) or not np.array_equal(rows.step, np.repeat(steps, count)):
         text = "must have the same rows in every step of steps.csv"
         raise _refuse(path, text, "tendon" if tendon else "step", tendon)
     values: Array = rows.select_dtypes("number").drop(columns="step").to_numpy(dtype=float)
