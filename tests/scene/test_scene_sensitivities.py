@@ -34,7 +34,7 @@ def test_a_robot_alone_has_the_derivatives_of_simulate():
         LoadStep("", {"t1": 0.6}, loads={"tip": Load(LENGTH, (0.0, 0.02, 0.0))}, substeps=2),
     ]
     expected = simulate(robot, Model(elements_per_bay=1), steps, SETTINGS, sensitivities=NAMES).sensitivities
-    _container, mbs, arm = scene(robot, assemble=False, basePosition=[0.1, 0.05, 0.2])
+    _container, mbs, arm = scene(robot, assemble=False, referencePosition=[0.1, 0.05, 0.2])
     tip = arm.add_load("tip", LENGTH)
     mbs.Assemble()
     tracked = track_sensitivities(arm, NAMES)

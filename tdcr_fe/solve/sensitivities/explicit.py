@@ -108,13 +108,13 @@ class ExplicitDerivatives:
 
     def _derivative(self, values: Array) -> Array:
         """Derivatives from values of all models, (S, ...) to (..., P)."""
-        found = (values - values[0]).reshape(len(values), -1).T @ self._weights
-        return np.asarray(found.reshape(*values.shape[1:], -1))
+        return np.moveaxis(values - values[0], 0, -1) @ self._weights
 
     def released_unloaded(self) -> Array:
         """Derivatives of the released lengths in the unloaded shape without tension, shape (m, n, P)."""
         tendons = self._stack.tendons
-        values = tendons.law.released_unloaded().reshape(-1, *self.present.forces.law.shape)
+        shape = (1 + tendons.index.max(), *self.present.forces.law.shape)
+        values = tendons.law.released_unloaded().reshape(shape)
         return self._derivative(values[tendons.index])
 
     def at(
