@@ -93,13 +93,6 @@ def _scale(quantity: str, factor: float) -> Change:
     return change
 
 
-def _keep(condition: Callable[[pd.DataFrame], pd.Series]) -> Change:
-    def change(t: Tables, _: np.random.Generator) -> None:
-        t.observations = t.observations[condition(t.observations)].copy()
-
-    return change
-
-
 def _sigma(factor: float) -> Change:
     def change(t: Tables, _: np.random.Generator) -> None:
         t.observations["sigma"] *= factor
@@ -261,17 +254,6 @@ def _two_steps(t: Tables, _: np.random.Generator) -> None:
     t.observations = t.observations[t.observations["step"].isin(t.steps[4:6])].copy()
 
 
-def _signs(*quantities: str) -> Change:
-    def change(t: Tables, _: np.random.Generator) -> None:
-        for quantity in quantities:
-            t.observations.loc[t.of(quantity), "value"] *= -1.0
-
-    return change
-
-
-_EXCHANGED_DISPLACEMENTS = _exchange_columns("displacement_t1", "displacement_t2")
-_REVERSED_DISPLACEMENTS = _scale_columns("displacement_", -1.0)
-
 #: All faults, in the order of the table that is printed.
 FAULTS: tuple[Fault, ...] = (
     Fault("positions in mm", "tension", _scale("position_", 1e3), ("mm",)),
@@ -299,8 +281,8 @@ FAULTS: tuple[Fault, ...] = (
     Fault("steps of the readings shuffled", "tension", _shuffle_steps, ("their order",)),
     Fault("readings one step late", "tension", _shift_steps, ("shifted",)),
     Fault("axes x and y exchanged", "tension", _exchange_axes, ("axes", "frame_misalignment")),
-    Fault("z counted down", "tension", _signs("position_z"), ("axes", "axis")),
-    Fault("left-handed axes", "tension", _signs("position_y"), ("axes", "axis")),
+    Fault("z counted down", "tension", _scale("position_z", -1.0), ("axes", "axis")),
+    Fault("left-handed axes", "tension", _scale("position_y", -1.0), ("axes", "axis")),
     Fault("first and last marker exchanged", "tension", _exchange_markers, ("markers at s",)),
     Fault("marker at the tip dead", "tension", _dead_marker, ("is constant",)),
     Fault("readings frozen from the middle on", "tension", _frozen_since_half, ("is constant",)),

@@ -148,7 +148,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 raise ValueError(f"--only: no case {unknown[0]!r}; there are {', '.join(cases)}")
             cases = {key: cases[key] for key in cases if key in options.only}
         return _work(name, campaign, cases, options)
-    except (InputError, OtherHead, ValueError) as error:
+    except (InputError, ValueError) as error:
         print(error, file=sys.stderr)
         return 2
 
@@ -170,21 +170,12 @@ def _parser(name: str, campaign: Campaign) -> argparse.ArgumentParser:
     parser.add_argument("--only", nargs="+", metavar="KEY", help=f"only these {unit}s, by seed or name")
     parser.add_argument("--processes", type=int, default=1, metavar="N", help=f"{unit}s at a time (1)")
     parser.add_argument("--again", action="store_true", help=f"run those {unit}s again that did not pass")
-    parser.add_argument(
-        "--other-code",
-        choices=("refuse", "keep", "discard"),
-        default="refuse",
-        help="what becomes of results of other code that OUT holds (refuse)",
-    )
-    parser.add_argument(
-        "--page", type=Path, metavar="FILE", help="also put the tables into this page, between its marks"
-    )
     campaign.add_options(parser)
     return parser
 
 
 #: Options that do not change a case.
-_COMMON = ("n", "first", "o", "only", "processes", "again", "other_code", "page")
+_COMMON = ("n", "first", "o", "only", "processes", "again")
 
 
 def _work(name: str, campaign: Campaign, cases: Mapping[str, Any], options: argparse.Namespace) -> int:
@@ -193,14 +184,10 @@ def _work(name: str, campaign: Campaign, cases: Mapping[str, Any], options: argp
     asked = {k: v for k, v in vars(options).items() if k not in _COMMON}
     head = {"source": source_digest(), "versions": versions(), "options": asked}
     store = Lines(out / f"{name}.jsonl", head)
-    if options.other_code == "keep":
-        store = store.with_head_of_file()
     try:
         store.begin_or_check()
     except OtherHead as error:
-        if options.other_code == "refuse":
-            raise ValueError(f"{error}; give another folder, or --other-code") from error
-        store.begin()
+        raise ValueError(f"{error}; give another folder") from error
 
     def again(record: Record) -> bool:
         return options.again and not campaign.outcome(**record).passed
@@ -226,8 +213,6 @@ def _work(name: str, campaign: Campaign, cases: Mapping[str, Any], options: argp
     campaign.table(outcomes).to_csv(out / f"{name}.csv", index=False)
     page = "\n\n".join(b if isinstance(b, str) else markdown(b) for b in blocks)
     write_text(page + "\n", out / f"{name}.md")
-    if options.page:
-        write_into_page(name, page, options.page)
     campaign.write(outcomes, out)
     print("\n\n".join(b if isinstance(b, str) else b.to_string(index=False) for b in blocks))
     return 0 if campaign.passed(outcomes) else 1
@@ -276,19 +261,3 @@ def markdown(table: pd.DataFrame) -> str:
     """A table as Markdown."""
     rows = [list(table.columns), ["---"] * len(table.columns), *table.astype(object).to_numpy().tolist()]
     return "\n".join(f"| {' | '.join(map(str, row))} |" for row in rows)
-
-
-def write_into_page(name: str, text: str, page: Path) -> None:
-    """Put a campaign's tables into a page of the documentation, between its marks.
-
-    Raises
-    ------
-    ValueError
-        A mark is missing.
-    """
-    begin, end = f"<!-- campaign {name}: begin -->", f"<!-- campaign {name}: end -->"
-    old = page.read_text(encoding="utf-8")
-    if begin not in old or end not in old:
-        raise ValueError(f"{page}: no {begin} ... {end} to put the tables in")
-    before, after = old.split(begin)[0], old.split(end, 1)[1]
-    write_text(f"{before}{begin}\n\n{text}\n\n{end}{after}", page)

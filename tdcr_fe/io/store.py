@@ -58,15 +58,6 @@ class Lines:
     path: Path
     head: Mapping[str, Any]
 
-    def with_head_of_file(self) -> Lines:
-        """The same file, whatever its head is."""
-        try:
-            with self.path.open("rb") as file:
-                found = json.loads(file.readline())
-        except (OSError, ValueError):
-            return self
-        return Lines(self.path, found) if isinstance(found, dict) else self
-
     def begin(self) -> None:
         """A new file without records, which replaces one that is there."""
         write_text(to_json(self.head, indent=None), self.path)

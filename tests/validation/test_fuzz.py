@@ -52,7 +52,7 @@ def test_random_robots_hold_all_checks(number):
 
 
 def test_an_outcome_passes_where_all_is_solved_and_all_checks_hold():
-    good = Outcome(1, [], 2, 2, "", "", {"frames": 1e-16}, [], 0.0, 0.0, 0.1)
+    good = Outcome(1, 2, 2, "", "", {"frames": 1e-16}, [], 0.0, 0.0, 0.1)
     assert good.passed
     assert not replace(good, solved=1, message="no").passed
     assert not replace(good, error="in a check: ...").passed

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tdcr_fe.validation.campaigns.mutations import CAMPAIGN, Outcome, place, run_tests
+from tdcr_fe.validation.campaigns.mutations import CAMPAIGN, CLONE, MUTATIONS, Outcome, place, run_tests
 
 
 def test_a_line_is_found_where_it_occurs_once(tmp_path: Path) -> None:
@@ -16,6 +16,12 @@ def test_a_line_is_found_where_it_occurs_once(tmp_path: Path) -> None:
     for line, times in (("y = 2", 2), ("z = 3", 0)):
         with pytest.raises(ValueError, match=f"occurs {times} times: '{line}'"):
             place(line, tmp_path)
+
+
+def test_the_lines_of_all_mutations_are_in_the_product() -> None:
+    for mutation in MUTATIONS.values():
+        place(mutation.line)
+        assert all((CLONE / "tests" / file).exists() for file in mutation.near)
 
 
 def test_the_first_test_that_fails_is_named_and_what_cannot_run_is_no_catch(tmp_path: Path) -> None:

@@ -86,15 +86,12 @@ def test_only_those_that_did_not_pass_are_run_again(squares, tmp_path):
     assert squares.solved == [0, 1, 2, 3, 2, 3]
 
 
-@pytest.mark.parametrize(
-    ("choice", "status", "solved"), [("refuse", 2, 4), ("keep", 0, 4), ("discard", 0, 8)]
-)
-def test_results_of_other_code(squares, tmp_path, capsys, monkeypatch, choice, status, solved):
+def test_results_of_other_code_are_refused(squares, tmp_path, capsys, monkeypatch):
     main(["squares", "-o", str(tmp_path)])
     monkeypatch.setattr(runner, "source_digest", lambda: "other")
-    assert main(["squares", "-o", str(tmp_path), "--other-code", choice]) == status
-    assert len(squares.solved) == solved
-    assert ("source differ" in capsys.readouterr().err) == (choice == "refuse")
+    assert main(["squares", "-o", str(tmp_path)]) == 2
+    assert len(squares.solved) == 4
+    assert "source differ" in capsys.readouterr().err
 
 
 def test_some_cases_by_their_keys(squares, tmp_path, capsys):
@@ -102,17 +99,6 @@ def test_some_cases_by_their_keys(squares, tmp_path, capsys):
     assert squares.solved == [1, 3]
     assert main(["squares", "-o", str(tmp_path), "--only", "7"]) == 2
     assert "no case '7'; there are 0, 1, 2, 3" in capsys.readouterr().err
-
-
-def test_a_page_gets_the_tables_between_its_marks(squares, tmp_path, capsys):
-    page = tmp_path / "page.md"
-    page.write_text("before\n<!-- campaign squares: begin -->\nold\n<!-- campaign squares: end -->\nafter\n")
-    assert main(["squares", "-n", "2", "-o", str(tmp_path), "--page", str(page)]) == 0
-    text = page.read_text()
-    assert text.startswith("before\n") and text.endswith("after\n")
-    assert "old" not in text and "| 1 | 1 | True |" in text
-    page.write_text("no marks")
-    assert main(["squares", "-n", "2", "-o", str(tmp_path), "--page", str(page)]) == 2
 
 
 @pytest.mark.parametrize("wrong", [["-n", "0"], ["--first", "-1"], ["--processes", "0"]])

@@ -6,18 +6,16 @@ input that is taken.
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import io
 import re
 import signal
-import subprocess
 import sys
 import threading
 import time
 import traceback
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
@@ -100,7 +98,7 @@ def draw(number: int) -> Case:
     return Case(number, inputs, change(rng, good, tuple(f for f in good if is_required(inputs, f))))
 
 
-def run_case(case: Case, own_process: bool = False) -> Outcome:
+def run_case(case: Case) -> Outcome:
     """Write the files, run the command, judge it."""
     with TemporaryDirectory() as place:
         folder, out = Path(place) / "in", Path(place) / "out"
@@ -109,7 +107,7 @@ def run_case(case: Case, own_process: bool = False) -> Outcome:
         if "--check" not in arguments:
             arguments += ["-o", str(out / "view.html" if arguments[0] == "view" else out)]
         begun = time.perf_counter()
-        ran = _in_process_of_its_own(arguments) if own_process else _in_this_process(arguments)
+        ran = _in_this_process(arguments)
         seconds = time.perf_counter() - begun
         outcome = judge(case, ran, seconds, list(out.rglob("*")) if out.exists() else [])
         text = ran.errors.replace(str(folder) + "/", "")
@@ -259,25 +257,6 @@ def _in_this_process(arguments: list[str]) -> Ran:
     return Ran(status, errors.getvalue(), where[0] if where else "")
 
 
-def _in_process_of_its_own(arguments: list[str]) -> Ran:
-    """Start the command as a user does, and stop it as Ctrl-C does where it takes too long."""
-    command = [sys.executable, "-m", "tdcr_fe", *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, encoding="utf-8")
-    stopped = ""
-    try:
-        _, errors = process.communicate(timeout=CLOCK_LIMIT)
-    except subprocess.TimeoutExpired:
-        stopped = "solving"
-        process.terminate()
-        try:
-            _, errors = process.communicate(timeout=GRACE)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            _, errors = process.communicate()
-            stopped = "reading"
-    return Ran(process.returncode, errors, stopped)
-
-
 class BrokenFiles(Campaign):
     """See the text of this module."""
 
@@ -285,27 +264,9 @@ class BrokenFiles(Campaign):
     count: ClassVar[int | None] = 2000
     outcome = Outcome
 
-    def add_options(self, parser: argparse.ArgumentParser) -> None:
-        """How many commands run as a user starts them."""
-        parser.add_argument(
-            "--own-processes",
-            type=int,
-            default=50,
-            metavar="N",
-            help="inputs with a process of their own (50)",
-        )
-
-    def cases(self, options: argparse.Namespace) -> Mapping[str, tuple[int, bool]]:
-        """Seeds, and whether the command runs in a process of its own, which is so for some, evenly spread."""
-        every = options.n // options.own_processes if options.own_processes > 0 else options.n + 1
-        return {
-            str(options.first + k): (options.first + k, k % max(1, every) == max(1, every) - 1)
-            for k in range(options.n)
-        }
-
-    def run(self, case: tuple[int, bool], out: Path) -> Outcome:
+    def run(self, case: int, out: Path) -> Outcome:
         """Draw an input and run the command."""
-        return run_case(draw(case[0]), own_process=case[1])
+        return run_case(draw(case))
 
     def report(self, outcomes: Sequence[Outcome]) -> list[str | pd.DataFrame]:
         """Counts by command and by mutation, and the first of the wrong ones."""

@@ -18,9 +18,10 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from tdcr_fe.model.loading import Load, LoadStep, SolverSettings
+from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.model.messages import count
 from tdcr_fe.solve.simulate import simulate
+from tdcr_fe.validation.fuzz.energy import divided
 from tdcr_fe.validation.random_robots import MOST_TENDONS, RandomCase, draw
 from tdcr_fe.validation.runner import Campaign
 
@@ -44,23 +45,6 @@ class Outcome:
         return self.reported or max(self.moved) <= ALLOWED
 
 
-def cut(case: RandomCase, parts: int) -> list[LoadStep]:
-    """The history of a random robot with every load step cut in equal parts; loads remain until they are changed."""
-    found, length = [], case.robot.backbone.length
-    inputs, force = dict.fromkeys(case.robot.tendon_names, 0.0), np.zeros(3)
-    for step in case.steps:
-        goal = dict(step.displacements if case.by_displacement else step.tensions)
-        end = np.array(step.loads["tip"].force) if step.loads else force
-        for x in np.arange(1, parts + 1) / parts:
-            now = {name: start + x * (goal[name] - start) for name, start in inputs.items()}
-            given = {"displacements": now} if case.by_displacement else {"tensions": now}
-            acting = tuple((force + x * (end - force)).tolist())
-            loads = {"tip": Load(length, acting)} if any(acting) else {}
-            found.append(replace(step, loads=loads, **given))  # type: ignore[arg-type]
-        inputs, force = goal, end
-    return found
-
-
 def compare(case: RandomCase, parts: int) -> Outcome:
     """Solve a history whole and in parts.
 
@@ -72,7 +56,7 @@ def compare(case: RandomCase, parts: int) -> Outcome:
     model = replace(case.model, elements_per_bay=1)
     settings = SolverSettings(path_tolerance=TIGHT, mesh_tolerance=np.inf)
     whole = simulate(case.robot, model, case.steps)
-    fine = simulate(case.robot, model, cut(case, parts), settings)
+    fine = simulate(case.robot, model, divided(case.robot, case.steps, parts), settings)
     for run in (whole, fine):
         if not run.converged:
             raise RuntimeError(f"robot {case.number}: {run.message}")

@@ -46,7 +46,6 @@ class Outcome:
     """What was found for one case."""
 
     number: int  # seed
-    options: list[str]  # what the robot has
     steps: int  # load steps
     solved: int  # those that converged
     message: str  # why the rest did not; empty where all did
@@ -100,7 +99,6 @@ def check_case(case: FuzzCase) -> Outcome:
     steps = () if result is None else result.steps
     return Outcome(
         case.number,
-        list(case.options),
         len(case.steps),
         sum(s.converged for s in steps),
         "" if result is None or result.converged else result.message,
@@ -178,14 +176,13 @@ class Fuzz(Campaign):
             "message": outcome.message,
             "warnings": len(outcome.warnings),
             "seconds": outcome.seconds,
-            "options": "; ".join(outcome.options),
             **{name: outcome.value(name) if name in outcome.worst else np.nan for name in TOLERANCES},
             "residual": outcome.residual,
             "discretisation_error": outcome.discretisation_error,
         }
 
     def report(self, outcomes: Sequence[Outcome]) -> list[str | pd.DataFrame]:
-        """Counts, tables by check and by option, and the cases that did not pass."""
+        """Counts, a table by check, and the cases that did not pass."""
         failed = [o for o in outcomes if not o.converged and not o.error]
         wrong = [o for o in outcomes if o.broken or o.error]
         seconds = [o.seconds for o in outcomes]
@@ -196,9 +193,8 @@ class Fuzz(Campaign):
             f"{len(wrong)} wrong; processor time per robot: median {np.median(seconds):.2f} s, "
             f"worst {max(seconds):.1f} s",
             checks_table(outcomes),
-            options_table(outcomes),
             *(f"{number} did not converge: {text}" for text, number in alike),
-            *(f"{o.number}: {_complaint(o)} ({', '.join(o.options)})" for o in (wrong + failed)[:30]),
+            *(f"{o.number}: {_complaint(o)}" for o in (wrong + failed)[:30]),
         ]
 
 
@@ -216,16 +212,6 @@ def checks_table(outcomes: Sequence[Outcome]) -> pd.DataFrame:
             beyond = int((values > limit).sum())
             rows.append((name, values.size, f"{np.median(values):.2g}", f"{values.max():.2g}", limit, beyond))
     return pd.DataFrame(rows, columns=["check", "cases", "median", "largest", "tolerance", "beyond"])
-
-
-def options_table(outcomes: Sequence[Outcome]) -> pd.DataFrame:
-    """By option of the robot: cases, those that did not converge, those with a broken check or an error."""
-    rows = []
-    for option in sorted({x for o in outcomes for x in o.options}):
-        having = [o for o in outcomes if option in o.options]
-        failed = sum(not o.converged and not o.error for o in having)
-        rows.append((option, len(having), failed, sum(bool(o.broken or o.error) for o in having)))
-    return pd.DataFrame(rows, columns=["option", "cases", "not converged", "wrong"])
 
 
 CAMPAIGN = Fuzz()

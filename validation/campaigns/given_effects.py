@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Effect, Experiment, effect
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import robust_threshold
-from tdcr_fe.identify.explainable_variance import StepFeatures, predicted_residuals
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.load_steps import held_out_branches
 from tdcr_fe.identify.noise import estimate_sigma
@@ -28,8 +27,6 @@ from tdcr_fe.identify.problem import Fit, FitProblem, evaluate
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.io.measured import MeasuredData, join_measured, read_measured
 from tdcr_fe.validation.runner import Campaign
-
-Array = NDArray[np.float64]
 
 #: Path tolerance of the runs, over the length [1].
 PATH_TOLERANCE = 5e-4
@@ -43,12 +40,12 @@ class Stage:
     problem: FitProblem
     fit: Fit
 
-    def distance(self, which: NDArray[np.bool_], residual: Array | None = None) -> float:
+    def distance(self, which: NDArray[np.bool_]) -> float:
         """Mean distance between measured and predicted markers, over some readings [m]."""
         readings, use = self.problem.readings, which & self.problem.readings.is_position
         if not np.any(use):
             return float("nan")
-        lengths = (self.fit.residual if residual is None else residual) * self.problem.sigma
+        lengths = self.fit.residual * self.problem.sigma
         square = np.bincount(readings.markers[use], weights=lengths[use] ** 2)
         return float(np.mean(np.sqrt(square[np.bincount(readings.markers[use]) > 0])))
 
@@ -60,7 +57,6 @@ class Outcome:
     stages: list[
         dict[str, Any]
     ]  # what was added, mean distances [m] (also by branch), values of all parameters
-    regression: float | None  # what a regression of the last residual leaves on held-out steps [m]
     passed: bool  # whether every model was solved
 
 
@@ -150,7 +146,6 @@ class Case:
     hold_out: list[str]
     every: int
     friction: str
-    ceiling: bool
     processes: int
 
 
@@ -164,11 +159,7 @@ def fit_all(case: Case) -> Outcome:
         for stage in fit_in_order(data, case.effects, case.hold_out, forward):
             stages.append(stage)
             print(stage.added or "declared", file=sys.stderr)
-        last, regression = stages[-1], None
-        if case.ceiling and last.fit.solved:
-            (predicted,) = predicted_residuals(last.problem, StepFeatures.of(data), [last.fit.residual])
-            regression = last.distance(last.problem.held_out, last.fit.residual - predicted)
-    return Outcome([_document(s) for s in stages], regression, all(s.fit.solved for s in stages))
+    return Outcome([_document(s) for s in stages], all(s.fit.solved for s in stages))
 
 
 def _document(stage: Stage) -> dict[str, Any]:
@@ -201,19 +192,12 @@ class GivenEffects(Campaign):
         parser.add_argument(
             "--friction", choices=("declared", "none"), default="declared", help="of the model"
         )
-        parser.add_argument(
-            "--ceiling", action="store_true", help="what a regression of the residual leaves at best"
-        )
 
     def cases(self, options: argparse.Namespace) -> Mapping[str, Case]:
         """One case: everything depends on what was fitted before."""
         if options.every < 1:
             raise ValueError("--every must be at least 1")
-        asked = {
-            k: v
-            for k, v in vars(options).items()
-            if k in ("effects", "hold_out", "every", "friction", "ceiling")
-        }
+        asked = {k: v for k, v in vars(options).items() if k in ("effects", "hold_out", "every", "friction")}
         return {"fit": Case(options.folder, processes=options.processes, **asked)}
 
     def run(self, case: Case, out: Path) -> Outcome:
@@ -242,8 +226,6 @@ class GivenEffects(Campaign):
         """All stages, and the values of the last one."""
         (outcome,) = outcomes
         blocks: list[str | pd.DataFrame] = [self.table(outcomes)]
-        if outcome.regression is not None:
-            blocks.append(f"after a regression of the residual, held out: {1e3 * outcome.regression:.2f} mm")
         for name, values in outcome.stages[-1]["values"].items():
             blocks.append(f"{name}: " + ", ".join(f"{key} = {value:.5g}" for key, value in values.items()))
         return blocks

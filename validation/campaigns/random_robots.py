@@ -6,7 +6,6 @@ together in every step, or a solver warned of the step.
 
 from __future__ import annotations
 
-import json
 import re
 import time
 from collections.abc import Callable, Sequence
@@ -17,13 +16,12 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import pandas as pd
 
-from tdcr_fe.io.atomic import write_json
 from tdcr_fe.model.messages import count
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.random_robots import RandomCase, draw
 from tdcr_fe.validation.reference import solve_reference
-from tdcr_fe.validation.runner import Campaign, source_digest
+from tdcr_fe.validation.runner import Campaign
 
 #: Largest distance of a disk between both solutions over the length that need not be announced [1].
 TOLERANCE = 1e-3
@@ -82,18 +80,6 @@ def solve(case: RandomCase, solver: Callable[..., SequenceResult]) -> Answer:
     return Answer(positions, estimates, list(result.warnings), failure, seconds)
 
 
-def reference_answer(case: RandomCase, folder: Path) -> Answer:
-    """The reference's answer; it takes minutes, and is kept as long as the reference's source is the same."""
-    file, digest = folder / f"{case.number}.json", source_digest("validation.reference")
-    if file.exists():
-        kept = json.loads(file.read_text(encoding="utf-8"))
-        if kept["digest"] == digest:
-            return Answer(*kept["answer"])
-    answer = solve(case, solve_reference)
-    write_json({"digest": digest, "answer": answer}, file, indent=None)
-    return answer
-
-
 def compare(case: RandomCase, fe: Answer, reference: Answer) -> Outcome:
     """Compare the answers of both solvers to the same case."""
     both = {"fe": fe, "reference": reference}
@@ -127,7 +113,7 @@ class RandomRobots(Campaign):
     def run(self, case: int, out: Path) -> Outcome:
         """Solve a case with both and compare."""
         drawn = draw(case)
-        return compare(drawn, solve(drawn, simulate), reference_answer(drawn, out / "reference"))
+        return compare(drawn, solve(drawn, simulate), solve(drawn, solve_reference))
 
     def row(self, outcome: Outcome) -> dict[str, Any]:
         """Numbers of a case, the largest of its steps."""

@@ -82,51 +82,6 @@ class FuzzCase:
         """Whether the solver chooses the mesh."""
         return self.model.elements_per_bay == "auto"
 
-    @property
-    def options(self) -> tuple[str, ...]:
-        """Words for what the robot has, for the table."""
-        b, tendons = self.robot.backbone, self.robot.tendons
-        straight = self.model.tendon_path == "straight"
-        words = {
-            "without disks": self.robot.without_disks,
-            "continuous tendons": not straight and not self.robot.without_disks,
-            "thick disks": self.robot.disks.thickness > 0.0,
-            "uneven disks": not self.robot.without_disks and not _even(self.robot),
-            "taper": bool(b.taper),
-            "superelastic": b.superelastic is not None,
-            "nonlinear material": b.nonlinear is not None,
-            "patches": bool(b.patches),
-            "precurvature": any(b.precurvature),
-            "creep": b.creep_rate > 0.0,
-            "gravity": any(self.model.gravity),
-            "base compliance": self.robot.base_stiffness is not None,
-            "springs": bool(self.robot.springs),
-            "elastic tendons": any(t.axial_stiffness is not None for t in tendons),
-            "pretension": any(t.pretension > 0.0 for t in tendons),
-            "driven by displacement": any(s.displacements for s in self.steps),
-            "clearance": straight and any(t.clearance > 0.0 for t in tendons),
-            "adhesion": self.model.friction != "none" and any(t.adhesion > 0.0 for t in tendons),
-            "tight holes": self.model.friction != "none" and any(t.tight_holes for t in tendons),
-            "no friction": self.model.friction == "none",
-            "friction per tendon": self.model.friction == "per-tendon",
-            "friction per hole": self.model.friction == "per-hole",
-            "friction laws": self.model.friction != "none" and any(t.friction is not None for t in tendons),
-            "segments": len({self.robot.end(t) for t in tendons}) > 1,
-            "effects": bool(self.effects),
-            "default mesh": self.default_mesh,
-            "no tendons": not tendons,
-            **{f"routing {kind}": any(t.routing.kind == kind for t in tendons) for kind in _KINDS},
-        }
-        return tuple(word for word, there in words.items() if there)
-
-
-_KINDS = ("parallel", "helical", "helical-varying", "converging", "points", "twisted")
-
-
-def _even(robot: Robot) -> bool:
-    gaps = np.diff([0.0, *robot.disks.positions])
-    return bool(np.ptp(gaps) < 1e-9)
-
 
 def draw(number: int) -> FuzzCase:
     """The case of a seed.
