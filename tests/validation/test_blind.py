@@ -272,8 +272,8 @@ def test_a_soft_spot_is_located_by_its_bay_and_never_explained(made):
         where = f"bay {bay} (s = {edges[bay - 1]:.4g} to {edges[bay]:.4g} m), steps 1, 2"
         return outcome(made, verdict, (), where, answer=hidden)
 
-    assert marked(4).in_the_bay and marked(4).outcome == "honest"
-    assert not marked(5).in_the_bay and marked(5).located
+    assert marked(4).located and marked(4).outcome == "honest"
+    assert marked(5).located
     assert not marked(7).located
     assert marked(4, "explained").outcome == "overconfident"
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.channels import channel
 from tdcr_fe.model.loading import Load, LoadStep
@@ -310,6 +311,15 @@ def planned_readings(setup: Experiment, arc_lengths: tuple[float, ...], more: li
         marks.append((k, "bending_angle", None))
         marks += [(k, quantity, name) for quantity in more for name in setup.robot.tendon_names]
     return marks
+
+
+def measured(marks: list[Mark], exact: Array, sigma: Array, rng: np.random.Generator) -> tuple[Reading, ...]:
+    """Readings with noise; ``exact`` and ``sigma`` are in the order of the marks [m, rad, N]."""
+    values = exact + sigma * rng.standard_normal(len(exact))
+    return tuple(
+        Reading(step + 1, quantity, location, round(float(v), 8), float(u))
+        for (step, quantity, location), v, u in zip(marks, values, sigma, strict=True)
+    )
 
 
 def read(result: SequenceResult, setup: Experiment, marks: list[Mark]) -> Array:

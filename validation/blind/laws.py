@@ -15,11 +15,17 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.io.measured import MeasuredData, write_measured
-from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import channel
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.validation.blind.declared import draw_loading, draw_markers, draw_robot, planned_readings, read
+from tdcr_fe.validation.blind.declared import (
+    draw_loading,
+    draw_markers,
+    draw_robot,
+    measured,
+    planned_readings,
+    read,
+)
 from tdcr_fe.validation.reference import Extras, ReferenceSettings, solve_reference
 from tdcr_fe.validation.reference.settings import BackboneState, PointForce
 
@@ -257,10 +263,6 @@ def _made(recipe: LawRecipe, sigma: float, rng: np.random.Generator) -> LawSet:
     base, sizes = readings(Extras())
     exact, _ = readings(recipe.law(robot, sizes))
     noise = np.array([sigma if channel(q).unit == "m" else sigma / 0.06 for _, q, _ in marks])
-    values = exact + noise * rng.standard_normal(len(exact))
-    observed = tuple(
-        Reading(k + 1, quantity, location, round(float(v), 8), float(u))
-        for (k, quantity, location), v, u in zip(marks, values, noise, strict=True)
-    )
+    observed = measured(marks, exact, noise, rng)
     data = MeasuredData(recipe.name, robot, model, tuple(range(1, len(steps) + 1)), steps, branches, observed)
     return LawSet(recipe, data, exact, float(np.sqrt(np.mean(((exact - base) / noise) ** 2))))

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.io.measured import MeasuredData, write_measured
-from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import channel
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.results import SequenceResult
@@ -21,6 +20,7 @@ from tdcr_fe.validation.blind.declared import (
     draw_markers,
     draw_robot,
     largest_commands,
+    measured,
     planned_readings,
     read,
 )
@@ -131,7 +131,7 @@ def _make(recipe: Recipe, rng: np.random.Generator, substeps: int) -> tuple[Meas
         tuple(range(1, len(declared.steps) + 1)),
         declared.steps,
         branches,
-        plan.measured(exact, rng),
+        measured(plan.marks, exact, plan.sigma, rng),
     )
     answer = Answer(
         recipe=recipe,
@@ -188,14 +188,6 @@ class _Measurement:
     arc_lengths: tuple[float, ...]
     marks: list[Mark]
     sigma: Array
-
-    def measured(self, exact: Array, rng: np.random.Generator) -> tuple[Reading, ...]:
-        """The readings with noise."""
-        values = exact + self.sigma * rng.standard_normal(len(exact))
-        return tuple(
-            Reading(step + 1, quantity, location, round(float(v), 8), float(u))
-            for (step, quantity, location), v, u in zip(self.marks, values, self.sigma, strict=True)
-        )
 
 
 def _draw_measurement(recipe: Recipe, declared: Experiment, rng: np.random.Generator) -> _Measurement:

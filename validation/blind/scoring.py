@@ -44,14 +44,10 @@ class Score:
     after: float = math.nan  # rms of the final model's error on them [m]
     intervals_hit: list[str] = field(default_factory=list)  # parameters inside of their 95 % interval
     intervals_missed: list[str] = field(default_factory=list)
-    truth: dict[str, Any] = field(default_factory=dict)
     found: dict[str, Any] = field(default_factory=dict)  # by effect and parameter, value and standard error
     remaining: list[str] = field(default_factory=list)  # where, and its description
-    runs: int = 0
     seconds: float = 0.0  # processor time of the identification [s]
-    off_list: dict[str, Any] = field(default_factory=dict)  # the hidden effect at a place
-    in_the_bay: bool = False  # whether the remainder is located at that very bay or disk
-    located: bool = False  # ... or within one bay, or by the loads that move a stuck hole
+    located: bool = False  # whether the remainder is within one bay of the hidden place, or by its loads
 
     @property
     def passed(self) -> bool:
@@ -66,7 +62,6 @@ def score(answer: Answer, result: IdentificationResult, seconds: float = 0.0) ->
     rivals = {e.name: list(e.indistinguishable_from) for e in result.effects}
     floor, after, before = _held_out(answer, result)
     hit, missed = _intervals(answer, result)
-    near, located = _located(answer, result) if answer.off_list else (False, False)
     return Score(
         recipe.seed,
         recipe.kind,
@@ -84,14 +79,10 @@ def score(answer: Answer, result: IdentificationResult, seconds: float = 0.0) ->
         after=after,
         intervals_hit=hit,
         intervals_missed=missed,
-        truth=answer.effects,
         found={e.name: {n: [p.value, p.std_error] for n, p in e.parameters.items()} for e in result.effects},
         remaining=[result.remaining.where, result.remaining.description],
-        runs=result.runs,
         seconds=seconds,
-        off_list=answer.off_list,
-        in_the_bay=near,
-        located=located,
+        located=bool(answer.off_list) and _located(answer, result),
     )
 
 
@@ -159,8 +150,8 @@ def _at_the_place(answer: Answer, result: IdentificationResult) -> bool:
     return bool(truth["start"] - 1e-5 <= found["s"].value <= truth["end"] + 1e-5)
 
 
-def _located(answer: Answer, result: IdentificationResult) -> tuple[bool, bool]:
-    """Whether the remainder is located where the effect is, and at least within one bay or by the right loads."""
+def _located(answer: Answer, result: IdentificationResult) -> bool:
+    """Whether the remainder is located within one bay of the effect, or by the right loads."""
     truth, data = answer.off_list, result.data
     where = result.remaining.where
     bay = float(np.max(np.diff((0.0, *data.robot.disks.positions))))
@@ -181,5 +172,4 @@ def _located(answer: Answer, result: IdentificationResult) -> tuple[bool, bool]:
         named = [index[int(n)] for n in steps[1].split(",") if n.strip()]
         pulled = np.array([s.tensions.get(truth["tendon"], 0.0) for s in data.steps])
         by_load = bool(np.mean(pulled[named] > 0.25 * np.max(pulled)) > 0.5)
-    near = distance <= (0.5 * bay if truth["kind"] == "soft_spot" else 1e-5)
-    return near, distance <= 1.05 * bay or by_load
+    return distance <= 1.05 * bay or by_load

@@ -50,11 +50,9 @@ def summary(scores: Sequence[Score]) -> dict[str, str]:
     hit = sum(len(s.intervals_hit) for s in listed)
     missed = sum(len(s.intervals_missed) for s in listed)
     seconds = [s.seconds for s in scores if s.passed] or [np.nan]
-    quiet = [s for s in kinds["single"] if s.sigma <= 1.2e-4]
     percent = round(100.0 * (NOISE_FLOOR - 1.0))
     return {
         "one listed effect: right name": _named(kinds["single"]),
-        "the same, noise up to 0.12 mm": _named(quiet),
         "two listed effects: both names, no other": _named(kinds["pair"]),
         "clean data: nothing missing": _share(
             sum(s.outcome == "right" for s in kinds["clean"]), kinds["clean"]
@@ -68,9 +66,6 @@ def summary(scores: Sequence[Score]) -> dict[str, str]:
         "effects at a place: kind and place right": _share(sum(s.outcome == "right" for s in places), places),
         "... right, or not called explained": _share(
             sum(s.outcome != "overconfident" for s in places), places
-        ),
-        "... remainder in the very bay or at the very disk": _share(
-            sum(s.in_the_bay for s in places), places
         ),
         "... remainder within one bay, or at the right load": _share(sum(s.located for s in places), places),
         "processor time per set, median and largest": f"{np.median(seconds):.0f} s, {max(seconds):.0f} s",
