@@ -23,6 +23,7 @@ from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.loading import LoadStep, Model, Vector
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.tendon import Tendon
 
 #: Units that a number may have been given in, by the unit of the file, and their size in it.
 UNITS = {
@@ -33,7 +34,7 @@ UNITS = {
     "kg": {"g": 1e-3},
     "Pa": {"GPa": 1e9, "MPa": 1e6, "kPa": 1e3},
     "kg/m^3": {"g/cm^3": 1e3},
-    "m/s^2": {"mm/s^2": 1e-3},
+    "m/s^2": {"mm/s^2": 1e-3, "cm/s^2": 1e-2, "ft/s^2": 0.3048},
     "deg": {"rad": math.degrees(1.0)},
     "turns": {"degrees": 1.0 / 360.0},
     "": {"per cent": 0.01},
@@ -162,15 +163,19 @@ def _tendon_values(robot: Robot) -> Iterator[Value]:
                 yield Value("friction", f"{key}.{name}", value, "", value)
         if (ea := tendon.axial_stiffness) is not None:
             yield Value("tendon_stiffness", f"{key}.axial_stiffness", ea, "N", ea)
+        backbone, offset = robot.backbone, _offset(robot, tendon)
+        yield Value(
+            "adhesion", f"{key}.adhesion", tendon.adhesion, "N", tendon.adhesion * offset * end / backbone.EI
+        )
+        if offset > 0.0 and backbone.bending_stiffness is None and not robot.without_disks:
+            yield Value("hole", f"{key}.offset", offset, "m", offset / backbone.radius)
         if robot.without_disks:
             s = np.linspace(0.0, end, 101)
-            offset, radius = (
-                np.linalg.norm(tendon.routing.position(s, end), axis=1),
-                robot.backbone.radius_at(s),
-            )
-            k = int(np.argmax(offset / radius))
+            offsets = np.linalg.norm(tendon.routing.position(s, end), axis=1)
+            radius = backbone.radius_at(s)
+            k = int(np.argmax(offsets / radius))
             detail = f"of radius {radius[k]:g} m at s = {s[k]:g} m"
-            yield Value("course", f"{key}.offset", offset[k], "m", offset[k] / radius[k], detail)
+            yield Value("course", f"{key}.offset", offsets[k], "m", offsets[k] / radius[k], detail)
     for (i, one), (k, other) in itertools.combinations(enumerate(robot.tendons), 2):
         a, b = (robot.holes(t) for t in (one, other))
         if a.shape == b.shape:
@@ -179,6 +184,11 @@ def _tendon_values(robot: Robot) -> Iterator[Value]:
     angles = [abs(getattr(t.routing, "angle_deg", math.inf)) for t in robot.tendons]
     if len(set(angles)) > 1:
         yield Value("angles", "tendons.angle_deg", max(angles), "deg", max(angles))
+
+
+def _offset(robot: Robot, tendon: Tendon) -> float:
+    """Largest distance of a tendon's holes from the axis [m]."""
+    return float(np.max(np.linalg.norm(robot.holes(tendon), axis=1)))
 
 
 def _gravity_values(robot: Robot, model: Model) -> Iterator[Value]:
@@ -214,8 +224,10 @@ def _loading_values(robot: Robot, model: Model, steps: Sequence[LoadStep]) -> It
         tensions = [s.tensions.get(tendon.name, 0.0) for s in steps]
         k = int(np.argmax(tensions)) if tensions else 0
         force, key = max(tensions, default=0.0), f"steps[{k}].tensions.{tendon.name}"
+        if tendon.pretension > force:
+            force, key = tendon.pretension, f"tendons[{robot.tendons.index(tendon)}].pretension"
         # A parallel tendon bends the backbone to the curvature T a / EI (pure moment).
-        offset = float(np.max(np.linalg.norm(robot.holes(tendon), axis=1)))
+        offset = _offset(robot, tendon)
         strains = (force / b.EA, "along its axis"), (force * offset / b.EI * b.radius, surface)
         yield Value(strain, key, force, "N", *max(strains))
         if (ea := tendon.axial_stiffness or 0.0) >= limits()["tendon_stiffness"].low:
@@ -238,6 +250,23 @@ def _loading_values(robot: Robot, model: Model, steps: Sequence[LoadStep]) -> It
             strains = (force / b.EA, "along its axis"), (curvature * b.radius, surface)
             yield Value(strain, f"{key}.force", force, "N", *max(strains))
             yield Value(strain, f"{key}.moment", moment, "N m", moment / b.EI * b.radius, surface)
+
+
+def _bends(robot: Robot, model: Model, steps: Sequence[LoadStep]) -> Iterator[Value]:
+    """The largest angle by which a single input, load or weight bends the robot, to first order."""
+    b, angles = robot.backbone, [0.0]
+    for step in steps:
+        for tendon in robot.tendons:
+            offset = _offset(robot, tendon)
+            tension = step.tensions.get(tendon.name, 0.0) + tendon.pretension
+            angles.append(tension * offset * robot.end(tendon) / b.EI)
+            if offset > 0.0:
+                angles.append(abs(step.displacements.get(tendon.name, 0.0)) / offset)
+        for load in step.loads.values():
+            angles += [math.hypot(*load.force) * load.at**2 / b.EI, math.hypot(*load.moment) * load.at / b.EI]
+    angles += [v.ratio for v in _gravity_values(robot, model) if v.limit == "weight"]
+    if max(angles) > 0.0:
+        yield Value("bends", "steps", math.nan, "", max(angles))
 
 
 def _let_out(robot: Robot, steps: Sequence[LoadStep]) -> Iterator[Value]:
@@ -276,6 +305,7 @@ def plausibility_warnings(
         A load or a target is so far beyond its limit that a solution would have no meaning.
     """
     values = [*_robot_values(robot), *_gravity_values(robot, model), *_loading_values(robot, model, steps)]
+    values += _bends(robot, model, steps)
     for k, target in enumerate(targets):
         far = math.hypot(*(x for x in target if x is not None))
         values.append(Value("target", f"targets[{k}].position", far, "m", far / robot.backbone.length))

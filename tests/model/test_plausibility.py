@@ -124,6 +124,18 @@ ROWS = {
         wire(axial_stiffness=60.0), Model(), [LoadStep(tensions={"t1": 30.0})],
         "steps[0].tensions.t1 = 30 N: strains the tendon by 50 %", ""),
     "displacement in mm": (WIRE, Model(), drawn(t1=2.0), "steps[1].displacements.t1 = 2 m", "in mm?"),
+    "gravity in ft/s^2": (
+        WIRE, Model(gravity=(0.0, 0.0, -32.2)), PULL, "model.gravity = 32.2 m/s^2: 3.28 times", "in ft/s^2?"),
+    "a helix of two disks a turn": (helical(6.28), Model(), PULL, "tendons[0].turns = 6.28:", ""),
+    "hole within the backbone": (
+        wire(routing=lambda a: ParallelRouting(6.5e-6, a)), Model(), [LoadStep(loads={"tip": Load(0.2, (0.1, 0, 0))})],
+        "tendons[0].offset = 6.5e-06 m: inside", ""),
+    "pretension in gf": (
+        wire(pretension=200.0), Model(), drawn(t1=1e-3), "tendons[0].pretension = 200 N: strains", "gf?"),
+    "adhesion in mN": (wire(adhesion=10.0), Model(), PULL, "tendons[0].adhesion = 10 N: one hole", "gf?"),
+    "E in GPa for MPa": (
+        WIRE.with_backbone(youngs_modulus=1e12), Model(), [LoadStep(tensions={"t1": 1e-3})],
+        "steps: no input or load bends the robot by more than", "youngs_modulus"),
     "load in mN": (WIRE, Model(), at_tip(force=(200.0, 0.0, 0.0)), "steps[1].loads.tip.force = 200 N", "mN or gf?"),
 }  # fmt: skip
 
