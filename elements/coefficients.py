@@ -21,8 +21,7 @@ Array = NDArray[np.float64]
 TOLERANCE, ACCEPTED = 1e-12, 1e-8
 #: Largest change of a coefficient in one iteration [1].
 MAX_STEP = 0.5
-
-
+#: Most iterations; the bounded steps need two from end to end of the range, Newton's last ones a few more.
 MAX_ITERATIONS = 30
 
 

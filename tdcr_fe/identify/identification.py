@@ -11,7 +11,6 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.criteria import robust_threshold, unusable_data
 from tdcr_fe.identify.data_faults import data_fault, impossible_place, other_sign_solves
 from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.judge import Found, conclude
 from tdcr_fe.identify.law_search import LEAST_ITERATIONS, find_law
 from tdcr_fe.identify.load_steps import choose_held_out, held_out_branches
 from tdcr_fe.identify.long_data import (
@@ -42,6 +41,7 @@ from tdcr_fe.identify.settings import (
     Schedule,
     clock,
 )
+from tdcr_fe.identify.verdict import Found, conclude
 from tdcr_fe.io.measured import MeasuredData, without_unread_steps
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.user_effects import check_on

@@ -1,6 +1,6 @@
 """Result files of a simulation and of a followed path: tables, `summary.json`, pictures and the 3D page.
 
-The columns of the tables are in `tdcr_fe.model.dataframes`.
+The columns of the tables are in `tdcr_fe.model.columns`.
 """
 
 from __future__ import annotations

@@ -278,25 +278,25 @@ class SequenceResult:
 
     def to_frame(self) -> pd.DataFrame:
         """One row per load step: actuation, tip pose and angles, with the columns of ``steps.csv``."""
-        from tdcr_fe.model.dataframes import steps_frame
+        from tdcr_fe.model.columns import steps_frame
 
         return steps_frame(self)
 
     def shape_frame(self) -> pd.DataFrame:
         """One row per backbone node and load step, with the columns of ``shape.csv``."""
-        from tdcr_fe.model.dataframes import shape_frame
+        from tdcr_fe.model.columns import shape_frame
 
         return shape_frame(self)
 
     def tensions_frame(self) -> pd.DataFrame:
         """One row per tendon segment and load step, with the columns of ``tensions.csv``."""
-        from tdcr_fe.model.dataframes import tensions_frame
+        from tdcr_fe.model.columns import tensions_frame
 
         return tensions_frame(self)
 
     def sensitivities_frame(self) -> pd.DataFrame:
         """One row per load step and parameter, with the columns of ``sensitivities.csv``."""
-        from tdcr_fe.model.dataframes import sensitivities_frame
+        from tdcr_fe.model.columns import sensitivities_frame
 
         return sensitivities_frame(self)
 

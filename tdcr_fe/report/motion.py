@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.dataframes import quaternions
+from tdcr_fe.model.columns import quaternions
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.results import SequenceResult

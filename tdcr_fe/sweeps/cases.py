@@ -17,7 +17,7 @@ from tdcr_fe.effects import Effect
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.toml import ScenarioTables, build_scenario, read_scenario_tables
 from tdcr_fe.io.user_effects import read_own_effects
-from tdcr_fe.model.dataframes import AFTER_TENDONS, OF_TENDONS
+from tdcr_fe.model.columns import AFTER_TENDONS, OF_TENDONS
 from tdcr_fe.model.messages import meant, shown, warnings_to
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.units import number_or_none

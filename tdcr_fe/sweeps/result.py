@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from tdcr_fe.model.dataframes import AFTER_TENDONS, OF_TENDONS
+from tdcr_fe.model.columns import AFTER_TENDONS, OF_TENDONS
 from tdcr_fe.model.messages import count
 from tdcr_fe.report.environment import MINUS, fixed
 from tdcr_fe.sweeps.cases import ESTIMATES, STATUSES, Outcome, columns_of_steps

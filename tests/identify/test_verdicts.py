@@ -17,10 +17,10 @@ from tdcr_fe.effects import EFFECTS, Experiment, effect
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.candidates import identifiable
 from tdcr_fe.identify.criteria import mostly_estimated_noise, unknown_noise, unusable_data
-from tdcr_fe.identify.judge import separating_experiments
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.sentences import headline, sentences
+from tdcr_fe.identify.verdict import separating_experiments
 from tdcr_fe.io.measured import write_measured
 from tdcr_fe.io.processes import STATUS_SIGINT, STATUS_SIGTERM
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from tdcr_fe.io import result_files as output
 from tdcr_fe.io.result_files import write_results
-from tdcr_fe.model.dataframes import quaternions
+from tdcr_fe.model.columns import quaternions
 from tdcr_fe.model.loading import LoadStep
 
 

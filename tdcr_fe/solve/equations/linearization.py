@@ -263,6 +263,10 @@ class Linearization(NamedTuple):
         After the step every tendon with prescribed displacement is taut and meets it, or has no tension and takes less
         length than its base lets out: a complementarity problem in the tensions, with the robot in equilibrium.
 
+        Far from a solution the problem may have none: with friction against the pull, or near buckling, a tendon that
+        is pulled may let others go. The step is then that of a positive definite matrix nearby, which has one always;
+        without it, slack tendons would stay slack, and the iteration where it is.
+
         Parameters
         ----------
         unbalanced
@@ -271,10 +275,6 @@ class Linearization(NamedTuple):
             By robot.
         inputs
             By robot, prescribed tensions [N] and displacements [m], shape (m,).
-
-        Far from a solution the problem may have none: with friction against the pull, or near buckling, a tendon that
-        is pulled may let others go. The step is then that of a positive definite matrix nearby, which has one always;
-        without it, slack tendons would stay slack, and the iteration where it is.
         """
         factors = self.factorisation
         if not isinstance(factors, BorderedFactors):

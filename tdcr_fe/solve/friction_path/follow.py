@@ -146,8 +146,8 @@ def projected(
 
     Parameters
     ----------
-    kept
-        The complements that are constant.
+    constraints
+        Which unknowns are free, with the complements that are constant.
     z
         Unknowns, shape (n,).
     state
@@ -160,7 +160,7 @@ def projected(
     unknowns : ndarray, shape (n,)
     state : SlipState
         Slips there.
-    unclipped : Unclipped
+    unclipped : FreeUnknowns
         What the free unknowns would be without bounds.
     """
     free = constraints.free.nonzero()[0]

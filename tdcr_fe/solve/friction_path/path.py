@@ -78,7 +78,7 @@ def along_segment(path: PathSegments, i: int, length: float, bounds: Bounds) -> 
 
     Parameters
     ----------
-    path segments, i
+    path, i
         The path segments, and the number of the one.
     length
         Change of the load factor from its beginning on [1].

@@ -209,7 +209,7 @@ def near_enough(state: SolverState, linearization: Linearization) -> bool:
 
 
 class TautTendons(NamedTuple):
-    """Tendons under tension at either end of a substep.
+    """Tendons under tension in any of the known states of a substep.
 
     All other tendons transmit nothing; their holes are left out of the friction path.
     """
