@@ -24,19 +24,19 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 3104,
-    "tdcr_fe": 253,
-    "tdcr_fe/commands": 1005,
+    "elements": 3103,
+    "tdcr_fe": 263,
+    "tdcr_fe/commands": 1014,
     "tdcr_fe/effects": 1428,
-    "tdcr_fe/identify": 6686,
-    "tdcr_fe/io": 2398,
-    "tdcr_fe/model": 2484,
-    "tdcr_fe/report": 1329,
-    "tdcr_fe/scene": 1500,
-    "tdcr_fe/solve": 8124,
-    "tdcr_fe/sweeps": 1724,
-    "validation": 9514,
-    "tests": 17415,
+    "tdcr_fe/identify": 6732,
+    "tdcr_fe/io": 2307,
+    "tdcr_fe/model": 2659,
+    "tdcr_fe/report": 1242,
+    "tdcr_fe/scene": 1470,
+    "tdcr_fe/solve": 7570,
+    "tdcr_fe/sweeps": 1644,
+    "validation": 7794,
+    "tests": 17177,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
