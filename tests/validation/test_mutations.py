@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tdcr_fe.validation.campaigns.mutations import CAMPAIGN, CLONE, MUTATIONS, Outcome, place, run_tests
+from tdcr_fe.validation.campaigns.mutations import CAMPAIGN, MUTATIONS, Outcome, place, run_tests
 
 
 def test_a_line_is_found_where_it_occurs_once(tmp_path: Path) -> None:
@@ -21,7 +21,7 @@ def test_a_line_is_found_where_it_occurs_once(tmp_path: Path) -> None:
 def test_the_lines_of_all_mutations_are_in_the_product() -> None:
     for mutation in MUTATIONS.values():
         place(mutation.line)
-        assert all((CLONE / "tests" / file).exists() for file in mutation.near)
+        assert all((Path(__file__).parents[1] / file).exists() for file in mutation.near)
 
 
 def test_the_first_test_that_fails_is_named_and_what_cannot_run_is_no_catch(tmp_path: Path) -> None:
