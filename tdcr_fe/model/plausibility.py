@@ -253,20 +253,29 @@ def _loading_values(robot: Robot, model: Model, steps: Sequence[LoadStep]) -> It
 
 
 def _bends(robot: Robot, model: Model, steps: Sequence[LoadStep]) -> Iterator[Value]:
-    """The largest angle by which a single input, load or weight bends the robot, to first order."""
-    b, angles = robot.backbone, [0.0]
-    for step in steps:
+    """The largest angles by which inputs, or loads and weights where there are none, bend the robot, to first order."""
+    b, inputs, loads = robot.backbone, [0.0], [0.0]
+    for k, step in enumerate(steps):
+        moment, turn = np.zeros(2), np.zeros(2)
         for tendon in robot.tendons:
-            offset = _offset(robot, tendon)
-            tension = step.tensions.get(tendon.name, 0.0) + tendon.pretension
-            angles.append(tension * offset * robot.end(tendon) / b.EI)
-            if offset > 0.0:
-                angles.append(abs(step.displacements.get(tendon.name, 0.0)) / offset)
+            holes = robot.holes(tendon)
+            offset, direction = (
+                _offset(robot, tendon),
+                holes[0] / max(float(np.linalg.norm(holes[0])), 1e-300),
+            )
+            tension = step.tensions.get(tendon.name, 0.0)
+            moved = step.displacements.get(tendon.name, 0.0) / offset if offset > 0.0 else 0.0
+            angle = tension * offset * robot.end(tendon) / b.EI
+            inputs += [angle, abs(moved), tendon.pretension * offset * robot.end(tendon) / b.EI]
+            moment, turn = moment + angle * direction, turn + moved * direction
+        yield Value("wound", f"steps[{k}].tensions", math.nan, "", float(np.linalg.norm(moment)))
+        yield Value("wound", f"steps[{k}].displacements", math.nan, "", float(np.linalg.norm(turn)))
         for load in step.loads.values():
-            angles += [math.hypot(*load.force) * load.at**2 / b.EI, math.hypot(*load.moment) * load.at / b.EI]
-    angles += [v.ratio for v in _gravity_values(robot, model) if v.limit == "weight"]
-    if max(angles) > 0.0:
-        yield Value("bends", "steps", math.nan, "", max(angles))
+            loads += [math.hypot(*load.force) * load.at**2 / b.EI, math.hypot(*load.moment) * load.at / b.EI]
+    loads += [v.ratio for v in _gravity_values(robot, model) if v.limit == "weight"]
+    largest = max(inputs) or max(loads)
+    if largest > 0.0:
+        yield Value("bends", "steps", math.nan, "", largest)
 
 
 def _let_out(robot: Robot, steps: Sequence[LoadStep]) -> Iterator[Value]:
@@ -310,6 +319,9 @@ def plausibility_warnings(
         far = math.hypot(*(x for x in target if x is not None))
         values.append(Value("target", f"targets[{k}].position", far, "m", far / robot.backbone.length))
     beyond = [v for v in values if v.is_beyond]
+    single = [v for v in beyond if v.limit != "wound"]
+    if any(v.key.startswith("steps") for v in single):
+        beyond = single  # one input alone explains it
     found = [v for v in beyond if not v.row.by_stiffness]
     if any(v.key.startswith(("backbone.", "model.gravity")) for v in found):
         beyond = found  # the others may follow from that
@@ -344,7 +356,7 @@ def _sentences(found: Iterable[Value]) -> list[str]:
     """One sentence for each limit, about the value that is farthest beyond it; a key is named once."""
     by_limit: dict[str, list[Value]] = {}
     named: set[str] = set()
-    for value in sorted(found, key=lambda v: v.ratio / v.row.high, reverse=True):
+    for value in sorted(found, key=lambda v: v.ratio / (v.row.high or 1.0), reverse=True):
         if value.key not in named:
             by_limit.setdefault(value.limit, []).append(value)
         named.add(value.key)

@@ -134,8 +134,14 @@ ROWS = {
         wire(pretension=200.0), Model(), drawn(t1=1e-3), "tendons[0].pretension = 200 N: strains", "gf?"),
     "adhesion in mN": (wire(adhesion=10.0), Model(), PULL, "tendons[0].adhesion = 10 N: one hole", "gf?"),
     "E in GPa for MPa": (
-        WIRE.with_backbone(youngs_modulus=1e12), Model(), [LoadStep(tensions={"t1": 1e-3})],
-        "steps: no input or load bends the robot by more than", "youngs_modulus"),
+        WIRE.with_backbone(youngs_modulus=4e11), Model(), [LoadStep(tensions={"t1": 1e-3})],
+        "steps: the inputs (or loads) bend the robot by no more than", "youngs_modulus"),
+    "friction without holes": (
+        Robot(Backbone(0.3, 12e-3, 0.4e6, 0.45), tendons=(
+            Tendon("t1", ParallelRouting(9e-3), friction_coefficient=0.2),)), Model(),
+        [LoadStep(tensions={"t1": 1.0})], "tendons[0].friction_coefficient = 0.2: it has no effect", ""),
+    "tension ten times too large": (
+        soft(2e9)[0], Model(), [LoadStep(tensions={"t1": 2.0})], "steps[0].tensions: together", "circles"),
     "load in mN": (WIRE, Model(), at_tip(force=(200.0, 0.0, 0.0)), "steps[1].loads.tip.force = 200 N", "mN or gf?"),
 }  # fmt: skip
 
