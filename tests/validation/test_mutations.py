@@ -19,9 +19,10 @@ def test_a_line_is_found_where_it_occurs_once(tmp_path: Path) -> None:
 
 
 def test_the_lines_of_all_mutations_are_in_the_product() -> None:
+    tests = Path(__file__).parents[1]
     for mutation in MUTATIONS.values():
-        place(mutation.line)
-        assert all((Path(__file__).parents[1] / file).exists() for file in mutation.near)
+        place(mutation.line, tests.parent)
+        assert all((tests / file).exists() for file in mutation.near)
 
 
 def test_the_first_test_that_fails_is_named_and_what_cannot_run_is_no_catch(tmp_path: Path) -> None:
