@@ -200,7 +200,6 @@ COMMANDS = {
             argument(
                 "--vtk FOLDER", "also files for ParaView: FOLDER/robot.pvd and one .vtp for each load step"
             ),
-            argument("--gltf FILE.glb", "also an animated 3D model, for Blender, slides and other viewers"),
             QUIET,
         ),
         ("view results", "view results -o robot.html --video robot.gif"),

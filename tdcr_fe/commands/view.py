@@ -7,7 +7,6 @@ from pathlib import Path
 
 from tdcr_fe.commands.common import SUCCESS, progress_bar, refuse
 from tdcr_fe.io.atomic import check_output_folder, write_text
-from tdcr_fe.io.gltf import write_glb
 from tdcr_fe.io.result_files import VIEW_PAGE
 from tdcr_fe.io.result_folder import read_motion
 from tdcr_fe.io.vtk_files import write_vtk
@@ -21,7 +20,6 @@ def view(args: argparse.Namespace) -> int:
     """Read the results and write the page, and what else was asked for."""
     out = _file(args.out or str(Path(args.result) / VIEW_PAGE), (".html", ".htm"), "-o")
     film = None if args.video is None else _video(args.video)
-    model = None if args.gltf is None else _file(args.gltf, (".glb",), "--gltf")
     if args.vtk is not None:
         check_output_folder(args.vtk)
     motion = read_motion(args.result)
@@ -31,9 +29,6 @@ def view(args: argparse.Namespace) -> int:
     if args.vtk is not None:
         written = write_vtk(motion, args.vtk)
         say(f"Written: {written[0].parent / 'robot.pvd'} and {count(len(written) - 1, 'file')} beside it")
-    if model is not None:
-        write_glb(motion, model)
-        say(f"Written: {_sized(model)}")
     if film is not None:
         _write_video(motion, film, args)
         say(f"Written: {_sized(film)}")

@@ -36,12 +36,7 @@ def to_json(value: Any, indent: int | None = 2) -> str:
 
 
 def write_text(text: str, path: str | os.PathLike[str]) -> None:
-    """Write a text file in UTF-8, see `write_bytes`."""
-    write_bytes(text.encode("utf-8", errors="backslashreplace"), path)  # file names may contain any byte
-
-
-def write_bytes(contents: bytes, path: str | os.PathLike[str]) -> None:
-    """Write a file; its folder is made where it does not exist.
+    """Write a text file in UTF-8; its folder is made where it does not exist.
 
     An existing file is replaced only when the new one is complete.
     """
@@ -49,7 +44,8 @@ def write_bytes(contents: bytes, path: str | os.PathLike[str]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.name}-{os.getpid()}.partial")
     try:
-        partial.write_bytes(contents)
+        # names of files may contain any byte
+        partial.write_text(text, encoding="utf-8", errors="backslashreplace", newline="")
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)

@@ -1,8 +1,8 @@
 """Measured channels: every quantity that a data set may contain, each an object in the list `CHANNELS`.
 
 Adding a channel takes one object in that list: its name, unit and kind of location, what is plausible, how it is
-displayed, how it is predicted from a solved step, and how the prediction changes with the step. Reading, prediction,
-fitting, reports and the maker of blind data all go through the list.
+displayed, and how it is predicted from a solved step. Reading, prediction, fitting, reports and the maker of blind data
+all go through the list.
 """
 
 from __future__ import annotations
@@ -15,15 +15,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.model.observed_step import ObservedChange, ObservedStep, difference_steps, moved_step
+from tdcr_fe.model.observed_step import ObservedChange, ObservedStep
 
 Array = NDArray[np.float64]
 
 #: Arc length [m], tendon name, or None where a quantity has no location.
 Location = float | str | None
-
-#: A vector that is nearer to the z axis than this angle is on the axis [rad].
-ON_AXIS = 1e-9
 
 #: Largest plausible position or displacement over the length of the backbone [1].
 LARGEST_POSITION = 1.5
@@ -32,11 +29,8 @@ LARGEST_POSITION = 1.5
 LARGEST_TURN = 100.0
 
 
-#: From an observed step and locations of the channel's kind to the values that an instrument would show.
+#: From an observed step and locations of the channel's kind to the values that an instrument shows, shape (..., k).
 Prediction = Callable[[ObservedStep, Sequence[Location]], Array]
-
-#: From an observed step, its derivatives and locations to the derivatives of the prediction, shape (k, P).
-Derivation = Callable[[ObservedStep, ObservedChange, Sequence[Location]], Array]
 
 
 @dataclass(frozen=True)
@@ -55,8 +49,6 @@ class Channel:
         For people.
     predict : callable
         See `Prediction`.
-    derive : callable or None
-        See `Derivation`. None: by central differences of `predict`, which takes longer; see `Channel.derivatives`.
     limits, largest_sigma, resolution : callable
         From the backbone's length [m] to the lowest and highest plausible value, the largest plausible sigma, and the
         smallest sigma that may be estimated from scatter.
@@ -74,7 +66,6 @@ class Channel:
     location: Literal["arc length", "tendon", ""]
     meaning: str
     predict: Prediction
-    derive: Derivation | None
     unit: str
     limits: Callable[[float], tuple[float, float]]
     largest_sigma: Callable[[float], float]
@@ -91,7 +82,10 @@ class Channel:
         object.__setattr__(self, "family", self.family or self.quantity)
 
     def derivatives(self, step: ObservedStep, change: ObservedChange, locations: Sequence[Location]) -> Array:
-        """Derivatives of the prediction by parameters, shape (k, P).
+        """Derivatives of the prediction by parameters, by central differences of `predict`, shape (k, P).
+
+        An angle, or a distance from an axis, is not differentiable where it is zero; there it is the derivative to the
+        side of growing parameters.
 
         Parameters
         ----------
@@ -102,13 +96,12 @@ class Channel:
         locations
             Of the readings, k of them.
         """
-        if self.derive is not None:
-            return self.derive(step, change, locations)
-        columns = []
-        for p, h in enumerate(difference_steps(step, change).tolist()):
-            ahead, behind = (self.predict(moved_step(step, change, p, x), locations) for x in (h, -h))
-            columns.append((ahead - behind) / (2.0 * h))
-        return np.array(columns).T.reshape(len(locations), -1)
+        h = change.difference_steps(step)
+        found = self.predict(step.moved(change, h), locations)
+        here, (ahead, behind) = found[0], found[1:].reshape(2, h.size, -1)
+        bend = np.abs(ahead - here) + np.abs(behind - here)
+        at_zero = np.abs(ahead + behind - 2.0 * here) > 0.5 * bend
+        return np.asarray(np.where(at_zero, ahead - here, 0.5 * (ahead - behind)) / h[:, None]).T
 
 
 def arc_lengths(locations: Sequence[Location]) -> Array:
@@ -116,65 +109,29 @@ def arc_lengths(locations: Sequence[Location]) -> Array:
     return np.array([float(x) for x in locations if x is not None])
 
 
-def _tendon_table(values: Callable[[ObservedStep], Array]) -> Prediction:
-    def predict(step: ObservedStep, locations: Sequence[Location]) -> Array:
-        return values(step)[[step.tendon_names.index(str(x)) for x in locations]]
-
-    return predict
+def _of_tendons(values: Callable[[ObservedStep], Array]) -> Prediction:
+    """Of values of all tendons, shape (..., n_tendons)."""
+    return lambda step, locations: values(step)[..., [step.tendon_names.index(str(x)) for x in locations]]
 
 
-def _single(value: Callable[[ObservedStep], float]) -> Prediction:
-    def predict(step: ObservedStep, locations: Sequence[Location]) -> Array:
-        return np.full(len(locations), value(step))
-
-    return predict
-
-
-def _tendon_derivation(values: Callable[[ObservedChange], Array]) -> Derivation:
-    def derive(step: ObservedStep, change: ObservedChange, locations: Sequence[Location]) -> Array:
-        return values(change)[[step.tendon_names.index(str(x)) for x in locations]]
-
-    return derive
-
-
-def _single_derivation(value: Callable[[ObservedStep, ObservedChange], Array]) -> Derivation:
-    def derive(step: ObservedStep, change: ObservedChange, locations: Sequence[Location]) -> Array:
-        return np.repeat(value(step, change)[None, :], len(locations), axis=0)
-
-    return derive
-
-
-def _from_z(vector: Array) -> float:
-    """Angle between a vector and the z axis [rad]."""
-    return math.atan2(math.hypot(vector[0], vector[1]), vector[2])
-
-
-def _off_axis_change(vector: Array, change: Array) -> Array:
-    """Derivatives of a vector's distance from the z axis, (3,) and (3, P) to (P,).
-
-    On the axis the distance is not differentiable; there it is the derivative to the side of growing parameters.
-    """
-    distance = math.hypot(vector[0], vector[1])
-    if distance < ON_AXIS * math.hypot(distance, vector[2]):
-        return np.asarray(np.hypot(change[0], change[1]))
-    return np.asarray((vector[0] * change[0] + vector[1] * change[1]) / distance)
-
-
-def _from_z_change(vector: Array, change: Array) -> Array:
-    """Derivatives of the angle between a vector and the z axis, (3,) and (3, P) to (P,)."""
-    distance = math.hypot(vector[0], vector[1])
-    turned = vector[2] * _off_axis_change(vector, change) - distance * change[2]
-    return np.asarray(turned / (distance**2 + vector[2] ** 2))
+def _single(value: Callable[[ObservedStep], Array]) -> Prediction:
+    """Of a value of the whole robot, shape (...)."""
+    return lambda step, locations: np.repeat(value(step)[..., None], len(locations), axis=-1)
 
 
 def _along(values: Callable[[ObservedStep, Array], Array], axis: int) -> Prediction:
-    return lambda step, locations: values(step, arc_lengths(locations))[:, axis]
+    """Of vectors at arc lengths, shape (..., k, 3)."""
+    return lambda step, locations: values(step, arc_lengths(locations))[..., axis]
 
 
-def _along_derivation(
-    values: Callable[[ObservedStep, ObservedChange, Array], Array], axis: int
-) -> Derivation:
-    return lambda step, change, locations: values(step, change, arc_lengths(locations))[:, axis]
+def _off_axis(vectors: Array) -> Array:
+    """Distance from the z axis, (..., 3) to (...)."""
+    return np.hypot(vectors[..., 0], vectors[..., 1])
+
+
+def _from_z(vectors: Array) -> Array:
+    """Angle between vectors and the z axis [rad], (..., 3) to (...)."""
+    return np.arctan2(_off_axis(vectors), vectors[..., 2])
 
 
 #: What channels of one unit share.
@@ -218,7 +175,6 @@ def _position(axis: int) -> Channel:
         "arc length",
         f"{'xyz'[axis]} coordinate of a marker in the measuring frame",
         _along(ObservedStep.markers, axis),
-        _along_derivation(ObservedStep.marker_changes, axis),
         family="position",
         at_rest=(lambda location: float(location or 0.0)) if axis == 2 else (lambda location: 0.0),
         **_METRES,
@@ -231,7 +187,6 @@ def _curvature(axis: int) -> Channel:
         "arc length",
         f"turning rate of the section about its own {'xy'[axis]} axis, as from fibre gratings",
         _along(ObservedStep.curvature, axis),
-        _along_derivation(ObservedStep.curvature_change, axis),
         family="curvature",
         **_PER_METRE,
     )
@@ -245,7 +200,6 @@ CHANNELS: tuple[Channel, ...] = (
         "",
         "angle between the tip tangent and the z axis",
         _single(lambda step: _from_z(step.tangent)),
-        _single_derivation(lambda step, change: _from_z_change(step.tangent, step.tangent_change(change))),
         **_RADIANS,
     ),
     Channel(
@@ -253,31 +207,27 @@ CHANNELS: tuple[Channel, ...] = (
         "",
         "angle between the line from base to tip and the z axis",
         _single(lambda step: _from_z(step.tip)),
-        _single_derivation(lambda step, change: _from_z_change(step.tip, step.tip_change(change))),
         **_RADIANS,
     ),
     Channel(
         "tip_offset",
         "",
         "distance of the tip from the z axis",
-        _single(lambda step: math.hypot(step.tip[0], step.tip[1])),
-        _single_derivation(lambda step, change: _off_axis_change(step.tip, step.tip_change(change))),
+        _single(lambda step: _off_axis(step.tip)),
         **_METRES,
     ),
     Channel(
         "tendon_displacement",
         "tendon",
         "tendon pulled in at the base plate since the straight, unloaded state",
-        _tendon_table(lambda step: step.displacements),
-        _tendon_derivation(lambda change: change.displacements),
+        _of_tendons(lambda step: step.displacements),
         **_METRES,
     ),
     Channel(
         "distal_tension",
         "tendon",
         "tension of a tendon at its anchor",
-        _tendon_table(lambda step: step.distal_tensions),
-        _tendon_derivation(lambda change: change.distal_tensions),
+        _of_tendons(lambda step: step.distal_tensions),
         **_NEWTONS,
     ),
     *(_curvature(axis) for axis in range(2)),

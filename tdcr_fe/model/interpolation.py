@@ -64,17 +64,17 @@ def within_elements(start: Array, turn: Array, end: Array, end_turn: Array, shar
     Parameters
     ----------
     start, turn, end, end_turn
-        Positions [m], shape (m, 3), and rotations, shape (m, 3, 3), at both ends of each element.
+        Positions [m], shape (..., m, 3), and rotations, shape (..., m, 3, 3), at both ends of each element.
     share
-        Arc length from the start over that of the element [1], shape (m,).
+        Arc length from the start over that of the element [1], shape (..., m).
 
     Returns
     -------
     numpy.ndarray
-        [m], shape (m, 3).
+        [m], shape (..., m, 3).
     """
     twist = _twists(start, turn, end, end_turn)
-    return np.asarray(start + _times(turn, exp_se3(share[:, None] * twist)[1]))
+    return np.asarray(start + _times(turn, exp_se3(share[..., None] * twist)[1]))
 
 
 def _twists(start: Array, turn: Array, end: Array, end_turn: Array) -> Array:

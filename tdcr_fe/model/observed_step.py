@@ -9,14 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.elements.poses import inverse_tangent_se3
-from tdcr_fe.model.interpolation import (
-    ElementChange,
-    elements_at,
-    interpolate_positions,
-    share_change,
-    within_elements_change,
-)
+from tdcr_fe.model.interpolation import elements_at, within_elements
 from tdcr_fe.model.results import StepResult
 
 Array = NDArray[np.float64]
@@ -46,20 +39,27 @@ class ObservedChange:
     distal_tensions: Array
     s: Array
 
+    def difference_steps(self, step: ObservedStep) -> Array:
+        """Changes of the parameters that move a step by 1e-5 of its length, or turn it by so much, shape (P,)."""
+        length, count = float(step.s[-1]), self.positions.shape[-1]
+        moved = (self.positions / length, self.s / length, self.displacements / length, self.rotations)
+        size = np.max([np.max(np.abs(x.reshape(-1, count)), axis=0, initial=0.0) for x in moved], axis=0)
+        return np.where(size > 0.0, 1e-5 / np.where(size > 0.0, size, 1.0), 1e-5)
+
 
 @dataclass(frozen=True)
 class ObservedStep:
-    """The quantities of a solved step from which readings are predicted.
+    """The quantities of a solved step, or of a stack of steps on one mesh, from which readings are predicted.
 
     Attributes
     ----------
-    s : ndarray, shape (n,)
+    s : ndarray, shape (..., n)
         Arc lengths of the nodes [m].
-    positions : ndarray, shape (n, 3)
+    positions : ndarray, shape (..., n, 3)
         Of the nodes in the world [m].
-    rotations : ndarray, shape (n, 3, 3)
+    rotations : ndarray, shape (..., n, 3, 3)
         Of the sections; the third column is the tangent.
-    displacements, distal_tensions : ndarray, shape (n_tendons,)
+    displacements, distal_tensions : ndarray, shape (..., n_tendons)
         Pulled in at the base [m]; at the anchor [N].
     tendon_names : tuple of str
     frame : ndarray, shape (3, 3)
@@ -103,6 +103,11 @@ class ObservedStep:
             np.array([*offset, *(0.0,) * (3 - len(offset))]),
         )
 
+    @property
+    def nodes(self) -> Array:
+        """Arc lengths of the nodes in the first step of a stack [m], shape (n,)."""
+        return self.s.reshape(-1, self.s.shape[-1])[0]
+
     def offsets(self, s: Array) -> Array:
         """Offsets of markers at arc lengths from the backbone, in their sections [m], shape (n_markers, 3)."""
         found = np.tile(self.offset, (len(s), 1))
@@ -111,119 +116,50 @@ class ObservedStep:
         return found
 
     def levers(self, s: Array) -> Array:
-        """The same in the world [m], shape (n_markers, 3)."""
-        nodes = np.argmin(np.abs(s[:, None] - self.s), axis=1)
-        return np.asarray(np.einsum("nij,nj->ni", self.rotations[nodes], self.offsets(s)))
+        """The same in the world [m], shape (..., n_markers, 3)."""
+        nodes = np.argmin(np.abs(s[:, None] - self.nodes), axis=1)
+        return np.asarray(np.einsum("...nij,nj->...ni", self.rotations[..., nodes, :, :], self.offsets(s)))
 
     def markers(self, s: Array) -> Array:
-        """Measured positions of markers at arc lengths [m], shape (n_markers, 3)."""
-        nodes = np.argmin(np.abs(s[:, None] - self.s), axis=1)
-        if np.max(np.abs(self.s[nodes] - s)) < AT_NODE:
-            at = self.positions[nodes]
-        else:
-            at = interpolate_positions(self.s, self.positions, self.rotations, s)
-        return np.asarray((at + self.levers(s)) @ self.frame.T + self.shift)
-
-    def marker_changes(self, change: ObservedChange, s: Array) -> Array:
-        """Derivatives of `markers`, shape (n_markers, 3, P)."""
-        nodes = np.argmin(np.abs(s[:, None] - self.s), axis=1)
-        if np.max(np.abs(self.s[nodes] - s)) < AT_NODE and not np.any(change.s):
-            moved = change.positions[nodes]
-        else:
-            moved = self._between_nodes(change, s)
-        turned = np.cross(change.rotations[nodes], self.levers(s)[..., None], axis=1)
-        return np.asarray(self.frame @ (moved + turned))
-
-    def _between_nodes(self, change: ObservedChange, s: Array) -> Array:
-        """Derivatives of the positions at arc lengths between nodes, (n_markers, 3, P)."""
-        k = elements_at(self.s, s)
-        length = self.s[k + 1] - self.s[k]
-        share = (s - self.s[k]) / length
-        by = ElementChange(
-            change.positions[k],
-            change.rotations[k],
-            change.positions[k + 1],
-            change.rotations[k + 1],
-            share_change(change.s[k], change.s[k + 1], share, length),
-        )
+        """Measured positions of markers at arc lengths [m], shape (..., n_markers, 3)."""
+        k = elements_at(self.nodes, s)
+        share = (s - self.s[..., k]) / (self.s[..., k + 1] - self.s[..., k])
         p, r = self.positions, self.rotations
-        return within_elements_change(p[k], r[k], p[k + 1], r[k + 1], share, by)
-
-    def tip_change(self, change: ObservedChange) -> Array:
-        """Derivatives of `tip`, shape (3, P)."""
-        turned = np.cross(change.rotations[-1], self.levers(self.s[-1:])[0][:, None], axis=0)
-        return np.asarray(self.frame @ (change.positions[-1] + turned))
-
-    def tangent_change(self, change: ObservedChange) -> Array:
-        """Derivatives of `tangent`, shape (3, P)."""
-        return np.asarray(self.frame @ np.cross(change.rotations[-1], self.rotations[-1][:, 2, None], axis=0))
+        ends = p[..., k, :], r[..., k, :, :], p[..., k + 1, :], r[..., k + 1, :, :]
+        return np.asarray((within_elements(*ends, share) + self.levers(s)) @ self.frame.T + self.shift)
 
     @property
     def tip(self) -> Array:
-        """Measured position of the tip [m], shape (3,)."""
-        lever = self.levers(self.s[-1:])[0]
-        return np.asarray(self.frame @ (self.positions[-1] + lever) + self.shift)
+        """Measured position of the tip [m], shape (..., 3)."""
+        lever = self.levers(self.nodes[-1:])[..., 0, :]
+        return np.asarray((self.positions[..., -1, :] + lever) @ self.frame.T + self.shift)
 
     @property
     def tangent(self) -> Array:
-        """Measured direction of the tip, shape (3,)."""
-        return np.asarray(self.frame @ self.rotations[-1][:, 2])
+        """Measured direction of the tip, shape (..., 3)."""
+        return np.asarray(self.rotations[..., -1, :, 2] @ self.frame.T)
 
     def curvature(self, s: Array) -> Array:
-        """Turning rates of the section about its own axes [1/m], shape (n, 3).
+        """Turning rates of the section about its own axes [1/m], shape (..., n, 3).
 
         The mean over the element at ``s``, from the relative rotation of its ends; at a node the mean of both
         elements. Exact where the curvature is constant.
         """
-        lower, upper = self._elements_at(s)
-        used = np.unique(np.concatenate((lower, upper)))
-        relative = np.swapaxes(self.rotations[used], 1, 2) @ self.rotations[used + 1]
-        rate = Rotation.from_matrix(relative).as_rotvec() / (self.s[used + 1] - self.s[used])[:, None]
-        return np.asarray(0.5 * (rate[np.searchsorted(used, lower)] + rate[np.searchsorted(used, upper)]))
+        back = np.swapaxes(self.rotations[..., :-1, :, :], -1, -2)
+        turn = Rotation.from_matrix((back @ self.rotations[..., 1:, :, :]).reshape(-1, 3, 3)).as_rotvec()
+        rate = turn.reshape(*self.s.shape[:-1], -1, 3) / np.diff(self.s)[..., None]
+        before, after = (elements_at(self.nodes, s + d) for d in (-AT_NODE, AT_NODE))
+        return np.asarray(0.5 * (rate[..., before, :] + rate[..., after, :]))
 
-    def curvature_change(self, change: ObservedChange, s: Array) -> Array:
-        """Derivatives of `curvature`, shape (n, 3, P)."""
-        lower, upper = self._elements_at(s)
-        used = np.unique(np.concatenate((lower, upper)))
-        end = np.swapaxes(self.rotations[used + 1], 1, 2)
-        turn = Rotation.from_matrix(np.swapaxes(end @ self.rotations[used], 1, 2)).as_rotvec()
-        twist = np.concatenate((np.zeros_like(turn), turn), axis=1)
-        own = (
-            inverse_tangent_se3(twist)[:, 3:, 3:]
-            @ end
-            @ (change.rotations[used + 1] - change.rotations[used])
+    def moved(self, change: ObservedChange, h: Array) -> ObservedStep:
+        """1 + 2 P steps: this one, and with each parameter changed by ``h`` and by ``-h``, to first order."""
+        by = np.concatenate((np.zeros((1, h.size)), np.diag(h), np.diag(-h)))
+        turn = Rotation.from_rotvec(np.tensordot(by, change.rotations, (1, 2)).reshape(-1, 3)).as_matrix()
+        return replace(
+            self,
+            s=self.s + np.tensordot(by, change.s, (1, 1)),
+            positions=self.positions + np.tensordot(by, change.positions, (1, 2)),
+            rotations=turn.reshape(len(by), -1, 3, 3) @ self.rotations,
+            displacements=self.displacements + np.tensordot(by, change.displacements, (1, 1)),
+            distal_tensions=self.distal_tensions + np.tensordot(by, change.distal_tensions, (1, 1)),
         )
-        length = (self.s[used + 1] - self.s[used])[:, None, None]
-        own = own / length - turn[:, :, None] * (change.s[used + 1] - change.s[used])[:, None] / length**2
-        return np.asarray(0.5 * (own[np.searchsorted(used, lower)] + own[np.searchsorted(used, upper)]))
-
-    def _elements_at(self, s: Array) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-        """Numbers of the elements before and after arc lengths; the same one between nodes."""
-        return elements_at(self.s, s - AT_NODE), elements_at(self.s, s + AT_NODE)
-
-
-def difference_steps(step: ObservedStep, change: ObservedChange) -> Array:
-    """Changes of the parameters that move a step by 1e-5 of its length, or turn it by so much, shape (P,)."""
-    length, count = float(step.s[-1]), change.positions.shape[-1]
-
-    def largest(values: Array) -> Array:
-        return np.asarray(np.max(np.abs(values).reshape(-1, count), axis=0, initial=0.0))
-
-    moved = np.maximum(
-        largest(change.positions), np.maximum(largest(change.s), largest(change.displacements))
-    )
-    size = np.maximum(largest(change.rotations), moved / length)
-    return np.where(size > 0.0, 1e-5 / np.where(size > 0.0, size, 1.0), 1e-5)
-
-
-def moved_step(step: ObservedStep, change: ObservedChange, p: int, h: float) -> ObservedStep:
-    """A step with parameter ``p`` changed by ``h``, to first order."""
-    turn = Rotation.from_rotvec(h * change.rotations[:, :, p]).as_matrix()
-    return replace(
-        step,
-        s=step.s + h * change.s[:, p],
-        positions=step.positions + h * change.positions[:, :, p],
-        rotations=turn @ step.rotations,
-        displacements=step.displacements + h * change.displacements[:, p],
-        distal_tensions=step.distal_tensions + h * change.distal_tensions[:, p],
-    )
