@@ -111,10 +111,8 @@ def _report(result: SweepResult, args: argparse.Namespace) -> int:
 
 def format_cases(described: Sweep, most: int = 8) -> str:
     """Number of cases, and the values of the first ones, as a table for people."""
-    design = described.design()
-    shown = range(min(most, design.count))
-    rows = [[k + 1, *(f"{x:.6g}" if isinstance(x, float) else x for x in design.case(k))] for k in shown]
-    table = pd.DataFrame(rows, columns=["case", *(v.column for v in described.variations)])
-    more = f"\n... {design.count - most} more" if design.count > most else ""
-    head = f"{count(design.count, 'case')}, method {described.sampling.method}"
-    return f"{head}\n\n{table.to_string(index=False)}{more}"
+    first = {name: values[:most] for name, values in described.design().items()}
+    table = pd.DataFrame({"case": range(1, min(most, described.count) + 1), **first})
+    more = f"\n... {described.count - most} more" if described.count > most else ""
+    head = f"{count(described.count, 'case')}, method {described.sampling.method}"
+    return f"{head}\n\n{table.to_string(index=False, float_format='{:.6g}'.format)}{more}"

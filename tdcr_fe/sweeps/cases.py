@@ -22,7 +22,7 @@ from tdcr_fe.model.messages import meant, shown, warnings_to
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.units import number_or_none
 from tdcr_fe.solve.simulate import simulate
-from tdcr_fe.sweeps.description import Mode, Output, Sweep
+from tdcr_fe.sweeps.description import Change, Mode, Output, Sweep
 from tdcr_fe.sweeps.keys import Key, KeyProblem, parse_key, set_value, unit_of
 
 #: "converged"; "not converged": a load step failed; "invalid": no robot or scenario has these values; "error": an
@@ -32,8 +32,6 @@ STATUSES: tuple[Status, ...] = get_args(Status)
 
 #: Further numbers of a result, by name; a function of a module, so that workers find it.
 Evaluate = Callable[[SequenceResult], Mapping[str, float]]
-#: Where a value stands, how it acts on the declared one, and the value.
-Change = tuple[Key, Mode, Any]
 
 #: Columns of the table of cases before the variations.
 ABOUT_CASE = ("case", "status", "reason", "warnings")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any, Literal, get_args
@@ -253,39 +253,10 @@ class Output:
         return {f"_step{k}": k for k in numbers if isinstance(k, int)}
 
 
-@dataclass(frozen=True)
-class Column:
-    """Values of one variation, by case."""
-
-    options: Sequence[Any]  # to choose from; empty where `numbers` are the values
-    numbers: NDArray[Any]  # the values, or numbers of options, shape (n_cases,)
-
-    def __getitem__(self, case: int) -> Any:
-        """Value of a case, counted from 0."""
-        number = self.numbers[case].item()
-        return self.options[number] if self.options else number
-
-
-@dataclass(frozen=True)
-class Design:
-    """All cases of a sweep.
-
-    Attributes
-    ----------
-    columns : tuple of Column
-        One per variation.
-    """
-
-    columns: tuple[Column, ...]
-
-    @property
-    def count(self) -> int:
-        """Number of cases."""
-        return len(self.columns[0].numbers)
-
-    def case(self, number: int) -> tuple[Any, ...]:
-        """Values of a case, counted from 0, one per variation."""
-        return tuple(column[number] for column in self.columns)
+#: The values of all cases, by column.
+Design = dict[str, list[Any]]
+#: Where a value stands, how it acts on the declared one, and the value.
+Change = tuple[Key, Mode, Any]
 
 
 @dataclass(frozen=True)
@@ -329,22 +300,30 @@ class Sweep:
             return (self.sampling.samples or 0) * (len(sizes) + 2)
         return self.sampling.samples or (math.prod(sizes) if self.sampling.method == "grid" else sizes[0])
 
+    def changes(self, design: Design, case: int) -> list[Change]:
+        """What changes in a case, counted from 0."""
+        return [(key, v.mode, design[v.column][case]) for v in self.variations for key in v.places]
+
     def design(self) -> Design:
         """The cases; the same ones for the same sweep. The last variation of a grid changes fastest."""
-        method, samples = self.sampling.method, self.sampling.samples
+        names, method, samples = (
+            [v.column for v in self.variations],
+            self.sampling.method,
+            self.sampling.samples,
+        )
         if samples is not None:
-            points = unit_points(method, samples, len(self.variations), self.sampling.seed)
-            return Design(tuple(_drawn(v, p) for v, p in zip(self.variations, points.T, strict=True)))
-        options = [v.options for v in self.variations]
-        rows: Sequence[NDArray[Any]] = [np.arange(self.count)] * len(options)
-        if method == "grid":
-            rows = np.unravel_index(np.arange(self.count), [len(o) for o in options])
-        return Design(tuple(Column(o, r) for o, r in zip(options, rows, strict=True)))
+            points = unit_points(method, samples, len(names), self.sampling.seed)
+            columns = [_drawn(v, p) for v, p in zip(self.variations, points.T, strict=True)]
+        else:
+            options = [v.options for v in self.variations]
+            rows = itertools.product(*options) if method == "grid" else zip(*options, strict=True)
+            columns = [list(x) for x in zip(*rows, strict=True)]
+        return dict(zip(names, columns, strict=True))
 
 
-def _drawn(v: Variation, probabilities: NDArray[np.float64]) -> Column:
+def _drawn(v: Variation, probabilities: NDArray[np.float64]) -> list[Any]:
     """Values of a variation at probabilities between 0 and 1; options are equally likely."""
     if v.distribution is not None:
-        return Column((), v.distribution.quantile(probabilities))
+        return list(v.distribution.quantile(probabilities).tolist())
     count = len(v.options)
-    return Column(v.options, np.minimum((probabilities * count).astype(np.int64), count - 1))
+    return [v.options[k] for k in np.minimum((probabilities * count).astype(np.int64), count - 1)]

@@ -11,13 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tdcr_fe.report.style import COLOURS, INK, PALE, styled
 from tdcr_fe.sweeps.result import SweepResult, shown
 from tdcr_fe.sweeps.statistics import varies
-
-Array = NDArray[np.float64]
 
 #: Most inputs in one picture.
 MOST_INPUTS = 6
@@ -28,65 +26,65 @@ VECTOR_POINTS = 500
 _WIDTH = 11.6
 
 
-def tip_columns(result: SweepResult) -> list[str]:
-    """Columns of the tip, of the last step that has them; empty where fewer than two coordinates vary."""
+def tips(result: SweepResult) -> pd.DataFrame:
+    """Tips [mm] of the cases that have them, in the last step that is kept; empty where only one coordinate varies."""
     for name in reversed(result.outputs):
-        if name.startswith("tip_z"):
-            names = [name.replace("_z", f"_{axis}", 1) for axis in "xyz"]
-            if set(names) <= set(result.outputs):
-                return names if sum(varies(result.column(n)) for n in names) > 1 else []
-    return []
+        names = {name.replace("_z", f"_{axis}", 1): axis for axis in "xyz"}
+        if name.startswith("tip_z") and set(names) <= set(result.outputs):
+            table = 1e3 * result.cases[list(names)].rename(columns=names).dropna()
+            return table if sum(varies(result.column(n)) for n in names) > 1 else table[:0]
+    return pd.DataFrame()
 
 
-def tips(result: SweepResult) -> Array:
-    """Tips of the cases that have them, in mm, shape (n, 3)."""
-    return 1e3 * result.cases[tip_columns(result)].dropna().to_numpy(dtype=float)
+def _row_of_axes(count: int, height: float, **options: Any) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(_WIDTH, height), layout="constrained")
+    return figure, list(figure.subplots(1, count, squeeze=False, **options)[0])
 
 
 def workspace(result: SweepResult) -> Figure | None:
     """Tip positions of all cases from two sides and from above, coloured by the sum of the tensions."""
-    if not tip_columns(result):
-        return None
     points = tips(result)
+    if points.empty:
+        return None
     values, label = _colouring(result)
-    colour = values[result.cases[tip_columns(result)].notna().all(axis=1)]
+    points = points.assign(colour=values[points.index])
+    points = points.sort_values("colour", ascending=False, kind="stable")  # the smallest are drawn last
     # The same scale in all three; the base is in the side views.
-    reach = 1.08 * float(np.abs(points[:, :2]).max())
-    margin = 0.08 * reach
-    low, high = min(0.0, float(points[:, 2].min())), max(0.0, float(points[:, 2].max()))
-    order = np.argsort(-colour, kind="stable")  # the cases with the smallest colour are drawn last
-    views = ((0, 2, "From the side"), (1, 2, "From the front"), (0, 1, "From above"))
-    figure = Figure(figsize=(_WIDTH, 4.1), layout="constrained")
-    axes = figure.subplots(1, 3)
-    look: dict[str, Any] = {
-        "s": 9.0 if len(order) < 2000 else 4.0,
-        "lw": 0.0,
-        "rasterized": len(order) > VECTOR_POINTS,
-    }
-    for ax, (i, j, title) in zip(axes, views, strict=True):
-        drawn = ax.scatter(points[order, i], points[order, j], c=colour[order], cmap="viridis", **look)
-        ax.plot(0.0, 0.0, marker="s" if j == 2 else "+", ms=6, mew=1.6, color=INK, zorder=3)
-        ax.set(title=title, xlabel=f"tip {'xyz'[i]} [mm]", ylabel=f"tip {'xyz'[j]} [mm]", aspect="equal")
-        ax.set_xlim(-reach, reach)
-        ax.set_ylim(*((low - margin, high + margin) if j == 2 else (-reach, reach)))
+    reach = 1.08 * float(points[["x", "y"]].abs().max().max())
+    low, high = min(0.0, points["z"].min()) - 0.08 * reach, max(0.0, points["z"].max()) + 0.08 * reach
+    figure, axes = _row_of_axes(3, 4.1)
+    size, many = 9.0 if len(points) < 2000 else 4.0, len(points) > VECTOR_POINTS
+    for ax, across, up, title in zip(axes, "xyx", "zzy", ("the side", "the front", "above"), strict=True):
+        look: dict[str, Any] = {
+            "c": points["colour"],
+            "cmap": "viridis",
+            "s": size,
+            "lw": 0.0,
+            "rasterized": many,
+        }
+        cloud = ax.scatter(points[across], points[up], **look)
+        ax.plot(0.0, 0.0, marker="s" if up == "z" else "+", ms=6, mew=1.6, color=INK, zorder=3)
+        labels = {"xlabel": f"tip {across} [mm]", "ylabel": f"tip {up} [mm]"}
+        limits = {"xlim": (-reach, reach), "ylim": (low, high) if up == "z" else (-reach, reach)}
+        ax.set(title=f"From {title}", aspect="equal", **labels, **limits)
         ax.xaxis.set_major_locator(MaxNLocator(6))
         ax.yaxis.set_major_locator(MaxNLocator(6))
     if label:
-        bar = figure.colorbar(drawn, ax=axes, shrink=0.85, pad=0.01, label=label)
-        _with_prefixes(bar.ax.yaxis, colour)
+        bar = figure.colorbar(cloud, ax=axes, shrink=0.85, pad=0.01, label=label)
+        _with_prefixes(bar.ax.yaxis, points["colour"])
         bar.outline.set_visible(False)
     return figure
 
 
-def _colouring(result: SweepResult) -> tuple[Array, str]:
+def _colouring(result: SweepResult) -> tuple[pd.Series, str]:
     """Numbers that colour the points of the workspace, and their label."""
     pulls = [n for n in result.inputs if n.startswith("pull_")] if result.sweep.workspace else []
     if pulls:
-        return result.cases[pulls].to_numpy(dtype=float).sum(axis=1), "sum of the tensions [N]"
-    for name, label in result.inputs.items():
-        if result.cases[name].dtype.kind in "fi" and varies(result.column(name)):
-            return result.column(name), label
-    return np.zeros(len(result.cases)), ""
+        return result.cases[pulls].sum(axis=1), "sum of the tensions [N]"
+    for name in map(str, result.cases[list(result.inputs)].select_dtypes("number")):
+        if varies(result.column(name)):
+            return result.cases[name], result.inputs[name]
+    return pd.Series(0.0, result.cases.index), ""
 
 
 def sobol(result: SweepResult) -> Figure | None:
@@ -96,17 +94,16 @@ def sobol(result: SweepResult) -> Figure | None:
     if not names:
         return None
     place = np.arange(len(result.inputs))
-    figure = Figure(figsize=(_WIDTH, 1.0 + 0.42 * len(place)), layout="constrained")
-    axes = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
+    figure, axes = _row_of_axes(len(names), 1.0 + 0.42 * len(place), sharey=True)
     for ax, name in zip(axes, names, strict=True):
-        found = indices[name]
+        of = indices[name]
         for value, interval, shift, colour, label in (
-            (found.first, found.first_interval, -0.19, COLOURS[0], "first order: by itself"),
-            (found.total, found.total_interval, 0.19, COLOURS[1], "total order: with interactions"),
+            (of.first, of.first_interval, -0.19, COLOURS[0], "first order: by itself"),
+            (of.total, of.total_interval, 0.19, COLOURS[1], "total order: with interactions"),
         ):
-            ax.barh(place + shift, value, height=0.36, color=colour, label=label)
             reach = np.abs(interval.T - value)
-            ax.errorbar(value, place + shift, xerr=reach, fmt="none", ecolor=INK, elinewidth=0.9)
+            bars: dict[str, Any] = {"ecolor": INK, "error_kw": {"elinewidth": 0.9}}
+            ax.barh(place + shift, value, xerr=reach, height=0.36, color=colour, label=label, **bars)
         ax.set(title=shown(name).label, xlabel="Sobol index")
         ax.set_xlim(min(0.0, ax.get_xlim()[0]), max(1.0, ax.get_xlim()[1]))
         ax.grid(axis="y", visible=False)
@@ -120,17 +117,15 @@ def distributions(result: SweepResult) -> Figure | None:
     """Histograms of the results of a sample, with mean, median and the interval of 95 % of the cases."""
     if not result.sweep.sampling.is_sample or not result.drawn:
         return None
-    figure = Figure(figsize=(_WIDTH, 2.9), layout="constrained")
-    axes = figure.subplots(1, len(result.drawn), squeeze=False)[0]
+    figure, axes = _row_of_axes(len(result.drawn), 2.9)
+    table = result.statistics()
     for ax, name in zip(axes, result.drawn, strict=True):
-        how, found = shown(name), result.statistics()[name]
-        values = how.factor * result.column(name)
-        low, median, high = (how.factor * x for x in found.quantiles)
-        ax.axvspan(low, high, color=COLOURS[5], alpha=0.18, lw=0)
-        count = int(np.clip(np.sqrt(found.count), 8, 40))
-        ax.hist(values[np.isfinite(values)], bins=count, color=COLOURS[0], alpha=0.85)
-        ax.axvline(how.factor * found.mean, color=INK, lw=1.4)
-        ax.axvline(median, color=INK, lw=1.2, ls=(0, (2, 2)))
+        how, s = shown(name), shown(name).factor * table[name]
+        ax.axvspan(s["quantile_2.5"], s["quantile_97.5"], color=COLOURS[5], alpha=0.18, lw=0)
+        bins = int(np.clip(np.sqrt(table[name]["count"]), 8, 40))
+        ax.hist(how.factor * result.cases[name].dropna(), bins=bins, color=COLOURS[0], alpha=0.85)
+        ax.axvline(s["mean"], color=INK, lw=1.4)
+        ax.axvline(s["median"], color=INK, lw=1.2, ls=(0, (2, 2)))
         ax.set_xlabel(how.axis)
         ax.xaxis.set_major_locator(MaxNLocator(5))
         ax.grid(axis="x", visible=False)
@@ -162,16 +157,16 @@ def _main_effect(ax: Axes, given: pd.Series, values: pd.Series) -> None:
     groups = given
     if numeric and given.nunique() > MOST_LEVELS:  # bins of as many cases each
         groups = pd.qcut(given.rank(method="first"), min(BINS, max(2, len(given) // 10)), labels=False)
-    found = values.groupby(groups, sort=numeric).agg(["mean", "sem"])
-    place = given.groupby(groups).mean().to_numpy() if numeric else np.arange(len(found))
+    means = values.groupby(groups, sort=numeric).agg(["mean", "sem"])
+    place = given.groupby(groups).mean().to_numpy() if numeric else np.arange(len(means))
     look: dict[str, Any] = {"color": COLOURS[0], "ecolor": PALE, "marker": "o", "ms": 3.5, "elinewidth": 1.2}
-    ax.errorbar(place, found["mean"], yerr=found["sem"], lw=1.4 if numeric else 0.0, **look)
+    ax.errorbar(place, means["mean"], yerr=means["sem"], lw=1.4 if numeric else 0.0, **look)
     if numeric:
         ax.xaxis.set_major_locator(MaxNLocator(4))
         _with_prefixes(ax.xaxis, place)
     else:
-        ax.set_xticks(place, labels=[str(x) for x in found.index])
-        ax.set_xlim(-0.6, len(found) - 0.4)
+        ax.set_xticks(place, labels=[str(x) for x in means.index])
+        ax.set_xlim(-0.6, len(means) - 0.4)
 
 
 def _with_prefixes(axis: Axis, values: ArrayLike) -> None:

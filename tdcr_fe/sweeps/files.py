@@ -16,7 +16,7 @@ from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.io.store import Lines, OtherHead
 from tdcr_fe.sweeps.cases import Evaluate, Outcome
-from tdcr_fe.sweeps.description import Design, Sweep
+from tdcr_fe.sweeps.description import Sweep
 from tdcr_fe.sweeps.result import Message, SweepResult
 
 JOURNAL = "cases.jsonl"
@@ -44,24 +44,19 @@ def check_format(table: str) -> None:
         raise InputError([Problem("--table", "", table, text)])
 
 
-def head_of(sweep: Sweep, design: Design, evaluate: Evaluate | None) -> dict[str, Any]:
+def head_of(sweep: Sweep, evaluate: Evaluate | None) -> dict[str, Any]:
     """First line of the journal: all that the outcomes depend on."""
-    values = hashlib.sha256()
-    for column in design.columns:
-        values.update(repr(column.options).encode())
-        values.update(column.numbers.tobytes())
-    tables = [sweep.tables, *(tables for _, tables in sweep.robots)]
-    contents = to_json([[t.scenario, t.robot] for t in tables])
+    tables = to_json([[t.scenario, t.robot] for t in (sweep.tables, *(tables for _, tables in sweep.robots))])
     variations = []
     for v in sweep.variations:
-        kind, found = v.described()
-        keys = [place.text for place in v.places]
-        variations.append({"name": v.column, "keys": keys, "mode": v.mode, kind: found})
+        kind, values = v.described()
+        keys = [key.text for key in v.places]
+        variations.append({"name": v.column, "keys": keys, "mode": v.mode, kind: values})
     return {
         "input": {name: sha256 for name, sha256 in sweep.digests if name in sweep.effects},
-        "tables": hashlib.sha256(contents.encode()).hexdigest(),
+        "tables": hashlib.sha256(tables.encode()).hexdigest(),
         "variations": variations,
-        "design": values.hexdigest(),
+        "sampling": asdict(sweep.sampling),
         "output": asdict(sweep.output),
         "evaluate": f"{evaluate.__module__}.{getattr(evaluate, '__qualname__', '')}" if evaluate else "",
         "versions": versions(),
@@ -129,15 +124,14 @@ def summary_of(result: SweepResult, head: Mapping[str, Any]) -> dict[str, Any]:
     """Contents of `summary.json`."""
     names = ("first", "first_interval", "total", "total_interval")
     indices = {
-        output: {i: {n: getattr(s, n)[k] for n in names} for k, i in enumerate(result.inputs)}
+        output: {name: {n: getattr(s, n)[k] for n in names} for k, name in enumerate(result.inputs)}
         for output, s in result.sobol_indices().items()
     }
     return {
         "versions": head["versions"],
         "input": {name: {"sha256": sha256} for name, sha256 in result.sweep.digests},
-        "sampling": asdict(result.sweep.sampling),
+        "sampling": head["sampling"],
         "variations": head["variations"],
-        "design": head["design"],
         "cases": len(result.cases),
         "status": result.counts,
         "interrupted": result.interrupted,
@@ -146,7 +140,7 @@ def summary_of(result: SweepResult, head: Mapping[str, Any]) -> dict[str, Any]:
             for status, found in result.failures.items()
         },
         "warnings": [_message(m, "times", "text") for m in result.warnings],
-        "statistics": {name: s.numbers for name, s in result.statistics().items()},
+        "statistics": result.statistics().to_dict(),
         **({"sobol_indices": indices} if indices else {}),
         "wall_time": result.wall_time,
         "case_seconds": result.case_seconds,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -39,7 +39,7 @@ from tdcr_fe.sweeps.description import (
     MOST_CASES,
     SAMPLED,
     VALUES,
-    Column,
+    Change,
     Output,
     Range,
     Sampling,
@@ -316,12 +316,11 @@ def _check_values(sweep: Sweep, own: Sequence[Effect], report: Reporter) -> None
     A value is refused where it is wrong alone, all others as declared, and in every case tried that has it as well.
     Other contradictions, which only some combinations have, become the status of their cases.
     """
-    design = sweep.design()
+    design, random = sweep.design(), np.random.default_rng(0)
 
-    def mistakes(values: list[tuple[Variation, Any]]) -> list[Problem]:
-        """Of the files with some values; a key that names nothing is one without a key."""
+    def mistakes(changes: Sequence[Change]) -> list[Problem]:
+        """Of the files with some changes; a key that names nothing is one without a key."""
         try:
-            changes = [(place, v.mode, value) for v, value in values for place in v.places]
             build_scenario(tables_with(sweep, changes), own)
         except KeyProblem as error:
             return [Problem("", "", "", str(error))]
@@ -329,26 +328,27 @@ def _check_values(sweep: Sweep, own: Sequence[Effect], report: Reporter) -> None
             return list(error.problems)
         return []
 
-    for i, (v, column) in enumerate(zip(sweep.variations, design.columns, strict=True)):
+    for i, (v, values) in enumerate(zip(sweep.variations, design.values(), strict=True)):
         where = "workspace" if sweep.workspace and v.column.startswith("pull_") else f"vary[{i}]"
         found: dict[tuple[str, str, str], None] = {}
-        for case in _checked(column):
-            problems = mistakes([(v, column[case])])
-            same = np.flatnonzero(column.numbers == column.numbers[case])
-            tried = np.random.default_rng(0).choice(same, min(len(same), MOST_TRIED), replace=False)
-            if problems and all(
-                mistakes(list(zip(sweep.variations, design.case(int(k)), strict=True))) for k in tried
-            ):
-                found |= dict.fromkeys(_said(where, v, column[case], p) for p in problems)
+        for value, same in _checked(v, values):
+            if problems := mistakes([(key, v.mode, value) for key in v.places]):
+                tried = random.choice(same, min(len(same), MOST_TRIED), replace=False)
+                if all(mistakes(sweep.changes(design, k)) for k in tried):
+                    found |= dict.fromkeys(_said(where, v, value, p) for p in problems)
         for problem in found:
             report(*problem)
 
 
-def _checked(column: Column) -> list[int]:
-    """First cases, from 0, with the values that are checked: the options, or the smallest and the largest number."""
-    numbers, first = np.unique(column.numbers, return_index=True)
-    most = min(len(numbers), MOST_CHECKED if column.options else 2)
-    return [int(k) for k in first[np.linspace(0, len(numbers) - 1, most).astype(int)]]
+def _checked(v: Variation, values: list[Any]) -> Iterator[tuple[Any, list[int]]]:
+    """Values that are checked, options or the smallest and the largest number, and the cases that have them."""
+    cases: dict[str, list[int]] = {}
+    for case, value in enumerate(values):
+        cases.setdefault(repr(value), []).append(case)
+    every = v.options or (min(values), max(values))
+    for k in np.linspace(0, len(every) - 1, min(len(every), MOST_CHECKED)).astype(int):
+        if same := cases.get(repr(every[k])):
+            yield every[k], same
 
 
 def _said(where: str, v: Variation, value: Any, found: Problem) -> tuple[str, str, str]:

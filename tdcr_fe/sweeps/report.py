@@ -17,7 +17,7 @@ from tdcr_fe.report.environment import fixed, quantity, significant
 from tdcr_fe.report.page import Card, Page, Picture, Section
 from tdcr_fe.report.style import styled
 from tdcr_fe.sweeps.description import Variation
-from tdcr_fe.sweeps.figures import MOST_INPUTS, PICTURES, drawn, tip_columns, tips
+from tdcr_fe.sweeps.figures import MOST_INPUTS, PICTURES, drawn, tips
 from tdcr_fe.sweeps.result import SweepResult, shown
 
 #: Warnings that are listed.
@@ -47,7 +47,9 @@ def _page(result: SweepResult, figures: dict[str, Figure]) -> Page:
     names = list(pictures)
     sections = []
     if result.failures:
-        failed = [(m.count, s, m.case, m.example) for s, found in result.failures.items() for m in found]
+        failed = [
+            (m.count, s, m.case, m.example) for s, messages in result.failures.items() for m in messages
+        ]
         head = ("cases", "status", "first case", "reason of that case")
         section = _table("failures", "Cases that did not converge", head, failed)
         sections.append(replace(section, folded=len(failed) > MOST_INPUTS))
@@ -88,36 +90,35 @@ def _table(
 
 def _sentences(result: SweepResult) -> list[str]:
     """The first screen: what was found, as the headline, and on how many cases it rests."""
-    found = _findings(result)
     count, converged = len(result.cases), result.counts.get("converged", 0)
     if result.interrupted:
-        text = (
-            f"Interrupted: {converged} of {count} cases converged, {result.counts['not run']} were not run."
+        how_many = (
+            f"Interrupted: {converged} of {count} cases converged, {result.counts['not run']} were not run. "
         )
-        found.append(f"{text} The same command continues with them.")
+        how_many += "The same command continues with them."
     elif result.converged:
-        found.append(f"All {count} cases converged." if count > 1 else "The case converged.")
+        how_many = f"All {count} cases converged." if count > 1 else "The case converged."
     else:
-        found.append(f"{converged} of {count} cases converged.")
-    sampling, d = result.sweep.sampling, len(result.inputs)
-    how = _METHODS[sampling.method]
+        how_many = f"{converged} of {count} cases converged."
+    sampling, inputs = result.sweep.sampling, list(result.inputs)
+    method = _METHODS[sampling.method]
     if sampling.method == "saltelli":
-        how += f", {sampling.samples} base samples times {d} + 2"
+        method += f", {sampling.samples} base samples times {len(inputs)} + 2"
     seed = f", seed {sampling.seed}" if sampling.is_sample else ""
-    varied = ", ".join(list(result.inputs)[:MOST_INPUTS]) + (" and others" if d > MOST_INPUTS else "")
-    found.append(f"Varied: {varied}. Cases: {how}{seed}.")
+    varied = ", ".join(inputs[:MOST_INPUTS]) + (" and others" if len(inputs) > MOST_INPUTS else "")
+    sentences = [*_findings(result), how_many, f"Varied: {varied}. Cases: {method}{seed}."]
     if result.warnings:
-        noted = int((result.cases["warnings"] > 0).sum())
-        found.append(f"{noted} of the cases have warnings; they are listed below.")
-    return found
+        warned = int((result.cases["warnings"] > 0).sum())
+        sentences.append(f"{warned} of the cases have warnings; they are listed below.")
+    return sentences
 
 
 def _findings(result: SweepResult) -> list[str]:
     """The result that was asked for: the workspace, or the scatter of the first result and its cause."""
-    if result.sweep.workspace and tip_columns(result):
-        low, high = tips(result).min(axis=0), tips(result).max(axis=0)
-        box = ", ".join(f"{a} from {fixed(low[k], 1)} to {fixed(high[k], 1)}" for k, a in enumerate("xyz"))
-        offset = np.hypot(*tips(result)[:, :2].T).max()
+    if result.sweep.workspace and len(points := tips(result)):
+        low, high = points.min(), points.max()
+        box = ", ".join(f"{axis} from {fixed(low[axis], 1)} to {fixed(high[axis], 1)}" for axis in "xyz")
+        offset = np.hypot(points["x"], points["y"]).max()
         return [f"The tip reaches {box} mm, at most {fixed(offset, 1)} mm from the z axis."]
     if not result.shown:
         return []
@@ -128,20 +129,19 @@ def _findings(result: SweepResult) -> list[str]:
         return [f"{what} ranges from {s['min']} to {s['max']}{unit}."]
     spread = f"mean {s['mean']}{unit}, standard deviation {s['std']}{unit}"
     between = f"{s['quantile_2.5']} and {s['quantile_97.5']}{unit}"
-    found = [f"{what}: {spread}; 95 % of the cases lie between {between}."]
+    scatter = f"{what}: {spread}; 95 % of the cases lie between {between}."
     if (indices := result.sobol_indices().get(name)) is None:
-        return found
+        return [scatter]
     k = int(np.nanargmax(indices.total))
     low, high = indices.total_interval[k]
     cause = f"{list(result.inputs)[k]} for {how.label}"
     if high - low > WIDEST:
         text = f"Too few samples for Sobol indices: the 95 % interval of the largest one (total order, {cause}) is"
-        more = max(
-            256, 4 * (result.sweep.sampling.samples or 0)
-        )  # the width falls with the root of the number
-        return [*found, f"{text} {low:.2f} to {high:.2f}. Use samples = {more}."]
+        # The width falls with the root of the number.
+        more = max(256, 4 * (result.sweep.sampling.samples or 0))
+        return [scatter, f"{text} {low:.2f} to {high:.2f}. Use samples = {more}."]
     text = f"{indices.total[k]:.2f} (95 % interval {low:.2f} to {high:.2f}), the largest"
-    return [*found, f"Total-order Sobol index of {cause}: {text}."]
+    return [scatter, f"Total-order Sobol index of {cause}: {text}."]
 
 
 def _cards(result: SweepResult) -> tuple[Card, ...]:
@@ -168,8 +168,8 @@ def _statistics(result: SweepResult) -> Section:
         "quantile_97.5": "97.5 %",
         "max": "largest",
     }
-    found = result.statistics()
-    texts = {name: shown(name).texts(found[name]) for name in result.shown}
+    table = result.statistics()
+    texts = {name: shown(name).texts(table[name]) for name in result.shown}
     rows = [(name, shown(name).unit, *(s[c] for c in columns)) for name, s in texts.items()]
     sampled = result.sweep.sampling.is_sample and not result.sweep.workspace
     note = "Over the cases that converged" + ("." if sampled else ", each with the same weight.")

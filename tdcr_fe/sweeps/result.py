@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -17,16 +16,14 @@ from numpy.typing import NDArray
 from tdcr_fe.model.columns import AFTER_TENDONS, OF_TENDONS
 from tdcr_fe.model.messages import count
 from tdcr_fe.report.environment import MINUS, fixed
-from tdcr_fe.sweeps.cases import ESTIMATES, STATUSES, Outcome, columns_of_steps
-from tdcr_fe.sweeps.description import Column, Design, Sweep
-from tdcr_fe.sweeps.statistics import SobolIndices, Summary, sobol_indices, summarise, varies
+from tdcr_fe.sweeps.cases import ABOUT_CASE, ESTIMATES, STATUSES, Outcome, columns_of_steps
+from tdcr_fe.sweeps.description import Design, Sweep
+from tdcr_fe.sweeps.statistics import SobolIndices, sobol_indices, summarise, varies
 
 Array = NDArray[np.float64]
 _NUMBER = re.compile(r"(?<![A-Za-z_])-?\d+(\.\d+)?(e[+-]?\d+)?")
-#: Results that are printed before "and ... more".
-MOST_PRINTED = 8
-#: Results in pictures where the sweep names none.
-MOST_DRAWN = 4
+#: Results that are printed before "and ... more", and results in pictures where the sweep names none.
+MOST_PRINTED, MOST_DRAWN = 8, 4
 
 
 @dataclass(frozen=True)
@@ -40,83 +37,70 @@ class Message:
 
 def _messages(texts: Iterable[tuple[int, str]]) -> tuple[Message, ...]:
     """Texts by case, in the order of cases, put together where they differ by numbers only; the most frequent first."""
-    found: dict[str, Message] = {}
+    messages: dict[str, Message] = {}
     for case, text in texts:
-        before = found.get(kind := _NUMBER.sub("#", text), Message(text, case, 0))
-        found[kind] = replace(before, count=before.count + 1)
-    return tuple(sorted(found.values(), key=lambda m: (-m.count, m.case)))
+        before = messages.get(kind := _NUMBER.sub("#", text), Message(text, case, 0))
+        messages[kind] = replace(before, count=before.count + 1)
+    return tuple(sorted(messages.values(), key=lambda m: (-m.count, m.case)))
 
 
 class Collected:
-    """Outcomes by case, in memory that hardly grows while cases are solved.
+    """Outcomes by case, with their numbers as arrays: these take little memory.
 
     Parameters
     ----------
-    count
-        Number of cases.
+    number
+        Of cases.
     """
 
-    def __init__(self, count: int) -> None:
-        self._count = count
-        self._status = np.full(count, "not run", dtype=object)
-        self._reasons = np.full(count, "", dtype=object)
-        self._warnings: dict[int, tuple[str, ...]] = {}  # by case, counted from 0
+    def __init__(self, number: int) -> None:
+        self._outcomes = {case: Outcome(case, "not run") for case in range(1, number + 1)}
         self._numbers: dict[str, Array] = {}  # by column, one per case
-        self._seconds: Array = np.zeros(count)
 
     def add(self, outcome: Outcome) -> None:
         """Take the outcome of a case; one that is there already is replaced."""
-        k = outcome.case - 1
-        self._status[k], self._reasons[k] = outcome.status, outcome.reason
-        self._seconds[k], self._warnings[k] = outcome.seconds, outcome.warnings
-        for column in self._numbers.values():
-            column[k] = np.nan
-        for name, value in outcome.numbers.items():
-            self._numbers.setdefault(name, np.full(self._count, np.nan))[k] = value
+        self._outcomes[outcome.case] = replace(outcome, numbers={})
+        for name in {*self._numbers, *outcome.numbers}:
+            column = self._numbers.setdefault(name, np.full(len(self._outcomes), np.nan))
+            column[outcome.case - 1] = outcome.numbers.get(name, np.nan)
 
     @property
     def left(self) -> list[int]:
-        """Cases that were not run, counted from 0."""
-        return [int(k) for k in np.flatnonzero(self._status == "not run")]
+        """Numbers of the cases that were not run, from 1."""
+        return [x.case for x in self._outcomes.values() if x.status == "not run"]
 
     def result(self, sweep: Sweep, design: Design, wall_time: float, solved_now: int) -> SweepResult:
-        """All that was collected, as the result of a sweep."""
-        failed = [k for k in range(self._count) if self._reasons[k]]
-        messages: dict[str, tuple[Message, ...]] = {
-            status: _messages((k + 1, self._reasons[k]) for k in failed if self._status[k] == status)
-            for status in STATUSES
+        """All that was collected, as the result of a sweep: cases in their order."""
+        every = self._outcomes.values()
+        messages: dict[str, tuple[Message, ...]] = {}
+        for status in STATUSES:
+            messages[status] = _messages((x.case, x.reason) for x in every if x.status == status and x.reason)
+        messages["warning"] = _messages((x.case, text) for x in every for text in x.warnings)
+        table = {
+            **{name: [getattr(x, name) for x in every] for name in ABOUT_CASE},
+            "warnings": [len(x.warnings) for x in every],
+            **{name: pd.Series(map(_plain, values)) for name, values in design.items()},
+            **{
+                name: self._numbers[name]
+                for name in sorted(self._numbers, key=self._order(sweep).__getitem__)
+            },
         }
-        warned = sorted(self._warnings.items())
-        messages["warning"] = _messages((k + 1, text) for k, texts in warned for text in texts)
-        seconds, cases = float(self._seconds.sum()), self._frame(sweep, design)
-        return SweepResult(sweep, cases, messages, wall_time, seconds, solved_now)
+        return SweepResult(
+            sweep, pd.DataFrame(table), messages, wall_time, sum(x.seconds for x in every), solved_now
+        )
 
-    def _frame(self, sweep: Sweep, design: Design) -> pd.DataFrame:
-        """One row per case, in the order of cases: number, status, reason, values, results."""
+    def _order(self, sweep: Sweep) -> dict[str, int]:
+        """Columns of the results: those of the load steps, step by step, then others by name."""
         robots = [sweep.tables.robot, *(tables.robot for _, tables in sweep.robots)]
         tendons = dict.fromkeys(str(t["name"]) for robot in robots if robot for t in robot.get("tendons", ()))
         suffixes = sweep.output.suffixes(len(sweep.tables.scenario["steps"]))
-        order = [f"{name}{suffix}" for suffix in suffixes for name in columns_of_steps(tendons)]
-        names = sorted(self._numbers, key=lambda n: (order.index(n) if n in order else len(order), n))
-        warnings = [len(self._warnings.get(k, ())) for k in range(self._count)]
-        return pd.DataFrame(
-            {
-                "case": np.arange(1, self._count + 1),
-                "status": self._status,
-                "reason": self._reasons,
-                "warnings": np.array(warnings, dtype=np.int16),
-                **{v.column: _values(c) for v, c in zip(sweep.variations, design.columns, strict=True)},
-                **{name: self._numbers[name] for name in names},
-            }
-        )
+        names = [f"{name}{suffix}" for suffix in suffixes for name in columns_of_steps(tendons)]
+        return {name: k for k, name in enumerate(dict.fromkeys([*names, *sorted(self._numbers)]))}
 
 
-def _values(column: Column) -> Any:
-    """Values of a variation by case; lists and tables as text."""
-    if not column.options:
-        return column.numbers
-    plain = [x if isinstance(x, int | float | str | bool) else repr(x) for x in column.options]
-    return pd.Series(plain).take(column.numbers).to_numpy()
+def _plain(value: object) -> object:
+    """A value of a table; lists and tables as text."""
+    return value if isinstance(value, int | float | str | bool) else repr(value)
 
 
 @dataclass(frozen=True)
@@ -154,13 +138,13 @@ class SweepResult:
     @property
     def outputs(self) -> tuple[str, ...]:
         """Columns of the results."""
-        return tuple(self.cases.columns[4 + len(self.inputs) :])
+        return tuple(self.cases.columns[len(ABOUT_CASE) + len(self.inputs) :])
 
     @property
     def counts(self) -> dict[str, int]:
         """Number of cases by status; those that occur."""
-        found = Counter(self.cases["status"])
-        return {name: found[name] for name in STATUSES if found[name]}
+        numbers = self.cases["status"].value_counts()
+        return {name: int(numbers[name]) for name in STATUSES if name in numbers}
 
     @property
     def failures(self) -> dict[str, tuple[Message, ...]]:
@@ -180,23 +164,23 @@ class SweepResult:
     @property
     def converged(self) -> bool:
         """Whether all cases converged."""
-        return self.counts.get("converged", 0) == len(self.cases)
+        return bool((self.cases["status"] == "converged").all())
 
     def column(self, name: str) -> Array:
         """A column of numbers."""
         return self.cases[name].to_numpy(dtype=float)
 
-    def statistics(self) -> dict[str, Summary]:
-        """Moments and quantiles of every result that varies, over the cases that converged."""
-        return {n: summarise(self.column(n)) for n in self.outputs if varies(self.column(n))}
+    def statistics(self) -> pd.DataFrame:
+        """Moments and quantiles over the cases that converged: a column for every result that varies."""
+        return summarise(self.cases[[n for n in self.outputs if varies(self.column(n))]])
 
     def sobol_indices(self) -> dict[str, SobolIndices]:
         """Sobol indices of every result that varies; empty where the method is not "saltelli"."""
         if self.sweep.sampling.method != "saltelli":
             return {}
-        count, seed = len(self.inputs), self.sweep.sampling.seed
-        found = {n: sobol_indices(self.column(n), count, seed) for n in self.outputs}
-        return {n: x for n, x in found.items() if x is not None}
+        inputs, seed = len(self.inputs), self.sweep.sampling.seed
+        indices = {n: sobol_indices(self.column(n), inputs, seed) for n in self.outputs}
+        return {n: x for n, x in indices.items() if x is not None}
 
     @cached_property
     def shown(self) -> list[str]:
@@ -206,8 +190,11 @@ class SweepResult:
         out.
         """
         kept: list[str] = []
-        for name in sorted(self.statistics(), key=_rank):
-            if not self._repeats(name, (*self.inputs, *kept)):
+        for name in sorted(map(str, self.statistics()), key=_rank):
+            sound = self.cases[name].notna()
+            sizes = self.cases[sound][[*self.inputs, *kept]].select_dtypes("number").abs()
+            size = self.cases[sound][name].abs().to_numpy()
+            if not np.isclose(size[:, None], sizes, rtol=1e-6, atol=0.0).all(axis=0).any():
                 kept.append(name)
         return kept
 
@@ -216,31 +203,21 @@ class SweepResult:
         """Results in pictures: those that ``quantities`` of the sweep names, or the first few."""
         return self.shown if self.sweep.output.quantities else self.shown[:MOST_DRAWN]
 
-    def _repeats(self, name: str, others: Sequence[str]) -> bool:
-        values = self.column(name)
-        sound = np.isfinite(values)
-        sizes = (np.abs(self.column(n)[sound]) for n in others if self.cases[n].dtype.kind in "fi")
-        return any(np.allclose(np.abs(values[sound]), size, rtol=1e-6, atol=0.0) for size in sizes)
-
     def __repr__(self) -> str:
         """Cases by status, mean and range of the results that vary, the tip first, and the time."""
         states = ", ".join(f"{n} {status}" for status, n in self.counts.items())
-        inputs = ", ".join(self.inputs)
-        lines = [
-            f'sweep of {count(len(self.cases), "case")} by "{self.sweep.sampling.method}" over {inputs}: {states}'
-        ]
-        found = self.statistics()
+        cases, method = count(len(self.cases), "case"), self.sweep.sampling.method
+        lines = [f'sweep of {cases} by "{method}" over {", ".join(self.inputs)}: {states}']
+        table = self.statistics()
         for name in self.shown[:MOST_PRINTED]:
-            how, s = shown(name), shown(name).texts(found[name], "-")
+            how, s = shown(name), shown(name).texts(table[name], "-")
             spread = f"standard deviation {s['std']}, from {s['min']} to {s['max']}"
             lines.append(f"  {how.axis}: mean {s['mean']}, {spread}")
         if len(self.shown) > MOST_PRINTED:
             lines.append(f"  and {len(self.shown) - MOST_PRINTED} more results")
         rate = self.solved_now / self.wall_time if self.wall_time > 0.0 else np.nan
-        lines.append(
-            f"  {count(self.solved_now, 'case')} solved in {self.wall_time:.1f} s, {rate:.3g} per second"
-        )
-        return "\n".join(lines)
+        solved = f"{count(self.solved_now, 'case')} solved in {self.wall_time:.1f} s, {rate:.3g} per second"
+        return "\n".join([*lines, f"  {solved}"])
 
 
 _LENGTH = re.compile(r"(tip_[xyz]|tip_offset|displacement_.*|discretisation_error)(_step\d+)?")
@@ -262,12 +239,14 @@ class Shown(NamedTuple):
         """Label with the unit."""
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
-    def texts(self, s: Summary, minus: str = MINUS) -> dict[str, str]:
+    def texts(self, statistics: pd.Series, minus: str = MINUS) -> dict[str, str]:
         """Statistics as text, all to the second digit of the standard error of the mean."""
-        error = self.factor * s.std / math.sqrt(s.count)
+        error = self.factor * statistics["std"] / math.sqrt(statistics["count"])
         decimals = max(0, 1 - math.floor(math.log10(error)))
-        found = {n: fixed(self.factor * x, decimals).replace(MINUS, minus) for n, x in s.numbers.items()}
-        return {**found, "count": str(s.count)}
+        texts = {
+            str(n): fixed(self.factor * x, decimals).replace(MINUS, minus) for n, x in statistics.items()
+        }
+        return {**texts, "count": f"{statistics['count']:.0f}"}
 
 
 def shown(column: str) -> Shown:

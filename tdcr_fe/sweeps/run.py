@@ -15,8 +15,8 @@ from typing import Any, Literal
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.io.processes import worker_pool
 from tdcr_fe.io.store import as_completed
-from tdcr_fe.sweeps.cases import Change, Evaluate, Job, Outcome, solve_case
-from tdcr_fe.sweeps.description import Design, Sweep
+from tdcr_fe.sweeps.cases import Evaluate, Job, Outcome, solve_case
+from tdcr_fe.sweeps.description import Change, Sweep
 from tdcr_fe.sweeps.files import check_format, head_of, journal, recalled, write_sweep
 from tdcr_fe.sweeps.read import read_sweep
 from tdcr_fe.sweeps.result import Collected, SweepResult
@@ -108,20 +108,20 @@ def sweep(
     job = Job(replace(described, variations=()), evaluate, tuple(v.column for v in described.variations))
     _check_pickle(job)
     design = described.design()
-    collected = Collected(design.count)
-    head = head_of(described, design, evaluate)
+    collected = Collected(described.count)
+    head = head_of(described, evaluate)
     with ExitStack() as stack:
         folder = lines = None
         if out is not None:
             folder = check_output_folder(out)
             lines = stack.enter_context(journal(folder, head, fresh))
-            for outcome in recalled(lines, design.count):
+            for outcome in recalled(lines, described.count):
                 if not retry or outcome.status == "converged":
                     collected.add(outcome)
         left = collected.left
         report_progress = progress or (lambda finished, total: None)
-        report_progress(design.count - len(left), design.count)
-        cases = ((k + 1, (k + 1, _changes(described, design, k))) for k in left)
+        report_progress(described.count - len(left), described.count)
+        cases = ((case, (case, described.changes(design, case - 1))) for case in left)
         cores = os.cpu_count() or 1
         if executor is None:
             stream = local_outcomes(job, cases, min(processes or cores, len(left)))
@@ -134,7 +134,7 @@ def sweep(
                     if lines is not None:
                         lines.append([vars(outcome)])
                     collected.add(outcome)
-                    report_progress(design.count - len(left) + solved, design.count)
+                    report_progress(described.count - len(left) + solved, described.count)
         except KeyboardInterrupt as interruption:
             stop = interruption
         result = collected.result(described, design, time.perf_counter() - begun, solved)
@@ -143,12 +143,6 @@ def sweep(
     if stop is not None:
         raise SweepInterrupted(result) from stop
     return result
-
-
-def _changes(described: Sweep, design: Design, k: int) -> list[Change]:
-    """What changes in a case, counted from 0."""
-    values = zip(described.variations, design.case(k), strict=True)
-    return [(place, v.mode, value) for v, value in values for place in v.places]
 
 
 def _check_pickle(job: Job) -> None:

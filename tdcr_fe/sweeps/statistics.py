@@ -1,54 +1,24 @@
-"""Statistics of a sweep: moments and quantiles of the results, main effects, and Sobol indices with their intervals."""
+"""Statistics of a sweep: moments and quantiles of the results, and Sobol indices with their intervals."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
 #: Resamples of a bootstrap interval, and its level.
 RESAMPLES, LEVEL = 500, 0.95
+_QUANTILES = {"2.5%": "quantile_2.5", "50%": "median", "97.5%": "quantile_97.5"}
 
 
-@dataclass(frozen=True)
-class Summary:
-    """Statistics of one result over the cases that converged.
-
-    Attributes
-    ----------
-    count : int
-    mean, std : float
-        Standard deviation with ``count - 1``.
-    smallest, largest : float
-    quantiles : tuple of float
-        At 2.5 %, 50 % and 97.5 %.
-    """
-
-    count: int
-    mean: float
-    std: float
-    smallest: float
-    largest: float
-    quantiles: tuple[float, float, float]
-
-    @property
-    def numbers(self) -> dict[str, float]:
-        """All of them by name, as in `summary.json`."""
-        names = ("count", "mean", "std", "min", "max", "quantile_2.5", "median", "quantile_97.5")
-        found = (self.count, self.mean, self.std, self.smallest, self.largest, *self.quantiles)
-        return dict(zip(names, found, strict=True))
-
-
-def summarise(values: Array) -> Summary:
-    """Statistics of a column with at least one finite number; the others are left out."""
-    values = values[np.isfinite(values)]
-    std = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
-    low, middle, high = (float(x) for x in np.quantile(values, [0.025, 0.5, 0.975]))
-    found = (float(values.mean()), std, float(values.min()), float(values.max()))
-    return Summary(len(values), *found, (low, middle, high))
+def summarise(table: pd.DataFrame) -> pd.DataFrame:
+    """Statistics of every column over the rows that have a number; the standard deviation is with ``count - 1``."""
+    percentiles = [float(name.rstrip("%")) / 100.0 for name in _QUANTILES]
+    return table.describe(percentiles=percentiles).rename(_QUANTILES) if len(table.columns) else table
 
 
 def varies(values: Array) -> bool:
@@ -107,12 +77,10 @@ def sobol_indices(values: Array, dimensions: int, seed: int = 0) -> SobolIndices
     if len(rows) < 2 or not varies(rows[:, :2].ravel()):
         return None
     random = np.random.default_rng(seed)
-    drawn = [_indices(rows[random.integers(0, len(rows), len(rows))]) for _ in range(RESAMPLES)]
+    resampled = [_indices(rows[random.integers(0, len(rows), len(rows))]) for _ in range(RESAMPLES)]
     tail = 0.5 * (1.0 - LEVEL)
-    first_interval, total_interval = np.nanquantile(np.array(drawn), [tail, 1.0 - tail], axis=0).transpose(
-        1, 2, 0
-    )
-    return SobolIndices(*_indices(rows), first_interval, total_interval, len(rows))
+    first, total = np.nanquantile(np.array(resampled), [tail, 1.0 - tail], axis=0).transpose(1, 2, 0)
+    return SobolIndices(*_indices(rows), first, total, len(rows))
 
 
 def _indices(rows: Array) -> tuple[Array, Array]:
