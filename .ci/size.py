@@ -34,7 +34,7 @@ BUDGET = {
     "tdcr_fe/report": 1242,
     "tdcr_fe/scene": 1470,
     "tdcr_fe/solve": 7570,
-    "tdcr_fe/sweeps": 1644,
+    "tdcr_fe/sweeps": 1588,
     "validation": 7794,
     "tests": 17184,
 }
