@@ -117,6 +117,7 @@ EXPERIMENTS = {
 FAST = [
     ("no friction", "backbone.length"),
     ("no friction", "disks.positions[2]"),
+    ("no friction", "steps[2].loads.middle.moment[2]"),
     ("per hole", "tendons.friction_coefficient"),
     ("per hole", "tendons.t1.offset"),
     ("per hole", "steps[1].loads.tip.force[1]"),
@@ -143,7 +144,7 @@ SLOW = {
         "backbone.radius", "backbone.poisson_ratio", "backbone.density", "backbone.bending_stiffness",
         "backbone.torsional_stiffness", "backbone.axial_stiffness", "backbone.shear_stiffness",
         "backbone.precurvature[0]", "disks.mass", "tip_mass", "model.gravity[2]", "tendons.t3.end_offset",
-        "steps[2].loads.middle.moment[2]", "effects.gravity.g_x", "effects.tip_payload.mass",
+        "effects.gravity.g_x", "effects.tip_payload.mass",
         "effects.actuator_gain.gain", "effects.stiffness_scale.bending", "effects.stiffness_scale.torsion",
         "effects.precurvature.kappa_y", "effects.routing_twist.angle_tip", "effects.hole_clearance.clearance",
         "effects.tendon_stretch.axial_stiffness", "effects.creep.rate",
