@@ -100,6 +100,21 @@ class Flow:
     d_length: Array
 
 
+def tendon_course(robot: Robot, s: Array) -> TendonCourse:
+    """The tendons of a robot at arc lengths ``s`` [m], shape (n,); beyond its end a tendon stays where it ends."""
+    shape = (len(s), len(robot.tendons), 3)
+    r, slope = np.zeros(shape), np.zeros(shape)
+    for i, tendon in enumerate(robot.tendons):
+        end = robot.end(tendon)
+        inside = np.minimum(s, end)
+        r[:, i, :2] = tendon.routing.position(inside, end)
+        slope[:, i, :2] = tendon.routing.position(inside, end, 1)
+    lever = np.zeros((*shape, 6))
+    lever[..., :3] = -hat(r)
+    lever[..., 3:] = np.eye(3)
+    return TendonCourse(lever, slope, np.swapaxes(lever, -1, -2) @ lever)
+
+
 class Rod:
     """A stack of intervals of a rod, ready to be integrated.
 
@@ -141,23 +156,9 @@ class Rod:
             ends = np.array([robot.end(t) for t in robot.tendons])
             self.active = (middles[:, None] < ends[None, :]).astype(float)
             self.courses = [
-                [self._course(robot, starts + (k + c) * self.h) for c in _C] for k in range(self.steps)
+                [tendon_course(robot, starts + (k + c) * self.h) for c in _C] for k in range(self.steps)
             ]
         self.columns = 6 + (3 if gravity else 0) + self.n_tendons
-
-    @staticmethod
-    def _course(robot: Robot, s: Array) -> TendonCourse:
-        shape = (len(s), len(robot.tendons), 3)
-        r, slope = np.zeros(shape), np.zeros(shape)
-        for i, tendon in enumerate(robot.tendons):
-            end = robot.end(tendon)
-            inside = np.minimum(s, end)
-            r[:, i, :2] = tendon.routing.position(inside, end)
-            slope[:, i, :2] = tendon.routing.position(inside, end, 1)
-        lever = np.zeros((*shape, 6))
-        lever[..., :3] = -hat(r)
-        lever[..., 3:] = np.eye(3)
-        return TendonCourse(lever, slope, np.swapaxes(lever, -1, -2) @ lever)
 
     def integrate(self, wrench: Array, weight: Array | None = None, tension: Array | None = None) -> Flow:
         """Integrate every interval from its start to its end.
