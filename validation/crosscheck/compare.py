@@ -12,6 +12,7 @@ from tdcr_fe.model.results import StepResult
 from tdcr_fe.solve.simulate import PathRecord, SolverSettings, simulate
 from tdcr_fe.validation.crosscheck.cases import Case
 from tdcr_fe.validation.fuzz.checks import CHECKS
+from tdcr_fe.validation.fuzz.state import State
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
 Array = NDArray[np.float64]
@@ -72,7 +73,9 @@ def compare(case: Case) -> Record:
             **_shapes(a, b),
             **_tensions(a, b),
             "holes_differing": _differing(case, a, b, increments[-1].state.friction[0].mobilisation),
-            "outside_bounds": max(f(case.robot, case.model, s) for f in _BOUNDS.values() for s in (a, b)),
+            "outside_bounds": max(
+                f(State.of(case.robot, case.model, s)) for f in _BOUNDS.values() for s in (a, b)
+            ),
             "iterations_finite_element": a.iterations,
             "iterations_reference": b.iterations,
         }

@@ -115,14 +115,15 @@ def ledger(result: SequenceResult) -> Ledger:
     for a, b in pairwise(states):
         tendons, released = a.tendons, b.taken_in - a.taken_in
         tension = 0.5 * (a.tension + b.tension)
-        #: Tendon that passes the base side of each segment.
+        # Tendon that passes the base side of each segment.
         passed = np.concatenate(
             [np.cumsum(released[i:j][::-1])[::-1] for i, j in zip(tendons.first, tendons.last, strict=True)]
         )
         done = [*_external(a, b), *(tension * passed)[tendons.first]]
         # A tendon is stretched by what its segments take up beyond what they hand on.
-        kept = [np.sum(0.5 * (a.gradient + b.gradient) * (b.twists - a.twists)), *_springs(a, b)]
-        kept.append(tension @ (b.lengths - a.lengths + released))
+        stretched = float(tension @ (b.lengths - a.lengths + released))
+        bent = float(np.sum(0.5 * (a.gradient + b.gradient) * (b.twists - a.twists)))
+        kept = [bent, stretched, *_springs(a, b)]
         dissipated += (tension[tendons.holes] - tension[tendons.holes + 1]) * passed[tendons.holes + 1]
         work, stored = work + float(sum(done)), stored + float(sum(kept))
         turnover += float(sum(map(abs, (*done, *kept))))
