@@ -84,8 +84,8 @@ def test_the_api_page_has_every_public_name(generate):
 def test_keys_and_effects_of_the_pages_are_those_of_the_program(generate):
     robot, scenario = generate.keys_of("robot"), generate.keys_of("scenario")
     for row in (
-        "| `length` | length from base plate to tip [m] | above 0, at most 1000 | must be given |",
-        "| `offset` | distance of the holes from the backbone [m] (`parallel`,",
+        "| `length` | Length from base plate to tip [m] | above 0, at most 1000 | must be given |",
+        "| `offset` | Distance of the holes from the backbone [m] (`parallel`,",
     ):
         assert row in robot
     assert '`"none"`, `"per-tendon"`, `"per-hole"` | `"per-hole"` |' in scenario

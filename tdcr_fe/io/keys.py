@@ -9,7 +9,7 @@ from tdcr_fe.effects import EFFECTS, Parameter
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.messages import quoted
-from tdcr_fe.model.robot import DiskCount, Disks, Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ROUTINGS
 from tdcr_fe.model.schema import Keys, Quantity, all_keys_of, keys_of
 from tdcr_fe.model.tendon import Tendon
@@ -59,7 +59,8 @@ _POSITIONS = Quantity(
     allowed="arc lengths of the disks [m], at least one, ascending from above 0 to at most the length",
 )
 #: Keys of ``[disks]``, of which exactly one of ``count`` and ``positions`` is given.
-DISKS = Keys({"count": DiskCount}, {"count": None}).with_keys(
+_COUNT = Quantity("disks at equal distances, the last at the tip", ge=1, le=10_000)
+DISKS = Keys({"count": Annotated[int, _COUNT]}, {"count": None}).with_keys(
     {**keys_of(Disks), "positions": Annotated[tuple[float, ...], _POSITIONS]},
     **{**keys_of(Disks).defaults, "positions": None},
 )

@@ -28,15 +28,11 @@ class Superelastic(Checked):
     threshold_strain : float
         Strain of the outer fibre where the plateau begins [1].
     plateau_ratio : float
-        Slope beyond it over the slope before it [1].
+        Slope beyond the threshold over the slope before it [1].
     """
 
-    threshold_strain: Annotated[
-        float, Quantity("strain of the outer fibre where the plateau begins", gt=0.0, le=1.0)
-    ]
-    plateau_ratio: Annotated[
-        float, Quantity("slope beyond the threshold over the slope before it", gt=0.0, le=1.0)
-    ]
+    threshold_strain: Annotated[float, Quantity(gt=0.0, le=1.0)]
+    plateau_ratio: Annotated[float, Quantity(gt=0.0, le=1.0)]
 
 
 @dataclass(frozen=True)
@@ -49,18 +45,13 @@ class NonlinearMaterial(Checked):
     Attributes
     ----------
     quadratic : float
-        Difference of tension and compression: below zero softer in tension and stiffer in compression [1].
+        Coefficient b; negative: softer in tension, stiffer in compression [1].
     cubic : float
-        Hardening, below zero softening [1].
+        Coefficient c; positive: hardening, negative: softening [1].
     """
 
-    quadratic: Annotated[
-        float,
-        Quantity("coefficient b; negative: softer in tension, stiffer in compression", ge=-100.0, le=100.0),
-    ] = 0.0
-    cubic: Annotated[
-        float, Quantity("coefficient c; positive: hardening, negative: softening", ge=-1000.0, le=10_000.0)
-    ] = 0.0
+    quadratic: Annotated[float, Quantity(ge=-100.0, le=100.0)] = 0.0
+    cubic: Annotated[float, Quantity(ge=-1000.0, le=10_000.0)] = 0.0
 
     @property
     def largest_strain(self) -> float:
@@ -83,26 +74,29 @@ class StiffnessPatch(Checked):
 
     Attributes
     ----------
-    start, end : float
-        Arc lengths [m].
-    bending, torsion : float
-        Factors on the stiffness there [1].
+    start : float
+        Arc length where it begins [m].
+    end : float
+        Arc length where it ends [m].
+    bending : float
+        Factor on the bending stiffness [1].
+    torsion : float
+        Factor on the torsional stiffness [1].
     precurvature : (float, float)
-        Turning rate of the section about its x and y axes there, in addition to the backbone's [1/m].
-    modulus, density : float
-        Factors on all stiffnesses, those above included, and on the density there: another material [1].
+        Turning rate about x and y when unloaded, added to the backbone's [1/m].
+    modulus : float
+        Factor on all stiffnesses, those above included: another material [1].
+    density : float
+        Factor on the density: another material [1].
     """
 
-    start: Annotated[float, Quantity("arc length where it begins", "m", ge=0.0)]
-    end: Annotated[float, Quantity("arc length where it ends", "m", gt=0.0)]
-    bending: Annotated[float, Quantity("factor on the bending stiffness", gt=0.0)] = 1.0
-    torsion: Annotated[float, Quantity("factor on the torsional stiffness", gt=0.0)] = 1.0
-    precurvature: Annotated[
-        tuple[float, float],
-        Quantity("turning rate about x and y when unloaded, added to the backbone's", "1/m"),
-    ] = (0.0, 0.0)
-    modulus: Annotated[float, Quantity("factor on all stiffnesses: another material", gt=0.0)] = 1.0
-    density: Annotated[float, Quantity("factor on the density: another material", ge=0.0)] = 1.0
+    start: Annotated[float, Quantity(unit="m", ge=0.0)]
+    end: Annotated[float, Quantity(unit="m", gt=0.0)]
+    bending: Annotated[float, Quantity(gt=0.0)] = 1.0
+    torsion: Annotated[float, Quantity(gt=0.0)] = 1.0
+    precurvature: Annotated[tuple[float, float], Quantity(unit="1/m")] = (0.0, 0.0)
+    modulus: Annotated[float, Quantity(gt=0.0)] = 1.0
+    density: Annotated[float, Quantity(ge=0.0)] = 1.0
 
 
 @dataclass(frozen=True)
@@ -111,84 +105,58 @@ class Backbone(Checked):
 
     Attributes
     ----------
-    length, radius : float
-        [m].
+    length : float
+        Length from base plate to tip [m].
+    radius : float
+        Radius of the (round) cross-section; with a taper at the base [m].
     youngs_modulus : float
-        [Pa].
+        Young's modulus E [Pa].
     poisson_ratio : float
-        [1].
+        Poisson's ratio nu; the shear modulus is G = E / (2 (1 + nu)) [1].
     density : float
-        [kg/m^3].
-    bending_stiffness, torsional_stiffness, axial_stiffness, shear_stiffness : float or None
-        Override what radius and moduli give [N m^2, N m^2, N, N].
+        Density of the material, for gravity and dynamics [kg/m^3].
+    bending_stiffness : float or None
+        Bending stiffness EI instead of E pi r^4 / 4 [N m^2].
+    torsional_stiffness : float or None
+        Torsional stiffness GJ instead of G pi r^4 / 2 [N m^2].
+    axial_stiffness : float or None
+        Axial stiffness EA instead of E pi r^2 [N].
+    shear_stiffness : float or None
+        Shear stiffness GA instead of G pi r^2 [N].
     precurvature : (float, float)
         Turning rate of the section about its x and y axes in the unloaded state [1/m].
     superelastic : Superelastic or None
-        Softening of the bending moment.
+        Softening of the bending moment (NiTi).
     nonlinear : NonlinearMaterial or None
-        Hardening or softening of the fibres along the backbone.
+        Fibres that harden or soften with their strain.
     patches : tuple of StiffnessPatch
-        Stretches of other stiffness or precurvature.
-    taper : tuple of (float, float)
-        Radius along the backbone: arc length and radius [m], linear in between, from the base, where it is ``radius``,
-        to the tip. Empty: the radius is constant. In files it is the list given as ``radius``. Stiffnesses that are
-        declared are those at the base.
+        Parts of the backbone with another stiffness or precurvature.
     creep_rate : float
         Growth of bending and torsional compliance per time under load, relative to the declared one [1/s].
     retardation_time : float
-        Kelvin-Voigt damping: the wrench of a section grows by this times its stiffness times the rate of its strain
-        [s]. It acts in dynamics only.
+        Damping by the material in dynamics, as stress per stiffness and strain rate [s]. Kelvin-Voigt: the wrench of a
+        section grows by this times its stiffness times the rate of its strain.
+    taper : tuple of (float, float)
+        Arc length and radius, from base to tip [m]. Linear in between; it begins with ``radius``. Empty: the radius is
+        constant. In files it is the list given as ``radius``. Stiffnesses that are declared are those at the base.
     """
 
-    length: Annotated[float, Quantity("length from base plate to tip", "m", gt=0.0, le=1000.0)]
-    radius: Annotated[float, Quantity("radius of the (round) cross-section", "m", gt=0.0)]
-    youngs_modulus: Annotated[float, Quantity("Young's modulus E", "Pa", gt=0.0)]
-    poisson_ratio: Annotated[
-        float, Quantity("Poisson's ratio nu; the shear modulus is G = E / (2 (1 + nu))", gt=-1.0, le=0.5)
-    ]
-    density: Annotated[
-        float, Quantity("density of the material, for gravity and dynamics", "kg/m^3", ge=0.0)
-    ] = 0.0
-    bending_stiffness: Annotated[
-        float | None, Quantity("bending stiffness EI instead of E pi r^4 / 4", "N m^2", gt=0.0)
-    ] = None
-    torsional_stiffness: Annotated[
-        float | None, Quantity("torsional stiffness GJ instead of G pi r^4 / 2", "N m^2", gt=0.0)
-    ] = None
-    axial_stiffness: Annotated[
-        float | None, Quantity("axial stiffness EA instead of E pi r^2", "N", gt=0.0)
-    ] = None
-    shear_stiffness: Annotated[
-        float | None, Quantity("shear stiffness GA instead of G pi r^2", "N", gt=0.0)
-    ] = None
-    precurvature: Annotated[
-        tuple[float, float],
-        Quantity(
-            "turning rate of the section about its x and y axes in the unloaded state",
-            "1/m",
-            note="such as [0.0, 2.5]",
-        ),
-    ] = (0.0, 0.0)
-    superelastic: Annotated[Superelastic | None, Quantity("softening of the bending moment (NiTi)")] = None
-    nonlinear: Annotated[
-        NonlinearMaterial | None, Quantity("fibres that harden or soften with their strain")
-    ] = None
-    patches: Annotated[
-        tuple[StiffnessPatch, ...], Quantity("parts of the backbone with another stiffness or precurvature")
-    ] = ()
-    creep_rate: Annotated[
-        float, Quantity("growth of bending and torsional compliance per time under load", "1/s", ge=0.0)
-    ] = 0.0
-    retardation_time: Annotated[
-        float,
-        Quantity(
-            "damping by the material in dynamics, as stress per stiffness and strain rate", unit="s", ge=0.0
-        ),
-    ] = 0.0
-    taper: Annotated[
-        tuple[tuple[float, float], ...],
-        Quantity("arc length and radius, from base to tip", "m", in_file=False),
-    ] = ()
+    length: Annotated[float, Quantity(unit="m", gt=0.0, le=1000.0)]
+    radius: Annotated[float, Quantity(unit="m", gt=0.0)]
+    youngs_modulus: Annotated[float, Quantity(unit="Pa", gt=0.0)]
+    poisson_ratio: Annotated[float, Quantity(gt=-1.0, le=0.5)]
+    density: Annotated[float, Quantity(unit="kg/m^3", ge=0.0)] = 0.0
+    bending_stiffness: Annotated[float | None, Quantity(unit="N m^2", gt=0.0)] = None
+    torsional_stiffness: Annotated[float | None, Quantity(unit="N m^2", gt=0.0)] = None
+    axial_stiffness: Annotated[float | None, Quantity(unit="N", gt=0.0)] = None
+    shear_stiffness: Annotated[float | None, Quantity(unit="N", gt=0.0)] = None
+    precurvature: Annotated[tuple[float, float], Quantity(unit="1/m", note="such as [0.0, 2.5]")] = (0.0, 0.0)
+    superelastic: Superelastic | None = None
+    nonlinear: NonlinearMaterial | None = None
+    patches: tuple[StiffnessPatch, ...] = ()
+    creep_rate: Annotated[float, Quantity(unit="1/s", ge=0.0)] = 0.0
+    retardation_time: Annotated[float, Quantity(unit="s", ge=0.0)] = 0.0
+    taper: Annotated[tuple[tuple[float, float], ...], Quantity(unit="m", in_file=False)] = ()
 
     def compliance_factor(self, time: float) -> float:
         """By how much bending and torsional compliance have grown at a time [s]: ``1 + creep_rate time``."""

@@ -50,10 +50,10 @@ class ConstantFriction(Checked):
     Attributes
     ----------
     mu : float
-        [1].
+        Coefficient of friction [1].
     """
 
-    mu: Annotated[float, Quantity("coefficient of friction", ge=0.0, le=100.0)]
+    mu: Annotated[float, Quantity(ge=0.0, le=100.0)]
     kind: Literal["constant"] = "constant"
 
     def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:
@@ -72,23 +72,23 @@ class StribeckFriction(Checked):
 
     Attributes
     ----------
-    static, kinetic : float
-        Coefficient at rest, and where the tendon slips fast but viscosity does not yet count [1].
+    static : float
+        Coefficient at rest [1].
+    kinetic : float
+        Coefficient of fast slip, without viscosity [1].
     stribeck_rate : float
-        Slip rate at which the fall is done to 1/e [m/s].
+        Slip rate at which the difference has fallen to 1/e [m/s].
     exponent : float
-        1 or more; 2 is the Gaussian form [1].
+        Shape of the fall, 2 is Gaussian [1].
     viscous : float
         Rise of the coefficient with the slip rate [s/m].
     """
 
-    static: Annotated[float, Quantity("coefficient at rest", ge=0.0, le=100.0)]
-    kinetic: Annotated[float, Quantity("coefficient of fast slip, without viscosity", ge=0.0, le=100.0)]
-    stribeck_rate: Annotated[
-        float, Quantity("slip rate at which the difference has fallen to 1/e", "m/s", gt=0.0)
-    ]
-    exponent: Annotated[float, Quantity("shape of the fall, 2 is Gaussian", ge=1.0, le=10.0)] = 2.0
-    viscous: Annotated[float, Quantity("rise of the coefficient with the slip rate", "s/m", ge=0.0)] = 0.0
+    static: Annotated[float, Quantity(ge=0.0, le=100.0)]
+    kinetic: Annotated[float, Quantity(ge=0.0, le=100.0)]
+    stribeck_rate: Annotated[float, Quantity(unit="m/s", gt=0.0)]
+    exponent: Annotated[float, Quantity(ge=1.0, le=10.0)] = 2.0
+    viscous: Annotated[float, Quantity(unit="s/m", ge=0.0)] = 0.0
     kind: Literal["stribeck"] = "stribeck"
 
     def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:
@@ -116,19 +116,15 @@ class ForceDependentFriction(Checked):
     reference_force : float
         Normal force [N].
     exponent : float
-        Between -1, where friction does not depend on the force at all, and 1 [1].
+        Power of the normal force; -1/3 is an elastic contact of Hertz [1]. With -1 friction does not depend on it.
     smallest_force : float
-        Below this normal force the coefficient becomes constant [N].
+        Normal force below which the coefficient becomes constant [N].
     """
 
-    mu: Annotated[float, Quantity("coefficient at the reference force", ge=0.0, le=100.0)]
-    reference_force: Annotated[float, Quantity("normal force", "N", gt=0.0)]
-    exponent: Annotated[
-        float, Quantity("power of the normal force; -1/3 is an elastic contact of Hertz", ge=-1.0, le=1.0)
-    ] = -1.0 / 3.0
-    smallest_force: Annotated[
-        float, Quantity("normal force below which the coefficient becomes constant", "N", gt=0.0)
-    ] = 1e-3
+    mu: Annotated[float, Quantity(ge=0.0, le=100.0)]
+    reference_force: Annotated[float, Quantity(unit="N", gt=0.0)]
+    exponent: Annotated[float, Quantity(ge=-1.0, le=1.0)] = -1.0 / 3.0
+    smallest_force: Annotated[float, Quantity(unit="N", gt=0.0)] = 1e-3
     kind: Literal["force-dependent"] = "force-dependent"
 
     def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:

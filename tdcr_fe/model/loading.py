@@ -18,6 +18,8 @@ Vector = tuple[float, float, float]
 TendonPath = Literal["straight", "continuous"]
 Friction = Literal["none", "per-tendon", "per-hole"]
 
+_AT = "an arc length [m], from 0 to the length of the backbone"
+_GRAVITY = "three finite numbers [m/s^2] of at most 1e5, such as [0.0, 0.0, -9.81]"
 #: Beam elements between neighbouring disks that ``elements_per_bay = "auto"`` starts from.
 STARTING_ELEMENTS_PER_BAY = 2
 
@@ -29,29 +31,19 @@ class Load(Checked):
     Attributes
     ----------
     at : float
-        Arc length [m].
+        Arc length, also between disks [m].
     force : (float, float, float)
-        [N].
+        Force [N].
     moment : (float, float, float)
-        [N m].
+        Moment [N m].
     frame : "world" or "section"
-        The frame of both; "section" follows the section.
+        Frame of force and moment; "section" follows the section.
     """
 
-    at: Annotated[
-        float,
-        Quantity(
-            "arc length, also between disks",
-            "m",
-            ge=0.0,
-            allowed="an arc length [m], from 0 to the length of the backbone",
-        ),
-    ]
-    force: Annotated[Vector, Quantity("force", "N", note="such as [0.0, 0.05, 0.0]")] = (0.0, 0.0, 0.0)
-    moment: Annotated[Vector, Quantity("moment", "N m")] = (0.0, 0.0, 0.0)
-    frame: Annotated[
-        Literal["world", "section"], Quantity('frame of force and moment; "section" follows the section')
-    ] = "world"
+    at: Annotated[float, Quantity(unit="m", ge=0.0, allowed=_AT)]
+    force: Annotated[Vector, Quantity(unit="N", note="such as [0.0, 0.05, 0.0]")] = (0.0, 0.0, 0.0)
+    moment: Annotated[Vector, Quantity(unit="N m")] = (0.0, 0.0, 0.0)
+    frame: Literal["world", "section"] = "world"
 
 
 @dataclass(frozen=True)
@@ -61,31 +53,26 @@ class LoadStep(Checked):
     Attributes
     ----------
     label : str
+        Label of the step in tables and pictures.
     tensions : mapping of str to float
-        Tension at the base, by tendon [N].
+        Tension at the base, by tendon name [N].
     displacements : mapping of str to float
-        Tendon pulled in at the base, by tendon [m]: zero in the unloaded shape, where it is just taut or has its
+        Tendon pulled in at the base, by tendon name [m]. Zero in the unloaded shape, where it is just taut or has its
         pretension.
     loads : mapping of str to Load
-        By the load's name.
+        Concentrated loads, by a name of your choice.
     substeps : int or None
-        Fixed number of substeps; None lets the solver choose.
+        Number of substeps. None lets the solver choose.
     time : float or None
-        Time at the end of the step [s]; used by creep and by friction laws that depend on the slip rate.
+        Time at the end of the step [s]. Used by creep and by friction laws that depend on the slip rate.
     """
 
-    label: Annotated[str, Quantity("label of the step in tables and pictures")] = ""
-    tensions: Annotated[Mapping[str, float], Quantity("tension at the base, by tendon name", "N", ge=0.0)] = (
-        field(default_factory=dict)
-    )
-    displacements: Annotated[
-        Mapping[str, float], Quantity("tendon pulled in at the base, by tendon name", "m")
-    ] = field(default_factory=dict)
-    loads: Annotated[Mapping[str, Load], Quantity("concentrated loads, by a name of your choice")] = field(
-        default_factory=dict
-    )
-    substeps: Annotated[int | None, Quantity("number of substeps", ge=1, le=100_000)] = None
-    time: Annotated[float | None, Quantity("time at the end of the step", "s", ge=0.0)] = None
+    label: str = ""
+    tensions: Annotated[Mapping[str, float], Quantity(unit="N", ge=0.0)] = field(default_factory=dict)
+    displacements: Annotated[Mapping[str, float], Quantity(unit="m")] = field(default_factory=dict)
+    loads: Mapping[str, Load] = field(default_factory=dict)
+    substeps: Annotated[int | None, Quantity(ge=1, le=100_000)] = None
+    time: Annotated[float | None, Quantity(unit="s", ge=0.0)] = None
 
 
 @dataclass(frozen=True)
@@ -95,37 +82,23 @@ class Model(Checked):
     Attributes
     ----------
     tendon_path : "straight" or "continuous"
-        From hole to hole, or along the backbone (the classical model, paper Eq. 9), as always without disks.
+        Tendons straight from hole to hole, or along the backbone. The latter is the classical model (paper, Eq. 9), and
+        that of robots without disks.
     friction : "none", "per-tendon" or "per-hole"
-        One sign per tendon from the rate of its length (paper, Eqs. 15-31), or a state at each hole.
+        No friction, one sign per tendon, or stick and slip at each hole. The sign is that of the rate of the tendon's
+        length (paper, Eqs. 15-31).
     elements_per_bay : int, tuple of int or "auto"
-        Beam elements between neighbouring disks: one number, or one for every bay from the base plate on, the stretch
-        beyond the last disk included. "auto" lets the solver choose by the estimated error. Without disks a bay is a
-        twentieth of the backbone.
+        Number of beam elements per bay, or a list with one number for every bay. Bays lie between neighbouring disks,
+        from the base plate on, the stretch beyond the last disk included. "auto" lets the solver choose by the
+        estimated error. Without disks a bay is a twentieth of the backbone.
     gravity : (float, float, float)
-        [m/s^2].
+        Acceleration of gravity, world frame [m/s^2].
     """
 
-    tendon_path: Annotated[
-        TendonPath, Quantity("tendons straight from hole to hole, or along the backbone")
-    ] = "straight"
-    friction: Annotated[
-        Friction, Quantity("no friction, one sign per tendon, or stick and slip at each hole")
-    ] = "per-hole"
-    elements_per_bay: Annotated[
-        int | tuple[int, ...] | Literal["auto"],
-        Quantity("number of beam elements per bay, or a list with one number for every bay", ge=1, le=64),
-    ] = "auto"
-    gravity: Annotated[
-        Vector,
-        Quantity(
-            "acceleration of gravity, world frame",
-            "m/s^2",
-            ge=-1e5,
-            le=1e5,
-            allowed="three finite numbers [m/s^2] of at most 1e5, such as [0.0, 0.0, -9.81]",
-        ),
-    ] = (0.0, 0.0, 0.0)
+    tendon_path: TendonPath = "straight"
+    friction: Friction = "per-hole"
+    elements_per_bay: Annotated[int | tuple[int, ...] | Literal["auto"], Quantity(ge=1, le=64)] = "auto"
+    gravity: Annotated[Vector, Quantity(unit="m/s^2", ge=-1e5, le=1e5, allowed=_GRAVITY)] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -225,65 +198,39 @@ class SolverSettings(Checked):
     Attributes
     ----------
     tolerance : float
-        Largest unbalanced force or moment, relative to the scale of the acting forces [1].
+        Largest unbalanced force, relative to the scale of the acting forces [1]. Moments likewise.
     step_tolerance : float
-        A Newton step that moves no node by more than this fraction of the length, and turns none by more than
-        this angle, also ends the iteration [1, rad].
+        Newton step that ends the iteration, over the length [1]. It moves no node by more than this fraction of the
+        length, and turns none by more than this angle [rad].
     max_iterations : int
         Newton iterations of one attempt.
     max_turn : float
         Largest change of an element's rotation in one iteration [rad].
     path_tolerance : float
-        With friction the answer depends on the path, through slips that reverse. A load step is divided until the
-        uncertainty of where they reverse moves no node by more than this fraction of the backbone's length [1].
+        Uncertainty of the path, over the length, above which a step is divided [1]. With friction the answer depends on
+        the path, through slips that reverse: the uncertainty of where they reverse moves no node by more than this.
     max_substeps : int
         Maximum substeps used to resolve path dependence. If the tolerance is still not met, the step carries its
         refinement error and a warning.
     min_substep : float
-        Smallest substep tried where Newton does not converge, as a fraction of the load step [1].
+        Smallest substep where Newton does not converge, over the load step [1].
     max_substep_turn : float
-        Where a section turns by more than this in a substep, and the slopes at its ends do not explain that, the
-        substep is compared with its halves: a long step may converge to an equilibrium that the robot does not reach
-        along its path [rad].
+        Turn of a section above which a substep is compared with its halves [rad]. A long step may converge to an
+        equilibrium that the robot does not reach along its path; the slopes at the section's ends do not explain it.
     presliding : float
-        Slip of a tendon through a hole from rest to full friction [m].
+        Tendon travel through a hole from rest to full friction [m].
     mesh_tolerance : float
-        Largest estimated discretisation error, as a fraction of the backbone's length, which the automatic mesh has to
-        meet and above which a step carries a warning [1]. Infinity leaves the estimate out.
+        Largest estimated mesh error, over the length; inf: no estimate [1]. The automatic mesh has to meet it, and
+        above it a step carries a warning.
     """
 
-    tolerance: Annotated[
-        float,
-        Quantity("largest unbalanced force, relative to the scale of the acting forces", ge=1e-13, le=1e-2),
-    ] = 1e-8
-    step_tolerance: Annotated[
-        float, Quantity("Newton step that ends the iteration, over the length", ge=1e-15, le=1e-4)
-    ] = 1e-10
-    max_iterations: Annotated[int, Quantity("Newton iterations of one attempt", ge=1, le=1000)] = 20
-    max_turn: Annotated[
-        float, Quantity("largest change of an element's rotation in one iteration", "rad", gt=0.0, le=3.0)
-    ] = 0.5
-    path_tolerance: Annotated[
-        float,
-        Quantity("uncertainty of the path, over the length, above which a step is divided", ge=1e-9, le=1.0),
-    ] = 1e-5
-    max_substeps: Annotated[
-        int, Quantity("maximum substeps used to resolve path dependence", ge=1, le=100_000)
-    ] = 64
-    min_substep: Annotated[
-        float,
-        Quantity("smallest substep where Newton does not converge, over the load step", ge=1e-6, le=1.0),
-    ] = 1.0 / 256.0
-    max_substep_turn: Annotated[
-        float,
-        Quantity(
-            "turn of a section above which a substep is compared with its halves", "rad", gt=0.0, le=10.0
-        ),
-    ] = 0.7
-    presliding: Annotated[
-        float, Quantity("tendon travel through a hole from rest to full friction", "m", ge=1e-9, le=1e-2)
-    ] = 1e-6
-    mesh_tolerance: Annotated[
-        float,
-        Quantity("largest estimated mesh error, over the length; inf: no estimate", gt=0.0, infinite=True),
-    ] = 1e-4
+    tolerance: Annotated[float, Quantity(ge=1e-13, le=1e-2)] = 1e-8
+    step_tolerance: Annotated[float, Quantity(ge=1e-15, le=1e-4)] = 1e-10
+    max_iterations: Annotated[int, Quantity(ge=1, le=1000)] = 20
+    max_turn: Annotated[float, Quantity(unit="rad", gt=0.0, le=3.0)] = 0.5
+    path_tolerance: Annotated[float, Quantity(ge=1e-9, le=1.0)] = 1e-5
+    max_substeps: Annotated[int, Quantity(ge=1, le=100_000)] = 64
+    min_substep: Annotated[float, Quantity(ge=1e-6, le=1.0)] = 1.0 / 256.0
+    max_substep_turn: Annotated[float, Quantity(unit="rad", gt=0.0, le=10.0)] = 0.7
+    presliding: Annotated[float, Quantity(unit="m", ge=1e-9, le=1e-2)] = 1e-6
+    mesh_tolerance: Annotated[float, Quantity(gt=0.0, infinite=True)] = 1e-4

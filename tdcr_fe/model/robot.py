@@ -17,7 +17,7 @@ from tdcr_fe.model.checks import ARC_TOLERANCE, robot_contradictions
 from tdcr_fe.model.schema import Checked, Quantity
 from tdcr_fe.model.tendon import Tendon
 
-DiskCount = Annotated[int, Quantity("disks at equal distances, the last at the tip", ge=1, le=10_000)]
+_POSITIONS = "arc lengths of the disks [m], at least one, ascending from above 0 to at most the length"
 
 
 @dataclass(frozen=True)
@@ -27,34 +27,22 @@ class Disks(Checked):
     Attributes
     ----------
     positions : tuple of float
-        Arc lengths, ascending [m]. Empty: a robot without disks, whose tendons follow the backbone.
+        Arc lengths of the disks, ascending [m]. Empty: a robot without disks, whose tendons follow the backbone.
     mass : float
-        Of each disk [kg].
+        Mass of each disk [kg].
     thickness : float
-        Length of backbone that each disk makes rigid, centred on it [m].
+        Length of backbone made rigid, centred on the disk [m].
     radius : float
-        [m].
+        Radius of the disks and of the base plate [m].
     """
 
-    positions: Annotated[
-        tuple[float, ...],
-        Quantity(
-            "arc lengths of the disks",
-            "m",
-            gt=0.0,
-            allowed="arc lengths of the disks [m], at least one, ascending from above 0 to at most the length",
-        ),
-    ] = ()
-    mass: Annotated[float, Quantity("mass of each disk", "kg", ge=0.0)] = 0.0
-    thickness: Annotated[
-        float, Quantity("length of backbone made rigid, centred on the disk", "m", ge=0.0)
-    ] = 0.0
-    radius: Annotated[
-        float, Quantity("radius of the disks and of the base plate", "m", gt=0.0, le=1000.0)
-    ] = 5e-3
+    positions: Annotated[tuple[float, ...], Quantity(unit="m", gt=0.0, allowed=_POSITIONS)] = ()
+    mass: Annotated[float, Quantity(unit="kg", ge=0.0)] = 0.0
+    thickness: Annotated[float, Quantity(unit="m", ge=0.0)] = 0.0
+    radius: Annotated[float, Quantity(unit="m", gt=0.0, le=1000.0)] = 5e-3
 
     @classmethod
-    def equally_spaced(cls, count: DiskCount, length: float, **rest: float) -> Disks:
+    def equally_spaced(cls, count: int, length: float, **rest: float) -> Disks:
         """``count`` disks at equal distances, the last at the tip."""
         positions = tuple(float(x) for x in length * np.arange(1, count + 1) / count)
         return cls(positions=positions, **rest)
@@ -77,11 +65,11 @@ class SideSpring(Checked):
     at : float
         Arc length [m].
     stiffness : float
-        [N/m].
+        Stiffness sideways, the same in every direction [N/m].
     """
 
-    at: Annotated[float, Quantity("arc length", "m", gt=0.0)]
-    stiffness: Annotated[float, Quantity("stiffness sideways, the same in every direction", "N/m", ge=0.0)]
+    at: Annotated[float, Quantity(unit="m", gt=0.0)]
+    stiffness: Annotated[float, Quantity(unit="N/m", ge=0.0)]
 
 
 @dataclass(frozen=True)
@@ -91,16 +79,19 @@ class Robot(Checked):
     Attributes
     ----------
     backbone : Backbone
+        The elastic rod.
     disks : Disks
-        None by default: a robot without disks.
+        The rigid disks on it; without them tendons follow the backbone.
     tendons : tuple of Tendon
+        One table per tendon.
     name : str
+        Name of the robot.
     tip_mass : float
         Point mass at the tip besides the disk [kg].
     springs : tuple of SideSpring
-        From the backbone to ground.
+        Springs from the backbone to ground.
     base_stiffness : float or None
-        Rotational stiffness with which the base plate holds the backbone, about x and y [N m/rad]; None is rigid.
+        Stiffness of the base against turning about x and y [N m/rad]. None is rigid.
 
     Raises
     ------
@@ -108,15 +99,13 @@ class Robot(Checked):
         With every contradiction found between the parts.
     """
 
-    backbone: Annotated[Backbone, Quantity("the elastic rod")]
-    disks: Annotated[Disks, Quantity("the rigid disks on it")] = Disks()
-    tendons: Annotated[tuple[Tendon, ...], Quantity("one table per tendon", in_file=False)] = ()
-    name: Annotated[str, Quantity("name of the robot", name=True)] = "robot"
-    tip_mass: Annotated[float, Quantity("point mass at the tip besides the disk", "kg", ge=0.0)] = 0.0
-    springs: Annotated[tuple[SideSpring, ...], Quantity("springs from the backbone to ground")] = ()
-    base_stiffness: Annotated[
-        float | None, Quantity("stiffness of the base against turning about x and y", "N m/rad", gt=0.0)
-    ] = None
+    backbone: Backbone
+    disks: Disks = Disks()
+    tendons: Annotated[tuple[Tendon, ...], Quantity(in_file=False)] = ()
+    name: Annotated[str, Quantity(name=True)] = "robot"
+    tip_mass: Annotated[float, Quantity(unit="kg", ge=0.0)] = 0.0
+    springs: tuple[SideSpring, ...] = ()
+    base_stiffness: Annotated[float | None, Quantity(unit="N m/rad", gt=0.0)] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -7,28 +7,28 @@ and its name in `ROUTINGS`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
-from tdcr_fe.model.schema import Checked, FieldError, Quantity
+from tdcr_fe.model.schema import Checked, FieldError, Quantity, keys_of
 
 Array = NDArray[np.float64]
-#: A rotation, and numbers or one of them for every arc length by which it is multiplied.
-_Factor = tuple[NDArray[np.complex128], tuple[complex | NDArray[np.inexact], ...]]
 
-Offset = Annotated[
-    float, Quantity("distance of the holes from the backbone", "m", ge=0.0, note="not outside the disk")
-]
-Angle = Annotated[float, Quantity("angle at the base plate, from +x towards +y", "deg")]
-Turns = Annotated[
-    float, Quantity("turns from base plate to end", ge=-1000.0, le=1000.0, note="negative for left-handed")
-]
+Offset = Annotated[float, Quantity(unit="m", ge=0.0, note="not outside the disk")]
+Angle = Annotated[float, Quantity(unit="deg")]
+Turns = Annotated[float, Quantity(ge=-1000.0, le=1000.0, note="negative for left-handed")]
+Rate = Annotated[float, Quantity(ge=-1000.0, le=1000.0)]
+Factor = Annotated[float, Quantity(ge=0.0, in_file=False)]
+Radians = Annotated[float, Quantity(unit="rad", in_file=False)]
+_HOLES = "pairs [x, y] in m, one a hole: base plate first, then every disk up to the end"
 
 
 class Routing:
@@ -102,31 +102,28 @@ class Routing:
 
     def to_table(self) -> dict[str, Any]:
         """Values of its fields for ``robot.toml``, in which `from_table` finds an equal routing."""
-        from tdcr_fe.model.schema import keys_of
-
         return {name: getattr(self, name) for name in keys_of(type(self))}
 
 
+def _turned(distance: Polynomial, angle: Polynomial, s: Array, derivative: int) -> NDArray[np.complex128]:
+    """``r exp(i a)`` at arc lengths, or a derivative of it, for polynomials ``r`` and ``a``; x and y as ``x + i y``."""
+    if derivative not in (0, 1, 2):
+        raise ValueError(f"derivative {derivative}: a routing gives the orders 0, 1 and 2")
+    for _ in range(derivative):
+        distance = distance.deriv() + 1j * angle.deriv() * distance
+    return np.asarray(distance(s) * np.exp(1j * angle(s)))
+
+
 class _PolarRouting(Routing, Checked):
-    """A routing by distance from the backbone and angle, ``z = r exp(i a)``, in the plane of the section."""
+    """A routing by distance from the backbone and angle in the plane of the section."""
 
     def position(self, s: ArrayLike, end: float, derivative: int = 0) -> Array:
         """See `Routing.position`."""
-        s = np.asarray(s, dtype=float)
-        r, dr, a, da, dda = (np.zeros_like(s) + x for x in self._course(s, end))
-        z = np.exp(1j * a)
-        if derivative == 0:
-            z = r * z
-        elif derivative == 1:
-            z = (dr + 1j * r * da) * z
-        elif derivative == 2:
-            z = (-r * da**2 + 1j * (2.0 * dr * da + r * dda)) * z
-        else:
-            raise ValueError(f"derivative {derivative}: a routing gives the orders 0, 1 and 2")
+        z = _turned(*self._course(end), np.asarray(s, dtype=float), derivative)
         return np.stack((z.real, z.imag), axis=-1)
 
-    def _course(self, s: Array, end: float) -> tuple[float | Array, ...]:
-        """Distance [m] and its rate [1], angle [rad] and its first and second rate [rad/m, rad/m^2]."""
+    def _course(self, end: float) -> tuple[Polynomial, Polynomial]:
+        """Distance [m] and angle [rad] as polynomials of the arc length [m]."""
         raise NotImplementedError
 
 
@@ -139,15 +136,15 @@ class ParallelRouting(_PolarRouting):
     offset : float
         Distance of the holes from the backbone [m].
     angle_deg : float
-        Angle from +x towards +y [deg].
+        Angle at the base plate, from +x towards +y [deg].
     """
 
     offset: Offset
     angle_deg: Angle = 0.0
     kind: ClassVar[str] = "parallel"
 
-    def _course(self, s: Array, end: float) -> tuple[float | Array, ...]:
-        return self.offset, 0.0, np.deg2rad(self.angle_deg), 0.0, 0.0
+    def _course(self, end: float) -> tuple[Polynomial, Polynomial]:
+        return Polynomial([self.offset]), Polynomial([np.deg2rad(self.angle_deg)])
 
 
 @dataclass(frozen=True)
@@ -159,9 +156,9 @@ class HelicalRouting(_PolarRouting):
     offset : float
         Distance of the holes from the backbone [m].
     turns : float
-        Turns over the whole length from base to end; positive is right-handed about +z.
+        Turns from base plate to end. Positive is right-handed about +z.
     angle_deg : float
-        Angle at the base plate from +x towards +y [deg].
+        Angle at the base plate, from +x towards +y [deg].
     """
 
     offset: Offset
@@ -169,9 +166,9 @@ class HelicalRouting(_PolarRouting):
     angle_deg: Angle = 0.0
     kind: ClassVar[str] = "helical"
 
-    def _course(self, s: Array, end: float) -> tuple[float | Array, ...]:
+    def _course(self, end: float) -> tuple[Polynomial, Polynomial]:
         rate = 2.0 * np.pi * self.turns / end
-        return self.offset, 0.0, np.deg2rad(self.angle_deg) + rate * s, rate, 0.0
+        return Polynomial([self.offset]), Polynomial([np.deg2rad(self.angle_deg), rate])
 
 
 @dataclass(frozen=True)
@@ -186,29 +183,24 @@ class VaryingHelicalRouting(_PolarRouting):
     ----------
     offset : float
         Distance of the holes from the backbone [m].
-    turns_base, turns_end : float
-        Rate of turning at the base plate and at the end, in turns per length from base to end; positive is
-        right-handed about +z.
+    turns_base : float
+        Rate of turning at the base plate, in turns per length to the end. Positive is right-handed about +z.
+    turns_end : float
+        Rate of turning at the end, in turns per length to the end.
     angle_deg : float
-        Angle at the base plate from +x towards +y [deg].
+        Angle at the base plate, from +x towards +y [deg].
     """
 
     offset: Offset
-    turns_base: Annotated[
-        float,
-        Quantity("rate of turning at the base plate, in turns per length to the end", ge=-1000.0, le=1000.0),
-    ]
-    turns_end: Annotated[
-        float, Quantity("rate of turning at the end, in turns per length to the end", ge=-1000.0, le=1000.0)
-    ]
+    turns_base: Rate
+    turns_end: Rate
     angle_deg: Angle = 0.0
     kind: ClassVar[str] = "helical-varying"
 
-    def _course(self, s: Array, end: float) -> tuple[float | Array, ...]:
+    def _course(self, end: float) -> tuple[Polynomial, Polynomial]:
         rate = 2.0 * np.pi * self.turns_base / end
         growth = 2.0 * np.pi * (self.turns_end - self.turns_base) / end**2
-        angle = np.deg2rad(self.angle_deg) + (rate + 0.5 * growth * s) * s
-        return self.offset, 0.0, angle, rate + growth * s, growth
+        return Polynomial([self.offset]), Polynomial([np.deg2rad(self.angle_deg), rate, 0.5 * growth])
 
 
 @dataclass(frozen=True)
@@ -217,16 +209,16 @@ class ConvergingRouting(_PolarRouting):
 
     Attributes
     ----------
-    offset, end_offset : float
-        Distance from the backbone at the base plate and at the end [m].
+    offset : float
+        Distance of the holes from the backbone at the base plate [m].
+    end_offset : float
+        Offset at the end; linear in between [m].
     angle_deg : float
-        Angle from +x towards +y [deg].
+        Angle at the base plate, from +x towards +y [deg].
     """
 
     offset: Offset
-    end_offset: Annotated[
-        float, Quantity("offset at the end; linear in between", "m", ge=0.0, note="not outside the disk")
-    ]
+    end_offset: Offset
     angle_deg: Angle = 0.0
     kind: ClassVar[str] = "converging"
 
@@ -234,9 +226,9 @@ class ConvergingRouting(_PolarRouting):
         """See `Routing.deciding_field`."""
         return "end_offset" if hole > 0 else "offset"
 
-    def _course(self, s: Array, end: float) -> tuple[float | Array, ...]:
+    def _course(self, end: float) -> tuple[Polynomial, Polynomial]:
         rate = (self.end_offset - self.offset) / end
-        return self.offset + rate * s, rate, np.deg2rad(self.angle_deg), 0.0, 0.0
+        return Polynomial([self.offset, rate]), Polynomial([np.deg2rad(self.angle_deg)])
 
 
 @dataclass(frozen=True)
@@ -251,20 +243,11 @@ class PointsRouting(Routing, Checked):
     arc_lengths : tuple of float
         Arc length of every hole, base plate first [m].
     holes : tuple of (float, float)
-        x and y of every hole in the section frame [m].
+        [x, y] of every hole, in the section frame [m].
     """
 
-    arc_lengths: Annotated[
-        tuple[float, ...], Quantity("arc length of every hole", "m", ge=0.0, in_file=False)
-    ]
-    holes: Annotated[
-        tuple[tuple[float, float], ...],
-        Quantity(
-            "[x, y] of every hole",
-            "m",
-            allowed="pairs [x, y] in m, one a hole: base plate first, then every disk up to the end",
-        ),
-    ]
+    arc_lengths: Annotated[tuple[float, ...], Quantity(unit="m", ge=0.0, in_file=False)]
+    holes: Annotated[tuple[tuple[float, float], ...], Quantity(unit="m", allowed=_HOLES)]
     kind: ClassVar[str] = "points"
 
     def __post_init__(self) -> None:
@@ -313,7 +296,7 @@ class TurnedRouting(Routing, Checked):
         The routing as designed.
     """
 
-    base: Annotated[Routing, Quantity("the routing as designed", in_file=False)]
+    base: Annotated[Routing, Quantity(in_file=False)]
 
     @property
     def fixed_arc_lengths(self) -> tuple[float, ...] | None:
@@ -330,21 +313,17 @@ class TurnedRouting(Routing, Checked):
 
     def position(self, s: ArrayLike, end: float, derivative: int = 0) -> Array:
         """See `Routing.position`."""
-        if derivative not in (0, 1, 2):
-            raise ValueError(f"derivative {derivative}: a routing gives the orders 0, 1 and 2")
-        s = np.asarray(s, dtype=float)
-        z = [self.base.position(s, end, k) @ np.array([1.0, 1.0j]) for k in range(derivative + 1)]
-        turn, f = self._factor(s, end)
-        value: Callable[[], Array] = [
-            lambda: f[0] * z[0],
-            lambda: f[0] * z[1] + f[1] * z[0],
-            lambda: f[0] * z[2] + 2.0 * f[1] * z[1] + f[2] * z[0],
-        ][derivative]
-        w = turn * value()
-        return np.stack((w.real, w.imag), axis=-1)
+        s, (factor, angle) = np.asarray(s, dtype=float), self._turn(end)
+        z = sum(
+            math.comb(derivative, k)
+            * _turned(factor, angle, s, k)
+            * (self.base.position(s, end, derivative - k) @ np.array([1.0, 1.0j]))
+            for k in range(derivative + 1)
+        )
+        return np.stack((np.real(z), np.imag(z)), axis=-1)
 
-    def _factor(self, s: Array, end: float) -> _Factor:
-        """The rotation ``t``, and ``f`` with the factor on ``x + i y`` and its two derivatives: ``t f[k]``."""
+    def _turn(self, end: float) -> tuple[Polynomial, Polynomial]:
+        """Factor [1] on the distance, and angle [rad] of the turn, as polynomials of the arc length [m]."""
         raise NotImplementedError
 
 
@@ -360,13 +339,11 @@ class TwistedRouting(TurnedRouting):
         Rotation per arc length [rad/m].
     """
 
-    rate: Annotated[float, Quantity("rotation per arc length", "rad/m", in_file=False)]
+    rate: Annotated[float, Quantity(unit="rad/m", in_file=False)]
     kind: ClassVar[str] = "twisted"
 
-    def _factor(self, s: Array, end: float) -> _Factor:
-        """See `TurnedRouting`."""
-        ik = 1j * self.rate
-        return np.exp(1j * self.rate * s), (1.0, ik, ik**2)
+    def _turn(self, end: float) -> tuple[Polynomial, Polynomial]:
+        return Polynomial([1.0]), Polynomial([0.0, self.rate])
 
 
 @dataclass(frozen=True)
@@ -386,26 +363,15 @@ class MisplacedRouting(TurnedRouting):
         Angles from where they are designed, from +x towards +y, at the base plate and at the end [rad].
     """
 
-    factor_base: Annotated[
-        float, Quantity("factor on the offset at the base plate", ge=0.0, in_file=False)
-    ] = 1.0
-    factor_end: Annotated[float, Quantity("factor on the offset at the end", ge=0.0, in_file=False)] = 1.0
-    angle_base: Annotated[
-        float, Quantity("angle of displacement at the base plate", "rad", in_file=False)
-    ] = 0.0
-    angle_end: Annotated[float, Quantity("angle of displacement at the end", "rad", in_file=False)] = 0.0
+    factor_base: Factor = 1.0
+    factor_end: Factor = 1.0
+    angle_base: Radians = 0.0
+    angle_end: Radians = 0.0
     kind: ClassVar[str] = "misplaced"
 
-    def _factor(self, s: Array, end: float) -> _Factor:
-        """See `TurnedRouting`."""
-        growth = (self.factor_end - self.factor_base) / end
-        ik = 1j * (self.angle_end - self.angle_base) / end
-        factor = self.factor_base + growth * s
-        return np.exp(1j * self.angle_base + ik * s), (
-            factor,
-            growth + ik * factor,
-            ik * (2.0 * growth + ik * factor),
-        )
+    def _turn(self, end: float) -> tuple[Polynomial, Polynomial]:
+        growth, turn = (self.factor_end - self.factor_base) / end, (self.angle_end - self.angle_base) / end
+        return Polynomial([self.factor_base, growth]), Polynomial([self.angle_base, turn])
 
 
 def hole_count_text(count: int, needed: int) -> tuple[str, str]:

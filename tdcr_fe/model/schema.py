@@ -1,17 +1,20 @@
 """Bounds, units and descriptions as annotations of dataclass fields, checked by pydantic.
 
-A field such as ``length: Annotated[float, Quantity("from base plate to tip", "m", gt=0.0)]`` is checked by
-`Checked` when the object is made, and by `Keys.read` when a file is read. The JSON schema of the same annotation
-says what is allowed: in errors, in the templates of files, and to editors. pydantic is imported when it is needed.
+A field such as ``length: Annotated[float, Quantity(unit="m", gt=0.0)]`` is checked by `Checked` when the object is
+made, and by `Keys.read` when a file is read. Its description is the first sentence about it in the section Attributes
+of the class. The JSON schema made of both says what is allowed: in errors, in the templates of files, and to editors.
+pydantic is imported when it is needed.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import inspect
+import re
 import typing
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from numbers import Integral, Real
 from typing import Annotated, Any, NamedTuple
 
@@ -59,7 +62,7 @@ class Quantity:
     Attributes
     ----------
     description : str
-        What it is, for documentation and editors.
+        What it is, for documentation and editors; empty: as in the docstring of the class.
     unit : str
         Of every number in it; empty where there is none. Files may give a text with another unit, such as "250 mm".
     gt, ge, lt, le : float or None
@@ -82,7 +85,7 @@ class Quantity:
         Gives the JSON schema of a table, or of each table of a list, whose contents are read by a function of its own.
     """
 
-    description: str
+    description: str = ""
     unit: str = ""
     gt: float | None = None
     ge: float | None = None
@@ -159,7 +162,9 @@ class Quantity:
             found = self.contents() if found["type"] == "object" else {**found, "items": self.contents()}
         unit = f" [{self.unit}]" if self.unit else ""
         texts = {"unit": self.unit, "note": self.note, "allowed": self.allowed or _NAME * self.name}
-        found |= {"description": self.description + unit, **{k: v for k, v in texts.items() if v}}
+        found |= {k: v for k, v in texts.items() if v}
+        if self.description:
+            found["description"] = self.description + unit
         return found | ({"minLength": 1} if self.name else {})
 
 
@@ -289,24 +294,34 @@ class Keys(Mapping[str, Any]):
         return {n: values.get(n, self.defaults.get(n)) for n in self if n not in bad}, bad
 
 
-_KNOWN: dict[type, Keys] = {}
+def _descriptions(cls: type) -> dict[str, str]:
+    """First sentences about the attributes of a class in its numpydoc, without their units."""
+    text = inspect.getdoc(cls) or ""
+    _, _, section = text.partition("Attributes\n----------\n")
+    found: dict[str, str] = {}
+    for names, about in re.findall(r"^(\w[\w, ]*)(?: : .*)?\n((?:    .*\n?)*)", section + "\n", re.MULTILINE):
+        sentence, _, _ = (" ".join(about.split()) + " ").partition(". ")
+        found |= dict.fromkeys(names.split(", "), re.sub(r" \[[^][]*\]$", "", sentence.strip()))
+    return found
 
 
+@cache
 def all_keys_of(cls: type) -> Keys:
     """Every field of a dataclass, as keys."""
-    if cls not in _KNOWN:
-        hints = typing.get_type_hints(cls, include_extras=True)
-        annotations, defaults = {}, {}
-        for f in dataclasses.fields(cls):
-            hint = hints[f.name]
-            is_described = any(isinstance(m, Quantity) for m in getattr(hint, "__metadata__", ()))
-            annotations[f.name] = hint if is_described else Annotated[hint, Quantity(f.name)]
-            if f.default is not dataclasses.MISSING:
-                defaults[f.name] = f.default
-            elif f.default_factory is not dataclasses.MISSING:
-                defaults[f.name] = f.default_factory()
-        _KNOWN[cls] = Keys(annotations, defaults)
-    return _KNOWN[cls]
+    hints, described = typing.get_type_hints(cls, include_extras=True), _descriptions(cls)
+    annotations, defaults = {}, {}
+    for f in dataclasses.fields(cls):
+        hint, *extra = (
+            typing.get_args(hints[f.name]) if hasattr(hints[f.name], "__metadata__") else [hints[f.name]]
+        )
+        quantity = next((m for m in extra if isinstance(m, Quantity)), Quantity())
+        text = quantity.description or described.get(f.name) or f.name
+        annotations[f.name] = Annotated[hint, dataclasses.replace(quantity, description=text)]
+        if f.default is not dataclasses.MISSING:
+            defaults[f.name] = f.default
+        elif f.default_factory is not dataclasses.MISSING:
+            defaults[f.name] = f.default_factory()
+    return Keys(annotations, defaults)
 
 
 def keys_of(cls: type) -> Keys:
@@ -324,6 +339,18 @@ class Checked:
     ValueError
         A value is out of its bounds or not finite; all of them are named.
     """
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: Any, handler: Any) -> dict[str, Any]:
+        """JSON schema of a table whose keys are the fields, with their descriptions."""
+        found: dict[str, Any] = handler(schema)
+        table = handler.resolve_ref_schema(found)
+        table.pop("description", None)  # the whole docstring
+        for name, node in table["properties"].items():
+            unit = f" [{node['unit']}]" if "unit" in node else ""
+            if text := _descriptions(cls).get(name):
+                node.setdefault("description", text + unit)
+        return found
 
     def __post_init__(self) -> None:
         keys = all_keys_of(type(self))

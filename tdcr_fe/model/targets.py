@@ -41,10 +41,10 @@ class TipTarget(Checked):
         At which the target is to be reached [s]; for creep and for friction that depends on the slip rate.
     """
 
-    position: Annotated[tuple[float | None, float | None, float | None], Quantity("position of the tip", "m")]
-    direction: Annotated[Vector | None, Quantity("direction of the tangent at the tip")] = None
+    position: Annotated[tuple[float | None, float | None, float | None], Quantity(unit="m")]
+    direction: Vector | None = None
     label: str = ""
-    time: Annotated[float | None, Quantity("at which the target is to be reached", "s")] = None
+    time: Annotated[float | None, Quantity(unit="s")] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
