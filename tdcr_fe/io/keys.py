@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
+from dataclasses import replace
 from functools import cache
 from typing import Annotated, Any, Literal
 
@@ -13,7 +16,6 @@ from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ROUTINGS
 from tdcr_fe.model.schema import Keys, Quantity, all_keys_of, keys_of
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.model.units import PATTERN, has_unit
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -21,19 +23,16 @@ _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 @cache
 def tendon_keys(routing: str | None) -> Keys:
     """Keys of ``[[tendons]]`` with that routing; if it is unknown, those of all routings, none of them required."""
-    own = keys_of(Tendon)
-    name = Literal[tuple(ROUTINGS)]  # type: ignore[valid-type]
+    own, name = keys_of(Tendon), Literal[tuple(ROUTINGS)]
     allowed = "one of " + ", ".join(map(quoted, ROUTINGS))
-    first: dict[str, Any] = {
-        "name": own["name"],
-        "routing": Annotated[name, Quantity("where the tendon's holes lie", allowed=allowed)],
+    of_routing: dict[str, Any] = {
+        "routing": Annotated[name, Quantity("where the holes lie", allowed=allowed)]
     }
-    keys: dict[str, Any] = {}
     defaults: dict[str, Any] = {}
-    for each in ROUTINGS.values() if routing is None else [ROUTINGS[routing]]:
-        keys |= dict(keys_of(each))
-        defaults |= dict.fromkeys(keys_of(each)) if routing is None else keys_of(each).defaults
-    return Keys({**first, **keys, **own, "name": own["name"]}, {**defaults, **own.defaults})
+    for keys in [keys_of(cls) for kind, cls in ROUTINGS.items() if routing in (kind, None)]:
+        of_routing |= dict(keys)
+        defaults |= keys.defaults if routing else dict.fromkeys(keys)
+    return Keys({"name": own["name"], **of_routing, **dict(own)}, {**defaults, **own.defaults})
 
 
 def routings_with(key: str) -> list[str]:
@@ -41,127 +40,104 @@ def routings_with(key: str) -> list[str]:
     return [name for name, r in ROUTINGS.items() if key in keys_of(r)]
 
 
-def _tendon_schema() -> dict[str, Any]:
-    """One alternative a routing."""
-    options = []
-    for name in ROUTINGS:
-        table = tendon_keys(name).json_schema
-        kind = {"description": table["properties"]["routing"]["description"], "enum": [name]}
-        options.append({**table, "properties": {**table["properties"], "routing": kind}})
-    return {"type": "object", "oneOf": options}
+def parameter_keys(parameters: Iterable[Parameter]) -> Keys:
+    """Keys of the table of an effect, none of them required."""
+    keys = {}
+    for p in parameters:
+        low, high = (None if math.isinf(x) else x for x in (p.lower, p.upper))
+        keys[p.name] = Annotated[float, Quantity(p.meaning, p.unit, ge=low, le=high)]
+    return Keys(keys, dict.fromkeys(keys))
 
 
-_POSITIONS = Quantity(
-    "arc lengths of the disks",
-    "m",
-    gt=0.0,
-    min_items=1,
-    allowed="arc lengths of the disks [m], at least one, ascending from above 0 to at most the length",
-)
-#: Keys of ``[disks]``, of which exactly one of ``count`` and ``positions`` is given.
 _COUNT = Quantity("disks at equal distances, the last at the tip", ge=1, le=10_000)
-DISKS = Keys({"count": Annotated[int, _COUNT]}, {"count": None}).with_keys(
-    {**keys_of(Disks), "positions": Annotated[tuple[float, ...], _POSITIONS]},
-    **{**keys_of(Disks).defaults, "positions": None},
+#: Keys of ``[disks]``, of which exactly one of ``count`` and ``positions`` is given.
+_POSITIONS = replace(*keys_of(Disks)["positions"].__metadata__, min_items=1)
+DISKS = keys_of(Disks).with_keys(
+    {"count": Annotated[int, _COUNT], "positions": Annotated[tuple[float, ...], _POSITIONS]},
+    count=None,
+    positions=None,
 )
-
-
-def _disks_schema() -> dict[str, Any]:
-    return {**DISKS.json_schema, "oneOf": [{"required": ["count"]}, {"required": ["positions"]}]}
-
-
 _RADIUS = "radius of the (round) cross-section, or pairs of arc length and radius from base to tip"
+_RADII = Annotated[float, Quantity(gt=0.0)] | tuple[tuple[float, float], ...]
 #: Keys of ``[backbone]``; its radius may change along it.
-BACKBONE = keys_of(Backbone).with_keys(
-    {
-        "radius": Annotated[
-            Annotated[float, Quantity(_RADIUS, gt=0.0)] | tuple[tuple[float, float], ...],
-            Quantity(_RADIUS, unit="m"),
-        ]
-    }
-)
-_BACKBONE = Quantity(
-    "the elastic rod",
-    allowed="a table [backbone] with length, radius, youngs_modulus, poisson_ratio",
-    contents=lambda: BACKBONE.json_schema,
-)
-_DISKS = Quantity(
-    "the rigid disks on it; without it tendons follow the backbone",
-    allowed="a table [disks] with count or positions",
-    contents=_disks_schema,
-)
-_TENDONS = Quantity("one table per tendon", allowed="tables [[tendons]]", contents=_tendon_schema)
-_MODEL = Quantity(
-    "how the robot is modelled", allowed="a table [model]", contents=lambda: keys_of(Model).json_schema
-)
-_SOLVER = Quantity(
-    "numerics of the quasi-static solver",
-    allowed="a table [solver]",
-    contents=lambda: keys_of(SolverSettings).json_schema,
-)
-_STEPS = Quantity(
-    "the loading sequence",
-    min_items=1,
-    allowed="tables [[steps]], at least one",
-    contents=lambda: keys_of(LoadStep).json_schema,
-)
-_PATH = Quantity(
-    "path of the robot.toml", allowed="the path of a robot.toml, in quotes, relative to this file"
-)
-_TABLE, _TABLES = dict[str, Any], list[Any]
-_ROBOT = all_keys_of(Robot)
+BACKBONE = keys_of(Backbone).with_keys({"radius": Annotated[_RADII, Quantity(_RADIUS, "m")]})
 
+
+def _table(name: str, description: str, keys: str = "") -> Any:
+    """A key with a table, which is read by keys of its own."""
+    allowed = f"a table [{name}]" + f" with {keys}" * bool(keys)
+    return Annotated[dict[str, Any], Quantity(description, allowed=allowed)]
+
+
+def _tables(name: str, description: str, least: int = 0) -> Any:
+    """A key with a list of tables, each of which is read by keys of its own."""
+    allowed = f"tables [[{name}]]" + ", at least one" * bool(least)
+    return Annotated[list[Any], Quantity(description, min_items=least, allowed=allowed)]
+
+
+_ROBOT = all_keys_of(Robot)
 #: Keys at the top of ``robot.toml``.
 ROBOT = Keys(
     {
         "name": _ROBOT["name"],
-        "backbone": Annotated[_TABLE, _BACKBONE],
-        "disks": Annotated[_TABLE, _DISKS],
+        "backbone": _table("backbone", "the elastic rod", "length, radius, youngs_modulus, poisson_ratio"),
+        "disks": _table(
+            "disks", "the rigid disks on it; without it tendons follow the backbone", "count or positions"
+        ),
         "tip_mass": _ROBOT["tip_mass"],
-        "tendons": Annotated[_TABLES, _TENDONS],
+        "tendons": _tables("tendons", "one table per tendon"),
         "springs": _ROBOT["springs"],
         "base_stiffness": _ROBOT["base_stiffness"],
     },
     {**_ROBOT.defaults, "disks": None},
 )
-#: Keys at the top of ``model.toml``.
-MODEL_FILE = Keys({"model": Annotated[_TABLE, _MODEL], "solver": Annotated[_TABLE, _SOLVER]}, {"solver": {}})
-#: Keys at the top of ``scenario.toml``, without those of `tdcr_fe.io.user_effects`.
-SCENARIO = Keys({"robot": Annotated[str, _PATH]}).with_keys(
-    {**MODEL_FILE, "steps": Annotated[_TABLES, _STEPS]}, model={}, solver={}
+_MODEL, _SOLVER = (
+    _table("model", "how the robot is modelled"),
+    _table("solver", "numerics of the quasi-static solver"),
 )
+_PATH = "the path of a robot.toml, in quotes, relative to this file"
+#: Keys at the top of ``model.toml``.
+MODEL_FILE = Keys({"model": _MODEL, "solver": _SOLVER}, {"solver": {}})
+#: Keys at the top of ``scenario.toml``, without the table of effects.
+SCENARIO = Keys(
+    {
+        "robot": Annotated[str, Quantity("path of the robot.toml", allowed=_PATH)],
+        "model": _MODEL,
+        "solver": _SOLVER,
+        "steps": _tables("steps", "the loading sequence", least=1),
+    },
+    {"model": {}, "solver": {}},
+)
+
+
+def _contents() -> dict[str, dict[str, Any]]:
+    """JSON schemas of the tables that are read by keys of their own."""
+    tendons = []
+    for name in ROUTINGS:
+        table = tendon_keys(name).json_schema
+        kind = {"description": table["properties"]["routing"]["description"], "enum": [name]}
+        tendons.append({**table, "properties": {**table["properties"], "routing": kind}})
+    either = [{"required": ["count"]}, {"required": ["positions"]}]
+    tables = {"model": Model, "solver": SolverSettings, "steps": LoadStep}
+    return {name: keys_of(cls).json_schema for name, cls in tables.items()} | {
+        "backbone": BACKBONE.json_schema,
+        "disks": {**DISKS.json_schema, "oneOf": either},
+        "tendons": {"type": "object", "oneOf": tendons},
+        "effects": _effects_schema(),
+    }
 
 
 def _effects_schema() -> dict[str, Any]:
     """Of the table ``[effects]``: by name of the effect, a table of its parameters."""
     properties: dict[str, dict[str, Any]] = {}
     for effect in EFFECTS:
-        properties[effect.name] = {
-            "type": "object",
-            "description": effect.description,
-            "properties": {p.name: _number_schema(p) for p in effect.parameters},
-            "additionalProperties": False,
-        }
+        table = {**parameter_keys(effect.parameters).json_schema, "description": effect.description}
         # Numbers of single tendons or markers, whose names the schema does not know.
-        further = {name: _number_schema(p) for name, p in effect.further_parameters.items()}
-        if further:
-            properties[effect.name]["patternProperties"] = further
-    description = "effects that the model includes, by name"
-    return {
-        "type": "object",
-        "description": description,
-        "properties": properties,
-        "additionalProperties": False,
-    }
-
-
-def _number_schema(p: Parameter) -> dict[str, Any]:
-    """Of one parameter."""
-    bounds = {"minimum": p.lower, "maximum": p.upper}
-    finite = {k: v for k, v in bounds.items() if abs(v) != float("inf")}
-    text = {"type": ["number", "string"], "unit": p.unit, "pattern": PATTERN}
-    kind = text if has_unit(p.unit) else {"type": "number"}
-    return {**kind, "description": f"{p.meaning} [{p.unit}]", **finite}
+        for name, p in effect.further_parameters.items():
+            further = table.setdefault("patternProperties", {})
+            further[name] = parameter_keys([p]).json_schema["properties"][p.name]
+        properties[effect.name] = table
+    return {"type": "object", "properties": properties, "additionalProperties": False}
 
 
 def json_schema(file: Literal["robot", "scenario", "model"]) -> dict[str, Any]:
@@ -177,7 +153,11 @@ def json_schema(file: Literal["robot", "scenario", "model"]) -> dict[str, Any]:
     keys = {"robot": ROBOT, "scenario": SCENARIO, "model": MODEL_FILE}
     if file not in keys:
         raise ValueError(f"no schema of {file!r}; there are {', '.join(keys)}")
-    schema = {**keys[file].json_schema, "$schema": _DIALECT, "title": f"{file}.toml of tdcr_fe"}
-    if file in ("scenario", "model"):
-        schema["properties"] = {**schema["properties"], "effects": _effects_schema()}
-    return schema
+    schema, contents = keys[file].json_schema, _contents()
+    nodes = {name: dict(node) for name, node in schema["properties"].items()}
+    if file != "robot":
+        nodes["effects"] = {"description": "effects that the model includes, by name", "type": "object"}
+    for name in nodes.keys() & contents.keys():
+        inner = contents[name] if nodes[name]["type"] == "object" else {"items": contents[name]}
+        nodes[name] |= inner
+    return {**schema, "properties": nodes, "$schema": _DIALECT, "title": f"{file}.toml of tdcr_fe"}

@@ -27,6 +27,7 @@ from tdcr_fe.model.checks import (
     backbone_contradictions,
     course_contradictions,
     disk_contradictions,
+    end_contradictions,
     model_contradictions,
     name_contradictions,
     size_contradictions,
@@ -38,10 +39,9 @@ from tdcr_fe.model.checks import (
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.messages import quoted, shown
 from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.routing import ROUTINGS, ParallelRouting
-from tdcr_fe.model.schema import FieldError, keys_of
+from tdcr_fe.model.routing import ROUTINGS
+from tdcr_fe.model.schema import FieldError, Mistake, keys_of
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.model.units import number_or_none
 
 
 @dataclass(frozen=True)
@@ -88,20 +88,19 @@ def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
     top, bad = ROBOT.read(data, "", reporter.mistake)
     backbone, length = _build_backbone(top["backbone"], reporter) if "backbone" in top else (None, None)
     disks = Disks() if top.get("disks", {}) is None else None
-    if "disks" in top and disks is None:
+    if top.get("disks") is not None:
         disks = _build_disks(top["disks"], length, reporter)
     tables = top.get("tendons", ())
     built = [_build_tendon(i, table, disks, length, reporter) for i, table in enumerate(tables)]
-    tendons = tuple(tendon for tendon, _ in built if tendon is not None)
     names = tuple(name for _, name in built if name is not None)
     reporter.contradictions(name_contradictions(names))
     if length is not None:
         reporter.contradictions(spring_contradictions(top.get("springs", ()), length))
-    known = "tendons" not in bad and len(set(names)) == len(tables)
     robot = None
     if len(reporter.problems) == before and backbone is not None and disks is not None:
         rest = {k: top[k] for k in ("name", "tip_mass", "springs", "base_stiffness")}
-        robot = Robot(backbone, disks, tendons, **rest)
+        robot = Robot(backbone, disks, tuple(tendon for tendon, _ in built if tendon is not None), **rest)
+    known = "tendons" not in bad and len(set(names)) == len(tables)
     return RobotParts(robot, length, names if known else None)
 
 
@@ -111,12 +110,10 @@ def _build_backbone(data: Any, reporter: Reporter) -> tuple[Backbone | None, flo
     length = values.get("length")
     if bad:
         return None, length
-    if isinstance(values["radius"], tuple):
-        taper = values["radius"]
+    if isinstance(taper := values["radius"], tuple):
         if not taper or not taper[0][1] > 0.0:
-            reporter(
-                "backbone.radius", shown(data["radius"]), "must be pairs of arc length and radius above 0 [m]"
-            )
+            text = "must be pairs of arc length and radius above 0 [m]"
+            reporter("backbone.radius", shown(data["radius"]), text)
             return None, length
         values |= {"radius": taper[0][1], "taper": taper}
     backbone = Backbone(**values)
@@ -125,29 +122,23 @@ def _build_backbone(data: Any, reporter: Reporter) -> tuple[Backbone | None, flo
 
 
 def _build_disks(data: Any, length: float | None, reporter: Reporter) -> Disks | None:
-    """The disks; None where their positions are invalid."""
+    """The disks; None where they, or their positions on a backbone of that length [m], are invalid."""
     values, bad = DISKS.read(data, "disks", reporter.mistake)
-    if not isinstance(data, dict):
-        return None
-    if "count" in data and "positions" in data:
-        sentence = "count and positions are both given; exactly one is allowed"
-        reporter("disks.count", shown(data["count"]), sentence)
-        return None
-    if not {"count", "positions"} & data.keys():
+    given = [key for key in ("count", "positions") if isinstance(data, dict) and key in data]
+    if len(given) == 2:
+        text = "count and positions are both given; exactly one is allowed"
+        reporter("disks.count", shown(data["count"]), text)
+    elif isinstance(data, dict) and not given:
         reporter("disks", "", "missing; exactly one of count and positions must be given")
+    if bad or length is None or len(given) != 1:
         return None
-    if bad & {"count", "positions"} or length is None:
-        return None
-    count = values.pop("count")
-    if count is not None:
+    if (count := values.pop("count")) is not None:
         values["positions"] = Disks.equally_spaced(count, length).positions
-    # An invalid value has been reported; its default, or the largest radius, is used instead.
-    disks = Disks(**{"radius": 1000.0, **values})
-    found = disk_contradictions(disks, length)
-    unsound = any(c.key.startswith("disks.positions") for c in found)
+    disks = Disks(**values)
+    found = [*disk_contradictions(disks, length)]
+    unsound = [c for c in found if c.key.startswith("disks.positions")]
     if unsound and count is not None:
-        sentence = "too many; they must be apart from each other"
-        found = [Contradiction("disks.count", str(count), sentence)]
+        found = [Contradiction("disks.count", str(count), "too many; they must be apart from each other")]
     reporter.contradictions(found)
     return None if unsound else disks
 
@@ -156,39 +147,37 @@ def _build_tendon(
     i: int, data: Any, disks: Disks | None, length: float | None, reporter: Reporter
 ) -> tuple[Tendon | None, str | None]:
     """A tendon, None where it is invalid; and its name, None where that is invalid."""
-    key = f"tendons[{i}]"
-    kind = data.get("routing") if isinstance(data, dict) else None
+    key, kind = f"tendons[{i}]", data.get("routing") if isinstance(data, dict) else None
     routing = ROUTINGS.get(kind) if isinstance(kind, str) else None
-    mine = Reporter(reporter.file)
-    values, bad = tendon_keys(kind if routing else None).read(data, key, mine.mistake)
-    for p in mine.problems:
-        owners = routings_with(p.key.rpartition(".")[2])
-        allowed = p.allowed
-        if allowed.startswith("unknown key") and owners:
-            allowed = f"only for routing = {' or '.join(map(quoted, owners))}; " + allowed.partition("; ")[2]
-        reporter(p.key, p.value, allowed)
+
+    def note(mistake: Mistake) -> None:
+        owners = routings_with(mistake.key.rpartition(".")[2])
+        if mistake.allowed.startswith("unknown key") and owners:
+            text = (
+                f"only for routing = {' or '.join(map(quoted, owners))}; {mistake.allowed.partition('; ')[2]}"
+            )
+            mistake = mistake._replace(allowed=text)
+        reporter.mistake(mistake)
+
+    values, bad = tendon_keys(kind if routing else None).read(data, key, note)
     name = values.get("name")
-    own = set(keys_of(routing)) if routing else set()
-    if routing is None or bad & (own | {"end"}) or disks is None or length is None:
+    if routing is None or bad or disks is None or length is None:
         return None, name
     end = length if values["end"] is None else values["end"]
     arcs = (0.0, *(s for s in disks.positions if s <= end + ARC_TOLERANCE))
     if not disks.positions:  # a tendon that follows the backbone: points at equal distances
         arcs = tuple(np.linspace(0.0, end, max(len(values.get("holes", ())), 2)).tolist())
-    fields = {k: v for k, v in values.items() if k in keys_of(Tendon)}
-    try:
-        # An invalid name is replaced, so that the rest can still be checked.
-        built = routing.from_table({k: values[k] for k in own if k in values}, arcs)
-        tendon = Tendon(**{"name": "?", **fields, "routing": built})
-    except FieldError as error:
-        on_disk = not disks.positions or any(abs(s - end) <= ARC_TOLERANCE for s in disks.positions)
-        if on_disk:
-            reporter(f"{key}.{error.field}", error.value, error.allowed)
-            return None, name
-        tendon = Tendon(**{"name": "?", **fields, "routing": ParallelRouting(0.0)})
-    contradictions = tendon_contradictions(i, tendon, disks, length)
-    reporter.contradictions(contradictions)
-    return (None if bad or contradictions else tendon), name
+    found = [*end_contradictions(i, values["end"], disks, length)]
+    if not found:
+        own = {name: values.pop(name) for name in keys_of(routing)}
+        try:
+            values["routing"] = routing.from_table(own, arcs)
+            tendon = Tendon(**values)
+            found = [*tendon_contradictions(i, tendon, disks, length)]
+        except FieldError as error:
+            found = [Contradiction(f"{key}.{error.field}", error.value, error.allowed)]
+    reporter.contradictions(found)
+    return (None if found else tendon), name
 
 
 # ---------------------------------------------------------------------------------------- model and loading
@@ -202,11 +191,11 @@ def _build_model(data: Any, reporter: Reporter, robot: Robot | None = None) -> M
         if data["tendon_path"] == default.tendon_path:
             data = {"friction": default.friction, **data}
     values, bad = keys_of(Model).read(data, "model", reporter.mistake)
-    found = model_contradictions(values.get("tendon_path"), values.get("friction", "none"))
+    found = [*model_contradictions(values.get("tendon_path"), values.get("friction", "none"))]
     for c in found:
         given = c.value if "friction" in data else f"not given, so {c.value}"
         reporter(c.key, given, c.allowed)
-    return None if bad or found or not isinstance(data, dict) else Model(**values)
+    return None if bad or found else Model(**values)
 
 
 def _build_settings(data: Any, reporter: Reporter) -> SolverSettings | None:
@@ -215,16 +204,10 @@ def _build_settings(data: Any, reporter: Reporter) -> SolverSettings | None:
 
 
 def _build_step(i: int, data: Any, parts: RobotParts, reporter: Reporter) -> LoadStep | None:
-    before = len(reporter.problems)
-    values, _ = keys_of(LoadStep).read(data, f"steps[{i}]", reporter.mistake)
-    raw = data if isinstance(data, dict) else {}
-    tensions = raw["tensions"] if isinstance(raw.get("tensions"), dict) else {}
-    displacements = raw["displacements"] if isinstance(raw.get("displacements"), dict) else {}
-    loads = raw["loads"] if isinstance(raw.get("loads"), dict) else {}
-    places = {n: number_or_none(x.get("at"), "m") for n, x in loads.items() if isinstance(x, dict)}
-    at = {name: s for name, s in places.items() if s is not None}
-    reporter.contradictions(step_contradictions(i, tensions, displacements, at, parts.names, parts.length))
-    return LoadStep(**values) if len(reporter.problems) == before else None
+    values, bad = keys_of(LoadStep).read(data, f"steps[{i}]", reporter.mistake)
+    step = LoadStep(**values)  # without what is invalid
+    reporter.contradictions(step_contradictions(i, step, parts.names, parts.length))
+    return None if bad else step
 
 
 # --------------------------------------------------------------------------------------------------- reading
@@ -441,11 +424,9 @@ def build_scenario(tables: ScenarioTables, effects: Sequence[Effect] = ()) -> Sc
     robot = parts.robot
     model = _build_model(top["model"], reporter, robot) if "model" in top else None
     settings = _build_settings(top["solver"], reporter) if "solver" in top else None
-    given = top.get("steps", ())
-    found = [_build_step(i, table, parts, reporter) for i, table in enumerate(given)]
+    found = [_build_step(i, table, parts, reporter) for i, table in enumerate(top.get("steps", ()))]
     steps = tuple(s for s in found if s is not None)
-    times = [number_or_none(t.get("time"), "s") if isinstance(t, dict) else None for t in given]
-    reporter.contradictions(time_contradictions(times))
+    reporter.contradictions(time_contradictions([None if s is None else s.time for s in found]))
     if robot is not None and model is not None:
         reporter.contradictions(course_contradictions(robot, model))
     if not problems and robot is not None and model is not None:

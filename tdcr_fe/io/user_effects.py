@@ -8,16 +8,16 @@ import os
 import runpy
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from tdcr_fe.effects import EFFECTS, Effect, Experiment, Parameter, with_effects
-from tdcr_fe.io.problems import InputError, Problem, Report
-from tdcr_fe.model.messages import meant
-from tdcr_fe.model.units import number_or_none, with_units
+from tdcr_fe.io.keys import parameter_keys
+from tdcr_fe.io.problems import InputError, Problem, Reporter
+from tdcr_fe.model.schema import Keys, Quantity
 
 
 def apply_effects(
-    table: Any, experiment: Experiment, report: Report, own: Sequence[Effect] = ()
+    table: Any, experiment: Experiment, reporter: Reporter, own: Sequence[Effect] = ()
 ) -> tuple[dict[str, dict[str, float]], Experiment]:
     """Apply a table such as ``gravity = { g_z = -9.81 }``.
 
@@ -27,8 +27,8 @@ def apply_effects(
         By name of the effect, a table of its parameters; those that are not named keep their null values.
     experiment
         As the files describe it.
-    report
-        Takes every mistake: key, value, what is allowed.
+    reporter
+        Takes every mistake.
     own
         Effects that there are besides the listed ones.
 
@@ -39,48 +39,19 @@ def apply_effects(
     experiment : Experiment
         With them.
     """
-    catalogue = (*EFFECTS, *own)
-    sound = _checked(table, experiment, report, catalogue)
+    catalogue = {e.name: e for e in (*EFFECTS, *own)}
+    keys = {name: Annotated[dict[str, Any], Quantity(e.description)] for name, e in catalogue.items()}
+    given, _ = Keys(keys, dict.fromkeys(keys)).read(table, "effects", reporter.mistake)
+    sound = {}
+    for name in (n for n, values in given.items() if values is not None):
+        parameters = parameter_keys(catalogue[name].parameters_of(experiment))
+        values, _ = parameters.read(given[name], f"effects.{name}", reporter.mistake)
+        sound[name] = {key: value for key, value in values.items() if value is not None}
     try:
-        return sound, with_effects(experiment, sound, catalogue)
+        return sound, with_effects(experiment, sound, tuple(catalogue.values()))
     except ValueError as error:  # a robot that cannot be
-        report("effects", "", str(error))
+        reporter("effects", "", str(error))
         return sound, experiment
-
-
-def _checked(
-    table: Any, experiment: Experiment, report: Report, catalogue: Sequence[Effect]
-) -> dict[str, dict[str, float]]:
-    """Values of a table of effects, by effect and parameter; what is wrong is reported and left out."""
-    if not isinstance(table, dict):
-        report("effects", str(table), "must be a table of effects by name, each a table of numbers")
-        return {}
-    known = {e.name: e for e in catalogue}
-    sound: dict[str, dict[str, float]] = {}
-    for name, values in table.items():
-        if name not in known:
-            text = f"unknown effect{meant(name, known)}; there are {', '.join(known)}"
-            report(f"effects.{name}", str(values), text)
-            continue
-        parameters = {p.name: p for p in known[name].parameters_of(experiment)}
-        allowed = ", ".join(f"{p.name} [{p.unit}]" for p in parameters.values())
-        if not isinstance(values, dict):
-            report(f"effects.{name}", str(values), f"must be a table with {allowed}")
-            continue
-        sound[name] = {}
-        for key, value in values.items():
-            p = parameters.get(key)
-            number = None if p is None else number_or_none(value, p.unit)
-            if p is None:
-                text = f"unknown parameter{meant(key, parameters)}; there are {allowed}"
-                report(f"effects.{name}.{key}", str(value), text)
-            elif number is None or not p.lower <= number <= p.upper:
-                text = f"must be a number from {p.lower:g} to {p.upper:g} {p.unit}"
-                text = with_units(text, value, p.unit) if isinstance(value, str) else text
-                report(f"effects.{name}.{key}", str(value), text)
-            else:
-                sound[name][key] = float(number)
-    return sound
 
 
 #: What a file must contain.

@@ -6,8 +6,7 @@ The bounds of a single field are its annotations, see `tdcr_fe.model.schema`.
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -17,20 +16,16 @@ from tdcr_fe.model.routing import hole_count_text
 
 if TYPE_CHECKING:
     from tdcr_fe.model.backbone import Backbone
-    from tdcr_fe.model.loading import Model
+    from tdcr_fe.model.loading import LoadStep, Model
     from tdcr_fe.model.robot import Disks, Robot, SideSpring
     from tdcr_fe.model.tendon import Tendon
 
 #: Arc lengths are the same within this distance [m].
 ARC_TOLERANCE = 1e-6
-
-
 #: Memory that a model may need [bytes].
 MEMORY_LIMIT = 4e9
 #: Matrices of the size of the tangent that a run holds at most, and further ones for each tendon; as measured [1].
 MATRICES, MATRICES_OF_A_TENDON = 7.0, 2.3
-
-
 #: Strain up to which the stress of a nonlinear material must grow, in tension and compression [1].
 LEAST_NONLINEAR_STRAIN = 0.01
 
@@ -53,288 +48,234 @@ class Contradiction(NamedTuple):
     allowed: str
 
 
-def backbone_contradictions(backbone: Backbone) -> list[Contradiction]:
-    """Stiffnesses that overflow or vanish, and patches that do not lie on the backbone."""
-    found: list[Contradiction] = []
-    overrides = ("bending_stiffness", "torsional_stiffness", "axial_stiffness", "shear_stiffness")
-    for name, override in zip(("EI", "GJ", "EA", "GA"), overrides, strict=True):
-        source = override if getattr(backbone, override) is not None else "radius"
+def backbone_contradictions(backbone: Backbone) -> Iterator[Contradiction]:
+    """Stiffnesses that overflow or vanish, tapers and patches off the backbone, laws that exclude each other."""
+    reported = set()
+    for name, of in (("EI", "bending"), ("GJ", "torsional"), ("EA", "axial"), ("GA", "shear")):
+        source = f"{of}_stiffness" if getattr(backbone, f"{of}_stiffness") is not None else "radius"
         try:
             value = float(getattr(backbone, name))
         except OverflowError:
             value = math.inf
-        if not 0.0 < value < math.inf and not any(c.key == f"backbone.{source}" for c in found):
-            given = f"{getattr(backbone, source):g}"
-            sentence = f"must give a stiffness {name} that is positive and finite, not {value:g}"
-            found.append(Contradiction(f"backbone.{source}", given, sentence))
-    found += _taper_contradictions(backbone)
-    found += _material_contradictions(backbone)
+        if not 0.0 < value < math.inf and source not in reported:
+            reported.add(source)
+            text = f"must give a stiffness {name} that is positive and finite, not {value:g}"
+            yield Contradiction(f"backbone.{source}", f"{getattr(backbone, source):g}", text)
+    if backbone.taper:
+        yield from _taper_contradictions(backbone)
+    if (law := backbone.nonlinear) is not None:
+        for n in ("superelastic", "creep_rate"):
+            if getattr(backbone, n):
+                text = f"cannot be combined with {n}; leave one of them out"
+                yield Contradiction("backbone.nonlinear", "given", text)
+        if law.largest_strain < LEAST_NONLINEAR_STRAIN:
+            text = f"the stress must grow up to a strain of {LEAST_NONLINEAR_STRAIN:g}; it falls from "
+            given = f"quadratic {law.quadratic:g}, cubic {law.cubic:g}"
+            yield Contradiction("backbone.nonlinear", given, f"{text}{law.largest_strain:.3g} on")
     for i, patch in enumerate(backbone.patches):
         key = f"backbone.patches[{i}].end"
-        beyond = _beyond(key, patch.end, backbone.length)
-        if not beyond and patch.end <= patch.start:
-            sentence = f"must be above start, which is {patch.start:.9g} m"
-            beyond = [Contradiction(key, f"{patch.end:.9g}", sentence)]
-        found += beyond
-    return found
+        yield from _beyond(key, patch.end, backbone.length)
+        if patch.end <= patch.start:
+            yield Contradiction(key, f"{patch.end:.9g}", f"must be above start, which is {patch.start:.9g} m")
 
 
-def _beyond(key: str, at: float, length: float) -> list[Contradiction]:
+def _beyond(key: str, at: float, length: float) -> Iterator[Contradiction]:
     """An arc length beyond the tip [m]."""
-    inside = at <= length + ARC_TOLERANCE
-    return [] if inside else [Contradiction(key, f"{at:.9g}", f"beyond the tip; at most {length:.9g} m")]
+    if at > length + ARC_TOLERANCE:
+        yield Contradiction(key, f"{at:.9g}", f"beyond the tip; at most {length:.9g} m")
 
 
-def _taper_contradictions(backbone: Backbone) -> list[Contradiction]:
+def _taper_contradictions(backbone: Backbone) -> Iterator[Contradiction]:
     """A taper that does not lead from the base to the tip."""
-    if not backbone.taper:
-        return []
     s, radius = np.array(backbone.taper, dtype=float).T
-    shape = _short([list(pair) for pair in backbone.taper])
-    sound = len(s) > 1 and s[0] == 0.0 and bool(np.all(np.diff(s) > ARC_TOLERANCE))
-    if not sound or abs(s[-1] - backbone.length) > ARC_TOLERANCE or not np.all(radius > 0.0):
-        sentence = (
-            f"pairs of arc length and radius [m] must ascend from 0 to the length, {backbone.length:g} m, with radii "
-            "above 0"
-        )
-        return [Contradiction("backbone.radius", shape, sentence)]
-    if radius[0] != backbone.radius:
-        sentence = f"must begin with the radius at the base, {backbone.radius:g} m"
-        return [Contradiction("backbone.radius", shape, sentence)]
-    return []
+    text = ""
+    ascends = len(s) > 1 and s[0] == 0.0 and bool(np.all(np.diff(s) > ARC_TOLERANCE))
+    if not ascends or abs(s[-1] - backbone.length) > ARC_TOLERANCE or not np.all(radius > 0.0):
+        text = f"from 0 to the length, {backbone.length:g} m, with radii above 0"
+        text = f"pairs of arc length and radius [m] must ascend {text}"
+    elif radius[0] != backbone.radius:
+        text = f"must begin with the radius at the base, {backbone.radius:g} m"
+    if text:
+        yield Contradiction("backbone.radius", _short([list(pair) for pair in backbone.taper]), text)
 
 
-def _material_contradictions(backbone: Backbone) -> list[Contradiction]:
-    """A nonlinear material beside another law, or one whose stress falls at small strains."""
-    law = backbone.nonlinear
-    if law is None:
-        return []
-    others = [n for n in ("superelastic", "creep_rate") if getattr(backbone, n)]
-    found = [
-        Contradiction("backbone.nonlinear", "given", f"cannot be combined with {n}; leave one of them out")
-        for n in others
-    ]
-    if law.largest_strain < LEAST_NONLINEAR_STRAIN:
-        given = f"quadratic {law.quadratic:g}, cubic {law.cubic:g}"
-        sentence = (
-            f"the stress must grow up to a strain of {LEAST_NONLINEAR_STRAIN:g}; it falls from "
-            f"{law.largest_strain:.3g} on"
-        )
-        found.append(Contradiction("backbone.nonlinear", given, sentence))
-    return found
-
-
-def disk_contradictions(disks: Disks, length: float) -> list[Contradiction]:
+def disk_contradictions(disks: Disks, length: float) -> Iterator[Contradiction]:
     """What is wrong with the disks on a backbone of that length [m]."""
     s = np.asarray(disks.positions, dtype=float)
     if not s.size:
-        return [
-            Contradiction(f"disks.{name}", f"{getattr(disks, name):g}", "there are no disks; leave it out")
-            for name in ("mass", "thickness")
-            if getattr(disks, name) > 0.0
-        ]
-    if np.any(np.diff(s) <= ARC_TOLERANCE) or s[0] <= ARC_TOLERANCE:
-        return [
-            Contradiction(
-                "disks.positions",
-                f"{_short(disks.positions)}",
-                f"must ascend from above 0 to at most the length, {length:g} m, each apart from the next",
-            )
-        ]
-    found = _beyond(f"disks.positions[{s.size - 1}]", float(s[-1]), length)
-    if disks.thickness > 0.0:
+        for name in ("mass", "thickness"):
+            if (value := getattr(disks, name)) > 0.0:
+                yield Contradiction(f"disks.{name}", f"{value:g}", "there are no disks; leave it out")
+    elif np.any(np.diff(s) <= ARC_TOLERANCE) or s[0] <= ARC_TOLERANCE:
+        text = f"must ascend from above 0 to at most the length, {length:g} m, each apart from the next"
+        yield Contradiction("disks.positions", _short(disks.positions), text)
+    else:
+        yield from _beyond(f"disks.positions[{s.size - 1}]", float(s[-1]), length)
         limit = min([2.0 * s[0], *np.diff(s)])
-        if disks.thickness >= limit:
-            sentence = f"must leave flexible backbone between the disks, so less than {limit:g} m"
-            found.append(Contradiction("disks.thickness", f"{disks.thickness:g}", sentence))
-    return found
+        if disks.thickness > 0.0 and disks.thickness >= limit:
+            text = f"must leave flexible backbone between the disks, so less than {limit:g} m"
+            yield Contradiction("disks.thickness", f"{disks.thickness:g}", text)
 
 
-def spring_contradictions(springs: Sequence[SideSpring], length: float) -> list[Contradiction]:
+def spring_contradictions(springs: Sequence[SideSpring], length: float) -> Iterator[Contradiction]:
     """Springs that are not on a backbone of that length [m]."""
-    return [c for i, spring in enumerate(springs) for c in _beyond(f"springs[{i}].at", spring.at, length)]
+    for i, spring in enumerate(springs):
+        yield from _beyond(f"springs[{i}].at", spring.at, length)
 
 
-def name_contradictions(names: Sequence[str]) -> list[Contradiction]:
+def name_contradictions(names: Sequence[str]) -> Iterator[Contradiction]:
     """Names of tendons that are used more than once."""
-    return [
-        Contradiction(
-            f"tendons[{len(names) - 1 - list(reversed(names)).index(name)}].name",
-            f"{name!r}",
-            f"the name is used {count} times; names must differ",
-        )
-        for name, count in Counter(names).items()
-        if count > 1
-    ]
+    for name in dict.fromkeys(names):
+        if (count := names.count(name)) > 1:
+            last = max(i for i, n in enumerate(names) if n == name)
+            text = f"the name is used {count} times; names must differ"
+            yield Contradiction(f"tendons[{last}].name", f"{name!r}", text)
 
 
-def tendon_contradictions(index: int, tendon: Tendon, disks: Disks, length: float) -> list[Contradiction]:
+def tendon_contradictions(index: int, tendon: Tendon, disks: Disks, length: float) -> Iterator[Contradiction]:
     """What is wrong with one tendon, given valid disks on a backbone of that length [m]."""
     key = f"tendons[{index}]"
-    found = []
     if tendon.friction is not None and tendon.friction_coefficient != 0.0:
-        sentence = (
+        text = (
             f"must be left out beside the friction law {tendon.friction.kind!r}, which gives the coefficient"
         )
-        value = f"{tendon.friction_coefficient:g}"
-        found.append(Contradiction(f"{key}.friction_coefficient", value, sentence))
+        yield Contradiction(f"{key}.friction_coefficient", f"{tendon.friction_coefficient:g}", text)
     if tendon.pretension > 0.0 and tendon.axial_stiffness is None:
-        sentence = "needs an elastic tendon; give its axial_stiffness [N], or leave pretension out"
-        found.append(Contradiction(f"{key}.pretension", f"{tendon.pretension:g}", sentence))
+        text = "needs an elastic tendon; give its axial_stiffness [N], or leave pretension out"
+        yield Contradiction(f"{key}.pretension", f"{tendon.pretension:g}", text)
     if disks.positions and tendon.clearance >= disks.radius:
-        sentence = f"must be smaller than the disks, which have the radius {disks.radius:g} m"
-        found.append(Contradiction(f"{key}.clearance", f"{tendon.clearance:g}", sentence))
-    s = np.asarray(disks.positions, dtype=float)
+        text = f"must be smaller than the disks, which have the radius {disks.radius:g} m"
+        yield Contradiction(f"{key}.clearance", f"{tendon.clearance:g}", text)
+    beyond = [*end_contradictions(index, tendon.end, disks, length)]
+    yield from beyond
     end = length if tendon.end is None else tendon.end
-    if not s.size:
-        return found + _course_contradictions(key, tendon, end, length)
-    if not np.min(np.abs(s - end)) <= ARC_TOLERANCE:
-        near = np.sort(s[np.argsort(np.abs(s - end))[:2]])
-        value = f"{end:.9g}" if tendon.end is not None else f"not given, so the tip at {end:.9g}"
-        nearest = " and ".join(f"{x:.9g}" for x in near)
-        are = "disks are" if near.size > 1 else "disk is"
-        found.append(
-            Contradiction(f"{key}.end", value, f"no disk is there; the nearest {are} at {nearest} m")
-        )
-        end = float(s[np.argmin(np.abs(s - end))])
-        if tendon.routing.fixed_arc_lengths is not None:
-            return found
-    holes_at = np.concatenate(([0.0], s[s <= end + ARC_TOLERANCE]))
-    arcs = tendon.routing.fixed_arc_lengths
-    if arcs is not None and (
-        len(arcs) != len(holes_at) or np.max(np.abs(np.asarray(arcs) - holes_at)) > ARC_TOLERANCE
-    ):
-        return [*found, Contradiction(f"{key}.holes", *hole_count_text(len(arcs), len(holes_at)))]
+    if not disks.positions:
+        yield from _course_contradictions(key, tendon, end)
+    elif not beyond:
+        yield from _hole_contradictions(key, tendon, disks, end)
+
+
+def end_contradictions(index: int, end: float | None, disks: Disks, length: float) -> Iterator[Contradiction]:
+    """An anchor that is at no disk, or beyond the tip of a robot without disks [m]; None is the tip."""
+    key, at = f"tendons[{index}].end", length if end is None else end
+    if not disks.positions:
+        yield from _beyond(key, at, length)
+        return
+    near = sorted(disks.positions, key=lambda s: abs(s - at))[:2]
+    if abs(near[0] - at) > ARC_TOLERANCE:
+        value = f"{at:.9g}" if end is not None else f"not given, so the tip at {at:.9g}"
+        nearest = " and ".join(f"{x:.9g}" for x in sorted(near))
+        are = "disks are" if len(near) > 1 else "disk is"
+        yield Contradiction(key, value, f"no disk is there; the nearest {are} at {nearest} m")
+
+
+def _hole_contradictions(key: str, tendon: Tendon, disks: Disks, end: float) -> Iterator[Contradiction]:
+    """What is wrong with the holes of a tendon that is anchored at a disk."""
+    s, arcs = np.asarray(disks.positions), tendon.routing.fixed_arc_lengths
+    at = np.concatenate(([0.0], s[s <= end + ARC_TOLERANCE]))
+    if arcs is not None and (len(arcs) != len(at) or np.max(np.abs(np.array(arcs) - at)) > ARC_TOLERANCE):
+        yield Contradiction(f"{key}.holes", *hole_count_text(len(arcs), len(at)))
+        return
     for i, tight in enumerate(tendon.tight_holes):
-        if not np.min(np.abs(holes_at[1:-1] - tight.at), initial=math.inf) <= ARC_TOLERANCE:
-            inner = f"must be at a disk before the anchor: one of {_short(holes_at[1:-1].tolist())} m"
-            found.append(Contradiction(f"{key}.tight_holes[{i}].at", f"{tight.at:.9g}", inner))
+        if not np.min(np.abs(at[1:-1] - tight.at), initial=math.inf) <= ARC_TOLERANCE:
+            text = f"must be at a disk before the anchor: one of {_short(at[1:-1].tolist())} m"
+            yield Contradiction(f"{key}.tight_holes[{i}].at", f"{tight.at:.9g}", text)
     with np.errstate(all="ignore"):  # a hole at infinity is outside, too
-        distance = np.linalg.norm(tendon.routing.position(holes_at, end), axis=1)
+        distance = np.linalg.norm(tendon.routing.position(at, end), axis=1)
     outside = np.flatnonzero(~(distance <= disks.radius * (1.0 + 1e-9)))
     if outside.size:
         k = int(outside[0])
-        hole = "base plate" if k == 0 else f"disk {k}"
-        name = tendon.routing.deciding_field(k)
+        name, hole = tendon.routing.deciding_field(k), f"disk {k}" if k else "base plate"
         offset = getattr(tendon.routing, name, None)
-        found.append(
-            Contradiction(
-                f"{key}.{name}",
-                f"{offset:g}" if offset is not None else f"{distance[k]:g} m from the backbone",
-                f"the hole in the {hole} must not lie outside the disk of radius {disks.radius:g} m",
-            )
-        )
-    return found
+        given = f"{offset:g}" if offset is not None else f"{distance[k]:g} m from the backbone"
+        text = f"the hole in the {hole} must not lie outside the disk of radius {disks.radius:g} m"
+        yield Contradiction(f"{key}.{name}", given, text)
 
 
-def _course_contradictions(key: str, tendon: Tendon, end: float, length: float) -> list[Contradiction]:
+def _course_contradictions(key: str, tendon: Tendon, end: float) -> Iterator[Contradiction]:
     """What is wrong with a tendon that follows a backbone without disks to an arc length [m]."""
-    found = _beyond(f"{key}.end", end, length)
     arcs = tendon.routing.fixed_arc_lengths
     if arcs is not None and (abs(arcs[0]) > ARC_TOLERANCE or abs(arcs[-1] - end) > ARC_TOLERANCE):
-        sentence = f"points must lead from the base plate to the tendon's end, 0 to {end:.9g} m"
-        found.append(Contradiction(f"{key}.holes", f"{arcs[0]:.9g} to {arcs[-1]:.9g} m", sentence))
-    of_holes = {"clearance": tendon.clearance > 0.0, "tight_holes": bool(tendon.tight_holes)}
-    sentence = "a robot without disks has no holes; give [disks], which may be massless, or leave it out"
-    found += [Contradiction(f"{key}.{name}", "given", sentence) for name, there in of_holes.items() if there]
-    return found
+        text = f"points must lead from the base plate to the tendon's end, 0 to {end:.9g} m"
+        yield Contradiction(f"{key}.holes", f"{arcs[0]:.9g} to {arcs[-1]:.9g} m", text)
+    text = "a robot without disks has no holes; give [disks], which may be massless, or leave it out"
+    for name in ("clearance", "tight_holes"):
+        if getattr(tendon, name):
+            yield Contradiction(f"{key}.{name}", "given", text)
 
 
-def robot_contradictions(robot: Robot) -> list[Contradiction]:
+def robot_contradictions(robot: Robot) -> Iterator[Contradiction]:
     """Every contradiction between the parts of a robot."""
-    found = backbone_contradictions(robot.backbone)
-    on_disks = disk_contradictions(robot.disks, robot.backbone.length)
-    found += on_disks
-    found += name_contradictions(robot.tendon_names)
-    found += spring_contradictions(robot.springs, robot.backbone.length)
+    length = robot.backbone.length
+    yield from backbone_contradictions(robot.backbone)
+    on_disks = [*disk_contradictions(robot.disks, length)]
+    yield from on_disks
+    yield from name_contradictions(robot.tendon_names)
+    yield from spring_contradictions(robot.springs, length)
     if not any(c.key.startswith("disks.positions") for c in on_disks):
         for i, tendon in enumerate(robot.tendons):
-            found += tendon_contradictions(i, tendon, robot.disks, robot.backbone.length)
-    return found
+            yield from tendon_contradictions(i, tendon, robot.disks, length)
 
 
-def model_contradictions(tendon_path: Any, friction: Any) -> list[Contradiction]:
+def model_contradictions(tendon_path: Any, friction: Any) -> Iterator[Contradiction]:
     """The classical model with friction, which it does not have."""
-    if tendon_path != "continuous" or friction == "none":
-        return []
-    sentence = (
-        'tendon_path = "continuous" is the classical model, which has no friction; set friction = "none"'
-    )
-    return [Contradiction("model.friction", shown(friction), sentence)]
+    if tendon_path == "continuous" and friction != "none":
+        text = (
+            'tendon_path = "continuous" is the classical model, which has no friction; set friction = "none"'
+        )
+        yield Contradiction("model.friction", shown(friction), text)
 
 
 def course_contradictions(robot: Robot, model: Model) -> list[Contradiction]:
     """Tendons that should run straight in a robot without disks, or follow a backbone whose base gives way."""
-    if model.tendon_path == "continuous" and robot.tendons and robot.base_stiffness is not None:
-        sentence = (
+    follows, text = model.tendon_path == "continuous", ""
+    if follows and robot.tendons and robot.base_stiffness is not None:
+        text = (
             "tendons that follow the backbone pass no base that gives way (base_stiffness, or the effect "
             'base_compliance); must be "straight", or leave base_stiffness out'
         )
-        return [Contradiction("model.tendon_path", shown(model.tendon_path), sentence)]
-    if not robot.without_disks or not robot.tendons or model.tendon_path == "continuous":
-        return []
-    sentence = (
-        'a robot without disks has no holes, its tendons follow the backbone; must be "continuous", with '
-        'friction = "none". For friction along the tendons give massless [disks] as guides'
-    )
-    return [Contradiction("model.tendon_path", shown(model.tendon_path), sentence)]
+    elif robot.without_disks and robot.tendons and not follows:
+        text = (
+            'a robot without disks has no holes, its tendons follow the backbone; must be "continuous", with '
+            'friction = "none". For friction along the tendons give massless [disks] as guides'
+        )
+    return [Contradiction("model.tendon_path", shown(model.tendon_path), text)] if text else []
 
 
 def step_contradictions(
-    index: int,
-    tensions: Mapping[str, Any],
-    displacements: Mapping[str, Any],
-    loads: Mapping[str, Any],
-    names: Sequence[str] | None,
-    length: float | None,
-) -> list[Contradiction]:
+    index: int, step: LoadStep, names: Sequence[str] | None, length: float | None
+) -> Iterator[Contradiction]:
     """What is wrong with one load step of a robot.
 
     Parameters
     ----------
-    index
-        Of the step, from 0.
-    tensions, displacements
-        By tendon.
-    loads
-        Arc length of each load [m], by its name.
+    index, step
+        Number of the step, from 0, and the step.
     names
         Tendons of the robot; None where they are not known.
     length
         Of the backbone [m]; None where it is not known.
     """
     key = f"steps[{index}]"
-    found = []
-    for kind, values in (("tensions", tensions), ("displacements", displacements)):
-        for name, value in values.items():
-            if names is not None and name not in names:
-                there = ", ".join(dict.fromkeys(names)) or "none"
-                sentence = f"unknown tendon{meant(name, names)}; the robot has {there}"
-                found.append(Contradiction(join(key, kind, name), shown(value), sentence))
-    for name in [n for n in tensions if n in displacements]:
-        sentence = f"tendon {name} has a tension in the same step; exactly one of the two is allowed"
-        found.append(Contradiction(join(key, "displacements", name), shown(displacements[name]), sentence))
-    for name, at in loads.items():
-        if length is not None and at > length + ARC_TOLERANCE:
-            sentence = f"lies beyond the tip; must be an arc length from 0 to {length:g} m"
-            found.append(Contradiction(join(key, "loads", name, "at"), shown(at), sentence))
-    return found
-
-
-def backbone_elements(robot: Robot, model: Model) -> int:
-    """Beam elements of the first mesh, without those of rigid inserts and load points."""
-    if isinstance(model.elements_per_bay, tuple):
-        return sum(model.elements_per_bay)
-    if model.elements_per_bay == "auto":
-        return len(robot.bay_ends)
-    return len(robot.bay_ends) * model.starting_elements_per_bay
+    for kind, values in (("tensions", step.tensions), ("displacements", step.displacements)):
+        for name in [n for n in values if names is not None and n not in names]:
+            there = ", ".join(dict.fromkeys(names or ())) or "none"
+            text = f"unknown tendon{meant(name, names or ())}; the robot has {there}"
+            yield Contradiction(join(key, kind, name), shown(values[name]), text)
+    for name in [n for n in step.tensions if n in step.displacements]:
+        text = f"tendon {name} has a tension in the same step; exactly one of the two is allowed"
+        yield Contradiction(join(key, "displacements", name), shown(step.displacements[name]), text)
+    for name, load in step.loads.items():
+        if length is not None and load.at > length + ARC_TOLERANCE:
+            text = f"lies beyond the tip; must be an arc length from 0 to {length:g} m"
+            yield Contradiction(join(key, "loads", name, "at"), shown(load.at), text)
 
 
 def size_contradictions(robot: Robot, model: Model, steps: int = 1) -> list[Contradiction]:
     """A mesh whose dense tangent and its factors, or results of all load steps that exceed `MEMORY_LIMIT`.
 
     Matrices of ``6 (elements + 1)`` unknowns are counted, `MATRICES` and more for each tendon, and 500 bytes a node and
-    step for the results and their tables.
+    step for the results and their tables. Elements are those of the first mesh.
 
     Parameters
     ----------
@@ -343,41 +284,35 @@ def size_contradictions(robot: Robot, model: Model, steps: int = 1) -> list[Cont
     steps
         Number of load steps.
     """
-    given, bays = model.elements_per_bay, len(robot.bay_ends) + 1
-    if isinstance(given, tuple) and len(given) != bays:
-        sentence = (
-            f"{bays} numbers are needed: one for every bay, and one for the stretch beyond the last disk"
+    given, disks, memory = model.elements_per_bay, len(robot.bay_ends), f"{MEMORY_LIMIT / 1e9:g} GB"
+    if isinstance(given, tuple) and len(given) != disks + 1:
+        text = (
+            f"{disks + 1} numbers are needed: one for every bay, and one for the stretch beyond the last disk"
         )
-        return [Contradiction("model.elements_per_bay", f"{len(given)} numbers", sentence)]
-    elements = backbone_elements(robot, model)
-    nodes = elements + 1
+        return [Contradiction("model.elements_per_bay", f"{len(given)} numbers", text)]
+    per_bay = model.starting_elements_per_bay
+    elements = sum(given) if isinstance(given, tuple) else disks * (1 if given == "auto" else given)
     matrices = MATRICES + MATRICES_OF_A_TENDON * len(robot.tendons)
     most = int(math.sqrt(MEMORY_LIMIT / (8.0 * matrices)) / 6) - 1
+    limit = int(MEMORY_LIMIT / (500 * (elements + 1)))
     if elements > most:
-        disks, per_bay = len(robot.bay_ends), model.starting_elements_per_bay
-        sentence = (
-            f"{disks} disks with {per_bay} elements per bay are {elements} elements; at most {most} fit into "
-            f"{MEMORY_LIMIT / 1e9:g} GB"
-        )
-        if disks > most:
-            return [Contradiction("disks", f"{disks} disks", sentence)]
-        return [Contradiction("model.elements_per_bay", shown(model.elements_per_bay), sentence)]
-    limit = int(MEMORY_LIMIT / (500 * nodes))
+        key, value = ("disks", f"{disks} disks") if disks > most else ("model.elements_per_bay", shown(given))
+        count = f"{disks} disks with {per_bay} elements per bay are {elements} elements"
+        return [Contradiction(key, value, f"{count}; at most {most} fit into {memory}")]
     if steps > limit:
-        sentence = f"at most {limit} steps with {nodes} nodes fit into {MEMORY_LIMIT / 1e9:g} GB"
-        return [Contradiction("steps", f"{steps} steps", sentence)]
+        text = f"at most {limit} steps with {elements + 1} nodes fit into {memory}"
+        return [Contradiction("steps", f"{steps} steps", text)]
     return []
 
 
-def time_contradictions(times: Sequence[float | None]) -> list[Contradiction]:
+def time_contradictions(times: Sequence[float | None]) -> Iterator[Contradiction]:
     """Times of the load steps that run backwards; None where a step has none."""
-    found, last = [], 0.0
+    last = 0.0
     for i, time in enumerate(times):
         if time is not None and time < last:
-            sentence = f"must not be before the step before, at {last:g} s"
-            found.append(Contradiction(f"steps[{i}].time", shown(time), sentence))
-        last = last if time is None else max(last, time)
-    return found
+            text = f"must not be before the step before, at {last:g} s"
+            yield Contradiction(f"steps[{i}].time", shown(time), text)
+        last = max(last, time or 0.0)
 
 
 def _short(values: Sequence[Any], keep: int = 6) -> str:

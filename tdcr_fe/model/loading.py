@@ -170,15 +170,7 @@ def resolve(robot: Robot, steps: Iterable[LoadStep]) -> list[Actuation]:
     time = 0.0
     result = []
     for number, step in enumerate(steps):
-        found = step_contradictions(
-            number,
-            step.tensions,
-            step.displacements,
-            {name: load.at for name, load in step.loads.items()},
-            robot.tendon_names,
-            robot.backbone.length,
-        )
-        if found:
+        if found := [*step_contradictions(number, step, robot.tendon_names, robot.backbone.length)]:
             raise ValueError("\n".join(f"{c.key} = {c.value}: {c.allowed}" for c in found))
         by_displacement, values = by_displacement.copy(), values.copy()
         for mapping, mode in ((step.tensions, False), (step.displacements, True)):

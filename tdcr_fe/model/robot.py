@@ -109,9 +109,8 @@ class Robot(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        found = robot_contradictions(self)
-        if found:
-            lines = "\n".join(f"  {c.key}: {c.value}; {c.allowed}" for c in found)
+        lines = "\n".join(f"  {c.key}: {c.value}; {c.allowed}" for c in robot_contradictions(self))
+        if lines:
             raise ValueError(f"robot {self.name!r}:\n{lines}")
 
     def __repr__(self) -> str:

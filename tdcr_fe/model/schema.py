@@ -81,8 +81,6 @@ class Quantity:
         Whether infinity is allowed.
     variants : mapping of str to type, or None
         Classes of which the value is one, by the name that the key ``kind`` of its table gives.
-    contents : callable or None
-        Gives the JSON schema of a table, or of each table of a list, whose contents are read by a function of its own.
     """
 
     description: str = ""
@@ -98,7 +96,6 @@ class Quantity:
     in_file: bool = True
     infinite: bool = False
     variants: Mapping[str, type] | None = None
-    contents: Callable[[], dict[str, Any]] | None = field(default=None, hash=False)
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         """Schema by which pydantic checks a value."""
@@ -158,8 +155,6 @@ class Quantity:
             found = dict(handler(schema))
         except PydanticInvalidForJsonSchema:  # an object of a class that no file names
             found = {}
-        if self.contents is not None:
-            found = self.contents() if found["type"] == "object" else {**found, "items": self.contents()}
         unit = f" [{self.unit}]" if self.unit else ""
         texts = {"unit": self.unit, "note": self.note, "allowed": self.allowed or _NAME * self.name}
         found |= {k: v for k, v in texts.items() if v}
@@ -306,7 +301,7 @@ def _descriptions(cls: type) -> dict[str, str]:
 
 
 @cache
-def all_keys_of(cls: type) -> Keys:
+def all_keys_of(cls: type[Any]) -> Keys:
     """Every field of a dataclass, as keys."""
     hints, described = typing.get_type_hints(cls, include_extras=True), _descriptions(cls)
     annotations, defaults = {}, {}
@@ -353,7 +348,8 @@ class Checked:
         return found
 
     def __post_init__(self) -> None:
-        keys = all_keys_of(type(self))
+        cls: Any = type(self)
+        keys = all_keys_of(cls)
         given = {n: x for n in keys if (x := getattr(self, n)) is not keys.defaults.get(n, REQUIRED)}
         if not given:
             return
@@ -363,8 +359,7 @@ class Checked:
             values, errors = keys.validated(given)
         if errors:
             found = list(_mistakes(errors, keys.json_schema, given))
-            name = type(self).__name__
-            text = "\n".join(f"{name}.{m.key} = {shown(m.value)}: {m.allowed}" for m in found)
+            text = "\n".join(f"{cls.__name__}.{m.key} = {shown(m.value)}: {m.allowed}" for m in found)
             raise (TypeError if any(m.wrong_type for m in found) else ValueError)(text)
         for name, value in values.items():
             if value is not getattr(self, name):

@@ -104,7 +104,7 @@ def test_files_with_units_are_the_same_as_those_without(tmp_path):
         ("robot", "tendons.1.angle_deg", "2 mm", "(rad, mrad, deg); mm cannot be converted to deg"),
         ("robot", "backbone.poisson_ratio", "0.3 mm", "must be a number, above -1, at most 0.5"),
         ("scenario", "steps.0.tensions.t1", "1.5 Nm", "(N, mN, kN); Nm cannot be converted to N"),
-        ("scenario", "effects.gravity.g_z", "9.81 m/s", "must be a number from -12 to 12 m/s^2, or"),
+        ("scenario", "effects.gravity.g_z", "9.81 m/s", "must be a number [m/s^2] from -12 to 12, or"),
     ],
 )
 def test_a_wrong_unit_is_named_with_file_key_value_and_units(tmp_path, file, key, value, words):
