@@ -30,6 +30,7 @@ BUDGET = {
     "tdcr_fe/effects": 1428,
     "tdcr_fe/identify": 6732,
     "tdcr_fe/io": 2307,
+    "tdcr_fe/live": 350,
     "tdcr_fe/model": 2671,
     "tdcr_fe/report": 1242,
     "tdcr_fe/scene": 1470,

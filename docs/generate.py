@@ -28,6 +28,7 @@ SECTIONS = {
     "tdcr_fe.native": "In a scene",
     "tdcr_fe.effects": "Effects",
     "tdcr_fe.identify": "Identification",
+    "tdcr_fe.live": "Live",
     "tdcr_fe.sweeps": "Sweeps",
     "tdcr_fe.io": "Files",
     "tdcr_fe.report": "Pictures",

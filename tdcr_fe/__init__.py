@@ -21,6 +21,9 @@ _attribute, __dir__, __all__ = _lazy_loader.attach_stub(__name__, __file__)
 __all__ += ["__version__"]
 
 
+#: Packages that are themselves the function of their name, so that their modules can be imported, too.
+_CALLABLE = ("identify", "live")
+
+
 def __getattr__(name: str) -> object:
-    # The package `tdcr_fe.identify` is itself the function of that name, so that its modules can be imported, too.
-    return _import_module(f"{__name__}.identify") if name == "identify" else _attribute(name)
+    return _import_module(f"{__name__}.{name}") if name in _CALLABLE else _attribute(name)

@@ -15,6 +15,8 @@ from .io.toml import read_scenario as read_scenario
 from .io.write_toml import model_to_toml as model_to_toml
 from .io.write_toml import robot_to_toml as robot_to_toml
 from .io.write_toml import scenario_to_toml as scenario_to_toml
+from .live import LiveRobot as LiveRobot
+from .live import live as live
 from .model.backbone import Backbone as Backbone
 from .model.backbone import NonlinearMaterial as NonlinearMaterial
 from .model.backbone import StiffnessPatch as StiffnessPatch

@@ -12,6 +12,7 @@ ROOT = Path(__file__).parents[1]
 #: From the lowest layer to the highest; a module imports its own layer and those below it.
 LAYERS = (
     *(
+        "callable_package",
         "compiled",
         "elements",
         "model",
@@ -23,6 +24,7 @@ LAYERS = (
         "io",
         "sweeps",
         "identify",
+        "live",
     ),
     *("validation", "commands", "cli", "__main__"),
 )

@@ -266,6 +266,21 @@ COMMANDS = {
         "0 done, whatever the verdict; 1 the declared model did not converge; 2 the input is wrong; 130 interrupted "
         "(143 by SIGTERM), what was found is written.",
     ),
+    "live": Command(
+        "tdcr_fe.commands.live:live",
+        "open a page on which a robot answers sliders and the mouse",
+        "Every change is a load step with its history; the sequence can be saved as scenario.toml. The page is "
+        "served on this computer only and ends with Ctrl-C or when it is closed.",
+        (
+            argument("robot", "path of a robot.toml"),
+            argument("--model MODEL", "path of a model.toml with the tables [model] and [solver]"),
+            argument("--port N", "port on this computer [a free one]", type=whole(0, 65535), default=0),
+            argument("--no-browser", "print the address and open no browser"),
+            QUIET,
+        ),
+        ("live robot.toml", "live robot.toml --port 8000 --no-browser"),
+        "0 the page was closed; 2 the input is wrong; 130 interrupted.",
+    ),
     "validate": Command(
         "tdcr_fe.commands.validate:validate",
         "finite elements against the independent shooting reference; write the report",

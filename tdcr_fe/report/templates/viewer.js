@@ -50,6 +50,17 @@ class Panel {
     this.dirty();
   }
 
+  // The motion has further load steps; show the last of them.
+  grown() {
+    this.slider.max = this.motion.count - 1;
+    this.scene.measure();
+    this.plots.series();
+    this.legend();
+    this.motion.at(this.motion.count - 1);
+    this.plots.layout();
+    this.go(this.motion.count - 1);
+  }
+
   play(on = !this.playing) {
     this.playing = on && this.motion.count > 1;
     if (this.playing && this.motion.time >= this.motion.count - 1) this.go(0);
@@ -93,6 +104,7 @@ class Panel {
     this.scene.fill(this.surface, this.look);
     this.surface.draw(this.camera);
     this.overlay();
+    this.drawOver?.(this.over.getContext("2d"));
   }
 
   resize() {
@@ -289,7 +301,8 @@ class Panel {
     const turns = { ArrowRight: [-0.1, 0], ArrowLeft: [0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] };
     const listen = this.root.dataset.page === "whole" ? document : this.root;
     listen.addEventListener("keydown", e => {
-      if (e.ctrlKey || e.metaKey || e.altKey || e.target.closest("select, summary, a")) return;
+      if (e.ctrlKey || e.metaKey || e.altKey) return;
+      if (e.target.closest("select, summary, a, input:not([type=checkbox])") && e.target !== this.slider) return;
       if (e.key === " " && e.target.closest("button, input[type=checkbox]")) return;
       if (e.target === this.slider && e.key.startsWith("Arrow") && !e.key.match(/Left|Right/)) return;
       if (e.shiftKey && turns[e.key]) this.change(() => this.camera.orbit(...turns[e.key]));

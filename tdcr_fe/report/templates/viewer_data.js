@@ -54,6 +54,30 @@ class Motion {
     this.mix = { k, next, f };
   }
 
+  // Add the load steps of another motion of the robot; of more than `most` the first are dropped.
+  append(other, most) {
+    const dropped = Math.max(0, this.count + other.count - most);
+    for (const motion of [this, other]) motion.state ??= new Uint8Array(motion.segments * motion.count).fill(NO_FRICTION);
+    const widths = { position: 3 * this.sections, rotation: 4 * this.sections, tension: this.segments, state: this.segments,
+      baseTension: this.tendons.length, displacement: this.tendons.length };
+    for (const [key, width] of Object.entries(widths)) {
+      const before = this[key].subarray(width * dropped), joined = new before.constructor(before.length + other[key].length);
+      joined.set(before);
+      joined.set(other[key], before.length);
+      this[key] = joined;
+    }
+    for (const key of ["steps", "labels", "loads", "bending"]) this[key] = [...this[key].slice(dropped), ...other[key]];
+    this.count = this.steps.length;
+    this.largestTension = Math.max(this.largestTension, other.largestTension);
+  }
+
+  // Forget all load steps.
+  clear() {
+    for (const key of ["position", "rotation", "tension", "state", "baseTension", "displacement"]) this[key] = this[key]?.subarray(0, 0);
+    for (const key of ["steps", "labels", "loads", "bending"]) this[key] = [];
+    this.count = this.largestTension = 0;
+  }
+
   // Tension of a segment (numbered over all tendons), now.
   tensionOf(segment) {
     const { k, next, f } = this.mix, g = this.segments;
@@ -62,7 +86,7 @@ class Motion {
 
   // State of the hole at the far end of a segment in the nearest load step; null without friction.
   stateOf(segment) {
-    return this.state ? STATES[this.state[this.segments * this.step + segment]] : null;
+    return STATES[this.state?.[this.segments * this.step + segment]] ?? null;
   }
 
   // World position of a point of a section.
@@ -83,5 +107,6 @@ class Motion {
   }
 }
 
+const NO_FRICTION = 255; // in place of the index of a state
 const STATES = ["stick", "pull", "release", "anchor", "slack"];
 const STATE_TEXT = { stick: "sticks", pull: "slips, tendon pulled", release: "slips, tendon released", anchor: "anchor of a tendon", slack: "tendon slack" };

@@ -118,29 +118,34 @@ class Plots {
     const tips = m.labels.map((_, k) => m.tip(k)), spans = [0, 1, 2].map(i => { const [a, b] = extent(tips.map(t => t[i])); return b - a; });
     for (const [value, text] of [["02", "from the side, x z"], ["12", "from the side, y z"], ["01", "from above, x y"]]) option(this.view, value, text);
     this.view.value = spans[1] > 0.25 * spans[0] && spans[0] > 0.25 * spans[1] ? "01" : spans[1] > spans[0] ? "12" : "02";
+    this.series();
+    const spread = j => {
+      const kind = m.byDisplacement[j] ? "displacement" : "tension", [low, high] = extent(this.inputs[`${kind} ${j}`].values);
+      return { key: `${kind} ${j}`, share: (high - low) / (kind === "tension" ? m.largestTension || 1 : u.factor * m.length) };
+    };
+    const most = m.tendons.map((_, j) => spread(j)).reduce((a, b) => b.share > a.share ? b : a, { key: "step", share: 0 });
+    for (const [key, { title }] of Object.entries(this.inputs)) option(this.input, key, title.replace(/ \[.*/, ""));
+    this.input.value = most.key;
+    for (const [key, { title }] of Object.entries(this.outputs)) option(this.output, key, title.replace(/ \[.*/, ""));
+  }
+
+  // Inputs and outputs of all load steps.
+  series() {
+    const m = this.motion, u = this.unit, tips = m.labels.map((_, k) => m.tip(k));
     const column = (values, j) => m.labels.map((_, k) => values[m.tendons.length * k + j]);
     this.inputs = { step: { title: "load step", values: m.steps } };
-    let best = 0, chosen = "step";
     m.tendons.forEach((t, j) => {
       const kinds = { tension: ["N", column(m.baseTension, j)], displacement: [u.name, column(m.displacement, j).map(x => u.factor * x)] };
-      const first = m.byDisplacement[j] ? "displacement" : "tension";
-      for (const kind of [first, first === "tension" ? "displacement" : "tension"]) {
-        const [name, values] = kinds[kind], key = `${kind} ${j}`, [low, high] = extent(values);
-        this.inputs[key] = { title: `${kind} of ${t.name} [${name}]`, values };
-        if (kind === first && (high - low) / (first === "tension" ? m.largestTension || 1 : u.factor * m.length) > best) {
-          best = (high - low) / (first === "tension" ? m.largestTension || 1 : u.factor * m.length);
-          chosen = key;
-        }
+      for (const kind of m.byDisplacement[j] ? ["displacement", "tension"] : ["tension", "displacement"]) {
+        const [name, values] = kinds[kind];
+        this.inputs[`${kind} ${j}`] = { title: `${kind} of ${t.name} [${name}]`, values };
       }
     });
-    for (const [key, { title }] of Object.entries(this.inputs)) option(this.input, key, title.replace(/ \[.*/, ""));
-    this.input.value = chosen;
     this.outputs = {
       bending: { title: "bending angle of the tip [deg]", axis: "bending angle [deg]", values: m.bending },
       offset: { title: `distance of the tip from the z axis [${u.name}]`, axis: `tip off the z axis [${u.name}]`, values: tips.map(t => u.factor * Math.hypot(t[0], t[1])) },
       ...Object.fromEntries(["x", "y", "z"].map((axis, i) => [axis, { title: `tip ${axis} [${u.name}]`, values: tips.map(t => u.factor * t[i]) }])),
     };
-    for (const [key, { title }] of Object.entries(this.outputs)) option(this.output, key, title.replace(/ \[.*/, ""));
   }
 
   // Draw the layers that stay; after a change of size, theme or choice.
@@ -162,6 +167,7 @@ class Plots {
 
     const ends = m.tendons.map(t => m.s[t.at[t.at.length - 1]]);
     this.profile.begin([0, u.factor * Math.max(...ends, 1e-9)], [0, m.largestTension || 1], `arc length [${u.name}]`, "tension [N]");
+    this.followed = null;
     this.follow();
   }
 
@@ -179,8 +185,9 @@ class Plots {
 
   // Draw what depends on the load step.
   follow() {
-    if (!this.pathPoints) return;
+    if (!this.pathPoints || this.followed === this.motion.time) return;
     const m = this.motion, { k, next, f } = m.mix;
+    this.followed = m.time;
     for (const [plot, points] of [[this.path, this.pathPoints], [this.response, this.responsePoints]]) {
       const now = [0, 1].map(i => (1 - f) * points[k][i] + f * points[next][i]);
       plot.moving.replaceChildren();

@@ -39,9 +39,15 @@ class Scene {
     const d = motion.disks, gaps = d.at.map((k, i) => motion.s[k] - (i ? motion.s[d.at[i - 1]] : 0));
     this.thickness = Math.max(d.thickness, Math.min(0.12 * d.radius, 0.25 * Math.min(...gaps, this.size)));
     this.gap = Math.min(...gaps, this.size);
+    this.measure();
+    this.cell = round125(this.size / 14);
+  }
+
+  // Sizes by which arrows are drawn: the largest of all load steps.
+  measure() {
+    const { motion } = this;
     const sizes = moment => Math.max(0, ...motion.loads.flat().filter(l => l.moment === moment).map(l => Math.hypot(...l.vector)));
     this.largest = { force: sizes(false), moment: sizes(true), gravity: Math.hypot(...motion.gravity) };
-    this.cell = round125(this.size / 14);
   }
 
   // Direction from which the bending of a load step is seen best: a little off the normal of its plane.

@@ -1,0 +1,38 @@
+"""The command ``tdcr-fe live``: a page on this computer, on which a robot answers sliders and the mouse."""
+
+from __future__ import annotations
+
+import argparse
+import webbrowser
+from pathlib import Path
+
+from tdcr_fe.commands.common import INTERRUPTED, SUCCESS, complain, refuse
+from tdcr_fe.io.toml import read_model_file, read_robot
+from tdcr_fe.live.notebook import LiveRobot
+from tdcr_fe.live.played import PlayedRobot
+from tdcr_fe.model.loading import Model, SolverSettings
+
+
+def live(args: argparse.Namespace) -> int:
+    """Serve the page until it is closed, or until Ctrl-C."""
+    robot = read_robot(args.robot)
+    model, settings = Model.default_for(robot), SolverSettings()
+    if args.model is not None:
+        model, settings = read_model_file(args.model, robot)
+    try:
+        page = LiveRobot(PlayedRobot(robot, model, settings), args.port, Path(args.robot).name)
+    except OSError as error:
+        raise refuse("--port", str(args.port), f"cannot be used: {error.strerror or error}") from error
+    if not args.quiet:
+        print(f"{robot.name} is live at {page.url}", flush=True)
+        print("Closing the page or Ctrl-C ends it.", flush=True)
+    if not args.no_browser:
+        webbrowser.open(page.url)
+    try:
+        page.server.wait_until_closed()
+    except KeyboardInterrupt:
+        complain("interrupted; the page stays as it is")
+        return INTERRUPTED
+    finally:
+        page.close()
+    return SUCCESS

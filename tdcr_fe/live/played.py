@@ -1,0 +1,233 @@
+"""A robot taken through load steps one at a time, each of which answers a change: inputs, a pull, or the friction."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings, resolve
+from tdcr_fe.model.results import SequenceResult
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.scene.mesh import elements_of_bays
+from tdcr_fe.solve.load_steps.load_path import StepFailed
+from tdcr_fe.solve.sensitivities.local_response import local_response
+from tdcr_fe.solve.simulation import Simulation, step_warnings
+
+Array = NDArray[np.float64]
+
+#: Stiffness of the spring between mouse and robot, over that of the robot where it is pulled [1].
+SPRING = 4.0
+#: Largest displacement of what is pulled in one load step, over the length of the robot [1].
+LARGEST_MOVE = 0.2
+#: The spring is in balance where its force is off by less than this part of that of a spring as long as the robot [1].
+BALANCED = 1e-3
+#: Places that can be pulled on a robot without disks.
+PLACES_WITHOUT_DISKS = 10
+
+
+@dataclass(frozen=True)
+class Pull:
+    """A spring of rest length zero from a place of the robot to a point that is held.
+
+    Attributes
+    ----------
+    place : int
+        Index into `PlayedRobot.places`.
+    to : (float, float, float)
+        Where the other end is held [m].
+    """
+
+    place: int
+    to: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What became of a change.
+
+    Attributes
+    ----------
+    result : SequenceResult
+        Of this load step alone.
+    seconds : float
+        Time that it took.
+    message : str
+        Why the change could not be made, or a warning; empty where there is nothing to say.
+    balanced : bool
+        Whether the spring of a pull is in balance; if not, the same pull asked for once more comes nearer.
+    """
+
+    result: SequenceResult
+    seconds: float
+    message: str = ""
+    balanced: bool = True
+
+
+@dataclass(frozen=True)
+class _Acting:
+    """All that acts on the robot now."""
+
+    tensions: Mapping[str, float] = field(default_factory=dict)  # at the base, by tendon [N]
+    displacements: Mapping[str, float] = field(default_factory=dict)  # pulled in, by tendon [m]
+    loads: Mapping[str, Load] = field(default_factory=dict)
+
+    def after(self, step: LoadStep) -> _Acting:
+        """What acts after a load step."""
+        tensions = {k: v for k, v in self.tensions.items() if k not in step.displacements}
+        displacements = {k: v for k, v in self.displacements.items() if k not in step.tensions}
+        return _Acting(
+            {**tensions, **step.tensions},
+            {**displacements, **step.displacements},
+            {**self.loads, **step.loads},
+        )
+
+    def as_step(self, label: str) -> LoadStep:
+        """The load step that leads to it."""
+        return LoadStep(label, self.tensions, self.displacements, self.loads)
+
+
+class PlayedRobot:
+    """One robot, and its loading sequence so far.
+
+    The mesh is that of the model, or the first one of the automatic mesh; it is not refined, so that every load step
+    takes the same short time.
+
+    Parameters
+    ----------
+    robot, model
+        Description.
+    settings
+        Numerics.
+
+    Attributes
+    ----------
+    places : tuple of float
+        Arc lengths that can be pulled: disks and tip [m].
+    model : Model
+        With the mesh in use.
+    steps : list of LoadStep
+        The sequence since the robot was straight; `simulate` takes it to the same shapes.
+    last : Answer
+        To the last change.
+    """
+
+    def __init__(self, robot: Robot, model: Model, settings: SolverSettings | None = None) -> None:
+        self.robot, self.settings = robot, settings or SolverSettings()
+        length = robot.backbone.length
+        disks = robot.disks.positions or np.linspace(0.0, length, PLACES_WITHOUT_DISKS + 1)[1:]
+        inner = (float(s) for s in disks if s < length * (1.0 - 1e-9))
+        self.places = (*inner, length)
+        self._mesh = elements_of_bays(robot, model)
+        self.model = replace(model, elements_per_bay=self._mesh)
+        self._kind_of_friction = "per-hole" if model.friction == "none" else model.friction
+        self.steps: list[LoadStep] = []
+        self.last = self.restart()
+
+    def restart(self, friction: bool | None = None) -> Answer:
+        """Begin again with the robot as it is when nothing but gravity acts.
+
+        Parameters
+        ----------
+        friction
+            Whether there is friction at the holes from now on; None leaves it as it is.
+        """
+        if friction is not None:
+            self.model = replace(self.model, friction=self._kind_of_friction if friction else "none")
+        nodes = [LoadStep(loads={self._name(i): Load(s)}) for i, s in enumerate(self.places)]
+        self._simulation = Simulation(self.robot, self.model, resolve(self.robot, nodes), self.settings)
+        self._acting, self._stiffness = _Acting(), dict[int, float]()
+        self.steps = []
+        return self._take(LoadStep("unloaded"))
+
+    def switch_friction(self, friction: bool) -> Answer:
+        """Reach all that acts now anew, in one load step from the unloaded robot, with friction or without."""
+        acting = self._acting
+        self.restart(friction)
+        return self._take(acting.as_step(f"friction {'on' if friction else 'off'}"))
+
+    def drive(self, tensions: Mapping[str, float], displacements: Mapping[str, float]) -> Answer:
+        """Change tensions [N] or displacements [m] at the base, by tendon.
+
+        Raises
+        ------
+        ValueError
+            A tendon is unknown or given twice, or a value is not allowed.
+        """
+        return self._take(LoadStep("", tensions, displacements))
+
+    def pull(self, pull: Pull) -> Answer:
+        """Take the robot towards the balance with a spring, as far as one load step goes.
+
+        The spring begins `SPRING` times as stiff as the robot was at this place when it was first pulled. One step of
+        Newton's method on the balance of its force gives the load; it is one that `simulate` can repeat.
+
+        Raises
+        ------
+        ValueError
+            There is no such place, or the other end is not at a finite point.
+        """
+        if not 0 <= pull.place < len(self.places):
+            raise ValueError(f"place {pull.place}: must be from 0 to {len(self.places) - 1}")
+        if not np.isfinite(pull.to).all():
+            raise ValueError(f"to {pull.to}: must be three finite numbers [m]")
+        length, s = self.robot.backbone.length, self.places[pull.place]
+        compliance = local_response(self._simulation, s).compliance[:3, :3]
+        if pull.place not in self._stiffness:
+            self._stiffness[pull.place] = SPRING / float(np.linalg.eigvalsh(compliance)[-1])
+        stiffness, force = self._stiffness[pull.place], self._force(pull.place)
+        unbalanced = stiffness * (np.asarray(pull.to) - self.position(pull.place)) - force
+        change = np.linalg.solve(np.eye(3) + stiffness * compliance, unbalanced)
+        move = float(np.linalg.norm(compliance @ change))
+        change *= min(1.0, LARGEST_MOVE * length / max(move, 1e-300))
+        answer = self._load(pull.place, force + change)
+        if answer.message:
+            return answer
+        left = stiffness * (np.asarray(pull.to) - self.position(pull.place)) - self._force(pull.place)
+        return replace(answer, balanced=float(np.linalg.norm(left)) < BALANCED * stiffness * length)
+
+    def let_go(self) -> Answer:
+        """Remove all loads."""
+        return self._take(LoadStep("let go", loads={k: Load(v.at) for k, v in self._acting.loads.items()}))
+
+    def position(self, place: int) -> Array:
+        """Where a place of the robot is [m], shape (3,)."""
+        step = self.last.result.steps[-1]
+        return np.asarray(step.positions[int(np.argmin(np.abs(step.s - self.places[place])))])
+
+    @staticmethod
+    def _name(place: int) -> str:
+        return f"pull_{place + 1}"
+
+    def _force(self, place: int) -> Array:
+        """With which a place is pulled now [N], shape (3,)."""
+        load = self._acting.loads.get(self._name(place))
+        return np.zeros(3) if load is None else np.array(load.force)
+
+    def _load(self, place: int, force: Array) -> Answer:
+        fx, fy, fz = (float(x) for x in force)
+        return self._take(LoadStep("", loads={self._name(place): Load(self.places[place], (fx, fy, fz))}))
+
+    def _take(self, step: LoadStep) -> Answer:
+        """Solve one load step; where that fails, the robot stays where it was."""
+        begun = time.perf_counter()
+        acting = self._acting.after(step)
+        (target,) = resolve(self.robot, [acting.as_step(step.label)])
+        before = self._simulation.position
+        try:
+            report = self._simulation.advance(target)
+        except StepFailed as failure:
+            self._simulation.return_to(before)
+            message = f"This change was not made, since its load step did not converge: {failure}"
+            self.last = replace(self.last, seconds=time.perf_counter() - begun, message=message)
+            return self.last
+        self._acting, number = acting, len(self.steps) + 1
+        self.steps.append(step)
+        solved = self._simulation.result(number, step.label, report, target)
+        result = SequenceResult(self.robot, self.model, (solved,), elements_per_bay=self._mesh)
+        message = " ".join(step_warnings(number, report))
+        self.last = Answer(result, time.perf_counter() - begun, message)
+        return self.last

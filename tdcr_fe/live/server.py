@@ -1,0 +1,211 @@
+"""A small server for one page on this computer: it answers changes of a robot, and ends when the page is closed.
+
+It listens on the loopback address only. Every request needs the token that is in the address of the page; requests that
+name another host or come from a page of another origin are rejected, so that no web site can reach it.
+"""
+
+from __future__ import annotations
+
+import json
+import secrets
+import threading
+import time
+from collections.abc import Callable, Mapping
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+from tdcr_fe.live.page import live_page, step_data
+from tdcr_fe.live.played import Answer, PlayedRobot, Pull
+
+#: Largest message [bytes]; a change has some hundred.
+LARGEST_MESSAGE = 65_536
+#: Seconds between signs of life on the connection by which server and page notice that the other has ended.
+SIGN_OF_LIFE = 0.5
+#: Seconds in which a page that is loaded again takes the place of the one before.
+RELOAD = 3.0
+
+
+class LiveServer(ThreadingHTTPServer):
+    """Serves the page of a robot on the loopback address.
+
+    Parameters
+    ----------
+    played
+        The robot.
+    port
+        Port; 0 takes a free one.
+    scenario
+        Gives the text of the sequence so far as a ``scenario.toml``.
+
+    Raises
+    ------
+    OSError
+        The port is in use.
+    """
+
+    daemon_threads = True
+
+    def __init__(self, played: PlayedRobot, port: int = 0, scenario: Callable[[], str] = str) -> None:
+        super().__init__(("127.0.0.1", port), _Handler)
+        self.played, self.scenario = played, scenario
+        self.token = secrets.token_urlsafe(24)
+        self.page = 0  # number of the newest page; those before it have ended
+        self.solving = threading.Lock()  # held while a load step is solved
+        self.closed_at: float | None = None  # when the newest page was closed [s], of `time.monotonic`
+
+    @property
+    def url(self) -> str:
+        """Address of the page, token included."""
+        return f"http://127.0.0.1:{self.server_port}/?token={self.token}"
+
+    def wait_until_closed(self) -> None:
+        """Return when the page has been opened and closed again."""
+        while self.closed_at is None or time.monotonic() - self.closed_at < RELOAD:
+            time.sleep(0.1)
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """One connection; its methods are named for the requests that they answer."""
+
+    server: LiveServer
+    protocol_version = "HTTP/1.1"
+    timeout = 60.0  # of an idle connection [s]
+
+    def do_GET(self) -> None:
+        """The page, the connection by which it notices the end of the server, or the sequence as a file."""
+        path, query = self._checked()
+        if path is None:
+            return
+        if path == "/":
+            self.server.page += 1
+            self.server.closed_at = None
+            with self.server.solving:
+                text = live_page(self.server.played, self.server.page)
+            self._send(text.encode(), "text/html; charset=utf-8")
+        elif path == "/alive":
+            self._stay(query.get("page", ""))
+        elif path == "/scenario.toml":
+            with self.server.solving:
+                text = self.server.scenario()
+            self._send(text.encode(), "text/plain; charset=utf-8", attachment="scenario.toml")
+        else:
+            self._refuse(HTTPStatus.NOT_FOUND, f"there is nothing at {path[:80]}")
+
+    def do_POST(self) -> None:
+        """A change of the robot: one load step."""
+        path, query = self._checked()
+        if path is None:
+            return
+        if path != "/change":
+            return self._refuse(HTTPStatus.NOT_FOUND, f"there is nothing at {path[:80]}")
+        length = self.headers.get("Content-Length", "")
+        if not length.isdecimal():
+            return self._refuse(HTTPStatus.LENGTH_REQUIRED, "the length of the message is missing")
+        if int(length) > LARGEST_MESSAGE:
+            text = f"a message has at most {LARGEST_MESSAGE} bytes"
+            return self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text)
+        body = self.rfile.read(int(length))
+        if query.get("page") != str(self.server.page):
+            return self._refuse(
+                HTTPStatus.CONFLICT, "the robot was opened in another page; this one has ended"
+            )
+        try:
+            with self.server.solving:
+                answer = answer_to(json.loads(body), self.server.played)
+                text = json.dumps(step_data(answer), allow_nan=False)
+        except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+            return self._refuse(HTTPStatus.BAD_REQUEST, f"not a change of this robot: {error}")
+        return self._send(text.encode(), "application/json")
+
+    def _checked(self) -> tuple[str | None, dict[str, str]]:
+        """Path and query of a request that may be answered; None where it was rejected."""
+        parts = urlsplit(self.path)
+        query = {k: v[-1] for k, v in parse_qs(parts.query).items()}
+        hosts = {f"{name}:{self.server.server_port}" for name in ("127.0.0.1", "localhost")}
+        origin = self.headers.get("Origin")
+        if self.headers.get("Host") not in hosts:
+            self._refuse(HTTPStatus.FORBIDDEN, "this server answers on the loopback address only")
+        elif origin is not None and origin not in {f"http://{host}" for host in hosts}:
+            self._refuse(HTTPStatus.FORBIDDEN, "requests of other pages are rejected")
+        elif not secrets.compare_digest(query.get("token", "").encode(), self.server.token.encode()):
+            self._refuse(
+                HTTPStatus.FORBIDDEN, "the token is missing or wrong; use the address that was printed"
+            )
+        else:
+            return parts.path, query
+        return None, query
+
+    def _stay(self, page: str) -> None:
+        """Keep the connection to a page until one side ends; the last page that is closed ends the server."""
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", "text/event-stream")
+        self.send_header("Connection", "close")
+        self.end_headers()
+        self.close_connection = True
+        try:
+            while page == str(self.server.page):
+                self.wfile.write(b":\n\n")
+                time.sleep(SIGN_OF_LIFE)
+            self.wfile.write(b"event: replaced\ndata: \n\n")
+        except OSError:  # the page is gone
+            if page == str(self.server.page):
+                self.server.closed_at = time.monotonic()
+
+    def _send(self, body: bytes, kind: str, attachment: str = "") -> None:
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(body)))
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("Referrer-Policy", "no-referrer")
+        self.send_header("X-Content-Type-Options", "nosniff")
+        if attachment:
+            self.send_header("Content-Disposition", f'attachment; filename="{attachment}"')
+        self.end_headers()
+        self.wfile.write(body)
+
+    def _refuse(self, status: HTTPStatus, text: str) -> None:
+        """Answer with a sentence and close the connection, without reading what else was sent."""
+        body = text.encode()
+        self.close_connection = True
+        self.send_response(status)
+        self.send_header("Content-Type", "text/plain; charset=utf-8")
+        self.send_header("Content-Length", str(len(body)))
+        self.send_header("Connection", "close")
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Nothing is printed for a request."""
+
+
+def answer_to(message: Mapping[str, Any], played: PlayedRobot) -> Answer:
+    """Make the change that a page asks for.
+
+    Parameters
+    ----------
+    message
+        Has one of the keys ``drive`` (``tensions`` and ``displacements`` by tendon), ``pull`` (``place`` and ``to``),
+        ``let_go``, ``friction`` (true or false) and ``restart``.
+    played
+        The robot.
+
+    Raises
+    ------
+    ValueError, TypeError, LookupError, AttributeError
+        It is none of them, or a value is not allowed.
+    """
+    ((kind, value),) = message.items()
+    if kind == "drive":
+        return played.drive(value.get("tensions", {}), value.get("displacements", {}))
+    if kind == "pull":
+        x, y, z = (float(v) for v in value["to"])
+        return played.pull(Pull(int(value["place"]), (x, y, z)))
+    if kind == "friction" and isinstance(value, bool):
+        return played.switch_friction(value)
+    if kind == "let_go":
+        return played.let_go()
+    if kind == "restart":
+        return played.restart()
+    raise ValueError(f"{str(kind)[:40]!r} is none of drive, pull, let_go, friction, restart")

@@ -1,0 +1,115 @@
+"""The live page in a browser: sliders, the mouse on the robot, and the end of its server."""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Iterator
+
+import pytest
+from browser import Browser, browser, needs_chromium
+from live.test_played import three_tendons
+
+import tdcr_fe as tdcr
+from tdcr_fe.live import LiveRobot
+
+CONTROL = "document.querySelector('form.live').control"
+
+
+@pytest.fixture
+def opened() -> Iterator[tuple[Browser, LiveRobot]]:
+    served = tdcr.live(three_tendons(), tdcr.Model(elements_per_bay=1))
+    with browser() as page:
+        page.open(served.url, 1366, 768)
+        page.until(f"{CONTROL} !== undefined")
+        yield page, served
+    served.close()
+
+
+def slide(page: Browser, tendon: int, value: float) -> None:
+    slider = f"{CONTROL}.tendons[{tendon}].slider"
+    page.ask(f"{slider}.value = {value}; {slider}.dispatchEvent(new Event('input'))")
+
+
+def answered(page: Browser) -> None:
+    page.until(f"!{CONTROL}.asking")
+
+
+def tip(page: Browser) -> list[float]:
+    """Where the page shows the tip in its window [pixels]."""
+    return page.ask(
+        f"(() => {{ const p = {CONTROL}.panel, b = p.stage.getBoundingClientRect();"
+        f" const q = p.project(p.motion.tip(p.motion.count - 1)); return [b.left + q[0], b.top + q[1]]; }})()"
+    )
+
+
+def errors(page: Browser, served: LiveRobot) -> list[str]:
+    own = served.url.split("?")[0]
+    return [e for e in page.errors() if not e.startswith(own)]
+
+
+@needs_chromium
+@pytest.mark.integration
+def test_sliders_mouse_and_switches_are_load_steps(opened):
+    page, served = opened
+    slide(page, 0, 1.5)
+    answered(page)
+    assert served.steps[-1].tensions == {"t1": 1.5}
+    x, y = tip(page)
+    page.drag((x, y), (x + 60, y + 40))
+    answered(page)
+    pulls = [s for s in served.steps if "pull_8" in s.loads]
+    assert pulls and any(pulls[0].loads["pull_8"].force) and not any(served.steps[-1].loads["pull_8"].force)
+    turn = page.ask(f"{CONTROL}.panel.camera.turn")
+    page.drag((200, 650), (260, 640))
+    assert page.ask(f"{CONTROL}.panel.camera.turn") != turn, "elsewhere dragging turns the view"
+    count = len(served.steps)
+    page.ask("document.querySelector('[data-do=friction]').click()")
+    answered(page)
+    assert [s.label for s in served.steps] == ["unloaded", "friction off"] and count > 2
+    page.ask("document.querySelector('[data-do=restart]').click()")
+    answered(page)
+    assert [s.label for s in served.steps] == ["unloaded"]
+    assert page.ask(f"{CONTROL}.tendons[0].slider.valueAsNumber") == 0.0
+    page.ask(f"{CONTROL}.tendons[0].number.focus()")
+    for key in "1.0":
+        page.key(key)
+    answered(page)
+    assert served.steps[-1].tensions == {"t1": 1.0}, "keys belong to the number while it has the focus"
+    assert errors(page, served) == []
+
+
+@needs_chromium
+@pytest.mark.integration
+def test_the_page_says_that_its_server_has_ended(opened):
+    page, served = opened
+    served.close()
+    page.until("document.querySelector('[data-say=message]').textContent.includes('has ended')")
+    assert page.ask(f"{CONTROL}.tendons[0].slider.disabled")
+
+
+@needs_chromium
+@pytest.mark.integration
+def test_the_page_on_a_phone(opened):
+    page, served = opened
+    page.open(served.url, 390, 844, dark=True)
+    assert page.ask("document.documentElement.scrollWidth") <= 390
+
+
+@needs_chromium
+@pytest.mark.campaign
+def test_a_thousand_random_drags_fail_with_a_message_only(opened):
+    page, served = opened
+    draw = random.Random(0)
+    for number in range(1000):
+        if number % 10 == 0:
+            slide(page, draw.randrange(3), round(draw.uniform(0.0, 3.0), 3))
+            answered(page)
+        x, y = tip(page)
+        end = (min(max(x + draw.uniform(-200, 200), 60), 800), min(max(y + draw.uniform(-150, 150), 180), 600))
+        page.drag((x, y), end)
+        page.until(f"!{CONTROL}.asking", 60.0)
+        time.sleep(0.01)
+    assert errors(page, served) == []
+    again = tdcr.simulate(served._played.robot, served._played.model, served.steps[:50])
+    assert again.converged

@@ -1,0 +1,124 @@
+"""A played robot: its sequence leads `simulate` to the same shapes, and a pull is in balance with its spring."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import tdcr_fe as tdcr
+from tdcr_fe.live.played import PlayedRobot, Pull
+
+
+def three_tendons() -> tdcr.Robot:
+    return tdcr.Robot(
+        backbone=tdcr.Backbone(length=0.25, radius=0.4e-3, youngs_modulus=85e9, poisson_ratio=0.3),
+        disks=tdcr.Disks.equally_spaced(8, 0.25),
+        tendons=tuple(
+            tdcr.Tendon(f"t{k + 1}", tdcr.ParallelRouting(4.5e-3, 120.0 * k), friction_coefficient=0.3)
+            for k in range(3)
+        ),
+    )
+
+
+def played() -> PlayedRobot:
+    return PlayedRobot(three_tendons(), tdcr.Model(elements_per_bay=1))
+
+
+def pull_until_balanced(robot: PlayedRobot, pull: Pull) -> int:
+    """Number of load steps that it takes."""
+    for count in range(1, 30):
+        if robot.pull(pull).balanced:
+            return count
+    raise AssertionError("not in balance")
+
+
+def test_simulate_repeats_what_was_played():
+    """Tension, pulls at a disk and at the tip, displacement, no loads: the saved sequence has the history."""
+    robot = played()
+    robot.drive({"t1": 1.5}, {})
+    pull_until_balanced(robot, Pull(4, (0.05, 0.03, 0.12)))
+    robot.pull(Pull(7, (0.1, 0.05, 0.15)))
+    robot.drive({}, {"t2": 2e-3})
+    robot.let_go()
+    robot.drive({"t1": 0.5}, {})
+    again = tdcr.simulate(robot.robot, robot.model, robot.steps, robot.settings)
+    assert again.converged and len(again.steps) == len(robot.steps)
+    last = robot.last.result.steps[-1]
+    assert np.max(np.abs(again.steps[-1].positions - last.positions)) < 1e-6 * 0.25
+    assert again.steps[-1].hole_states == last.hole_states
+
+
+def test_the_force_is_that_of_the_spring():
+    """In balance the force leads from the disk to the mouse, and the disk has come most of the way."""
+    robot, to = played(), np.array([0.06, 0.0, 0.22])
+    start = robot.position(7)
+    pull_until_balanced(robot, Pull(7, tuple(to)))
+    force, gap = robot.steps[-1].loads["pull_8"].force, to - robot.position(7)
+    assert np.dot(force, gap) / np.linalg.norm(force) / np.linalg.norm(gap) > 0.999
+    assert np.linalg.norm(gap) < 0.5 * np.linalg.norm(to - start)
+    # The same spring holds at another end: the ratio of force and length stays.
+    ratio = np.linalg.norm(force) / np.linalg.norm(gap)
+    pull_until_balanced(robot, Pull(7, (0.03, 0.02, 0.24)))
+    force, gap = robot.steps[-1].loads["pull_8"].force, np.array([0.03, 0.02, 0.24]) - robot.position(7)
+    assert np.linalg.norm(force) / np.linalg.norm(gap) == pytest.approx(ratio, rel=0.05)
+
+
+def test_friction_is_switched_at_equal_inputs():
+    """The shape is that of one load step from the straight robot; switched on again, the history begins anew."""
+    robot = played()
+    for tension in (2.0, 1.0):
+        robot.drive({"t1": tension}, {})
+    released = robot.last.result.steps[-1].bending_angle
+    for friction in (False, True):
+        answer = robot.switch_friction(friction)
+        model = replace(robot.model, friction="per-hole" if friction else "none")
+        (step,) = tdcr.simulate(robot.robot, model, [tdcr.LoadStep(tensions={"t1": 1.0})]).steps
+        assert answer.result.steps[-1].bending_angle == pytest.approx(step.bending_angle, abs=1e-7)
+    assert answer.result.steps[-1].bending_angle < 0.9 * released
+
+
+def test_a_step_that_fails_leaves_the_robot_where_it_was(monkeypatch):
+    robot = played()
+    robot.drive({"t1": 1.0}, {})
+    steps, tip = list(robot.steps), robot.last.result.steps[-1].tip
+    settings = robot._simulation.settings
+    robot._simulation.settings = replace(settings, max_iterations=1, min_substep=1.0)
+    answer = robot.drive({"t1": 1.0, "t2": 60.0}, {})
+    assert "did not converge" in answer.message and robot.steps == steps
+    robot._simulation.settings = settings
+    robot.drive({"t1": 1.0}, {})
+    assert np.allclose(robot.last.result.steps[-1].tip, tip, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda robot: robot.drive({"t9": 1.0}, {}),
+        lambda robot: robot.drive({"t1": -1.0}, {}),
+        lambda robot: robot.drive({"t1": float("nan")}, {}),
+        lambda robot: robot.drive({"t1": 1.0}, {"t1": 1e-3}),
+        lambda robot: robot.pull(Pull(8, (0.0, 0.0, 0.0))),
+        lambda robot: robot.pull(Pull(0, (float("inf"), 0.0, 0.0))),
+    ],
+)
+def test_what_is_not_allowed_changes_nothing(change):
+    robot = played()
+    robot.drive({"t1": 1.0}, {})
+    before, steps = robot.last, list(robot.steps)
+    with pytest.raises(ValueError):
+        change(robot)
+    assert robot.last is before and robot.steps == steps
+
+
+def test_robots_without_disks_or_tendons_are_pulled_too():
+    rod = tdcr.Robot(
+        backbone=tdcr.Backbone(length=0.2, radius=0.5e-3, youngs_modulus=60e9, poisson_ratio=0.3)
+    )
+    robot = PlayedRobot(rod, tdcr.Model.default_for(rod))
+    assert len(robot.places) == 10
+    force = 1e-3
+    stiffness = 3.0 * rod.backbone.EI / 0.2**3
+    robot.pull(Pull(9, (1.25 * force / stiffness, 0.0, 0.2)))  # the spring is four times as stiff as the rod
+    assert robot.steps[-1].loads["pull_10"].force[0] == pytest.approx(force, rel=1e-2)

@@ -1,0 +1,167 @@
+"""The server of a live page answers its page only, and says why it rejects what it does."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import random
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from live.test_played import three_tendons
+
+import tdcr_fe as tdcr
+from tdcr_fe.live import LiveRobot
+from tdcr_fe.live.server import LARGEST_MESSAGE
+
+
+@pytest.fixture
+def served() -> Iterator[LiveRobot]:
+    robot = tdcr.live(three_tendons(), tdcr.Model(elements_per_bay=1))
+    yield robot
+    robot.close()
+
+
+def ask(served: LiveRobot, method: str, path: str, body: bytes = b"", **headers: str) -> tuple[int, str]:
+    """Status and text of a reply."""
+    connection = http.client.HTTPConnection("127.0.0.1", served.server.server_port, timeout=20)
+    connection.request(method, path, body, {k.replace("_", "-"): v for k, v in headers.items()})
+    reply = connection.getresponse()
+    text = reply.read().decode()
+    connection.close()
+    return reply.status, text
+
+
+def head(served: LiveRobot, request: str, page: int) -> bytes:
+    """The first lines of a request that is sent by hand."""
+    path = f"{request}?token={served.server.token}&page={page}"
+    return f"{path} HTTP/1.1\r\nHost: 127.0.0.1:{served.server.server_port}\r\n".encode()
+
+
+def change(served: LiveRobot, message: object) -> tuple[int, str]:
+    path = f"/change?token={served.server.token}&page={served.server.page}"
+    return ask(served, "POST", path, json.dumps(message).encode())
+
+
+def test_page_changes_and_scenario(served, tmp_path):
+    status, page = ask(served, "GET", f"/?token={served.server.token}")
+    assert (
+        status == 200
+        and 'class="robot-view"' in page
+        and "http://" not in page.replace("http://www.w3.org", "")
+    )
+    status, text = change(served, {"drive": {"tensions": {"t1": 1.5}}})
+    assert status == 200
+    motion = json.loads(text)["motion"]
+    (expected,) = tdcr.simulate(
+        three_tendons(), tdcr.Model(elements_per_bay=1), [tdcr.LoadStep(tensions={"t1": 1.5})]
+    ).steps
+    assert motion["bending"][0] == pytest.approx(57.29578 * expected.bending_angle, abs=1e-3)
+    status, scenario = ask(served, "GET", f"/scenario.toml?token={served.server.token}")
+    (tmp_path / "robot.toml").write_text(tdcr.robot_to_toml(three_tendons()))
+    (tmp_path / "scenario.toml").write_text(scenario)
+    read = tdcr.read_scenario(tmp_path / "scenario.toml")
+    assert list(read.steps) == list(served.steps) and read.model == served._played.model
+
+
+def test_strangers_are_rejected(served):
+    """No token, a wrong one, another host (DNS rebinding), another origin, a path outside, another method."""
+    token, port = served.server.token, served.server.server_port
+    good, steps = f"/?token={token}", served.steps
+    message = json.dumps({"drive": {"tensions": {"t1": 1.0}}}).encode()
+    post = f"/change?token={token}&page=0"
+    for (status, text), wanted in [
+        (ask(served, "GET", "/"), 403),
+        (ask(served, "GET", "/?token=" + "x" * 32), 403),
+        (ask(served, "GET", "/?token=%C3%A9"), 403),
+        (ask(served, "GET", good, Host=f"evil.example:{port}"), 403),
+        (ask(served, "GET", good, Origin="http://evil.example"), 403),
+        (ask(served, "POST", post, message, Origin="null"), 403),
+        (ask(served, "GET", f"/../../etc/passwd?token={token}"), 404),
+        (ask(served, "GET", f"/%2e%2e/robot.toml?token={token}"), 404),
+        (ask(served, "POST", f"/?token={token}", message), 404),
+        (ask(served, "PUT", good, message), 501),
+    ]:
+        assert status == wanted and text
+    assert served.steps == steps
+
+
+def test_a_message_of_ten_megabytes_is_not_read(served):
+    """It is rejected by its length, before its body is sent."""
+    with socket.create_connection(("127.0.0.1", served.server.server_port), timeout=10) as link:
+        link.sendall(head(served, "POST /change", 0) + b"Content-Length: 10000000\r\n\r\n")
+        reply = b""
+        while chunk := link.recv(4096):
+            reply += chunk
+    assert b" 413 " in reply and str(LARGEST_MESSAGE).encode() in reply
+
+
+def test_broken_messages_are_named_and_change_nothing(served):
+    draw = random.Random(1)
+    values = [None, True, -1, 1e999, "t1", [], {}, [1, 2], {"to": [0, 0]}, {"tensions": {"t1": "much"}}]
+    values += [{"tensions": 3}, {"tensions": {"t1": -2.0}}, {"place": 99, "to": [0, 0, 1]}]
+    values += [{"place": 1, "to": ["a", 0, 0]}]
+    steps = served.steps
+    for _ in range(60):
+        kind = draw.choice(["drive", "pull", "friction", "", "quit", "__class__"])
+        value = draw.choice(values)
+        if (kind, value) == ("drive", {}) or (kind == "friction" and value is True):
+            continue
+        status, text = change(served, {kind: value})
+        assert status == 400 and text.startswith("not a change of this robot")
+    path = f"/change?token={served.server.token}&page={served.server.page}"
+    for body in (b"", b"{", b"[" * 20_000, b"\xff\xfe", b"[1, 2]", b'{"a": 1, "b": 2}'):
+        assert ask(served, "POST", path, body)[0] == 400
+    assert served.steps == steps
+
+
+@contextmanager
+def page_alive(served: LiveRobot, page: int) -> Iterator[socket.socket]:
+    """The connection that an open page keeps."""
+    with socket.create_connection(("127.0.0.1", served.server.server_port), timeout=10) as link:
+        link.sendall(head(served, "GET /alive", page) + b"\r\n")
+        assert b" 200 " in link.recv(4096)
+        yield link
+
+
+def test_a_second_page_takes_the_place_of_the_first(served):
+    good = f"/?token={served.server.token}"
+    ask(served, "GET", good)
+    with page_alive(served, 1) as first:
+        ask(served, "GET", good)
+        text = b""
+        while b"replaced" not in text:
+            text += first.recv(4096)
+    status, text = ask(served, "POST", f"/change?token={served.server.token}&page=1", b'{"let_go": true}')
+    assert status == 409 and "another page" in text
+    assert change(served, {"let_go": True})[0] == 200
+
+
+def test_the_server_ends_with_its_page_and_the_page_with_its_server(served):
+    ask(served, "GET", f"/?token={served.server.token}")
+    ended = threading.Thread(target=served.server.wait_until_closed, daemon=True)
+    ended.start()
+    with page_alive(served, 1):
+        time.sleep(0.3)
+        assert ended.is_alive()
+    ended.join(20.0)
+    assert not ended.is_alive()
+
+
+def test_changes_from_many_threads_are_taken_one_by_one(served):
+    ask(served, "GET", f"/?token={served.server.token}")
+    before, statuses = len(served.steps), []
+
+    def pull(tension: float) -> None:
+        statuses.append(change(served, {"drive": {"tensions": {"t2": tension}}})[0])
+
+    threads = [threading.Thread(target=pull, args=(0.1 * k,)) for k in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert statuses == [200] * 8 and len(served.steps) == before + 8
