@@ -25,19 +25,19 @@ from pathlib import Path
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
     "elements": 3103,
-    "tdcr_fe": 263,
-    "tdcr_fe/commands": 1014,
+    "tdcr_fe": 285,
+    "tdcr_fe/commands": 1060,
     "tdcr_fe/effects": 1428,
     "tdcr_fe/identify": 6732,
     "tdcr_fe/io": 2307,
-    "tdcr_fe/live": 350,
+    "tdcr_fe/live": 360,
     "tdcr_fe/model": 2671,
     "tdcr_fe/report": 1242,
     "tdcr_fe/scene": 1470,
     "tdcr_fe/solve": 7570,
     "tdcr_fe/sweeps": 1588,
     "validation": 7794,
-    "tests": 17184,
+    "tests": 17480,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")

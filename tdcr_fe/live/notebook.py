@@ -85,8 +85,7 @@ class LiveRobot:
 
     def close(self) -> None:
         """End the server; the page stays as it is."""
-        self.server.shutdown()
-        self.server.server_close()
+        self.server.close()
 
     def _repr_html_(self) -> str:
         return f'<iframe src="{self.url}" width="100%" height="{HEIGHT}" style="border: 0"></iframe>'

@@ -23,6 +23,8 @@ from tdcr_fe.live.played import Answer, PlayedRobot, Pull
 LARGEST_MESSAGE = 65_536
 #: Seconds between signs of life on the connection by which server and page notice that the other has ended.
 SIGN_OF_LIFE = 0.5
+#: In place of the number of the newest page, where the server is closed.
+CLOSED = -1
 #: Seconds in which a page that is loaded again takes the place of the one before.
 RELOAD = 3.0
 
@@ -59,6 +61,12 @@ class LiveServer(ThreadingHTTPServer):
     def url(self) -> str:
         """Address of the page, token included."""
         return f"http://127.0.0.1:{self.server_port}/?token={self.token}"
+
+    def close(self) -> None:
+        """End the connections to all pages, and the server."""
+        self.page = CLOSED
+        self.shutdown()
+        self.server_close()
 
     def wait_until_closed(self) -> None:
         """Return when the page has been opened and closed again."""
@@ -148,7 +156,8 @@ class _Handler(BaseHTTPRequestHandler):
             while page == str(self.server.page):
                 self.wfile.write(b":\n\n")
                 time.sleep(SIGN_OF_LIFE)
-            self.wfile.write(b"event: replaced\ndata: \n\n")
+            if self.server.page != CLOSED:
+                self.wfile.write(b"event: replaced\ndata: \n\n")
         except OSError:  # the page is gone
             if page == str(self.server.page):
                 self.server.closed_at = time.monotonic()

@@ -61,7 +61,7 @@ def test_sliders_mouse_and_switches_are_load_steps(opened):
     pulls = [s for s in served.steps if "pull_8" in s.loads]
     assert pulls and any(pulls[0].loads["pull_8"].force) and not any(served.steps[-1].loads["pull_8"].force)
     turn = page.ask(f"{CONTROL}.panel.camera.turn")
-    page.drag((200, 650), (260, 640))
+    page.drag((120, 500), (180, 490))
     assert page.ask(f"{CONTROL}.panel.camera.turn") != turn, "elsewhere dragging turns the view"
     count = len(served.steps)
     page.ask("document.querySelector('[data-do=friction]').click()")
