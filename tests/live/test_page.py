@@ -71,11 +71,11 @@ def test_sliders_mouse_and_switches_are_load_steps(opened):
     answered(page)
     assert [s.label for s in served.steps] == ["unloaded"]
     assert page.ask(f"{CONTROL}.tendons[0].slider.valueAsNumber") == 0.0
-    page.ask(f"{CONTROL}.tendons[0].number.focus()")
-    for key in "1.0":
+    page.ask(f"{CONTROL}.tendons[0].number.select()")
+    for key in "10":
         page.key(key)
     answered(page)
-    assert served.steps[-1].tensions == {"t1": 1.0}, "keys belong to the number while it has the focus"
+    assert served.steps[-1].tensions == {"t1": 10.0}, "keys belong to the number while it has the focus"
     assert errors(page, served) == []
 
 
