@@ -106,7 +106,10 @@ def test_a_thousand_random_drags_fail_with_a_message_only(opened):
             slide(page, draw.randrange(3), round(draw.uniform(0.0, 3.0), 3))
             answered(page)
         x, y = tip(page)
-        end = (min(max(x + draw.uniform(-200, 200), 60), 800), min(max(y + draw.uniform(-150, 150), 180), 600))
+        end = (
+            min(max(x + draw.uniform(-200, 200), 60), 800),
+            min(max(y + draw.uniform(-150, 150), 180), 600),
+        )
         page.drag((x, y), end)
         page.until(f"!{CONTROL}.asking", 60.0)
         time.sleep(0.01)
