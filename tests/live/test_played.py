@@ -6,24 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from robots import three
 
 import tdcr_fe as tdcr
 from tdcr_fe.live.played import PlayedRobot, Pull
 
 
-def three_tendons() -> tdcr.Robot:
-    return tdcr.Robot(
-        backbone=tdcr.Backbone(length=0.25, radius=0.4e-3, youngs_modulus=85e9, poisson_ratio=0.3),
-        disks=tdcr.Disks.equally_spaced(8, 0.25),
-        tendons=tuple(
-            tdcr.Tendon(f"t{k + 1}", tdcr.ParallelRouting(4.5e-3, 120.0 * k), friction_coefficient=0.3)
-            for k in range(3)
-        ),
-    )
-
-
 def played() -> PlayedRobot:
-    return PlayedRobot(three_tendons(), tdcr.Model(elements_per_bay=1))
+    return PlayedRobot(three(), tdcr.Model(elements_per_bay=1))
 
 
 def pull_until_balanced(robot: PlayedRobot, pull: Pull) -> int:
@@ -38,8 +28,8 @@ def test_simulate_repeats_what_was_played():
     """Tension, pulls at a disk and at the tip, displacement, no loads: the saved sequence has the history."""
     robot = played()
     robot.drive({"t1": 1.5}, {})
-    pull_until_balanced(robot, Pull(4, (0.05, 0.03, 0.12)))
-    robot.pull(Pull(7, (0.1, 0.05, 0.15)))
+    pull_until_balanced(robot, Pull(6, (0.05, 0.03, 0.12)))
+    robot.pull(Pull(12, (0.1, 0.05, 0.15)))
     robot.drive({}, {"t2": 2e-3})
     robot.let_go()
     robot.drive({"t1": 0.5}, {})
@@ -53,15 +43,15 @@ def test_simulate_repeats_what_was_played():
 def test_the_force_is_that_of_the_spring():
     """In balance the force leads from the disk to the mouse, and the disk has come most of the way."""
     robot, to = played(), np.array([0.06, 0.0, 0.22])
-    start = robot.position(7)
-    pull_until_balanced(robot, Pull(7, tuple(to)))
-    force, gap = robot.steps[-1].loads["pull_8"].force, to - robot.position(7)
+    start = robot.position(12)
+    pull_until_balanced(robot, Pull(12, tuple(to)))
+    force, gap = robot.steps[-1].loads["pull_13"].force, to - robot.position(12)
     assert np.dot(force, gap) / np.linalg.norm(force) / np.linalg.norm(gap) > 0.999
     assert np.linalg.norm(gap) < 0.5 * np.linalg.norm(to - start)
     # The same spring holds at another end: the ratio of force and length stays.
     ratio = np.linalg.norm(force) / np.linalg.norm(gap)
-    pull_until_balanced(robot, Pull(7, (0.03, 0.02, 0.24)))
-    force, gap = robot.steps[-1].loads["pull_8"].force, np.array([0.03, 0.02, 0.24]) - robot.position(7)
+    pull_until_balanced(robot, Pull(12, (0.03, 0.02, 0.24)))
+    force, gap = robot.steps[-1].loads["pull_13"].force, np.array([0.03, 0.02, 0.24]) - robot.position(12)
     assert np.linalg.norm(force) / np.linalg.norm(gap) == pytest.approx(ratio, rel=0.05)
 
 
@@ -99,7 +89,7 @@ def test_a_step_that_fails_leaves_the_robot_where_it_was(monkeypatch):
         lambda robot: robot.drive({"t1": -1.0}, {}),
         lambda robot: robot.drive({"t1": float("nan")}, {}),
         lambda robot: robot.drive({"t1": 1.0}, {"t1": 1e-3}),
-        lambda robot: robot.pull(Pull(8, (0.0, 0.0, 0.0))),
+        lambda robot: robot.pull(Pull(13, (0.0, 0.0, 0.0))),
         lambda robot: robot.pull(Pull(0, (float("inf"), 0.0, 0.0))),
     ],
 )

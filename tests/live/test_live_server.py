@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from live.test_played import three_tendons
+from robots import three
 
 import tdcr_fe as tdcr
 from tdcr_fe.live import LiveRobot
@@ -21,7 +21,7 @@ from tdcr_fe.live.server import LARGEST_MESSAGE
 
 @pytest.fixture
 def served() -> Iterator[LiveRobot]:
-    robot = tdcr.live(three_tendons(), tdcr.Model(elements_per_bay=1))
+    robot = tdcr.live(three(), tdcr.Model(elements_per_bay=1))
     yield robot
     robot.close()
 
@@ -58,11 +58,11 @@ def test_page_changes_and_scenario(served, tmp_path):
     assert status == 200
     motion = json.loads(text)["motion"]
     (expected,) = tdcr.simulate(
-        three_tendons(), tdcr.Model(elements_per_bay=1), [tdcr.LoadStep(tensions={"t1": 1.5})]
+        three(), tdcr.Model(elements_per_bay=1), [tdcr.LoadStep(tensions={"t1": 1.5})]
     ).steps
     assert motion["bending"][0] == pytest.approx(57.29578 * expected.bending_angle, abs=1e-3)
     status, scenario = ask(served, "GET", f"/scenario.toml?token={served.server.token}")
-    (tmp_path / "robot.toml").write_text(tdcr.robot_to_toml(three_tendons()))
+    (tmp_path / "robot.toml").write_text(tdcr.robot_to_toml(three()))
     (tmp_path / "scenario.toml").write_text(scenario)
     read = tdcr.read_scenario(tmp_path / "scenario.toml")
     assert list(read.steps) == list(served.steps) and read.model == served._played.model

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 from browser import Browser, browser, needs_chromium
-from live.test_played import three_tendons
+from robots import three
 
 import tdcr_fe as tdcr
 from tdcr_fe.live import LiveRobot
@@ -18,7 +18,7 @@ CONTROL = "document.querySelector('form.live').control"
 
 @pytest.fixture
 def opened() -> Iterator[tuple[Browser, LiveRobot]]:
-    served = tdcr.live(three_tendons(), tdcr.Model(elements_per_bay=1))
+    served = tdcr.live(three(), tdcr.Model(elements_per_bay=1))
     with browser() as page:
         page.open(served.url, 1366, 768)
         page.until(f"{CONTROL} !== undefined")
@@ -58,8 +58,8 @@ def test_sliders_mouse_and_switches_are_load_steps(opened):
     x, y = tip(page)
     page.drag((x, y), (x + 60, y + 40))
     answered(page)
-    pulls = [s for s in served.steps if "pull_8" in s.loads]
-    assert pulls and any(pulls[0].loads["pull_8"].force) and not any(served.steps[-1].loads["pull_8"].force)
+    pulls = [s for s in served.steps if "pull_13" in s.loads]
+    assert pulls and any(pulls[0].loads["pull_13"].force) and not any(served.steps[-1].loads["pull_13"].force)
     turn = page.ask(f"{CONTROL}.panel.camera.turn")
     page.drag((120, 500), (180, 490))
     assert page.ask(f"{CONTROL}.panel.camera.turn") != turn, "elsewhere dragging turns the view"
