@@ -19,6 +19,8 @@ def callable_package(name: str, function: Callable[..., object]) -> None:
     """
 
     class CallablePackage(ModuleType):
+        __module__ = name  # where documentation finds the function
+
         def __call__(self, *args: object, **kwargs: object) -> object:
             return function(*args, **kwargs)
 
