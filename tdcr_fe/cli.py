@@ -1,6 +1,6 @@
 """The command ``tdcr-fe``: parses arguments, prints, and turns outcomes into exit statuses. No physics.
 
-The commands are those of `tdcr_fe.commands.table`; the module of one is imported when it is called.
+The commands are those of `tdcr_fe.commands.catalogue`; the module of one is imported when it is called.
 """
 
 from __future__ import annotations
@@ -15,15 +15,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from tdcr_fe import __version__
-from tdcr_fe.commands.common import (
-    INTERRUPTED,
-    SUCCESS,
-    WRONG_INPUT,
-    Noted,
-    complain,
-    stdout_kept_free,
-)
-from tdcr_fe.commands.table import COMMANDS
+from tdcr_fe.commands.catalogue import COMMANDS
+from tdcr_fe.commands.common import Exit, Noted, complain, stdout_kept_free
 from tdcr_fe.io.processes import sigterm_as_interrupt
 from tdcr_fe.model.messages import count, warnings_to
 
@@ -67,9 +60,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"{error.parser.prog}: error: {error}", file=sys.stderr)
         if "--json" in given:
             noted.errors, noted.message = (error.problem,), str(error)
-            _print_json(noted, command, WRONG_INPUT)
-        raise SystemExit(WRONG_INPUT) from None
-    status = termination.status if status == INTERRUPTED else status
+            _print_json(noted, command, Exit.WRONG_INPUT)
+        raise SystemExit(Exit.WRONG_INPUT) from None
+    status = termination.status if status == Exit.INTERRUPTED else status
     if getattr(args, "json", False):
         _print_json(noted, command, status)
     return status
@@ -124,12 +117,12 @@ def _run(args: argparse.Namespace) -> int:
         sys.stdout.flush()
         return status
     except KeyboardInterrupt:
-        return _ended(args, INTERRUPTED, "interrupted; no results were written")
+        return _ended(args, Exit.INTERRUPTED, "interrupted; no results were written")
     except BrokenPipeError:  # the reader of the output was closed
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return SUCCESS
+        return Exit.DONE
     except OSError as error:  # a disk that is full, a directory that is read-only
-        return _ended(args, WRONG_INPUT, f"stopped: {error}")
+        return _ended(args, Exit.WRONG_INPUT, f"stopped: {error}")
     except WrongArguments:
         raise
     except Exception as error:
@@ -143,7 +136,7 @@ def _run(args: argparse.Namespace) -> int:
             print(f"  {problem}", file=sys.stderr)
         if len(error.problems) > MOST_PROBLEMS:
             print(f"  and {len(error.problems) - MOST_PROBLEMS} more", file=sys.stderr)
-        return WRONG_INPUT
+        return Exit.WRONG_INPUT
 
 
 def _ended(args: argparse.Namespace, status: int, message: str) -> int:
@@ -180,18 +173,19 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
     for name, command in COMMANDS.items():
-        examples = "\n".join(f"  tdcr-fe {example}" for example in command.examples)
-        own = commands.add_parser(
+        epilog = "\n  ".join(["Examples:", *(f"tdcr-fe {example}" for example in command.examples)])
+        if command.status:
+            epilog += f"\n\nExit status: {command.status}"
+        sub = commands.add_parser(
             name,
             help=command.help,
-            description=f"{command.help[0].upper()}{command.help[1:]}. {command.description}",
-            epilog=f"Examples:\n{examples}"
-            + (f"\n\nExit status: {command.status}" if command.status else ""),
+            description=command.description,
+            epilog=epilog,
             formatter_class=_Formatter,
         )
-        for names, options in command.arguments:
-            own.add_argument(*names, **options)
-        own.set_defaults(parser=own)
+        for names, options in command.arguments():
+            sub.add_argument(*names, **options)
+        sub.set_defaults(parser=sub)
     parser.set_defaults(program=parser, commands=commands.choices)  # for the completion of shells
     return parser
 

@@ -8,21 +8,22 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict, dataclass, field
+from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tdcr_fe.io.problems import Problem
 
-SUCCESS, FAILURE, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
-#: Exit statuses in words.
-STATUSES = {
-    SUCCESS: "done",
-    FAILURE: "failed",
-    WRONG_INPUT: "wrong input",
-    INTERRUPTED: "interrupted",
-    143: "terminated",
-}
+
+class Exit(IntEnum):
+    """Exit statuses."""
+
+    DONE = 0
+    FAILED = 1
+    WRONG_INPUT = 2
+    INTERRUPTED = 130
+    TERMINATED = 143
 
 
 def complain(text: str) -> None:
@@ -46,8 +47,7 @@ def progress_bar(args: argparse.Namespace, total: int | None = None, **options: 
     """A bar of tqdm on stderr, where that is a terminal and the command is not quiet."""
     from tqdm import tqdm
 
-    silent = True if args.quiet else None
-    return tqdm(total=total, leave=False, file=sys.stderr, disable=silent, **options)
+    return tqdm(total=total, leave=False, file=sys.stderr, disable=True if args.quiet else None, **options)
 
 
 @dataclass
@@ -72,8 +72,8 @@ class Noted:
         """The object that is printed; the name of the command is empty where the arguments named none."""
         return {
             "command": command,
-            "status": STATUSES.get(status, "failed"),
-            "exit_status": status,
+            "status": Exit(status).name.lower().replace("_", " "),
+            "exit_status": int(status),
             "files": [Path(f).as_posix() for f in self.files],
             "figures": self.figures,
             "warnings": self.warnings,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 
-from tdcr_fe.commands.common import SUCCESS, refuse
+from tdcr_fe.commands.common import Exit, refuse
 
 
 def schema(args: argparse.Namespace) -> int:
@@ -17,7 +17,7 @@ def schema(args: argparse.Namespace) -> int:
 
     found = sweep_schema() if args.file == "sweep" else json_schema(args.file)
     print(json.dumps(found, indent=2, ensure_ascii=False))
-    return SUCCESS
+    return Exit.DONE
 
 
 def completion(args: argparse.Namespace) -> int:
@@ -38,4 +38,4 @@ def completion(args: argparse.Namespace) -> int:
             if action.choices is None and action.nargs != 0:
                 action.complete = shtab.FILE
     print(shtab.complete(args.program, args.shell))
-    return SUCCESS
+    return Exit.DONE

@@ -7,14 +7,7 @@ import importlib
 from pathlib import Path
 from typing import Any
 
-from tdcr_fe.commands.common import (
-    FAILURE,
-    INTERRUPTED,
-    SUCCESS,
-    complain,
-    progress_bar,
-    refuse,
-)
+from tdcr_fe.commands.common import Exit, complain, progress_bar, refuse
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.io.loading_table import read_path
 from tdcr_fe.io.problems import read_all
@@ -87,12 +80,12 @@ def follow(args: argparse.Namespace) -> int:
 def _status(result: FollowResult, asked: int) -> int:
     """Exit status; what went wrong is printed."""
     if result.simulation.converged:
-        return FAILURE if result.not_converged else SUCCESS
+        return Exit.FAILED if result.not_converged else Exit.DONE
     done, message = len(result.targets), result.simulation.message
     complain(
         f"{message}; {count(done, 'target')} of {asked} before that {'is' if done == 1 else 'are'} written"
     )
-    return INTERRUPTED if message == "interrupted" else FAILURE
+    return Exit.INTERRUPTED if message == "interrupted" else Exit.FAILED
 
 
 def _limits(args: argparse.Namespace, robot: Robot) -> TensionLimits:

@@ -5,14 +5,7 @@ from __future__ import annotations
 import argparse
 from time import monotonic
 
-from tdcr_fe.commands.common import (
-    FAILURE,
-    INTERRUPTED,
-    SUCCESS,
-    complain,
-    cores,
-    progress_bar,
-)
+from tdcr_fe.commands.common import Exit, complain, cores, progress_bar
 from tdcr_fe.identify.identification import NotSolved, identify
 from tdcr_fe.identify.report import write_result
 from tdcr_fe.identify.result import IdentificationResult
@@ -59,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     except NotSolved as error:
         args.noted.message = str(error)
         complain(str(error))
-        return FAILURE
+        return Exit.FAILED
     result, names, interrupted = write_result(
         result, out, begun + (1.0 + GRACE_OF_TABLES) * settings.time_limit
     )
@@ -71,8 +64,8 @@ def run(args: argparse.Namespace) -> int:
         print(f"\nWritten to {out}: {', '.join(names)}")
     if interrupted:
         complain("interrupted; what was found until then is written")
-        return INTERRUPTED
-    return SUCCESS
+        return Exit.INTERRUPTED
+    return Exit.DONE
 
 
 def _identified(

@@ -6,7 +6,7 @@ import argparse
 import webbrowser
 from pathlib import Path
 
-from tdcr_fe.commands.common import INTERRUPTED, SUCCESS, complain, refuse
+from tdcr_fe.commands.common import Exit, complain, refuse
 from tdcr_fe.io.toml import read_model_file, read_robot
 from tdcr_fe.live.notebook import LiveRobot
 from tdcr_fe.live.played import PlayedRobot
@@ -32,7 +32,7 @@ def live(args: argparse.Namespace) -> int:
         page.server.wait_until_closed()
     except KeyboardInterrupt:
         complain("interrupted; the page stays as it is")
-        return INTERRUPTED
+        return Exit.INTERRUPTED
     finally:
         page.close()
-    return SUCCESS
+    return Exit.DONE

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tdcr_fe.commands.common import SUCCESS
+from tdcr_fe.commands.common import Exit
 from tdcr_fe.io.atomic import check_output_folder, write_folder, write_text
 from tdcr_fe.io.loading_table import loading_table
 from tdcr_fe.io.problems import InputError, Problem
@@ -48,7 +48,7 @@ def new(args: argparse.Namespace) -> int:
     written = write_folder(out, write)
     if not args.quiet:
         print(f"Written to {out}: {', '.join(p.name for p in written)}\nNext: {next_step}")
-    return SUCCESS
+    return Exit.DONE
 
 
 def _refuse_existing(out: Path, names: list[str]) -> None:

@@ -16,15 +16,8 @@ from shutil import copyfile
 from threading import Event, Thread
 from typing import Any
 
-from tdcr_fe.commands.common import (
-    FAILURE,
-    INTERRUPTED,
-    SUCCESS,
-    complain,
-    progress_bar,
-    refuse,
-)
-from tdcr_fe.commands.tables import response_tables, sensitivity_table, step_tables
+from tdcr_fe.commands.common import Exit, complain, progress_bar, refuse
+from tdcr_fe.commands.printed import print_result
 from tdcr_fe.io.atomic import check_output_folder, write_folder
 from tdcr_fe.io.problems import read_all
 from tdcr_fe.io.result_files import summary, write_results
@@ -72,18 +65,18 @@ def _solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) ->
     asked = len(scenario.steps)
     with progress_bar(args, asked + 1, unit="step") as bar:
         result = _solve(scenario, args, bar)
-        args.noted.figures, args.noted.message = figures(result, scenario), result.message
+        args.noted.figures, args.noted.message = figures(result, asked), result.message
         bar.set_postfix_str("writing" if args.no_pictures else "drawing")
         try:
             written = write_results(result, out, scenario.digests, asked, not args.no_pictures)
         except KeyboardInterrupt:  # while drawing, most likely; what was solved is kept
             args.noted.files += write_results(result, out, scenario.digests, asked, pictures=False)
             complain(f"interrupted while writing; the tables are in {out}, without pictures")
-            return INTERRUPTED
+            return Exit.INTERRUPTED
     args.noted.files += written
     if not args.quiet:
-        _print(result, out, written)
-    return SUCCESS if result.converged else _report_failure(result, scenario, out)
+        print_result(result, out, written)
+    return Exit.DONE if result.converged else _report_failure(result, scenario, out)
 
 
 def _solve(scenario: Scenario, args: argparse.Namespace, bar: Any) -> SequenceResult:
@@ -101,17 +94,11 @@ def _solve(scenario: Scenario, args: argparse.Namespace, bar: Any) -> SequenceRe
         bar.set_postfix_str(step.label, refresh=False)
         bar.update(step.step - bar.n)  # refining the mesh begins again with the first step
 
+    asked = (scenario.robot, scenario.model, scenario.steps, scenario.settings)
+    derivatives = {"sensitivities": args.sensitivities, "responses": args.compliance}
     try:
         with clock.running():
-            return simulate(
-                scenario.robot,
-                scenario.model,
-                scenario.steps,
-                scenario.settings,
-                progress,
-                sensitivities=args.sensitivities,
-                responses=args.compliance,
-            )
+            return simulate(*asked, progress, **derivatives)
     except Interrupted as stop:
         assert isinstance(stop.result, SequenceResult)
         limit = f"stopped at the time limit of {args.minutes:g} minutes" if clock.is_over else ""
@@ -139,7 +126,7 @@ class _Clock:
             done.set()
 
     def _watch(self, done: Event) -> None:
-        begun, before, said = time.perf_counter(), 0, False
+        begun, before, announced = time.perf_counter(), 0, False
         while not done.wait(min(LOOK, self.limit)):
             elapsed = time.perf_counter() - begun
             if elapsed > self.limit:
@@ -147,44 +134,35 @@ class _Clock:
                 _thread.interrupt_main()
                 return
             left = elapsed * (self.steps / self.solved - 1.0) if self.solved > before else math.inf
-            if left > LONG_RUN and not said:
-                said = True
-                how_long = (
+            if left > LONG_RUN and not announced:
+                announced = True
+                about = (
                     f"about {left / 60.0:.0f} minutes more" if left < math.inf else "this may take minutes"
                 )
-                complain(
-                    f"{self.solved} of {count(self.steps, 'load step')} solved in {elapsed:.0f} s: {how_long}; "
-                    "Ctrl-C or --minutes keeps what is solved"
-                )
+                solved = f"{self.solved} of {count(self.steps, 'load step')} solved in {elapsed:.0f} s"
+                complain(f"{solved}: {about}; Ctrl-C or --minutes keeps what is solved")
             before = self.solved
 
 
-def _print(result: SequenceResult, out: Path, written: list[Path]) -> None:
-
-    if result.steps:
-        for text in (step_tables(result), sensitivity_table(result), response_tables(result)):
-            if text:
-                print(text + "\n")
-    print(f"{count(len(result.steps), 'step')} in {result.wall_time:.2f} s. Written to {out}:")
-    print("    " + ", ".join(p.name for p in written))
-
-
-def figures(result: SequenceResult, scenario: Scenario) -> dict[str, Any]:
+def figures(result: SequenceResult, asked: int) -> dict[str, Any]:
     """Main results for ``--json``; tensions and displacements are those after the last step that was solved."""
-    full = summary(result, steps_asked=len(scenario.steps))
-    found: dict[str, Any] = {"robot": result.robot.name, "elements": sum(result.elements_per_bay)}
-    for name in ("steps_asked", "steps_solved", "failed_step", "converged", "wall_time"):
-        found[name] = full[name]
+    full = summary(result, steps_asked=asked)
+    names = ("steps_asked", "steps_solved", "failed_step", "converged", "wall_time")
+    main = {
+        "robot": result.robot.name,
+        "elements": sum(result.elements_per_bay),
+        **{n: full[n] for n in names},
+    }
     if not result.steps:
-        return found
-    last, names = result.steps[-1], result.robot.tendon_names
+        return main
+    last, tendons = result.steps[-1], result.robot.tendon_names
     errors = [s.discretisation_error for s in result.steps if s.discretisation_error is not None]
-    return found | {
+    return main | {
         "tip": last.tip,
         "bending_angle_deg": math.degrees(last.bending_angle),
         "tip_offset": last.tip_offset,
-        "tensions": dict(zip(names, last.base_tensions.tolist(), strict=True)),
-        "displacements": dict(zip(names, last.displacements.tolist(), strict=True)),
+        "tensions": dict(zip(tendons, last.base_tensions.tolist(), strict=True)),
+        "displacements": dict(zip(tendons, last.displacements.tolist(), strict=True)),
         "discretisation_error": max(errors, default=None),
     }
 
@@ -202,4 +180,4 @@ def _report_failure(result: SequenceResult, scenario: Scenario, out: Path) -> in
     complain(f"{what}; {count(solved, 'step')} solved before it {'is' if solved == 1 else 'are'} in {out}")
     if result.message and not stopped:
         complain(result.message)
-    return INTERRUPTED if interrupted else FAILURE
+    return Exit.INTERRUPTED if interrupted else Exit.FAILED

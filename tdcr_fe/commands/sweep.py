@@ -10,14 +10,7 @@ from contextlib import contextmanager
 
 import pandas as pd
 
-from tdcr_fe.commands.common import (
-    FAILURE,
-    INTERRUPTED,
-    SUCCESS,
-    complain,
-    progress_bar,
-    refuse,
-)
+from tdcr_fe.commands.common import Exit, complain, progress_bar, refuse
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.io.problems import read_all
 from tdcr_fe.model.messages import count
@@ -36,7 +29,7 @@ def run_sweep(args: argparse.Namespace) -> int:
     )
     if args.check:
         print(format_cases(described))
-        return SUCCESS
+        return Exit.DONE
     if not args.no_pictures:
         importlib.import_module("tdcr_fe.sweeps.report")  # slow; an interruption must not hit it
     return _report(_solve(described, args), args)
@@ -105,8 +98,8 @@ def _report(result: SweepResult, args: argparse.Namespace) -> int:
     if result.interrupted:
         left = count(result.counts.get("not run", 0), "case")
         complain(f"interrupted; {left} of {len(result.cases)} not run, the same command continues from there")
-        return INTERRUPTED
-    return SUCCESS if result.converged else FAILURE
+        return Exit.INTERRUPTED
+    return Exit.DONE if result.converged else Exit.FAILED
 
 
 def format_cases(described: Sweep, most: int = 8) -> str:

@@ -7,7 +7,7 @@ import os
 import time
 from typing import Any
 
-from tdcr_fe.commands.common import FAILURE, INTERRUPTED, SUCCESS, complain, progress_bar
+from tdcr_fe.commands.common import Exit, complain, progress_bar
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.validation.crosscheck import report
 from tdcr_fe.validation.crosscheck.cases import all_cases
@@ -33,7 +33,7 @@ def validate(args: argparse.Namespace) -> int:
             records = run([*studies, *cases], file, processes, progress)
         except KeyboardInterrupt:
             complain(f"interrupted; finished cases are in {file}, the same command continues from there")
-            return INTERRUPTED
+            return Exit.INTERRUPTED
         bar.set_postfix_str("drawing the report")
         outcome = report.judge(
             [records[case.id] for case in cases],
@@ -47,4 +47,4 @@ def validate(args: argparse.Namespace) -> int:
         print(f"Written to {out}: report.html, report.json")
     for failure in outcome["failures"]:
         complain(failure)
-    return SUCCESS if outcome["passed"] else FAILURE
+    return Exit.DONE if outcome["passed"] else Exit.FAILED

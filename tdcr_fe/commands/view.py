@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tdcr_fe.commands.common import SUCCESS, progress_bar, refuse
+from tdcr_fe.commands.common import Exit, progress_bar, refuse
 from tdcr_fe.io.atomic import check_output_folder, write_text
 from tdcr_fe.io.result_files import VIEW_PAGE
 from tdcr_fe.io.result_folder import read_motion
@@ -32,7 +32,7 @@ def view(args: argparse.Namespace) -> int:
     if film is not None:
         _write_video(motion, film, args)
         say(f"Written: {_sized(film)}")
-    return SUCCESS
+    return Exit.DONE
 
 
 def _sized(path: Path) -> str:

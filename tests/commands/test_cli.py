@@ -15,7 +15,7 @@ from arcs import arc_result
 from inputs import ROBOT, SCENARIO, changed, write
 
 from tdcr_fe import __version__, cli
-from tdcr_fe.commands.table import Command, argument
+from tdcr_fe.commands.catalogue import Command
 from tdcr_fe.io.result_files import RESULT_FILES
 from tdcr_fe.model.messages import issue
 from tdcr_fe.model.results import Interrupted
@@ -217,8 +217,8 @@ def test_further_command_is_one_function(monkeypatch):
 
     module = types.ModuleType("further_command")
     module.further = further
-    arguments = (argument("number", "exit status", type=int),)
-    command = Command("further_command:further", "further", "", arguments, ("further 1", "further 2"))
+    text, options = "further\n\nnumber  exit status", {"number": {"type": int}}
+    command = Command("further_command:further", text, ("further 1", "further 2"), options=options)
     monkeypatch.setitem(sys.modules, "further_command", module)
     monkeypatch.setitem(cli.COMMANDS, "further", command)
     assert cli.main(["further", "7"]) == 7

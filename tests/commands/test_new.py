@@ -121,7 +121,7 @@ def test_a_remark_stands_at_the_key_it_belongs_to(tmp_path):
 
 def test_a_new_sweep_is_read(tmp_path):
     described = tdcr.read_sweep(begin(tmp_path, "sweep") / "sweep.toml")
-    assert described.design().count == 100
+    assert described.count == 100
 
 
 def test_nothing_is_overwritten(tmp_path, capsys):

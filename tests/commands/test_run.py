@@ -12,7 +12,7 @@ from run_files import ENDS, write_robot
 import tdcr_fe as tdcr
 from tdcr_fe import cli
 from tdcr_fe.commands import run as command
-from tdcr_fe.commands.tables import step_tables
+from tdcr_fe.commands.printed import step_tables
 
 
 @pytest.mark.parametrize("same_end", [True, False], ids=["same end", "different ends"])

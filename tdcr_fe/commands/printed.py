@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from tdcr_fe.model.messages import count
 
 if TYPE_CHECKING:
     from tdcr_fe.model.results import SequenceResult, StepResult
@@ -13,6 +16,19 @@ if TYPE_CHECKING:
 MOST_IN_ROW = 3
 #: Most tendons in one table.
 MOST_IN_TABLE = 9
+
+
+def print_result(result: SequenceResult, out: Path, written: Sequence[Path]) -> None:
+    """Print the tables of a result and the names of the files."""
+    if result.steps:
+        print(
+            "\n\n".join(
+                filter(None, [step_tables(result), sensitivity_table(result), *response_tables(result)])
+            )
+        )
+        print()
+    print(f"{count(len(result.steps), 'step')} in {result.wall_time:.2f} s. Written to {out}:")
+    print("    " + ", ".join(p.name for p in written))
 
 
 def step_tables(result: SequenceResult) -> str:
@@ -74,22 +90,20 @@ def sensitivity_table(result: SequenceResult) -> str:
     return _aligned(head, rows, left=0)
 
 
-def response_tables(result: SequenceResult) -> str:
-    """Compliance of the tip and stiffness of the motors after the last step; empty where they were not computed."""
+def response_tables(result: SequenceResult) -> Iterator[str]:
+    """Compliance of the tip and stiffness of the motors after the last step, where they were computed."""
     names = result.robot.tendon_names
-    parts = []
-    for found in result.steps[-1].responses:
-        holes = "all holes stick (reversal)" if found.reversal else "holes as they are"
+    for each in result.steps[-1].responses:
+        holes = "all holes stick (reversal)" if each.reversal else "holes as they are"
         tip = f"tip after the last step, {holes}: displacement by"
         for title, rows, columns, values in (
-            (f"{tip} force [mm/N]", "xyz", ("x", "y", "z"), 1e3 * found.compliance[:3, :3]),
-            (f"{tip} tension [mm/N]", "xyz", names, 1e3 * found.by_tension[:3]),
-            (f"tension by displacement, {holes} [N/mm]", names, names, 1e-3 * found.motor_stiffness),
+            (f"{tip} force [mm/N]", "xyz", ("x", "y", "z"), 1e3 * each.compliance[:3, :3]),
+            (f"{tip} tension [mm/N]", "xyz", names, 1e3 * each.by_tension[:3]),
+            (f"tension by displacement, {holes} [N/mm]", names, names, 1e-3 * each.motor_stiffness),
         ):
             for some in _groups(columns):
                 body = [[row, *(f"{x:.4g}" for x in v[some])] for row, v in zip(rows, values, strict=True)]
-                parts.append(f"{title}\n{_aligned(['', *columns[some]], body)}")
-    return "\n\n".join(parts)
+                yield f"{title}\n{_aligned(['', *columns[some]], body)}"
 
 
 def _groups(names: Sequence[str]) -> Iterator[slice]:
