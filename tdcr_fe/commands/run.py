@@ -131,8 +131,8 @@ class _Clock:
             elapsed = time.perf_counter() - begun
             if elapsed > self.limit:
                 self.is_over = True
+                self.limit *= 2.0  # then once more: a callback may have lost the interruption
                 _thread.interrupt_main()
-                return
             left = elapsed * (self.steps / self.solved - 1.0) if self.solved > before else math.inf
             if left > LONG_RUN and not announced:
                 announced = True

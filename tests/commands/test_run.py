@@ -68,14 +68,13 @@ def test_long_run_is_announced_by_what_it_has_solved(tmp_path, capsys, monkeypat
     monkeypatch.setattr(command, "LOOK", 0.2)
     monkeypatch.setattr(command, "LONG_RUN", 1.0)
     path.write_text(path.read_text() + "\n[[steps]]\ntensions = { parallel = 1.0 }\n" * 2000)
-    assert (
-        cli.main(["run", str(path), "-o", str(tmp_path / "out"), "--no-pictures", "--minutes", "0.04"]) == 1
-    )
+    arguments = ["-o", str(tmp_path / "out"), "--no-pictures", "--minutes", "0.05"]
+    assert cli.main(["run", str(path), *arguments]) == 1
     said = capsys.readouterr().err
     assert "of 2002 load steps solved in 0 s: " in said and "--minutes keeps what is solved" in said
-    assert "stopped at the time limit of 0.04 minutes in step" in said
+    assert "stopped at the time limit of 0.05 minutes in step" in said
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert not summary["converged"] and len(summary["steps"]) > 10
+    assert not summary["converged"] and len(summary["steps"]) >= 1
     assert len(pd.read_csv(tmp_path / "out" / "steps.csv")) == len(summary["steps"])
 
 
