@@ -63,12 +63,13 @@ def write_generated(folder: Path) -> None:
 
 def physical_limits() -> str:
     """Table of all physical limits."""
-    from tdcr_fe.model.plausibility import limits
+    from tdcr_fe.model.limits import limits
 
-    lines = ["| quantity | from | to | source |", "| --- | --- | --- | --- |"]
+    lines = ["| quantity | from | to | beyond it | source |", "| --- | --- | --- | --- | --- |"]
     for row in limits().values():
         low, high = (f"{x:g}" if abs(x) < float("inf") else "" for x in (row.low, row.high))
-        lines.append(f"| {row.quantity} | {low} | {high} | {row.source} |")
+        level = "remark" if row.remark else "warning"
+        lines.append(f"| {row.quantity} | {low} | {high} | {level} | {row.source} |")
     return "\n".join(lines) + "\n"
 
 

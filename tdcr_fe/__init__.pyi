@@ -28,6 +28,7 @@ from .model.loading import Load as Load
 from .model.loading import LoadStep as LoadStep
 from .model.loading import Model as Model
 from .model.loading import SolverSettings as SolverSettings
+from .model.messages import PlausibilityRemark as PlausibilityRemark
 from .model.messages import PlausibilityWarning as PlausibilityWarning
 from .model.messages import TDCRWarning as TDCRWarning
 from .model.results import Interrupted as Interrupted

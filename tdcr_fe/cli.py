@@ -54,6 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = _parser().parse_args(given)
         args.noted, command = noted, args.command
         with sigterm_as_interrupt() as termination, stdout_kept_free(args), warnings_to(noted.warn):
+            noted.quiet = getattr(args, "quiet", False)
             status = _run(args)
     except WrongArguments as error:
         error.parser.print_usage(sys.stderr)

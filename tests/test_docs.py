@@ -14,7 +14,7 @@ import pytest
 
 import tdcr_fe
 from tdcr_fe import cli
-from tdcr_fe.model.plausibility import limits
+from tdcr_fe.model.limits import limits
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"

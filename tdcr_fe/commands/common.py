@@ -12,8 +12,12 @@ from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tdcr_fe.model.messages import PlausibilityRemark, TDCRWarning
+
 if TYPE_CHECKING:
     from tdcr_fe.io.problems import Problem
+    from tdcr_fe.model.loading import LoadStep, Model
+    from tdcr_fe.model.robot import Robot
 
 
 class Exit(IntEnum):
@@ -43,6 +47,14 @@ def refuse(file: str | Path, value: str, allowed: str) -> Exception:
     return InputError([Problem(str(file), "", value, allowed)])
 
 
+def print_understood(args: argparse.Namespace, robot: Robot, model: Model, steps: Sequence[LoadStep]) -> None:
+    """Print what was understood of a description, so that a wrong unit is seen before anything is solved."""
+    from tdcr_fe.model.remarks import understood
+
+    if not args.quiet:
+        print(f"{robot.name}: " + "\n  ".join(understood(robot, model, steps)), flush=True)
+
+
 def progress_bar(args: argparse.Namespace, total: int | None = None, **options: Any) -> Any:
     """A bar of tqdm on stderr, where that is a terminal and the command is not quiet."""
     from tqdm import tqdm
@@ -57,16 +69,22 @@ class Noted:
     files: list[str | Path] = field(default_factory=list)  # that were written
     figures: dict[str, Any] = field(default_factory=dict)  # main results; units are in the names
     warnings: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
     errors: Sequence[Problem] = ()  # mistakes in the input
     message: str = ""  # why the command failed
+    quiet: bool = False  # Whether remarks are not printed
 
-    def warn(self, text: str) -> None:
-        """Print a warning, above the progress bar, and note it."""
+    def warn(self, text: str, category: type[TDCRWarning]) -> None:
+        """Print a warning or a remark, above the progress bar, and note it."""
         from tqdm import tqdm
 
-        self.warnings.append(text)
+        is_remark = issubclass(category, PlausibilityRemark)
+        (self.remarks if is_remark else self.warnings).append(text)
         with tqdm.external_write_mode(file=sys.stderr):
-            complain(f"warning: {text}")
+            if not is_remark:
+                complain(f"warning: {text}")
+            elif not self.quiet:
+                print(f"remark: {text}", flush=True)
 
     def document(self, command: str, status: int) -> dict[str, Any]:
         """The object that is printed; the name of the command is empty where the arguments named none."""
@@ -77,6 +95,7 @@ class Noted:
             "files": [Path(f).as_posix() for f in self.files],
             "figures": self.figures,
             "warnings": self.warnings,
+            "remarks": self.remarks,
             "errors": [asdict(p) for p in self.errors],
             "message": self.message,
         }

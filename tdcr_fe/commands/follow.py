@@ -7,7 +7,7 @@ import importlib
 from pathlib import Path
 from typing import Any
 
-from tdcr_fe.commands.common import Exit, complain, progress_bar, refuse
+from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar, refuse
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.io.loading_table import read_path
 from tdcr_fe.io.problems import read_all
@@ -41,6 +41,7 @@ def follow(args: argparse.Namespace) -> int:
         "effort": args.effort,
         "tolerance": args.tolerance,
     }
+    print_understood(args, robot, model, ())
     with progress_bar(args, len(targets) + 1, unit="target") as bar:
 
         def progress(found: ReachedTarget) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from time import monotonic
 
-from tdcr_fe.commands.common import Exit, complain, cores, progress_bar
+from tdcr_fe.commands.common import Exit, complain, cores, print_understood, progress_bar
 from tdcr_fe.identify.identification import NotSolved, identify
 from tdcr_fe.identify.report import write_result
 from tdcr_fe.identify.result import IdentificationResult
@@ -47,6 +47,7 @@ def run(args: argparse.Namespace) -> int:
     for row in data.left_out:
         args.noted.warnings.append(f"left out: {row}")
         complain(f"left out: {row}")
+    print_understood(args, data.robot, data.model, data.steps)
     try:
         result = _identified(args, data, settings)
     except NotSolved as error:

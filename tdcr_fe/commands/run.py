@@ -16,7 +16,7 @@ from shutil import copyfile
 from threading import Event, Thread
 from typing import Any
 
-from tdcr_fe.commands.common import Exit, complain, progress_bar, refuse
+from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar, refuse
 from tdcr_fe.commands.printed import print_result
 from tdcr_fe.io.atomic import check_output_folder, write_folder
 from tdcr_fe.io.problems import read_all
@@ -63,6 +63,7 @@ def _solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) ->
     if not args.no_pictures:
         importlib.import_module("tdcr_fe.report.plots")  # slow; an interruption after solving must not hit it
     asked = len(scenario.steps)
+    print_understood(args, scenario.robot, scenario.model, scenario.steps)
     with progress_bar(args, asked + 1, unit="step") as bar:
         result = _solve(scenario, args, bar)
         args.noted.figures, args.noted.message = figures(result, asked), result.message

@@ -46,8 +46,9 @@ from tdcr_fe.io.measured import MeasuredData, without_unread_steps
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.user_effects import check_on
 from tdcr_fe.model.arguments import check_instance
-from tdcr_fe.model.messages import PlausibilityWarning, issue, warnings_to
+from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, issue, warnings_to
 from tdcr_fe.model.plausibility import plausibility_warnings
+from tdcr_fe.model.remarks import plausibility_remarks
 
 #: Tolerance of the loading path as a fraction of the noise of a position (a third of it is left), and its limit.
 PATH_SHARE, LOOSEST = 0.6, 3e-4
@@ -96,6 +97,7 @@ def identify(
     try:
         found = plausibility_warnings(data.robot, data.model, data.steps)
         issue([*found, *filter(None, [impossible_place(data)])], PlausibilityWarning)
+        issue(plausibility_remarks(data.robot, data.model, data.steps, found), PlausibilityRemark)
     except ValueError as error:
         raise InputError([Problem(data.name, "", "", str(error))]) from error
     with warnings_to():

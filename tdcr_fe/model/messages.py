@@ -20,8 +20,14 @@ class PlausibilityWarning(TDCRWarning):
     """A value that hardly any robot has, known before solving."""
 
 
+class PlausibilityRemark(TDCRWarning):
+    """Quantities of a description that hardly fit together, a level below a warning."""
+
+
+#: Takes a text and its category.
+Receiver = Callable[[str, type[TDCRWarning]], object]
 #: Takes the warnings of the program; None: `warnings.warn`.
-_receiver: ContextVar[Callable[[str], object] | None] = ContextVar("receiver", default=None)
+_receiver: ContextVar[Receiver | None] = ContextVar("receiver", default=None)
 
 
 def issue(texts: Iterable[str], category: type[TDCRWarning] = TDCRWarning) -> None:
@@ -31,11 +37,15 @@ def issue(texts: Iterable[str], category: type[TDCRWarning] = TDCRWarning) -> No
         if receive is None:
             warnings.warn(text, category, stacklevel=3)
         else:
-            receive(text)
+            receive(text, category)
+
+
+def _drop(text: str, category: type[TDCRWarning]) -> None:
+    """Make nothing of a warning."""
 
 
 @contextmanager
-def warnings_to(receive: Callable[[str], object] = str) -> Iterator[None]:
+def warnings_to(receive: Receiver = _drop) -> Iterator[None]:
     """Hand the warnings that are issued inside over to a function; by default nothing becomes of them."""
     before = _receiver.set(receive)
     try:
@@ -46,7 +56,7 @@ def warnings_to(receive: Callable[[str], object] = str) -> Iterator[None]:
 
 def ignore_warnings() -> None:
     """Issue no warnings in this process: its parent has them in the results."""
-    _receiver.set(str)
+    _receiver.set(_drop)
 
 
 _COUNTS = {1: "one", 2: "two", 3: "three"}

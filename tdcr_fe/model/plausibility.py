@@ -1,113 +1,72 @@
 """Warnings of implausible values: wrong units, missing masses, loads far beyond the elastic range.
 
-Every limit is a row of ``data/limits.toml``, with its source. A warning names the key as in the files, the value and,
-where a factor of a usual unit explains it, the unit that was probably meant. What follows from a stiffness is judged
-where the robot itself is plausible, so that one mistake gives one warning.
+What follows from a stiffness is judged where the robot itself is plausible, so that one mistake gives one warning.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-import tomllib
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
-from importlib.resources import files
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import ARC_TOLERANCE
+from tdcr_fe.model.limits import UNITS, Value, kind_of_material, limits, nearest_material, sentences
 from tdcr_fe.model.loading import LoadStep, Model, Vector
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.tendon import Tendon
-
-#: Units that a number may have been given in, by the unit of the file, and their size in it.
-UNITS = {
-    "m": {"mm": 1e-3},
-    "N": {"mN": 1e-3, "gf": 9.81e-3, "kN": 1e3},
-    "N m": {"N mm": 1e-3},
-    "N m^2": {"N mm^2": 1e-6},
-    "kg": {"g": 1e-3},
-    "Pa": {"GPa": 1e9, "MPa": 1e6, "kPa": 1e3},
-    "kg/m^3": {"g/cm^3": 1e3},
-    "m/s^2": {"mm/s^2": 1e-3, "cm/s^2": 1e-2, "ft/s^2": 0.3048},
-    "deg": {"rad": math.degrees(1.0)},
-    "turns": {"degrees": 1.0 / 360.0},
-    "": {"per cent": 0.01},
-}
-#: Materials by Young's modulus, and where they begin [Pa].
-MATERIALS = {"steel": 1.5e11, "metal": 2e10, "plastic": 1e8, "rubber": 0.0}
 
 
-@dataclass(frozen=True)
-class Limit:
-    """A row of ``data/limits.toml``."""
+class Course(NamedTuple):
+    """Holes of a tendon in their sections [m], shape (n + 1, 2), and what follows from them."""
 
-    quantity: str
-    says: str
-    source: str
-    low: float = -math.inf
-    high: float = math.inf
-    by_stiffness: bool = False
-    refused_from: float = math.inf
-    usual: float = 0.0
-
-    def is_usual(self, ratio: float) -> bool:
-        """Whether a value of the quantity is within the limit, and not so small that it has no effect."""
-        least = self.low if self.high == math.inf else self.usual or 1e-4 * self.high
-        return max(least, self.low) <= ratio <= self.high
+    holes: NDArray[np.float64]
+    offset: float  # largest distance of a hole from the axis [m]
+    end: float  # arc length of the anchor [m]
+    bend: NDArray[
+        np.float64
+    ]  # angle by which 1 N bends the robot, to first order and with its direction [rad/N], (2,)
 
 
-@lru_cache(maxsize=1)
-def limits() -> dict[str, Limit]:
-    """The table of physical limits, by name."""
-    text = (files("tdcr_fe") / "data" / "limits.toml").read_text(encoding="utf-8")
-    return {name: Limit(**row) for name, row in tomllib.loads(text).items()}
+class Description(NamedTuple):
+    """A scenario, with the courses of its tendons by name."""
 
+    robot: Robot
+    model: Model
+    steps: Sequence[LoadStep]
+    courses: dict[str, Course]
 
-class Value(NamedTuple):
-    """A value of a description, and the quantity that a limit bounds; they are in proportion."""
+    @classmethod
+    def of(cls, robot: Robot, model: Model, steps: Sequence[LoadStep]) -> Description:
+        """Of a scenario."""
+        courses = {}
+        for tendon in robot.tendons:
+            holes, end = robot.holes(tendon), robot.end(tendon)
+            distances = np.linalg.norm(holes, axis=1)
+            offset = float(np.max(distances))
+            direction = holes[0] / max(float(distances[0]), 1e-300)
+            disks = robot.disks.thickness * (np.count_nonzero(robot.hole_arc_lengths(tendon)[1:]) - 0.5)
+            bend = offset * (end - max(float(disks), 0.0)) / robot.backbone.EI * direction
+            courses[tendon.name] = Course(holes, offset, end, bend)
+        return cls(robot, model, steps, courses)
 
-    limit: str
-    key: str
-    value: float
-    unit: str
-    ratio: float
-    detail: str = ""
-
-    @property
-    def row(self) -> Limit:
-        """Its limit."""
-        return limits()[self.limit]
-
-    @property
-    def is_beyond(self) -> bool:
-        """Whether it is beyond its limit."""
-        return not self.row.low <= self.ratio <= self.row.high
-
-    @property
-    def sentence(self) -> str:
-        """What is wrong with it, with key, value, and the units in which it would be usual."""
-        row, unit = self.row, self.unit if self.unit != "turns" else ""
-        given = "" if math.isnan(self.value) else f" = {self.value:g} {unit}".rstrip()
-        says = row.says.format(
-            ratio=self.ratio, percent=100.0 * self.ratio, low=row.low, high=row.high, detail=self.detail
-        )
-        fitting = [u for u, size in UNITS.get(self.unit, {}).items() if row.is_usual(self.ratio * size)]
-        return f"{self.key}{given}: {says}" + (
-            f"; was it meant in {' or '.join(fitting)}?" if fitting else ""
-        )
+    def inputs(self, kind: Literal["tensions", "displacements"]) -> NDArray[np.float64]:
+        """Tensions [N] or displacements [m] by step and tendon; zero where a step names none."""
+        names = self.robot.tendon_names
+        found = [[getattr(s, kind).get(n, 0.0) for n in names] for s in self.steps]
+        return np.array(found).reshape(len(self.steps), len(names))
 
 
 # ------------------------------------------------------------------------------------------------- quantities
 
 
-def _robot_values(robot: Robot) -> Iterator[Value]:
+def _robot_values(d: Description) -> Iterator[Value]:
     """Quantities of backbone, disks and tendons."""
+    robot = d.robot
     b, disks = robot.backbone, robot.disks
     yield Value("length", "backbone.length", b.length, "m", b.length)
     thick = robot.without_disks or b.radius < disks.radius
@@ -126,7 +85,7 @@ def _robot_values(robot: Robot) -> Iterator[Value]:
     yield Value("precurvature", "backbone.precurvature", curved, "1/m", curved * b.length)
     if not robot.without_disks:
         yield Value("disks", "disks.radius", disks.radius, "m", disks.radius / b.length)
-    yield from _tendon_values(robot)
+    yield from _tendon_values(d)
 
 
 def _stiffness_values(b: Backbone) -> Iterator[Value]:
@@ -145,10 +104,12 @@ def _stiffness_values(b: Backbone) -> Iterator[Value]:
             yield Value("stiffness", f"backbone.{key}", given, unit, ratio, detail)
 
 
-def _tendon_values(robot: Robot) -> Iterator[Value]:
+def _tendon_values(d: Description) -> Iterator[Value]:
     """Quantities of the tendons, each alone and two by two."""
+    robot = d.robot
     for i, tendon in enumerate(robot.tendons):
-        key, end = f"tendons[{i}]", robot.end(tendon)
+        _, offset, end, _ = d.courses[tendon.name]
+        key = f"tendons[{i}]"
         bays = sum(s <= end + ARC_TOLERANCE for s in robot.bay_ends)
         for name, turns in vars(tendon.routing).items():
             if name.startswith("turns"):
@@ -163,7 +124,7 @@ def _tendon_values(robot: Robot) -> Iterator[Value]:
                 yield Value("friction", f"{key}.{name}", value, "", value)
         if (ea := tendon.axial_stiffness) is not None:
             yield Value("tendon_stiffness", f"{key}.axial_stiffness", ea, "N", ea)
-        backbone, offset = robot.backbone, _offset(robot, tendon)
+        backbone = robot.backbone
         yield Value(
             "adhesion", f"{key}.adhesion", tendon.adhesion, "N", tendon.adhesion * offset * end / backbone.EI
         )
@@ -177,7 +138,7 @@ def _tendon_values(robot: Robot) -> Iterator[Value]:
             detail = f"of radius {radius[k]:g} m at s = {s[k]:g} m"
             yield Value("course", f"{key}.offset", offsets[k], "m", offsets[k] / radius[k], detail)
     for (i, one), (k, other) in itertools.combinations(enumerate(robot.tendons), 2):
-        a, b = (robot.holes(t) for t in (one, other))
+        a, b = (d.courses[t.name].holes for t in (one, other))
         if a.shape == b.shape:
             apart = float(np.max(np.linalg.norm(a - b, axis=1)))
             yield Value("same_holes", f"tendons[{k}]", math.nan, "m", apart, f"tendons[{i}]")
@@ -186,13 +147,9 @@ def _tendon_values(robot: Robot) -> Iterator[Value]:
         yield Value("angles", "tendons.angle_deg", max(angles), "deg", max(angles))
 
 
-def _offset(robot: Robot, tendon: Tendon) -> float:
-    """Largest distance of a tendon's holes from the axis [m]."""
-    return float(np.max(np.linalg.norm(robot.holes(tendon), axis=1)))
-
-
-def _gravity_values(robot: Robot, model: Model) -> Iterator[Value]:
+def _gravity_values(d: Description) -> Iterator[Value]:
     """Gravity, and the weights of a robot against the stiffness of its backbone."""
+    robot, model = d.robot, d.model
     g = float(np.linalg.norm(model.gravity))
     if g == 0.0:
         return
@@ -216,30 +173,28 @@ def _bending(vector: Vector) -> float:
     return math.hypot(x, y, min(z, 0.0))
 
 
-def _loading_values(robot: Robot, model: Model, steps: Sequence[LoadStep]) -> Iterator[Value]:
+def loading_values(d: Description) -> Iterator[Value]:
     """Quantities of a loading sequence; those of tendons in the step where they are largest."""
-    b = robot.backbone
-    strain, surface = f"strain_{material(b.youngs_modulus)}", "at the surface, by bending"
-    for tendon in robot.tendons:
-        tensions = [s.tensions.get(tendon.name, 0.0) for s in steps]
-        k = int(np.argmax(tensions)) if tensions else 0
-        force, key = max(tensions, default=0.0), f"steps[{k}].tensions.{tendon.name}"
+    b = d.robot.backbone
+    strain, surface = f"strain_{kind_of_material(b.youngs_modulus)}", "at the surface, by bending"
+    tensions, moved = d.inputs("tensions"), d.inputs("displacements")
+    for i, tendon in enumerate(d.robot.tendons if d.steps else ()):
+        _, offset, end, _ = d.courses[tendon.name]
+        k = int(np.argmax(tensions[:, i]))
+        force, key = float(tensions[k, i]), f"steps[{k}].tensions.{tendon.name}"
         if tendon.pretension > force:
-            force, key = tendon.pretension, f"tendons[{robot.tendons.index(tendon)}].pretension"
+            force, key = tendon.pretension, f"tendons[{i}].pretension"
         # A parallel tendon bends the backbone to the curvature T a / EI (pure moment).
-        offset = _offset(robot, tendon)
         strains = (force / b.EA, "along its axis"), (force * offset / b.EI * b.radius, surface)
         yield Value(strain, key, force, "N", *max(strains))
         if (ea := tendon.axial_stiffness or 0.0) >= limits()["tendon_stiffness"].low:
             yield Value("tendon_strain", key, force, "N", force / ea)
-        moved = [s.displacements.get(tendon.name, 0.0) for s in steps]
-        k = int(np.argmax(np.abs(moved))) if moved else 0
-        far, key = moved[k] if moved else 0.0, f"steps[{k}].displacements.{tendon.name}"
-        end = robot.end(tendon)
+        k = int(np.argmax(np.abs(moved[:, i])))
+        far, key = float(moved[k, i]), f"steps[{k}].displacements.{tendon.name}"
         yield Value("displacement", key, far, "m", abs(far) / end, f"{end:g} m")
-    if not any(model.gravity[:2]) and not any(s.loads or any(s.tensions.values()) for s in steps):
-        yield from _let_out(robot, steps)
-    for k, step in enumerate(steps):
+    if not any(d.model.gravity[:2]) and not tensions.any() and not any(s.loads for s in d.steps):
+        yield from _let_out(d)
+    for k, step in enumerate(d.steps):
         for name, load in step.loads.items():
             key = f"steps[{k}].loads.{name}"
             force, moment = math.hypot(*load.force), math.hypot(*load.moment)
@@ -252,35 +207,39 @@ def _loading_values(robot: Robot, model: Model, steps: Sequence[LoadStep]) -> It
             yield Value(strain, f"{key}.moment", moment, "N m", moment / b.EI * b.radius, surface)
 
 
-def _bends(robot: Robot, model: Model, steps: Sequence[LoadStep]) -> Iterator[Value]:
+def bends(d: Description) -> Iterator[Value]:
     """The largest angles by which inputs, or loads and weights where there are none, bend the robot, to first order."""
-    b, inputs, loads = robot.backbone, [0.0], [0.0]
-    for k, step in enumerate(steps):
-        moment, turn = np.zeros(2), np.zeros(2)
-        for tendon in robot.tendons:
-            holes = robot.holes(tendon)
-            offset, direction = (
-                _offset(robot, tendon),
-                holes[0] / max(float(np.linalg.norm(holes[0])), 1e-300),
-            )
-            tension = step.tensions.get(tendon.name, 0.0)
-            moved = step.displacements.get(tendon.name, 0.0) / offset if offset > 0.0 else 0.0
-            angle = tension * offset * robot.end(tendon) / b.EI
-            inputs += [angle, abs(moved), tendon.pretension * offset * robot.end(tendon) / b.EI]
-            moment, turn = moment + angle * direction, turn + moved * direction
-        yield Value("wound", f"steps[{k}].tensions", math.nan, "", float(np.linalg.norm(moment)))
-        yield Value("wound", f"steps[{k}].displacements", math.nan, "", float(np.linalg.norm(turn)))
-        for load in step.loads.values():
-            loads += [math.hypot(*load.force) * load.at**2 / b.EI, math.hypot(*load.moment) * load.at / b.EI]
-    loads += [v.ratio for v in _gravity_values(robot, model) if v.limit == "weight"]
-    largest = max(inputs) or max(loads)
-    if largest > 0.0:
+    b, courses = d.robot.backbone, list(d.courses.values())
+    by_tension = np.array([c.bend for c in courses]).reshape(-1, 2)
+    by_displacement = np.array([c.bend / (c.offset**2 * c.end / b.EI or np.inf) for c in courses]).reshape(
+        -1, 2
+    )
+    largest = 0.0
+    for kind, factor in (("tensions", by_tension), ("displacements", by_displacement)):
+        moved = d.inputs(kind)
+        if moved.any():
+            together = np.linalg.norm(moved @ factor, axis=1)
+            k = int(np.argmax(together))
+            yield Value("wound", f"steps[{k}].{kind}", math.nan, "", float(together[k]))
+            largest = max(largest, float(np.max(np.abs(moved) * np.linalg.norm(factor, axis=1))))
+    pretensions = (
+        t.pretension * np.linalg.norm(c.bend) for t, c in zip(d.robot.tendons, courses, strict=True)
+    )
+    largest = max(largest, *pretensions, 0.0)
+    if largest == 0.0:
+        for step in d.steps:
+            for load in step.loads.values():
+                by_load = math.hypot(*load.force) * load.at**2, math.hypot(*load.moment) * load.at
+                largest = max(largest, *(x / b.EI for x in by_load))
+        largest = max(largest, *(v.ratio for v in _gravity_values(d) if v.limit == "weight"), 0.0)
+    if largest > 0.0 and d.steps:
         yield Value("bends", "steps", math.nan, "", largest)
 
 
-def _let_out(robot: Robot, steps: Sequence[LoadStep]) -> Iterator[Value]:
+def _let_out(d: Description) -> Iterator[Value]:
     """Displacements of tendons without pretension that nothing but displacements pulls."""
-    slack: dict[str, list[float]] = {t.name: [] for t in robot.tendons if not t.pretension}
+    steps = d.steps
+    slack: dict[str, list[float]] = {t.name: [] for t in d.robot.tendons if not t.pretension}
     held: dict[str, float] = {}
     for step in steps:
         held |= step.displacements
@@ -313,8 +272,8 @@ def plausibility_warnings(
     ValueError
         A load or a target is so far beyond its limit that a solution would have no meaning.
     """
-    values = [*_robot_values(robot), *_gravity_values(robot, model), *_loading_values(robot, model, steps)]
-    values += _bends(robot, model, steps)
+    d = Description.of(robot, model, steps)
+    values = [*_robot_values(d), *_gravity_values(d), *loading_values(d), *bends(d)]
     for k, target in enumerate(targets):
         far = math.hypot(*(x for x in target if x is not None))
         values.append(Value("target", f"targets[{k}].position", far, "m", far / robot.backbone.length))
@@ -325,51 +284,37 @@ def plausibility_warnings(
     found = [v for v in beyond if not v.row.by_stiffness]
     if any(v.key.startswith(("backbone.", "model.gravity")) for v in found):
         beyond = found  # the others may follow from that
-    modulus = _modulus_meant(robot.backbone, [v for v in beyond if v.row.by_stiffness])
-    if modulus is not None:
-        beyond = [*found, modulus]
+    cause = _common_cause(robot.backbone, [v for v in beyond if v.row.by_stiffness])
+    if cause is not None:
+        beyond = [*found, cause]
     refused = [v for v in beyond if v.ratio > v.row.refused_from * v.row.high]
     if refused:
-        raise ValueError("\n".join([*_sentences(refused), "Nothing was solved"]))
-    return _sentences(beyond)
+        raise ValueError("\n".join([*sentences(refused), "Nothing was solved"]))
+    return sentences(beyond)
 
 
-def _modulus_meant(b: Backbone, beyond: Sequence[Value]) -> Value | None:
-    """Young's modulus, where another unit of it explains all that is beyond a limit."""
-    soft = Value(
-        "soft",
-        "backbone.youngs_modulus",
-        b.youngs_modulus,
-        "Pa",
-        b.youngs_modulus,
-        material(b.youngs_modulus),
-    )
+def _common_cause(b: Backbone, beyond: Sequence[Value]) -> Value | None:
+    """The stiffness of the backbone, where it explains all that is beyond a limit that depends on it."""
+    name, factor = nearest_material(b.youngs_modulus, b.density)
+    row = limits()["material"]
+    is_usual = b.density > 0.0 and factor <= row.high and not b.bending_stiffness
+    modulus = Value("soft", "backbone.youngs_modulus", b.youngs_modulus, "Pa", b.youngs_modulus)
+    soft = modulus._replace(detail=kind_of_material(b.youngs_modulus))
     for size in UNITS["Pa"].values():
         meant = [v._replace(ratio=v.ratio / size) for v in beyond]
-        usual = any(v.row.is_usual(v.ratio) for v in meant) and not any(v.is_beyond for v in meant)
-        if usual and soft.is_beyond and soft.row.is_usual(soft.ratio * size):
+        explains = any(v.row.is_usual(v.ratio) for v in meant) and not any(v.is_beyond for v in meant)
+        if explains and not is_usual and soft.is_beyond and soft.row.is_usual(soft.ratio * size):
             return soft
+    if beyond and b.density > 0.0 and factor > row.high and not b.bending_stiffness:
+        return modulus._replace(limit="material", ratio=factor, detail=f"{b.density:g} kg/m^3 ({name})")
+    parts = {"weight": "weight", "force": "load", "moment": "load"}
+    kinds = {parts.get(v.limit, parts.get(v.key.rpartition(".")[2], "tension")) for v in beyond}
+    if len(kinds) > 1 and not any(v.limit in ("bends", "hole", "adhesion") for v in beyond):
+        key = "bending_stiffness" if b.bending_stiffness else "radius"
+        worst = max(v.ratio / v.row.high for v in beyond)
+        unit = "N m^2" if b.bending_stiffness else "m"
+        return Value("thin", f"backbone.{key}", getattr(b, key), unit, worst, f"EI is {b.EI:.3g} N m^2")
     return None
-
-
-def _sentences(found: Iterable[Value]) -> list[str]:
-    """One sentence for each limit, about the value that is farthest beyond it; a key is named once."""
-    by_limit: dict[str, list[Value]] = {}
-    named: set[str] = set()
-    for value in sorted(found, key=lambda v: v.ratio / (v.row.high or 1.0), reverse=True):
-        if value.key not in named:
-            by_limit.setdefault(value.limit, []).append(value)
-        named.add(value.key)
-    others = {name: ", ".join(v.key for v in values[1:4]) for name, values in by_limit.items()}
-    return [
-        values[0].sentence + (f" (also {others[name]})" if others[name] else "")
-        for name, values in by_limit.items()
-    ]
-
-
-def material(modulus: float) -> str:
-    """Name in `MATERIALS` of what a backbone with this modulus is made of [Pa]."""
-    return next(name for name, least in MATERIALS.items() if modulus >= least)
 
 
 def strain_warnings(robot: Robot, steps: Sequence[StepResult]) -> list[str]:
@@ -405,7 +350,7 @@ def strain_warnings(robot: Robot, steps: Sequence[StepResult]) -> list[str]:
         most = backbone.nonlinear.largest_strain
         reason = f"the stress of backbone.nonlinear falls from {100 * most:.3g} % on"
     else:
-        kind = material(backbone.youngs_modulus)
+        kind = kind_of_material(backbone.youngs_modulus)
         most = limits()[f"strain_{kind}"].high
         reason = f"no {kind} is elastic beyond {100 * most:g} %"
     if worst <= most:

@@ -246,6 +246,8 @@ class SequenceResult:
     wall_time : float
         [s].
     warnings : tuple of str
+    remarks : tuple of str
+        What hardly fits together in the description, a level below warnings.
     settings : mapping
         Numerical settings that were used.
     elements_per_bay : tuple of int
@@ -262,6 +264,7 @@ class SequenceResult:
     failed_step: int | None = None
     wall_time: float = 0.0
     warnings: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
     elements_per_bay: tuple[int, ...] = ()
     sensitivities: Sensitivities = field(default_factory=Sensitivities)

@@ -19,8 +19,9 @@ from tdcr_fe.elements.native.items import Clamp, Connectors
 from tdcr_fe.model import arguments
 from tdcr_fe.model.checks import course_contradictions, size_contradictions
 from tdcr_fe.model.loading import Model
-from tdcr_fe.model.messages import PlausibilityWarning, issue
+from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, issue
 from tdcr_fe.model.plausibility import plausibility_warnings
+from tdcr_fe.model.remarks import plausibility_remarks
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene import parts
 from tdcr_fe.scene.forces import force_model
@@ -104,7 +105,9 @@ def CreateTDCR(
     """
     check_system("CreateTDCR", mbs)
     model = _checked_model(robot, model, gravity)
-    issue(plausibility_warnings(robot, model, ()), PlausibilityWarning)
+    found = plausibility_warnings(robot, model, ())
+    issue(found, PlausibilityWarning)
+    issue(plausibility_remarks(robot, model, (), found), PlausibilityRemark)
     _check_placement(name, referencePosition, loadPositions, presliding)
     motion = _checked_motion(initialVelocity, initialAngularVelocity, baseMarker is None)
     _check_drawing(show, color, graphicsDataList, baseMarker is not None)

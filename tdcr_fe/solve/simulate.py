@@ -12,8 +12,9 @@ from typing import NamedTuple
 from tdcr_fe.effects import Experiment
 from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, SolverSettings, resolve
-from tdcr_fe.model.messages import PlausibilityWarning, issue, warnings_to
+from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, issue, warnings_to
 from tdcr_fe.model.plausibility import plausibility_warnings, strain_warnings
+from tdcr_fe.model.remarks import plausibility_remarks
 from tdcr_fe.model.results import Interrupted, Sensitivities, SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.mesh import elements_of_bays
@@ -111,6 +112,8 @@ def simulate(
     )
     implausible = plausibility_warnings(robot, model, steps)
     issue(implausible, PlausibilityWarning)
+    remarks = plausibility_remarks(robot, model, steps, implausible)
+    issue(remarks, PlausibilityRemark)
     with one_thread(), warnings_to():
         kept, last, stop = _refined_runs(request)
     if record_path is not None:
@@ -136,6 +139,7 @@ def simulate(
         failed_step=failed,
         wall_time=time.perf_counter() - begun,
         warnings=(*implausible, *warnings),
+        remarks=tuple(remarks),
         settings=asdict(settings),
         elements_per_bay=kept.elements_per_bay,
         sensitivities=Sensitivities() if kept.history is None else kept.history.result(),

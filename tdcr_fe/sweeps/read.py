@@ -28,8 +28,9 @@ from tdcr_fe.io.toml import (
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
-from tdcr_fe.model.messages import PlausibilityWarning, issue, join, meant, quoted, shown
+from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, issue, join, meant, quoted, shown
 from tdcr_fe.model.plausibility import plausibility_warnings
+from tdcr_fe.model.remarks import plausibility_remarks
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import Keys, Mistake, Quantity, keys_of
 from tdcr_fe.model.targets import TensionLimits
@@ -150,7 +151,10 @@ def read_sweep(
     if report.problems:
         raise InputError(report.problems)
     with suppress(ValueError):  # of a case that is refused the reason is in the table
-        issue(plausibility_warnings(scenario.robot, scenario.model, scenario.steps), PlausibilityWarning)
+        described = scenario.robot, scenario.model, scenario.steps
+        found = plausibility_warnings(*described)
+        issue(found, PlausibilityWarning)
+        issue(plausibility_remarks(*described, found), PlausibilityRemark)
     return sweep
 
 

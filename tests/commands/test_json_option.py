@@ -16,7 +16,7 @@ from inputs import ROBOT, SCENARIO, changed, write
 from tdcr_fe import cli
 from tdcr_fe.io.measured import write_measured
 
-KEYS = ["command", "status", "exit_status", "files", "figures", "warnings", "errors", "message"]
+KEYS = ["command", "status", "exit_status", "files", "figures", "warnings", "remarks", "errors", "message"]
 SMALL = {
     "model.elements_per_bay": 1,
     "steps": [{"tensions": {"t1": 0.5}}, {"label": "more", "tensions": {"t1": 1.0}}],

@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
-from tdcr_fe.model.messages import PlausibilityWarning, issue, warnings_to
+from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, issue, warnings_to
 from tdcr_fe.model.plausibility import plausibility_warnings, strain_warnings
+from tdcr_fe.model.remarks import plausibility_remarks
 from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.targets import (
@@ -127,9 +128,11 @@ def follow_path(
     positions = [target.position for target in task.targets]
     implausible = plausibility_warnings(robot, model, task.before, positions)
     issue(implausible, PlausibilityWarning)
+    remarks = plausibility_remarks(robot, model, task.before, implausible)
+    issue(remarks, PlausibilityRemark)
     with one_thread(), warnings_to():
         run, stop = _refined_runs(task, settings or SolverSettings(), progress)
-    result = run.result(time.perf_counter() - begun, implausible)
+    result = run.result(time.perf_counter() - begun, implausible, remarks)
     issue(result.simulation.warnings[len(implausible) :])
     if stop is not None:
         raise Interrupted(result) from stop
@@ -346,7 +349,7 @@ class _FollowRun:
             result,
         )
 
-    def result(self, wall_time: float, implausible: Sequence[str]) -> FollowResult:
+    def result(self, wall_time: float, implausible: Sequence[str], remarks: Sequence[str]) -> FollowResult:
         """The loading sequence, and what it reaches."""
         task, estimates = self.task, self.monitor.estimates
         handle = self.trials.simulation.handle
@@ -371,6 +374,7 @@ class _FollowRun:
             failed_step=self.failed,
             wall_time=wall_time,
             warnings=tuple(warnings),
+            remarks=tuple(remarks),
             settings=asdict(self.settings),
             elements_per_bay=self.counts,
         )

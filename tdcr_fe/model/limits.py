@@ -1,0 +1,164 @@
+"""The table of physical limits, values beyond them, and the sentences that name them.
+
+Every limit is a row of ``data/limits.toml``, with its source. A sentence names the key as in the files, the value and,
+where a factor of a usual unit explains it, the unit that was probably meant.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+from typing import NamedTuple
+
+#: Units that a number may have been given in, by the unit of the file, and their size in it.
+UNITS = {
+    "m": {"mm": 1e-3},
+    "N": {"mN": 1e-3, "gf": 9.80665e-3, "kN": 1e3},
+    "N m": {"N mm": 1e-3},
+    "N m^2": {"N mm^2": 1e-6},
+    "kg": {"g": 1e-3},
+    "Pa": {"GPa": 1e9, "MPa": 1e6, "kPa": 1e3},
+    "kg/m^3": {"g/cm^3": 1e3},
+    "m/s^2": {"mm/s^2": 1e-3, "cm/s^2": 1e-2, "ft/s^2": 0.3048},
+    "1/m": {"1/mm": 1e3},
+    "N/m": {"N/mm": 1e3},
+    "N m/rad": {"N mm/rad": 1e-3},
+    "deg": {"rad": math.degrees(1.0)},
+    "turns": {"degrees": 1.0 / 360.0},
+    "": {"per cent": 0.01},
+}
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A row of ``data/limits.toml``."""
+
+    quantity: str
+    says: str
+    source: str
+    low: float = -math.inf
+    high: float = math.inf
+    remark: bool = False
+    by_stiffness: bool = False
+    refused_from: float = math.inf
+    usual: float = 0.0
+
+    def is_usual(self, ratio: float) -> bool:
+        """Whether a value of the quantity is within the limit, and not so small that it has no effect."""
+        least = self.low if self.high == math.inf else self.usual or 1e-4 * self.high
+        return max(least, self.low) <= ratio <= self.high
+
+
+@lru_cache(maxsize=1)
+def limits() -> dict[str, Limit]:
+    """The table of physical limits, by name."""
+    text = (files("tdcr_fe") / "data" / "limits.toml").read_text(encoding="utf-8")
+    return {name: Limit(**row) for name, row in tomllib.loads(text).items()}
+
+
+class Value(NamedTuple):
+    """A value of a description, and the quantity that a limit bounds; they are in proportion."""
+
+    limit: str
+    key: str
+    value: float
+    unit: str
+    ratio: float
+    detail: str = ""
+
+    @property
+    def row(self) -> Limit:
+        """Its limit."""
+        return limits()[self.limit]
+
+    @property
+    def is_beyond(self) -> bool:
+        """Whether it is beyond its limit."""
+        return not self.row.low <= self.ratio <= self.row.high
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong with it, with key, value, and the units in which it would be usual."""
+        row, unit = self.row, self.unit if self.unit != "turns" else ""
+        given = "" if math.isnan(self.value) else f" = {self.value:g} {unit}".rstrip()
+        says = row.says.format(
+            ratio=self.ratio, percent=100.0 * self.ratio, low=row.low, high=row.high, detail=self.detail
+        )
+        has_units = not math.isnan(self.value) and (row.usual or not row.remark)
+        units = UNITS.get(self.unit, {}) if has_units else {}
+        fitting = [u for u, size in units.items() if row.is_usual(self.ratio * size)]
+        return f"{self.key}{given}: {says}" + (
+            f"; was it meant in {' or '.join(fitting)}?" if fitting else ""
+        )
+
+
+def sentences(found: Iterable[Value]) -> list[str]:
+    """One sentence for each limit, about the value that is farthest beyond it; a key is named once."""
+    by_limit: dict[str, list[Value]] = {}
+    named: set[str] = set()
+    for value in sorted(found, key=lambda v: v.ratio / (v.row.high or 1.0), reverse=True):
+        if value.key not in named:
+            by_limit.setdefault(value.limit, []).append(value)
+        named.add(value.key)
+    others = {name: ", ".join(v.key for v in values[1:4]) for name, values in by_limit.items()}
+    return [
+        values[0].sentence + (f" (also {others[name]})" if others[name] else "")
+        for name, values in by_limit.items()
+    ]
+
+
+# ------------------------------------------------------------------------------------------------- materials
+
+#: Kinds of material by Young's modulus, and where they begin [Pa].
+KINDS = {"steel": 1.5e11, "metal": 2e10, "plastic": 1e8, "rubber": 0.0}
+#: Materials of backbones, by Young's modulus [GPa] and density [kg/m^3], from and to (Ashby).
+MATERIALS = {
+    "steel": (190.0, 215.0, 7700.0, 8100.0),
+    "NiTi": (28.0, 90.0, 6400.0, 6600.0),
+    "titanium": (100.0, 120.0, 4400.0, 4600.0),
+    "aluminium": (65.0, 80.0, 2600.0, 2900.0),
+    "magnesium": (41.0, 47.0, 1700.0, 1900.0),
+    "copper or brass": (90.0, 135.0, 8300.0, 9000.0),
+    "cobalt-chromium": (200.0, 250.0, 8200.0, 9300.0),
+    "silver": (70.0, 85.0, 10400.0, 10600.0),
+    "platinum": (145.0, 200.0, 21000.0, 22000.0),
+    "tungsten": (340.0, 415.0, 17000.0, 19400.0),
+    "glass fibre": (20.0, 55.0, 1700.0, 2200.0),
+    "carbon fibre": (50.0, 300.0, 1400.0, 1800.0),
+    "plastic": (0.5, 5.0, 700.0, 1450.0),
+    "fluoroplastic": (0.4, 2.5, 1700.0, 2250.0),
+    "filled plastic": (3.0, 20.0, 1200.0, 1700.0),
+    "thermoplastic elastomer": (5e-3, 0.6, 880.0, 1300.0),
+    "rubber": (1e-5, 1e-2, 900.0, 1600.0),
+}
+
+
+def kind_of_material(modulus: float) -> str:
+    """Kind in `KINDS` of what a backbone with this modulus is made of [Pa]."""
+    return next(name for name, least in KINDS.items() if modulus >= least)
+
+
+def nearest_material(modulus: float, density: float) -> tuple[str, float]:
+    """The material in `MATERIALS` that is nearest, and by which factor modulus [Pa] and density [kg/m^3] are off.
+
+    Where none has this modulus and density, the name is that of those with the density, with their moduli.
+    """
+
+    def off(value: float, low: float, high: float) -> float:
+        return max(low / max(value, 1e-30), value / high, 1.0)
+
+    factors = {n: max(off(modulus / 1e9, *row[:2]), off(density, *row[2:])) for n, row in MATERIALS.items()}
+    name = min(factors, key=lambda n: factors[n])
+    if factors[name] > limits()["material"].high:
+        light = limits()["material"].high
+        dense = [
+            f"{n} has {row[0]:g} to {row[1]:g} GPa"
+            for n, row in MATERIALS.items()
+            if off(density, *row[2:]) <= light
+        ]
+        return "; ".join(dense[:2]) or "none has this density", factors[name]
+    return name, factors[name]
