@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +54,7 @@ class Description(NamedTuple):
             courses[tendon.name] = Course(holes, offset, end, bend)
         return cls(robot, model, steps, courses)
 
-    def inputs(self, kind: Literal["tensions", "displacements"]) -> NDArray[np.float64]:
+    def inputs(self, kind: str) -> NDArray[np.float64]:
         """Tensions [N] or displacements [m] by step and tendon; zero where a step names none."""
         names = self.robot.tendon_names
         found = [[getattr(s, kind).get(n, 0.0) for n in names] for s in self.steps]
@@ -222,10 +222,8 @@ def bends(d: Description) -> Iterator[Value]:
             k = int(np.argmax(together))
             yield Value("wound", f"steps[{k}].{kind}", math.nan, "", float(together[k]))
             largest = max(largest, float(np.max(np.abs(moved) * np.linalg.norm(factor, axis=1))))
-    pretensions = (
-        t.pretension * np.linalg.norm(c.bend) for t, c in zip(d.robot.tendons, courses, strict=True)
-    )
-    largest = max(largest, *pretensions, 0.0)
+    for tendon, course in zip(d.robot.tendons, courses, strict=True):
+        largest = max(largest, tendon.pretension * float(np.linalg.norm(course.bend)))
     if largest == 0.0:
         for step in d.steps:
             for load in step.loads.values():
