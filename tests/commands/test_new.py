@@ -121,11 +121,7 @@ def test_a_remark_stands_at_the_key_it_belongs_to(tmp_path):
 
 def test_a_new_sweep_is_read(tmp_path):
     described = tdcr.read_sweep(begin(tmp_path, "sweep") / "sweep.toml")
-<<<<<<< HEAD
     assert described.count == 100
-=======
-    assert {len(values) for values in described.design().values()} == {100}
->>>>>>> 9e8eb8d (Test of a new sweep: its design is columns)
 
 
 def test_nothing_is_overwritten(tmp_path, capsys):
