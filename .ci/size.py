@@ -27,7 +27,7 @@ BUDGET = {
     "elements": 3103,
     "tdcr_fe": 285,
     "tdcr_fe/commands": 1060,
-    "tdcr_fe/effects": 1428,
+    "tdcr_fe/effects": 1299,
     "tdcr_fe/identify": 6732,
     "tdcr_fe/io": 2307,
     "tdcr_fe/live": 360,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Parameter, Points, Values
-from tdcr_fe.effects.by_tendon import NumberForm
+from tdcr_fe.effects.by_tendon import NumberForm, SharedNumber, for_each
 from tdcr_fe.model.loading import Load, LoadStep, resolve
 
 
@@ -147,11 +147,14 @@ def pass_through(
 
 
 class ActuatorBacklash(Effect):
-    """Displacement lost before the tendon follows."""
+    """Displacement lost before the tendon follows.
+
+    Gears, couplings and slack tendons lose some travel at the start and at every reversal.
+
+    Told apart by: command small cycles about one position and measure travel at the base plate.
+    """
 
     name = "actuator_backlash"
-    description = "Gears, couplings and slack tendons lose some travel at the start and at every reversal."
-    separating_experiment = "command small cycles about one position and measure travel at the base plate"
     parameters = (Parameter("backlash", "m", 0.0, 0.05, 0.0, 1e-4, "travel that is lost"),)
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
@@ -178,13 +181,14 @@ class ActuatorBacklash(Effect):
 
 
 class ActuatorLoss(Effect):
-    """Friction before the base plate."""
+    """Friction before the base plate.
+
+    Pulleys, sheaths and the motor lose part of the tension before the base plate, by friction.
+
+    Told apart by: measure the tension at the base plate while pulling and while letting out.
+    """
 
     name = "actuator_loss"
-    description = (
-        "Pulleys, sheaths and the motor lose part of the tension before the base plate, by friction."
-    )
-    separating_experiment = "measure the tension at the base plate while pulling and while letting out"
     parameters = (
         Parameter("dead_band", "N", 0.0, 20.0, 0.0, 0.02, "tension lost whatever the tension is"),
         Parameter("efficiency", "1", 0.3, 1.0, 1.0, 0.02, "fraction of the rest that arrives"),
@@ -213,7 +217,7 @@ class ActuatorLoss(Effect):
         return pass_through(experiment, tension_play(values["dead_band"], values["efficiency"]))
 
 
-class CommandNumber(Effect):
+class CommandNumber(SharedNumber):
     """An effect that gives the commands of every tendon one number, ``parameters[0]``.
 
     Besides that of all, ``NAME_TENDON`` is the number of one tendon, ``NAME_folder_K`` that of the K-th folder, from
@@ -229,30 +233,24 @@ class CommandNumber(Effect):
         folders = range(1, experiment.folder_count + 1)
         parts = [("", [""]), ("each later folder", [f"_folder_{k}" for k in folders[1:]])]
         parts.append(("each folder", [f"_folder_{k}" for k in folders]))
-        found: list[Effect] = [self]
+        forms: list[Effect] = [self]
         for kind, ends in parts if len(folders) > 1 else parts[:1]:
             if kind:
-                found.append(NumberForm(self, kind, [name + end for end in ends], experiment))
+                forms.append(NumberForm(self, kind, [name + end for end in ends], experiment))
             if len(tendons) > 1:
                 names = [f"{name}_{t}{end}" for end in ends for t in tendons]
-                own = f"each tendon, {kind}" if kind else "each tendon"
-                found.append(NumberForm(self, own, names, experiment))
-        return tuple(found)
+                kind_each = f"each tendon, {kind}" if kind else "each tendon"
+                forms.append(NumberForm(self, kind_each, names, experiment))
+        return tuple(forms)
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
         """Of all, of each tendon, of each folder, and of each tendon in each folder."""
-        one, tendons = self.parameters[0], experiment.robot.tendon_names
+        tendons = experiment.robot.tendon_names
         folders = range(1, experiment.folder_count + 1) if experiment.folder_count > 1 else ()
-        own = {f"_{t}": t for t in tendons}
-        own |= {f"_folder_{k}": f"folder {k}" for k in folders if f"folder_{k}" not in tendons}
-        own |= {f"_{t}_folder_{k}": f"{t} in folder {k}" for k in folders for t in tendons}
-        each = (replace(one, name=one.name + x, meaning=f"{one.meaning}: {text}") for x, text in own.items())
-        return (one, *each)
-
-    @property
-    def further_parameters(self) -> Mapping[str, Parameter]:
-        """See `Effect.further_parameters`."""
-        return {f"^{self.parameters[0].name}_.+$": self.parameters[0]}
+        parts = {t: t for t in tendons}
+        parts |= {f"folder_{k}": f"folder {k}" for k in folders if f"folder_{k}" not in tendons}
+        parts |= {f"{t}_folder_{k}": f"{t} in folder {k}" for k in folders for t in tendons}
+        return (*self.parameters, *for_each(self.parameters, parts))
 
     def number(self, experiment: Experiment, values: Values, tendon: str) -> float:
         """The number of a tendon in the experiment's folder."""
@@ -270,13 +268,14 @@ class CommandNumber(Effect):
 
 
 class ActuatorGain(CommandNumber):
-    """Commanded displacement or tension off by a factor."""
+    """Commanded displacement or tension off by a factor.
+
+    Command and actual value differ by a factor: radius of a spool, scale of a load cell, a gear.
+
+    Told apart by: measure tension or travel at the base plate itself.
+    """
 
     name = "actuator_gain"
-    description = (
-        "Command and actual value differ by a factor: radius of a spool, scale of a load cell, a gear."
-    )
-    separating_experiment = "measure tension or travel at the base plate itself"
     parameters = (Parameter("gain", "1", 0.05, 20.0, 1.0, 0.03, "actual over commanded value"),)
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
@@ -294,16 +293,15 @@ class ActuatorGain(CommandNumber):
 
 
 class IdleTension(CommandNumber):
-    """Tension that is left in tendons whose command is less."""
+    """Tension that is left in tendons whose command is less.
+
+    Tendons that are commanded no tension still carry some: the controller keeps them from becoming slack, or they
+    drag the motor along.
+
+    Told apart by: measure the tension of an idle tendon at the base plate while another one is pulled.
+    """
 
     name = "idle_tension"
-    description = (
-        "Tendons that are commanded no tension still carry some: the controller keeps them from becoming slack, "
-        "or they drag the motor along."
-    )
-    separating_experiment = (
-        "measure the tension of an idle tendon at the base plate while another one is pulled"
-    )
     parameters = (Parameter("tension", "N", 0.0, 20.0, 0.0, 0.02, "least tension of a tendon"),)
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:

@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 Values = Mapping[str, float]
 #: Alternatives; each is a set of points, one for each direction from the null values.
 Points = list[list[dict[str, float]]]
+#: Begins the paragraph of a class that says by which experiment its effect is told apart from others.
+TOLD_APART = "Told apart by: "
 #: Lowest and highest value of every parameter.
 Bounds = dict[str, tuple[float, float]]
 
@@ -137,16 +139,16 @@ class Experiment:
             return (self,)
         ends = self.step_ends
         bounds = (0, *self.restarts, ends[-1][0] + 1)
-        found = []
+        sequences = []
         for number, (first, last) in enumerate(itertools.pairwise(bounds), 1):
-            own = [j for j, (k, _) in enumerate(ends) if first <= k < last]
+            chosen = [j for j, (k, _) in enumerate(ends) if first <= k < last]
             divided = None
             if self.ends is not None:
-                divided = tuple((ends[j][0] - first, ends[j][1]) for j in own)
-            steps = tuple(self.steps[j] for j in own)
+                divided = tuple((ends[j][0] - first, ends[j][1]) for j in chosen)
+            steps = tuple(self.steps[j] for j in chosen)
             part = replace(self, steps=steps, ends=divided, restarts=())
-            found.append(replace(part, folder=number, folders=self.folder_count))
-        return tuple(found)
+            sequences.append(replace(part, folder=number, folders=self.folder_count))
+        return tuple(sequences)
 
     def with_sequences(self, change: Callable[[Experiment], Experiment]) -> Experiment:
         """The experiment with every loading sequence changed by itself; robot, model and observation must agree."""
@@ -266,6 +268,14 @@ class Effect:
     after: tuple[str, ...] = ()
     #: See `further_parameters`.
     further: ClassVar[Mapping[str, Parameter]] = {}
+
+    def __init_subclass__(cls) -> None:
+        """Take description and separating experiment from a docstring that has them as paragraphs."""
+        paragraphs = [" ".join(text.split()) for text in (cls.__doc__ or "").split("\n\n")]
+        for number, text in enumerate(paragraphs):
+            if text.startswith(TOLD_APART):
+                cls.description = " ".join(paragraphs[1:number])
+                cls.separating_experiment = text.removeprefix(TOLD_APART).removesuffix(".")
 
     @property
     def listed(self) -> str:

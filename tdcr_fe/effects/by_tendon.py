@@ -26,13 +26,34 @@ def segments(robot: Robot) -> tuple[tuple[str, ...], ...]:
     """Names of the tendons by segment: those that end at the same disk, from the base to the tip."""
     ends = sorted({robot.end(t) for t in robot.tendons})
     first = [s for k, s in enumerate(ends) if k == 0 or s - ends[k - 1] > ARC_TOLERANCE]
-    found: list[list[str]] = [[] for _ in first]
+    by_segment: list[list[str]] = [[] for _ in first]
     for t in robot.tendons:
-        found[sum(s <= robot.end(t) for s in first) - 1].append(t.name)
-    return tuple(tuple(names) for names in found)
+        by_segment[sum(s <= robot.end(t) for s in first) - 1].append(t.name)
+    return tuple(tuple(names) for names in by_segment)
 
 
-class TendonNumber(Effect):
+def for_each(parameters: Sequence[Parameter], parts: Mapping[str, str]) -> tuple[Parameter, ...]:
+    """Parameters for each of several parts, given by the end of the name and what is added to the meaning."""
+    return tuple(
+        replace(p, name=f"{p.name}_{end}", meaning=f"{p.meaning}: {part}")
+        for end, part in parts.items()
+        for p in parameters
+    )
+
+
+class SharedNumber(Effect):
+    """An effect that gives every tendon one number, ``parameters[0]``, and has others for some of the tendons.
+
+    The names of these begin with that of the number of all. The most particular one that is given counts.
+    """
+
+    @property
+    def further_parameters(self) -> Mapping[str, Parameter]:
+        """See `Effect.further_parameters`."""
+        return {f"^{self.parameters[0].name}_.+$": self.parameters[0]}
+
+
+class TendonNumber(SharedNumber):
     """An effect that gives every tendon one number, ``parameters[0]``.
 
     Besides that of all tendons, ``NAME_segment_K`` is the number of those that end at the same disk, counted from the
@@ -62,26 +83,19 @@ class TendonNumber(Effect):
             return ()
         names = experiment.robot.tendon_names
         groups = self._groups(experiment.robot)
-        found: tuple[Effect, ...] = (self,)
+        forms: tuple[Effect, ...] = (self,)
         if 1 < len(groups) < len(names):
-            found = (*found, NumberForm(self, "by segment", tuple(groups), experiment))
+            forms = (*forms, NumberForm(self, "by segment", tuple(groups), experiment))
         if len(names) > 1:
-            found = (*found, NumberForm(self, "each", list(self._each(experiment.robot)), experiment))
-        return found
+            forms = (*forms, NumberForm(self, "each", list(self._each(experiment.robot)), experiment))
+        return forms
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
         """Of all, of each segment where there are several, and of each tendon."""
-        one, groups = self.parameters[0], self._groups(experiment.robot)
+        groups = self._groups(experiment.robot)
         named = (groups if len(groups) > 1 else {}) | self._each(experiment.robot)
-        further = (
-            replace(one, name=n, meaning=f"{one.meaning}: {', '.join(own)}") for n, own in named.items()
-        )
-        return (one, *further)
-
-    @property
-    def further_parameters(self) -> Mapping[str, Parameter]:
-        """See `Effect.further_parameters`."""
-        return {f"^{self._name}_.+$": self.parameters[0]}
+        parts = {name.removeprefix(f"{self._name}_"): ", ".join(names) for name, names in named.items()}
+        return (*self.parameters, *for_each(self.parameters, parts))
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
         """The declared number; where tendons differ, their mean."""
@@ -97,7 +111,7 @@ class TendonNumber(Effect):
         robot = experiment.robot
         chosen = self._chosen(robot, values)
         null = {key: self.null_value(experiment, key) for key in chosen}
-        key_of = {t: key for key, own in chosen.items() for t in own}
+        key_of = {t: key for key, tendons in chosen.items() for t in tendons}
         tendons = []
         for t in robot.tendons:
             key = key_of.get(t.name)
@@ -122,19 +136,19 @@ class TendonNumber(Effect):
 
     def _groups(self, robot: Robot) -> dict[str, tuple[str, ...]]:
         """Tendons of every segment, by the name of its parameter; a tendon of such a name hides it."""
-        named = {f"{self._name}_segment_{k}": own for k, own in enumerate(segments(robot), 1)}
-        return {k: own for k, own in named.items() if k not in self._each(robot)}
+        named = {f"{self._name}_segment_{k}": tendons for k, tendons in enumerate(segments(robot), 1)}
+        return {k: tendons for k, tendons in named.items() if k not in self._each(robot)}
 
     def _chosen(self, robot: Robot, values: Values) -> dict[str, tuple[str, ...]]:
         """Tendons by the parameter whose value they take."""
         parts = self._each(robot) | self._groups(robot) | {self._name: robot.tendon_names}
         taken: set[str] = set()
-        found = {}
-        for key, own in parts.items():
+        chosen = {}
+        for key, tendons in parts.items():
             if key in values:
-                found[key] = tuple(t for t in own if t not in taken)
-                taken.update(own)
-        return found
+                chosen[key] = tuple(t for t in tendons if t not in taken)
+                taken.update(tendons)
+        return chosen
 
     def _mean(self, experiment: Experiment, names: Sequence[str]) -> float:
         """Number of several tendons: their common one, or the mean in the coordinate that is fitted."""
@@ -163,22 +177,23 @@ class NumberForm(Form):
         """Each number by as much as that of all."""
         null, one = self.null_values(experiment), self.of.parameters[0]
         common = one.coordinate(self.of.null_values(experiment)[one.name])
-        found = []
+        alternatives = []
         for points in self.of.probe_points(experiment, excitation):
             by = one.coordinate(points[0][one.name]) - common
-            found.append([{**null, n: one.value(one.coordinate(x) + by)} for n, x in null.items()])
-        return found
+            alternatives.append([{**null, n: one.value(one.coordinate(x) + by)} for n, x in null.items()])
+        return alternatives
 
 
 class TendonStretch(TendonNumber):
-    """Elastic tendons."""
+    """Elastic tendons.
+
+    Tendons stretch, so that part of the displacement at the base is lost as elongation: thin steel rope, nylon,
+    aramid.
+
+    Told apart by: hold the robot straight, pull, and measure displacement over tension.
+    """
 
     name = "tendon_stretch"
-    description = (
-        "Tendons stretch, so that part of the displacement at the base is lost as elongation: "
-        "thin steel rope, nylon, aramid."
-    )
-    separating_experiment = "hold the robot straight, pull, and measure displacement over tension"
     parameters = (
         Parameter("axial_stiffness", "N", 1.0, math.inf, math.inf, 1e-3, "EA of the tendons", inverse=True),
     )
@@ -208,14 +223,15 @@ class TendonStretch(TendonNumber):
 
 
 class Pretension(TendonNumber):
-    """Tendons pulled in before what is called zero."""
+    """Tendons pulled in before what is called zero.
+
+    Elastic tendons are tightened before the displacements are counted: they act on each other through the
+    backbone, and become slack only when let out by more than their stretch.
+
+    Told apart by: let one tendon out step by step until it is slack.
+    """
 
     name = "pretension"
-    description = (
-        "Elastic tendons are tightened before the displacements are counted: they act on each other through the "
-        "backbone, and become slack only when let out by more than their stretch."
-    )
-    separating_experiment = "let one tendon out step by step until it is slack"
     after = ("tendon_stretch",)
     parameters = (
         Parameter("tension", "N", 0.0, 1e3, 0.0, 0.05, "of the tendons in the straight, unloaded robot"),

@@ -18,20 +18,21 @@ from tdcr_fe.effects.base import (
     Values,
     with_friction,
 )
-from tdcr_fe.effects.by_tendon import TendonNumber, mean, shifted
+from tdcr_fe.effects.by_tendon import TendonNumber, for_each, mean, shifted
 from tdcr_fe.model.routing import MisplacedRouting, TwistedRouting
 from tdcr_fe.model.tendon import Tendon
 
 
 class FrictionCoefficient(TendonNumber):
-    """Hole friction other than declared."""
+    """Hole friction other than declared.
+
+    Tendon and holes rub more or less than declared: another tendon, a burr, wear, oil.
+
+    Told apart by: measure the tension at the far end of a tendon while pulling and while letting out.
+    """
 
     name = "friction_coefficient"
     needs_disks = needs_friction = True
-    description = "Tendon and holes rub more or less than declared: another tendon, a burr, wear, oil."
-    separating_experiment = (
-        "measure the tension at the far end of a tendon while pulling and while letting out"
-    )
     parameters = (Parameter("mu", "1", 0.0, 3.0, 0.0, 0.03, "coefficient of friction at the holes"),)
 
     def declared(self, experiment: Experiment, tendon: Tendon) -> float:
@@ -82,16 +83,15 @@ class CommonNumber(Effect):
 
 
 class HoleAdhesion(CommonNumber):
-    """A tension drop at every hole that does not grow with the tension."""
+    """A tension drop at every hole that does not grow with the tension.
+
+    Every hole takes a fixed piece of tension: a tight fit, dirt, a sheath that pinches, glue that ran.
+
+    Told apart by: measure the tension at the far end of a tendon in the straight robot, at several tensions.
+    """
 
     name, field = "hole_adhesion", "adhesion"
     needs_disks = needs_friction = True
-    description = (
-        "Every hole takes a fixed piece of tension: a tight fit, dirt, a sheath that pinches, glue that ran."
-    )
-    separating_experiment = (
-        "measure the tension at the far end of a tendon in the straight robot, at several tensions"
-    )
     parameters = (Parameter("drop", "N", 0.0, 10.0, 0.0, 5e-3, "tension that one hole takes"),)
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
@@ -116,15 +116,14 @@ class HoleAdhesion(CommonNumber):
 
 
 class RoutingTwist(Effect):
-    """Holes rotated about the backbone, growing linearly with arc length."""
+    """Holes rotated about the backbone, growing linearly with arc length.
+
+    Disks were mounted turned against each other, or the backbone was twisted when they were fixed.
+
+    Told apart by: look along the straight robot and measure the angle of the tip disk against the base.
+    """
 
     name = "routing_twist"
-    description = (
-        "Disks were mounted turned against each other, or the backbone was twisted when they were fixed."
-    )
-    separating_experiment = (
-        "look along the straight robot and measure the angle of the tip disk against the base"
-    )
     parameters = (Parameter("angle_tip", "rad", -6.3, 6.3, 0.0, 0.03, "rotation of the holes at the tip"),)
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
@@ -138,15 +137,16 @@ class RoutingTwist(Effect):
 
 
 class HoleClearance(CommonNumber):
-    """The tendon shifts inside an oversized hole."""
+    """The tendon shifts inside an oversized hole.
+
+    Holes are wider than the tendon, so that where the robot bends the tendon shifts towards the inside of the
+    bend, farther from the backbone.
+
+    Told apart by: repeat the measurement with a thicker tendon, or measure the holes.
+    """
 
     name, field = "hole_clearance", "clearance"
     needs_disks = True
-    description = (
-        "Holes are wider than the tendon, so that where the robot bends the tendon shifts towards the inside of the "
-        "bend, farther from the backbone."
-    )
-    separating_experiment = "repeat the measurement with a thicker tendon, or measure the holes"
     parameters = (Parameter("clearance", "m", 0.0, 5e-3, 0.0, 1e-4, "how far the tendon can shift sideways"),)
 
     def bounds(self, experiment: Experiment) -> Bounds:
@@ -182,15 +182,15 @@ def _parameter(name: str) -> Parameter:
 class MisplacedChannels(Effect):
     """Channels run farther from the axis or nearer to it, or at another angle, linearly from base to end.
 
+    The channels of the tendons run elsewhere in the body than declared: the pins that leave them free bend or
+    shift in the mould when it is filled.
+
+    Told apart by: cut a casting of the same mould across, and measure where the channels are.
+
     A number holds for all tendons, and ``NAME_TENDON`` for one of them.
     """
 
     name = "misplaced_channels"
-    description = (
-        "The channels of the tendons run elsewhere in the body than declared: the pins that leave them free bend or "
-        "shift in the mould when it is filled."
-    )
-    separating_experiment = "cut a casting of the same mould across, and measure where the channels are"
     parameters = (_parameter("factor_end"),)
     _further = tuple(_parameter(n) for n in AS_DECLARED if n != "factor_end")
     further: ClassVar[Mapping[str, Parameter]] = {
@@ -215,12 +215,7 @@ class MisplacedChannels(Effect):
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
         """Of all tendons, and of each."""
         common = (*self.parameters, *self._further)
-        each = tuple(
-            replace(p, name=f"{p.name}_{t}", meaning=f"{p.meaning}: {t}")
-            for p in common
-            for t in experiment.robot.tendon_names
-        )
-        return (*common, *each)
+        return (*common, *for_each(common, {t: t for t in experiment.robot.tendon_names}))
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
@@ -230,5 +225,9 @@ class MisplacedChannels(Effect):
 
 def _moved(tendon: Tendon, values: Values) -> Tendon:
     """A tendon whose channel runs elsewhere."""
-    own = {n: values.get(f"{n}_{tendon.name}", values.get(n, x)) for n, x in AS_DECLARED.items()}
-    return tendon if own == AS_DECLARED else replace(tendon, routing=MisplacedRouting(tendon.routing, **own))
+    numbers = {n: values.get(f"{n}_{tendon.name}", values.get(n, x)) for n, x in AS_DECLARED.items()}
+    return (
+        tendon
+        if numbers == AS_DECLARED
+        else replace(tendon, routing=MisplacedRouting(tendon.routing, **numbers))
+    )

@@ -11,14 +11,15 @@ from tdcr_fe.model.backbone import NonlinearMaterial, StiffnessPatch, Superelast
 
 
 class StiffnessScale(Effect):
-    """Bending and torsional stiffness other than declared."""
+    """Bending and torsional stiffness other than declared.
+
+    The backbone is softer or stiffer than declared: a modulus from a data sheet, a diameter at the edge of its
+    tolerance (stiffness goes with its fourth power), a heat treatment.
+
+    Told apart by: bend the bare backbone by a known weight at its tip, no tendon pulled.
+    """
 
     name = "stiffness_scale"
-    description = (
-        "The backbone is softer or stiffer than declared: a modulus from a data sheet, a diameter at the edge of "
-        "its tolerance (stiffness goes with its fourth power), a heat treatment."
-    )
-    separating_experiment = "bend the bare backbone by a known weight at its tip, no tendon pulled"
     parameters = (
         Parameter("bending", "1", 0.05, 20.0, 1.0, 0.05, "factor on the bending stiffness"),
         Parameter("torsion", "1", 0.05, 20.0, 1.0, 0.1, "factor on the torsional stiffness"),
@@ -32,14 +33,15 @@ class StiffnessScale(Effect):
 
 
 class SuperelasticBackbone(Effect):
-    """Bending moment that softens with curvature."""
+    """Bending moment that softens with curvature.
+
+    The bending moment grows less than the curvature beyond a strain of the outer fibre: nickel-titanium turning to
+    martensite, a plastic near its yield.
+
+    Told apart by: bend the bare backbone over mandrels of decreasing radius and measure the moment.
+    """
 
     name = "superelastic"
-    description = (
-        "The bending moment grows less than the curvature beyond a strain of the outer fibre: nickel-titanium "
-        "turning to martensite, a plastic near its yield."
-    )
-    separating_experiment = "bend the bare backbone over mandrels of decreasing radius and measure the moment"
     parameters = (
         Parameter("threshold_strain", "1", 1e-5, 0.2, 0.2, 1e-3, "strain of the outer fibre where it begins"),
         Parameter("plateau_ratio", "1", 0.01, 1.0, 1.0, 0.1, "slope beyond it over the slope before it"),
@@ -80,15 +82,14 @@ class SuperelasticBackbone(Effect):
 
 
 class Precurvature(Effect):
-    """The unloaded backbone is bent."""
+    """The unloaded backbone is bent.
+
+    The unloaded backbone is bent: wire off a spool, a print that warped, a robot bent once too far.
+
+    Told apart by: measure the shape with no tendon pulled, once more with the robot turned about its axis.
+    """
 
     name = "precurvature"
-    description = (
-        "The unloaded backbone is bent: wire off a spool, a print that warped, a robot bent once too far."
-    )
-    separating_experiment = (
-        "measure the shape with no tendon pulled, once more with the robot turned about its axis"
-    )
     parameters = (
         Parameter("kappa_x", "1/m", -20.0, 20.0, 0.0, 0.05, "turning rate of the section about its x axis"),
         Parameter("kappa_y", "1/m", -20.0, 20.0, 0.0, 0.05, "turning rate of the section about its y axis"),
@@ -105,15 +106,14 @@ class Precurvature(Effect):
 
 
 class BaseCompliance(Effect):
-    """The base gives way."""
+    """The base gives way.
+
+    The backbone turns in its clamp, or the clamp on its support: a set screw, a print, a stand.
+
+    Told apart by: push the backbone just above the base plate by a known force, and measure its tilt.
+    """
 
     name = "base_compliance"
-    description = (
-        "The backbone turns in its clamp, or the clamp on its support: a set screw, a print, a stand."
-    )
-    separating_experiment = (
-        "push the backbone just above the base plate by a known force, and measure its tilt"
-    )
     parameters = (
         Parameter(
             "stiffness",
@@ -145,16 +145,15 @@ class BaseCompliance(Effect):
 
 
 class RigidDisks(Effect):
-    """Disks stiffen the length they occupy."""
+    """Disks stiffen the length they occupy.
+
+    Glued or clamped disks keep the backbone straight over the length they occupy; less of it bends.
+
+    Told apart by: measure positions on both sides of a disk closely, or compare a robot with thinner disks.
+    """
 
     name = "rigid_disks"
     needs_disks = True
-    description = (
-        "Glued or clamped disks keep the backbone straight over the length they occupy; less of it bends."
-    )
-    separating_experiment = (
-        "measure positions on both sides of a disk closely, or compare a robot with thinner disks"
-    )
     parameters = (
         Parameter("thickness", "m", 0.0, 0.1, 0.0, 1e-3, "length of backbone that each disk makes rigid"),
     )
@@ -208,16 +207,15 @@ class ThinDisks(RigidDisks):
 
 
 class Creep(Effect):
-    """Compliance that grows with time."""
+    """Compliance that grows with time.
+
+    The backbone yields slowly under load, so that the same load bends it further later: polymers, glue, warm
+    joints.
+
+    Told apart by: hold one load for the length of the experiment, and repeat the first loads at the end.
+    """
 
     name = "creep"
-    description = (
-        "The backbone yields slowly under load, so that the same load bends it further later: polymers, glue, "
-        "warm joints."
-    )
-    separating_experiment = (
-        "hold one load for the length of the experiment, and repeat the first loads at the end"
-    )
     parameters = (
         Parameter(
             "rate", "1/s", 0.0, 10.0, 0.0, 1e-4, "growth of the compliance per second, over the elastic one"
@@ -258,14 +256,15 @@ class SoftEffect(Effect):
 
 
 class ModulusScale(SoftEffect):
-    """Young's modulus other than declared."""
+    """Young's modulus other than declared.
+
+    The material is softer or stiffer than declared, in bending, torsion, stretching and shear alike: another batch
+    or mixture of a silicone, its age, its temperature.
+
+    Told apart by: hang a weight from a strip of the same casting and measure how far it stretches.
+    """
 
     name = "modulus_scale"
-    description = (
-        "The material is softer or stiffer than declared, in bending, torsion, stretching and shear alike: another "
-        "batch or mixture of a silicone, its age, its temperature."
-    )
-    separating_experiment = "hang a weight from a strip of the same casting and measure how far it stretches"
     parameters = (
         Parameter("factor", "1", 0.02, 50.0, 1.0, 0.05, "factor on all stiffnesses of the backbone"),
     )
@@ -279,14 +278,15 @@ class ModulusScale(SoftEffect):
 
 
 class DensityScale(SoftEffect):
-    """Weight of the body other than declared."""
+    """Weight of the body other than declared.
+
+    The body is lighter or heavier than declared: bubbles in the casting, a filler, hollow channels. Only its ratio
+    to the modulus and the tensions shows in the shape.
+
+    Told apart by: weigh the robot.
+    """
 
     name = "density_scale"
-    description = (
-        "The body is lighter or heavier than declared: bubbles in the casting, a filler, hollow channels. Only its "
-        "ratio to the modulus and the tensions shows in the shape."
-    )
-    separating_experiment = "weigh the robot"
     parameters = (Parameter("factor", "1", 0.02, 50.0, 1.0, 0.05, "factor on the density of the backbone"),)
 
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
@@ -300,14 +300,15 @@ class DensityScale(SoftEffect):
 
 
 class NonlinearBackbone(SoftEffect):
-    """Fibres along the backbone that harden or soften with their strain."""
+    """Fibres along the backbone that harden or soften with their strain.
+
+    The stress does not grow in proportion to the strain, E (e + quadratic e^2 + cubic e^3): rubber, foam, soft
+    prints. Compressed by its tendons, such a body bends more or less easily.
+
+    Told apart by: stretch and compress a sample of the material and record the force.
+    """
 
     name = "nonlinear_material"
-    description = (
-        "The stress does not grow in proportion to the strain, E (e + quadratic e^2 + cubic e^3): rubber, foam, soft "
-        "prints. Compressed by its tendons, such a body bends more or less easily."
-    )
-    separating_experiment = "stretch and compress a sample of the material and record the force"
     parameters = (
         Parameter(
             "quadratic", "1", -20.0, 20.0, 0.0, 0.3, "below zero softer in tension than in compression"
@@ -328,13 +329,14 @@ class NonlinearBackbone(SoftEffect):
 
 
 class Gravity(Effect):
-    """Weight of backbone and disks."""
+    """Weight of backbone and disks.
+
+    Backbone, disks and payload have weight, or the robot's orientation differs from the model's.
+
+    Told apart by: measure the unloaded shape in two orientations of the base.
+    """
 
     name = "gravity"
-    description = (
-        "Backbone, disks and payload have weight, or the robot's orientation differs from the model's."
-    )
-    separating_experiment = "measure the unloaded shape in two orientations of the base"
     parameters = tuple(
         Parameter(f"g_{axis}", "m/s^2", -12.0, 12.0, 0.0, 1.0, f"acceleration of gravity along {axis}")
         for axis in "xyz"
@@ -351,13 +353,14 @@ class Gravity(Effect):
 
 
 class TipPayload(Effect):
-    """An undeclared mass at the tip."""
+    """An undeclared mass at the tip.
+
+    Something sits at the tip that was not declared: a camera, a marker, a screw, the knot of a tendon.
+
+    Told apart by: weigh what is at the tip, or hang a known weight there and compare.
+    """
 
     name = "tip_payload"
-    description = (
-        "Something sits at the tip that was not declared: a camera, a marker, a screw, the knot of a tendon."
-    )
-    separating_experiment = "weigh what is at the tip, or hang a known weight there and compare"
     parameters = (Parameter("mass", "kg", 0.0, 10.0, 0.0, 5e-4, "mass at the tip besides the declared one"),)
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:

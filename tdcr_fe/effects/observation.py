@@ -10,19 +10,20 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects.base import Effect, Experiment, Form, Parameter, Values
+from tdcr_fe.effects.by_tendon import for_each
 
 AXES = "xyz"
 
 
 class FrameMisalignment(Effect):
-    """The measuring frame is rotated against the base, and its origin may be elsewhere."""
+    """The measuring frame is rotated against the base, and its origin may be elsewhere.
+
+    The camera or tracker is rotated against the base plate, or its origin is elsewhere, and so is every position.
+
+    Told apart by: measure three points of the base plate itself.
+    """
 
     name = "frame_misalignment"
-    description = (
-        "The camera or tracker is rotated against the base plate, or its origin is elsewhere, "
-        "and so is every position."
-    )
-    separating_experiment = "measure three points of the base plate itself"
     parameters = tuple(
         Parameter(f"rot_{axis}", "rad", -0.6, 0.6, 0.0, 5e-3, f"rotation vector, component {axis}")
         for axis in AXES
@@ -58,14 +59,15 @@ class FrameMisalignment(Effect):
 
 
 class MarkerOffset(Effect):
-    """Markers sit off the backbone."""
+    """Markers sit off the backbone.
+
+    Markers are glued to the side of the disks or stand out beyond the tip, so that what is measured is not the
+    backbone's axis where it is assumed.
+
+    Told apart by: measure two markers on opposite sides of one disk.
+    """
 
     name = "marker_offset"
-    description = (
-        "Markers are glued to the side of the disks or stand out beyond the tip, so that what is measured is not the "
-        "backbone's axis where it is assumed."
-    )
-    separating_experiment = "measure two markers on opposite sides of one disk"
     parameters = tuple(
         Parameter(f"offset_{axis}", "m", -0.05, 0.05, 0.0, 2e-4, f"along the section's {axis} axis")
         for axis in AXES[:2]
@@ -82,22 +84,19 @@ class MarkerOffset(Effect):
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """Beside the backbone; along it, too; or with an offset of its own for each of several markers."""
         common = [p.name for p in (*self.parameters, self._along)]
-        found: tuple[Effect, ...] = (self, Form(self, "along the tangent, too", common, experiment))
+        forms: tuple[Effect, ...] = (self, Form(self, "along the tangent, too", common, experiment))
         if len(experiment.observation.markers) > 1:
-            own = [p.name for p in self._single(experiment)]
-            found = (*found, Form(self, "each", own, experiment))
-        return found
+            each = [p.name for p in self._single(experiment)]
+            forms = (*forms, Form(self, "each", each, experiment))
+        return forms
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
         """Of all markers together, and of each: they are counted from the base."""
         return (*self.parameters, self._along, *self._single(experiment))
 
     def _single(self, experiment: Experiment) -> tuple[Parameter, ...]:
-        return tuple(
-            replace(p, name=f"{p.name}_marker_{k}", meaning=f"{p.meaning}, marker at {s:.6g} m")
-            for k, s in enumerate(experiment.observation.markers, 1)
-            for p in (*self.parameters, self._along)
-        )
+        markers = {f"marker_{k}": f"at {s:.6g} m" for k, s in enumerate(experiment.observation.markers, 1)}
+        return for_each((*self.parameters, self._along), markers)
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`; offsets come on top of those that are there."""
@@ -108,8 +107,8 @@ class MarkerOffset(Effect):
         if any(values.get(f"offset_{a}_marker_{k}", 0.0) != 0.0 for k in numbers for a in AXES):
             known = single or ((0.0, 0.0, 0.0),) * len(before.markers)
             single = tuple(
-                _triple(np.array(own) + [values.get(f"offset_{a}_marker_{k}", 0.0) for a in AXES])
-                for k, own in zip(numbers, known, strict=True)
+                _triple(np.array(offset) + [values.get(f"offset_{a}_marker_{k}", 0.0) for a in AXES])
+                for k, offset in zip(numbers, known, strict=True)
             )
         observation = replace(
             before,

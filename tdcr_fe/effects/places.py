@@ -175,11 +175,14 @@ class BayEffect(PlaceEffect):
 
 
 class SoftBay(BayEffect):
-    """One bay softer or stiffer in bending."""
+    """One bay softer or stiffer in bending.
+
+    The backbone bends more or less easily in one bay: a crack, damage, glue that ran.
+
+    Told apart by: bend the bare backbone and look at the bay closely.
+    """
 
     name = "soft_bay"
-    description = "The backbone bends more or less easily in one bay: a crack, damage, glue that ran."
-    separating_experiment = "bend the bare backbone and look at the bay closely"
     parameters = (
         Parameter("s", "m", 0.0, 1e3, 0.0, 1e-3, "middle of the bay"),
         Parameter("factor", "1", 0.02, 50.0, 1.0, 0.2, "factor on the bending stiffness", inverse=True),
@@ -195,11 +198,14 @@ class SoftBay(BayEffect):
 
 
 class Kink(BayEffect):
-    """One bay bent when unloaded."""
+    """One bay bent when unloaded.
+
+    The unloaded backbone is bent in one bay: it was bent too far there once, or glued askew.
+
+    Told apart by: measure the unloaded shape closely, with the robot turned about its axis.
+    """
 
     name = "kink"
-    description = "The unloaded backbone is bent in one bay: it was bent too far there once, or glued askew."
-    separating_experiment = "measure the unloaded shape closely, with the robot turned about its axis"
     parameters = (
         Parameter("s", "m", 0.0, 1e3, 0.0, 1e-3, "middle of the bay"),
         Parameter("kappa_x", "1/m", -200.0, 200.0, 0.0, 0.5, "turning rate about the section's x axis"),
@@ -224,11 +230,14 @@ def _with_patch(experiment: Experiment, s: float, **changes: Any) -> Experiment:
 
 
 class SpringToGround(PlaceEffect):
-    """A spring from one place of the backbone to ground."""
+    """A spring from one place of the backbone to ground.
+
+    Something restrains the robot at one place: a cable, a hose, a compliant wall.
+
+    Told apart by: remove what touches the robot, or push it there by a known force.
+    """
 
     name = "side_spring"
-    description = "Something restrains the robot at one place: a cable, a hose, a compliant wall."
-    separating_experiment = "remove what touches the robot, or push it there by a known force"
     parameters = (
         Parameter("s", "m", 0.0, 1e3, 0.0, 1e-3, "arc length"),
         Parameter("stiffness", "N/m", 0.0, 1e6, 0.0, 0.05, "sideways, at rest where the unloaded robot is"),
@@ -254,13 +263,16 @@ class SpringToGround(PlaceEffect):
 
 
 class StuckHole(PlaceEffect):
-    """A hole that holds its tendon fast, or takes much of its tension."""
+    """A hole that holds its tendon fast, or takes much of its tension.
+
+    One hole holds its tendon fast, or nearly so: glue, a knot, a burr, a strand that jams.
+
+    Told apart by: pull the tendon and watch it move on both sides of the hole.
+    """
 
     name = "stuck_hole"
     needs_friction = True
     saturates = True
-    description = "One hole holds its tendon fast, or nearly so: glue, a knot, a burr, a strand that jams."
-    separating_experiment = "pull the tendon and watch it move on both sides of the hole"
     place_names = ("tendon", "s")
     parameters = (
         Parameter("tendon", "1", 1.0, 1000.0, 1.0, 1.0, "number of the tendon, from 1"),

@@ -12,14 +12,15 @@ from tdcr_fe.model.loading import Actuation, LoadStep, resolve
 
 
 class TimeLag(Effect):
-    """Readings belong to a time earlier than that of the commands they stand beside."""
+    """Readings belong to a time earlier than that of the commands they stand beside.
+
+    Commands and readings are not taken at the same instant: a camera that delivers late, a filter, a bus. What is
+    read while the robot moves belongs to an earlier command.
+
+    Told apart by: repeat a movement at half the speed, or let the robot rest before each reading.
+    """
 
     name = "time_lag"
-    description = (
-        "Commands and readings are not taken at the same instant: a camera that delivers late, a filter, a bus. "
-        "What is read while the robot moves belongs to an earlier command."
-    )
-    separating_experiment = "repeat a movement at half the speed, or let the robot rest before each reading"
     parameters = (
         Parameter("lag", "s", 0.0, 3600.0, 0.0, 0.02, "time by which a reading is older than its command"),
     )

@@ -8,17 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from robots import BACKBONE, LENGTH, paper, three
-from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effect, with_effects
-from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
-from tdcr_fe.identify.reader import Reader
 from tdcr_fe.io.problems import InputError
-from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_scenario
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.backbone import Backbone, NonlinearMaterial, Superelastic
-from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
+from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import HelicalRouting, ParallelRouting
 from tdcr_fe.model.tendon import Tendon
@@ -340,35 +336,6 @@ def test_a_nonlinear_material_replaces_the_declared_one():
     assert with_effect(SOFT_SETUP, "nonlinear_material").robot == SOFT
 
 
-# -------------------------------------------------------------------------------------------- the measurement
-
-
-def read(setup, readings):
-    run = simulate_experiment(Task(setup, run_settings(SolverSettings(), 2e-5)))
-    return Reader(readings, [1], setup.robot.tendon_names).read(run, setup)
-
-
-def test_turned_frame_turns_positions_and_directions_exactly():
-    s = setup(robot=three(0.1), steps=pulled(1.0))
-    readings = [Reading(1, f"position_{a}", 0.125, 0.0) for a in "xyz"]
-    readings += [Reading(1, "bending_angle", None, 0.0)]
-    misaligned = with_effect(s, "frame_misalignment", rot_x=0.02, rot_y=-0.03, rot_z=0.1)
-    plain, turned = read(s, readings), read(misaligned, readings)
-    rotation = Rotation.from_rotvec([0.02, -0.03, 0.1])
-    assert turned[:3] == pytest.approx(rotation.apply(plain[:3]), abs=1e-15)
-    tangent = rotation.apply(simulate(s.robot, s.model, s.steps).steps[0].tangent)
-    assert turned[3] == pytest.approx(math.acos(tangent[2]), abs=1e-12)
-
-
-def test_markers_move_with_their_section():
-    s = setup(robot=three(0.1), steps=pulled(1.0))
-    readings = [Reading(1, f"position_{a}", LENGTH, 0.0) for a in "xyz"]
-    off = with_effect(s, "marker_offset", offset_x=1e-3, offset_y=2e-3, offset_z=3e-3)
-    moved = read(off, readings) - read(s, readings)
-    rotation = simulate(s.robot, s.model, s.steps).steps[0].rotations[-1]
-    assert moved == pytest.approx(rotation @ [1e-3, 2e-3, 3e-3], abs=1e-12)
-
-
 # ------------------------------------------------------------------------------------------------ from files
 
 
@@ -376,21 +343,22 @@ def test_effects_in_a_scenario_file_are_those_of_python(tmp_path):
     (tmp_path / "robot.toml").write_text(robot_to_toml(paper(0.2)))
     text = scenario_to_toml(MODEL, pulled(1.0))
     path = tmp_path / "scenario.toml"
-    path.write_text(text + "\n[effects]\ngravity = { g_z = -9.81 }\nactuator_loss = { dead_band = 0.1 }\n")
-    s = read_scenario(path)
-    by_hand = with_effects(
-        Experiment(paper(0.2), MODEL, pulled(1.0)),
-        {"gravity": {"g_z": -9.81}, "actuator_loss": {"dead_band": 0.1}},
-    )
-    assert (s.model, s.steps[0].tensions) == (by_hand.model, {"t1": 0.9})
+    effects = {
+        "gravity": {"g_z": -9.81},
+        "actuator_loss": {"dead_band": 0.1},
+        "kink": {"s": 0.1, "kappa_x": 1.0},
+    }
+    tables = [
+        f"[effects.{name}]\n" + "".join(f"{k} = {v}\n" for k, v in x.items()) for name, x in effects.items()
+    ]
+    path.write_text("\n".join([text, *tables]))
+    s, by_hand = read_scenario(path), with_effects(Experiment(paper(0.2), MODEL, pulled(1.0)), effects)
+    assert (s.robot, s.model, s.steps[0].tensions) == (by_hand.robot, by_hand.model, {"t1": 0.9})
     path.write_text(text + "\n[effects]\ngravitas = {}\nactuator_gain = { gain = -1.0, gian = 2.0 }\n")
     with pytest.raises(InputError) as caught:
         read_scenario(path)
-    assert [p.key for p in caught.value.problems] == [
-        "effects.gravitas",
-        "effects.actuator_gain.gain",
-        "effects.actuator_gain.gian",
-    ]
+    wrong = [p.key.removeprefix("effects.") for p in caught.value.problems]
+    assert wrong == ["gravitas", "actuator_gain.gain", "actuator_gain.gian"]
 
 
 def test_bounds_follow_the_robot():

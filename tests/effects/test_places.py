@@ -9,9 +9,7 @@ import pytest
 from native_solvers import static_settings
 from robots import BACKBONE, LENGTH, distance, scene, solve, three
 
-from tdcr_fe.effects import EFFECTS, Experiment, PlaceEffect, effect, with_effect
-from tdcr_fe.io.toml import read_scenario
-from tdcr_fe.io.write_toml import robot_to_toml
+from tdcr_fe.effects import EFFECTS, Experiment, PlaceEffect, with_effect
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot, SideSpring
 from tdcr_fe.model.tendon import TightHole
@@ -91,11 +89,8 @@ def test_a_soft_bay_turns_more_by_its_factor_under_a_tip_moment():
 
 def test_a_stuck_hole_keeps_the_tension_of_the_base_from_the_tip():
     """As the reference has it: nothing passes hole 4, so the outer part acts as a strut."""
-    pulled = Experiment(
-        three(0.0),
-        Model(elements_per_bay=1),
-        (LoadStep(tensions={"t1": 0.5}), LoadStep(tensions={"t1": 1.0})),
-    )
+    steps = tuple(LoadStep(tensions={"t1": t}) for t in (0.5, 1.0))
+    pulled = Experiment(three(0.0), Model(elements_per_bay=1), steps)
     stuck = with_effect(pulled, "stuck_hole", tendon=1, s=S[3])
     assert stuck.robot.tendons[0].tight_holes == (TightHole(S[3], 4.0),)
     last = solve(stuck.robot, list(stuck.steps)).steps[-1]
@@ -153,18 +148,6 @@ def test_a_place_that_is_not_there_is_refused_by_name():
         three().with_tendons(names=["t1"], tight_holes=(TightHole(0.1, 1.0),))
     with pytest.raises(ValueError, match="beyond the tip"):
         replace(three(), springs=(SideSpring(0.3, 1.0),))
-
-
-def test_a_scenario_names_effects_at_places(tmp_path):
-    (tmp_path / "robot.toml").write_text(robot_to_toml(three()))
-    file = tmp_path / "scenario.toml"
-    text = 'robot = "robot.toml"\n[effects]\n'
-    text += "kink = { s = 0.1, kappa_x = 1.0 }\nstuck_hole = { tendon = 2, s = 0.096154 }"
-    file.write_text(text + "\n[[steps]]\ntensions = { t1 = 1.0 }\n")
-    robot = read_scenario(file).robot
-    assert robot.backbone.patches[0].precurvature == (1.0, 0.0)
-    assert robot.tendons[1].tight_holes[0].at == pytest.approx(S[4])
-    assert effect("kink").places(robot)
 
 
 def test_a_spring_at_a_disk_is_solved_without_any_load():
