@@ -1,24 +1,24 @@
-"""Draw what is declared: a robot, a loading sequence of a careful experimenter, markers and readings."""
+"""Draw what is declared: a robot, and a loading sequence of a careful experimenter."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tdcr_fe.effects import Experiment
-from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.channels import channel
 from tdcr_fe.model.loading import Load, LoadStep
-from tdcr_fe.model.observed_step import ObservedStep
-from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, PointsRouting, Routing
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.validation.blind.recipes import Drive
+
+#: Slack given to tendons that are not pulled, beyond that needed for the bending [m].
+_LET_OUT = 2e-3
+#: Longest loading sequence; what is drawn beyond it is cut off.
+_MOST_STEPS = 40
+_NO_FORCE = (0.0, 0.0, 0.0)
 
 
 def draw_robot(kind: str, rng: np.random.Generator) -> Robot:
@@ -43,63 +43,34 @@ def draw_robot(kind: str, rng: np.random.Generator) -> Robot:
     first = float(rng.integers(0, 12) * 10)
     angles = [first] if kind == "single" else [first + 120.0 * k for k in range(3)]
     if kind == "two-segment":
-        return Robot(backbone, disks, _two_segments(disks, offset, angles, mu), name=kind)
+        tendons = [
+            Tendon(f"{segment}{k + 1}", ParallelRouting(offset, angle + turn), mu, end=end)
+            for segment, turn, end in (("a", 0.0, disks.positions[count // 2 - 1]), ("b", 60.0, None))
+            for k, angle in enumerate(angles)
+        ]
+        return Robot(backbone, disks, tuple(tendons), name=kind)
     routing = str(rng.choice(["parallel", "helical", "converging", "points"])) if kind == "single" else kind
-    routes = _draw_routes(routing, offset, angles, length, (0.0, *disks.positions), rng)
-    tendons = tuple(Tendon(f"t{k + 1}", route, mu) for k, route in enumerate(routes))
-    return Robot(backbone, disks, tendons, name=f"{len(tendons)} {routing}")
-
-
-def _two_segments(disks: Disks, offset: float, angles: list[float], mu: float) -> tuple[Tendon, ...]:
-    """Tendons a1, a2, ... up to the middle disk, and b1, b2, ... up to the tip, turned by 60 degrees."""
-    middle = disks.positions[len(disks.positions) // 2 - 1]
-    return (
-        *(Tendon(f"a{k + 1}", ParallelRouting(offset, a), mu, end=middle) for k, a in enumerate(angles)),
-        *(Tendon(f"b{k + 1}", ParallelRouting(offset, a + 60.0), mu) for k, a in enumerate(angles)),
-    )
-
-
-def _draw_routes(
-    routing: str,
-    offset: float,
-    angles: list[float],
-    length: float,
-    holes_at: tuple[float, ...],
-    rng: np.random.Generator,
-) -> list[Routing]:
-    """Routing at every angle [deg]. The same numbers are drawn for every kind of routing."""
+    # The same numbers are drawn for every kind of routing.
     turns = round(float(rng.choice([-1, 1]) * rng.uniform(0.2, 0.6)), 2)
     end_offset = round(float(rng.uniform(0.35, 0.7)) * offset, 5)
     bulge = float(rng.uniform(0.1, 0.3))
-    if routing == "parallel":
-        return [ParallelRouting(offset, a) for a in angles]
-    if routing == "helical":
-        return [HelicalRouting(offset, turns, a) for a in angles]
-    if routing == "converging":
-        return [ConvergingRouting(offset, end_offset, a) for a in angles]
-    return [_wavy_route(offset, a, bulge, length, holes_at) for a in angles]
+    routes: dict[str, list[Routing]] = {
+        "parallel": [ParallelRouting(offset, a) for a in angles],
+        "helical": [HelicalRouting(offset, turns, a) for a in angles],
+        "converging": [ConvergingRouting(offset, end_offset, a) for a in angles],
+        "points": [_wavy(offset, a, bulge, (0.0, *disks.positions)) for a in angles],
+    }
+    tendons = [Tendon(f"t{k + 1}", route, mu) for k, route in enumerate(routes[routing])]
+    return Robot(backbone, disks, tuple(tendons), name=f"{len(tendons)} {routing}")
 
 
-def _wavy_route(
-    offset: float, angle: float, bulge: float, length: float, holes_at: tuple[float, ...]
-) -> PointsRouting:
+def _wavy(offset: float, angle: float, bulge: float, at: tuple[float, ...]) -> PointsRouting:
     """Holes nearer to the backbone in the middle by a fraction ``bulge``, and swinging 0.4 rad to both sides."""
-    size = [offset * (1.0 - bulge * np.sin(np.pi * s / length)) for s in holes_at]
-    turn = [np.deg2rad(angle) + 0.4 * np.sin(2.0 * np.pi * s / length) for s in holes_at]
-    holes = tuple(
-        (round(float(r * np.cos(a)), 6), round(float(r * np.sin(a)), 6))
-        for r, a in zip(size, turn, strict=True)
-    )
-    return PointsRouting(holes_at, holes)
-
-
-#: Slack given to tendons that are not pulled, beyond that needed for the bending [m].
-_LET_OUT = 2e-3
-
-#: Longest loading sequence; what is drawn beyond it is cut off.
-_MOST_STEPS = 40
-
-_NO_FORCE = (0.0, 0.0, 0.0)
+    share = np.array(at) / at[-1]
+    r = offset * (1.0 - bulge * np.sin(np.pi * share))
+    turn = np.deg2rad(angle) + 0.4 * np.sin(2.0 * np.pi * share)
+    points = zip((r * np.cos(turn)).tolist(), (r * np.sin(turn)).tolist(), strict=True)
+    return PointsRouting(at, tuple((round(x, 6), round(y, 6)) for x, y in points))
 
 
 def largest_commands(robot: Robot, drive: Drive, bend: float) -> dict[str, float]:
@@ -112,41 +83,36 @@ def largest_commands(robot: Robot, drive: Drive, bend: float) -> dict[str, float
     return result
 
 
-@dataclass(frozen=True)
-class _Inputs:
-    """Largest inputs of one loading sequence.
+class _Sequence:
+    """Builder of a loading sequence that bends the robot by 0.7 to 1.6 rad.
 
-    Attributes
-    ----------
-    names : tuple of str
-        Tendons.
-    by_displacement : bool
-    two_segments : bool
-    highest : dict
-        Largest tension [N] or displacement [m] of each tendon.
-    rest : float
-        Tension of a tendon that is not pulled [N]; zero where displacements are prescribed.
-    tip_force : float
-        Size of the forces across the tip [N].
+    It has the largest commands, tension at rest and size of tip forces; the present commands of all tendons and tip
+    force; and the steps so far.
     """
 
-    names: tuple[str, ...]
-    by_displacement: bool
-    two_segments: bool
-    highest: dict[str, float]
-    rest: float
-    tip_force: float
+    def __init__(self, robot: Robot, drive: Drive, rng: np.random.Generator) -> None:
+        self.rng, self.names, self.length = rng, robot.tendon_names, robot.backbone.length
+        self.by_displacement = drive == "displacement"
+        self.two_segments = any(t.end is not None for t in robot.tendons)
+        bend = float(rng.uniform(0.7, 1.0) if self.two_segments else rng.uniform(1.0, 1.6))
+        self.highest = largest_commands(robot, drive, bend)  # tension [N] or displacement [m]
+        #: Size of the forces across the tip [N].
+        self.size = float(rng.uniform(0.15, 0.35)) * 2.0 * robot.backbone.EI / self.length**2
+        #: Tension of a tendon that is not pulled [N].
+        self.rest = 0.0
+        if not self.by_displacement:
+            self.rest = round(float(rng.choice([0.0, 0.05])) * min(self.highest.values()), 3)
+        self.values, self.force = dict.fromkeys(self.names, self.rest), _NO_FORCE
+        self.steps: list[LoadStep] = []
+        self.branches: list[str] = []
 
-    @classmethod
-    def draw(cls, robot: Robot, drive: Drive, rng: np.random.Generator) -> _Inputs:
-        """Inputs that bend the robot by 0.7 to 1.6 rad."""
-        by_displacement = drive == "displacement"
-        two_segments = any(t.end is not None for t in robot.tendons)
-        bend = float(rng.uniform(0.7, 1.0) if two_segments else rng.uniform(1.0, 1.6))
-        highest = largest_commands(robot, drive, bend)
-        force = float(rng.uniform(0.15, 0.35)) * 2.0 * robot.backbone.EI / robot.backbone.length**2
-        rest = 0.0 if by_displacement else round(float(rng.choice([0.0, 0.05])) * min(highest.values()), 3)
-        return cls(tuple(robot.tendon_names), by_displacement, two_segments, highest, rest, force)
+    def add(self, branch: str) -> None:
+        """Add a step with the present commands."""
+        kept = {n: round(v, 7) for n, v in self.values.items()}
+        inputs = {"displacements" if self.by_displacement else "tensions": kept}
+        loads = {"tip": Load(self.length, self.force)}
+        self.steps.append(LoadStep(label=str(len(self.steps) + 1), loads=loads, **inputs))
+        self.branches.append(branch)
 
     def pull(self, name: str, fraction: float) -> dict[str, float]:
         """Commands that pull one tendon to a fraction of its largest input."""
@@ -156,40 +122,6 @@ class _Inputs:
         # tendons that are not pulled are let out by more than the bending requires
         return {n: value if n == name else -(0.7 * value + _LET_OUT) for n in self.names}
 
-    def draw_force(self, rng: np.random.Generator, size: float = 1.0) -> tuple[float, float, float]:
-        """A tip force in one of twelve directions across the robot, sometimes with a part along it [N]."""
-        angle = float(rng.integers(0, 12)) * np.pi / 6.0
-        along = float(rng.choice([0.0, 0.0, 0.4, -0.3]))
-        force = size * self.tip_force
-        x, y = force * np.cos(angle), force * np.sin(angle)
-        return round(float(x), 5), round(float(y), 5), round(float(force * along), 5)
-
-
-@dataclass
-class _Sequence:
-    """Builder of a loading sequence: the present commands of all tendons and tip force, and the steps so far."""
-
-    names: tuple[str, ...]
-    by_displacement: bool
-    length: float
-    values: dict[str, float] = field(default_factory=dict)
-    force: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    steps: list[LoadStep] = field(default_factory=list)
-    branches: list[str] = field(default_factory=list)
-
-    def add(self, branch: str) -> None:
-        """Add a step with the current commands."""
-        kept = {n: round(v, 7) for n, v in self.values.items()}
-        self.steps.append(
-            LoadStep(
-                label=str(len(self.steps) + 1),
-                tensions={} if self.by_displacement else kept,
-                displacements=kept if self.by_displacement else {},
-                loads={"tip": Load(self.length, self.force)},
-            )
-        )
-        self.branches.append(branch)
-
     def command(self, goal: dict[str, float], count: int, branch: str) -> None:
         """Change commands linearly in so many steps."""
         start = dict(self.values)
@@ -198,10 +130,49 @@ class _Sequence:
                 self.values[name] = start[name] + (value - start[name]) * k / count
             self.add(branch)
 
-    def load(self, force: tuple[float, float, float], branch: str = "tip force") -> None:
-        """Change the tip force in one step."""
-        self.force = force
-        self.add(branch)
+    def push(self, size: float = 1.0) -> None:
+        """A tip force in one of twelve directions across the robot, sometimes with a part along it."""
+        angle = float(self.rng.integers(0, 12)) * np.pi / 6.0
+        along = float(self.rng.choice([0.0, 0.0, 0.4, -0.3]))
+        force = size * self.size
+        x, y, z = (round(float(force * f), 5) for f in (np.cos(angle), np.sin(angle), along))
+        self.force = (x, y, z)
+        self.add("tip force")
+
+    def let_go(self) -> None:
+        """No tip force."""
+        self.force = _NO_FORCE
+        self.add("tip force off")
+
+    def order(self) -> list[str]:
+        """Order in which tendons are pulled; of two segments two tendons each, in turn."""
+        order = [str(n) for n in self.rng.permutation(self.names)]
+        if self.two_segments:
+            by_segment = [[n for n in order if n.startswith(segment)][:2] for segment in "ab"]
+            order = [name for pair in zip(*by_segment, strict=True) for name in pair]
+        return order
+
+    def cycles(self, cycles: Sequence[str]) -> None:
+        """Pull and release of one tendon after another, every second time with tip forces in between."""
+        rng, two = self.rng, self.two_segments
+        fine = 4 if len(cycles) <= 3 else 3
+        for k, (name, following) in enumerate(zip(cycles, [*cycles[1:], None], strict=True)):
+            self.command(self.pull(name, float(rng.uniform(0.8, 1.0))), fine, f"pull {name}")
+            if k % 2 == 0:
+                self.push()
+                if rng.random() < 0.5:
+                    self.push()
+            low = float(rng.uniform(0.2, 0.45))
+            self.command(self.pull(name, low), 2 if two else 3, f"release {name}")
+            if k % 2 == 0:
+                self.let_go()
+            if k == 0 and not two:
+                self.command(self.pull(name, 0.7), 2, f"pull {name} again")
+            if self.by_displacement or following is None or two:
+                self.command(self.pull(name, 0.0), 1, f"release {name}")
+            elif following != name:
+                goal = {**self.pull(name, 0.0), **self.pull(following, 0.25)}
+                self.command(goal, 2, f"{name} to {following}")
 
 
 def draw_loading(
@@ -227,131 +198,21 @@ def draw_loading(
     branches : tuple of str
         Label of each step.
     """
-    inputs = _Inputs.draw(robot, drive, rng)
-    sequence = _Sequence(
-        inputs.names, inputs.by_displacement, robot.backbone.length, dict.fromkeys(inputs.names, inputs.rest)
-    )
+    sequence = _Sequence(robot, drive, rng)
     sequence.add("start")
     if rng.random() < 0.7:
-        sequence.load(inputs.draw_force(rng, 0.6))
-        sequence.load(_NO_FORCE, "tip force off")
-    order = _draw_order(inputs, rng)
-    _add_cycles(sequence, inputs, order if len(order) > 1 else order * 3, rng)
-    if not inputs.by_displacement and len(inputs.names) > 1:
-        a, b = order[0], order[1]
-        sequence.command({**inputs.pull(a, 0.55), **inputs.pull(b, 0.45)}, 2, f"pull {a} and {b}")
-        sequence.command({**inputs.pull(a, 0.0), **inputs.pull(b, 0.0)}, 2, f"release {a} and {b}")
+        sequence.push(0.6)
+        sequence.let_go()
+    order = sequence.order()
+    sequence.cycles(order if len(order) > 1 else order * 3)
+    if drive == "tension" and len(order) > 1:
+        a, b = order[:2]
+        sequence.command({**sequence.pull(a, 0.55), **sequence.pull(b, 0.45)}, 2, f"pull {a} and {b}")
+        sequence.command({**sequence.pull(a, 0.0), **sequence.pull(b, 0.0)}, 2, f"release {a} and {b}")
     steps = sequence.steps[:_MOST_STEPS]
-    return tuple(_draw_times(steps, rng) if timed else steps), tuple(sequence.branches[:_MOST_STEPS])
-
-
-def _draw_order(inputs: _Inputs, rng: np.random.Generator) -> list[str]:
-    """Order in which tendons are pulled; of two segments two tendons each, in turn."""
-    order = [str(n) for n in rng.permutation(inputs.names)]
-    if not inputs.two_segments:
-        return order
-    by_segment = [[n for n in order if n.startswith(segment)][:2] for segment in "ab"]
-    return [name for pair in zip(*by_segment, strict=True) for name in pair]
-
-
-def _add_cycles(
-    sequence: _Sequence, inputs: _Inputs, cycles: Sequence[str], rng: np.random.Generator
-) -> None:
-    """Add pull and release of one tendon after another, every second time with tip forces in between."""
-    two = inputs.two_segments
-    fine = 4 if len(cycles) <= 3 else 3
-    for k, (name, following) in enumerate(zip(cycles, [*cycles[1:], None], strict=True)):
-        high = float(rng.uniform(0.8, 1.0))
-        sequence.command(inputs.pull(name, high), fine, f"pull {name}")
-        if k % 2 == 0:
-            sequence.load(inputs.draw_force(rng))
-            if rng.random() < 0.5:
-                sequence.load(inputs.draw_force(rng))
-        low = float(rng.uniform(0.2, 0.45))
-        sequence.command(inputs.pull(name, low), 2 if two else 3, f"release {name}")
-        if k % 2 == 0:
-            sequence.load(_NO_FORCE, "tip force off")
-        if k == 0 and not two:
-            sequence.command(inputs.pull(name, 0.7), 2, f"pull {name} again")
-        if inputs.by_displacement or following is None or two:
-            sequence.command(inputs.pull(name, 0.0), 1, f"release {name}")
-        elif following != name:
-            goal = {**inputs.pull(name, 0.0), **inputs.pull(following, 0.25)}
-            sequence.command(goal, 2, f"{name} to {following}")
-
-
-def _draw_times(steps: Sequence[LoadStep], rng: np.random.Generator) -> list[LoadStep]:
-    """The steps with times that grow by 10 to 40 s a step on average [s]."""
-    pace, now = float(rng.uniform(10.0, 40.0)), 0.0
-    timed = []
-    for step in steps:
-        now += round(pace * float(rng.uniform(0.6, 1.6)), 1)
-        timed.append(replace(step, time=round(now, 1)))
-    return timed
-
-
-Array = NDArray[np.float64]
-
-#: Step from 0, quantity and location of a reading.
-Mark = tuple[int, str, float | str | None]
-
-
-def draw_markers(robot: Robot, rng: np.random.Generator) -> tuple[float, ...]:
-    """Arc lengths of about five disks, the last one among them [m]."""
-    count = len(robot.disks.positions)
-    chosen = {round(x) for x in np.linspace(count / 5.0, count, 5) + rng.uniform(-0.4, 0.4, 5)}
-    return tuple(robot.disks.positions[min(max(k, 1), count) - 1] for k in sorted({*chosen, count}))
-
-
-def planned_readings(setup: Experiment, arc_lengths: tuple[float, ...], more: list[str]) -> list[Mark]:
-    """Step from 0, quantity and location of every reading."""
-    marks: list[Mark] = []
-    for k in range(len(setup.steps)):
-        marks += [(k, f"position_{axis}", s) for s in arc_lengths for axis in "xyz"]
-        marks.append((k, "bending_angle", None))
-        marks += [(k, quantity, name) for quantity in more for name in setup.robot.tendon_names]
-    return marks
-
-
-def measured(marks: list[Mark], exact: Array, sigma: Array, rng: np.random.Generator) -> tuple[Reading, ...]:
-    """Readings with noise; ``exact`` and ``sigma`` are in the order of the marks [m, rad, N]."""
-    values = exact + sigma * rng.standard_normal(len(exact))
-    return tuple(
-        Reading(step + 1, quantity, location, round(float(v), 8), float(u))
-        for (step, quantity, location), v, u in zip(marks, values, sigma, strict=True)
-    )
-
-
-def read(result: SequenceResult, setup: Experiment, marks: list[Mark]) -> Array:
-    """Readings without noise.
-
-    Parameters
-    ----------
-    result
-        With nodes at all markers.
-    setup
-        Its observation: ``measured = shift + Exp(rotation) (p + R offset)``, tangents turned as well.
-    marks
-        Step from 0, quantity and location of every reading.
-
-    Returns
-    -------
-    numpy.ndarray
-        In the order of the marks [m, rad, N].
-    """
-    # Where effects divide a step, its end is read.
-    end = {k: j for j, (k, _) in enumerate(setup.step_ends)}
-    observed = {k: _observed(result.steps[end[k]], setup) for k, _, _ in marks}
-    return np.array([float(channel(q).predict(observed[k], [location])[0]) for k, q, location in marks])
-
-
-def _observed(step: StepResult, setup: Experiment) -> ObservedStep:
-    """A step of the reference as it is observed."""
-    return setup.observation.step(
-        step.s,
-        step.positions,
-        step.rotations,
-        np.asarray(step.displacements, dtype=float),
-        np.array([t[-1] for t in step.tensions], dtype=float),
-        tuple(setup.robot.tendon_names),
-    )
+    if timed:  # growing by 10 to 40 s a step on average
+        pace, now = float(rng.uniform(10.0, 40.0)), 0.0
+        for k, step in enumerate(steps):
+            now += round(pace * float(rng.uniform(0.6, 1.6)), 1)
+            steps[k] = replace(step, time=round(now, 1))
+    return tuple(steps), tuple(sequence.branches[:_MOST_STEPS])

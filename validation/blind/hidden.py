@@ -1,22 +1,19 @@
-"""Draw what is hidden: values of listed effects, scaled until they are detectable, and effects at one place."""
+"""Draw what is hidden: values of effects, scaled until they are detectable."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment, effect
-from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.results import SequenceResult, StepResult
-from tdcr_fe.model.robot import Robot, SideSpring
 from tdcr_fe.validation.blind.declared import largest_commands
-from tdcr_fe.validation.blind.recipes import FORMS, PLACES, Recipe
-from tdcr_fe.validation.reference import Extras, HoleFriction
+from tdcr_fe.validation.blind.recipes import FORMS, Recipe
 
+Random = np.random.Generator
 #: By effect, the value of every parameter.
 Values = dict[str, dict[str, float]]
 
@@ -24,68 +21,45 @@ Values = dict[str, dict[str, float]]
 DETECTABLE, WEAK = 5.0, 2.0
 
 
-def _either(rng: np.random.Generator, low: float, high: float) -> float:
-    """A size between two bounds, with either sign."""
-    return float(rng.choice([-1.0, 1.0]) * rng.uniform(low, high))
+class Range(NamedTuple):
+    """A number between two bounds, times a size of the robot; or its exponential, or its inverse times the size."""
+
+    low: float
+    high: float
+    size: str = ""  # a key of `sizes_of`; empty for 1
+    kind: Literal["plain", "signed", "exponent", "inverse"] = "plain"  # those of exponents have a sign, too
+
+    def draw(self, sizes: Mapping[str, float], rng: Random) -> float:
+        """A value; the sign is drawn first."""
+        sign = float(rng.choice([-1.0, 1.0])) if self.kind in ("signed", "exponent") else 1.0
+        x = sign * float(rng.uniform(self.low, self.high))
+        x = float(np.exp(x)) if self.kind == "exponent" else 1.0 / x if self.kind == "inverse" else x
+        return x * (sizes[self.size] if self.size else 1.0)
 
 
-@dataclass(frozen=True)
-class _Sizes:
-    """Sizes of the declared robot and of its solution, in which the values of effects are drawn.
-
-    Attributes
-    ----------
-    length, shortest_bay, smallest_offset : float
-        Of the backbone, between neighbouring disks, and of a hole from the backbone [m].
-    bending_stiffness : float
-        EI [N m^2].
-    friction_coefficient : float
-        Of the first tendon [1].
-    holes : int
-        Least number of holes with friction that a tendon passes.
-    tension, displacement : float
-        Largest base tension of the solution [N]; displacement that bends a part of the robot by 1 rad [m].
-    strain : float
-        Largest bending strain of the solution [1].
-    duration : float
-        Time of the last step [s]; zero without times.
-    tendons : tuple of str
-        Names.
-    markers : int
-        Number of markers.
-    """
-
-    length: float
-    shortest_bay: float
-    smallest_offset: float
-    bending_stiffness: float
-    friction_coefficient: float
-    holes: int
-    tension: float
-    displacement: float
-    strain: float
-    duration: float
-    tendons: tuple[str, ...]
-    markers: int
-
-    @classmethod
-    def of(cls, declared: Experiment, solution: SequenceResult) -> _Sizes:
-        """Of a declared robot and its solution."""
-        robot, backbone = declared.robot, declared.robot.backbone
-        return cls(
-            length=backbone.length,
-            shortest_bay=float(np.min(np.diff((0.0, *robot.disks.positions)))),
-            smallest_offset=min(float(np.min(np.hypot(*robot.holes(t).T))) for t in robot.tendons),
-            bending_stiffness=backbone.EI,
-            friction_coefficient=robot.tendons[0].friction_coefficient,
-            holes=min(len(robot.hole_arc_lengths(t)) - 2 for t in robot.tendons),
-            tension=max(max(step.base_tensions) for step in solution.steps),
-            displacement=max(largest_commands(robot, "displacement", 1.0).values()),
-            strain=backbone.radius * max(_largest_curvature(step) for step in solution.steps),
-            duration=max(s.time or 0.0 for s in declared.steps),
-            tendons=robot.tendon_names,
-            markers=len(declared.observation.markers),
-        )
+def sizes_of(declared: Experiment, solution: SequenceResult) -> dict[str, float]:
+    """Sizes of the declared robot and of its solution, in which the values of effects are drawn."""
+    robot, backbone = declared.robot, declared.robot.backbone
+    tension = max(max(step.base_tensions) for step in solution.steps)  # [N]
+    displacement = max(
+        largest_commands(robot, "displacement", 1.0).values()
+    )  # that bends a part by 1 rad [m]
+    holes = min(len(robot.hole_arc_lengths(t)) - 2 for t in robot.tendons)  # with friction, of a tendon
+    duration = max(s.time or 0.0 for s in declared.steps)
+    return {
+        "tension": tension,
+        "tension of a hole": tension / max(holes, 1),
+        "displacement": displacement,
+        "strain": backbone.radius * max(_largest_curvature(step) for step in solution.steps),
+        "bay": float(np.min(np.diff((0.0, *robot.disks.positions)))),
+        "offset": min(float(np.min(np.hypot(*robot.holes(t).T))) for t in robot.tendons),
+        "curvature": 1.0 / backbone.length,
+        "mass": 2.0 * backbone.EI / (9.81 * backbone.length**2),
+        "axial stiffness": tension * backbone.length / displacement,
+        "base stiffness": backbone.EI / backbone.length,
+        "rate": 1.0 / duration if duration else np.nan,
+        "friction": robot.tendons[0].friction_coefficient,
+    }
 
 
 def _largest_curvature(step: StepResult) -> float:
@@ -94,7 +68,46 @@ def _largest_curvature(step: StepResult) -> float:
     return float(np.max(np.linalg.norm(turn, axis=1) / np.diff(step.s)))
 
 
-def _gravity(sizes: _Sizes, rng: np.random.Generator) -> dict[str, float]:
+def _each(names: str, parts: Iterable[object], of: Range) -> dict[str, Range]:
+    """The same range for several parameters: ``names`` has a ``{}`` for each part."""
+    return {names.format(part): of for part in parts}
+
+
+_MARKER = Range(5e-4, 2.5e-3, kind="signed")
+_FRAME = _each("rot_{}", "xyz", Range(0.01, 0.05, kind="signed"))
+_STRETCH, _PRETENSION = Range(0.05, 0.25, "axial stiffness", "inverse"), Range(0.1, 0.6, "tension")
+
+#: By effect, the ranges of its parameters, in the order in which they are drawn.
+RANGES: Mapping[str, Mapping[str, Range]] = {
+    "stiffness_scale": {
+        "bending": Range(0.08, 0.35, kind="exponent"),
+        "torsion": Range(0.05, 0.35, kind="exponent"),
+    },
+    "actuator_loss": {"dead_band": Range(0.02, 0.12, "tension"), "efficiency": Range(0.85, 0.98)},
+    "hole_adhesion": {"drop": Range(0.1, 0.35, "tension of a hole")},
+    "superelastic": {"threshold_strain": Range(0.3, 0.6, "strain"), "plateau_ratio": Range(0.3, 0.7)},
+    "precurvature": _each("kappa_{}", "xy", Range(0.05, 0.3, "curvature", "signed")),
+    "rigid_disks": {"thickness": Range(0.1, 0.45, "bay")},
+    "routing_twist": {"angle_tip": Range(0.1, 0.5, kind="signed")},
+    "hole_clearance": {"clearance": Range(1e-4, 5e-4)},
+    "tip_payload": {"mass": Range(0.1, 0.35, "mass")},
+    "frame_misalignment": _FRAME,
+    "marker_offset": _each("offset_{}", "xy", _MARKER),
+    "tendon_stretch": {"axial_stiffness": _STRETCH},
+    "base_compliance": {"stiffness": Range(0.05, 0.2, "base stiffness", "inverse")},
+    "time_lag": {"lag": Range(2.0, 8.0)},
+    "pretension": {"tension": _PRETENSION},
+    "actuator_backlash": {"backlash": Range(0.05, 0.2, "displacement")},
+    "idle_tension": {"tension": Range(0.03, 0.15, "tension")},
+    "creep": {"rate": Range(0.05, 0.25, "rate")},
+    "marker_beyond_tip": {**_each("offset_{}", "xy", _MARKER), "offset_z": Range(1e-3, 6e-3, kind="signed")},
+    "frame_elsewhere": {**_FRAME, **_each("shift_{}", "xyz", Range(5e-4, 4e-3, kind="signed"))},
+    "stretch_by_segment": _each("axial_stiffness_segment_{}", (1, 2), _STRETCH),
+    "pretension_by_segment": _each("tension_segment_{}", (1, 2), _PRETENSION),
+}
+
+
+def _gravity(declared: Experiment, sizes: Mapping[str, float], rng: Random) -> dict[str, float]:
     """Of a robot that lies rather than stands."""
     direction = rng.standard_normal(3)
     direction[:2] *= 2.0
@@ -102,118 +115,99 @@ def _gravity(sizes: _Sizes, rng: np.random.Generator) -> dict[str, float]:
     return dict(zip(("g_x", "g_y", "g_z"), g, strict=True))
 
 
-def _friction_coefficient(sizes: _Sizes, rng: np.random.Generator) -> dict[str, float]:
+def _friction(declared: Experiment, sizes: Mapping[str, float], rng: Random) -> dict[str, float]:
     """Above the declared one where that is small, else on either side."""
-    mu = sizes.friction_coefficient
+    mu = sizes["friction"]
     sign = 1.0 if mu < 0.15 else float(rng.choice([-1.0, 1.0]))
     return {"mu": max(0.0, mu + sign * float(rng.uniform(0.05, 0.14)))}
 
 
-#: By effect, a function of the sizes and the random numbers that draws the values of all parameters.
-DRAW: dict[str, Callable[[_Sizes, np.random.Generator], dict[str, float]]] = {
+def _gain(declared: Experiment, sizes: Mapping[str, float], rng: Random) -> dict[str, float]:
+    return {"gain": float(rng.choice([rng.uniform(0.85, 0.95), rng.uniform(1.05, 1.15)]))}
+
+
+def _edges(declared: Experiment) -> tuple[tuple[float, ...], int]:
+    """Edges of the bays between disks, and their number."""
+    return (0.0, *declared.robot.disks.positions), len(declared.robot.disks.positions)
+
+
+def _soft_bay(declared: Experiment, sizes: Mapping[str, float], rng: Random) -> dict[str, float]:
+    edges, bays = _edges(declared)
+    bay = int(rng.integers(1, max(2, round(0.7 * bays)) + 1))
+    return {"s": 0.5 * (edges[bay - 1] + edges[bay]), "factor": round(float(rng.uniform(0.3, 0.6)), 3)}
+
+
+def _kink(declared: Experiment, sizes: Mapping[str, float], rng: Random) -> dict[str, float]:
+    edges, bays = _edges(declared)
+    bay = int(rng.integers(1, max(2, round(0.8 * bays)) + 1))
+    rate = float(rng.uniform(0.05, 0.2)) / (edges[bay] - edges[bay - 1])
+    direction = float(rng.uniform(0.0, 2.0 * np.pi))
+    kappa = {"kappa_x": rate * np.cos(direction), "kappa_y": rate * np.sin(direction)}
+    return {"s": 0.5 * (edges[bay - 1] + edges[bay]), **{k: round(float(v), 3) for k, v in kappa.items()}}
+
+
+def _side_spring(declared: Experiment, sizes: Mapping[str, float], rng: Random) -> dict[str, float]:
+    edges, bays = _edges(declared)
+    at = edges[int(rng.integers(round(0.35 * bays), round(0.65 * bays) + 1))]
+    stiffness = rng.uniform(0.1, 0.5) * 3.0 * declared.robot.backbone.EI / at**3
+    return {"s": at, "stiffness": float(f"{stiffness:.4g}")}
+
+
+def _stuck_hole(declared: Experiment, sizes: Mapping[str, float], rng: Random) -> dict[str, float]:
+    number = int(rng.integers(0, len(declared.robot.tendons)))
+    at = declared.robot.hole_arc_lengths(declared.robot.tendons[number])
+    last = len(at) - 1
+    hole = int(rng.integers(max(1, round(0.3 * last)), max(2, round(0.7 * last) + 1)))
+    return {"tendon": number + 1.0, "s": float(at[hole]), "drop": 4.0 * declared.largest_tension}
+
+
+#: Effects whose values are no ranges alone.
+DRAW: Mapping[str, Callable[[Experiment, Mapping[str, float], Random], dict[str, float]]] = {
     "gravity": _gravity,
-    "stiffness_scale": lambda sizes, rng: {
-        "bending": float(np.exp(_either(rng, 0.08, 0.35))),
-        "torsion": float(np.exp(_either(rng, 0.05, 0.35))),
-    },
-    "friction_coefficient": _friction_coefficient,
-    "actuator_loss": lambda sizes, rng: {
-        "dead_band": float(rng.uniform(0.02, 0.12)) * sizes.tension,
-        "efficiency": float(rng.uniform(0.85, 0.98)),
-    },
-    "hole_adhesion": lambda sizes, rng: {"drop": float(rng.uniform(0.1, 0.35)) * sizes.tension / sizes.holes},
-    "superelastic": lambda sizes, rng: {
-        "threshold_strain": float(rng.uniform(0.3, 0.6)) * sizes.strain,
-        "plateau_ratio": float(rng.uniform(0.3, 0.7)),
-    },
-    "precurvature": lambda sizes, rng: {
-        f"kappa_{axis}": _either(rng, 0.05, 0.3) / sizes.length for axis in "xy"
-    },
-    "rigid_disks": lambda sizes, rng: {"thickness": float(rng.uniform(0.1, 0.45)) * sizes.shortest_bay},
-    "routing_twist": lambda sizes, rng: {"angle_tip": _either(rng, 0.1, 0.5)},
-    "hole_clearance": lambda sizes, rng: {
-        "clearance": min(float(rng.uniform(1e-4, 5e-4)), 0.4 * sizes.smallest_offset)
-    },
-    "tip_payload": lambda sizes, rng: {
-        "mass": float(rng.uniform(0.1, 0.35)) * 2.0 * sizes.bending_stiffness / (9.81 * sizes.length**2)
-    },
-    "frame_misalignment": lambda sizes, rng: {f"rot_{axis}": _either(rng, 0.01, 0.05) for axis in "xyz"},
-    "marker_offset": lambda sizes, rng: {f"offset_{axis}": _either(rng, 5e-4, 2.5e-3) for axis in "xy"},
-    "tendon_stretch": lambda sizes, rng: {
-        "axial_stiffness": sizes.tension
-        * sizes.length
-        / (float(rng.uniform(0.05, 0.25)) * sizes.displacement)
-    },
-    "base_compliance": lambda sizes, rng: {
-        "stiffness": sizes.bending_stiffness / (float(rng.uniform(0.05, 0.2)) * sizes.length)
-    },
-    "time_lag": lambda sizes, rng: {"lag": float(rng.uniform(2.0, 8.0))},
-    "pretension": lambda sizes, rng: {"tension": float(rng.uniform(0.1, 0.6)) * sizes.tension},
-    "actuator_backlash": lambda sizes, rng: {"backlash": float(rng.uniform(0.05, 0.2)) * sizes.displacement},
-    "actuator_gain": lambda sizes, rng: {
-        "gain": float(rng.choice([rng.uniform(0.85, 0.95), rng.uniform(1.05, 1.15)]))
-    },
-    "idle_tension": lambda sizes, rng: {"tension": float(rng.uniform(0.03, 0.15)) * sizes.tension},
-    "creep": lambda sizes, rng: {"rate": float(rng.uniform(0.05, 0.25)) / sizes.duration},
+    "friction_coefficient": _friction,
+    "actuator_gain": _gain,
+    "soft_bay": _soft_bay,
+    "kink": _kink,
+    "side_spring": _side_spring,
+    "stuck_hole": _stuck_hole,
 }
 
 
-def _several(name: str, parts: Iterable[str], draw: Callable[[], float]) -> dict[str, float]:
-    """A number of its own for each part."""
-    return {f"{name}_{part}": draw() for part in parts}
+def ranges_of(name: str, declared: Experiment) -> Mapping[str, Range]:
+    """Ranges of an effect or form; some forms have as many parameters as the robot has tendons or markers."""
+    tendons, markers = declared.robot.tendon_names, len(declared.observation.markers)
+    of_each: dict[str, Mapping[str, Range]] = {
+        "stretch_of_each": _each("axial_stiffness_{}", tendons, _STRETCH),
+        "friction_of_each": _each("mu_{}", tendons, Range(0.0, 0.4)),
+        "markers_each": _each(
+            "offset_{}", [f"{axis}_marker_{k}" for k in range(1, markers + 1) for axis in "xyz"], _MARKER
+        ),
+    }
+    return of_each.get(name) or RANGES[name]
 
 
-#: The two segments of a robot, as parameters name them.
-_SEGMENTS = ("segment_1", "segment_2")
-
-#: The same as `DRAW` for the forms of effects.
-DRAW_FORMS: dict[str, Callable[[_Sizes, np.random.Generator], dict[str, float]]] = {
-    "stretch_by_segment": lambda sizes, rng: _several(
-        "axial_stiffness", _SEGMENTS, lambda: DRAW["tendon_stretch"](sizes, rng)["axial_stiffness"]
-    ),
-    "stretch_of_each": lambda sizes, rng: _several(
-        "axial_stiffness", sizes.tendons, lambda: DRAW["tendon_stretch"](sizes, rng)["axial_stiffness"]
-    ),
-    "pretension_by_segment": lambda sizes, rng: _several(
-        "tension", _SEGMENTS, lambda: DRAW["pretension"](sizes, rng)["tension"]
-    ),
-    "friction_of_each": lambda sizes, rng: _several(
-        "mu", sizes.tendons, lambda: float(rng.uniform(0.0, 0.4))
-    ),
-    "marker_beyond_tip": lambda sizes, rng: {
-        **DRAW["marker_offset"](sizes, rng),
-        "offset_z": _either(rng, 1e-3, 6e-3),
-    },
-    "markers_each": lambda sizes, rng: {
-        f"offset_{axis}_marker_{k}": _either(rng, 5e-4, 2.5e-3)
-        for k in range(1, sizes.markers + 1)
-        for axis in "xyz"
-    },
-    "frame_elsewhere": lambda sizes, rng: {
-        **DRAW["frame_misalignment"](sizes, rng),
-        **{f"shift_{axis}": _either(rng, 5e-4, 4e-3) for axis in "xyz"},
-    },
-}
-
-
-def draw_values(
-    recipe: Recipe, declared: Experiment, solution: SequenceResult, rng: np.random.Generator
-) -> Values:
-    """Random values of the listed effects of a recipe.
+def draw_values(recipe: Recipe, declared: Experiment, solution: SequenceResult, rng: Random) -> Values:
+    """Random values of the effects of a recipe, by the names of the list.
 
     Parameters
     ----------
     recipe
-        Its unlisted effects have no values here.
+        Names the effects.
     declared, solution
         The declared robot and its solution, in whose sizes the values are drawn.
     rng
         Draws the values, in the order of the recipe's effects.
     """
-    names = [name for name in recipe.effects if name not in PLACES]
-    sizes = _Sizes.of(declared, solution)
-    draw = {**DRAW, **DRAW_FORMS}
-    return {FORMS.get(name, name): _rounded(draw[name](sizes, rng)) for name in names}
+    sizes, found = sizes_of(declared, solution), {}
+    for name in recipe.effects:
+        if name in DRAW:
+            own = DRAW[name](declared, sizes, rng)
+        else:
+            own = {p: r.draw(sizes, rng) for p, r in ranges_of(name, declared).items()}
+        if name == "hole_clearance":
+            own["clearance"] = min(own["clearance"], 0.4 * sizes["offset"])
+        found[FORMS.get(name, name)] = own if recipe.at_a_place else _rounded(own)
+    return found
 
 
 def _rounded(values: dict[str, float]) -> dict[str, float]:
@@ -268,97 +262,3 @@ def detectable(
             size = misfit(single)
         result |= single
     return result
-
-
-@dataclass(frozen=True)
-class Unlisted:
-    """An unlisted effect, or none.
-
-    Attributes
-    ----------
-    answer : dict
-        "kind", location along the backbone ("start", "end" [m], "bay" from 1), and its size; empty where there is none.
-    change : callable
-        From the robot without it to the true one.
-    extras : Extras
-        Of the true robot.
-    """
-
-    answer: dict[str, Any]
-    change: Callable[[Robot], Robot] = lambda robot: robot
-    extras: Extras = field(default_factory=Extras)
-
-
-def _with_patch(patch: StiffnessPatch) -> Callable[[Robot], Robot]:
-    return lambda robot: robot.with_backbone(patches=(*robot.backbone.patches, patch))
-
-
-def _soft_spot(declared: Experiment, edges: tuple[float, ...], rng: np.random.Generator) -> Unlisted:
-    bay = int(rng.integers(1, max(2, round(0.7 * (len(edges) - 1))) + 1))
-    factor = round(float(rng.uniform(0.3, 0.6)), 3)
-    start, end = edges[bay - 1], edges[bay]
-    answer = {"kind": "soft_spot", "bay": bay, "start": start, "end": end, "bending": factor}
-    return Unlisted(answer, _with_patch(StiffnessPatch(start, end, factor, 1.0)))
-
-
-def _side_spring(declared: Experiment, edges: tuple[float, ...], rng: np.random.Generator) -> Unlisted:
-    bays = len(edges) - 1
-    disk = int(rng.integers(round(0.35 * bays), round(0.65 * bays) + 1))
-    at = edges[disk]
-    stiffness = float(f"{rng.uniform(0.1, 0.5) * 3.0 * declared.robot.backbone.EI / at**3:.4g}")
-    answer = {"kind": "side_spring", "bay": disk, "start": at, "end": at, "stiffness": stiffness}
-    return Unlisted(answer, lambda robot: replace(robot, springs=(SideSpring(at, stiffness),)))
-
-
-def _stuck_hole(declared: Experiment, edges: tuple[float, ...], rng: np.random.Generator) -> Unlisted:
-    robot = declared.robot
-    tendon = robot.tendons[int(rng.integers(0, len(robot.tendons)))]
-    arc_lengths = robot.hole_arc_lengths(tendon)
-    last = len(arc_lengths) - 1
-    hole = int(rng.integers(max(1, round(0.3 * last)), max(2, round(0.7 * last) + 1)))
-    at = float(arc_lengths[hole])
-    highest = max(v for s in declared.steps for v in s.tensions.values())
-    answer = {"kind": "stuck_hole", "bay": hole, "start": at, "end": at, "tendon": tendon.name, "hole": hole}
-    return Unlisted(answer, extras=Extras(holes=(HoleFriction(tendon.name, hole, 0.0, 4.0 * highest),)))
-
-
-def _kink(declared: Experiment, edges: tuple[float, ...], rng: np.random.Generator) -> Unlisted:
-    bay = int(rng.integers(1, max(2, round(0.8 * (len(edges) - 1))) + 1))
-    start, end = edges[bay - 1], edges[bay]
-    angle, direction = float(rng.uniform(0.05, 0.2)), float(rng.uniform(0.0, 2.0 * np.pi))
-    kappa = tuple(round(float(angle / (end - start) * f(direction)), 3) for f in (np.cos, np.sin))
-    answer = {
-        "kind": "kink",
-        "bay": bay,
-        "start": start,
-        "end": end,
-        "kappa_x": kappa[0],
-        "kappa_y": kappa[1],
-    }
-    return Unlisted(answer, _with_patch(StiffnessPatch(start, end, 1.0, 1.0, (kappa[0], kappa[1]))))
-
-
-_DRAW: dict[str, Callable[[Experiment, tuple[float, ...], np.random.Generator], Unlisted]] = {
-    "soft_spot": _soft_spot,
-    "side_spring": _side_spring,
-    "stuck_hole": _stuck_hole,
-    "kink": _kink,
-}
-
-
-def draw_unlisted(recipe: Recipe, declared: Experiment, rng: np.random.Generator) -> Unlisted:
-    """The unlisted effect of a recipe, for the answer and for the true robot.
-
-    Parameters
-    ----------
-    recipe
-        With at most one of `tdcr_fe.validation.blind.recipes.PLACES`.
-    declared
-        The declared robot and its loading.
-    rng
-        Draws location and size.
-    """
-    wanted = [name for name in recipe.effects if name in PLACES]
-    if not wanted:
-        return Unlisted({})
-    return _DRAW[wanted[0]](declared, (0.0, *declared.robot.disks.positions), rng)

@@ -8,25 +8,27 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.io.measured import MeasuredData, write_measured
-from tdcr_fe.model.channels import channel
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.validation.blind.declared import (
-    draw_loading,
+from tdcr_fe.validation.blind.declared import draw_loading, draw_robot
+from tdcr_fe.validation.blind.readings import (
+    attempts,
     draw_markers,
-    draw_robot,
     measured,
-    planned_readings,
+    planned,
     read,
+    sigmas,
+    solved,
 )
-from tdcr_fe.validation.reference import Extras, ReferenceSettings, solve_reference
+from tdcr_fe.validation.reference import Extras, ReferenceSettings
+from tdcr_fe.validation.reference.rod import tendon_course
 from tdcr_fe.validation.reference.settings import BackboneState, PointForce
 
 Array = NDArray[np.float64]
@@ -44,100 +46,50 @@ class Sizes:
     deflection: float  # largest displacement of the middle of the backbone [m]
 
 
+#: Moments that the backbone carries besides its elasticity, shape (n, 2) [N m].
+Law = Callable[[BackboneState, Robot, Sizes], Array]
+
+
 @dataclass(frozen=True)
 class LawRecipe:
     """One law that a blind set hides."""
 
     name: str
     seed: int
-    product: (
-        str  # of factors and direction: the missing moment or force but for a number, as `identify` writes it
-    )
-    law: Callable[[Robot, Sizes], Extras]  # from robot and sizes to the extras of the true robot
+    #: Of factors and direction: the missing moment or force but for a number, as `identify` writes it.
+    product: str
+    law: (
+        Law | None
+    )  # None: a spring from the middle disk to ground that grows with the cube of the displacement
     robot: str = "parallel"
     friction: bool = False  # whether the tendons have friction in the holes
     timed: bool = False
 
-
-def _bending(
-    strength: float, scalar: Callable[[BackboneState, Robot, Sizes], Array]
-) -> Callable[[Robot, Sizes], Extras]:
-    """A moment along the curvature: ``m = -strength EI scalar kappa`` (a positive strength stiffens)."""
-
-    def make(robot: Robot, sizes: Sizes) -> Extras:
-        return Extras(
-            bending=lambda b: strength * sizes.stiffness * scalar(b, robot, sizes)[:, None] * b.strain[:, :2]
-        )
-
-    return make
-
-
-def _size(b: BackboneState) -> Array:
-    return np.asarray(np.linalg.norm(b.strain[:, :2], axis=1))
-
-
-def _levers(b: BackboneState, robot: Robot) -> Array:
-    """Moment of a unit tension of every tendon about the section's axes [m], shape (n, n_tendons, 2)."""
-    levers = np.zeros((len(b.s), len(robot.tendons), 2))
-    for i, tendon in enumerate(robot.tendons):
-        end = robot.end(tendon)
-        x = tendon.routing.position(np.minimum(b.s, end), end)
-        levers[:, i] = np.stack((-x[:, 1], x[:, 0]), axis=1)
-    return levers
-
-
-def _tendon_moment(
-    strength: float, scalar: Callable[[BackboneState, Sizes], Array]
-) -> Callable[[Robot, Sizes], Extras]:
-    """A moment along that of the tendons: ``m = strength sum_i scalar_i T_i lever_i``."""
-
-    def make(robot: Robot, sizes: Sizes) -> Extras:
-        def carried(b: BackboneState) -> Array:
-            weight = scalar(b, sizes) * b.tension
-            return np.asarray(-strength * np.einsum("nt,ntk->nk", weight, _levers(b, robot)))
-
-        return Extras(bending=carried)
-
-    return make
-
-
-def _drift(strength: float) -> Callable[[Robot, Sizes], Extras]:
-    """A moment about the x axis that grows with time."""
-
-    def make(robot: Robot, sizes: Sizes) -> Extras:
-        size = strength * sizes.stiffness * sizes.curvature / sizes.duration
-
-        def carried(b: BackboneState) -> Array:
-            return np.asarray(np.stack((np.full(len(b.s), -size * b.time), np.zeros(len(b.s))), axis=1))
-
-        return Extras(bending=carried)
-
-    return make
-
-
-def _about_x(strength: float) -> Callable[[Robot, Sizes], Extras]:
-    """Another stiffness about the x axis than about y."""
-
-    def make(robot: Robot, sizes: Sizes) -> Extras:
-        return Extras(bending=lambda b: strength * sizes.stiffness * b.strain[:, :2] * np.array([1.0, 0.0]))
-
-    return make
-
-
-def _cubic_spring(strength: float) -> Callable[[Robot, Sizes], Extras]:
-    """A spring from the middle disk to ground whose force grows with the third power of the displacement."""
-
-    def make(robot: Robot, sizes: Sizes) -> Extras:
+    def extras(self, robot: Robot, sizes: Sizes) -> Extras:
+        """What the true robot has besides the declared one."""
+        law = self.law
+        if law is not None:
+            return Extras(bending=lambda b: law(b, robot, sizes))
         at = robot.disks.positions[len(robot.disks.positions) // 2]
-        size = strength * 3.0 * sizes.stiffness / at**3 / sizes.deflection**2
+        size = 0.45 * sizes.stiffness / at**3 / sizes.deflection**2
+        across = np.array([1.0, 1.0, 0.0])
+        return Extras(forces=(PointForce(at, lambda u: -size * float(across @ u**2) * across * u),))
 
-        def force(u: Array) -> Array:
-            across = np.array([u[0], u[1], 0.0])
-            return np.asarray(-size * float(across @ across) * across)
 
-        return Extras(forces=(PointForce(at, force),))
+def _stiffer(b: BackboneState, z: Sizes, share: float | Array) -> Array:
+    """Moment of a bending stiffness that is larger by a share of it."""
+    return np.asarray(z.stiffness * np.reshape(share, (-1, 1)) * b.strain[:, :2])
 
-    return make
+
+def _lag(b: BackboneState, robot: Robot, share: Array) -> Array:
+    """Moment of the tendons, times a share, shape (1 or n, 1 or n_tendons)."""
+    levers = tendon_course(robot, b.s).lever[:, :, 2, :2]
+    return np.asarray(np.einsum("nt,ntk->nk", share * b.tension, levers))
+
+
+def _bent(b: BackboneState, z: Sizes) -> Array:
+    """Size of the curvature over its largest value."""
+    return np.asarray(np.linalg.norm(b.strain[:, :2], axis=1) / z.curvature)
 
 
 def _in_one_bay(b: BackboneState, robot: Robot) -> Array:
@@ -147,53 +99,38 @@ def _in_one_bay(b: BackboneState, robot: Robot) -> Array:
     return ((b.s > edges[k]) & (b.s < edges[k + 1])).astype(float)
 
 
+_X = np.array([1.0, 0.0])
 #: The twelve recipes.
 LAWS: tuple[LawRecipe, ...] = (
-    LawRecipe("hardening", 501, "|kappa| kappa",
-              _bending(0.30, lambda b, r, z: _size(b) / z.curvature)),
-    LawRecipe("softening", 502, "|kappa| kappa",
-              _bending(-0.18, lambda b, r, z: _size(b) / z.curvature), robot="helical"),
+    LawRecipe("hardening", 501, "|kappa| kappa", lambda b, r, z: _stiffer(b, z, 0.3 * _bent(b, z))),
+    LawRecipe("softening", 502, "|kappa| kappa", lambda b, r, z: _stiffer(b, z, -0.18 * _bent(b, z)), "helical"),
     LawRecipe("tension stiffening", 503, "T kappa",
-              _bending(0.30, lambda b, r, z: b.tension.sum(axis=1) / z.tension), robot="parallel"),
-    LawRecipe("tapered", 504, "s kappa",
-              _bending(0.35, lambda b, r, z: b.s / z.length), robot="parallel", friction=True),
-    LawRecipe("drift", 505, "t e_x", _drift(0.12), timed=True),
-    LawRecipe("cubic spring", 506, "|u|^2 u",
-              _cubic_spring(0.15)),
-    LawRecipe("lag of the moment", 507, "sum(sign_i m_Ti)",
-              _tendon_moment(-0.08, lambda b, z: b.direction[None, :])),
-    LawRecipe("two stiffnesses", 508, "kappa_x e_x", _about_x(0.3),
-              robot="converging"),
-    LawRecipe("lever that grows", 509, "s m_T",
-              _tendon_moment(0.2, lambda b, z: (b.s / z.length)[:, None]), robot="points"),
-    LawRecipe("curing", 510, "t kappa",
-              _bending(0.35, lambda b, r, z: np.full(len(b.s), b.time / z.duration)), timed=True,
-              friction=True),
+              lambda b, r, z: _stiffer(b, z, 0.3 * b.tension.sum(axis=1) / z.tension)),
+    LawRecipe("tapered", 504, "s kappa", lambda b, r, z: _stiffer(b, z, 0.35 * b.s / z.length), friction=True),
+    LawRecipe("drift", 505, "t e_x",
+              lambda b, r, z: np.tile(-0.12 * z.stiffness * z.curvature * b.time / z.duration * _X, (len(b.s), 1)),
+              timed=True),
+    LawRecipe("cubic spring", 506, "|u|^2 u", None),
+    LawRecipe("lag of the moment", 507, "sum(sign_i m_Ti)", lambda b, r, z: _lag(b, r, -0.08 * b.direction)),
+    LawRecipe("two stiffnesses", 508, "kappa_x e_x", lambda b, r, z: _stiffer(b, z, 0.3) * _X, "converging"),
+    LawRecipe("lever that grows", 509, "s m_T", lambda b, r, z: _lag(b, r, 0.2 * b.s[:, None] / z.length), "points"),
+    LawRecipe("curing", 510, "t kappa", lambda b, r, z: _stiffer(b, z, 0.35 * b.time / z.duration),
+              friction=True, timed=True),
     LawRecipe("hardening in one bay", 511, "|kappa| kappa",
-              _bending(1.5, lambda b, r, z: _in_one_bay(b, r) * _size(b) / z.curvature)),
+              lambda b, r, z: _stiffer(b, z, 1.5 * _in_one_bay(b, r) * _bent(b, z))),
     LawRecipe("hardening towards the tip", 512, "|kappa| s kappa",
-              _bending(0.5, lambda b, r, z: b.s / z.length * _size(b) / z.curvature), robot="helical"),
+              lambda b, r, z: _stiffer(b, z, 0.5 * b.s / z.length * _bent(b, z)), "helical"),
 )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class LawSet:
-    """A blind set with a law.
-
-    Attributes
-    ----------
-    recipe : LawRecipe
-    data : MeasuredData
-    exact : ndarray
-        Readings without noise, in their order.
-    declared_off : float
-        Root mean square of the declared model's misfit, without noise, over sigma [1].
-    """
+    """A blind set with a law."""
 
     recipe: LawRecipe
     data: MeasuredData
-    exact: Array
-    declared_off: float
+    exact: Array  # readings without noise, in their order
+    declared_off: float  # root mean square of the declared model's misfit, without noise, over sigma [1]
 
 
 def make_law_set(
@@ -212,57 +149,38 @@ def make_law_set(
 
     Raises
     ------
-    ValueError
+    NotMade
         No robot drawn from this seed can be solved with the law.
     """
-    reason = ""
-    for attempt in range(4):
-        rng = np.random.default_rng([recipe.seed, attempt])
-        try:
-            made = _made(recipe, sigma, rng)
-        except ValueError as error:
-            reason = str(error)
-            continue
-        if folder is not None:
-            write_measured(made.data, folder)
-        return made
-    raise ValueError(f"{recipe.name}: {reason}")
+    made = attempts(recipe.seed, lambda rng: _make(recipe, sigma, rng))
+    if folder is not None:
+        write_measured(made.data, folder)
+    return made
 
 
-def _made(recipe: LawRecipe, sigma: float, rng: np.random.Generator) -> LawSet:
+def _make(recipe: LawRecipe, sigma: float, rng: np.random.Generator) -> LawSet:
     robot = draw_robot(recipe.robot, rng)
     if not recipe.friction:
-        smooth = tuple(replace(t, friction_coefficient=0.0) for t in robot.tendons)
-        robot = replace(robot, tendons=smooth)
+        robot = robot.with_tendons(friction_coefficient=0.0)
     steps, branches = draw_loading(robot, "tension", recipe.timed, rng)
     model = Model(friction="per-hole" if recipe.friction else "none", elements_per_bay=2)
     declared = Experiment(robot, model, steps)
-    arc_lengths = draw_markers(robot, rng)
-    marks = planned_readings(declared, arc_lengths, [])
-    settings = ReferenceSettings(
-        sample_at=arc_lengths, substeps=8 if recipe.friction else 2, max_interval=0.05
+    markers = draw_markers(robot, rng)
+    marks = planned(declared, markers)
+    settings = ReferenceSettings(markers, substeps=8 if recipe.friction else 2, max_interval=0.05)
+    base = solved(declared, settings)
+    middle = [float(np.hypot(*s.positions[len(s.s) // 2][:2])) for s in base.steps]
+    sizes = Sizes(
+        robot.backbone.EI,
+        robot.backbone.length,
+        max(max(s.bending_angle for s in base.steps) / robot.backbone.length, 1e-9),
+        max(float(np.sum(s.base_tensions)) for s in base.steps),
+        max(s.time or 0.0 for s in steps),
+        max(middle),
     )
-
-    def readings(extras: Extras) -> tuple[Array, Sizes]:
-        result = solve_reference(robot, model, steps, settings=settings, extras=extras)
-        if not result.converged:
-            raise ValueError(result.message)
-        if max(step.bending_angle for step in result.steps) > 2.8:
-            raise ValueError("the tip turns back to the base")
-        middle = [float(np.hypot(*s.positions[len(s.s) // 2][:2])) for s in result.steps]
-        sizes = Sizes(
-            robot.backbone.EI,
-            robot.backbone.length,
-            max(max(s.bending_angle for s in result.steps) / robot.backbone.length, 1e-9),
-            max(float(np.sum(s.base_tensions)) for s in result.steps),
-            max((s.time or 0.0 for s in steps), default=0.0),
-            max(middle),
-        )
-        return read(result, declared, marks), sizes
-
-    base, sizes = readings(Extras())
-    exact, _ = readings(recipe.law(robot, sizes))
-    noise = np.array([sigma if channel(q).unit == "m" else sigma / 0.06 for _, q, _ in marks])
-    observed = measured(marks, exact, noise, rng)
-    data = MeasuredData(recipe.name, robot, model, tuple(range(1, len(steps) + 1)), steps, branches, observed)
-    return LawSet(recipe, data, exact, float(np.sqrt(np.mean(((exact - base) / noise) ** 2))))
+    start = read(base, declared, marks)
+    exact = read(solved(declared, settings, recipe.extras(robot, sizes)), declared, marks)
+    noise = sigmas(marks, sigma)
+    noisy = exact + noise * rng.standard_normal(len(exact))
+    data = measured(recipe.name, declared, branches, (marks, noisy, noise))
+    return LawSet(recipe, data, exact, float(np.sqrt(np.mean(((exact - start) / noise) ** 2))))

@@ -22,7 +22,8 @@ import pandas as pd
 from tdcr_fe.identify import identify
 from tdcr_fe.io.atomic import write_json
 from tdcr_fe.io.measured import read_measured
-from tdcr_fe.validation.blind.maker import Answer, NotMade, make_blind
+from tdcr_fe.validation.blind.maker import Answer, make_blind
+from tdcr_fe.validation.blind.readings import NotMade
 from tdcr_fe.validation.blind.recipes import Recipe, plan, plan_of
 from tdcr_fe.validation.blind.scoring import Score, score
 from tdcr_fe.validation.runner import Campaign
@@ -43,8 +44,8 @@ def made_set(recipe: Recipe, out: Path) -> Answer:
 
 def summary(scores: Sequence[Score]) -> dict[str, str]:
     """Shares and counts over all sets."""
-    kinds = {k: [s for s in scores if s.kind == k] for k in ("clean", "single", "pair", "weak", "off-list")}
-    listed, places = [*kinds["single"], *kinds["pair"]], kinds["off-list"]
+    kinds = {k: [s for s in scores if s.kind == k] for k in ("clean", "single", "pair", "weak", "place")}
+    listed, places = [*kinds["single"], *kinds["pair"]], kinds["place"]
     right = [s for s in [*listed, *places] if s.outcome in ("right", "named together")]
     ratios = [s.after / s.noise_floor for s in right] or [np.nan]
     hit = sum(len(s.intervals_hit) for s in listed)
@@ -67,7 +68,6 @@ def summary(scores: Sequence[Score]) -> dict[str, str]:
         "... right, or not called explained": _share(
             sum(s.outcome != "overconfident" for s in places), places
         ),
-        "... remainder within one bay, or at the right load": _share(sum(s.located for s in places), places),
         "processor time per set, median and largest": f"{np.median(seconds):.0f} s, {max(seconds):.0f} s",
         "sets that failed": str(sum(not s.passed for s in scores)),
     }
