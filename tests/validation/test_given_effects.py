@@ -8,7 +8,7 @@ import pytest
 from robots import LENGTH, three
 
 from tdcr_fe.effects import Experiment, with_effects
-from tdcr_fe.identify.forward import ForwardModel, Task, run_settings, simulate_experiment
+from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.reader import Reader
 from tdcr_fe.io.measured import MeasuredData, write_measured
 from tdcr_fe.io.readings import Reading
@@ -49,12 +49,11 @@ NAMES = ["tendon_stretch", "marker_offset (along the tangent, too)"]
 
 
 def test_hidden_values_are_found_and_held_out_branches_predicted(data):
-    with ForwardModel() as forward:
-        declared, first, last = fit_in_order(data, NAMES, ["pull_t3"], forward)
-    assert [s.added for s in (declared, first, last)] == ["", *NAMES]
-    left = [s.distance(s.problem.held_out) for s in (declared, first, last)]
+    declared, first, last = fit_in_order(data, NAMES, ["pull_t3"])
+    assert [s["added"] for s in (declared, first, last)] == ["", *NAMES]
+    left = [s["held_out"] for s in (declared, first, last)]
     assert left[0] > left[1] > 2e-3 and left[2] < 2e-5
-    found = last.fit.values
+    found = last["values"]
     assert found["tendon_stretch"]["axial_stiffness"] == pytest.approx(300.0, rel=2e-2)
     for key, value in HIDDEN["marker_offset"].items():
         assert found[NAMES[1]][key] == pytest.approx(value, abs=5e-5)
@@ -91,5 +90,5 @@ def test_the_command_prints_and_writes_what_each_takes_away(data, tmp_path, caps
     other[other.index(str(tmp_path / "out"))] = str(tmp_path / "other")
     assert main(other) == 2
     assert "no form 'tendon_stretch (by segment)'; there are tendon_stretch," in capsys.readouterr().err
-    with pytest.raises(KeyError, match="no effect"):
+    with pytest.raises(ValueError, match="no effect 'wind'"):
         chosen_form("wind", Experiment(data.robot, data.model))

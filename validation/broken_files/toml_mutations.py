@@ -4,20 +4,44 @@ from __future__ import annotations
 
 import copy
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 Path = tuple[str | int, ...]
 Random = np.random.Generator
-#: A mutated text or data, the path of what was changed, its value as text, and whether it must be refused.
+#: A mutated text, the path of what was changed, its value as text, and whether it must be refused.
 Mutated = tuple[str, Path, str, bool]
+Mutation = Callable[[Random, Any], Mutated]
 
 #: Tables whose keys are names of the user's choice.
 _FREE_NAMES = ("loads",)
-#: Keys whose value may be anything: texts for people.
-_FREE_TEXTS = ("name", "label")
+
+#: Mutations by their names: from the data of a file, and from its text.
+DATA_MUTATIONS: dict[str, Mutation] = {}
+TEXT_MUTATIONS: dict[str, Mutation] = {}
+
+
+def register(table: dict[str, Mutation]) -> Callable[[Mutation], Mutation]:
+    """Enter a mutation in a table."""
+
+    def enter(mutation: Mutation) -> Mutation:
+        table[mutation.__name__] = mutation
+        return mutation
+
+    return enter
+
+
+def pick(rng: Random, found: Sequence[Any]) -> Any:
+    """One of several; `LookupError` where there are none."""
+    if not found:
+        raise LookupError("there is nothing to change")
+    return found[int(rng.integers(len(found)))]
+
+
+class Raw(str):
+    """A value that is written as it is."""
 
 
 def to_toml(data: Mapping[str, Any]) -> str:
@@ -25,28 +49,22 @@ def to_toml(data: Mapping[str, Any]) -> str:
     return "".join(f"{_key(k)} = {_value(v)}\n" for k, v in data.items())
 
 
-class Raw(str):
-    """A value that is written as it is."""
-
-
 def _key(key: str) -> str:
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _quoted(key)
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _value(key)
 
 
-def _quoted(text: str) -> str:
-    escaped = "".join(
-        f"\\u{ord(c):04x}" if ord(c) < 32 or ord(c) == 127 else "\\" + c if c in '"\\' else c for c in text
-    )
-    return f'"{escaped}"'
+def _escape(found: re.Match[str]) -> str:
+    return "\\" + found[0] if found[0] in '"\\' else f"\\u{ord(found[0]):04x}"
 
 
 def _value(value: Any) -> str:
     if isinstance(value, Raw):
         return str(value)
     if isinstance(value, bool):
-        return "true" if value else "false"
+        return str(value).lower()
     if isinstance(value, str):
-        return _quoted(value)
+        escaped = re.sub(r'["\\\x00-\x1f\x7f]', _escape, value)
+        return f'"{escaped}"'
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + "}"
     if isinstance(value, list | tuple):
@@ -69,19 +87,18 @@ def at(data: Any, path: Path) -> Any:
     return data
 
 
-def _numbers(data: Any) -> list[Path]:
-    return [
-        p for p in paths(data) if isinstance(at(data, p), int | float) and not isinstance(at(data, p), bool)
-    ]
+def _of_type(data: Any, *types: type) -> list[Path]:
+    """Paths of all values of certain types."""
+    return [p for p in paths(data) if type(at(data, p)) in types]
 
 
-def _pick(rng: Random, found: list[Any]) -> Any:
-    if not found:
-        raise LookupError("there is nothing to change")
-    return found[int(rng.integers(len(found)))]
+def _tables(data: Any) -> list[Path]:
+    return [(), *_of_type(data, dict)]
 
 
 def _with(data: Any, path: Path, value: Any) -> Any:
+    if not path:
+        return value
     changed = copy.deepcopy(data)
     at(changed, path[:-1])[path[-1]] = value
     return changed
@@ -90,219 +107,182 @@ def _with(data: Any, path: Path, value: Any) -> Any:
 # -------------------------------------------------------------------------------------------- keys and values
 
 
+def _replaced(
+    types: tuple[type, ...], values: Callable[[Any], list[Any]], wrong: Callable[[Any], bool]
+) -> Mutation:
+    """A value of some type (any, where there are none) becomes another one, which may certainly be wrong."""
+
+    def mutate(rng: Random, data: Any) -> Mutated:
+        path = pick(rng, _of_type(data, *types) if types else list(paths(data)))
+        value = pick(rng, values(at(data, path)))
+        return to_toml(_with(data, path, value)), path, str(value)[:40], wrong(value)
+
+    return mutate
+
+
+_ENDLESS = Raw("1" + 400 * "0")
+_ODD_TEXTS = ["a\nb\tc", "ü\u0000\u202e\U0001f916", "../..", "<b>&amp;</b>", "=1+1"]
+_OF_ALL_TYPES = [{}, {"a": 1}, [], [1, 2], [[1.0, 2.0]], "text", 3, 0.5, True, Raw("1979-05-27"), [{"a": 1}]]
+
+
+@register(DATA_MUTATIONS)
 def delete_key(rng: Random, data: Any) -> Mutated:
     """A key, table or item is not there."""
-    path = _pick(rng, list(paths(data)))
+    path = pick(rng, list(paths(data)))
     changed = copy.deepcopy(data)
     del at(changed, path[:-1])[path[-1]]
     return to_toml(changed), path, "", False
 
 
+@register(DATA_MUTATIONS)
 def rename_key(rng: Random, data: Any) -> Mutated:
     """A key is misspelt."""
-    path = _pick(rng, [p for p in paths(data) if isinstance(p[-1], str)])
+    path = pick(rng, [p for p in paths(data) if isinstance(p[-1], str)])
     old = str(path[-1])
     k = int(rng.integers(len(old)))
-    new = str(
-        rng.choice([old[:k] + old[k:][::-1] + "x", old + old[-1], old[:k] + old[k + 1 :] + "q", old.upper()])
-    )
-    above = at(data, path[:-1])
-    table = {(new if key == old else key): value for key, value in above.items()}
-    changed = table if len(path) == 1 else _with(data, path[:-1], table)
+    new = pick(rng, [old[:k] + old[k:][::-1] + "x", old + old[-1], old[:k] + old[k + 1 :] + "q", old.upper()])
+    table = {(new if key == old else key): value for key, value in at(data, path[:-1]).items()}
     free = len(path) > 1 and path[-2] in _FREE_NAMES
-    return to_toml(changed), (*path[:-1], new), "", new != old and not free
+    return to_toml(_with(data, path[:-1], table)), (*path[:-1], new), "", new != old and not free
 
 
+@register(DATA_MUTATIONS)
 def add_key(rng: Random, data: Any) -> Mutated:
     """A table has a key that is unknown."""
-    path = _pick(rng, [(), *(p for p in paths(data) if isinstance(at(data, p), dict))])
+    path = pick(rng, _tables(data))
     free = bool(path) and path[-1] in _FREE_NAMES
     table = {**at(data, path), "colour": "red"}
-    changed = table if not path else _with(data, path, table)
-    return to_toml(changed), (*path, "colour"), "red", not free
+    return to_toml(_with(data, path, table)), (*path, "colour"), "red", not free
 
 
-def text_for_number(rng: Random, data: Any) -> Mutated:
-    """A text where a number belongs."""
-    path = _pick(rng, _numbers(data))
-    text = str(rng.choice(["abc", "0.25", "1,5", "5 mn", "", "nan", "none"]))
-    return to_toml(_with(data, path, text)), path, text, True
+DATA_MUTATIONS |= {
+    "text_for_number": _replaced(
+        (int, float), lambda old: ["abc", "0.25", "1,5", "5 mn", "", "nan", "none"], lambda new: True
+    ),
+    "boolean_for_number": _replaced((int, float), lambda old: [False, True], lambda new: True),
+    "other_type": _replaced((), lambda old: _OF_ALL_TYPES, lambda new: False),
+    "number": _replaced(
+        (int, float),
+        lambda old: [
+            *(0, -1, -old, 1e-300, -1e-12, 1e6 * old, 1e300),
+            *(10**6, 10**30, _ENDLESS, 5e-324, 3.7, 2**63),
+        ],
+        lambda new: False,
+    ),
+    "not_finite": _replaced(
+        (int, float), lambda old: [*map(Raw, ("nan", "inf", "-inf", "-nan"))], lambda new: "nan" in new
+    ),
+    "other_text": _replaced(
+        (str,), lambda old: ["nonsense", "", " ", 100_000 * "x", *_ODD_TEXTS], lambda new: False
+    ),
+}
 
 
-def boolean_for_number(rng: Random, data: Any) -> Mutated:
-    """True or false where a number belongs."""
-    path = _pick(rng, _numbers(data))
-    value = bool(rng.integers(2))
-    return to_toml(_with(data, path, value)), path, str(value).lower(), True
-
-
-def other_type(rng: Random, data: Any) -> Mutated:
-    """A table, list, text, number or date where another type belongs."""
-    path = _pick(rng, list(paths(data)))
-    date = Raw("1979-05-27")
-    value = _pick(rng, [{}, {"a": 1}, [], [1, 2], [[1.0, 2.0]], "text", 3, 0.5, True, date, [{"a": 1}]])
-    return to_toml(_with(data, path, value)), path, str(value), False
-
-
-def number(rng: Random, data: Any) -> Mutated:
-    """A number that is negative, zero, tiny or huge."""
-    path = _pick(rng, _numbers(data))
-    old, endless = at(data, path), Raw("1" + 400 * "0")
-    around = [0, -1, -old, 1e-300, -1e-12, 1e6 * old, 1e300]
-    value = _pick(rng, [*around, 10**6, 10**30, endless, 5e-324, 3.7, 2**63])
-    return to_toml(_with(data, path, value)), path, str(value), False
-
-
-def not_finite(rng: Random, data: Any) -> Mutated:
-    """A number that is not finite."""
-    path = _pick(rng, _numbers(data))
-    value = str(rng.choice(["nan", "inf", "-inf", "-nan"]))
-    return to_toml(_with(data, path, Raw(value))), path, value, "nan" in value
-
-
-def other_text(rng: Random, data: Any) -> Mutated:
-    """Another text: unknown, empty, long, with line feeds or characters of all kinds."""
-    path = _pick(rng, [p for p in paths(data) if isinstance(at(data, p), str)])
-    odd = ["a\nb\tc", "ü\u0000\u202e\U0001f916", "../..", "<b>&amp;</b>", "=1+1"]
-    value = _pick(rng, ["nonsense", "", " ", 100_000 * "x", *odd])
-    return to_toml(_with(data, path, value)), path, value[:40], False
-
-
+@register(DATA_MUTATIONS)
 def unknown_tendon(rng: Random, data: Any) -> Mutated:
     """A step, spring or variation names a tendon that is not there."""
-    tables = [
-        p for p in paths(data) if p[-1] in ("tensions", "displacements") and isinstance(at(data, p), dict)
-    ]
-    path = _pick(rng, tables)
+    path = pick(rng, [p for p in _of_type(data, dict) if p[-1] in ("tensions", "displacements")])
     return to_toml(_with(data, path, {**at(data, path), "nobody": 0.1})), (*path, "nobody"), "nobody", True
 
 
+@register(DATA_MUTATIONS)
 def long_list(rng: Random, data: Any) -> Mutated:
     """A list that is very long."""
-    path = _pick(rng, [p for p in paths(data) if isinstance(at(data, p), list)])
+    path = pick(rng, _of_type(data, list))
     old = at(data, path)
-    counts = [300, 20_000] if old and isinstance(old[0], dict) else [1000, 100_000]
-    times = int(rng.choice(counts))
-    return to_toml(_with(data, path, (old * times)[: max(times, 1)])), path, f"{times} items", False
+    times = pick(rng, [300, 20_000] if old and isinstance(old[0], dict) else [1000, 100_000])
+    return to_toml(_with(data, path, (old * times)[:times])), path, f"{times} items", False
 
 
+@register(DATA_MUTATIONS)
 def deep(rng: Random, data: Any) -> Mutated:
     """A value nested very deep."""
-    path = _pick(rng, list(paths(data)))
-    depth = int(rng.choice([30, 5000]))
+    path = pick(rng, list(paths(data)))
+    depth = pick(rng, [30, 5000])
     text = to_toml(_with(data, path, Raw(depth * "[" + depth * "]")))
     return text, path if depth < 100 else (), "[[[", False
 
 
+@register(DATA_MUTATIONS)
 def exchange_values(rng: Random, data: Any) -> Mutated:
     """Two values of one table change places."""
-    tables = [(), *(p for p in paths(data) if isinstance(at(data, p), dict))]
-    path = _pick(rng, [p for p in tables if len(at(data, p)) > 1])
+    path = pick(rng, [p for p in _tables(data) if len(at(data, p)) > 1])
     table = dict(at(data, path))
     a, b = (str(k) for k in rng.choice(list(table), 2, replace=False))
     table[a], table[b] = table[b], table[a]
-    return to_toml(table if not path else _with(data, path, table)), (*path, a), "", False
+    return to_toml(_with(data, path, table)), (*path, a), "", False
 
 
+@register(DATA_MUTATIONS)
 def duplicate_item(rng: Random, data: Any) -> Mutated:
     """An item of a list, such as a tendon, is there twice."""
-    path = _pick(rng, [p for p in paths(data) if isinstance(p[-1], int)])
+    path = pick(rng, [p for p in paths(data) if isinstance(p[-1], int)])
     changed = copy.deepcopy(data)
     above = at(changed, path[:-1])
     above.insert(int(path[-1]), copy.deepcopy(above[int(path[-1])]))
     return to_toml(changed), path, "", False
 
 
-DATA_MUTATIONS: tuple[Callable[[Random, Any], Mutated], ...] = (
-    delete_key,
-    rename_key,
-    add_key,
-    text_for_number,
-    boolean_for_number,
-    other_type,
-    number,
-    not_finite,
-    other_text,
-    unknown_tendon,
-    long_list,
-    deep,
-    exchange_values,
-    duplicate_item,
-)
-
-
 # -------------------------------------------------------------------------------------------------- the text
 
 
-def _line_with_key(rng: Random, text: str) -> re.Match[str]:
-    found: re.Match[str] = _pick(rng, list(re.finditer(r"(?m)^([A-Za-z_]+) = (.*)$", text)))
-    return found
+def _substituted(pattern: str, new: Callable[[str], str]) -> Mutation:
+    """What one match of a pattern becomes."""
+
+    def mutate(rng: Random, text: str) -> Mutated:
+        found: re.Match[str] = pick(rng, list(re.finditer(pattern, text)))
+        changed = text[: found.start()] + new(found.group()) + text[found.end() :]
+        return changed, ("line",), found.group(), True
+
+    return mutate
 
 
-def duplicate_key(rng: Random, text: str) -> Mutated:
-    """A key is there twice."""
-    line = _line_with_key(rng, text)
-    return text[: line.end()] + "\n" + line.group() + text[line.end() :], ("line",), line.group(), True
+TEXT_MUTATIONS["duplicate_key"] = _substituted(r"(?m)^[A-Za-z_]+ = .*$", lambda line: f"{line}\n{line}")
 
 
+@register(TEXT_MUTATIONS)
 def duplicate_table(rng: Random, text: str) -> Mutated:
     """A table is there twice."""
-    header: re.Match[str] = _pick(rng, list(re.finditer(r"(?m)^\[[a-z]+\]$", text)))
+    header: re.Match[str] = pick(rng, list(re.finditer(r"(?m)^\[[a-z]+\]$", text)))
     return text + "\n" + header.group() + "\n", ("line",), header.group(), True
 
 
-def _replaced(text: str, found: re.Match[str], new: str) -> str:
-    return text[: found.start()] + new + text[found.end() :]
+TEXT_MUTATIONS["decimal_comma"] = _substituted(
+    r"(?m)(?<== )\d+\.\d+(?=[e\d\s-])", lambda x: x.replace(".", ",")
+)
 
 
-def decimal_comma(rng: Random, text: str) -> Mutated:
-    """A number with a decimal comma."""
-    found: re.Match[str] = _pick(rng, list(re.finditer(r"(?m)(?<== )(\d+)\.(\d+)(?=[e\d\s-])", text)))
-    return _replaced(text, found, found.group().replace(".", ",")), ("line",), found.group(), True
-
-
+@register(TEXT_MUTATIONS)
 def semicolons(rng: Random, text: str) -> Mutated:
     """Lines end in semicolons."""
     return re.sub(r"(?m)^([a-z_]+ = [^#\n]*)$", r"\1;", text), ("line",), ";", True
 
 
-def without_quotes(rng: Random, text: str) -> Mutated:
-    """A text without its quotes."""
-    found: re.Match[str] = _pick(rng, list(re.finditer(r'= "([a-z][^"]*)"', text)))
-    return _replaced(text, found, "= " + found.group(1)), ("line",), found.group(1), True
+TEXT_MUTATIONS["without_quotes"] = _substituted(r'= "[a-z][^"]*"', lambda x: x.replace('"', ""))
 
 
+@register(TEXT_MUTATIONS)
 def truncated(rng: Random, text: str) -> Mutated:
     """The end is missing."""
     return text[: int(rng.integers(1, len(text)))], (), "", False
 
 
+@register(TEXT_MUTATIONS)
 def without_character(rng: Random, text: str) -> Mutated:
     """One character is missing."""
     k = int(rng.integers(len(text)))
     return text[:k] + text[k + 1 :], (), text[k], False
 
 
+@register(TEXT_MUTATIONS)
 def with_character(rng: Random, text: str) -> Mutated:
     """One more character."""
     k = int(rng.integers(len(text)))
-    more = str(rng.choice(list("\"[]{}=#'\x00\x07,.-e9")))
+    more = pick(rng, "\"[]{}=#'\x00\x07,.-e9")
     return text[:k] + more + text[k:], (), more, False
 
 
+@register(TEXT_MUTATIONS)
 def other_line_ends(rng: Random, text: str) -> Mutated:
     """Lines end as on Windows or old Macs."""
-    return text.replace("\n", str(rng.choice(["\r\n", "\r"]))), (), "", False
-
-
-TEXT_MUTATIONS: tuple[Callable[[Random, str], Mutated], ...] = (
-    duplicate_key,
-    duplicate_table,
-    decimal_comma,
-    semicolons,
-    without_quotes,
-    truncated,
-    without_character,
-    with_character,
-    other_line_ends,
-)
+    return text.replace("\n", pick(rng, ["\r\n", "\r"])), (), "", False

@@ -10,7 +10,6 @@ import importlib
 import io
 import re
 import signal
-import sys
 import threading
 import time
 import traceback
@@ -31,12 +30,8 @@ from tdcr_fe.validation.broken_files.inputs import INPUTS, Inputs, files_of, is_
 from tdcr_fe.validation.broken_files.mutations import Change, change
 from tdcr_fe.validation.runner import Campaign
 
-#: Processor time after which a command is interrupted [s].
-TIME_LIMIT = 10.0
-#: Time on the clock after which it is interrupted, too: it waits for something, or the machine is busy [s].
-CLOCK_LIMIT = 60.0
-#: A command that does not end within this time after the interruption hangs [s].
-GRACE = 30.0
+#: Processor time after which a command is interrupted, and that in which it then has to end [s].
+TIME_LIMIT, GRACE = 10.0, 30.0
 #: Longest message [characters]: one mistake in a long list must not fill the terminal.
 LONGEST_MESSAGE = 20_000
 
@@ -80,7 +75,7 @@ class Outcome:
     value: str
     outcome: str
     status: int  # exit status
-    seconds: float
+    seconds: float  # processor time
     text: str  # first words of what it says on stderr
 
     @property
@@ -106,9 +101,9 @@ def run_case(case: Case) -> Outcome:
         arguments = case.inputs.command.replace("{}", str(folder)).split()
         if "--check" not in arguments:
             arguments += ["-o", str(out / "view.html" if arguments[0] == "view" else out)]
-        begun = time.perf_counter()
+        begun = time.process_time()
         ran = _in_this_process(arguments)
-        seconds = time.perf_counter() - begun
+        seconds = time.process_time() - begun
         outcome = judge(case, ran, seconds, list(out.rglob("*")) if out.exists() else [])
         text = ran.errors.replace(str(folder) + "/", "")
     made = case.change
@@ -149,7 +144,7 @@ def judge(case: Case, ran: Ran, seconds: float, written: list[Path]) -> str:
     """The outcome of a command, see `Outcome`."""
     if "Traceback (most recent call last)" in ran.errors:
         return "traceback"
-    if seconds > CLOCK_LIMIT + GRACE or ran.interrupted_in == "reading":
+    if seconds > TIME_LIMIT + GRACE or ran.interrupted_in == "reading":
         return "hang"
     if "Warning: " in ran.errors:
         return "warning of Python"
@@ -197,14 +192,15 @@ class _TimeLimit(KeyboardInterrupt):
 
 @contextmanager
 def _limited(where: list[str]) -> Iterator[None]:
-    """Interrupt what runs longer than the limits, and note where it was; on Windows nothing is interrupted."""
+    """Interrupt what takes more processor time than the limit, and note where it was; Windows has no such limit.
+
+    It is interrupted again after the time that it has to end in: destructors swallow exceptions.
+    """
     if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
         yield
         return
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        for _, timer, _ in timers:  # once: what is solved is still to be written
-            signal.setitimer(timer, 0.0)
         modules = []
         while frame is not None:
             modules.append(frame.f_globals.get("__name__", ""))
@@ -212,29 +208,13 @@ def _limited(where: list[str]) -> Iterator[None]:
         where.append("solving" if any(m.startswith(_SOLVING) for m in modules) else "reading")
         raise _TimeLimit
 
-    def interrupt_again(swallowed: sys.UnraisableHookArgs) -> None:
-        # Callbacks of weak references and destructors swallow exceptions.
-        if isinstance(swallowed.exc_value, _TimeLimit):
-            signal.setitimer(signal.ITIMER_REAL, 0.01)
-        else:
-            sys.__unraisablehook__(swallowed)
-
-    timers = (
-        (signal.SIGPROF, signal.ITIMER_PROF, TIME_LIMIT),
-        (signal.SIGALRM, signal.ITIMER_REAL, CLOCK_LIMIT),
-    )
-    before = [signal.signal(number, interrupt) for number, _, _ in timers]
-    hook, sys.unraisablehook = sys.unraisablehook, interrupt_again
-    for _, timer, limit in timers:
-        signal.setitimer(timer, limit)
+    before = signal.signal(signal.SIGPROF, interrupt)
+    signal.setitimer(signal.ITIMER_PROF, TIME_LIMIT, GRACE)
     try:
         yield
     finally:
-        for _, timer, _ in timers:
-            signal.setitimer(timer, 0.0)
-        for (number, _, _), handler in zip(timers, before, strict=True):
-            signal.signal(number, handler)
-        sys.unraisablehook = hook
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
 
 
 def _in_this_process(arguments: list[str]) -> Ran:
@@ -271,18 +251,13 @@ class BrokenFiles(Campaign):
     def report(self, outcomes: Sequence[Outcome]) -> list[str | pd.DataFrame]:
         """Counts by command and by mutation, and the first of the wrong ones."""
         wrong = [o for o in outcomes if not o.passed]
+        table = self.table(outcomes)
         return [
-            *(
-                pd.crosstab(self.table(outcomes)[by], self.table(outcomes)["outcome"]).reset_index()
-                for by in _BY
-            ),
-            *(
-                f"{o.number}: {o.outcome}: {o.inputs}, {o.file}, {o.mutation}, {o.key} = {o.value!r}\n{o.text[-300:]}"
-                for o in wrong[:20]
-            ),
+            *(pd.crosstab(table[by], table["outcome"]).reset_index() for by in ("inputs", "mutation")),
+            *(f"{o.number}: {o.outcome}: {o.inputs}, {o.file}, {o.mutation}, {o.key} = {o.value!r}\n{o.text[-300:]}"
+              for o in wrong[:20]),
             f"{count(len(outcomes), 'broken input')}, {len(wrong)} of them not judged right",
-        ]
+        ]  # fmt: skip
 
 
-_BY = ("inputs", "mutation")
 CAMPAIGN = BrokenFiles()

@@ -1,13 +1,12 @@
 """What each of a list of effects takes away from measured data, fitted in a given order.
 
-Effects are added one after another, with those before them fitted again; the mean distance of the markers is reported
-on fitted and on held-out branches.
+Effects are added one after another, with those before them fitted again by `scipy.optimize.least_squares`; the mean
+distance of the markers is reported on fitted and on held-out branches.
 """
 
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,48 +15,31 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
-from tdcr_fe.effects import Effect, Experiment, effect
-from tdcr_fe.identify import fitting
-from tdcr_fe.identify.criteria import robust_threshold
-from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.effects import EFFECTS, Effect, Experiment, effect
+from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.load_steps import held_out_branches
-from tdcr_fe.identify.noise import estimate_sigma
-from tdcr_fe.identify.problem import Fit, FitProblem, evaluate
-from tdcr_fe.identify.screening import screen
+from tdcr_fe.identify.reader import Reader
 from tdcr_fe.io.measured import MeasuredData, join_measured, read_measured
 from tdcr_fe.validation.runner import Campaign
 
-#: Path tolerance of the runs, over the length [1].
-PATH_TOLERANCE = 5e-4
+Array = NDArray[np.float64]
 
-
-@dataclass(frozen=True)
-class Stage:
-    """A model with the effects up to one of the list."""
-
-    added: str  # the effect that was added last; empty for the declared model
-    problem: FitProblem
-    fit: Fit
-
-    def distance(self, which: NDArray[np.bool_]) -> float:
-        """Mean distance between measured and predicted markers, over some readings [m]."""
-        readings, use = self.problem.readings, which & self.problem.readings.is_position
-        if not np.any(use):
-            return float("nan")
-        lengths = self.fit.residual * self.problem.sigma
-        square = np.bincount(readings.markers[use], weights=lengths[use] ** 2)
-        return float(np.mean(np.sqrt(square[np.bincount(readings.markers[use]) > 0])))
+#: Path tolerance of the runs, over the length [1], and from how many sigma a residual counts linearly.
+PATH_TOLERANCE, ROBUST = 5e-4, 3.0
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The models of all stages."""
+    """The models of all stages: what was added, mean distances [m] (also by branch), values of all parameters."""
 
-    stages: list[
-        dict[str, Any]
-    ]  # what was added, mean distances [m] (also by branch), values of all parameters
-    passed: bool  # whether every model was solved
+    stages: list[dict[str, Any]]
+
+    @property
+    def passed(self) -> bool:
+        """Every model was solved."""
+        return all(np.isfinite(s["fitted"]) for s in self.stages)
 
 
 def chosen_form(name: str, experiment: Experiment) -> Effect:
@@ -65,114 +47,118 @@ def chosen_form(name: str, experiment: Experiment) -> Effect:
 
     Raises
     ------
-    KeyError
+    ValueError
         Names those that exist.
     """
-    forms = effect(name.split(" (")[0]).forms(experiment)
-    for form in forms:
-        if form.name == name:
-            return form
-    raise KeyError(f"no form {name!r}; there are {', '.join(f.name for f in forms)}")
+    if name.split(" (")[0] not in {e.name for e in EFFECTS}:
+        raise ValueError(f"no effect {name!r}; there are {', '.join(e.name for e in EFFECTS)}")
+    forms = {form.name: form for form in effect(name.split(" (")[0]).forms(experiment)}
+    if name not in forms:
+        raise ValueError(f"no form {name!r}; there are {', '.join(forms)}")
+    return forms[name]
 
 
 def every_nth_step(data: MeasuredData, every: int) -> MeasuredData:
     """Every nth step of each branch, the first of each among them. History between them is lost."""
-    seen: dict[str, int] = {}
-    kept = []
-    for k, branch in enumerate(data.branches):
-        if seen.setdefault(branch, 0) % every == 0:
-            kept.append(k)
-        seen[branch] += 1
-    numbers = {data.step_ids[k] for k in kept}
-    return replace(
-        data,
-        step_ids=tuple(data.step_ids[k] for k in kept),
-        steps=tuple(data.steps[k] for k in kept),
-        branches=tuple(data.branches[k] for k in kept),
-        readings=tuple(r for r in data.readings if r.step in numbers),
-    )
+    at = pd.Series(data.branches).groupby(list(data.branches)).cumcount()
+    kept = np.flatnonzero(at % every == 0)
+    ids, steps, branches = (tuple(x[k] for k in kept) for x in (data.step_ids, data.steps, data.branches))
+    readings = tuple(r for r in data.readings if r.step in set(ids))
+    return replace(data, step_ids=ids, steps=steps, branches=branches, readings=readings)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Measured data, and the readings that are fitted."""
+
+    data: MeasuredData
+    fitted: NDArray[np.bool_]
+
+    def residual(self, effects: Sequence[Effect], values: Mapping[str, Mapping[str, float]]) -> Array:
+        """Of all readings over sigma, with effects in the order of the list [1]."""
+        order = [e.name for e in EFFECTS]
+
+        def change(experiment: Experiment) -> Experiment:
+            for e in sorted(effects, key=lambda e: order.index(e.listed)):
+                experiment = e.apply(experiment, values[e.name])
+            return experiment
+
+        data, settings = self.data, run_settings(self.data.settings, PATH_TOLERANCE)
+        experiment = data.experiment.with_sequences(change)
+        reader = Reader(data.readings, data.step_ids, data.robot.tendon_names)
+        found = reader.read(simulate_experiment(Task(experiment, settings)), experiment)
+        return np.array([(r.value - x) / r.sigma for r, x in zip(data.readings, found, strict=True)])
+
+    def stage(self, effects: Sequence[Effect], start: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
+        """All effects fitted together, from these values."""
+        declared = self.data.experiment
+        parameters = [(e, p) for e in effects for p in e.parameters]
+        scales = np.array([p.scale for _, p in parameters])
+
+        def values(x: Array) -> dict[str, dict[str, float]]:
+            found: dict[str, dict[str, float]] = {e.name: {} for e in effects}
+            for (e, p), coordinate in zip(parameters, x * scales, strict=True):
+                found[e.name][p.name] = p.value(float(coordinate))
+            return found
+
+        def fitted(x: Array) -> Array:
+            return np.nan_to_num(self.residual(effects, values(x))[self.fitted], nan=1e3)
+
+        x = np.zeros(0)
+        if effects:
+            ranges = [sorted(map(p.coordinate, e.bounds(declared)[p.name])) for e, p in parameters]
+            low, high = np.array(ranges).T / scales
+            first = [p.coordinate(start[e.name][p.name]) for e, p in parameters] / scales
+            x = least_squares(
+                fitted, np.clip(first, low, high), bounds=(low, high), diff_step=1e-4, x_scale="jac", xtol=1e-6,
+                loss="huber", f_scale=ROBUST,
+            ).x  # fmt: skip
+        lengths = self.residual(effects, values(x)) * [r.sigma for r in self.data.readings]
+        branch = dict(zip(self.data.step_ids, self.data.branches, strict=True))
+        rows = [
+            (branch[r.step], fit, r.step, r.location, u**2)
+            for r, fit, u in zip(self.data.readings, self.fitted, lengths, strict=True)
+            if r.channel.family == "position"
+        ]
+        table = pd.DataFrame(rows, columns=["branch", "fitted", "step", "marker", "square"])
+        off = table.groupby(["branch", "fitted", "step", "marker"])["square"].sum().pow(0.5).reset_index()
+        by_share = off.groupby("fitted")["square"].mean()
+        return {
+            "added": effects[-1].name if effects else "",
+            "fitted": float(by_share.get(True, np.nan)),
+            "held_out": float(by_share.get(False, np.nan)),
+            "values": values(x),
+            "by_branch": off.groupby("branch", sort=False)["square"].mean().to_dict(),
+        }
 
 
 def fit_in_order(
-    data: MeasuredData, names: Sequence[str], patterns: Sequence[str], forward: ForwardModel
-) -> Iterator[Stage]:
+    data: MeasuredData, names: Sequence[str], patterns: Sequence[str]
+) -> Iterator[dict[str, Any]]:
     """Fit the declared model with more and more effects.
 
     Parameters
     ----------
     data
-        Measured data.
+        Measured data; all readings have a sigma.
     names
         Effects or forms of effects, in the order of adding.
     patterns
         Branches that are held out.
-    forward
-        Simulates.
 
     Yields
     ------
-    Stage
-        The declared model, then one with each further effect.
-
-    Raises
-    ------
-    KeyError
-        An unknown name.
+    dict
+        The declared model, then one with each further effect, see `Outcome`.
     """
     held = {data.step_ids[k] for k in held_out_branches(data, patterns)}
-    held_out = np.array([r.step in held for r in data.readings])
-    problem = FitProblem.of(data, np.ones(len(data.readings)), held_out, forward, PATH_TOLERANCE)
-    effects = [chosen_form(name, problem.experiment) for name in names]
-    now = evaluate(problem, (), {})
-    problem = replace(problem, sigma=estimate_sigma(data, now.residual)[0])
-    now = evaluate(problem, (), {})
-    yield Stage("", problem, now)
-    for e in effects:
-        threshold = robust_threshold(now.residual)
-        problem = replace(problem, robust_threshold=threshold)
-        (score,) = screen(problem, now, [e])
-        problem = replace(problem, scales={**problem.scales, **score.scales})
-        starts = score.starts[:1] or [{**now.values, e.name: e.null_values(problem.experiment)}]
-        now = fitting.fit(problem, (*now.effects, e), starts)
-        yield Stage(e.name, problem, now)
-
-
-@dataclass(frozen=True)
-class Case:
-    """What is asked for on the command line."""
-
-    folders: list[str]
-    effects: list[str]
-    hold_out: list[str]
-    every: int
-    friction: str
-    processes: int
-
-
-def fit_all(case: Case) -> Outcome:
-    """Read the data and fit all stages."""
-    data = join_measured([every_nth_step(read_measured(folder), case.every) for folder in case.folders])
-    if case.friction == "none":
-        data = replace(data, model=replace(data.model, friction="none"))
-    stages = []
-    with ForwardModel(case.processes, data.settings) as forward:
-        for stage in fit_in_order(data, case.effects, case.hold_out, forward):
-            stages.append(stage)
-            print(stage.added or "declared", file=sys.stderr)
-    return Outcome([_document(s) for s in stages], all(s.fit.solved for s in stages))
-
-
-def _document(stage: Stage) -> dict[str, Any]:
-    data = stage.problem.data
-    branch = dict(zip(data.step_ids, data.branches, strict=True))
-    of_reading = np.array([branch[r.step] for r in data.readings])
-    return {
-        "added": stage.added,
-        "fitted": stage.distance(stage.problem.fitted),
-        "held_out": stage.distance(stage.problem.held_out),
-        "values": stage.fit.values,
-        "by_branch": {b: stage.distance(of_reading == b) for b in dict.fromkeys(branch.values())},
-    }
+    fit = _Fit(data, np.array([r.step not in held for r in data.readings]))
+    effects = [chosen_form(name, data.experiment) for name in names]
+    stage = fit.stage((), {})
+    yield stage
+    for k, e in enumerate(effects, start=1):
+        stage = fit.stage(effects[:k], {**stage["values"], e.name: e.null_values(data.experiment)})
+        yield stage
 
 
 class GivenEffects(Campaign):
@@ -189,29 +175,18 @@ class GivenEffects(Campaign):
         )
         parser.add_argument("--hold-out", nargs="+", required=True, metavar="PATTERN", help="branches")
         parser.add_argument("--every", type=int, default=1, metavar="N", help="every Nth step (1)")
-        parser.add_argument(
-            "--friction", choices=("declared", "none"), default="declared", help="of the model"
-        )
 
-    def cases(self, options: argparse.Namespace) -> Mapping[str, Case]:
+    def cases(self, options: argparse.Namespace) -> Mapping[str, Any]:
         """One case: everything depends on what was fitted before."""
         if options.every < 1:
             raise ValueError("--every must be at least 1")
-        asked = {k: v for k, v in vars(options).items() if k in ("effects", "hold_out", "every", "friction")}
-        return {"fit": Case(options.folder, processes=options.processes, **asked)}
+        return {"fit": (options.folder, options.every, options.effects, options.hold_out)}
 
-    def run(self, case: Case, out: Path) -> Outcome:
-        """Fit all stages; an unknown name ends the command.
-
-        Raises
-        ------
-        ValueError
-            An unknown effect.
-        """
-        try:
-            return fit_all(case)
-        except KeyError as error:
-            raise ValueError(error.args[0]) from error
+    def run(self, case: tuple[list[str], int, list[str], list[str]], out: Path) -> Outcome:
+        """Fit all stages."""
+        folders, every, effects, patterns = case
+        data = join_measured([every_nth_step(read_measured(folder), every) for folder in folders])
+        return Outcome(list(fit_in_order(data, effects, patterns)))
 
     def table(self, outcomes: Sequence[Outcome]) -> pd.DataFrame:
         """Mean distance of the markers by stage [mm]."""
@@ -224,11 +199,9 @@ class GivenEffects(Campaign):
 
     def report(self, outcomes: Sequence[Outcome]) -> list[str | pd.DataFrame]:
         """All stages, and the values of the last one."""
-        (outcome,) = outcomes
-        blocks: list[str | pd.DataFrame] = [self.table(outcomes)]
-        for name, values in outcome.stages[-1]["values"].items():
-            blocks.append(f"{name}: " + ", ".join(f"{key} = {value:.5g}" for key, value in values.items()))
-        return blocks
+        last = outcomes[0].stages[-1]["values"]
+        texts = [f"{e}: " + ", ".join(f"{k} = {v:.5g}" for k, v in own.items()) for e, own in last.items()]
+        return [self.table(outcomes), *texts]
 
 
 CAMPAIGN = GivenEffects()
