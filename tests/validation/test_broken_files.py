@@ -67,6 +67,7 @@ def _compute(seconds: float) -> None:
 
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs timers of the system")
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_the_limit_counts_processor_time_and_is_not_swallowed(monkeypatch):
     """On a busy machine 54 of 2000 were judged to hang or to have failed, as the limit was one of the clock."""
 

@@ -109,9 +109,9 @@ class _Sequence:
     def add(self, branch: str) -> None:
         """Add a step with the present commands."""
         kept = {n: round(v, 7) for n, v in self.values.items()}
-        inputs = {"displacements" if self.by_displacement else "tensions": kept}
+        tensions, displacements = ({}, kept) if self.by_displacement else (kept, {})
         loads = {"tip": Load(self.length, self.force)}
-        self.steps.append(LoadStep(label=str(len(self.steps) + 1), loads=loads, **inputs))
+        self.steps.append(LoadStep(str(len(self.steps) + 1), tensions, displacements, loads))
         self.branches.append(branch)
 
     def pull(self, name: str, fraction: float) -> dict[str, float]:

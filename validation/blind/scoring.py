@@ -57,7 +57,6 @@ def score(answer: Answer, result: IdentificationResult, seconds: float = 0.0) ->
     """Score one result; errors are over held-out positions."""
     recipe, data, held = answer.recipe, result.data, set(result.held_out_steps)
     rivals = {e.name: list(e.indistinguishable_from) for e in result.effects}
-    found = {e.name: {n: [p.value, p.std_error] for n, p in e.parameters.items()} for e in result.effects}
     use = [i for i, r in enumerate(data.readings) if r.step in held and r.quantity.startswith("position_")]
     noise = np.array([data.readings[i].value - answer.noise_free[i] for i in use])
     rms = [
@@ -65,11 +64,11 @@ def score(answer: Answer, result: IdentificationResult, seconds: float = 0.0) ->
         for p in (noise, result.residual_before[use], result.residual_after[use])
     ]
     inside: dict[bool, list[str]] = {True: [], False: []}
-    for name, own in found.items():
-        for parameter, (value, error) in own.items():
-            true = answer.effects.get(name, {}).get(parameter)
-            if true is not None and error is not None and not recipe.at_a_place:
-                inside[abs(value - true) <= _WIDTH * error].append(f"{name}.{parameter}")
+    for e in result.effects:
+        for parameter, p in e.parameters.items():
+            true = answer.effects.get(e.name, {}).get(parameter)
+            if true is not None and p.std_error is not None and not recipe.at_a_place:
+                inside[abs(p.value - true) <= _WIDTH * p.std_error].append(f"{e.name}.{parameter}")
     return Score(
         recipe.seed,
         recipe.kind,
@@ -87,7 +86,7 @@ def score(answer: Answer, result: IdentificationResult, seconds: float = 0.0) ->
         after=rms[2],
         intervals_hit=inside[True],
         intervals_missed=inside[False],
-        found=found,
+        found={e.name: {n: [p.value, p.std_error] for n, p in e.parameters.items()} for e in result.effects},
         remaining=result.remaining.where,
         seconds=seconds,
     )

@@ -62,9 +62,14 @@ def every_nth_step(data: MeasuredData, every: int) -> MeasuredData:
     """Every nth step of each branch, the first of each among them. History between them is lost."""
     at = pd.Series(data.branches).groupby(list(data.branches)).cumcount()
     kept = np.flatnonzero(at % every == 0)
-    ids, steps, branches = (tuple(x[k] for k in kept) for x in (data.step_ids, data.steps, data.branches))
-    readings = tuple(r for r in data.readings if r.step in set(ids))
-    return replace(data, step_ids=ids, steps=steps, branches=branches, readings=readings)
+    ids = tuple(data.step_ids[k] for k in kept)
+    return replace(
+        data,
+        step_ids=ids,
+        steps=tuple(data.steps[k] for k in kept),
+        branches=tuple(data.branches[k] for k in kept),
+        readings=tuple(r for r in data.readings if r.step in set(ids)),
+    )
 
 
 @dataclass(frozen=True)
@@ -110,8 +115,8 @@ class _Fit:
             low, high = np.array(ranges).T / scales
             first = [p.coordinate(start[e.name][p.name]) for e, p in parameters] / scales
             x = least_squares(
-                fitted, np.clip(first, low, high), bounds=(low, high), diff_step=1e-4, x_scale="jac", xtol=1e-6,
-                loss="huber", f_scale=ROBUST,
+                fitted, np.clip(first, low, high), bounds=(low, high), diff_step=np.full(len(low), 1e-4),
+                x_scale="jac", xtol=1e-6, loss="huber", f_scale=ROBUST,
             ).x  # fmt: skip
         lengths = self.residual(effects, values(x)) * [r.sigma for r in self.data.readings]
         branch = dict(zip(self.data.step_ids, self.data.branches, strict=True))
