@@ -18,7 +18,6 @@ import numpy as np
 from tdcr_fe.elements.backbone import BackboneMesh
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.items import RecordedItems, SystemReference, item_counts, refuse_force_sensors
-from tdcr_fe.elements.native.material_damping import MaterialDamping
 
 #: A step is tiny where it is shorter than this part of the one that was asked for [1].
 TINY = 0.01
@@ -218,15 +217,13 @@ class SceneHooks:
             )
         self._counts = item_counts(mbs)
 
-    def add(self, actuation: TendonActuation, damping: MaterialDamping | None = None) -> None:
+    def add(self, actuation: TendonActuation) -> None:
         """Add a robot, and give its force items the functions that Exudyn calls.
 
         Parameters
         ----------
         actuation
             Tendons, friction and section forces of the robot.
-        damping
-            Of the material of its backbone; None where there is none.
         """
 
         def forces(t: float, q: Sequence[float], q_t: Sequence[float]) -> Any:
@@ -241,25 +238,9 @@ class SceneHooks:
             return actuation.jacobian_on_coordinates(q, t, *factors)
 
         actuation.attach(*user_functions(forces, jacobian))
-        if damping is not None:
-            self._attach_damping(actuation, damping)
         nodes = (actuation.nodes[0], actuation.nodes[-1], *actuation.history_nodes.nodes[-1:])
         items = RecordedItems.of(self.system.mbs, [actuation.connectors.forces], nodes)
         self.robots.append(RobotInScene(actuation, items))
-
-    def _attach_damping(self, actuation: TendonActuation, damping: MaterialDamping) -> None:
-        """Give the item of the material damping its functions; the stiffness is the present one of the robot."""
-
-        def forces(t: float, q: Sequence[float], q_t: Sequence[float]) -> Any:
-            return damping.forces(actuation.mesh.twist_stiffness, np.array(q), np.array(q_t))
-
-        def jacobian(t: float, q: Sequence[float], q_t: Sequence[float], factors: tuple[float, ...]) -> Any:
-            return damping.jacobian(actuation.mesh.twist_stiffness, np.array(q), np.array(q_t), *factors)
-
-        of_force, of_jacobian = user_functions(forces, jacobian)
-        mbs = self.system.mbs
-        mbs.SetObjectParameter(damping.item, "forceUserFunction", of_force)
-        mbs.SetObjectParameter(damping.item, "jacobianUserFunction", of_jacobian)
 
     def adopt(self, mbs: exu.MainSystem) -> None:
         """Install the function after every step; one that the user has set since is called from it."""

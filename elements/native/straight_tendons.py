@@ -157,17 +157,22 @@ class StraightTendons:
         _windows(along, 14)[...] = segments[:, :, 3].swapaxes(0, 1)
         # Change of the logarithm of the tension from hole to hole.
         sliding = (self._coefficients * pull.mobilisation).T[:, :, None]
-        slip = self._slip_operator @ along
-        slip *= pull.slopes(before).T[:, :, None]
-        change = slip if self._incidence is None else self._incidence @ slip
+        change, slopes = np.empty((m, n - 1, along.shape[2])), pull.slopes(before).T[:, :, None]
+        if self._incidence is None:
+            # The slip operator of holes with their own mobilisations: the sum over all segments behind.
+            np.multiply(along[:, :0:-1].cumsum(axis=1)[:, ::-1], slopes, out=change)
+        else:
+            np.matmul(self._incidence, self._slip_operator @ along * slopes, out=change)
         change *= (self._coefficients * pull.angles / -self._presliding).T[:, :, None]
         _windows(change, 21)[...] += sliding * turns.swapaxes(0, 1)
         change = change.cumsum(axis=1)
         change *= pull.tension[1:].T[:, :, None]
-        # The first segment has the tension at the base.
-        behind = along[:, 1:].reshape(-1, 7 * (n + 1))
-        blocks = (behind.T @ change.reshape(behind.shape)).reshape(n + 1, 7, n + 1, 7)
-        np.negative(blocks, out=blocks)
+        # The first segment has the tension at the base. Each other one pulls on the two nodes at its ends.
+        ends = segments[1:, :, 3].swapaxes(1, 2) @ change.swapaxes(0, 1)
+        rows = np.zeros((n + 1, 7, 7 * (n + 1)))
+        np.negative(ends[:, :7], out=rows[1:-1])
+        rows[2:] -= ends[:, 7:]
+        blocks = rows.reshape(n + 1, 7, n + 1, 7)
         self._add_geometric(blocks, pull, segments)
         if n + 1 == self._size:
             return blocks.reshape(7 * self._size, -1)

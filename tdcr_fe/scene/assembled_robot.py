@@ -15,6 +15,7 @@ from tdcr_fe.elements.capstan import TensionField
 from tdcr_fe.elements.friction import hole_states
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.hooks import SceneHooks
+from tdcr_fe.elements.native.material_damping import MaterialDamping
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.mesh import softened
@@ -95,6 +96,8 @@ class AssembledRobot:
         Tendons, friction and section forces.
     rigid : ndarray of bool, shape (N-1,)
         Which elements are rigid inserts.
+    damping : MaterialDamping or None
+        By the material of the backbone.
     """
 
     mbs: exu.MainSystem
@@ -104,6 +107,7 @@ class AssembledRobot:
     oBeams: list[Any]
     actuation: TendonActuation
     rigid: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    damping: MaterialDamping | None = None
     _compliance: float = 1.0
 
     # ------------------------------------------------------------------ inputs
@@ -165,6 +169,8 @@ class AssembledRobot:
             section = self.mbs.GetObjectParameter(beam, "sectionData")
             section.stiffnessMatrix = np.diag(stiffness)
             self.mbs.SetObjectParameter(beam, "sectionData", section)
+        if self.damping is not None:
+            self.damping.follow(self.mbs, self.actuation.model.mesh)
 
     # ------------------------------------------------------------------ reading
 

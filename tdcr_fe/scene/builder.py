@@ -136,10 +136,10 @@ def CreateTDCR(
     )
     joint = parts.add_base_joint(mbs, carrier, base, name)
     tendons = parts.add_tendons(mbs, robot, mesh, [backbone.beams[0], *disks], name)
-    damping = parts.add_material_damping(hooks.system, robot, mesh, backbone.nodes, name)
+    damping = parts.add_material_damping(mbs, robot, mesh, backbone.nodes, name)
     forces = force_model(robot, model, mesh, rigid, presliding, pose)
     item = _force_item(mbs, backbone.nodes, name)
-    others = [*bodies, joint] if damping is None else [*bodies, joint, damping.item]
+    others = [*bodies, joint] if damping is None else [*bodies, joint, *damping.bodies, *damping.dampers]
     connectors = Connectors(item, tendons.segments, tendons.holes, backbone.beams, others)
     history = HistoryNodes(
         hooks.system, forces.law, [f"{name}.{tendon.name}.history" for tendon in robot.tendons]
@@ -149,7 +149,7 @@ def CreateTDCR(
     actuation = TendonActuation(
         name, hooks.system, backbone.nodes, forces, connectors, history, has_mass, clamp=clamp
     )
-    hooks.add(actuation, damping)
+    hooks.add(actuation)
     handle = TDCR(
         mbs=mbs, name=name, robot=robot, model=model, mesh=mesh, nNodes=backbone.nodes, oBeams=backbone.beams,
         bDisks=disks, mHoles=tendons.holes, oTendons=tendons.segments, oBaseJoint=joint, mBase=base,

@@ -263,8 +263,8 @@ class EnergySums:
             load_work += (1.0 - factors.mean()) * risen
         material = 0.0
         if self._damping is not None:
-            ends = ((motion.coordinates, motion.velocities) for motion in (begin, finish))
-            material = self._damping.dissipated(self._actuation.mesh.twist_stiffness, *ends)
+            ends = ((m.positions, m.rotations, m.linear, m.angular) for m in (begin, finish))
+            material = self._damping.dissipated(self._actuation.mesh, *ends)
         sums = self._sums()
         sums += [tendon_work, load_work, friction, material]
 

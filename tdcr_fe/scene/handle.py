@@ -12,7 +12,6 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from tdcr_fe.elements.native.hooks import SceneHooks, round_off
-from tdcr_fe.elements.native.material_damping import MaterialDamping
 from tdcr_fe.elements.native.motors import Motor
 from tdcr_fe.model.loading import Model
 from tdcr_fe.scene import contact
@@ -68,7 +67,7 @@ class TDCR(AssembledRobot):
     actuation : TendonActuation
         Tendons, friction and section forces.
     damping : MaterialDamping or None
-        By the material of the backbone; its ``item`` is the object that applies it.
+        By the material of the backbone.
     """
 
     model: Model
@@ -83,7 +82,6 @@ class TDCR(AssembledRobot):
     loads: dict[str, PointLoad] = field(default_factory=dict)
     sensors: dict[str, Any] = field(default_factory=dict)
     contacts: list[DiskContact] = field(default_factory=list)
-    damping: MaterialDamping | None = None
     _spheres: dict[bool, list[Sphere]] = field(default_factory=dict)
 
     def __repr__(self) -> str:

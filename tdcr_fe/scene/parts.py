@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh
 from tdcr_fe.elements.disks import add_disk, base_plate
-from tdcr_fe.elements.native.items import SystemReference
 from tdcr_fe.elements.native.material_damping import MaterialDamping
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.loading import Vector
@@ -172,7 +171,7 @@ def add_gravity(mbs: exu.MainSystem, bodies: list[Any], gravity: Vector, name: s
 
 
 def add_material_damping(
-    system: SystemReference, robot: Robot, mesh: BackboneMesh, nodes: Sequence[Any], name: str
+    mbs: exu.MainSystem, robot: Robot, mesh: BackboneMesh, nodes: Sequence[Any], name: str
 ) -> MaterialDamping | None:
     """Add the damping by the material of a backbone; None where the backbone has none."""
     if not robot.backbone.retardation_time > 0.0:
@@ -181,7 +180,7 @@ def add_material_damping(
     if robot.base_stiffness is not None:
         # The first element stands for the base that gives way, which is not of the material of the backbone.
         retardation[0] = 0.0
-    return MaterialDamping(system, f"{name}.damping", nodes, retardation)
+    return MaterialDamping.add(mbs, f"{name}.damping", nodes, mesh, retardation)
 
 
 # ---------------------------------------------------------------- tendons
