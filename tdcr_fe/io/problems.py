@@ -83,10 +83,6 @@ def read_all(*readers: Callable[[], Any]) -> list[Any]:
     return found
 
 
-#: Takes key, value and what is allowed of one mistake.
-Report = Callable[[str, str, str], None]
-
-
 @dataclass(frozen=True)
 class Reporter:
     """Collects the mistakes of one file.

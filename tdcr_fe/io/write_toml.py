@@ -30,6 +30,23 @@ def value_to_toml(value: Any) -> str:
     return repr(int(value)) if isinstance(value, int) else repr(float(value))
 
 
+def to_toml(data: Mapping[str, Any]) -> str:
+    """A file: keys with values first, then tables, and lists of tables of the description."""
+    above, below = [], []
+    for key, value in data.items():
+        if isinstance(value, Mapping):
+            below += ["", f"[{key}]", *_lines(value)]
+        elif isinstance(value, list):
+            below += [line for table in value for line in ("", f"[[{key}]]", *_lines(table))]
+        else:
+            above += _lines({key: value})
+    return "\n".join([*above, *below]).lstrip("\n") + "\n"
+
+
+def _lines(table: Mapping[str, Any]) -> list[str]:
+    return [f"{bare(k)} = {value_to_toml(v)}" for k, v in table.items() if v is not None]
+
+
 def _table(instance: Any) -> dict[str, Any]:
     """Fields of an object that are written to a file, without those that are None, empty, or zero by default."""
     keys = keys_of(type(instance))
@@ -44,10 +61,6 @@ def _is_nothing(value: Any, default: Any) -> bool:
     return value is None or (value == default and zero)
 
 
-def _lines(table: Mapping[str, Any]) -> list[str]:
-    return [f"{bare(k)} = {value_to_toml(v)}" for k, v in table.items() if v is not None]
-
-
 def robot_to_toml(robot: Robot) -> str:
     """A robot as the text of a `robot.toml`, from which `tdcr_fe.io.toml.read_robot` makes an equal one.
 
@@ -56,37 +69,33 @@ def robot_to_toml(robot: Robot) -> str:
     ValueError
         The robot has what the file format cannot express, such as a user-defined routing; all of it is named.
     """
-    foreign = [
-        f"tendons[{i}].routing ({t.routing.kind})"
-        for i, t in enumerate(robot.tendons)
-        if ROUTINGS.get(t.routing.kind) is not type(t.routing)
-    ]
-    foreign += [
-        f"tendons[{i}].friction ({t.friction.kind})"
-        for i, t in enumerate(robot.tendons)
-        if t.friction is not None and FRICTION_COEFFICIENTS.get(t.friction.kind) is not type(t.friction)
-    ]
+    foreign = []
+    for i, t in enumerate(robot.tendons):
+        for what, known in (("routing", ROUTINGS), ("friction", FRICTION_COEFFICIENTS)):
+            part = getattr(t, what)
+            if part is not None and known.get(part.kind) is not type(part):
+                foreign.append(f"tendons[{i}].{what} ({part.kind})")
     if foreign:
         raise ValueError(f"robot {robot.name!r}: robot.toml cannot express {', '.join(foreign)}")
-    backbone, disks = _table(robot.backbone), _table(robot.disks)
+    data: dict[str, Any] = {
+        "name": robot.name,
+        "tip_mass": robot.tip_mass or None,
+        "base_stiffness": robot.base_stiffness,
+    }
+    data["backbone"] = _table(robot.backbone)
     if robot.backbone.taper:
-        backbone["radius"] = robot.backbone.taper
-    count = len(robot.disks.positions)
-    if count and Disks.equally_spaced(count, robot.backbone.length).positions == robot.disks.positions:
-        disks = {"count": count, **{k: v for k, v in disks.items() if k != "positions"}}
-    lines = _lines(
-        {"name": robot.name, "tip_mass": robot.tip_mass or None, "base_stiffness": robot.base_stiffness}
-    )
-    lines += ["", "[backbone]", *_lines(backbone)]
-    if count:
-        lines += ["", "[disks]", *_lines(disks)]
-    for spring in robot.springs:
-        lines += ["", "[[springs]]", *_lines(_table(spring))]
-    for tendon in robot.tendons:
-        own = _table(tendon)
-        first = {"name": own.pop("name"), "routing": tendon.routing.kind}
-        lines += ["", "[[tendons]]", *_lines({**first, **tendon.routing.to_table(), **own})]
-    return "\n".join(lines) + "\n"
+        data["backbone"]["radius"] = robot.backbone.taper
+    if count := len(robot.disks.positions):
+        data["disks"] = _table(robot.disks)
+        if Disks.equally_spaced(count, robot.backbone.length).positions == robot.disks.positions:
+            data["disks"] = {"count": count, **{k: v for k, v in data["disks"].items() if k != "positions"}}
+    data["springs"] = [_table(spring) for spring in robot.springs]
+    data["tendons"] = []
+    for t in robot.tendons:
+        own = _table(t)
+        first = {"name": own.pop("name"), "routing": t.routing.kind, **t.routing.to_table()}
+        data["tendons"].append({**first, **own})
+    return to_toml(data)
 
 
 def model_to_toml(
@@ -101,12 +110,14 @@ def model_to_toml(
     model, settings, effects
         Description to write; None leaves out the tables `[solver]` and `[effects]`.
     """
-    lines = ["[model]", *_lines(_table(model))]
-    if settings is not None:
-        lines += ["", "[solver]", *_lines(_table(settings))]
-    if effects:
-        lines += ["", "[effects]", *_lines(effects)]
-    return "\n".join(lines) + "\n"
+    return to_toml(_model(model, settings, effects))
+
+
+def _model(
+    model: Model, settings: SolverSettings | None, effects: Mapping[str, Mapping[str, float]] | None
+) -> dict[str, Any]:
+    solver = {} if settings is None else {"solver": _table(settings)}
+    return {"model": _table(model), **solver, **({"effects": effects} if effects else {})}
 
 
 def scenario_to_toml(
@@ -129,10 +140,4 @@ def scenario_to_toml(
     effects
         By name, values of their parameters; None leaves out the table `[effects]`.
     """
-    steps = list(steps)
-    lines = [f"robot = {value_to_toml(robot)}", "", model_to_toml(model, settings).rstrip()]
-    if effects is not None:
-        lines += ["", "[effects]", *_lines(effects)]
-    for step in steps:
-        lines += ["", "[[steps]]", *_lines(_table(step))]
-    return "\n".join(lines) + "\n"
+    return to_toml({"robot": robot, **_model(model, settings, effects), "steps": [*map(_table, steps)]})

@@ -21,7 +21,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from tdcr_fe.model.messages import allowed, join, meant, options, quoted, shown
-from tdcr_fe.model.units import PATTERN, UnitError, has_unit, number_of, with_units
+from tdcr_fe.model.units import PATTERN, has_unit, number_or_none, with_units
 
 #: Stands for the default, or the value, of a key that has none.
 REQUIRED: Any = object()
@@ -119,7 +119,7 @@ class Quantity:
         if schema["type"] == "float":
             schema["allow_inf_nan"] = self.infinite
             if has_unit(self.unit):
-                self._with_unit(schema)
+                return self._with_unit(schema)
         parts = [schema.get(k) for k in ("schema", "items_schema", "values_schema", "choices")]
         for part in parts:
             for inner in part if isinstance(part, list) else [part]:
@@ -130,22 +130,15 @@ class Quantity:
         """Let a number also be a text with its unit."""
         from pydantic_core import core_schema
 
-        number = core_schema.float_schema(**{k: v for k, v in schema.items() if k != "type"})
-        convert = core_schema.no_info_plain_validator_function(self._number_of)
-        text = core_schema.chain_schema([core_schema.str_schema(strict=True), convert, number])
-        either = core_schema.union_schema([text, number], mode="left_to_right")
-        described = {"type": ["number", "string"], "pattern": PATTERN}
-        number = {**number, "metadata": {"pydantic_js_updates": described}}
+        described = {"pydantic_js_updates": {"type": ["number", "string"], "pattern": PATTERN}}
+        number = {**schema, "metadata": described}
         schema.clear()
-        schema.update(core_schema.json_or_python_schema(number, either))
+        schema.update(core_schema.no_info_before_validator_function(self._number_of, number))
 
-    def _number_of(self, text: str) -> float:
-        from pydantic_core import PydanticCustomError
-
-        try:
-            return number_of(text, self.unit)
-        except UnitError as error:
-            raise PydanticCustomError("unit_type", "no number with a unit") from error
+    def _number_of(self, value: Any) -> Any:
+        """A text with a unit as a number; any other value as it is."""
+        number = number_or_none(value, self.unit) if isinstance(value, str) else value
+        return value if number is None else number
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
         """JSON schema with description, unit and what else is said in errors."""
