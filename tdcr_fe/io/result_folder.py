@@ -5,8 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import os
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,37 +29,48 @@ STEPS, SHAPE, TENSIONS, SUMMARY = "steps.csv", "shape.csv", "tensions.csv", "sum
 CORRECTED, MARKERS, DECLARED = "corrected", "markers.csv", "declared.csv"
 
 
-def _refuse(path: Path, allowed: str) -> InputError:
-    return InputError([Problem(str(path), "", "", allowed)])
-
-
-@contextmanager
-def _reading(path: Path) -> Iterator[None]:
-    """Name the file where its contents are not as they were written."""
-    try:
-        yield
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as error:
-        text = f"missing: {error.args[0]}" if isinstance(error, KeyError) else str(error).splitlines()[0]
-        raise _refuse(path, f"not as tdcr-fe has written it: {text}") from error
+def _refuse(path: Path, allowed: str, key: str = "", value: str = "") -> InputError:
+    return InputError([Problem(str(path), key, value, allowed)])
 
 
 def _table(path: Path, numbers: Sequence[str], texts: Sequence[str] = ()) -> pd.DataFrame:
-    """The columns of a table; texts stay as they are."""
+    """A table with at least these columns; texts stay as they are."""
     import pandas as pd
 
-    with _reading(path):
-        empty = {name: ["", "nan"] for name in numbers}
-        found = pd.read_csv(path, dtype=dict.fromkeys(texts, str), keep_default_na=False, na_values=empty)
-        return found[[*numbers, *texts]].astype(dict.fromkeys(numbers, float))
+    columns = [*numbers, *texts]
+    try:
+        found = pd.read_csv(
+            path,
+            usecols=lambda name: name in columns,
+            dtype=dict.fromkeys(texts, str),
+            keep_default_na=False,
+            na_values={name: ["", "nan"] for name in numbers},
+        )
+        if missing := [c for c in columns if c not in found.columns]:
+            raise _refuse(path, f"missing column; needed are {', '.join(columns)}", missing[0])
+        return found.astype(dict.fromkeys(numbers, float))
+    except (ValueError, pd.errors.ParserError) as error:
+        raise _refuse(path, f"not a table of results: {str(error).splitlines()[0]}") from error
 
 
-def _by_step(rows: pd.DataFrame, steps: Sequence[int], what: str = "step") -> Array:
+def _by_step(rows: pd.DataFrame, path: Path, steps: Sequence[int], tendon: str = "") -> Array:
     """The numbers of a table that has the same rows in every step, shape (n_steps, n_rows, n_columns)."""
     count, rest = divmod(len(rows), len(steps))
-    if rest or not count or not np.array_equal(rows.step, np.repeat(steps, count)):
-        raise ValueError(f"{what}: must have the same rows in every step of steps.csv")
+    if rest or (tendon and not count) or not np.array_equal(rows.step, np.repeat(steps, count)):
+        text = "must have the same rows in every step of steps.csv"
+        raise _refuse(path, text, "tendon" if tendon else "step", tendon)
     values: Array = rows.select_dtypes("number").drop(columns="step").to_numpy(dtype=float)
     return values.reshape(len(steps), count, -1)
+
+
+def _summary(path: Path) -> dict[str, Any]:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise _refuse(path, f"not JSON: {error}") from error
+    if not isinstance(found, dict) or not isinstance(found.get("geometry"), dict):
+        raise _refuse(path, "missing; written since version 0.2: run the scenario anew", "geometry")
+    return found
 
 
 def _folder(folder: str | os.PathLike[str]) -> Path:
@@ -84,17 +94,16 @@ def _folder(folder: str | os.PathLike[str]) -> Path:
 
 def _nodes(path: Path, steps: list[int]) -> Nodes:
     """Poses of the nodes from ``shape.csv``, which has the same nodes in every step."""
-    table = _table(path, ["step", "s", "x", "y", "z", "qw", "qx", "qy", "qz"])
-    with _reading(path):
-        values = _by_step(table, steps)
-        if values.shape[1] < 2 or not np.all(np.isfinite(values)):
-            raise ValueError("must have two nodes or more, and finite numbers")
-        s = values[0, :, 0]
-        if not np.all(np.diff(s) > 0.0) or not np.all(values[:, :, 0] == s):
-            raise ValueError("s: must be ascending, and the same in every step")
-        if np.any(np.abs(np.linalg.norm(values[:, :, 4:], axis=-1) - 1.0) > 1e-3):
-            raise ValueError("qw, qx, qy, qz: must be unit quaternions")
-        return Nodes(s, values[:, :, 1:4], values[:, :, 4:])
+    columns = ["step", "s", "x", "y", "z", "qw", "qx", "qy", "qz"]
+    values = _by_step(_table(path, columns)[columns], path, steps)
+    if values.shape[1] < 2 or not np.all(np.isfinite(values)):
+        raise _refuse(path, "must have two nodes or more, and finite numbers")
+    s = values[0, :, 0]
+    if not np.all(np.diff(s) > 0.0) or not np.all(values[:, :, 0] == s):
+        raise _refuse(path, "must be ascending, and the same in every step", "s")
+    if np.any(np.abs(np.linalg.norm(values[:, :, 4:], axis=-1) - 1.0) > 1e-3):
+        raise _refuse(path, "must be unit quaternions", "qw, qx, qy, qz")
+    return Nodes(s, values[:, :, 1:4], values[:, :, 4:])
 
 
 def _tensions(
@@ -102,26 +111,26 @@ def _tensions(
 ) -> tuple[tuple[Array, ...], tuple[tuple[tuple[str, ...], ...], ...]]:
     """By tendon: tensions of shape (n_steps, n_segments), and the states of holes by step."""
     table = _table(path, ["step", "segment", "tension"], ["tendon", "hole_state"])
-    with _reading(path):
-        if wrong := sorted(set(table.hole_state) - set(HOLE_STATES)):
-            raise ValueError(f"hole_state = {wrong[0]}: must be one of {', '.join(HOLE_STATES)}")
-        by_tendon = {name: table[table.tendon == name] for name in names}
-        found = (_by_step(rows[["step", "tension"]], steps, f"tendon {n}") for n, rows in by_tendon.items())
-        tensions = tuple(values[:, :, 0] for values in found)
-        states = (rows.hole_state.to_numpy().reshape(len(steps), -1).tolist() for rows in by_tendon.values())
-        return tensions, tuple(tuple(map(tuple, of_tendon)) for of_tendon in states)
+    if wrong := sorted(set(table.hole_state) - set(HOLE_STATES)):
+        raise _refuse(path, f"must be one of {', '.join(HOLE_STATES)}", "hole_state", wrong[0])
+    by_tendon = {name: table[table.tendon == name] for name in names}
+    tensions = tuple(
+        _by_step(rows[["step", "tension"]], path, steps, name)[:, :, 0] for name, rows in by_tendon.items()
+    )
+    states = (rows.hole_state.to_numpy().reshape(len(steps), -1).tolist() for rows in by_tendon.values())
+    return tensions, tuple(tuple(map(tuple, of_tendon)) for of_tendon in states)
 
 
 def _markers(folder: Path, steps: list[int]) -> Markers | None:
     """Measured markers and the declared model's backbone, where `identify` has written them."""
     if not (folder / MARKERS).is_file():
         return None
-    found = []
-    for path in (folder / MARKERS, folder / DECLARED):
-        table = _table(path, ["step", "s", "x", "y", "z"])
-        with _reading(path):
-            found.append(_by_step(table, steps))
-    return Markers(found[0][0, :, 0], *(values[:, :, 1:] for values in found))
+    columns = ["step", "s", "x", "y", "z"]
+    measured, declared = (
+        _by_step(_table(folder / name, columns)[columns], folder / name, steps)
+        for name in (MARKERS, DECLARED)
+    )
+    return Markers(measured[0, :, 0], measured[:, :, 1:], declared[:, :, 1:])
 
 
 def read_motion(folder: str | os.PathLike[str]) -> Motion:
@@ -139,13 +148,10 @@ def read_motion(folder: str | os.PathLike[str]) -> Motion:
         The folder has no such results, or a file is not as it was written.
     """
     path = _folder(folder)
-    with _reading(path / SUMMARY):
-        summary: dict[str, Any] = json.loads((path / SUMMARY).read_text(encoding="utf-8"))
-        if "geometry" not in summary:
-            raise _refuse(
-                path / SUMMARY, "geometry: missing; written since version 0.2: run the scenario anew"
-            )
-        names = [str(t["name"]) for t in summary["geometry"]["tendons"]]
+    summary = _summary(path / SUMMARY)
+    shape = summary["geometry"]
+    try:
+        names = [str(t["name"]) for t in shape["tendons"]]
         columns = [f"{kind}_{n}" for kind in ("tension", "displacement") for n in names]
         table = _table(path / STEPS, ["step", *columns], ["label"])
         steps = [int(x) for x in table.step]
@@ -155,9 +161,8 @@ def read_motion(folder: str | os.PathLike[str]) -> Motion:
         nodes = _nodes(path / SHAPE, steps)
         m, by_step = len(names), {int(s["step"]): s for s in summary["steps"]}
         inputs = [by_step[k] for k in steps]
-        driven = [[n in s.get("displacement_controlled", ()) for n in names] for s in inputs]
         return assemble(
-            summary["geometry"],
+            shape,
             nodes,
             name=str(summary["robot"]["name"]),
             steps=tuple(steps),
@@ -166,12 +171,17 @@ def read_motion(folder: str | os.PathLike[str]) -> Motion:
             hole_states=states,
             base_tensions=table[columns[:m]].to_numpy(dtype=float),
             displacements=table[columns[m:]].to_numpy(dtype=float),
-            driven_by_displacement=np.array(driven, dtype=bool).reshape(len(steps), m),
+            driven_by_displacement=np.array(
+                [[n in s.get("displacement_controlled", ()) for n in names] for s in inputs], dtype=bool
+            ).reshape(len(steps), m),
             loads=tuple({n: Load(**load) for n, load in s.get("loads", {}).items()} for s in inputs),
             gravity=np.array(summary["model"]["gravity"], dtype=float),
             friction=summary["model"]["friction"] != "none",
             markers=_markers(path, steps),
         )
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        reason = f"missing: {error.args[0]}" if isinstance(error, KeyError) else str(error)
+        raise _refuse(path / SUMMARY, f"not as tdcr-fe has written it: {reason}") from error
 
 
 def write_markers(markers: Markers, steps: Iterable[int], folder: Path) -> None:

@@ -203,11 +203,11 @@ def _build_settings(data: Any, reporter: Reporter) -> SolverSettings | None:
     return None if bad else SolverSettings(**values)
 
 
-def _build_step(i: int, data: Any, parts: RobotParts, reporter: Reporter) -> LoadStep | None:
-    values, bad = keys_of(LoadStep).read(data, f"steps[{i}]", reporter.mistake)
-    step = LoadStep(**values)  # without what is invalid
+def _build_step(i: int, data: Any, parts: RobotParts, reporter: Reporter) -> LoadStep:
+    """A load step, without what is invalid in it."""
+    step = LoadStep(**keys_of(LoadStep).read(data, f"steps[{i}]", reporter.mistake)[0])
     reporter.contradictions(step_contradictions(i, step, parts.names, parts.length))
-    return None if bad else step
+    return step
 
 
 # --------------------------------------------------------------------------------------------------- reading
@@ -424,9 +424,8 @@ def build_scenario(tables: ScenarioTables, effects: Sequence[Effect] = ()) -> Sc
     robot = parts.robot
     model = _build_model(top["model"], reporter, robot) if "model" in top else None
     settings = _build_settings(top["solver"], reporter) if "solver" in top else None
-    found = [_build_step(i, table, parts, reporter) for i, table in enumerate(top.get("steps", ()))]
-    steps = tuple(s for s in found if s is not None)
-    reporter.contradictions(time_contradictions([None if s is None else s.time for s in found]))
+    steps = tuple(_build_step(i, table, parts, reporter) for i, table in enumerate(top.get("steps", ())))
+    reporter.contradictions(time_contradictions([s.time for s in steps]))
     if robot is not None and model is not None:
         reporter.contradictions(course_contradictions(robot, model))
     if not problems and robot is not None and model is not None:
