@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import Literal, NamedTuple
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,6 +11,7 @@ from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.validation.blind.declared import largest_commands
 from tdcr_fe.validation.blind.recipes import FORMS, Recipe
+from tdcr_fe.validation.ranges import Range, ranges
 
 Random = np.random.Generator
 #: By effect, the value of every parameter.
@@ -19,22 +19,6 @@ Values = dict[str, dict[str, float]]
 
 #: Smallest misfit of the declared model over sigma, and the largest in a weak set [1].
 DETECTABLE, WEAK = 5.0, 2.0
-
-
-class Range(NamedTuple):
-    """A number between two bounds, times a size of the robot; or its exponential, or its inverse times the size."""
-
-    low: float
-    high: float
-    size: str = ""  # a key of `sizes_of`; empty for 1
-    kind: Literal["plain", "signed", "exponent", "inverse"] = "plain"  # those of exponents have a sign, too
-
-    def draw(self, sizes: Mapping[str, float], rng: Random) -> float:
-        """A value; the sign is drawn first."""
-        sign = float(rng.choice([-1.0, 1.0])) if self.kind in ("signed", "exponent") else 1.0
-        x = sign * float(rng.uniform(self.low, self.high))
-        x = float(np.exp(x)) if self.kind == "exponent" else 1.0 / x if self.kind == "inverse" else x
-        return x * (sizes[self.size] if self.size else 1.0)
 
 
 def sizes_of(declared: Experiment, solution: SequenceResult) -> dict[str, float]:
@@ -68,43 +52,8 @@ def _largest_curvature(step: StepResult) -> float:
     return float(np.max(np.linalg.norm(turn, axis=1) / np.diff(step.s)))
 
 
-def _each(names: str, parts: Iterable[object], of: Range) -> dict[str, Range]:
-    """The same range for several parameters: ``names`` has a ``{}`` for each part."""
-    return {names.format(part): of for part in parts}
-
-
-_MARKER = Range(5e-4, 2.5e-3, kind="signed")
-_FRAME = _each("rot_{}", "xyz", Range(0.01, 0.05, kind="signed"))
-_STRETCH, _PRETENSION = Range(0.05, 0.25, "axial stiffness", "inverse"), Range(0.1, 0.6, "tension")
-
-#: By effect, the ranges of its parameters, in the order in which they are drawn.
-RANGES: Mapping[str, Mapping[str, Range]] = {
-    "stiffness_scale": {
-        "bending": Range(0.08, 0.35, kind="exponent"),
-        "torsion": Range(0.05, 0.35, kind="exponent"),
-    },
-    "actuator_loss": {"dead_band": Range(0.02, 0.12, "tension"), "efficiency": Range(0.85, 0.98)},
-    "hole_adhesion": {"drop": Range(0.1, 0.35, "tension of a hole")},
-    "superelastic": {"threshold_strain": Range(0.3, 0.6, "strain"), "plateau_ratio": Range(0.3, 0.7)},
-    "precurvature": _each("kappa_{}", "xy", Range(0.05, 0.3, "curvature", "signed")),
-    "rigid_disks": {"thickness": Range(0.1, 0.45, "bay")},
-    "routing_twist": {"angle_tip": Range(0.1, 0.5, kind="signed")},
-    "hole_clearance": {"clearance": Range(1e-4, 5e-4)},
-    "tip_payload": {"mass": Range(0.1, 0.35, "mass")},
-    "frame_misalignment": _FRAME,
-    "marker_offset": _each("offset_{}", "xy", _MARKER),
-    "tendon_stretch": {"axial_stiffness": _STRETCH},
-    "base_compliance": {"stiffness": Range(0.05, 0.2, "base stiffness", "inverse")},
-    "time_lag": {"lag": Range(2.0, 8.0)},
-    "pretension": {"tension": _PRETENSION},
-    "actuator_backlash": {"backlash": Range(0.05, 0.2, "displacement")},
-    "idle_tension": {"tension": Range(0.03, 0.15, "tension")},
-    "creep": {"rate": Range(0.05, 0.25, "rate")},
-    "marker_beyond_tip": {**_each("offset_{}", "xy", _MARKER), "offset_z": Range(1e-3, 6e-3, kind="signed")},
-    "frame_elsewhere": {**_FRAME, **_each("shift_{}", "xyz", Range(5e-4, 4e-3, kind="signed"))},
-    "stretch_by_segment": _each("axial_stiffness_segment_{}", (1, 2), _STRETCH),
-    "pretension_by_segment": _each("tension_segment_{}", (1, 2), _PRETENSION),
-}
+#: By effect, the ranges of its parameters.
+RANGES = ranges("blind")
 
 
 def _gravity(declared: Experiment, sizes: Mapping[str, float], rng: Random) -> dict[str, float]:
@@ -176,14 +125,14 @@ DRAW: Mapping[str, Callable[[Experiment, Mapping[str, float], Random], dict[str,
 def ranges_of(name: str, declared: Experiment) -> Mapping[str, Range]:
     """Ranges of an effect or form; some forms have as many parameters as the robot has tendons or markers."""
     tendons, markers = declared.robot.tendon_names, len(declared.observation.markers)
-    of_each: dict[str, Mapping[str, Range]] = {
-        "stretch_of_each": _each("axial_stiffness_{}", tendons, _STRETCH),
-        "friction_of_each": _each("mu_{}", tendons, Range(0.0, 0.4)),
-        "markers_each": _each(
-            "offset_{}", [f"{axis}_marker_{k}" for k in range(1, markers + 1) for axis in "xyz"], _MARKER
-        ),
-    }
-    return of_each.get(name) or RANGES[name]
+    if name == "stretch_of_each":
+        return {f"axial_stiffness_{t}": RANGES["tendon_stretch"]["axial_stiffness"] for t in tendons}
+    if name == "friction_of_each":
+        return {f"mu_{t}": Range(0.0, 0.4) for t in tendons}
+    if name == "markers_each":
+        names = [f"offset_{axis}_marker_{k}" for k in range(1, markers + 1) for axis in "xyz"]
+        return dict.fromkeys(names, RANGES["marker_offset"]["offset_x"])
+    return RANGES[name]
 
 
 def draw_values(recipe: Recipe, declared: Experiment, solution: SequenceResult, rng: Random) -> Values:
@@ -203,7 +152,7 @@ def draw_values(recipe: Recipe, declared: Experiment, solution: SequenceResult, 
         if name in DRAW:
             own = DRAW[name](declared, sizes, rng)
         else:
-            own = {p: r.draw(sizes, rng) for p, r in ranges_of(name, declared).items()}
+            own = {p: r.draw(rng, sizes) for p, r in ranges_of(name, declared).items()}
         if name == "hole_clearance":
             own["clearance"] = min(own["clearance"], 0.4 * sizes["offset"])
         found[FORMS.get(name, name)] = own if recipe.at_a_place else _rounded(own)

@@ -22,6 +22,7 @@ from tdcr_fe.model.routing import (
     VaryingHelicalRouting,
 )
 from tdcr_fe.model.tendon import Tendon, TightHole
+from tdcr_fe.validation.ranges import ranges
 
 Random = np.random.Generator
 
@@ -31,25 +32,8 @@ LARGEST_BEND, LARGEST_FORCE, LARGEST_COMPRESSION = 1.6, 1.2, 0.25
 #: One case in so many has the default mesh; the others have a coarse one.
 DEFAULT_MESH_EVERY = 25
 
-#: Effects with the values that they are drawn from, as factors or in SI units.
-_EFFECTS: dict[str, dict[str, tuple[float, float]]] = {
-    "gravity": {"g_x": (-10.0, 10.0), "g_z": (-10.0, 10.0)},
-    "stiffness_scale": {"bending": (0.7, 1.4), "torsion": (0.5, 2.0)},
-    "modulus_scale": {"factor": (0.7, 1.4)},
-    "precurvature": {"kappa_x": (-2.0, 2.0), "kappa_y": (-2.0, 2.0)},
-    "tip_payload": {"mass": (0.0, 5e-4)},
-    "friction_coefficient": {"mu": (0.0, 0.5)},
-    "hole_adhesion": {"drop": (0.0, 5e-3)},
-    "hole_clearance": {"clearance": (0.0, 3e-4)},
-    "routing_twist": {"angle_tip": (-0.6, 0.6)},
-    "tendon_stretch": {"axial_stiffness": (200.0, 3000.0)},
-    "rigid_disks": {"thickness": (0.0, 2e-3)},
-    "base_compliance": {"stiffness": (0.5, 20.0)},
-    "actuator_gain": {"gain": (0.9, 1.1)},
-    "actuator_loss": {"dead_band": (0.0, 0.03), "efficiency": (0.9, 1.0)},
-    "actuator_backlash": {"backlash": (0.0, 3e-4)},
-    "creep": {"rate": (0.0, 1e-3)},
-}
+#: Effects with the ranges of their parameters.
+_EFFECTS = ranges("fuzz")
 
 
 @dataclass(frozen=True)
@@ -357,4 +341,4 @@ def _effects(rng: Random, robot: Robot) -> dict[str, dict[str, float]]:
     if not robot.tendons:
         names = ["gravity", "stiffness_scale", "precurvature", "tip_payload"]
     chosen = rng.choice(names, int(rng.integers(1, 3)), replace=False)
-    return {str(n): {p: float(rng.uniform(*bounds)) for p, bounds in _EFFECTS[n].items()} for n in chosen}
+    return {str(n): {p: r.draw(rng) for p, r in _EFFECTS[n].items()} for n in chosen}
