@@ -57,10 +57,6 @@ class Tables:
         """Rows whose quantity begins like this."""
         return self.observations["quantity"].str.startswith(begins)
 
-    def at(self, marker: str) -> pd.Series:
-        """Rows of one marker."""
-        return self.observations["location"] == marker
-
     def change_robot(self, key: str, change: Callable[[float], float]) -> None:
         """Change the first number of this key in the robot's file."""
         found = re.search(rf"^{key} = (.*)$", self.robot, re.MULTILINE)
@@ -86,11 +82,78 @@ class Fault:
     words: tuple[str, ...]
 
 
-def _scale(quantity: str, factor: float) -> Change:
-    def change(t: Tables, _: np.random.Generator) -> None:
-        t.observations.loc[t.of(quantity), ["value"]] *= factor
+def _values(quantity: str, new: Callable[[pd.DataFrame, np.random.Generator], pd.Series]) -> Change:
+    """Other values in the rows whose quantity begins like this."""
+
+    def change(t: Tables, rng: np.random.Generator) -> None:
+        rows = t.of(quantity)
+        t.observations.loc[rows, "value"] = new(t.observations[rows], rng)
 
     return change
+
+
+def _scale(quantity: str, factor: float) -> Change:
+    return _values(quantity, lambda r, _: r["value"] * factor)
+
+
+def _late(r: pd.DataFrame) -> pd.Series:
+    """Rows of the steps after the one in the middle."""
+    return r["step"] > _middle(r)
+
+
+def _middle(r: pd.DataFrame) -> int:
+    steps = sorted(r["step"].unique())
+    return int(steps[len(steps) // 2])
+
+
+def _at_tip(r: pd.DataFrame) -> pd.Series:
+    return r["location"] == max(r["location"], key=float)
+
+
+def _clipped(r: pd.DataFrame, _: np.random.Generator) -> pd.Series:
+    limit = 0.4 * r["value"].abs().max()
+    return r["value"].clip(-limit, limit)
+
+
+def _dead(r: pd.DataFrame, _: np.random.Generator) -> pd.Series:
+    return r["value"].mask(_at_tip(r), r.groupby(["quantity", "location"])["value"].transform("first"))
+
+
+def _frozen(r: pd.DataFrame, _: np.random.Generator) -> pd.Series:
+    kept = r[r["step"] == _middle(r)].set_index(["quantity", "location"])["value"]
+    frozen = kept.loc[pd.MultiIndex.from_frame(r[["quantity", "location"]])].to_numpy()
+    return r["value"].mask(_late(r), pd.Series(frozen, r.index))
+
+
+def _outlying(r: pd.DataFrame, rng: np.random.Generator) -> pd.Series:
+    values = r["value"].copy()
+    hit = rng.choice(r.index, len(r) * 3 // 10, replace=False)
+    values[hit] += rng.choice([-0.03, 0.03], len(hit))
+    return values
+
+
+def _noisy(size: float) -> Change:
+    return _values("position_", lambda r, rng: r["value"] + size * rng.standard_normal(len(r)))
+
+
+def _both(*changes: Change) -> Change:
+    def change(t: Tables, rng: np.random.Generator) -> None:
+        for one in changes:
+            one(t, rng)
+
+    return change
+
+
+def _other_origin() -> Change:
+    return _both(*(_values(f"position_{axis}", lambda r, _, by=by: r["value"] + by)
+                   for axis, by in zip("xyz", (0.02, -0.01, 0.015), strict=True)))  # fmt: skip
+
+
+def _turned_camera(t: Tables, _: np.random.Generator) -> None:
+    c, s = np.cos(0.25), np.sin(0.25)
+    x, y = t.of("position_x"), t.of("position_y")
+    a, b = t.observations.loc[x, "value"].to_numpy(), t.observations.loc[y, "value"].to_numpy()
+    t.observations.loc[x, "value"], t.observations.loc[y, "value"] = c * a - s * b, s * a + c * b
 
 
 def _sigma(factor: float) -> Change:
@@ -100,30 +163,13 @@ def _sigma(factor: float) -> Change:
     return change
 
 
-def _exchange_columns(first: str, second: str) -> Change:
+def _renamed(column: str, names: Callable[[Tables], dict[str, str]]) -> Change:
+    """Other names of quantities or markers."""
+
     def change(t: Tables, _: np.random.Generator) -> None:
-        t.loading[[first, second]] = t.loading[[second, first]].to_numpy()
+        t.observations[column] = t.observations[column].replace(names(t))
 
     return change
-
-
-def _scale_columns(begins: str, factor: float) -> Change:
-    def change(t: Tables, _: np.random.Generator) -> None:
-        for name in t.loading.columns[t.loading.columns.str.startswith(begins)]:
-            t.loading[name] *= factor
-
-    return change
-
-
-def _exchange_axes(t: Tables, _: np.random.Generator) -> None:
-    x, y = t.of("position_x"), t.of("position_y")
-    t.observations.loc[x, "quantity"], t.observations.loc[y, "quantity"] = "position_y", "position_x"
-
-
-def _exchange_markers(t: Tables, _: np.random.Generator) -> None:
-    first, *_rest, last = t.markers
-    at_first, at_last = t.at(first), t.at(last)
-    t.observations.loc[at_first, "location"], t.observations.loc[at_last, "location"] = last, first
 
 
 def _shuffle_steps(t: Tables, rng: np.random.Generator) -> None:
@@ -135,61 +181,6 @@ def _shuffle_steps(t: Tables, rng: np.random.Generator) -> None:
 def _shift_steps(t: Tables, _: np.random.Generator) -> None:
     t.observations["step"] += 1
     t.observations = t.observations[t.observations["step"] <= t.loading["step"].max()].copy()
-
-
-def _clip(t: Tables, _: np.random.Generator) -> None:
-    for quantity in ("position_x", "position_y"):
-        rows = t.of(quantity)
-        limit = 0.4 * t.observations.loc[rows, "value"].abs().max()
-        t.observations.loc[rows, "value"] = t.observations.loc[rows, "value"].clip(-limit, limit)
-
-
-def _dead_marker(t: Tables, _: np.random.Generator) -> None:
-    for axis in "xyz":
-        rows = t.of(f"position_{axis}") & t.at(t.markers[-1])
-        t.observations.loc[rows, "value"] = t.observations.loc[rows, "value"].iloc[0]
-
-
-def _frozen_since_half(t: Tables, _: np.random.Generator) -> None:
-    half = t.steps[len(t.steps) // 2]
-    for axis in "xyz":
-        for marker in t.markers:
-            rows = t.of(f"position_{axis}") & t.at(marker)
-            kept = t.observations.loc[rows & (t.observations["step"] == half), "value"].iloc[0]
-            t.observations.loc[rows & (t.observations["step"] > half), "value"] = kept
-
-
-def _marker_slips(t: Tables, _: np.random.Generator) -> None:
-    late = t.observations["step"] > t.steps[len(t.steps) // 2]
-    t.observations.loc[t.of("position_z") & t.at(t.markers[-1]) & late, "value"] -= 0.02
-
-
-def _camera_moves(t: Tables, _: np.random.Generator) -> None:
-    late = t.observations["step"] > t.steps[len(t.steps) // 2]
-    t.observations.loc[t.of("position_x") & late, "value"] += 0.015
-
-
-def _drift(t: Tables, _: np.random.Generator) -> None:
-    rows = t.of("position_y")
-    t.observations.loc[rows, "value"] += 4e-4 * t.observations.loc[rows, "step"]
-
-
-def _other_origin(t: Tables, _: np.random.Generator) -> None:
-    for axis, by in zip("xyz", (0.02, -0.01, 0.015), strict=True):
-        t.observations.loc[t.of(f"position_{axis}"), "value"] += by
-
-
-def _turned_camera(t: Tables, _: np.random.Generator) -> None:
-    c, s = np.cos(0.25), np.sin(0.25)
-    x, y = t.of("position_x"), t.of("position_y")
-    a, b = t.observations.loc[x, "value"].to_numpy(), t.observations.loc[y, "value"].to_numpy()
-    t.observations.loc[x, "value"], t.observations.loc[y, "value"] = c * a - s * b, s * a + c * b
-
-
-def _outliers(t: Tables, rng: np.random.Generator) -> None:
-    rows = t.observations.index[t.of("position_")]
-    hit = rng.choice(rows, len(rows) * 3 // 10, replace=False)
-    t.observations.loc[hit, "value"] += rng.choice([-0.03, 0.03], len(hit))
 
 
 def _missing_values(t: Tables, rng: np.random.Generator) -> None:
@@ -205,34 +196,37 @@ def _text(t: Tables, rng: np.random.Generator) -> None:
 
 def _contradicting_rows(t: Tables, _: np.random.Generator) -> None:
     again = t.observations.copy()
-    again.loc[again["quantity"].str.startswith("position_"), "value"] += 0.01
+    again.loc[t.of("position_"), "value"] += 0.01
     t.observations = pd.concat([t.observations, again], ignore_index=True)
 
 
 def _unloaded(t: Tables, _: np.random.Generator) -> None:
-    begins = ("tension_", "displacement_", "force_")
-    moved = t.loading[[c for c in t.loading.columns if c.startswith(begins)]].abs().sum(axis=1) > 0.0
-    t.observations = t.observations[~t.observations["step"].isin(t.loading.loc[moved, "step"])].copy()
+    inputs = t.loading.filter(regex="^(tension|displacement|force)_")
+    moved = t.loading.loc[inputs.abs().sum(axis=1) > 0.0, "step"]
+    t.observations = t.observations[~t.observations["step"].isin(moved)].copy()
 
 
-def _noise(size: float) -> Change:
-    def change(t: Tables, rng: np.random.Generator) -> None:
-        rows = t.of("position_")
-        t.observations.loc[rows, "value"] += size * rng.standard_normal(int(rows.sum()))
+def _kept(rows: Callable[[Tables], pd.DataFrame]) -> Change:
+    """Only some of the readings."""
 
-    return change
-
-
-def _unplugged(name: str) -> Change:
     def change(t: Tables, _: np.random.Generator) -> None:
-        t.loading[name] = 0.0
+        t.observations = rows(t).copy()
 
     return change
 
 
-def _round(t: Tables, _: np.random.Generator) -> None:
-    rows = t.of("position_")
-    t.observations.loc[rows, "value"] = (t.observations.loc[rows, "value"] / 5e-3).round() * 5e-3
+def _loading(columns: str, new: Callable[[pd.DataFrame], object]) -> Change:
+    """Other inputs in the columns that match."""
+
+    def change(t: Tables, _: np.random.Generator) -> None:
+        own = t.loading.filter(regex=columns)
+        t.loading[own.columns] = new(own)
+
+    return change
+
+
+def _exchanged(own: pd.DataFrame) -> object:
+    return own.to_numpy()[:, ::-1]
 
 
 def _robot(key: str, change: Callable[[float], float]) -> Change:
@@ -242,75 +236,61 @@ def _robot(key: str, change: Callable[[float], float]) -> Change:
     return apply
 
 
-def _no_sigma(t: Tables, _: np.random.Generator) -> None:
-    t.observations["sigma"] = np.nan
-
-
-def _one_reading(t: Tables, _: np.random.Generator) -> None:
-    t.observations = t.observations.iloc[[len(t.observations) // 2]].copy()
-
-
-def _two_steps(t: Tables, _: np.random.Generator) -> None:
-    t.observations = t.observations[t.observations["step"].isin(t.steps[4:6])].copy()
-
-
 #: All faults, in the order of the table that is printed.
 FAULTS: tuple[Fault, ...] = (
-    Fault("positions in mm", "tension", _scale("position_", 1e3), ("mm",)),
-    Fault("positions in cm", "tension", _scale("position_", 1e2), ("cm", "mm", "unit")),
-    Fault("z alone in mm", "tension", _scale("position_z", 1e3), ("mm",)),
+    Fault("positions in mm", "tension", _scale("position_", 1000.0), ("mm",)),
+    Fault("positions in cm", "tension", _scale("position_", 100.0), ("cm", "mm", "unit")),
+    Fault("z alone in mm", "tension", _scale("position_z", 1000.0), ("mm",)),
     Fault("angles in degrees", "tension", _scale("bending_angle", 180.0 / np.pi), ("deg",)),
-    Fault("one reading", "tension", _one_reading, ("too few", "1 reading")),
-    Fault("two steps", "tension", _two_steps, ("too few",)),
-    Fault("no noise column", "tension", _no_sigma, ("noise is estimated", "sigma is estimated", "no sigma")),
+    Fault("one reading", "tension",
+          _kept(lambda t: t.observations.iloc[[len(t.observations) // 2]]), ("too few", "1 reading")),
+    Fault("two steps", "tension",
+          _kept(lambda t: t.observations[t.observations["step"].isin(t.steps[4:6])]), ("too few",)),
+    Fault("no noise column", "tension", _sigma(np.nan), ("noise is estimated", "sigma is estimated", "no sigma")),
     Fault("sigma a tenth of the noise", "tension", _sigma(0.1), ("sigma is too",)),
     Fault("sigma ten times the noise", "tension", _sigma(10.0), ("sigma is too",)),
-    Fault("sensor clips", "tension", _clip, ("saturated",)),
-    Fault(
-        "tendons t1 and t2 exchanged",
-        "tension",
-        _exchange_columns("tension_t1", "tension_t2"),
-        ("exchanged",),
-    ),
-    Fault(
-        "displacements of t1 and t2 exchanged",
-        "displacement",
-        _exchange_columns("displacement_t1", "displacement_t2"),
-        ("exchanged",),
-    ),
+    Fault("sensor clips", "tension",
+          _both(_values("position_x", _clipped), _values("position_y", _clipped)), ("saturated",)),
+    Fault("tendons t1 and t2 exchanged", "tension", _loading("^tension_t[12]$", _exchanged), ("exchanged",)),
+    Fault("displacements of t1 and t2 exchanged", "displacement",
+          _loading("^displacement_t[12]$", _exchanged), ("exchanged",)),
     Fault("steps of the readings shuffled", "tension", _shuffle_steps, ("their order",)),
     Fault("readings one step late", "tension", _shift_steps, ("shifted",)),
-    Fault("axes x and y exchanged", "tension", _exchange_axes, ("axes", "frame_misalignment")),
+    Fault("axes x and y exchanged", "tension",
+          _renamed("quantity", lambda t: {"position_x": "position_y", "position_y": "position_x"}),
+          ("axes", "frame_misalignment")),
     Fault("z counted down", "tension", _scale("position_z", -1.0), ("axes", "axis")),
     Fault("left-handed axes", "tension", _scale("position_y", -1.0), ("axes", "axis")),
-    Fault("first and last marker exchanged", "tension", _exchange_markers, ("markers at s",)),
-    Fault("marker at the tip dead", "tension", _dead_marker, ("is constant",)),
-    Fault("readings frozen from the middle on", "tension", _frozen_since_half, ("is constant",)),
-    Fault("marker slips in the middle", "tension", _marker_slips, ("marker at s",)),
-    Fault("camera pushed in the middle", "tension", _camera_moves, ("jump",)),
-    Fault("camera drifts", "tension", _drift, ("drift",)),
-    Fault("another origin", "tension", _other_origin, ("marker_offset", "origin", "frame")),
+    Fault("first and last marker exchanged", "tension",
+          _renamed("location", lambda t: {t.markers[0]: t.markers[-1], t.markers[-1]: t.markers[0]}),
+          ("markers at s",)),
+    Fault("marker at the tip dead", "tension", _values("position_", _dead), ("is constant",)),
+    Fault("readings frozen from the middle on", "tension", _values("position_", _frozen), ("is constant",)),
+    Fault("marker slips in the middle", "tension",
+          _values("position_z", lambda r, _: r["value"] - 0.02 * (_at_tip(r) & _late(r))), ("marker at s",)),
+    Fault("camera pushed in the middle", "tension",
+          _values("position_x", lambda r, _: r["value"] + 0.015 * _late(r)), ("jump",)),
+    Fault("camera drifts", "tension",
+          _values("position_y", lambda r, _: r["value"] + 0.0004 * r["step"]), ("drift",)),
+    Fault("another origin", "tension", _other_origin(), ("marker_offset", "origin", "frame")),
     Fault("camera turned by 14 degrees", "tension", _turned_camera, ("frame_misalignment",)),
-    Fault("three in ten are outliers", "tension", _outliers, ("are outliers",)),
+    Fault("three in ten are outliers", "tension", _values("position_", _outlying), ("are outliers",)),
     Fault("six in ten are empty", "tension", _missing_values, ("rows would be left",)),
     Fault("half of the values are text", "tension", _text, ("rows would be left",)),
     Fault("rows twice, 10 mm apart", "tension", _contradicting_rows, ("were left out: too many",)),
     Fault("only unloaded steps", "tension", _unloaded, ("noise is larger", "too few")),
-    Fault("noise larger than the motion", "tension", _noise(0.2), ("noise is larger", "values up to")),
-    Fault("noise thirty times its sigma", "tension", _noise(6e-3), ("times their sigma",)),
-    Fault("readings rounded to 5 mm", "tension", _round, ("rounded",)),
-    Fault(
-        "tensions in grams", "tension", _scale_columns("tension_", 102.0), ("actuator_gain", "meant in mn")
-    ),
-    Fault("displacements in mm", "displacement", _scale_columns("displacement_", 1e3), ("mm",)),
-    Fault(
-        "displacements counted the other way",
-        "displacement",
-        _scale_columns("displacement_", -1.0),
-        ("opposite sign",),
-    ),
-    Fault("tension of t2 not recorded", "tension", _unplugged("tension_t2"), ("tendon t2 has no input",)),
+    Fault("noise larger than the motion", "tension", _noisy(0.2), ("noise is larger", "values up to")),
+    Fault("noise thirty times its sigma", "tension", _noisy(0.006), ("times their sigma",)),
+    Fault("readings rounded to 5 mm", "tension",
+          _values("position_", lambda r, _: (r["value"] / 0.005).round() * 0.005), ("rounded",)),
+    Fault("tensions in grams", "tension",
+          _loading("^tension_", lambda own: 102.0 * own), ("actuator_gain", "meant in mn")),
+    Fault("displacements in mm", "displacement", _loading("^displacement_", lambda own: 1000.0 * own), ("mm",)),
+    Fault("displacements counted the other way", "displacement",
+          _loading("^displacement_", lambda own: -own), ("opposite sign",)),
+    Fault("tension of t2 not recorded", "tension",
+          _loading("^tension_t2$", lambda own: 0.0), ("tendon t2 has no input",)),
     Fault("diameter given as radius", "tension", _robot("radius", lambda x: 2.0 * x), ("stiffness_scale",)),
-    Fault("modulus in MPa", "tension", _robot("youngs_modulus", lambda x: 1e-6 * x), ("youngs_modulus",)),
+    Fault("modulus in MPa", "tension", _robot("youngs_modulus", lambda x: 1e-06 * x), ("youngs_modulus",)),
     Fault("length a tenth too short", "tension", _robot("length", lambda x: 0.9 * x), ("length",)),
-)
+)  # fmt: skip

@@ -12,7 +12,7 @@ import pytest
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.validation import random_robots, runner
 from tdcr_fe.validation.campaigns import cut_steps
-from tdcr_fe.validation.campaigns.random_robots import Outcome, solve
+from tdcr_fe.validation.campaigns.random_robots import Outcome, compare
 from tdcr_fe.validation.fuzz import drawing
 from tdcr_fe.validation.fuzz.energy import divided
 
@@ -65,7 +65,8 @@ def test_an_error_of_the_program_is_a_failure_of_its_case():
     def broken(*_):
         raise FloatingPointError("on purpose")
 
-    assert solve(random_robots.draw(6), broken).failure == "FloatingPointError: on purpose"
+    found = compare(random_robots.draw(6), {"fe": broken, "reference": broken})
+    assert not found.passed and found.failures[0] == "fe: FloatingPointError: on purpose"
 
 
 @pytest.mark.integration

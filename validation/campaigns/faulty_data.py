@@ -117,13 +117,7 @@ class FaultyData(Campaign):
 
     def row(self, outcome: Outcome) -> dict[str, Any]:
         """What is said of the fault."""
-        effects = ", ".join(outcome.effects)
-        return {
-            "fault": outcome.fault,
-            "outcome": outcome.outcome,
-            "verdict": outcome.verdict,
-            "effects": effects,
-        }
+        return {k: v for k, v in super().row(outcome).items() if k != "text"}
 
     def report(self, outcomes: Sequence[Outcome]) -> list[str | pd.DataFrame]:
         """All faults, and counts."""

@@ -62,14 +62,9 @@ class Outcome:
         return [name for name in self.worst if not self.value(name) <= TOLERANCES[name]]
 
     @property
-    def converged(self) -> bool:
-        """Whether all load steps were solved."""
-        return not self.error and self.solved == self.steps
-
-    @property
     def passed(self) -> bool:
-        """Solved, and everything that was checked holds."""
-        return self.converged and not self.broken
+        """All load steps are solved, and everything that was checked holds."""
+        return not self.error and self.solved == self.steps and not self.broken
 
     def value(self, check: str) -> float:
         """Largest value of a check."""
@@ -166,24 +161,13 @@ class Fuzz(Campaign):
 
     def row(self, outcome: Outcome) -> dict[str, Any]:
         """What was found, with the largest value of every check."""
-        return {
-            "case": outcome.number,
-            "steps": outcome.steps,
-            "solved": outcome.solved,
-            "passed": outcome.passed,
-            "broken": "; ".join(outcome.broken),
-            "error": outcome.error,
-            "message": outcome.message,
-            "warnings": len(outcome.warnings),
-            "seconds": outcome.seconds,
-            **{name: outcome.value(name) if name in outcome.worst else np.nan for name in TOLERANCES},
-            "residual": outcome.residual,
-            "discretisation_error": outcome.discretisation_error,
-        }
+        kept = {k: v for k, v in super().row(outcome).items() if k != "worst"}
+        values = {name: outcome.value(name) if name in outcome.worst else np.nan for name in TOLERANCES}
+        return {**kept, "passed": outcome.passed, "broken": "; ".join(outcome.broken), **values}
 
     def report(self, outcomes: Sequence[Outcome]) -> list[str | pd.DataFrame]:
         """Counts, a table by check, and the cases that did not pass."""
-        failed = [o for o in outcomes if not o.converged and not o.error]
+        failed = [o for o in outcomes if o.solved < o.steps and not o.error]
         wrong = [o for o in outcomes if o.broken or o.error]
         seconds = [o.seconds for o in outcomes]
         alike = Counter(reason(o.message) for o in failed).most_common(8)

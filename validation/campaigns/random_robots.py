@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -54,53 +54,42 @@ class Outcome:
         """Both solved every step, and every difference is announced."""
         return not self.failures and self.unannounced == 0
 
-
-class Answer(NamedTuple):
-    """What one solver finds."""
-
-    positions: list[list[list[float]]]  # of the disks, by solved step [m]
-    estimates: list[float]  # announced discretisation error, by solved step [m]
-    warnings: list[str]
-    failure: str  # why not all steps were solved; empty where they were
-    seconds: float  # processor time [s]
+    @property
+    def milliseconds(self) -> float:
+        """Processor time of the finite elements by load step [ms]."""
+        return 1e3 * self.seconds / max(1, len(self.gaps))
 
 
-def solve(case: RandomCase, solver: Callable[..., SequenceResult]) -> Answer:
-    """Solve a case; an error of the program is a failure like any other."""
-    begun = time.process_time()
-    try:
-        result = solver(case.robot, case.model, case.steps)
-    except Exception as error:
-        return Answer([], [], [], f"{type(error).__name__}: {error}", time.process_time() - begun)
-    seconds = time.process_time() - begun
-    at = np.array(case.robot.disks.positions)
-    positions = [step.position_at(at).tolist() for step in result.steps]
-    estimates = [step.discretisation_error or 0.0 for step in result.steps]
-    failure = "" if result.converged else result.message
-    return Answer(positions, estimates, list(result.warnings), failure, seconds)
-
-
-def compare(case: RandomCase, fe: Answer, reference: Answer) -> Outcome:
-    """Compare the answers of both solvers to the same case."""
-    both = {"fe": fe, "reference": reference}
-    warnings = [f"{name}: {w}" for name, answer in both.items() for w in answer.warnings]
-    length = case.robot.backbone.length
-    pairs = list(zip(fe.positions, reference.positions, strict=False))
+def compare(case: RandomCase, solvers: Mapping[str, Callable[..., SequenceResult]]) -> Outcome:
+    """Solve a case with both solvers, and compare; an error of the program is a failure like any other."""
+    results, failures, warnings, seconds = {}, [], [], {}
+    for name, solver in solvers.items():
+        begun = time.process_time()
+        try:
+            results[name] = result = solver(case.robot, case.model, case.steps)
+            warnings += [f"{name}: {w}" for w in result.warnings]
+            failures += [] if result.converged else [f"{name}: {result.message}"]
+        except Exception as error:
+            failures.append(f"{name}: {type(error).__name__}: {error}")
+        seconds[name] = time.process_time() - begun
+    at, length = np.array(case.robot.disks.positions), case.robot.backbone.length
+    # Of an error there are no steps.
+    pairs = list(zip(*(r.steps for r in results.values()), strict=False)) if len(results) == 2 else []
+    gaps = [np.linalg.norm(a.position_at(at) - b.position_at(at), axis=1).max() / length for a, b in pairs]
     drive = "tension"
     if case.by_displacement:
         drive = "displacement" if case.robot.tendons[0].axial_stiffness is None else "elastic"
     return Outcome(
         case.number,
         len(case.robot.tendons),
-        len(case.robot.disks.positions),
+        len(at),
         drive,
-        [float(np.linalg.norm(np.subtract(a, b), axis=1).max()) / length for a, b in pairs],
-        [e / length for e in fe.estimates[: len(pairs)]],
-        [any(re.search(rf"\bsteps? (?:\d+, )*{k + 1}\b", w) for w in warnings) for k in range(len(pairs))],
-        [f"{name}: {answer.failure}" for name, answer in both.items() if answer.failure],
+        [float(gap) for gap in gaps],
+        [(a.discretisation_error or 0.0) / length for a, _ in pairs],
+        [any(re.search(rf"\bsteps? (?:\d+, )*{k}\b", w) for w in warnings) for k in range(1, len(pairs) + 1)],
+        failures,
         warnings,
-        fe.seconds,
-        reference.seconds,
+        *seconds.values(),
     )
 
 
@@ -112,32 +101,19 @@ class RandomRobots(Campaign):
 
     def run(self, case: int, out: Path) -> Outcome:
         """Solve a case with both and compare."""
-        drawn = draw(case)
-        return compare(drawn, solve(drawn, simulate), solve(drawn, solve_reference))
+        return compare(draw(case), {"fe": simulate, "reference": solve_reference})
 
     def row(self, outcome: Outcome) -> dict[str, Any]:
         """Numbers of a case, the largest of its steps."""
-        return {
-            "number": outcome.number,
-            "tendons": outcome.tendons,
-            "disks": outcome.disks,
-            "drive": outcome.drive,
-            "passed": outcome.passed,
-            "largest_gap": max(outcome.gaps, default=0.0),
-            "largest_estimate": max(outcome.estimates, default=np.nan),
-            "milliseconds_per_step": 1e3 * outcome.seconds / max(1, len(outcome.gaps)),
-            "seconds": outcome.seconds,
-            "seconds_reference": outcome.seconds_reference,
-            "failures": " | ".join(outcome.failures),
-            "warnings": " | ".join(outcome.warnings),
-        }
+        row = super().row(outcome)
+        largest = {f"largest_{k[:-1]}": max(vars(outcome)[k], default=np.nan) for k in ("gaps", "estimates")}
+        kept = {k: v for k, v in row.items() if k not in ("gaps", "estimates", "announced")}
+        return {**kept, "passed": outcome.passed, **largest, "milliseconds_per_step": outcome.milliseconds}
 
     def report(self, outcomes: Sequence[Outcome]) -> list[str | pd.DataFrame]:
         """Gaps, unannounced differences and times."""
         gaps = np.array([gap for o in outcomes for gap in o.gaps] or [np.nan])
-        times = np.array(
-            [1e3 * o.seconds / max(1, len(o.gaps)) for o in outcomes for _ in o.gaps] or [np.nan]
-        )
+        times = np.array([o.milliseconds for o in outcomes for _ in o.gaps] or [np.nan])
         failed = [str(o.number) for o in outcomes if not o.passed]
         return [
             f"{count(len(outcomes), 'robot')}, {sum(len(o.gaps) for o in outcomes)} load steps",
