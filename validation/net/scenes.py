@@ -43,24 +43,23 @@ class Scene:
     solver: str = "SolveTDCR"
 
 
+#: Routing of a tendon at an angle [deg].
+ROUTINGS: Mapping[str, Callable[[float], Any]] = {
+    "parallel": lambda angle: tdcr.ParallelRouting(4.5e-3, angle),
+    "helical": lambda angle: tdcr.HelicalRouting(4.5e-3, 0.4, angle),
+    "converging": lambda angle: tdcr.ConvergingRouting(4.5e-3, 1.5e-3, angle),
+}
+
+
 def _robot(scene: Scene, name: str) -> tdcr.Robot:
-    tendons = []
-    for i in range(scene.tendons):
-        angle = 360.0 * i / scene.tendons
-        routing: Any = tdcr.ParallelRouting(4.5e-3, angle)
-        if scene.routing == "helical":
-            routing = tdcr.HelicalRouting(4.5e-3, 0.4, angle)
-        elif scene.routing == "converging":
-            routing = tdcr.ConvergingRouting(4.5e-3, 1.5e-3, angle)
-        tendons.append(tdcr.Tendon(f"t{i + 1}", routing, scene.mu, axial_stiffness=scene.stretch))
+    routing, count = ROUTINGS[scene.routing], scene.tendons
+    tendons = [
+        tdcr.Tendon(f"t{i + 1}", routing(360.0 * i / count), scene.mu, axial_stiffness=scene.stretch)
+        for i in range(count)
+    ]
     backbone = {"radius": 0.4e-3, "youngs_modulus": 85e9, "poisson_ratio": 0.3, "density": 5600.0}
-    disks = {"mass": 0.17e-3, "radius": 5e-3, **scene.disks}
-    return tdcr.Robot(
-        tdcr.Backbone(LENGTH, **{**backbone, **scene.backbone}),
-        tdcr.Disks.equally_spaced(8, LENGTH, **disks),
-        tuple(tendons),
-        name,
-    )
+    disks = tdcr.Disks.equally_spaced(8, LENGTH, **{"mass": 0.17e-3, "radius": 5e-3, **scene.disks})
+    return tdcr.Robot(tdcr.Backbone(LENGTH, **{**backbone, **scene.backbone}), disks, tuple(tendons), name)
 
 
 # ------------------------------------------------------------------------------------------------- obstacles, bases
@@ -85,61 +84,6 @@ def _rough_wall(mbs: exu.MainSystem, arm: tdcr.TDCR, *others: tdcr.TDCR) -> Any:
 
 def _other_robot(mbs: exu.MainSystem, arm: tdcr.TDCR, *others: tdcr.TDCR) -> Any:
     return arm.add_disk_contact(others[0], STIFFNESS)
-
-
-def _plate(mbs: exu.MainSystem, arm: tdcr.TDCR, *others: tdcr.TDCR) -> Any:
-    """A plate that slides on a spring."""
-    place = [WALL, 0.0, 0.19]
-    ground = mbs.CreateGround(referencePosition=place)
-    sizes = InertiaCuboid(density=1000.0, sideLengths=[0.004, 0.05, 0.05])
-    plate = mbs.CreateRigidBody(referencePosition=place, inertia=sizes)
-    mbs.CreatePrismaticJoint(itemNumbers=[ground, plate], position=place, axis=[1, 0, 0], show=False)
-    mbs.CreateCartesianSpringDamper(itemNumbers=[ground, plate], stiffness=[3.0, 0.0, 0.0], show=False)
-    corners = [[-0.002, y, z] for y, z in ((-0.025,) * 2, (-0.025, 0.025), (0.025,) * 2, (0.025, -0.025))]
-    return arm.add_disk_contact(plate, STIFFNESS, quadPoints=corners)
-
-
-def _exudyn_spheres(mbs: exu.MainSystem, arm: tdcr.TDCR, *others: tdcr.TDCR) -> None:
-    ground = mbs.CreateGround(referencePosition=list(CENTRE))
-    for disk in arm.bDisks:
-        mbs.CreateSphereSphereContact(
-            itemNumbers=[ground, disk], spheresRadii=[SPHERE, 5e-3], contactStiffness=STIFFNESS,
-            dataInitialCoordinates=[0.1, 0.0, 0.0, 0.0],
-        )  # fmt: skip
-
-
-def _exudyn_quads(mbs: exu.MainSystem, arm: tdcr.TDCR, *others: tdcr.TDCR) -> None:
-    ground = mbs.CreateGround()
-    for disk in arm.bDisks[-4:]:
-        mbs.CreateSphereQuadContact(
-            itemNumbers=[disk, ground], sphereRadius=5e-3, quadPoints=CORNERS, contactStiffness=STIFFNESS,
-            dataInitialCoordinates=[0.1, 0.0, 0.0, 0.0],
-        )  # fmt: skip
-
-
-def _general(triangles: bool) -> Callable[..., None]:
-    """A wall of two triangles, or a ball, in a GeneralContact."""
-
-    def add(mbs: exu.MainSystem, arm: tdcr.TDCR, *others: tdcr.TDCR) -> None:
-        contact = mbs.AddGeneralContact()
-        contact.SetFrictionPairings(np.zeros((1, 1)))
-        contact.SetSearchTreeCellSize([4, 4, 4])
-        contact.SetSearchTreeBox([-0.5, -0.5, -0.5], [0.5, 0.5, 0.5])
-        at = [0.0, 0.0, 0.0] if triangles else list(CENTRE)
-        law = {"contactStiffness": STIFFNESS, "contactDamping": 0.0, "frictionMaterialIndex": 0}
-        fixed = mbs.AddMarker(
-            eii.MarkerBodyRigid(bodyNumber=mbs.AddObject(eii.ObjectGround()), localPosition=at)
-        )
-        if triangles:
-            contact.AddTrianglesRigidBodyBased(
-                rigidBodyMarkerIndex=fixed, pointList=CORNERS, triangleList=[[0, 1, 2], [0, 2, 3]], **law
-            )
-        else:
-            contact.AddSphereWithMarker(fixed, radius=SPHERE, **law)
-        for s in arm.robot.disks.positions[-4:]:
-            contact.AddSphereWithMarker(arm.marker_at(s), radius=5e-3, **law)
-
-    return add
 
 
 def _turned(mbs: exu.MainSystem) -> Mapping[str, Any]:
@@ -192,7 +136,6 @@ SCENES: Mapping[str, Scene] = {
     "ball": Scene(ONE, obstacle=_ball, model={"elements_per_bay": 2}),
     "ball, no friction": Scene(ONE, mu=0.0, obstacle=_ball, model={"friction": "none"}),
     "wall": Scene(ONE, obstacle=_wall),
-    "plate on a spring": Scene(ONE, obstacle=_plate),
     "against another robot": Scene(
         ONE,
         obstacle=_other_robot,
@@ -200,10 +143,6 @@ SCENES: Mapping[str, Scene] = {
         backbone={"radius": 3e-3, "youngs_modulus": 27e6},
         model={"elements_per_bay": 4},
     ),
-    "Exudyn's spheres": Scene(ONE, obstacle=_exudyn_spheres),
-    "Exudyn's quadrangles": Scene(ONE, obstacle=_exudyn_quads),
-    "GeneralContact, spheres": Scene(ONE, obstacle=_general(False)),
-    "GeneralContact, triangles": Scene(ONE, obstacle=_general(True)),
     "SolveStatic": Scene(({"t1": 0.5}, {"t1": 1.0}), solver="SolveStatic"),
     "SolveStatic, ball": Scene(({"t1": 0.5}, {"t1": 1.0}), solver="SolveStatic", obstacle=_ball),
     "swing": Scene(SWING),
