@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -144,9 +145,8 @@ def _both(*changes: Change) -> Change:
     return change
 
 
-def _other_origin() -> Change:
-    return _both(*(_values(f"position_{axis}", lambda r, _, by=by: r["value"] + by)
-                   for axis, by in zip("xyz", (0.02, -0.01, 0.015), strict=True)))  # fmt: skip
+def _moved(axis: str, by: float) -> Change:
+    return _values(f"position_{axis}", lambda r, _: r["value"] + by)
 
 
 def _turned_camera(t: Tables, _: np.random.Generator) -> None:
@@ -215,7 +215,7 @@ def _kept(rows: Callable[[Tables], pd.DataFrame]) -> Change:
     return change
 
 
-def _loading(columns: str, new: Callable[[pd.DataFrame], object]) -> Change:
+def _loading(columns: str, new: Callable[[pd.DataFrame], Any]) -> Change:
     """Other inputs in the columns that match."""
 
     def change(t: Tables, _: np.random.Generator) -> None:
@@ -225,7 +225,7 @@ def _loading(columns: str, new: Callable[[pd.DataFrame], object]) -> Change:
     return change
 
 
-def _exchanged(own: pd.DataFrame) -> object:
+def _exchanged(own: pd.DataFrame) -> Any:
     return own.to_numpy()[:, ::-1]
 
 
@@ -272,7 +272,7 @@ FAULTS: tuple[Fault, ...] = (
           _values("position_x", lambda r, _: r["value"] + 0.015 * _late(r)), ("jump",)),
     Fault("camera drifts", "tension",
           _values("position_y", lambda r, _: r["value"] + 0.0004 * r["step"]), ("drift",)),
-    Fault("another origin", "tension", _other_origin(), ("marker_offset", "origin", "frame")),
+    Fault("another origin", "tension", _both(_moved("x", 0.02), _moved("y", -0.01), _moved("z", 0.015)), ("marker_offset", "origin", "frame")),
     Fault("camera turned by 14 degrees", "tension", _turned_camera, ("frame_misalignment",)),
     Fault("three in ten are outliers", "tension", _values("position_", _outlying), ("are outliers",)),
     Fault("six in ten are empty", "tension", _missing_values, ("rows would be left",)),
