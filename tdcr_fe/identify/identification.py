@@ -9,7 +9,8 @@ import numpy as np
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.criteria import robust_threshold, unusable_data
-from tdcr_fe.identify.data_faults import data_fault, impossible_place, other_sign_solves
+from tdcr_fe.identify.data_faults import data_fault, other_sign_solves
+from tdcr_fe.identify.first_checks import first_checks
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.law_search import LEAST_ITERATIONS, find_law
 from tdcr_fe.identify.load_steps import choose_held_out, held_out_branches
@@ -43,12 +44,9 @@ from tdcr_fe.identify.settings import (
 )
 from tdcr_fe.identify.verdict import Found, conclude
 from tdcr_fe.io.measured import MeasuredData, without_unread_steps
-from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.user_effects import check_on
 from tdcr_fe.model.arguments import check_instance
-from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, issue, warnings_to
-from tdcr_fe.model.plausibility import plausibility_warnings
-from tdcr_fe.model.remarks import plausibility_remarks
+from tdcr_fe.model.messages import issue, warnings_to
 
 #: Tolerance of the loading path as a fraction of the noise of a position (a third of it is left), and its limit.
 PATH_SHARE, LOOSEST = 0.6, 3e-4
@@ -94,12 +92,8 @@ def identify(
     check_instance("identify", "settings", settings, (IdentifySettings, type(None)), hint)
     settings = settings or IdentifySettings()
     check_on(settings.own_effects, Experiment(data.robot, data.model, data.steps))
-    try:
-        found = plausibility_warnings(data.robot, data.model, data.steps)
-        issue([*found, *filter(None, [impossible_place(data)])], PlausibilityWarning)
-        issue(plausibility_remarks(data.robot, data.model, data.steps, found), PlausibilityRemark)
-    except ValueError as error:
-        raise InputError([Problem(data.name, "", "", str(error))]) from error
+    for category, texts in first_checks(data).items():
+        issue(texts, category)
     with warnings_to():
         return _identified(data, settings, Search(settings, progress or (lambda text, share: None)))
 

@@ -27,9 +27,9 @@ class Course(NamedTuple):
     holes: NDArray[np.float64]
     offset: float  # largest distance of a hole from the axis [m]
     end: float  # arc length of the anchor [m]
-    bend: NDArray[
-        np.float64
-    ]  # angle by which 1 N bends the robot, to first order and with its direction [rad/N], (2,)
+    # Angles by which tension and displacement bend the robot, to first order and with their direction, each (2,)
+    by_tension: NDArray[np.float64]  # [rad/N]
+    by_displacement: NDArray[np.float64]  # [rad/m]
 
 
 class Description(NamedTuple):
@@ -50,9 +50,14 @@ class Description(NamedTuple):
             offset = float(np.max(distances))
             direction = holes[0] / max(float(distances[0]), 1e-300)
             disks = robot.disks.thickness * (np.count_nonzero(robot.hole_arc_lengths(tendon)[1:]) - 0.5)
-            bend = offset * (end - max(float(disks), 0.0)) / robot.backbone.EI * direction
-            courses[tendon.name] = Course(holes, offset, end, bend)
+            by_tension = offset * (end - max(float(disks), 0.0)) / robot.backbone.EI * direction
+            courses[tendon.name] = Course(holes, offset, end, by_tension, direction / (offset or np.inf))
         return cls(robot, model, steps, courses)
+
+    def bends(self, kind: str) -> NDArray[np.float64]:
+        """Angles by which inputs bend the robot, to first order [rad], by step, direction and tendon."""
+        factors = [getattr(c, f"by_{kind.removesuffix('s')}") for c in self.courses.values()]
+        return self.inputs(kind)[:, None, :] * np.array(factors).reshape(-1, 2).T
 
     def inputs(self, kind: str) -> NDArray[np.float64]:
         """Tensions [N] or displacements [m] by step and tendon; zero where a step names none."""
@@ -108,7 +113,7 @@ def _tendon_values(d: Description) -> Iterator[Value]:
     """Quantities of the tendons, each alone and two by two."""
     robot = d.robot
     for i, tendon in enumerate(robot.tendons):
-        _, offset, end, _ = d.courses[tendon.name]
+        _, offset, end, *_ = d.courses[tendon.name]
         key = f"tendons[{i}]"
         bays = sum(s <= end + ARC_TOLERANCE for s in robot.bay_ends)
         for name, turns in vars(tendon.routing).items():
@@ -179,7 +184,7 @@ def loading_values(d: Description) -> Iterator[Value]:
     strain, surface = f"strain_{kind_of_material(b.youngs_modulus)}", "at the surface, by bending"
     tensions, moved = d.inputs("tensions"), d.inputs("displacements")
     for i, tendon in enumerate(d.robot.tendons if d.steps else ()):
-        _, offset, end, _ = d.courses[tendon.name]
+        _, offset, end, *_ = d.courses[tendon.name]
         k = int(np.argmax(tensions[:, i]))
         force, key = float(tensions[k, i]), f"steps[{k}].tensions.{tendon.name}"
         if tendon.pretension > force:
@@ -209,21 +214,17 @@ def loading_values(d: Description) -> Iterator[Value]:
 
 def bends(d: Description) -> Iterator[Value]:
     """The largest angles by which inputs, or loads and weights where there are none, bend the robot, to first order."""
-    b, courses = d.robot.backbone, list(d.courses.values())
-    by_tension = np.array([c.bend for c in courses]).reshape(-1, 2)
-    by_displacement = np.array([c.bend / (c.offset**2 * c.end / b.EI or np.inf) for c in courses]).reshape(
-        -1, 2
-    )
+    b = d.robot.backbone
     largest = 0.0
-    for kind, factor in (("tensions", by_tension), ("displacements", by_displacement)):
-        moved = d.inputs(kind)
-        if moved.any():
-            together = np.linalg.norm(moved @ factor, axis=1)
+    for kind in ("tensions", "displacements"):
+        single = d.bends(kind)
+        if single.any():
+            together = np.linalg.norm(single.sum(axis=2), axis=1)
             k = int(np.argmax(together))
             yield Value("wound", f"steps[{k}].{kind}", math.nan, "", float(together[k]))
-            largest = max(largest, float(np.max(np.abs(moved) * np.linalg.norm(factor, axis=1))))
-    for tendon, course in zip(d.robot.tendons, courses, strict=True):
-        largest = max(largest, tendon.pretension * float(np.linalg.norm(course.bend)))
+            largest = max(largest, float(np.max(np.linalg.norm(single, axis=1))))
+    for tendon, course in zip(d.robot.tendons, d.courses.values(), strict=True):
+        largest = max(largest, tendon.pretension * float(np.linalg.norm(course.by_tension)))
     if largest == 0.0:
         for step in d.steps:
             for load in step.loads.values():

@@ -47,7 +47,7 @@ def plausibility_remarks(
     beyond = [v for v in values if v.is_beyond]
     causes = ("backbone.", "disks.", "model.")
     found = [v for v in beyond if not v.row.by_stiffness]
-    if any(text.startswith(causes) for text in (*warned, *(v.key for v in found))):
+    if warned or any(v.key.startswith(causes) for v in found):
         beyond = found  # the others may follow from that
     return sentences(v for v in beyond if not any(v.key in text for text in warned))
 
@@ -73,7 +73,7 @@ def understood(robot: Robot, model: Model, steps: Sequence[LoadStep] = ()) -> li
     pulls = []
     for tendon in robot.tendons:
         asked = max((s.tensions.get(tendon.name, 0.0) for s in steps), default=0.0)
-        bend = float(np.linalg.norm(courses[tendon.name].bend))
+        bend = float(np.linalg.norm(courses[tendon.name].by_tension))
         if bend > 0.0:
             pulls.append((asked, tendon.name, 0.5 * math.pi / bend))
     if pulls:

@@ -1,0 +1,47 @@
+"""Wrong units of a declared robot and of its inputs are named before anything is solved, by their columns."""
+
+import pytest
+from identify_data import LENGTH, ROBOT, data_of, sequence
+
+from tdcr_fe.identify.first_checks import first_checks
+from tdcr_fe.io.problems import InputError
+from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning
+
+#: The bend by 1.2 N, 4.5 mm from the axis, over 0.2 m with 1.71e-3 N m^2 [rad].
+BENT = (Reading(3, "bending_angle", None, 0.63),)
+
+
+def tensions(factor):
+    return [
+        LoadStep(tensions={n: factor * t for n, t in s.tensions.items()}, loads=s.loads) for s in sequence()
+    ]
+
+
+@pytest.mark.parametrize(
+    ("robot", "steps", "model", "words"),
+    [
+        (ROBOT.with_backbone(youngs_modulus=85e3), tensions(1.0), Model(), "youngs_modulus = 85000 Pa"),
+        (ROBOT, tensions(102.0), Model(), "loading.csv, step 3: tension_t1 = 122.4 N"),
+        (ROBOT.with_backbone(axial_stiffness=0.00171), tensions(1.0), Model(), "backbone.axial_stiffness"),
+        (ROBOT.with_backbone(precurvature=(0.0, 500.0)), tensions(1.0), Model(), "backbone.precurvature"),
+    ],
+)
+def test_a_wrong_unit_is_a_warning(robot, steps, model, words):
+    found = first_checks(data_of(steps, BENT, robot, model))
+    assert len(found[PlausibilityWarning]) == 1 and words in found[PlausibilityWarning][0]
+
+
+def test_gravity_in_millimetres_is_refused():
+    with pytest.raises(InputError, match="was it meant in mm/s"):
+        first_checks(data_of(tensions(1.0), BENT, model=Model(gravity=(0.0, 0.0, -9810.0))))
+
+
+def test_inputs_that_do_not_fit_the_readings_are_a_remark():
+    """A tenth of the tension bends a tenth, and the readings say so; angles and heights of an arc say the same."""
+    height = Reading(3, "position_z", LENGTH, LENGTH * 0.935)  # sin(0.63) / 0.63
+    for reading in (*BENT, height):
+        assert not any(first_checks(data_of(tensions(1.0), (reading,))).values())
+        found = first_checks(data_of(tensions(0.15), (reading,)))[PlausibilityRemark]
+        assert any("by up to 0.095 rad, the readings say 0.63 rad" in text for text in found), found
