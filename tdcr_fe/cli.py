@@ -95,10 +95,10 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise `WrongArguments`; for a choice that is misspelt it names the nearest one."""
-        if found := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
+        if wrong := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
             from tdcr_fe.model.messages import meant
 
-            message += meant(found[1], re.findall(r"[\w-]+", found[2]))
+            message += meant(wrong[1], re.findall(r"[\w-]+", wrong[2]))
         raise WrongArguments(self, message)
 
 

@@ -98,10 +98,10 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
         )
     numba.config.CACHE_DIR = str(folder)
     try:
-        found: Callable[..., Any] = numba.njit(function, cache=True, **_OPTIONS)
+        compiled: Callable[..., Any] = numba.njit(function, cache=True, **_OPTIONS)
     finally:
         numba.config.CACHE_DIR = before
-    return found
+    return compiled
 
 
 @cache

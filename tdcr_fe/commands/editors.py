@@ -15,8 +15,8 @@ def schema(args: argparse.Namespace) -> int:
         sweep_schema,  # imports Exudyn, which the completion of a shell does not need
     )
 
-    found = sweep_schema() if args.file == "sweep" else json_schema(args.file)
-    print(json.dumps(found, indent=2, ensure_ascii=False))
+    schema_of_file = sweep_schema() if args.file == "sweep" else json_schema(args.file)
+    print(json.dumps(schema_of_file, indent=2, ensure_ascii=False))
     return Exit.DONE
 
 

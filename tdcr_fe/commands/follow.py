@@ -44,10 +44,10 @@ def follow(args: argparse.Namespace) -> int:
     print_understood(args, robot, model, ())
     with progress_bar(args, len(targets) + 1, unit="target") as bar:
 
-        def progress(found: ReachedTarget) -> None:
-            if found.result.step == 1:
+        def progress(target: ReachedTarget) -> None:
+            if target.result.step == 1:
                 bar.reset()  # refining the mesh begins again with the first target
-            bar.set_postfix_str(found.target.label, refresh=False)
+            bar.set_postfix_str(target.target.label, refresh=False)
             bar.update(1)
 
         try:
@@ -112,9 +112,9 @@ def _tensions(texts: list[str]) -> float | dict[str, float]:
         if len(texts) == 1 and "=" not in texts[0]:
             return float(texts[0])
         pairs = [text.rpartition("=") for text in texts]
-        found = {name: float(value) for name, _, value in pairs}
+        tensions = {name: float(value) for name, _, value in pairs}
     except ValueError:
-        found = {}
-    if len(found) != len(texts) or "" in found:
+        tensions = {}
+    if len(tensions) != len(texts) or "" in tensions:
         raise ValueError(f"{' '.join(texts)!r}: must be one number, or NAME=NUMBER for each tendon [N]")
-    return found
+    return tensions

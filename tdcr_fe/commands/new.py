@@ -90,11 +90,11 @@ def _readings(robot: Robot, result: Any) -> list[Any]:
     def read(true: float, sigma: float) -> float:
         return round(float(true + rng.normal(0.0, sigma)), 5)
 
-    found = []
+    readings = []
     for step in result.steps:
         for s in (0.5 * robot.backbone.length, robot.backbone.length):
             for axis, value in zip("xyz", step.position_at(s), strict=True):
-                found.append(Reading(step.step, f"position_{axis}", s, read(value, marker), marker))
+                readings.append(Reading(step.step, f"position_{axis}", s, read(value, marker), marker))
         for name, value in zip(robot.tendon_names, step.displacements, strict=True):
-            found.append(Reading(step.step, "tendon_displacement", name, read(value, encoder), encoder))
-    return found
+            readings.append(Reading(step.step, "tendon_displacement", name, read(value, encoder), encoder))
+    return readings

@@ -36,9 +36,9 @@ class LoadArrows:
         length = LONGEST * motion.length * _MM
         #: Where each begins and its vector [mm], and whether it is a moment.
         self.arrows = [
-            (at * _MM, vector * (length / self.largest[moment]), moment)
+            (place * _MM, vector * (length / self.largest[moment]), moment)
             for k in drawn
-            for _, at, vector, moment in motion.load_arrows(k)
+            for _, place, vector, moment in motion.load_arrows(k)
         ]
 
     def draw_planar(self, axes: Axes, i: int, j: int) -> None:
@@ -82,12 +82,12 @@ class _Plane(NamedTuple):
     def arrow(self, start: Array, vector: Array, colour: str, heads: tuple[float, ...] = (1.0,)) -> None:
         """One arrow [mm] with heads at parts of its length; a circle where it is seen end on."""
         axes, plane = self.axes, [self.i, self.j]
-        at, flat = start[plane], vector[plane]
+        place, flat = start[plane], vector[plane]
         if np.linalg.norm(flat) < END_ON * np.linalg.norm(vector):
             # The viewer looks along +y where x points right, and along -x where y points right.
             away = (vector[1] if self.i == 0 else -vector[0]) > 0.0
-            axes.plot(*at, "o", ms=7, mfc="white", mec=colour, mew=1.2, zorder=6)
-            axes.plot(*at, "x" if away else ".", ms=4, color=colour, zorder=7)
+            axes.plot(*place, "o", ms=7, mfc="white", mec=colour, mew=1.2, zorder=6)
+            axes.plot(*place, "x" if away else ".", ms=4, color=colour, zorder=7)
             return
         look = {
             "arrowstyle": "-|>",
@@ -99,9 +99,14 @@ class _Plane(NamedTuple):
         }
         for reach in heads:
             axes.annotate(
-                "", tuple(at + reach * flat), tuple(at), arrowprops=look, zorder=6, annotation_clip=False
+                "",
+                tuple(place + reach * flat),
+                tuple(place),
+                arrowprops=look,
+                zorder=6,
+                annotation_clip=False,
             )
-        axes.update_datalim((at + flat)[None, :])
+        axes.update_datalim((place + flat)[None, :])
 
     def gravity(self, gravity: Array, points: Array) -> None:
         """An arrow in the direction of gravity in the corner that is farthest from points of the robot [mm]."""
@@ -109,14 +114,14 @@ class _Plane(NamedTuple):
         shares = [(x, y) for x in (0.13, 0.87) for y in (0.12, 0.88)]
         corners = np.array([(left + x * (right - left), bottom + y * (top - bottom)) for x, y in shares])
         gaps = np.linalg.norm(points[None, :, [self.i, self.j]] - corners[:, None], axis=2).min(axis=1)
-        at = np.zeros(3)
-        at[[self.i, self.j]] = corners[int(np.argmax(gaps))]
+        place = np.zeros(3)
+        place[[self.i, self.j]] = corners[int(np.argmax(gaps))]
         direction = 0.09 * (top - bottom) * gravity / np.linalg.norm(gravity)
-        self.arrow(at - direction / 2.0, direction, GRAVITY)
+        self.arrow(place - direction / 2.0, direction, GRAVITY)
         text: dict[str, Any] = {
             "textcoords": "offset points",
             "color": GRAVITY,
             "va": "center",
             "style": "italic",
         }
-        self.axes.annotate("g", tuple(at[[self.i, self.j]]), xytext=(7, 5), **text)
+        self.axes.annotate("g", tuple(place[[self.i, self.j]]), xytext=(7, 5), **text)

@@ -179,14 +179,14 @@ class Motion:
 
     def load_arrows(self, step: int) -> list[tuple[str, Array, Array, bool]]:
         """Loads of a step (from 0): name, where [m], vector [N or N m], and whether it is a moment."""
-        found = []
+        arrows = []
         for name, load in self.loads[step].items():
             k = int(nearest(self.s, [load.at])[0])
             for value, moment in ((np.array(load.force), False), (np.array(load.moment), True)):
                 if np.any(value):
                     vector = self.matrices(step)[k] @ value if load.frame == "section" else value
-                    found.append((name, self.positions[step, k], vector, moment))
-        return found
+                    arrows.append((name, self.positions[step, k], vector, moment))
+        return arrows
 
     def largest_loads(self, steps: Iterable[int]) -> dict[bool, float]:
         """Largest force [N] and moment [N m] in some steps (from 0), by whether it is a moment; zero without any."""

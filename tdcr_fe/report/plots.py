@@ -121,9 +121,9 @@ class _Shapes:
         # No side is slim.
         wider = np.maximum(0.45 * (high - low).max() - (high - low), 0.0) / 2.0
         low, high = low - wider, high + wider
-        for at, vector, _ in self.arrows.arrows:
-            low = np.minimum(low, np.minimum(at, at + vector) - 5.0)
-            high = np.maximum(high, np.maximum(at, at + vector) + 5.0)
+        for place, vector, _ in self.arrows.arrows:
+            low = np.minimum(low, np.minimum(place, place + vector) - 5.0)
+            high = np.maximum(high, np.maximum(place, place + vector) + 5.0)
         #: Box around shapes and load arrows [mm], shape (3, 2).
         self.limits = np.stack((low, high), axis=1)
 
@@ -284,10 +284,12 @@ def _mark_holes(axes: Axes, holes: Array, tensions: Array, states: NDArray[np.st
     """Markers of the states of a tendon's holes, halfway between the tensions on both sides."""
     between = (tensions[:-1] + tensions[1:]) / 2.0
     for state, (marker, _) in _MARKERS.items():
-        at = states == state
-        if at.any():
+        marked = states == state
+        if marked.any():
             fill = "white" if state == "stick" else colour
-            axes.plot(holes[at], between[at], marker, ms=3.4, mfc=fill, mec=colour, mew=0.8, clip_on=False)
+            axes.plot(
+                holes[marked], between[marked], marker, ms=3.4, mfc=fill, mec=colour, mew=0.8, clip_on=False
+            )
 
 
 # ------------------------------------------------------------------------------------------------ hysteresis
@@ -295,14 +297,14 @@ def _mark_holes(axes: Axes, holes: Array, tensions: Array, states: NDArray[np.st
 
 def _driven(motion: Motion) -> list[tuple[str, Array, str]]:
     """Tendons whose input rises and falls, a displacement [mm] or a tension [N]: name, values, label."""
-    found = []
+    driven = []
     for j, tendon in enumerate(motion.tendons):
         kind, unit, values = "tension", "N", motion.base_tensions[:, j]
         if motion.driven_by_displacement[:, j].any():
             kind, unit, values = "displacement", "mm", motion.displacements[:, j] * _MM
         if _returns(values):
-            found.append((tendon.name, values, f"{kind} of {tendon.name} at the base [{unit}]"))
-    return found
+            driven.append((tendon.name, values, f"{kind} of {tendon.name} at the base [{unit}]"))
+    return driven
 
 
 def _returns(values: Array) -> bool:

@@ -99,14 +99,14 @@ def panels(figure: Figure) -> list[tuple[str, float]]:
     with styled():
         figure.draw_without_rendering()
     figure.set_layout_engine("none")
-    found = []
+    texts = []
     for part in parts:
         for artist in (artist for other in parts for artist in other):
             artist.set_visible(artist in part)
         text = svg(figure)
         width = re.search(r'width="([\d.]+)pt"', text)
-        found.append((text, 96.0 / 72.0 * float(width[1] if width else 0.0)))
-    return found
+        texts.append((text, 96.0 / 72.0 * float(width[1] if width else 0.0)))
+    return texts
 
 
 def logarithmic(axes: Axes, decades: float = 2.0) -> None:

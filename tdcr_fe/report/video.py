@@ -131,9 +131,9 @@ class _Drawing:
             sides = np.stack((corners[:-1], corners[1:]), axis=1)
             colours = self.heat(tensions[0, tendon.segments] / self.largest)
             parts.append(self.space.add_collection3d(Line3DCollection(list(sides), colors=colours, lw=1.6)))
-        for _, at, vector, moment in m.load_arrows(0):
+        for _, place, vector, moment in m.load_arrows(0):
             scaled = LONGEST * f * m.length / self.largest_loads[moment] * vector
-            parts.append(self.space.quiver(*(f * at), *scaled, color=MOMENT if moment else FORCE, lw=1.6))
+            parts.append(self.space.quiver(*(f * place), *scaled, color=MOMENT if moment else FORCE, lw=1.6))
         self.moving = parts
 
 

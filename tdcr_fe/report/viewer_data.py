@@ -178,8 +178,8 @@ def panel_data(motion: Motion) -> dict[str, Any]:
         "bending": np.degrees(motion.bending_angles).round(4).tolist(),
         "loads": [
             [
-                {"name": name, "at": _short(at), "vector": _short(vector), "moment": moment}
-                for name, at, vector, moment in motion.load_arrows(k)
+                {"name": name, "at": _short(place), "vector": _short(vector), "moment": moment}
+                for name, place, vector, moment in motion.load_arrows(k)
             ]
             for k in range(count)
         ],

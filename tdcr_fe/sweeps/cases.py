@@ -64,10 +64,10 @@ class Outcome:
         """From a line of the journal; None where it is no outcome."""
         try:
             numbers = {k: math.nan if v is None else float(v) for k, v in record["numbers"].items()}
-            found = Outcome(**{**record, "numbers": numbers, "warnings": tuple(record["warnings"])})
+            outcome = Outcome(**{**record, "numbers": numbers, "warnings": tuple(record["warnings"])})
         except (AttributeError, KeyError, TypeError, ValueError):
             return None
-        return found if found.status in STATUSES and type(found.case) is int else None
+        return outcome if outcome.status in STATUSES and type(outcome.case) is int else None
 
 
 def solve_case(job: Job, case: tuple[int, Sequence[Change]]) -> Outcome:
@@ -100,12 +100,12 @@ def _solved(job: Job, number: int, changes: Sequence[Change]) -> Outcome:
     except Exception as error:
         return Outcome(number, "error", f"{type(error).__name__}: {error}")
     try:
-        own = {str(k): float(v) for k, v in (job.evaluate(result) if job.evaluate else {}).items()}
-        if taken := {*ABOUT_CASE, *numbers, *job.inputs} & set(own):
+        further = {str(k): float(v) for k, v in (job.evaluate(result) if job.evaluate else {}).items()}
+        if taken := {*ABOUT_CASE, *numbers, *job.inputs} & set(further):
             raise ValueError(f"evaluate gives {min(taken)!r}, which is the name of another column")
     except Exception as error:
         return Outcome(number, "error", f"{type(error).__name__}: {error}", numbers, warnings)
-    return Outcome(number, "converged", "", numbers | own, warnings)
+    return Outcome(number, "converged", "", numbers | further, warnings)
 
 
 @lru_cache(maxsize=4)
@@ -149,10 +149,10 @@ def columns_of_steps(tendons: Iterable[str]) -> list[str]:
 
 def _numbers_of_step(step: StepResult) -> list[float]:
     """All numbers of a load step, in the order of `columns_of_steps`; NaN where an estimate was not made."""
-    found: list[Any] = [x for values in OF_TENDONS.values() for x in values(step)]
-    found += [value(step) for value in AFTER_TENDONS.values()]
-    found += [getattr(step, name) for name in ESTIMATES]
-    return [math.nan if x is None else float(x) for x in found]
+    numbers: list[Any] = [x for values in OF_TENDONS.values() for x in values(step)]
+    numbers += [value(step) for value in AFTER_TENDONS.values()]
+    numbers += [getattr(step, name) for name in ESTIMATES]
+    return [math.nan if x is None else float(x) for x in numbers]
 
 
 def numbers_of(result: SequenceResult, output: Output, asked: int) -> dict[str, float]:

@@ -66,9 +66,9 @@ class Range(Checked):
     def values(self) -> tuple[float, ...]:
         """The values, as integers where all of them are whole."""
         space = np.linspace if self.spacing == "linear" else np.geomspace
-        found = space(self.start, self.stop, self.count).tolist()
-        whole = all(float(x).is_integer() for x in found)  # as counts need
-        return tuple(int(x) if whole else x for x in found)
+        values = space(self.start, self.stop, self.count).tolist()
+        whole = all(float(x).is_integer() for x in values)  # as counts need
+        return tuple(int(x) if whole else x for x in values)
 
 
 @dataclass(frozen=True)

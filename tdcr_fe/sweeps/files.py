@@ -116,8 +116,8 @@ def recalled(lines: Lines, count: int) -> Iterator[Outcome]:
         raise refused(f"{what}; give another directory, or --fresh to replace what is there") from error
 
 
-def _message(found: Message, count: str, text: str) -> dict[str, Any]:
-    return {count: found.count, "first_case": found.case, text: found.example}
+def _message(message: Message, count: str, text: str) -> dict[str, Any]:
+    return {count: message.count, "first_case": message.case, text: message.example}
 
 
 def summary_of(result: SweepResult, head: Mapping[str, Any]) -> dict[str, Any]:
@@ -136,8 +136,8 @@ def summary_of(result: SweepResult, head: Mapping[str, Any]) -> dict[str, Any]:
         "status": result.counts,
         "interrupted": result.interrupted,
         "failures": {
-            status: [_message(m, "cases", "reason") for m in found]
-            for status, found in result.failures.items()
+            status: [_message(m, "cases", "reason") for m in messages]
+            for status, messages in result.failures.items()
         },
         "warnings": [_message(m, "times", "text") for m in result.warnings],
         "statistics": result.statistics().to_dict(),

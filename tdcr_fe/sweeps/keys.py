@@ -65,10 +65,10 @@ def parse_key(text: str) -> Key:
     """
     path: list[str | int] = []
     rest = "." + text if not text.startswith("[") else ""  # no list has a number without a name
-    while found := _PART.match(rest):
-        quoted_name, name, number = found.groups()
+    while match := _PART.match(rest):
+        quoted_name, name, number = match.groups()
         path.append(int(number) if number else name or re.sub(r"\\(.)", r"\1", quoted_name))
-        rest = rest[found.end() :]
+        rest = rest[match.end() :]
     if rest or not path:
         example = "backbone.radius, tendons.t1.offset or steps[0].tensions.t1"
         raise KeyProblem(f"must be a dotted key, such as {example}")
@@ -91,9 +91,9 @@ def _below(node: Any, part: str | int) -> list[dict[str, Any]]:
     """JSON schemas of what may stand at one part of a key: of a list also in each of its tables."""
     alternatives = [n for word in ("oneOf", "anyOf") for x in node.get(word, ()) for n in _below(x, part)]
     items = [x for x in (*node.get("prefixItems", ()), node.get("items")) if x]
-    found = [*items, *(n for x in items if isinstance(part, str) for n in _below(x, part))]
+    in_items = [*items, *(n for x in items if isinstance(part, str) for n in _below(x, part))]
     named = node.get("properties", {}).get(part, node.get("additionalProperties"))
-    return [*found, *([named] if isinstance(named, dict) else []), *alternatives]
+    return [*in_items, *([named] if isinstance(named, dict) else []), *alternatives]
 
 
 def set_value(tables: ScenarioTables, key: Key, change: Change) -> ScenarioTables:
@@ -155,11 +155,11 @@ def _meant_tables(
     if head in names:
         return {names.index(head): path[1:]}
     if where == "steps":
-        found = {k: path for k, x in enumerate(node) if _has(x, path)}
-        if not found:
+        paths = {k: path for k, x in enumerate(node) if _has(x, path)}
+        if not paths:
             key = join("", *path)
             raise KeyProblem(f"no load step has {key}; steps[0].{key} sets it in the first one")
-        return found
+        return paths
     if len(path) > 1 and where == "tendons" and not any(head in x for x in node):
         known = [n for n in names if isinstance(n, str)]
         text = f"there is no tendon {quoted(head)}{meant(head, known)}; there are {', '.join(known)}"

@@ -121,10 +121,10 @@ def read_sweep(
         except InputError as error:
             report.problems.extend(error.problems)
 
-    own: Sequence[Effect] = sound(lambda: read_own_effects(effects)) or ()
+    user_effects: Sequence[Effect] = sound(lambda: read_own_effects(effects)) or ()
     top, bad = _top(data, report)
     tables: Any = None if "scenario" in bad else sound(lambda: _base_tables(data, robot, path))
-    scenario: Any = tables and sound(lambda: build_scenario(tables, own))
+    scenario: Any = tables and sound(lambda: build_scenario(tables, user_effects))
     if report.problems:
         raise InputError(report.problems)
     sampling, output, workspace = top["sampling"], top["output"], top["workspace"]
@@ -147,14 +147,14 @@ def read_sweep(
     )
     _check_together(sweep, scenario, report)
     if not report.problems:
-        _check_values(sweep, own, report)
+        _check_values(sweep, user_effects, report)
     if report.problems:
         raise InputError(report.problems)
     with suppress(ValueError):  # of a case that is refused the reason is in the table
         described = scenario.robot, scenario.model, scenario.steps
-        found = plausibility_warnings(*described)
-        issue(found, PlausibilityWarning)
-        issue(plausibility_remarks(*described, found), PlausibilityRemark)
+        warnings = plausibility_warnings(*described)
+        issue(warnings, PlausibilityWarning)
+        issue(plausibility_remarks(*described, warnings), PlausibilityRemark)
     return sweep
 
 
@@ -165,12 +165,12 @@ def _top(data: dict[str, Any], report: Reporter) -> tuple[dict[str, Any], set[st
     if units:
         data = {**data, "vary": [_with_numbers(x, u) for x, u in zip(given or (), units, strict=True)]}
 
-    def note(found: Mistake) -> None:
-        place = re.match(r"vary\[(\d+)\]", found.key)
-        if place and isinstance(found.value, str) and "number" in found.allowed:
-            text = with_units(found.allowed, found.value, units[int(place[1])])
-            found = found._replace(allowed=text)
-        report.mistake(found)
+    def note(mistake: Mistake) -> None:
+        place = re.match(r"vary\[(\d+)\]", mistake.key)
+        if place and isinstance(mistake.value, str) and "number" in mistake.allowed:
+            text = with_units(mistake.allowed, mistake.value, units[int(place[1])])
+            mistake = mistake._replace(allowed=text)
+        report.mistake(mistake)
 
     return TOP.read(data, "", note, [k for k in IN_SCENARIO if "scenario" not in data])
 
@@ -230,10 +230,10 @@ def _base_tables(data: Mapping[str, Any], robot: dict[str, Any] | None, path: Pa
     if "robot" not in data:
         text = "missing; must be the path of a scenario.toml, or robot that of a robot.toml"
         raise InputError([Problem(str(path), "scenario", "", text)])
-    own = {k: data[k] for k in IN_SCENARIO if k in data}
+    scenario = {k: data[k] for k in IN_SCENARIO if k in data}
     if "workspace" in data:
-        own.setdefault("steps", [{"label": "workspace"}])
-    return with_robot_table(own, path) if robot is None else ScenarioTables(own, robot, path, path)
+        scenario.setdefault("steps", [{"label": "workspace"}])
+    return with_robot_table(scenario, path) if robot is None else ScenarioTables(scenario, robot, path, path)
 
 
 def _workspace(table: Workspace, scenario: Scenario, sampling: Sampling, report: Reporter) -> list[Variation]:
@@ -253,14 +253,14 @@ def _workspace(table: Workspace, scenario: Scenario, sampling: Sampling, report:
         return []
     if not (low < high).all():
         report("workspace.largest", shown(table.largest), "must be above smallest")
-    found: list[Variation] = []
+    variations: list[Variation] = []
     for name, least, most in zip(names, low.tolist(), high.tolist(), strict=True):
         if not report.problems:
             values: Any = {"uniform": Uniform(least, most)}
             if table.count:
                 values = {"range": Range(least, most, table.count)}
-            found.append(Variation(join("steps[-1].tensions", name), name=f"pull_{name}", **values))
-    return found
+            variations.append(Variation(join("steps[-1].tensions", name), name=f"pull_{name}", **values))
+    return variations
 
 
 def _check_output(output: Output, scenario: Scenario, report: Reporter) -> None:
@@ -280,12 +280,12 @@ def _robots(
     variations: Sequence[Variation], tables: ScenarioTables, report: Reporter
 ) -> dict[str, ScenarioTables]:
     """Tables with every robot that a variation names, by its path."""
-    found: dict[str, ScenarioTables] = {}
+    by_path: dict[str, ScenarioTables] = {}
     for v in variations:
         for name in v.options if v.names_robot else ():
-            found[name] = with_robot_table({**tables.scenario, "robot": name}, tables.path)
-            report.problems.extend(replace(p, file=report.file) for p in found[name].problems)
-    return found
+            by_path[name] = with_robot_table({**tables.scenario, "robot": name}, tables.path)
+            report.problems.extend(replace(p, file=report.file) for p in by_path[name].problems)
+    return by_path
 
 
 def _check_together(sweep: Sweep, scenario: Scenario, report: Reporter) -> None:
@@ -314,7 +314,7 @@ def _check_together(sweep: Sweep, scenario: Scenario, report: Reporter) -> None:
         report("sampling.method", quoted(sampling.method), text)
 
 
-def _check_values(sweep: Sweep, own: Sequence[Effect], report: Reporter) -> None:
+def _check_values(sweep: Sweep, user_effects: Sequence[Effect], report: Reporter) -> None:
     """Values that the files do not allow.
 
     A value is refused where it is wrong alone, all others as declared, and in every case tried that has it as well.
@@ -325,7 +325,7 @@ def _check_values(sweep: Sweep, own: Sequence[Effect], report: Reporter) -> None
     def mistakes(changes: Sequence[Change]) -> list[Problem]:
         """Of the files with some changes; a key that names nothing is one without a key."""
         try:
-            build_scenario(tables_with(sweep, changes), own)
+            build_scenario(tables_with(sweep, changes), user_effects)
         except KeyProblem as error:
             return [Problem("", "", "", str(error))]
         except InputError as error:
@@ -334,14 +334,14 @@ def _check_values(sweep: Sweep, own: Sequence[Effect], report: Reporter) -> None
 
     for i, (v, values) in enumerate(zip(sweep.variations, design.values(), strict=True)):
         where = "workspace" if sweep.workspace and v.column.startswith("pull_") else f"vary[{i}]"
-        found: dict[tuple[str, str, str], None] = {}
+        reports: dict[tuple[str, str, str], None] = {}
         for value, same in _checked(v, values):
             if problems := mistakes([(key, v.mode, value) for key in v.places]):
                 tried = random.choice(same, min(len(same), MOST_TRIED), replace=False)
                 if all(mistakes(sweep.changes(design, k)) for k in tried):
-                    found |= dict.fromkeys(_said(where, v, value, p) for p in problems)
-        for problem in found:
-            report(*problem)
+                    reports |= dict.fromkeys(_said(where, v, value, p) for p in problems)
+        for text in reports:
+            report(*text)
 
 
 def _checked(v: Variation, values: list[Any]) -> Iterator[tuple[Any, list[int]]]:
@@ -355,12 +355,12 @@ def _checked(v: Variation, values: list[Any]) -> Iterator[tuple[Any, list[int]]]
             yield every[k], same
 
 
-def _said(where: str, v: Variation, value: Any, found: Problem) -> tuple[str, str, str]:
+def _said(where: str, v: Variation, value: Any, problem: Problem) -> tuple[str, str, str]:
     """Key, value and what is allowed of a mistake of the files, said of the variation that made it."""
     texts = [place.text for place in v.places]
-    if not found.key or found.allowed.startswith("unknown"):
-        return f"{where}.key", ", ".join(map(quoted, texts)), found.allowed
-    about = found.allowed if found.key in texts else f"{found.key} = {found.value}: {found.allowed}"
+    if not problem.key or problem.allowed.startswith("unknown"):
+        return f"{where}.key", ", ".join(map(quoted, texts)), problem.allowed
+    about = problem.allowed if problem.key in texts else f"{problem.key} = {problem.value}: {problem.allowed}"
     kind, _ = v.described()
     if v.distribution is None:
         return f"{where}.{kind}", shown(value), f"{', '.join(texts)}: {about}"

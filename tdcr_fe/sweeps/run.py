@@ -161,8 +161,8 @@ def outcomes(job: Job, cases: Iterator[Case], executor: Executor, in_flight: int
     concurrent.futures.BrokenExecutor
         The executor cannot go on.
     """
-    with closing(as_completed(executor, partial(solve_case, job), cases, in_flight)) as found:
-        for number, future in found:
+    with closing(as_completed(executor, partial(solve_case, job), cases, in_flight)) as futures:
+        for number, future in futures:
             yield _outcome(number, future)
 
 
@@ -190,9 +190,9 @@ def local_outcomes(job: Job, cases: Iterator[Case], processes: int) -> Outcomes:
         try:
             with (
                 worker_pool(processes) as pool,
-                closing(outcomes(job, handed_over(), pool, 2 * processes)) as found,
+                closing(outcomes(job, handed_over(), pool, 2 * processes)) as stream,
             ):
-                for outcome in found:
+                for outcome in stream:
                     del under_way[outcome.case]
                     yield outcome
             return
