@@ -169,11 +169,7 @@ COMMANDS = {
         ),
         "0 every target was reached or is out of reach; 1 a load step or a search did not converge; 2 the input is "
         "wrong; 130 interrupted (143 by SIGTERM), what was found is written.",
-        {
-            "largest": {"required": True},
-            "pretension": {"default": ["0"]},
-            "tolerance": {"type": float},
-        },
+        {"largest": {"required": True}, "pretension": {"default": ["0"]}, "tolerance": {"type": float}},
     ),
     "sweep": Command(
         "tdcr_fe.commands.sweep:run_sweep",
@@ -229,10 +225,7 @@ COMMANDS = {
         --tendons N                    number of tendons [%(default)s]
         and quiet""",
         ("new robot", "new experiment -o measured --tendons 4"),
-        options={
-            "out": {},
-            "tendons": {"type": whole(1, 24), "default": 3},
-        },
+        options={"out": {}, "tendons": {"type": whole(1, 24), "default": 3}},
     ),
     "identify": Command(
         "tdcr_fe.commands.identify:run",

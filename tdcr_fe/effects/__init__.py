@@ -51,9 +51,7 @@ def effect(name: str, catalogue: Sequence[Effect] = EFFECTS) -> Effect:
 
 
 def with_effects(
-    experiment: Experiment,
-    effects: Mapping[str, Mapping[str, float]],
-    catalogue: Sequence[Effect] = EFFECTS,
+    experiment: Experiment, effects: Mapping[str, Mapping[str, float]], catalogue: Sequence[Effect] = EFFECTS
 ) -> Experiment:
     """Add several effects to an experiment.
 

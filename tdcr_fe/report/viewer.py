@@ -56,12 +56,7 @@ def view_page(motion: Motion) -> str:
     return (
         environment()
         .get_template("viewer_page.html.j2")
-        .render(
-            name=motion.name,
-            summary=summary(motion),
-            panel=panel(motion, "whole"),
-            has_panel=True,
-        )
+        .render(name=motion.name, summary=summary(motion), panel=panel(motion, "whole"), has_panel=True)
     )
 
 
