@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from tdcr_fe.io.problems import InputError, Problem
-from tdcr_fe.io.spreadsheet import millimetres_hint, number, read_table, whole_number
+from tdcr_fe.io.spreadsheet import millimetres_hint, number, read_table
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, resolve
 from tdcr_fe.model.messages import PlausibilityWarning, issue, meant
 from tdcr_fe.model.robot import Robot
@@ -44,56 +44,38 @@ class Loading(NamedTuple):
     branches: tuple[str, ...] = ()
 
 
-#: From the text of a cell to its value; raises a ValueError with what is allowed.
-_Cell = Callable[[str], Any]
+class _Numbers(NamedTuple):
+    """What a column of numbers may hold."""
 
+    least: float = -math.inf
+    most: float = math.inf
+    allowed: str = ""  # said where a number is beyond them
+    missing: str = ""  # said besides where there is none
+    empty: bool = False  # whether cells may be empty; they are None then
+    whole: bool = False
 
-def _step(text: str) -> int:
-    step = whole_number(text)
-    if step is None:
-        raise ValueError("must be a whole number")
-    return step
-
-
-def _number(
-    least: float = -math.inf,
-    most: float = math.inf,
-    allowed: str = "",
-    *,
-    missing: str = "",
-    empty: bool = False,
-) -> _Cell:
-    """Cells with a number within bounds; those that may be empty are None then.
-
-    Parameters
-    ----------
-    least, most, allowed
-        Bounds, and what is allowed where a number is outside.
-    missing
-        Said where there is no number.
-    empty
-        Whether a cell may be empty.
-    """
-
-    def read(text: str) -> float | None:
-        value = number(text)
-        if empty and not text:
-            return None
+    def wrong(self, text: str, value: float) -> str:
+        """What is wrong with a cell; nothing where it is right."""
+        if self.whole and value != np.round(value):
+            return "must be a whole number"
         if math.isnan(value):
-            raise ValueError(f"must be a finite number{missing}")
-        if not least <= value <= most:
-            raise ValueError(allowed + (millimetres_hint(value, most) if math.isfinite(most) else ""))
-        return value
+            return "" if self.empty and not text else f"must be a finite number{self.missing}"
+        if self.least <= value <= self.most:
+            return ""
+        return self.allowed + (millimetres_hint(value, self.most) if math.isfinite(self.most) else "")
 
-    return read
+
+_STEP = _Numbers(whole=True)
+#: Columns by name; None: texts.
+_Columns = Mapping[str, _Numbers | None]
 
 
 def _rows(
     table: pd.DataFrame,
-    cells: Mapping[str, _Cell],
+    columns: _Columns,
     required: Sequence[str],
     file: str,
-    check: Callable[[dict[str, Any]], dict[str, str]] = lambda values: {},
+    check: Callable[[Mapping[str, Any]], dict[str, str]] = lambda row: {},
 ) -> list[dict[str, Any]]:
     """Values of each row by column; numbers of steps differ, and times do not run backwards.
 
@@ -101,8 +83,8 @@ def _rows(
     ----------
     table
         Of texts; its index is the line in the file.
-    cells
-        How the cells of each column that may be there are read.
+    columns
+        That may be there.
     required
         Columns that must be there.
     file
@@ -113,40 +95,40 @@ def _rows(
     Raises
     ------
     InputError
-        With every mistake, or those of the first rows where there are more than `MOST_PROBLEMS`.
+        With every mistake, or the first `MOST_PROBLEMS` and one more.
     """
-    problems = [Problem(file, column, "", text) for column, text in _wrong_columns(table, cells, required)]
+    problems = [Problem(file, column, "", text) for column, text in _wrong_columns(table, columns, required)]
     if not problems and table.empty:
         problems = [Problem(file, "", "", "has no rows")]
     if problems:
         raise InputError(problems)
     rows: list[dict[str, Any]] = []
-    steps, last = set(), 0.0
+    last = 0.0
+    steps: set[Any] = set()
     for line, texts in table.to_dict("index").items():
-        values, wrong = {}, {}
-        for column, text in texts.items():
-            try:
-                values[str(column)] = cells[str(column)](text)
-            except ValueError as error:
-                wrong[str(column)] = str(error)
-        if "step" in values and values["step"] in steps:
+        row: dict[str, Any] = {str(column): text for column, text in texts.items()}
+        wrong: dict[str, str] = {}
+        for column, text in [*row.items()]:
+            if (known := columns[column]) is not None:
+                value = number(text)
+                row[column] = None if math.isnan(value) else int(value) if known.whole else value
+                if said := known.wrong(text, value):
+                    wrong[column] = said
+        step, time = row.get("step"), row.get("time") or 0.0
+        if step in steps and "step" not in wrong:
             wrong["step"] = "the step is there more than once; the order of the rows is the order of loading"
-        time = values.get("time") or 0.0
-        if time < last and "time" in values:
+        if time < last:
             wrong["time"] = f"must not be before the step before, at {last:g} s"
-        wrong = wrong or check(values)
-        problems += [
-            Problem(file, f"line {line}, {column}", texts[column] or "empty", text)
-            for column, text in wrong.items()
-        ]
+        for column, said in (wrong or check(row)).items():
+            problems.append(Problem(file, f"line {line}, {column}", texts[column] or "empty", said))
         if len(problems) > MOST_PROBLEMS:
             break
-        rows.append(values)
-        steps.add(values.get("step"))
+        rows.append(row)
+        steps.add(step)
         last = max(last, time)
     if problems:
         raise InputError(problems)
-    numbers = [values["step"] for values in rows]
+    numbers = [row["step"] for row in rows]
     if numbers != sorted(numbers):
         text = "numbers of steps do not ascend; the order of the rows is taken for the order in time"
         issue([f"{file}: {text}"], PlausibilityWarning)
@@ -154,22 +136,20 @@ def _rows(
 
 
 def _wrong_columns(
-    table: pd.DataFrame, known: Mapping[str, Any], required: Sequence[str]
+    table: pd.DataFrame, known: _Columns, required: Sequence[str]
 ) -> Iterator[tuple[str, str]]:
     """Columns that are unknown, missing, or given twice, and what is allowed."""
-    for column in table.columns:
+    there = [str(c) for c in table.columns]
+    for column in there:
         if column not in known:
             yield column, f"unknown column{meant(column, known)}; allowed: {', '.join(known)}"
-        if (
-            column.startswith("displacement_")
-            and column.replace("displacement", "tension", 1) in table.columns
-        ):
+        if column.startswith("displacement_") and column.replace("displacement", "tension", 1) in there:
             yield column, "the tendon has a tension too; one of the two is allowed"
     for column in required:
-        if column not in table.columns:
+        if column not in there:
             yield column, f"missing column; must have {', '.join(required)}"
     for three in (FORCES, DIRECTION):
-        if 0 < len(set(three) & set(table.columns)) < 3 and three[0] in known:
+        if 0 < len(set(three) & set(there)) < 3 and three[0] in known:
             yield ", ".join(three), "all three or none of these columns"
 
 
@@ -192,13 +172,13 @@ def read_loading(table: pd.DataFrame, robot: Robot, file: str) -> Loading:
     """
     length, lost = robot.backbone.length, "; without it the history of loading is lost"
     too_long = f"more than the robot's length of {length:g} m; must be in m"
-    force = _number(missing=lost)
-    tension = _number(0.0, allowed="a tension must be zero or more [N]", missing=lost)
-    displacement = _number(-length, length, too_long, missing=lost)
-    cells: dict[str, _Cell] = {"step": _step, "branch": str, "time": _number(missing=lost, empty=True)}
-    cells |= {**dict.fromkeys(FORCES, force), **{f"tension_{name}": tension for name in robot.tendon_names}}
-    cells |= {f"displacement_{name}": displacement for name in robot.tendon_names}
-    rows = _rows(table, cells, ["step"], file)
+    force, time = _Numbers(missing=lost), _Numbers(missing=lost, empty=True)
+    tension = _Numbers(0.0, allowed="a tension must be zero or more [N]", missing=lost)
+    displacement = _Numbers(-length, length, too_long, lost)
+    columns: dict[str, _Numbers | None] = {"step": _STEP, "branch": None, "time": time}
+    columns |= {**dict.fromkeys(FORCES, force), **{f"tension_{n}": tension for n in robot.tendon_names}}
+    columns |= {f"displacement_{n}": displacement for n in robot.tendon_names}
+    rows = _rows(table, columns, ["step"], file)
     return Loading(
         tuple(row["step"] for row in rows),
         tuple(_load_step(row, robot) for row in rows),
@@ -309,12 +289,10 @@ def read_path(path: str | os.PathLike[str], length: float) -> tuple[TipTarget, .
     """
     most = FARTHEST * length
     far = f"more than {FARTHEST:g} lengths of the robot away; must be in m"
-    cells: dict[str, _Cell] = {
-        "step": _step,
-        **dict.fromkeys(POSITION, _number(-most, most, far, empty=True)),
-    }
-    cells |= {**dict.fromkeys(DIRECTION, _number(empty=True)), "label": str, "time": _number(empty=True)}
-    rows = _rows(read_table(path), cells, ("step", *POSITION), str(path), _wrong_target)
+    position, free = _Numbers(-most, most, far, empty=True), _Numbers(empty=True)
+    columns: dict[str, _Numbers | None] = {"step": _STEP, **dict.fromkeys(POSITION, position)}
+    columns |= {**dict.fromkeys(DIRECTION, free), "label": None, "time": free}
+    rows = _rows(read_table(path), columns, ("step", *POSITION), str(path), _wrong_target)
     return tuple(
         TipTarget(
             (row["x"], row["y"], row["z"]),

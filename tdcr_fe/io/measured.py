@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -274,46 +274,37 @@ def join_measured(sets: Sequence[MeasuredData]) -> MeasuredData:
     """
     if len(sets) == 1:
         return sets[0]
-    first = sets[0]
-    problems = []
+    first, names, problems = sets[0], [s.name for s in sets], []
     for other in sets[1:]:
-        for what in ("robot", "model", "settings"):
+        for what in ("robot", "model", "settings", "effects"):
             a, b = getattr(first, what), getattr(other, what)
-            differing = [f.name for f in fields(a) if getattr(a, f.name) != getattr(b, f.name)]
-            if differing:
+            if a != b:
+                fields_of = fields(a) if is_dataclass(a) else ()
+                differing = ", ".join(f.name for f in fields_of if getattr(a, f.name) != getattr(b, f.name))
                 allowed = f"must be as in {first.name}; several folders are of one robot with one model"
-                problems.append(Problem(other.name, f"{what}: {', '.join(differing)}", "differs", allowed))
-        if other.effects != first.effects:
-            problems.append(Problem(other.name, "effects", "differs", f"must be as in {first.name}"))
-    names = [s.name for s in sets]
-    if len(set(names)) < len(names):
-        repeated = next(n for n in names if names.count(n) > 1)
-        problems.append(Problem(repeated, "", "", "two folders have this name; they must differ"))
+                problems.append(
+                    Problem(other.name, what + f": {differing}" * bool(differing), "differs", allowed)
+                )
+    for name in [n for n in names if names.count(n) > 1][:1]:
+        problems.append(Problem(name, "", "", "two folders have this name; they must differ"))
     if problems:
         raise InputError(problems)
-    steps: list[LoadStep] = []
-    branches: list[str] = []
+    trimmed = [without_unread_steps(s) for s in sets]
+    steps = tuple(step for s in trimmed for step in s.steps)
     readings: list[Reading] = []
-    parts = []
-    for data in (without_unread_steps(s) for s in sets):
-        number = {n: len(steps) + k + 1 for k, n in enumerate(data.step_ids)}
-        steps += data.steps
-        branches += [f"{data.name}/{b}" for b in data.branches]
-        readings += [replace(r, step=number[r.step]) for r in data.readings]
-        parts.append((data.name, len(data.steps)))
-    left_out = tuple(replace(b, file=f"{s.name}/{b.file}") for s in sets for b in s.left_out)
-    digests = {f"{s.name}/{n}": d for s in sets for n, d in (s.digests or {}).items()}
-    return MeasuredData(
-        " + ".join(names),
-        first.robot,
-        first.model,
-        tuple(range(1, len(steps) + 1)),
-        tuple(steps),
-        tuple(branches),
-        tuple(readings),
-        left_out,
-        digests,
-        first.settings,
-        tuple(parts),
-        first.effects,
+    before = 0
+    for s in trimmed:
+        number = {n: before + k + 1 for k, n in enumerate(s.step_ids)}
+        readings += [replace(r, step=number[r.step]) for r in s.readings]
+        before += len(s.steps)
+    return replace(
+        first,
+        name=" + ".join(names),
+        step_ids=tuple(range(1, len(steps) + 1)),
+        steps=steps,
+        branches=tuple(f"{s.name}/{b}" for s in trimmed for b in s.branches),
+        readings=tuple(readings),
+        left_out=tuple(replace(b, file=f"{s.name}/{b.file}") for s in sets for b in s.left_out),
+        digests={f"{s.name}/{n}": d for s in sets for n, d in (s.digests or {}).items()},
+        parts=tuple((s.name, len(s.steps)) for s in trimmed),
     )

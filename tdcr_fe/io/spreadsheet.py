@@ -164,12 +164,8 @@ def _with_points(path: Path, table: pd.DataFrame) -> pd.DataFrame:
     """The table with a decimal point in every number."""
     if not any("," in x for row in table.to_numpy() for x in row):
         return table
-    found: dict[str, list[tuple[str, str]]] = {kind: [] for kind in _NUMBERS}
-    for line, row in table.to_dict("index").items():
-        for column, x in row.items():
-            for kind, pattern in _NUMBERS.items():
-                if pattern.fullmatch(x):
-                    found[kind].append((f"line {line}, {column}", x))
+    cells = [(f"line {n}, {c}", x) for n, row in table.to_dict("index").items() for c, x in row.items()]
+    found = {kind: [cell for cell in cells if p.fullmatch(cell[1])] for kind, p in _NUMBERS.items()}
     if found["both"]:
         key, x = found["both"][0]
         raise _error(path, key, "decimal: remove the thousands separators", x)

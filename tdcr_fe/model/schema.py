@@ -231,9 +231,7 @@ class Keys(Mapping[str, Any]):
     @cached_property
     def json_schema(self) -> dict[str, Any]:
         """JSON schema (draft 2020-12) of a table with these keys and no others."""
-        found = self._adapter.json_schema()
-        schema = _plain(found, found.get("$defs", {}))
-        del schema["title"]
+        schema = _plain_schema(self._adapter)
         for name, default in self.defaults.items():
             default = list(default) if isinstance(default, tuple) else default
             if isinstance(default, str | int | float | list):
@@ -468,30 +466,30 @@ def _child(node: Mapping[str, Any], part: str | int) -> Any:
     return node.get("properties", {}).get(part, rest if isinstance(rest, dict) else None)
 
 
-def _plain(node: Any, definitions: Mapping[str, Any]) -> Any:
-    """A JSON schema of pydantic with its definitions filled in, and without nulls, which no file can have."""
-    if isinstance(node, list):
-        return [_plain(x, definitions) for x in node]
-    if not isinstance(node, dict):
-        return node
-    if "$ref" in node:
-        node = {
-            **definitions[node["$ref"].rpartition("/")[2]],
-            **{k: v for k, v in node.items() if k != "$ref"},
-        }
-    of_class = "properties" in node
-    dropped = ("$defs", "discriminator") if of_class else ("$defs", "discriminator", "title")
-    found = {
-        k: _plain(v, definitions) for k, v in node.items() if k not in (*dropped, "properties", "default")
-    }
-    if of_class:
-        found["properties"] = {name: _plain(v, definitions) for name, v in node["properties"].items()}
-    if node.get("default") is not None:
-        found["default"] = node["default"]
-    if "discriminator" in node:
-        for part in found["oneOf"]:
-            part["required"] = ["kind", *part.get("required", [])]
-    if "anyOf" in found:
-        (*parts,) = (p for p in found.pop("anyOf") if p != {"type": "null"})
-        found = {**parts[0], **found} if len(parts) == 1 else {**found, "anyOf": parts}
-    return found
+def _plain_schema(adapter: Any) -> dict[str, Any]:
+    """JSON schema with its definitions filled in, without titles of fields and nulls, which no file can have."""
+    from pydantic.json_schema import GenerateJsonSchema
+
+    class Generator(GenerateJsonSchema):
+        def nullable_schema(self, schema: Any) -> dict[str, Any]:
+            return self.generate_inner(schema["schema"])
+
+        def field_title_should_be_set(self, schema: Any) -> bool:
+            return False
+
+    def plain(node: Any) -> Any:
+        if isinstance(node, list):
+            return [plain(x) for x in node]
+        if not isinstance(node, dict):
+            return node
+        if "$ref" in node:
+            node = {**found["$defs"][node["$ref"].rpartition("/")[2]], **node}
+        left_out = ("$defs", "$ref", "discriminator")
+        new = {k: plain(v) for k, v in node.items() if v is not None and k not in left_out}
+        if "discriminator" in node:
+            for part in new["oneOf"]:
+                part["required"] = ["kind", *part.get("required", [])]
+        return new
+
+    found = adapter.json_schema(schema_generator=Generator)
+    return {k: v for k, v in plain(found).items() if k != "title"}
