@@ -38,8 +38,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0 done, 1 the model did not converge, 2 the input is wrong, 130 interrupted by Ctrl-C,
-        143 by SIGTERM.
+        Exit status: 0 done, 1 the model did not converge or nothing could be written, 2 the input is wrong, 130
+        interrupted by Ctrl-C, 143 by SIGTERM.
     """
     # Threads cost more than they gain on matrices of this size, four times on a busy machine. Numpy reads this
     # when it is first imported, which the commands do only after this line. A value set by the user is kept.
@@ -123,7 +123,7 @@ def _run(args: argparse.Namespace) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return Exit.DONE
     except OSError as error:  # a disk that is full, a directory that is read-only
-        return _ended(args, Exit.WRONG_INPUT, f"stopped: {error}")
+        return _ended(args, Exit.FAILED, f"stopped: {error.strerror or error}: {error.filename or 'output'}")
     except WrongArguments:
         raise
     except Exception as error:
@@ -168,8 +168,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="tdcr-fe",
         description="Tendon-driven continuum robots in Exudyn: finite elements with Capstan friction.",
-        epilog="Exit status: 0 done, 1 the model did not converge, 2 the input is wrong, 130 interrupted "
-        "(143 by SIGTERM).",
+        epilog="Exit status: 0 done, 1 the model did not converge or nothing could be written, 2 the input is wrong, "
+        "130 interrupted (143 by SIGTERM).",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)

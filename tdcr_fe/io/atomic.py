@@ -7,6 +7,7 @@ import math
 import os
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,9 @@ def write_text(text: str, path: str | os.PathLike[str]) -> None:
         # names of files may contain any byte
         partial.write_text(text, encoding="utf-8", errors="backslashreplace", newline="")
         partial.replace(path)
+    except OSError as error:  # of a full disk it names no file
+        error.filename = str(path)
+        raise
     finally:
         partial.unlink(missing_ok=True)
 
@@ -118,6 +122,25 @@ def write_folder(
                 (staging / name).replace(out / name)
             for name in set(ours) - set(names):
                 (out / name).unlink(missing_ok=True)
+    except OSError as error:
+        error.filename = str(out) if error.filename is None else error.filename
+        raise
     finally:
         shutil.rmtree(staging, ignore_errors=True)
+    for left in (*out.glob(".*.partial"), *out.parent.glob(f".{escape(out.name)}-*.partial")):
+        if _ended(left.stem.rpartition("-")[2]):
+            shutil.rmtree(left) if left.is_dir() else left.unlink()
     return [out / name for name in names]
+
+
+def _ended(process: str) -> bool:
+    """Whether the process that left something behind, by its number, was killed."""
+    if os.name != "posix" or not process.isdecimal():
+        return False
+    try:
+        os.kill(int(process), 0)
+    except ProcessLookupError:
+        return True
+    except OSError:  # it belongs to someone else
+        pass
+    return False

@@ -164,7 +164,7 @@ def _gravity_values(d: Description) -> Iterator[Value]:
         "disks.mass": (robot.disks.mass, "kg", robot.disks.mass * len(robot.disks.positions)),
         "tip_mass": (robot.tip_mass, "kg", robot.tip_mass),
     }
-    yield Value("gravity", key, g, "m/s^2", g, f"{g / 9.81:.3g}")
+    yield Value("gravity", key, g, "m/s^2", g, f"{g / 9.81:.4g}")
     yield Value("direction", key, g, "m/s^2", abs(g - 1.0))
     yield Value("no_mass", key, g, "m/s^2", sum(mass for _, _, mass in masses.values()))
     for key, (value, unit, mass) in masses.items():

@@ -287,6 +287,10 @@ def _steps(robot: Robot, steps: Sequence[LoadStep]) -> Iterator[Value]:
                 if tendon.name in getattr(s, kind)
             ]
             yield from _slips(tendon.name, kind, unit, given)
+    named = {n for s in steps for n in (*s.tensions, *s.displacements)}
+    for i, tendon in enumerate(robot.tendons):
+        if tendon.pretension and tendon.name not in named and any(s.tensions for s in steps):
+            yield Value("held", f"tendons[{i}].pretension", tendon.pretension, "N", 1.0)
     same = sum(
         a.time is None and (a.tensions, a.displacements, a.loads) == (b.tensions, b.displacements, b.loads)
         for a, b in itertools.pairwise(steps)

@@ -169,7 +169,7 @@ def test_warnings_of_the_solver_are_passed_on(tmp_path, monkeypatch, capsys):
 
 def test_file_that_cannot_be_written_is_no_traceback(tmp_path, calls, capsys):
     (tmp_path / "out" / "steps.csv").mkdir(parents=True)
-    assert cli.main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out"), "--no-pictures"]) == 2
+    assert cli.main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out"), "--no-pictures"]) == 1
     assert "steps.csv" in capsys.readouterr().err
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
+import os
+import subprocess
 
 import numpy as np
 import pytest
@@ -25,6 +28,33 @@ def test_text_that_cannot_be_moved_into_place_leaves_nothing_behind(tmp_path):
     with pytest.raises(OSError):
         write_text("text", tmp_path / "taken")
     assert [p.name for p in tmp_path.iterdir()] == ["taken"]
+
+
+def test_a_full_disk_is_reported_with_the_folder_and_leaves_nothing_behind(tmp_path):
+    def write(folder):
+        (folder / "a.csv").write_text("half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(OSError) as error:
+        write_folder(tmp_path / "out", write)
+    assert error.value.filename == str(tmp_path / "out") and list(tmp_path.iterdir()) == []
+
+
+def test_a_complete_run_removes_what_killed_ones_left_and_nothing_else(tmp_path):
+    """Six kills had left six hidden folders."""
+    with subprocess.Popen(["sleep", "0"]) as ended:
+        pass
+    for folder in (tmp_path, tmp_path / "out"):
+        for process in (ended.pid, os.getpid()):
+            (folder / f".out-{process}.partial").mkdir(parents=True, exist_ok=True)
+    (tmp_path / f".other-{ended.pid}.partial").mkdir()
+    write_folder(tmp_path / "out", lambda folder: (folder / "a.csv").write_text("whole"))
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        f".other-{ended.pid}.partial",
+        f".out-{os.getpid()}.partial",
+        "out",
+    ]
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["a.csv"]
 
 
 def test_json_has_null_for_numbers_that_are_not_finite_and_lists_for_arrays(tmp_path):
