@@ -24,12 +24,6 @@ def test_a_case_has_the_numbers_of_section_3_1(name):
     assert set(MARKED[name]) <= {s.label for s in case.steps}
 
 
-@pytest.mark.parametrize("table", tables.TABLES)
-def test_a_prototype_is_that_of_section_3_2(table):
-    robot = prototype(table)
-    assert (robot.backbone.radius, robot.backbone.length) == (0.45e-3, 0.25)
-
-
 @pytest.mark.integration
 def test_cases_are_written_for_tdcr_fe_run(tmp_path):
     written = write_cases(tmp_path)

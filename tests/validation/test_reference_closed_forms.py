@@ -9,7 +9,7 @@ from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
-from tdcr_fe.validation.reference.closed_forms import constant_strain, elastica_tip, helix_wrench
+from tdcr_fe.validation.reference.closed_forms import constant_strain, elastica_tip
 from tdcr_fe.validation.reference.rod import Rod
 from tdcr_fe.validation.reference.section import Section, bending_moment
 
@@ -83,17 +83,6 @@ def test_the_base_carries_everything_at_large_bending():
     mass = BACKBONE.mass_per_length * L + 5 * 0.17e-3 + 2e-3
     total = mass * np.array([1.0, -9.81, 3.0]) + [0.05, 0.1, -0.03]
     np.testing.assert_allclose(step.details["base_wrench"][3:], total, atol=1e-10)
-
-
-@pytest.mark.parametrize(("turn", "twist"), [(6.0, 10.0), (20.0, 15.0), (12.0, -30.0)])
-def test_helix_of_constant_strain(turn, twist):
-    equal = rod(shear_stiffness=BACKBONE.EA)
-    wrench = helix_wrench(turn, twist, BACKBONE.EI, BACKBONE.GJ)
-    step = solve(equal, Load(L, tuple(wrench[3:]), tuple(wrench[:3]), frame="section"))
-    stretch = np.array([0.0, 0.0, 1.0]) + wrench[3:] / BACKBONE.EA
-    rotation, position = constant_strain(np.array([0.0, turn, twist, *stretch]), L)
-    np.testing.assert_allclose(step.tip, position, atol=CLOSE)
-    np.testing.assert_allclose(step.rotations[-1], rotation, atol=1e-7)
 
 
 def test_precurvature_is_the_unloaded_shape():

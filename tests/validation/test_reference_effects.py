@@ -1,4 +1,4 @@
-"""Clearance of holes, creep, springs and stuck holes in the reference: against closed forms and finite elements."""
+"""Clearance of holes, creep, springs and stuck holes in the reference: closed forms, and finite elements."""
 
 from dataclasses import replace
 
@@ -6,9 +6,16 @@ import numpy as np
 import pytest
 
 from tdcr_fe.model.backbone import Backbone, Superelastic
+from tdcr_fe.model.friction import ForceDependentFriction
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot, SideSpring
-from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
+from tdcr_fe.model.routing import (
+    ConvergingRouting,
+    HelicalRouting,
+    ParallelRouting,
+    PointsRouting,
+    VaryingHelicalRouting,
+)
 from tdcr_fe.model.tendon import Tendon, TightHole
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
@@ -55,8 +62,6 @@ def test_clearance_adds_to_the_offset_of_a_bent_planar_robot():
     # The base plate's neighbour below is straight, so it turns half as much.
     half = 2.0 * np.sin(0.25 * loose.bending_angle / 10.0)
     holes[0] = (offset + clearance * half / np.hypot(half, 0.01), 0.0)
-    from tdcr_fe.model.routing import PointsRouting
-
     exact = solve(robot(PointsRouting(tuple(s), tuple(holes))), pulls(2.0)).steps[0]
     tight = solve(robot(), pulls(2.0)).steps[0]
     assert np.linalg.norm(loose.tip - tight.tip) > 2e-3
@@ -68,45 +73,6 @@ def test_clearance_has_no_effect_on_a_straight_robot():
     still = solve(robot(clearance=3e-4), pulls(0.0)).steps[0]
     np.testing.assert_allclose(still.tip, (0.0, 0.0, L), atol=1e-12)
     assert still.displacements[0] == pytest.approx(0.0, abs=1e-15)
-
-
-@pytest.mark.integration
-def test_tangent_of_clearance_is_exact():
-    """Newton's last correction is quadratic: few iterations to 1e-10 even in one step from straight to bent."""
-    helix = robot(HelicalRouting(4.5e-3, 0.6), ConvergingRouting(5e-3, 2e-3, 140.0), clearance=3e-4)
-    steps = [LoadStep(tensions={"t1": a, "t2": b}, substeps=1) for a, b in ((1.0, 0.8), (1.4, 0.3))]
-    result = solve(helix, steps, friction="per-hole")
-    assert result.steps[1].iterations <= 10
-
-
-LOADING = [
-    LoadStep(tensions={"t1": 0.8}),
-    LoadStep(tensions={"t1": 1.6}),
-    LoadStep(loads={"tip": Load(L, (0.0, 0.03, 0.0))}),
-    LoadStep(tensions={"t1": 1.0, "t2": 0.4}),
-    LoadStep(tensions={"t1": 0.3}),
-]
-
-
-@pytest.mark.integration
-@pytest.mark.parametrize(
-    "routings",
-    [
-        (ParallelRouting(4.5e-3), ParallelRouting(4.5e-3, 120.0)),
-        (HelicalRouting(4.5e-3, 0.5), HelicalRouting(4.5e-3, 0.5, 120.0)),
-        (ConvergingRouting(5e-3, 2e-3), ConvergingRouting(5e-3, 2e-3, 120.0)),
-    ],
-    ids=["parallel", "helical", "converging"],
-)
-def test_clearance_agrees_with_finite_elements(routings):
-    subject = robot(*routings, clearance=2.5e-4)
-    steps = [replace(s, substeps=4) for s in LOADING]
-    ours = solve(subject, steps, friction="per-hole")
-    theirs = simulate(subject, Model(friction="per-hole", elements_per_bay=4), steps)
-    assert theirs.converged
-    assert np.max(np.linalg.norm(ours.tips - theirs.tips, axis=1)) < 2e-4 * L
-    tight = solve(robot(*routings), steps, friction="per-hole")
-    assert np.max(np.linalg.norm(ours.tips - tight.tips, axis=1)) > 2e-3 * L
 
 
 def test_clearance_needs_straight_segments():
@@ -141,22 +107,6 @@ def test_creep_under_a_tip_moment_is_an_arc_of_growing_curvature():
         assert step.bending_angle == pytest.approx(moment * L * factor / BACKBONE.EI, rel=1e-9)
         k = moment * factor / BACKBONE.EI
         np.testing.assert_allclose(step.positions[:, 0], (1.0 - np.cos(k * step.s)) / k, atol=1e-10)
-
-
-@pytest.mark.integration
-@pytest.mark.parametrize(
-    ("law", "elements"), [(None, 4), (Superelastic(2e-3, 0.6), 8)], ids=["linear", "superelastic"]
-)
-def test_creep_agrees_with_finite_elements(law, elements):
-    """The softening section needs finer elements: 0.027 % of the length off with four a bay, 0.007 % with eight."""
-    subject = robot(ParallelRouting(4.5e-3), ParallelRouting(4.5e-3, 120.0)).with_backbone(
-        creep_rate=5e-4, superelastic=law
-    )
-    steps = [replace(s, substeps=2, time=120.0 * k) for k, s in enumerate(LOADING, start=1)]
-    ours = solve(subject, steps, friction="per-hole")
-    theirs = simulate(subject, Model(friction="per-hole", elements_per_bay=elements), steps)
-    assert theirs.converged
-    assert np.max(np.linalg.norm(ours.tips - theirs.tips, axis=1)) < 2e-4 * L
 
 
 # ---------------------------------------------------------------------------------------------- springs and stuck holes
@@ -194,3 +144,43 @@ def test_a_stuck_hole_keeps_its_tension_beyond_while_the_base_changes():
     assert free.bending_angle > 2.0 * last.bending_angle
     with pytest.raises(ValueError, match="per-hole"):
         solve_reference(stuck, Model(friction="none"), pulls(1.0))
+
+
+# ---------------------------------------------------------------------------------------------- finite elements
+
+TWO = (ParallelRouting(4.5e-3), ParallelRouting(4.5e-3, 120.0))
+TURNING = (VaryingHelicalRouting(4.5e-3, 0.2, 1.5, 30.0), HelicalRouting(4.5e-3, 0.5, 120.0))
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize(
+    ("subject", "elements"),
+    [
+        (robot(*TWO, clearance=2.5e-4), 4),
+        (robot(ConvergingRouting(5e-3, 2e-3), HelicalRouting(4.5e-3, 0.5, 120.0), clearance=2.5e-4), 4),
+        (robot(*TWO).with_backbone(creep_rate=5e-4), 4),
+        (robot(*TWO).with_backbone(creep_rate=5e-4, superelastic=Superelastic(2e-3, 0.6)), 8),
+        (robot(*TURNING), 4),
+        (robot(*TWO, friction=ForceDependentFriction(0.3, 0.1)), 4),
+    ],
+    ids=[
+        "clearance",
+        "clearance, converging",
+        "creep",
+        "creep, softening",
+        "varying pitch",
+        "force-dependent",
+    ],
+)
+def test_finite_elements_agree(subject, elements):
+    """What the cases of `tdcr-fe validate` leave out; the softening section needs finer elements."""
+    side = {"tip": Load(L, (0.0, 0.03, 0.0))}
+    pulled = ({"t1": 0.8}, {"t1": 1.6}, {}, {"t1": 1.0, "t2": 0.4}, {"t1": 0.3})
+    steps = [
+        LoadStep(tensions=t, loads=side if k == 3 else {}, substeps=4, time=120.0 * k)
+        for k, t in enumerate(pulled, start=1)
+    ]
+    ours = solve(subject, steps, friction="per-hole")
+    theirs = simulate(subject, Model(friction="per-hole", elements_per_bay=elements), steps)
+    assert theirs.converged
+    assert np.max(np.linalg.norm(ours.tips - theirs.tips, axis=1)) < 3e-4 * L

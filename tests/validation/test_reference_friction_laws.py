@@ -9,7 +9,6 @@ from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.reference import solve_reference
 
 LENGTH = 0.25
@@ -52,18 +51,6 @@ def test_slipping_holes_obey_the_law_at_their_own_normal_force():
     mu = 0.3 * ((normal**2 + law.smallest_force**2) / 0.01) ** (-1.0 / 6.0)
     assert set(step.hole_states[0]) == {"pull", "anchor"}
     np.testing.assert_allclose(np.log(tension[:-1] / tension[1:]), mu * angle, rtol=1e-7)
-
-
-@pytest.mark.integration
-def test_finite_elements_agree_on_a_coefficient_that_depends_on_the_normal_force():
-    model = robot(friction=ForceDependentFriction(0.3, 0.1))
-    own, other = simulate(model, MODEL, STEPS), solve_reference(model, MODEL, STEPS)
-    assert own.converged and other.converged
-    for a, b in zip(own.steps, other.steps, strict=True):
-        assert np.linalg.norm(a.tip - b.tip) < 5e-4 * LENGTH
-        np.testing.assert_allclose(a.tensions[0], b.tensions[0], rtol=1e-3)
-    plain = solve_reference(robot(friction_coefficient=0.3), MODEL, STEPS)
-    assert np.linalg.norm(plain.tips[1] - other.tips[1]) > 5e-3 * LENGTH
 
 
 def test_a_rate_dependent_law_is_refused_by_name():

@@ -11,7 +11,7 @@ from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.validation.blind.declared import largest_commands
 from tdcr_fe.validation.blind.recipes import FORMS, Recipe
-from tdcr_fe.validation.ranges import Range, ranges
+from tdcr_fe.validation.drawing import Range, ranges
 
 Random = np.random.Generator
 #: By effect, the value of every parameter.

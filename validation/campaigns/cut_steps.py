@@ -21,8 +21,9 @@ import pandas as pd
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.model.messages import count
 from tdcr_fe.solve.simulate import simulate
+from tdcr_fe.validation.drawing import RandomCase
 from tdcr_fe.validation.fuzz.energy import divided
-from tdcr_fe.validation.random_robots import MOST_TENDONS, RandomCase, draw
+from tdcr_fe.validation.random_robots import MOST_TENDONS, draw
 from tdcr_fe.validation.runner import Campaign
 
 #: Largest unreported difference of a node's position, over the length [1].

@@ -20,8 +20,9 @@ import pandas as pd
 from tdcr_fe.model.messages import count
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.solve.simulate import simulate
+from tdcr_fe.validation.drawing import RandomCase
 from tdcr_fe.validation.fuzz.checks import CHECKS, check_step
-from tdcr_fe.validation.fuzz.drawing import FuzzCase, draw
+from tdcr_fe.validation.fuzz.drawing import draw
 from tdcr_fe.validation.fuzz.energy import divided, is_covered, ledger
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 from tdcr_fe.validation.runner import Campaign
@@ -72,7 +73,7 @@ class Outcome:
         return np.inf if found is None else found
 
 
-def check_case(case: FuzzCase) -> Outcome:
+def check_case(case: RandomCase) -> Outcome:
     """Solve and check one case."""
     begun = time.process_time()
     result, error = None, ""
@@ -106,13 +107,13 @@ def check_case(case: FuzzCase) -> Outcome:
     )
 
 
-def _history(case: FuzzCase, result: SequenceResult) -> dict[str, float]:
+def _history(case: RandomCase, result: SequenceResult) -> dict[str, float]:
     """Checks of the whole history, on a sample of the cases."""
     found: dict[str, float] = {}
     if case.number % REFERENCE_EVERY == 0:
         found |= _reference(case, result)
     if case.number % ENERGY_EVERY == 1 and is_covered(case.robot, case.model, case.steps):
-        mesh = 2 if case.default_mesh else case.model.elements_per_bay
+        mesh = 2 if case.model.elements_per_bay == "auto" else case.model.elements_per_bay
         model = replace(case.model, elements_per_bay=mesh)
         fine = simulate(case.robot, model, divided(case.robot, case.steps, PARTS))
         if fine.converged and not fine.warnings:
@@ -124,7 +125,7 @@ def _history(case: FuzzCase, result: SequenceResult) -> dict[str, float]:
     return found
 
 
-def _reference(case: FuzzCase, result: SequenceResult) -> dict[str, float]:
+def _reference(case: RandomCase, result: SequenceResult) -> dict[str, float]:
     """Distance of the nodes at the disks from the reference, less twice the announced error of the mesh."""
     if case.robot.without_disks or result.warnings:
         return {}

@@ -19,7 +19,8 @@ import pandas as pd
 from tdcr_fe.model.messages import count
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.solve.simulate import simulate
-from tdcr_fe.validation.random_robots import RandomCase, draw
+from tdcr_fe.validation.drawing import RandomCase
+from tdcr_fe.validation.random_robots import draw
 from tdcr_fe.validation.reference import solve_reference
 from tdcr_fe.validation.runner import Campaign
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,53 +22,21 @@ from tdcr_fe.model.routing import (
     VaryingHelicalRouting,
 )
 from tdcr_fe.model.tendon import Tendon, TightHole
-from tdcr_fe.validation.ranges import ranges
-
-Random = np.random.Generator
+from tdcr_fe.validation.drawing import Draw, RandomCase, ranges
 
 #: Largest bending angle that the tensions together give a straight robot [rad], largest force at the tip over EI/L^2,
 #: and largest compression of a bay over its buckling load.
 LARGEST_BEND, LARGEST_FORCE, LARGEST_COMPRESSION = 1.6, 1.2, 0.25
 #: One case in so many has the default mesh; the others have a coarse one.
 DEFAULT_MESH_EVERY = 25
-
-#: Effects with the ranges of their parameters.
+#: Effects with the ranges of their parameters; those that need disks, and those that need no tendons.
 _EFFECTS = ranges("fuzz")
+_OF_HOLES = ("hole_adhesion", "hole_clearance", "friction_coefficient", "rigid_disks", "routing_twist")
+_WITHOUT_TENDONS = ["gravity", "stiffness_scale", "precurvature", "tip_payload"]
 
 
-@dataclass(frozen=True)
-class FuzzCase:
-    """One robot and its history.
-
-    Attributes
-    ----------
-    number : int
-        Seed.
-    robot : Robot
-    model : Model
-    steps : tuple of LoadStep
-        With the effects in all three.
-    effects : dict
-        That were asked for, by name.
-    redrawn : int
-        How many descriptions before this one contradicted themselves.
-    """
-
-    number: int
-    robot: Robot
-    model: Model
-    steps: tuple[LoadStep, ...]
-    effects: dict[str, dict[str, float]]
-    redrawn: int = 0
-
-    @property
-    def default_mesh(self) -> bool:
-        """Whether the solver chooses the mesh."""
-        return self.model.elements_per_bay == "auto"
-
-
-def draw(number: int) -> FuzzCase:
-    """The case of a seed.
+def draw(number: int) -> RandomCase:
+    """The case of a seed: the first of its descriptions that does not contradict itself.
 
     Parameters
     ----------
@@ -76,224 +44,178 @@ def draw(number: int) -> FuzzCase:
         Seed.
     """
     for attempt in range(1000):
-        rng = np.random.default_rng([31, number, attempt])
         try:
-            return _draw(rng, number, attempt)
-        except ValueError:  # the description contradicts itself, such as holes outside of the disks
+            return _draw(Draw(np.random.default_rng([31, number, attempt])), number)
+        except ValueError:  # such as holes outside of the disks
             continue
     raise RuntimeError(f"no valid robot found for seed {number}")
 
 
-def _draw(rng: Random, number: int, attempt: int) -> FuzzCase:
-    soft = rng.random() < 0.12
-    length = float(rng.uniform(0.08, 0.4))
-    disks = Disks() if soft else _disks(rng, length)
-    straight = not soft and rng.random() < 0.8
-    backbone = _backbone(rng, length, soft)
+def _draw(d: Draw, number: int) -> RandomCase:
+    soft, length = d.chance(0.12), d.number(0.08, 0.4)
+    disks = Disks() if soft else _disks(d, length)
+    straight = not soft and d.chance(0.8)
+    backbone = _backbone(d, length, soft)
     robot = Robot(
         backbone,
         disks,
-        _tendons(rng, backbone, disks, straight),
+        _tendons(d, backbone, disks, straight),
         name=f"fuzz-{number}",
-        tip_mass=_maybe(rng, 0.15, 0.0, 5e-4, 0.0),
-        springs=_springs(rng, backbone),
-        base_stiffness=None
-        if rng.random() < 0.85
-        else float(rng.uniform(20.0, 200.0)) * backbone.EI / length,
+        tip_mass=d.maybe(0.15, 0.0, 5e-4),
+        springs=_springs(d, backbone),
+        base_stiffness=None if d.chance(0.85) else d.number(20.0, 200.0) * backbone.EI / length,
     )
-    friction = (
-        str(rng.choice(["none", "per-tendon", "per-hole"], p=[0.15, 0.15, 0.7])) if straight else "none"
+    friction: Any = d.one(["none", "per-tendon", "per-hole"], [0.15, 0.15, 0.7]) if straight else "none"
+    gravity = d.numbers(-10.0, 10.0, 3) if d.chance(0.3) else [0.0, 0.0, 0.0]
+    mesh: Any = "auto" if number % DEFAULT_MESH_EVERY == 0 else d.one([1, 2, 3], [0.5, 0.4, 0.1])
+    weight = backbone.mass_per_length * math.hypot(*gravity) * length**3 / backbone.EI
+    if soft and weight > LARGEST_FORCE:
+        gravity = [LARGEST_FORCE / weight * g for g in gravity]
+    model = Model(
+        "straight" if straight else "continuous", friction, mesh, (gravity[0], gravity[1], gravity[2])
     )
-    gravity = tuple(rng.uniform(-10.0, 10.0, 3).tolist()) if rng.random() < 0.3 else (0.0, 0.0, 0.0)
-    mesh = "auto" if number % DEFAULT_MESH_EVERY == 0 else int(rng.choice([1, 2, 3], p=[0.5, 0.4, 0.1]))
-    if soft and _weight(backbone, gravity) > LARGEST_FORCE:
-        gravity = tuple(LARGEST_FORCE / _weight(backbone, gravity) * g for g in gravity)
-    model = Model("straight" if straight else "continuous", friction, mesh, gravity)  # type: ignore[arg-type]
-    steps = _steps(rng, robot)
-    effects = _effects(rng, robot) if rng.random() < 0.25 else {}
+    steps = _steps(d, robot)
+    effects = _effects(d, robot) if d.chance(0.25) else {}
     changed = with_effects(Experiment(robot, model, steps), effects)
     if course_contradictions(changed.robot, changed.model):
         raise ValueError("the tendons cannot run so")
-    return FuzzCase(number, changed.robot, changed.model, changed.steps, effects, attempt)
-
-
-def _maybe(rng: Random, chance: float, low: float, high: float, otherwise: float) -> float:
-    """A number between two bounds with a chance, else another one."""
-    return float(rng.uniform(low, high)) if rng.random() < chance else otherwise
-
-
-def _weight(backbone: Backbone, gravity: tuple[float, ...]) -> float:
-    """Weight of the backbone over EI/L^2."""
-    return backbone.mass_per_length * math.hypot(*gravity) * backbone.length**3 / backbone.EI
+    return RandomCase(number, changed.robot, changed.model, changed.steps, effects)
 
 
 # ----------------------------------------------------------------------------------------------------- the robot
 
 
-def _disks(rng: Random, length: float) -> Disks:
-    count = int(
-        rng.choice([1, 2, 3, 4, 5, 6, 8, 10, 13], p=[0.04, 0.08, 0.13, 0.2, 0.2, 0.15, 0.1, 0.06, 0.04])
-    )
-    rest = {
-        "mass": _maybe(rng, 0.5, 0.0, 5e-4, 0.0),
-        "thickness": _maybe(rng, 0.25, 0.02, 0.35, 0.0) * length / count,
-        "radius": 7e-3,
-    }
-    if rng.random() < 0.75:
-        return Disks.equally_spaced(count, length, **rest)
-    gaps = rng.uniform(0.7, 1.3, count)
-    positions = gaps.cumsum() / gaps.sum() * length * (1.0 if rng.random() < 0.7 else 0.92)
-    thickness = min(rest.pop("thickness"), 0.4 * float(gaps.min() / gaps.sum()) * length)
-    return Disks(tuple(positions.tolist()), thickness=thickness, **rest)
+def _disks(d: Draw, length: float) -> Disks:
+    counts = [1, 2, 3, 4, 5, 6, 8, 10, 13]
+    count = d.one(counts, [0.04, 0.08, 0.13, 0.2, 0.2, 0.15, 0.1, 0.06, 0.04])
+    mass, thickness = d.maybe(0.5, 0.0, 5e-4), d.maybe(0.25, 0.02, 0.35) * length / count
+    if d.chance(0.75):
+        return Disks.equally_spaced(count, length, mass=mass, thickness=thickness, radius=7e-3)
+    gaps = d.rng.uniform(0.7, 1.3, count)
+    positions = gaps.cumsum() / gaps.sum() * length * (1.0 if d.chance(0.7) else 0.92)
+    thickness = min(thickness, 0.4 * float(gaps.min() / gaps.sum()) * length)
+    return Disks(tuple(positions.tolist()), mass=mass, thickness=thickness, radius=7e-3)
 
 
-def _backbone(rng: Random, length: float, soft: bool) -> Backbone:
-    radius = float(rng.uniform(3e-3, 8e-3) if soft else rng.uniform(0.3e-3, 0.8e-3))
-    modulus = float(10.0 ** rng.uniform(5.5, 6.5) if soft else rng.uniform(40e9, 200e9))
-    rest: dict[str, object] = {}
-    if rng.random() < (0.5 if soft else 0.08):
-        points = np.linspace(0.0, length, int(rng.integers(2, 4)))
-        radii = radius * np.concatenate(([1.0], np.sort(rng.uniform(0.5, 1.0, len(points) - 1))[::-1]))
-        rest["taper"] = tuple(zip(points.tolist(), radii.tolist(), strict=True))
-    if rng.random() < (0.3 if soft else 0.05):
-        rest["nonlinear"] = NonlinearMaterial(float(rng.uniform(-2.0, 0.5)), float(rng.uniform(0.0, 3.0)))
-    elif rng.random() < 0.12:
-        rest["superelastic"] = Superelastic(float(rng.uniform(1e-3, 2e-2)), float(rng.uniform(0.15, 1.0)))
-    if rng.random() < 0.15:
-        rest["precurvature"] = tuple((rng.uniform(-0.4, 0.4, 2) / length).tolist())
-    if rng.random() < 0.15:
-        start = float(rng.uniform(0.0, 0.6)) * length
-        factors = rng.uniform(0.6, 1.6, 4).tolist()
-        curvature = tuple((rng.uniform(-0.4, 0.4, 2) / length).tolist())
-        end = start + float(rng.uniform(0.1, 0.4)) * length
-        rest["patches"] = (
-            StiffnessPatch(start, end, factors[0], factors[1], curvature, factors[2], factors[3]),
-        )
-    if "nonlinear" not in rest and rng.random() < 0.06:
-        rest["creep_rate"] = float(10.0 ** rng.uniform(-5.0, -2.5))
-    if rng.random() < 0.06:
+def _backbone(d: Draw, length: float, soft: bool) -> Backbone:
+    radius = d.number(3e-3, 8e-3) if soft else d.number(0.3e-3, 0.8e-3)
+    modulus = d.magnitude(5.5, 6.5) if soft else d.number(40e9, 200e9)
+    rest: dict[str, Any] = {}
+    if d.chance(0.5 if soft else 0.08):
+        points = np.linspace(0.0, length, int(d.rng.integers(2, 4)))
+        thinner = np.sort(d.rng.uniform(0.5, 1.0, len(points) - 1))[::-1]
+        radii = (radius * np.concatenate(([1.0], thinner))).tolist()
+        rest["taper"] = tuple(zip(points.tolist(), radii, strict=True))
+    if d.chance(0.3 if soft else 0.05):
+        rest["nonlinear"] = NonlinearMaterial(d.number(-2.0, 0.5), d.number(0.0, 3.0))
+    elif d.chance(0.12):
+        rest["superelastic"] = Superelastic(d.number(1e-3, 2e-2), d.number(0.15, 1.0))
+    if d.chance(0.15):
+        rest["precurvature"] = tuple((d.rng.uniform(-0.4, 0.4, 2) / length).tolist())
+    if d.chance(0.15):
+        start, (bend, twist, *more) = d.number(0.0, 0.6) * length, d.numbers(0.6, 1.6, 4)
+        curvature = tuple((d.rng.uniform(-0.4, 0.4, 2) / length).tolist())
+        end = start + d.number(0.1, 0.4) * length
+        rest["patches"] = (StiffnessPatch(start, end, bend, twist, curvature, more[0], more[1]),)
+    if "nonlinear" not in rest and d.chance(0.06):
+        rest["creep_rate"] = d.magnitude(-5.0, -2.5)
+    if d.chance(0.06):
         plain = Backbone(length, radius, modulus, 0.3)
-        rest["bending_stiffness"] = float(rng.uniform(0.7, 1.4)) * plain.EI
-        rest["torsional_stiffness"] = float(rng.uniform(0.4, 1.4)) * plain.GJ
-    density = float(rng.uniform(900.0, 1200.0) if soft else rng.uniform(1000.0, 8000.0))
-    return Backbone(length, radius, modulus, float(rng.uniform(0.25, 0.48)), density, **rest)  # type: ignore[arg-type]
+        rest["bending_stiffness"] = d.number(0.7, 1.4) * plain.EI
+        rest["torsional_stiffness"] = d.number(0.4, 1.4) * plain.GJ
+    density = d.number(900.0, 1200.0) if soft else d.number(1000.0, 8000.0)
+    return Backbone(length, radius, modulus, d.number(0.25, 0.48), density, **rest)
 
 
-def _springs(rng: Random, backbone: Backbone) -> tuple[SideSpring, ...]:
-    if rng.random() < 0.93:
+def _springs(d: Draw, backbone: Backbone) -> tuple[SideSpring, ...]:
+    if d.chance(0.93):
         return ()
-    at = float(rng.uniform(0.3, 1.0)) * backbone.length
-    return (SideSpring(at, float(rng.uniform(0.1, 5.0)) * backbone.EI / backbone.length**3),)
+    at = d.number(0.3, 1.0) * backbone.length
+    return (SideSpring(at, d.number(0.1, 5.0) * backbone.EI / backbone.length**3),)
 
 
-def _tendons(rng: Random, backbone: Backbone, disks: Disks, straight: bool) -> tuple[Tendon, ...]:
-    count = int(rng.choice([0, 1, 2, 3, 4, 6], p=[0.02, 0.2, 0.18, 0.35, 0.15, 0.1]))
-    drives = rng.random()
+def _tendons(d: Draw, backbone: Backbone, disks: Disks, straight: bool) -> tuple[Tendon, ...]:
+    count, length = d.one([0, 1, 2, 3, 4, 6], [0.02, 0.2, 0.18, 0.35, 0.15, 0.1]), backbone.length
+    elastic = d.chance(0.25)
     found = []
     for i in range(count):
-        angle = 360.0 * i / count + float(rng.uniform(-25.0, 25.0))
+        angle = 360.0 * i / count + d.number(-25.0, 25.0)
         if disks.positions:
             last = len(disks.positions) - 1
-            end = disks.positions[
-                last if i == 0 or rng.random() < 0.7 else int(rng.integers(last // 2, last + 1))
-            ]
-            holes = (0.0, *(s for s in disks.positions if s <= end + 1e-6))
-            most = 6e-3
+            whole = i == 0 or d.chance(0.7)
+            end = disks.positions[last if whole else int(d.rng.integers(last // 2, last + 1))]
+            holes, most = (0.0, *(s for s in disks.positions if s <= end + 1e-6)), 6e-3
         else:
-            end = backbone.length * (1.0 if rng.random() < 0.6 else float(rng.uniform(0.4, 1.0)))
+            end = length * (1.0 if d.chance(0.6) else d.number(0.4, 1.0))
             holes = tuple(np.linspace(0.0, end, 5).tolist())
             most = 0.9 * float(backbone.radius_at(np.array([end]))[0])
-        elastic = drives < 0.25
-        found.append(
-            Tendon(
-                f"t{i + 1}",
-                _routing(rng, holes, angle, most),
-                end=None if abs(end - backbone.length) < 1e-9 else end,
-                axial_stiffness=float(10.0 ** rng.uniform(2.0, 4.0)) if elastic else None,
-                pretension=_maybe(rng, 0.4, 0.0, 0.3, 0.0) * backbone.EI / backbone.length / 5e-3
-                if elastic
-                else 0.0,
-                adhesion=_maybe(rng, 0.1, 0.0, 5e-3, 0.0) if straight else 0.0,
-                clearance=_maybe(rng, 0.1, 0.0, 3e-4, 0.0) if straight else 0.0,
-                **(_friction(rng, holes) if straight else {}),  # type: ignore[arg-type]
-            )
-        )
+        routing = _routing(d, holes, angle, most)
+        rest: dict[str, Any] = {"end": None if abs(end - length) < 1e-9 else end}
+        if elastic:
+            rest["axial_stiffness"] = d.magnitude(2.0, 4.0)
+            rest["pretension"] = d.maybe(0.4, 0.0, 0.3) * backbone.EI / length / 5e-3
+        if straight:
+            rest |= {"adhesion": d.maybe(0.1, 0.0, 5e-3), "clearance": d.maybe(0.1, 0.0, 3e-4)}
+            rest |= _friction(d, holes)
+        found.append(Tendon(f"t{i + 1}", routing, **rest))
     return tuple(found)
 
 
-def _friction(rng: Random, holes: tuple[float, ...]) -> dict[str, object]:
-    kind, mu = rng.random(), float(rng.uniform(0.0, 0.6))
+def _friction(d: Draw, holes: tuple[float, ...]) -> dict[str, Any]:
+    kind, mu = d.rng.random(), d.number(0.0, 0.6)
     if kind < 0.08:
-        return {"friction": StribeckFriction(1.2 * mu + 0.02, mu, float(10.0 ** rng.uniform(-4.0, -2.0)))}
+        return {"friction": StribeckFriction(1.2 * mu + 0.02, mu, d.magnitude(-4.0, -2.0))}
     if kind < 0.16:
-        return {
-            "friction": ForceDependentFriction(
-                mu, float(rng.uniform(0.1, 1.0)), float(rng.uniform(-0.5, 0.3))
-            )
-        }
+        return {"friction": ForceDependentFriction(mu, d.number(0.1, 1.0), d.number(-0.5, 0.3))}
     if kind < 0.2:
         return {"friction": ConstantFriction(mu)}
-    tight = len(holes) > 2 and rng.random() < 0.05
-    where = (
-        (TightHole(holes[int(rng.integers(1, len(holes) - 1))], float(rng.uniform(0.0, 0.2))),)
-        if tight
-        else ()
-    )
-    return {"friction_coefficient": mu if rng.random() < 0.85 else 0.0, "tight_holes": where}
+    tight: tuple[TightHole, ...] = ()
+    if len(holes) > 2 and d.chance(0.05):
+        tight = (TightHole(holes[int(d.rng.integers(1, len(holes) - 1))], d.number(0.0, 0.2)),)
+    return {"friction_coefficient": mu if d.chance(0.85) else 0.0, "tight_holes": tight}
 
 
-def _routing(rng: Random, holes: tuple[float, ...], angle: float, most: float) -> Routing:
-    offset = float(rng.uniform(0.3, 1.0)) * most
-    kind = rng.choice(
-        ["parallel", "helical", "helical-varying", "converging", "points"], p=[0.4, 0.2, 0.1, 0.2, 0.1]
-    )
+def _routing(d: Draw, holes: tuple[float, ...], angle: float, most: float) -> Routing:
+    offset = d.number(0.3, 1.0) * most
+    kinds = ["parallel", "helical", "helical-varying", "converging", "points"]
+    kind = d.one(kinds, [0.4, 0.2, 0.1, 0.2, 0.1])
     if kind == "helical":
-        return HelicalRouting(offset, float(rng.uniform(-1.0, 1.0)), angle)
+        return HelicalRouting(offset, d.number(-1.0, 1.0), angle)
     if kind == "helical-varying":
-        first, last = rng.uniform(-1.0, 1.0, 2).tolist()
-        return VaryingHelicalRouting(offset, first, last, angle)
+        return VaryingHelicalRouting(offset, d.number(-1.0, 1.0), d.number(-1.0, 1.0), angle)
     if kind == "converging":
-        return ConvergingRouting(offset, float(rng.uniform(0.1, 1.0)) * offset, angle)
+        return ConvergingRouting(offset, d.number(0.1, 1.0) * offset, angle)
     if kind == "points":
-        turn = np.deg2rad(angle) + 0.15 * rng.standard_normal(len(holes)).cumsum() / np.sqrt(len(holes))
-        away = offset * rng.uniform(0.7, 1.0, len(holes))
-        points = np.column_stack((away * np.cos(turn), away * np.sin(turn)))
-        return PointsRouting(holes, tuple((float(x), float(y)) for x, y in points))
+        turn = np.deg2rad(angle) + 0.15 * d.rng.standard_normal(len(holes)).cumsum() / np.sqrt(len(holes))
+        away = offset * d.rng.uniform(0.7, 1.0, len(holes))
+        points = zip((away * np.cos(turn)).tolist(), (away * np.sin(turn)).tolist(), strict=True)
+        return PointsRouting(holes, tuple(points))
     return ParallelRouting(offset, angle)
 
 
 # ------------------------------------------------------------------------------------------------- the history
 
 
-def _steps(rng: Random, robot: Robot) -> tuple[LoadStep, ...]:
+def _steps(d: Draw, robot: Robot) -> tuple[LoadStep, ...]:
     backbone, names = robot.backbone, robot.tendon_names
     soft = min(float(backbone.radius_at(np.array([backbone.length]))[0]) / backbone.radius, 1.0) ** 4
     stiffness = backbone.EI * soft
     most = _largest_tension(robot, stiffness)
-    how = rng.choice(["tension", "displacement", "both"], p=[0.62, 0.28, 0.1])
-    driven = {n for n in names if how == "displacement" or (how == "both" and rng.random() < 0.5)}
+    how = d.one(["tension", "displacement", "both"], [0.62, 0.28, 0.1])
+    driven = {n for n in names if how == "displacement" or (how == "both" and d.chance(0.5))}
     steps, time = [], 0.0
-    for k in range(int(rng.integers(1, 6))):
-        tensions: dict[str, float] = {}
-        displacements: dict[str, float] = {}
-        share = rng.uniform(0.0, 1.0, len(names)) * (rng.random(len(names)) < 0.7)
-        pull = share / max(1.0, float(share.sum())) * most
-        arc = _arc_displacements(rng, robot)
-        for i, name in enumerate(names):
-            if name in driven:
-                displacements[name] = arc[i]
-            elif rng.random() < 0.9:
-                tensions[name] = float(pull[i])
-        loads = _loads(rng, backbone.length, stiffness) if rng.random() < 0.35 else {}
-        if k and rng.random() < 0.2:
+    for k in range(int(d.rng.integers(1, 6))):
+        share = d.rng.uniform(0.0, 1.0, len(names)) * (d.rng.random(len(names)) < 0.7)
+        pull = (share / max(1.0, float(share.sum())) * most).tolist()
+        arc = dict(zip(names, _arc_displacements(d, robot), strict=True))
+        tensions = {n: x for n, x in zip(names, pull, strict=True) if n not in driven and d.chance(0.9)}
+        loads = _loads(d, backbone.length, stiffness) if d.chance(0.35) else {}
+        if k and d.chance(0.2):
             loads["tip"] = Load(backbone.length)
-        time += float(10.0 ** rng.uniform(-1.0, 2.0))
-        substeps = None if rng.random() < 0.93 else int(rng.integers(1, 5))
-        steps.append(
-            LoadStep(
-                f"{k + 1}", tensions, displacements, loads, substeps, time if rng.random() < 0.8 else None
-            )
-        )
+        time += d.magnitude(-1.0, 2.0)
+        substeps = None if d.chance(0.93) else int(d.rng.integers(1, 5))
+        moved, at = {n: arc[n] for n in names if n in driven}, time if d.chance(0.8) else None
+        steps.append(LoadStep(f"{k + 1}", tensions, moved, loads, substeps, at))
     return tuple(steps)
 
 
@@ -307,19 +229,18 @@ def _largest_tension(robot: Robot, stiffness: float) -> float:
     return min(bend, LARGEST_COMPRESSION * np.pi**2 * stiffness / bay**2)
 
 
-def _loads(rng: Random, length: float, stiffness: float) -> dict[str, Load]:
-    at = length if rng.random() < 0.6 else float(rng.uniform(0.2, 0.95)) * length
-    direction = rng.standard_normal(3)
-    force = LARGEST_FORCE * rng.random() * stiffness / length**2 * direction / np.linalg.norm(direction)
-    moment = 0.5 * stiffness / length * rng.standard_normal(3) if rng.random() < 0.3 else np.zeros(3)
-    frame = "section" if rng.random() < 0.25 else "world"
-    name = "tip" if at == length else "side"
-    return {name: Load(at, tuple(force.tolist()), tuple(moment.tolist()), frame)}  # type: ignore[arg-type]
+def _loads(d: Draw, length: float, stiffness: float) -> dict[str, Load]:
+    at = length if d.chance(0.6) else d.number(0.2, 0.95) * length
+    direction = d.rng.standard_normal(3)
+    force = LARGEST_FORCE * d.rng.random() * stiffness / length**2 * direction / np.linalg.norm(direction)
+    moment = 0.5 * stiffness / length * d.rng.standard_normal(3) if d.chance(0.3) else np.zeros(3)
+    load = Load(at, tuple(force.tolist()), tuple(moment.tolist()), "section" if d.chance(0.25) else "world")
+    return {"tip" if at == length else "side": load}
 
 
-def _arc_displacements(rng: Random, robot: Robot) -> list[float]:
+def _arc_displacements(d: Draw, robot: Robot) -> list[float]:
     """What tendons are pulled in by in a circular arc, less up to 0.5 mm; some are slack [m]."""
-    bend, plane = rng.uniform(0.0, 1.4), rng.uniform(0.0, 2.0 * np.pi)
+    bend, plane = d.rng.uniform(0.0, 1.4), d.rng.uniform(0.0, 2.0 * np.pi)
     found = []
     for tendon in robot.tendons:
         x, y = robot.hole_points(tendon).mean(axis=0)[:2]
@@ -327,18 +248,14 @@ def _arc_displacements(rng: Random, robot: Robot) -> list[float]:
         arc = bend * share * (x * np.cos(plane) + y * np.sin(plane))
         stretch = 0.0
         if tendon.axial_stiffness is not None:
-            stretch = rng.uniform(0.0, 0.3) * robot.backbone.EI / robot.backbone.length / 5e-3
+            stretch = d.rng.uniform(0.0, 0.3) * robot.backbone.EI / robot.backbone.length / 5e-3
             stretch *= robot.end(tendon) / tendon.axial_stiffness
-        slack = rng.uniform(0.0, 0.5e-3) if rng.random() < 0.85 else 2e-3
-        found.append(float(arc + stretch - slack))
+        found.append(float(arc + stretch - d.maybe(0.85, 0.0, 0.5e-3, 2e-3)))
     return found
 
 
-def _effects(rng: Random, robot: Robot) -> dict[str, dict[str, float]]:
-    without_holes = robot.without_disks
-    needs_holes = ("hole_adhesion", "hole_clearance", "friction_coefficient", "rigid_disks", "routing_twist")
-    names = [n for n in _EFFECTS if not (without_holes and n in needs_holes)]
-    if not robot.tendons:
-        names = ["gravity", "stiffness_scale", "precurvature", "tip_payload"]
-    chosen = rng.choice(names, int(rng.integers(1, 3)), replace=False)
-    return {str(n): {p: r.draw(rng) for p, r in _EFFECTS[n].items()} for n in chosen}
+def _effects(d: Draw, robot: Robot) -> dict[str, dict[str, float]]:
+    names = [n for n in _EFFECTS if not (robot.without_disks and n in _OF_HOLES)]
+    names = names if robot.tendons else _WITHOUT_TENDONS
+    chosen = d.rng.choice(names, int(d.rng.integers(1, 3)), replace=False)
+    return {str(n): {p: r.draw(d.rng) for p, r in _EFFECTS[n].items()} for n in chosen}
