@@ -5,7 +5,7 @@ It is read from a folder with results of campaigns, and of ``tdcr-fe identify FO
 | folder | campaign |
 | --- | --- |
 | ``plan7`` | ``blind -n 60 --plan 7`` |
-| ``places`` | ``blind -n 21 --effects stuck_hole kink soft_spot side_spring`` |
+| ``places`` | ``blind -n 21 --effects stuck_hole kink soft_bay side_spring`` |
 | ``laws``, ``faulty`` | ``blind_laws``, ``faulty_data`` |
 | ``practice/set1`` to ``set10``, ``helical`` | measured data, ``helical`` with ``--minutes 60`` |
 """
