@@ -48,41 +48,33 @@ def summary(scores: Sequence[Score]) -> dict[str, str]:
     listed, places = [*kinds["single"], *kinds["pair"]], kinds["place"]
     right = [s for s in [*listed, *places] if s.outcome in ("right", "named together")]
     ratios = [s.after / s.noise_floor for s in right] or [np.nan]
-    hit = sum(len(s.intervals_hit) for s in listed)
-    missed = sum(len(s.intervals_missed) for s in listed)
+    hit, missed = (sum(len(getattr(s, f"intervals_{k}")) for s in listed) for k in ("hit", "missed"))
     seconds = [s.seconds for s in scores if s.passed] or [np.nan]
     percent = round(100.0 * (NOISE_FLOOR - 1.0))
     return {
-        "one listed effect: right name": _named(kinds["single"]),
-        "two listed effects: both names, no other": _named(kinds["pair"]),
-        "clean data: nothing missing": _share(
-            sum(s.outcome == "right" for s in kinds["clean"]), kinds["clean"]
+        "one listed effect: right name": _share(kinds["single"], "right", "named together"),
+        "two listed effects: both names, no other": _share(kinds["pair"], "right", "named together"),
+        "clean data: nothing missing": _share(kinds["clean"], "right"),
+        "weak effects (about two sigma): right name": _share(kinds["weak"], "right", "named together"),
+        "... named together with effects that look the same": str(
+            sum(s.outcome == "named together" for s in scores)
         ),
-        "weak effects (about two sigma): right name": _named(kinds["weak"]),
-        f"right names: held-out error within {percent} % of the noise": _share(
-            sum(r <= NOISE_FLOOR for r in ratios), right
+        f"right names: held-out error within {percent} % of the noise": (
+            f"{sum(r <= NOISE_FLOOR for r in ratios)} of {len(right)}"
         ),
         "held-out error over the noise, median and largest": f"{np.median(ratios):.3g}, {max(ratios):.3g}",
         "true parameter inside the 95 % interval": f"{hit} of {hit + missed}",
-        "effects at a place: kind and place right": _share(sum(s.outcome == "right" for s in places), places),
-        "... right, or not called explained": _share(
-            sum(s.outcome != "overconfident" for s in places), places
-        ),
+        "effects at a place: kind and place right": _share(places, "right"),
+        "... right, or not called explained": _share(places, "right", "honest"),
         "processor time per set, median and largest": f"{np.median(seconds):.0f} s, {max(seconds):.0f} s",
         "sets that failed": str(sum(not s.passed for s in scores)),
     }
 
 
-def _share(part: int, sets: Sequence[Score]) -> str:
+def _share(sets: Sequence[Score], *outcomes: str) -> str:
+    """How many sets have one of these outcomes."""
+    part = sum(s.outcome in outcomes for s in sets)
     return f"{part} of {len(sets)}" + (f" ({100.0 * part / len(sets):.0f} %)" if sets else "")
-
-
-def _named(scores: Sequence[Score]) -> str:
-    """How many sets have the right names, and how many of them among those reported as indistinguishable."""
-    outcomes = Counter(s.outcome for s in scores)
-    together = outcomes["named together"]
-    text = _share(outcomes["right"] + together, scores)
-    return f"{text}, {together} among those named together" if together else text
 
 
 def confusion(scores: Sequence[Score]) -> pd.DataFrame:
@@ -138,25 +130,22 @@ class Blind(Campaign):
 
     def row(self, outcome: Score) -> dict[str, object]:
         """What was hidden, what was named, and the errors."""
-        rivals = outcome.indistinguishable_from
-        named = [n + (f" (or {', '.join(rivals[n])})" if rivals[n] else "") for n in outcome.named]
-        over = [
-            f"{x / outcome.noise_floor:.3g}" if outcome.passed else ""
-            for x in (outcome.before, outcome.after)
-        ]
+        o, rivals = outcome, outcome.indistinguishable_from
+        named = [n + (f" (or {', '.join(rivals[n])})" if rivals[n] else "") for n in o.named]
+        before, after = (f"{x / o.noise_floor:.3g}" if o.passed else "" for x in (o.before, o.after))
         return {
-            "seed": outcome.seed,
-            "robot": outcome.robot,
-            "drive": outcome.drive,
-            "noise [mm]": f"{1e3 * outcome.sigma:.3g}",
-            "hidden": " + ".join(outcome.hidden) or "nothing",
-            "declared off [sigma]": f"{outcome.declared_off:.3g}",
+            "seed": o.seed,
+            "robot": o.robot,
+            "drive": o.drive,
+            "noise [mm]": f"{1e3 * o.sigma:.3g}",
+            "hidden": " + ".join(o.hidden) or "nothing",
+            "declared off [sigma]": f"{o.declared_off:.3g}",
             "named": " + ".join(named) or "-",
-            "verdict": outcome.verdict,
-            "outcome": outcome.outcome if outcome.passed else f"failed: {outcome.error.splitlines()[-1]}",
-            "held-out before / noise": over[0],
-            "after / noise": over[1],
-            "missed intervals": ", ".join(outcome.intervals_missed) or "-",
+            "verdict": o.verdict,
+            "outcome": o.outcome if o.passed else f"failed: {o.error.splitlines()[-1]}",
+            "held-out before / noise": before,
+            "after / noise": after,
+            "missed intervals": ", ".join(o.intervals_missed) or "-",
         }
 
     def report(self, outcomes: Sequence[Score]) -> list[str | pd.DataFrame]:
