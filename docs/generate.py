@@ -29,6 +29,7 @@ SECTIONS = {
     "tdcr_fe.effects": "Effects",
     "tdcr_fe.identify": "Identification",
     "tdcr_fe.live": "Live",
+    "tdcr_fe.estimate": "Estimation",
     "tdcr_fe.sweeps": "Sweeps",
     "tdcr_fe.io": "Files",
     "tdcr_fe.report": "Pictures",
@@ -240,7 +241,7 @@ def public_names() -> list[str]:
     loaded = [
         m
         for m in sys.modules.values()
-        if re.match(r"tdcr_fe\.(model|effects|scene|identify|io|sweeps)\b", m.__name__)
+        if re.match(r"tdcr_fe\.(model|effects|scene|identify|estimate|io|sweeps)\b", m.__name__)
     ]
     classes = {
         name: value

@@ -25,6 +25,7 @@ LAYERS = (
         "sweeps",
         "identify",
         "live",
+        "estimate",
     ),
     *("validation", "commands", "cli", "__main__"),
 )

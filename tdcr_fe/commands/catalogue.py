@@ -251,6 +251,17 @@ COMMANDS = {
             "minutes": {"type": minutes, "default": 15.0},
         },
     ),
+    "estimate": Command(
+        "tdcr_fe.commands.estimate:run",
+        """estimate shape, tensions and external force from inputs and readings, frame by frame
+        With their covariance, and with the history of friction. Writes estimates.csv, shape.csv and report.html.
+
+        folder  contains robot.toml, loading.csv with times, observations.csv and estimate.toml
+        and out, quiet""",
+        ("estimate measured -o estimated", "estimate measured -o estimated --quiet"),
+        "0 done; 1 a frame was not solved (it keeps the state before, and the run goes on); 2 the input is wrong; 130 "
+        "interrupted (143 by SIGTERM), the frames until then are written.",
+    ),
     "live": Command(
         "tdcr_fe.commands.live:live",
         """open a page on which a robot answers sliders and the mouse

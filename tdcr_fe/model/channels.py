@@ -97,7 +97,11 @@ class Channel:
             Of the readings, k of them.
         """
         h = change.difference_steps(step)
-        found = self.predict(step.moved(change, h), locations)
+        return self.differences(step.moved(change, h), h, locations)
+
+    def differences(self, moved: ObservedStep, h: Array, locations: Sequence[Location]) -> Array:
+        """`derivatives` from steps that `ObservedStep.moved` has changed by ``h``, as for several channels at once."""
+        found = self.predict(moved, locations)
         here, (ahead, behind) = found[0], found[1:].reshape(2, h.size, -1)
         bend = np.abs(ahead - here) + np.abs(behind - here)
         at_zero = np.abs(ahead + behind - 2.0 * here) > 0.5 * bend

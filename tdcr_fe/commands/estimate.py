@@ -1,0 +1,46 @@
+"""The command ``tdcr-fe estimate``: shape, tensions and external force, frame by frame."""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from tdcr_fe.commands.common import Exit, complain, progress_bar
+from tdcr_fe.estimate.description import Estimate
+from tdcr_fe.estimate.report import write_estimates
+from tdcr_fe.estimate.run import read_estimation, run_estimation
+from tdcr_fe.io.atomic import check_output_folder
+from tdcr_fe.model.messages import count
+
+
+def run(args: argparse.Namespace) -> int:
+    """Estimate the frames of a folder, and write them."""
+    estimation = read_estimation(args.folder)
+    out = check_output_folder(args.out)
+    for bad in estimation.data.left_out:
+        complain(f"left out: {bad}")
+    with progress_bar(args, len(estimation.data.steps), unit="frame") as bar:
+
+        def progress(frame: Estimate) -> None:
+            bar.update(1)
+
+        result = run_estimation(estimation, progress)
+    if not result.frames:
+        complain("interrupted before the first frame; nothing is written")
+        return Exit.INTERRUPTED
+    written = write_estimates(result, out)
+    failed = result.failed
+    if not args.quiet:
+        times = [frame.milliseconds for frame in result.frames]
+        print(
+            f"{count(len(times), 'frame')} estimated, {np.median(times):.3g} ms each (median), 95 % within "
+            f"{np.quantile(times, 0.95):.3g} ms\nWritten to {out}: " + ", ".join(p.name for p in written)
+        )
+    if failed:
+        first = next(frame.message for frame in result.frames if frame.message)
+        complain(f"{count(len(failed), 'frame')} not solved, the first is step {failed[0]}: {first}")
+    if result.interrupted:
+        complain(f"interrupted after {count(len(result.frames), 'frame')}, which are written")
+        return Exit.INTERRUPTED
+    return Exit.FAILED if failed else Exit.DONE

@@ -1,0 +1,163 @@
+"""What is estimated, and what is known before: `LoadPrior`, `InputPrior`, and the result of a frame, `Estimate`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.model.results import StepResult
+from tdcr_fe.model.schema import Checked, Quantity
+
+Array = NDArray[np.float64]
+
+_TIME = Quantity("correlation time of the prior; 0: nothing is known from the frame before", "s", ge=0.0)
+_WALK = Quantity(
+    "growth of the standard deviation in one second, of a random walk that begins with sigma; 0: none", ge=0.0
+)
+_PLACE = 'an arc length [m], "tip" or "unknown"'
+
+
+@dataclass(frozen=True)
+class LoadPrior(Checked):
+    """The load to be estimated, and what is known of it before any reading; the table ``[load]``.
+
+    Attributes
+    ----------
+    at : float, "tip" or "unknown"
+        Arc length at which it acts [m]; "unknown": somewhere along the body, to be estimated.
+    sigma : float
+        Standard deviation of each component of the force [N]; its mean is zero.
+    sigma_moment : float
+        The same of the moment [N m]; 0: there is no moment.
+    correlation_time : float
+        Of the Gauss-Markov process that the components follow [s].
+    random_walk : float
+        In place of it: growth of the standard deviation in one second, in units of sigma [1].
+    """
+
+    at: Annotated[
+        float | Literal["tip", "unknown"], Quantity("where the load acts", "m", ge=0.0, allowed=_PLACE)
+    ] = "tip"
+    sigma: Annotated[float, Quantity("standard deviation of each component of the force", "N", gt=0.0)] = 0.05
+    sigma_moment: Annotated[
+        float, Quantity("standard deviation of each component of the moment; 0: there is none", "N m", ge=0.0)
+    ] = 0.0
+    correlation_time: Annotated[float, _TIME] = 1.0
+    random_walk: Annotated[float, _WALK] = 0.0
+
+
+@dataclass(frozen=True)
+class InputPrior(Checked):
+    """Errors of the inputs: what acts minus what is commanded or measured; the table ``[inputs]``.
+
+    Attributes
+    ----------
+    sigma : float or mapping of str to float
+        Standard deviation, of every tendon or by name: [N] where the tension is given, [m] where the displacement is.
+    correlation_time : float
+        Of the Gauss-Markov process that the errors follow [s].
+    random_walk : float
+        In place of it: growth of the standard deviation in one second, in units of sigma [1].
+    """
+
+    sigma: Annotated[
+        float | dict[str, Annotated[float, Quantity("", gt=0.0)]],
+        Quantity(
+            "standard deviation of every input [N or m], or a table by tendon",
+            gt=0.0,
+            allowed="a number above zero, or a table with one for every tendon",
+        ),
+    ]
+    correlation_time: Annotated[float, _TIME] = 1.0
+    random_walk: Annotated[float, _WALK] = 0.0
+
+    def sigmas(self, names: Sequence[str]) -> Array:
+        """Of all tendons, shape (n_tendons,).
+
+        Raises
+        ------
+        ValueError
+            A table that does not name exactly the tendons.
+        """
+        if not isinstance(self.sigma, Mapping):
+            return np.full(len(names), self.sigma)
+        if set(self.sigma) != set(names):
+            raise ValueError(f"sigma: names {', '.join(self.sigma)}; must name {', '.join(names)}")
+        return np.array([self.sigma[n] for n in names])
+
+
+def memory(prior: LoadPrior | InputPrior, elapsed: float) -> tuple[float, float]:
+    """Factor from one frame to the next, and growth of the variance in units of sigma squared [1].
+
+    ``elapsed``: time between the frames [s].
+    """
+    if prior.random_walk > 0.0:
+        return 1.0, prior.random_walk**2 * elapsed
+    kept = math.exp(-elapsed / prior.correlation_time) if prior.correlation_time > 0.0 else 0.0
+    return kept, 1.0 - kept**2
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The most probable state of a robot in one frame.
+
+    Attributes
+    ----------
+    result : StepResult
+        Shape, tensions and states of the holes.
+    time : float
+        [s].
+    at, sigma_at : float
+        Where the load acts and its standard deviation, zero where it is known [m].
+    force, moment : ndarray, shape (3,)
+        The estimated load [N, N m]; what ``loading.csv`` names acts besides.
+    force_covariance : ndarray, shape (3, 3)
+        [N^2].
+    tensions, sigma_tensions : ndarray, shape (n_tendons,)
+        At the base, and their standard deviations [N].
+    tension_covariance : ndarray, shape (n_tendons, n_tendons)
+        [N^2].
+    position_covariance : ndarray, shape (n, 3, 3)
+        Of the nodes of ``result`` [m^2].
+    misfit : float
+        Sum of squares of the errors and of the readings that the most probable state leaves, in units of their
+        standard deviations [1].
+    milliseconds : float
+        Time that it took.
+    message : str
+        Empty, or why the frame was not solved; the state is then that of the frame before.
+    """
+
+    result: StepResult
+    time: float
+    at: float
+    sigma_at: float
+    force: Array
+    moment: Array
+    force_covariance: Array
+    tensions: Array
+    tension_covariance: Array
+    position_covariance: Array
+    misfit: float
+    milliseconds: float
+    message: str = ""
+
+    @property
+    def sigma_tensions(self) -> Array:
+        """Standard deviations of the tensions at the base [N], shape (n_tendons,)."""
+        return np.sqrt(np.diagonal(self.tension_covariance))
+
+    @property
+    def tip(self) -> Array:
+        """Position of the tip [m], shape (3,)."""
+        return self.result.positions[-1]
+
+    @property
+    def sigma_tip(self) -> Array:
+        """Standard deviations of its coordinates [m], shape (3,)."""
+        return np.sqrt(np.diagonal(self.position_covariance[-1]))

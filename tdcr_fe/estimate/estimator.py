@@ -1,0 +1,209 @@
+"""Estimation frame by frame: `Estimator`.
+
+Errors of the inputs and the load follow Gauss-Markov processes or random walks. The history of the friction is part of
+the unknowns, and its uncertainty is carried along with all correlations (`tdcr_fe.estimate.response`): an error of the
+inputs that has let a hole slip too far lets it slip back with it, instead of letting it reverse.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.effects import Observation
+from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, memory
+from tdcr_fe.estimate.frame import Frame, Problem, Readings, Solved, name_at
+from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, SolverSettings, resolve
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.solve.load_steps.load_path import LoadStepReport
+from tdcr_fe.solve.simulation import Simulation, one_thread
+
+Array = NDArray[np.float64]
+
+#: Share of what earlier frames tell of errors and load that a frame with readings gives up. Their readings were
+#: linearised at other states, which makes them seem to tell more than they do.
+FORGOTTEN = 0.2
+#: Substeps of a frame, where its step does not say: the path within a frame is not resolved. The first frame takes the
+#: unloaded robot to where it is, and its path is.
+SUBSTEPS = 1
+#: Of a frame that was not solved.
+UNSOLVED = LoadStepReport(0, 0, 0, 0.0, False, 1.0, 0.0)
+
+
+class Estimator:
+    """Most probable shape, tensions, states of the holes and external load of a robot, frame by frame.
+
+    Parameters
+    ----------
+    robot, model
+        Description; one element a bay where the mesh is "auto".
+    load, inputs
+        What is known before any reading.
+    steps
+        Load steps that name the known loads, which act besides the estimated one; all loads must be named here.
+    observation
+        How positions are measured.
+    settings
+        Numerics.
+
+    Raises
+    ------
+    ValueError
+        The priors do not fit the robot.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        model: Model,
+        load: LoadPrior,
+        inputs: InputPrior,
+        *,
+        steps: Sequence[LoadStep] = (),
+        observation: Observation | None = None,
+        settings: SolverSettings | None = None,
+    ) -> None:
+        if model.elements_per_bay == "auto":
+            model = replace(model, elements_per_bay=1)
+        length = robot.backbone.length
+        if isinstance(load.at, float) and load.at > length:
+            raise ValueError(
+                f"load.at = {load.at:g}: must be at most the length of the backbone, {length:g} m"
+            )
+        self.robot, self.load, self.inputs = robot, load, inputs
+        known = [LoadStep(loads=step.loads) for step in steps]
+        places = [length if isinstance(load.at, str) else load.at]
+        if load.at == "unknown":
+            handle = Simulation(robot, model, resolve(robot, known)).handle
+            places = [float(s) for s in handle.mesh.arc_lengths[1:]]
+        own = LoadStep(loads={name_at(s): Load(at=s) for s in places})
+        self.simulation = Simulation(robot, model, resolve(robot, [*known, own]), settings)
+        loaded = np.array([self.simulation.handle.mesh.node_at(s, 1e-6) for s in places])
+        components = 6 if load.sigma_moment > 0.0 else 3
+        self._problem = Problem(self.simulation, observation or Observation(), loaded, components)
+        # Uniform along the body where it is unknown.
+        of_place = length / np.sqrt(12.0) if load.at == "unknown" else 0.0
+        of_load = np.repeat((load.sigma, load.sigma_moment), 3)[:components]
+        self._sigmas = np.concatenate((inputs.sigmas(robot.tendon_names), of_load, [of_place]))
+        self._typical = np.zeros(len(self._sigmas))
+        self._typical[-1] = 0.5 * length if load.at == "unknown" else places[0]
+        self._mean = self._typical
+        self._covariance = np.diag(np.concatenate((self._sigmas**2, np.zeros(len(self._problem.slips)))))
+        self._commands = LoadStep()
+        self._time: float | None = None
+        self._number = 0
+
+    def step(self, step: LoadStep, readings: Sequence[Reading] = ()) -> Estimate:
+        """Estimate the state in the next frame.
+
+        Parameters
+        ----------
+        step
+            Commanded or measured inputs, known loads, and the time; what it does not name keeps its value.
+        readings
+            Of this frame, each with a standard deviation; may be none.
+
+        Returns
+        -------
+        Estimate
+            Where no state was found, that of the frame before, and a message.
+
+        Raises
+        ------
+        ValueError
+            There is no time, or it runs backwards, or a reading has no standard deviation.
+        """
+        begun = time.perf_counter()
+        self._number += 1
+        where = f"step {self._number}"
+        if step.time is None or step.time < (self._time or 0.0):
+            raise ValueError(f"{where}: time = {step.time}: must be given and not run backwards [s]")
+        if wrong := [r.quantity for r in readings if r.sigma is None]:
+            raise ValueError(f"{where}: reading of {wrong[0]}: needs a standard deviation")
+        commands = resolve(self.robot, [self._commands, step])[-1]
+        self._commands = _as_step(self.robot, commands)
+        first = None if self._time is None else SUBSTEPS
+        frame = Frame(
+            self._problem,
+            self.simulation.position,
+            commands,
+            Readings.of(readings),
+            step.substeps or first,
+        )
+        with one_thread():
+            found = self._estimated(frame)
+        result = replace(found.result, step=self._number, label=step.label)
+        return replace(found, result=result, milliseconds=1e3 * (time.perf_counter() - begun))
+
+    def _estimated(self, frame: Frame) -> Estimate:
+        """The estimate of a frame, which the estimator takes for its state; the last state where there is none."""
+        mean, covariance = self._prior(frame)
+        found = frame.most_probable(mean, covariance)
+        if found is None or not found.converged:
+            message = "no load step towards the frame has a solution"
+            if found is not None:
+                message = f"the readings are not met, the misfit is {found.misfit:.3g}"
+            self.simulation.return_to(frame.start)
+            before = np.concatenate((self._mean, self._problem.slips))
+            state = Solved(frame, before, frame.commands, UNSOLVED, frame.start)
+            return self._estimate(state, self._covariance, np.nan, message)
+        state, own = found.point, len(self._sigmas)
+        self._mean, self._time = state.unknowns[:own], frame.commands.time
+        carried = np.eye(len(mean))
+        carried[own:] = state.response.plastic_slips
+        after = carried @ found.covariance @ carried.T
+        self._covariance = 0.5 * (after + after.T)
+        return self._estimate(state, found.covariance, found.misfit, "")
+
+    def _prior(self, frame: Frame) -> tuple[Array, Array]:
+        """Mean and covariance of the unknowns of a frame before its readings."""
+        own, m, covariance, mean = len(self._sigmas), len(self.robot.tendons), self._covariance, self._mean
+        if self._time is not None:
+            elapsed = frame.commands.time - self._time
+            changes = [memory(prior, elapsed) for prior in (self.inputs, self.load)]
+            kept, grown = np.repeat(changes, (m, own - m), axis=0).T
+            lost = FORGOTTEN * (kept < 1.0) * (len(frame.readings.values) > 0)
+            mean = self._typical + (1.0 - lost) * kept * (mean - self._typical)
+            all_kept = np.concatenate((kept, np.ones(len(covariance) - own)))
+            covariance = covariance * all_kept * all_kept[:, None]
+            covariance[:own, :own] += np.diag(grown * self._sigmas**2)
+            covariance[:own, :own] *= np.sqrt(np.outer(1.0 - lost, 1.0 - lost))
+            covariance[:own, :own] += np.diag(lost * self._sigmas**2)
+        return np.concatenate((mean, self._problem.slips)), covariance
+
+    def _estimate(self, state: Solved, covariance: Array, misfit: float, message: str) -> Estimate:
+        """A state as an estimate; number, label and time taken are left open."""
+        response, problem, x = state.response, self._problem, state.unknowns
+        place, force = problem.place, slice(problem.tendons, problem.tendons + 3)
+        result = state.simulation.result(0, "", state.report, state.actuation)
+        return Estimate(
+            replace(result, converged=not message),
+            state.frame.commands.time,
+            float(x[place]),
+            float(np.sqrt(covariance[place, place])),
+            x[force],
+            x[force.stop : place] if place > force.stop else np.zeros(3),
+            covariance[force, force],
+            result.base_tensions,
+            response.base_tensions @ covariance @ response.base_tensions.T,
+            np.einsum("nip,pq,njq->nij", response.nodes, covariance, response.nodes, optimize=True),
+            misfit,
+            np.nan,
+            message,
+        )
+
+
+def _as_step(robot: Robot, commands: Actuation) -> LoadStep:
+    """A load step that names all that is prescribed."""
+    driven = commands.by_displacement
+    inputs = dict(zip(robot.tendon_names, commands.values.tolist(), strict=True))
+    tensions, displacements = (
+        {n: x for (n, x), by in zip(inputs.items(), driven, strict=True) if by == kind}
+        for kind in (False, True)
+    )
+    return LoadStep(tensions=tensions, displacements=displacements, loads=commands.loads, time=commands.time)

@@ -1,0 +1,294 @@
+"""One frame: the load step from the state before it to given unknowns, what is read of it, and the most probable state.
+
+The unknowns are the errors of the inputs (m), the components of the load (3, or 6 with the moment), its place, and the
+plastic slips of the holes at the beginning of the frame (k).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.effects import Observation
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION
+from tdcr_fe.estimate.most_probable import Found, covariance_after, most_probable
+from tdcr_fe.estimate.response import Response, plastic_slips, with_plastic_slips
+from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.channels import Location, channel
+from tdcr_fe.model.loading import Actuation, Load
+from tdcr_fe.model.observed_step import ObservedStep
+from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Position, StepFailed
+from tdcr_fe.solve.simulation import Simulation
+
+Array = NDArray[np.float64]
+
+#: Places along the body that are tried where that of the load is unknown, and most times that one is chosen anew.
+PLACES, MOST_CHOICES = 100, 5
+
+
+def name_at(place: float) -> str:
+    """Name of the estimated load at an arc length [m]."""
+    return f"estimated at {place:g}"
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """The robot and where its load may act."""
+
+    simulation: Simulation
+    observation: Observation
+    loaded: NDArray[
+        np.int_
+    ]  # Nodes that may carry the load; several, base plate left out, where its place is unknown
+    components: int  # Of the load: 3, or 6 with the moment
+
+    @cached_property
+    def s(self) -> Array:
+        """Arc lengths of the nodes [m]."""
+        return self.simulation.handle.arc_lengths
+
+    @cached_property
+    def tendons(self) -> int:
+        """Their number."""
+        return len(self.simulation.handle.robot.tendons)
+
+    @property
+    def place(self) -> int:
+        """Number of the place among the unknowns; plastic slips follow."""
+        return self.tendons + self.components
+
+    @property
+    def load(self) -> slice:
+        """The load among the unknowns."""
+        return slice(self.tendons, self.place)
+
+    @property
+    def spacing(self) -> float:
+        """Of the places that are tried [m]."""
+        return float(self.s[-1]) / PLACES
+
+    @property
+    def slips(self) -> Array:
+        """Plastic slips of the present state [m], shape (k,)."""
+        return plastic_slips(self.simulation, self.simulation.state.friction[0])
+
+    def shares(self, place: float) -> tuple[Array, Array]:
+        """Shares of the load on the nodes that may carry it, and their derivatives by its place [1, 1/m].
+
+        Between two nodes both together carry the force, and for the body beyond them its moment.
+        """
+        if len(self.loaded) == 1:
+            return np.ones(1), np.zeros(1)
+        k = int(np.clip(np.searchsorted(self.s, place) - 1, 0, len(self.s) - 2))
+        shares, slopes = np.zeros(len(self.s)), np.zeros(len(self.s))
+        length = self.s[k + 1] - self.s[k]
+        part = np.clip((place - self.s[k]) / length, 0.0, 1.0)
+        shares[k : k + 2], slopes[k : k + 2] = (1.0 - part, part), (-1.0 / length, 1.0 / length)
+        return shares[1:], slopes[1:]
+
+    def actuation(self, commands: Actuation, unknowns: Array) -> Actuation:
+        """Inputs and loads that act."""
+        values = commands.values + unknowns[: self.tendons]
+        load = np.zeros(6)
+        load[: self.components] = unknowns[self.load]
+        loads = dict(commands.loads)
+        for node, share in zip(self.loaded, self.shares(unknowns[self.place])[0], strict=True):
+            at = float(self.s[node])
+            loads[name_at(at)] = Load(at=at, force=tuple(share * load[:3]), moment=tuple(share * load[3:]))
+        values = np.where(commands.by_displacement, values, np.maximum(values, 0.0))
+        return replace(commands, values=values, loads=loads)
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Readings of one frame."""
+
+    values: Array  # (n,): In the units of the channels
+    sigmas: Array  # (n,): Standard deviations
+    groups: tuple[tuple[str, list[int], list[Location]], ...]  # By quantity: which, and where
+
+    @classmethod
+    def of(cls, readings: Sequence[Reading]) -> Readings:
+        """From rows of a table."""
+        groups: dict[str, list[int]] = {}
+        for i, reading in enumerate(readings):
+            groups.setdefault(reading.quantity, []).append(i)
+        return cls(
+            np.array([r.value for r in readings]),
+            np.array([r.sigma for r in readings], dtype=float),
+            tuple((q, which, [readings[i].location for i in which]) for q, which in groups.items()),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What is prescribed and read in a frame, and where the simulation is before it."""
+
+    problem: Problem
+    start: Position
+    commands: Actuation
+    readings: Readings
+    substeps: int | None
+
+    def most_probable(self, mean: Array, covariance: Array) -> Found[Solved] | None:
+        """The most probable state from a prior; None where no load step to its mean has a solution."""
+        place = self.problem.place
+        variance = covariance[place, place]
+        if variance == 0.0 or not len(self.readings.values):
+            return most_probable(self.solved, mean, covariance, np.zeros(len(mean)))
+        # Among given places, each with all other unknowns conditional on it.
+        given = covariance[place] / variance
+        held = covariance - variance * np.outer(given, given)
+        at, found, before = self.solved(mean), None, np.inf
+        for _ in range(MOST_CHOICES):
+            if at is None:
+                return None
+            s, start = at.best_place(mean, given, held, variance)
+            if abs(s - before) < self.problem.spacing:
+                break
+            begin = np.zeros_like(start) if found is None else start  # far off, the linear model is no guide
+            before, shift = s, s - mean[place]
+            found = most_probable(self.solved, mean + given * shift, held, begin)
+            if found is None:
+                return None
+            at = found.point
+            misfit = found.misfit + shift**2 / variance
+            found = replace(found, misfit=misfit, covariance=covariance_after(covariance, at.jacobian))
+        return found
+
+    def solved(self, unknowns: Array) -> Solved | None:
+        """The load step to unknowns; None where it has no solution."""
+        simulation, state = self.problem.simulation, self.start.state
+        change = unknowns[self.problem.place + 1 :] - plastic_slips(simulation, state.friction[0])
+        actuation = self.problem.actuation(self.commands, unknowns)
+        try:
+            simulation.restore(with_plastic_slips(simulation, state, change))
+            report = simulation.advance(actuation, self.substeps)
+        except (StepFailed, np.linalg.LinAlgError):
+            return None
+        return Solved(self, unknowns, actuation, report, simulation.position)
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A load step solved at given unknowns."""
+
+    frame: Frame
+    unknowns: Array
+    actuation: Actuation
+    report: LoadStepReport
+    position: Position
+
+    @property
+    def simulation(self) -> Simulation:
+        """The simulation, in this state."""
+        found = self.frame.problem.simulation
+        if found.position is not self.position:
+            found.return_to(self.position)
+        return found
+
+    @cached_property
+    def _by_node(self) -> Response:
+        """Derivatives by inputs, loads on all nodes that may carry it, and plastic slips."""
+        return Response.of(self.simulation, self.frame.problem.loaded)
+
+    @cached_property
+    def response(self) -> Response:
+        """Derivatives by the unknowns."""
+        return self._by_node.combined(self._weights(self.unknowns))
+
+    def _weights(self, unknowns: Array) -> Array:
+        """From the unknowns to inputs, loads on nodes and plastic slips."""
+        problem = self.frame.problem
+        m, place, count = problem.tendons, problem.place, problem.components
+        found = np.zeros((self._by_node.nodes.shape[-1], len(unknowns)))
+        found[:m, :m] = np.eye(m)
+        for j, (share, slope) in enumerate(zip(*problem.shares(unknowns[place]), strict=True)):
+            rows = slice(m + 6 * j, m + 6 * j + count)
+            found[rows, problem.load] = share * np.eye(count)
+            found[rows, place] = slope * unknowns[problem.load]
+        found[m + 6 * len(problem.loaded) :, place + 1 :] = np.eye(len(unknowns) - place - 1)
+        return found
+
+    @cached_property
+    def _observed(self) -> ObservedStep:
+        """The state as it is observed."""
+        simulation = self.simulation
+        positions, rotations = simulation.state.configuration.poses[0]
+        tensions = simulation.handle.tensions()
+        return self.frame.problem.observation.step(
+            self.frame.problem.s,
+            positions,
+            rotations @ BEAM_TO_SECTION.T,
+            simulation.displacement,
+            np.array([x[-1] for x in tensions.values()]),
+            tuple(tensions),
+        )
+
+    @cached_property
+    def residual(self) -> Array:
+        """See `tdcr_fe.estimate.most_probable.Point`."""
+        readings = self.frame.readings
+        predicted = np.zeros(len(readings.values))
+        for quantity, which, locations in readings.groups:
+            predicted[which] = channel(quantity).predict(self._observed, locations)
+        return (readings.values - predicted) / readings.sigmas
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """See `tdcr_fe.estimate.most_probable.Point`."""
+        return self._derivatives(self.response)
+
+    def _derivatives(self, response: Response) -> Array:
+        """Of the readings by the parameters of a response, over their standard deviations, shape (n_readings, P)."""
+        readings, change = self.frame.readings, response.observed
+        found = np.zeros((len(readings.values), response.nodes.shape[-1]))
+        h = change.difference_steps(self._observed)
+        moved = self._observed.moved(change, h)
+        for quantity, which, locations in readings.groups:
+            found[which] = channel(quantity).differences(moved, h, locations)
+        return found / readings.sigmas[:, None]
+
+    def best_place(self, mean: Array, given: Array, held: Array, variance: float) -> tuple[float, Array]:
+        """Where the load explains the readings best by the linear model.
+
+        Parameters
+        ----------
+        mean
+            Of the prior, shape (n,).
+        given
+            Change of all unknowns with the place [1/m], shape (n,).
+        held
+            Covariance of the prior at a given place, shape (n, n).
+        variance
+            Of the place [m^2].
+
+        Returns
+        -------
+        place : float
+            [m].
+        start : ndarray, shape (n,)
+            ``v`` of `most_probable` that leads there.
+        """
+        problem = self.frame.problem
+        by_node, x, place, load = self._derivatives(self._by_node), self.unknowns, problem.place, problem.load
+        best = (np.inf, 0.0, np.zeros(len(mean)))
+        present = by_node @ self._weights(x)
+        for s in problem.spacing * np.arange(1, PLACES + 1):
+            moved = x.copy()
+            moved[place] = s
+            weights = by_node @ self._weights(moved)
+            weights[:, place] = 0.0
+            shift = s - mean[place]
+            missed = self.residual + weights @ (x - mean - given * shift)
+            missed += (present - weights)[:, load] @ x[load]
+            inner = weights @ held @ weights.T + np.eye(len(weights))
+            left = np.linalg.solve(inner, missed)
+            value = missed @ left + np.linalg.slogdet(inner)[1] + shift**2 / variance
+            if value < best[0]:
+                best = (value, float(s), weights.T @ left)
+        return best[1:]

@@ -1,0 +1,160 @@
+"""The most probable unknowns of one frame: Gauss-Newton steps in a trust region, from a Gaussian prior and readings.
+
+The unknowns ``x`` have the prior mean ``x0`` and covariance ``P``, which may be singular, as where the history of a
+hole is known exactly. They are sought as ``x0 + P v``, so that ``P`` is never inverted: the misfit is
+
+    v P v + |(y - h(x)) / sigma|^2 ,
+
+and the step of Gauss and Newton leads to ``v = H' (H P H' + R)^-1 (y - h + H P v)``, the iterated Kalman filter (B. M.
+Bell, F. W. Cathey, IEEE Trans. Autom. Control 38 (1993) 294-297). `scipy.optimize.least_squares` solves 5.6 states a
+frame in place of 4.4 on the problem of the campaign ``estimate``: its first step is at most one standard deviation
+long, and it solves one more state to see that it has converged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: First radius of the trust region, and the smallest [standard deviations].
+FIRST_RADIUS, LEAST_RADIUS = 3.0, 1e-3
+#: The iteration has converged where the linear model could lower the misfit by less than this [1].
+LITTLE = 0.02
+#: It has failed where it could lower it by more than this, and by more than a hundredth of it [1].
+MUCH = 1.0
+#: States that are solved at most.
+MOST_STATES = 30
+
+
+class Point(Protocol):
+    """A solved state."""
+
+    @property
+    def residual(self) -> Array:
+        """Readings less their predictions, over their standard deviations, shape (n_readings,)."""
+        ...
+
+    @property
+    def jacobian(self) -> Array:
+        """Derivatives of the predictions by the unknowns, over the same, shape (n_readings, n)."""
+        ...
+
+
+P = TypeVar("P", bound=Point)
+
+
+@dataclass(frozen=True, eq=False)
+class Found(Generic[P]):
+    """Where the iteration ended."""
+
+    point: P
+    misfit: float
+    possible_gain: float  # By how much the linear model could still lower the misfit [1]
+    covariance: Array  # (n, n): Of the unknowns
+
+    @property
+    def converged(self) -> bool:
+        """Whether this is the most probable state, nearly."""
+        return self.possible_gain <= max(MUCH, 0.01 * self.misfit)
+
+
+def most_probable(
+    solve: Callable[[Array], P | None], mean: Array, covariance: Array, start: Array
+) -> Found[P] | None:
+    """Find the most probable unknowns.
+
+    Parameters
+    ----------
+    solve
+        From unknowns to the state; None where there is no solution.
+    mean, covariance
+        Of the prior, shapes (n,) and (n, n).
+    start
+        ``v`` to begin from, shape (n,).
+
+    Returns
+    -------
+    Found or None
+        None where the first state has no solution.
+    """
+    v = start
+    point = solve(mean + covariance @ v)
+    if point is None:
+        return None
+
+    def misfit(v: Array, at: P) -> float:
+        return float(v @ covariance @ v + at.residual @ at.residual)
+
+    radius, states, value = FIRST_RADIUS, 1, misfit(v, point)
+    while True:
+        linear = _Linear(v, covariance, point.residual, point.jacobian)
+        step = linear.step(0.0)
+        gain = linear.gain(step)
+        if gain <= LITTLE:
+            break
+        better, damping = None, 0.0
+        while better is None and radius > LEAST_RADIUS and states < MOST_STATES:
+            while (length := linear.length(step)) > radius:
+                damping = 4.0 * damping or 1.0
+                step = linear.step(damping)
+            at, states = solve(mean + covariance @ (v + step)), states + 1
+            lowered = -np.inf if at is None else value - misfit(v + step, at)
+            expected = linear.gain(step)
+            if at is not None and lowered > 0.1 * expected:
+                better = at
+                radius *= 2.0 if lowered > 0.7 * expected else 1.0
+            else:
+                radius = 0.25 * length
+        if better is None:
+            break
+        point, v = better, v + step
+        value = misfit(v, point)
+    return Found(point, value, gain, covariance_after(covariance, point.jacobian))
+
+
+def covariance_after(covariance: Array, jacobian: Array) -> Array:
+    """Of the unknowns given the readings, from that of the prior and `Point.jacobian`."""
+    spread = covariance @ jacobian.T
+    inner = jacobian @ spread + np.eye(len(jacobian))
+    return np.asarray(covariance - spread @ np.linalg.solve(inner, spread.T))
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """The problem linearised at ``v``."""
+
+    v: Array
+    covariance: Array
+    residual: Array
+    jacobian: Array
+
+    @cached_property
+    def _spread(self) -> tuple[Array, Array, Array]:
+        """``P H'``, ``H P H'`` and ``H P v``."""
+        spread = self.covariance @ self.jacobian.T
+        return spread, self.jacobian @ spread, self.v @ spread
+
+    def step(self, damping: float) -> Array:
+        """Step that minimises the misfit plus the damping times its own size, as ``v``."""
+        _, inner, present = self._spread
+        held = 1.0 + damping
+        right = held * self.residual + present
+        left = np.linalg.solve(inner + held * np.eye(len(right)), right)
+        return (self.jacobian.T @ left - self.v) / held
+
+    def length(self, step: Array) -> float:
+        """Of a step [standard deviations]."""
+        return float(np.sqrt(max(step @ self.covariance @ step, 0.0)))
+
+    def gain(self, step: Array) -> float:
+        """By how much a step lowers the misfit."""
+        after = self.residual - step @ self._spread[0]
+        change = 2.0 * self.v + step
+        return float(self.residual @ self.residual - after @ after - change @ self.covariance @ step)

@@ -1,0 +1,169 @@
+"""Files of an estimation: `estimates.csv`, `shape.csv` and the page `report.html`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from tdcr_fe.estimate.description import Estimate
+from tdcr_fe.estimate.run import EstimateResult
+from tdcr_fe.io.atomic import write_folder, write_text
+from tdcr_fe.io.result_files import versions
+from tdcr_fe.model.columns import shape_frame
+from tdcr_fe.model.messages import count
+from tdcr_fe.model.results import SequenceResult
+from tdcr_fe.report import page as kit
+from tdcr_fe.report import viewer
+from tdcr_fe.report.environment import quantity
+from tdcr_fe.report.motion import motion_of
+from tdcr_fe.report.page import Card, Page, Picture, Section
+from tdcr_fe.report.style import COLOURS, styled
+
+Array = NDArray[np.float64]
+
+ESTIMATES, SHAPE, REPORT = "estimates.csv", "shape.csv", "report.html"
+#: Half the width of an interval that holds 95 % of a Gaussian, in standard deviations.
+HALF_95 = 1.96
+_BAND = "The bands are 95 % intervals."
+
+
+def estimates_frame(result: EstimateResult) -> pd.DataFrame:
+    """One row per step, with the columns of `estimates.csv`."""
+    data = result.estimation.data
+    return pd.DataFrame(
+        [_row(n, f, data.robot.tendon_names) for n, f in zip(data.step_ids, result.frames, strict=False)]
+    )
+
+
+def _row(step: int, frame: Estimate, tendons: Sequence[str]) -> dict[str, float]:
+    found: dict[str, float] = {"step": step, "time": frame.time, "at": frame.at}
+    found |= {f"force_{a}": float(x) for a, x in zip("xyz", frame.force, strict=True)}
+    for i, j in zip(*np.triu_indices(3), strict=True):
+        found[f"cov_{'xyz'[i]}{'xyz'[j]}"] = float(frame.force_covariance[i, j])
+    for tendon, tension, sigma in zip(tendons, frame.tensions, frame.sigma_tensions, strict=True):
+        found |= {f"tension_{tendon}": float(tension), f"sigma_tension_{tendon}": float(sigma)}
+    found |= {f"tip_{a}": float(x) for a, x in zip("xyz", frame.tip, strict=True)}
+    found |= {f"sigma_tip_{a}": float(x) for a, x in zip("xyz", frame.sigma_tip, strict=True)}
+    return {**found, "milliseconds": frame.milliseconds}
+
+
+def sequence(result: EstimateResult) -> SequenceResult:
+    """The most probable states as the result of a simulation, for tables and drawings."""
+    data = result.estimation.data
+    return SequenceResult(data.robot, data.model, tuple(frame.result for frame in result.frames))
+
+
+def write_estimates(result: EstimateResult, out: str | os.PathLike[str]) -> list[Path]:
+    """Write the files of an estimation into a directory.
+
+    Parameters
+    ----------
+    result
+        With at least one frame.
+    out
+        Made where it does not exist.
+
+    Returns
+    -------
+    list of pathlib.Path
+        What was written.
+    """
+
+    def write(folder: Path) -> None:
+        estimates_frame(result).to_csv(folder / ESTIMATES, index=False)
+        shape_frame(sequence(result)).to_csv(folder / SHAPE, index=False)
+        write_text(kit.render(_page(result), "tdcr_fe.estimate"), folder / REPORT)
+
+    return write_folder(out, write, (ESTIMATES, SHAPE, REPORT))
+
+
+def _page(result: EstimateResult) -> Page:
+    frames, data = result.frames, result.estimation.data
+    times = np.array([f.time for f in frames])
+    force = np.array([f.force for f in frames])
+    sigma = np.sqrt(np.array([np.diagonal(f.force_covariance) for f in frames]))
+    tensions, sigma_tensions = (
+        np.array([getattr(f, n) for f in frames]) for n in ("tensions", "sigma_tensions")
+    )
+    pictures = [
+        Picture(_bands(times, force, sigma, [f"force {a}" for a in "xyz"], "N"), "Force over time", _BAND)
+    ]
+    unknown = result.estimation.load.at == "unknown"
+    if unknown:
+        at, sigma_at = (np.array([[getattr(f, n)] for f in frames]) for n in ("at", "sigma_at"))
+        pictures.append(
+            Picture(_bands(times, at, sigma_at, ["place of the force"], "m"), "Place over time", _BAND)
+        )
+    of_tensions = Picture(
+        _bands(times, tensions, sigma_tensions, list(data.robot.tendon_names), "N"),
+        "Tensions over time",
+        _BAND,
+    )
+    size = np.linalg.norm(force, axis=1)
+    most = int(np.argmax(size))
+    where = "at an unknown place" if unknown else f"at {quantity(frames[0].at, 'm')}"
+    motion = motion_of(sequence(result))
+    return Page(
+        title=f"Estimated states of {data.robot.name}",
+        verdict=f"The force {where} is at most {quantity(float(size[most]), 'N')}, at {times[most]:.4g} s.",
+        level="open" if result.interrupted else "part" if result.failed else "good",
+        sentences=tuple(_sentences(result)),
+        cards=(
+            Card(str(len(frames)), "frames"),
+            Card(
+                quantity(float(np.median(np.linalg.norm(sigma, axis=1))), "N"),
+                "standard deviation of the force",
+            ),
+            Card(quantity(float(np.median(sigma_tensions)) if tensions.size else 0.0, "N"), "of a tension"),
+            Card(f"{np.median([f.milliseconds for f in frames]):.3g} ms", "per frame, median"),
+        ),
+        pictures=tuple(pictures),
+        sections=(
+            Section("tensions", "Tensions", "picture.html.j2", {"picture": of_tensions}, folded=False),
+            Section(
+                "motion", "The robot in 3D", "motion.html.j2", {"panel": viewer.panel(motion)}, folded=False
+            ),
+        ),
+        notes=(
+            f"In the same folder: {ESTIMATES}, a row per step, and {SHAPE}, the shape of the backbone in each.",
+            "Versions: " + ", ".join(f"{name} {version}" for name, version in versions().items()) + ".",
+        ),
+        has_panel=True,
+    )
+
+
+def _sentences(result: EstimateResult) -> list[str]:
+    """How many frames had readings, and what was not solved."""
+    data, failed = result.estimation.data, result.failed
+    read = len({r.step for r in data.readings})
+    found = [f"{count(len(data.readings), 'reading')} in {read} of {count(len(data.steps), 'frame')}."]
+    if failed:
+        first = next(f.message for f in result.frames if f.message)
+        which = ", ".join(map(str, failed[:10])) + (", ..." if failed[10:] else "")
+        text = f"{count(len(failed), 'frame')} not solved ({which}): {first}"
+        found.append(f"{text}. They have the state of the frame before.")
+    if result.interrupted:
+        found.append(f"Interrupted after {count(len(result.frames), 'frame')}.")
+    return found
+
+
+def _bands(times: Array, values: Array, sigmas: Array, names: Sequence[str], unit: str) -> Figure:
+    """Values over time with their 95 % intervals, a panel each."""
+    with styled():
+        figure = Figure(figsize=(3.9 * max(1, len(names)), 2.6), layout="constrained")
+        axes = figure.subplots(1, max(1, len(names)), sharey=True, squeeze=False)[0]
+        for k, (ax, name) in enumerate(zip(axes, names, strict=False)):
+            colour = COLOURS[k % len(COLOURS)]
+            half = HALF_95 * sigmas[:, k]
+            ax.fill_between(times, values[:, k] - half, values[:, k] + half, color=colour, alpha=0.25, lw=0)
+            ax.plot(times, values[:, k], color=colour, lw=1.2)
+            ax.set_title(name)
+            ax.set_xlabel("time [s]")
+        axes[0].set_ylabel(f"[{unit}]")
+    return figure

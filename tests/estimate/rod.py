@@ -1,0 +1,36 @@
+"""A simulated run of the rod: what is commanded, what acts, and where the nodes are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+import tdcr_fe as tdcr
+from tdcr_fe.model.loading import resolve
+from tdcr_fe.validation.campaigns.estimate import LENGTH, Drawn, model, read
+
+
+class Truth:
+    def __init__(self, count, seed, *, friction=0.0, scale=1.0, memory=1.0, at=LENGTH, force=None):
+        self.drawn = drawn = Drawn.of(friction, 0.01, count, seed, scale, memory)
+        if force is not None:
+            self.drawn = drawn = replace(drawn, forces=np.tile(force, (count, 1)))
+        self.robot, self.tensions, self.forces = drawn.robot, drawn.tensions, drawn.forces
+        targets = resolve(self.robot, drawn.steps(at))
+        simulation = tdcr.Simulation(self.robot, model(friction), targets)
+        nodes = []
+        for target in targets:
+            simulation.advance(target)
+            nodes.append(simulation.state.configuration.poses[0][0].copy())
+        self.nodes, self.s = np.array(nodes), simulation.handle.arc_lengths
+
+    def command(self, k):
+        return self.drawn.step(self.drawn.commands, k)
+
+    def positions(self, rng, k, places=(LENGTH,), sigma=1e-4):
+        """Coordinates of markers at nodes, with noise; steps are numbered from 1."""
+        found = []
+        for s in places:
+            found += read(rng, self.nodes[k, np.argmin(np.abs(self.s - s))], s, sigma)
+        return [replace(reading, step=k + 1) for reading in found]

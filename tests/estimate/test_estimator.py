@@ -1,0 +1,177 @@
+"""Estimation frame by frame: calibrated, through friction, at unknown places, without readings, and past failures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from rod import Truth
+from scipy.stats import chi2
+
+import tdcr_fe as tdcr
+from tdcr_fe.model.loading import Actuation
+from tdcr_fe.solve.load_steps.load_path import StepFailed
+from tdcr_fe.validation.campaigns.estimate import LENGTH, RATE, model, read, rod, squared
+
+
+def estimator(*, friction=0.0, load=None, inputs=None):
+    return tdcr.Estimator(
+        rod(friction),
+        model(friction),
+        load or tdcr.LoadPrior(sigma=0.05),
+        inputs or tdcr.InputPrior(sigma=0.01),
+    )
+
+
+def test_where_the_robot_is_nearly_linear_the_covariance_is_that_of_the_errors():
+    """Prior and noise of a fiftieth of the test problem's; errors correlated over 0.1 s, so that the mean tells."""
+    scale, count, memory = 0.02, 240, 0.1
+    truth = Truth(count, 3, scale=scale, memory=memory)
+    rng = np.random.default_rng(4)
+    load = tdcr.LoadPrior(sigma=0.05 * scale, correlation_time=memory)
+    inputs = tdcr.InputPrior(sigma=0.01 * scale, correlation_time=memory)
+    own = estimator(load=load, inputs=inputs)
+    frames = [own.step(truth.command(k), truth.positions(rng, k, sigma=2e-6)) for k in range(count)]
+    errors = np.array([f.force for f in frames]) - truth.forces
+    force = squared(errors, np.array([f.force_covariance for f in frames]))
+    tensions = squared(
+        np.array([f.tensions for f in frames]) - truth.tensions,
+        np.array([f.tension_covariance for f in frames]),
+    )
+    assert 2.4 < force.mean() < 3.6
+    assert 0.9 < np.mean(force < chi2.ppf(0.95, 3)) <= 1.0
+    assert 3.2 < tensions.mean() < 4.8
+    assert np.sqrt(np.mean(errors**2)) < 0.4 * 0.05 * scale
+
+
+def test_with_friction_in_the_model_the_force_is_found_and_without_it_is_not():
+    count, friction = 60, 0.2
+    truth = Truth(count, 1, friction=friction)
+    errors, inside = {}, {}
+    for modelled in (friction, 0.0):
+        rng, own = np.random.default_rng(4), estimator(friction=modelled)
+        frames = [own.step(truth.command(k), truth.positions(rng, k)) for k in range(count)]
+        found = np.array([f.force for f in frames]) - truth.forces
+        errors[modelled] = np.sqrt(np.mean(found**2))
+        covariances = np.array([f.force_covariance for f in frames])
+        inside[modelled] = np.mean(squared(found, covariances) < chi2.ppf(0.95, 3))
+        assert not any(f.message for f in frames)
+        if modelled:
+            shapes = np.array([f.result.positions for f in frames])
+            assert np.abs(shapes - truth.nodes).max() < 5e-3 * LENGTH
+    assert errors[friction] < 0.7 * errors[0.0]
+    assert inside[friction] > 0.9 > 0.5 > inside[0.0]
+
+
+def test_noise_of_the_inputs_does_not_let_holes_reverse():
+    """Tendons are pulled steadily, their tensions read with noise larger than their steps: holes keep being pulled."""
+    rng, names = np.random.default_rng(2), rod().tendon_names
+    own = tdcr.Estimator(
+        rod(0.2), model(0.2), tdcr.LoadPrior(sigma=1e-4), tdcr.InputPrior(sigma=0.01, correlation_time=0.0)
+    )
+    truth = tdcr.Simulation(rod(0.2), model(0.2), [])
+    pulled, wrong = 0.3 + 0.004 * np.arange(50), []
+    for k, tension in enumerate(pulled):
+        truth.advance(Actuation(np.zeros(4, dtype=bool), np.array([tension, 0.1, 0.1, 0.1])))
+        readings = read(rng, truth.state.configuration.poses[0][0][-1])
+        read_tensions = np.array([tension, 0.1, 0.1, 0.1]) + 0.01 * rng.standard_normal(4)
+        step = tdcr.LoadStep(tensions=dict(zip(names, read_tensions.tolist(), strict=True)), time=k / RATE)
+        frame = own.step(step, readings)
+        states = np.array(frame.result.hole_states[0][:-1])
+        wrong.append(np.mean(states == "release"))
+    assert np.mean(wrong[5:]) < 0.05
+
+
+def test_without_readings_the_force_is_forgotten_with_its_correlation_time():
+    truth = Truth(2, 5)
+    own = estimator(load=tdcr.LoadPrior(sigma=0.05, correlation_time=0.5))
+    first = own.step(truth.command(0), truth.positions(np.random.default_rng(1), 0))
+    later = own.step(tdcr.LoadStep(time=1.0))
+    kept = np.exp(-2.0)
+    np.testing.assert_allclose(later.force, kept * first.force, rtol=1e-12)
+    expected = kept**2 * first.force_covariance + (1.0 - kept**2) * 0.05**2 * np.eye(3)
+    np.testing.assert_allclose(later.force_covariance, expected, rtol=1e-12)
+
+
+def test_a_random_walk_keeps_the_mean_and_spreads():
+    truth = Truth(1, 5)
+    own = estimator(load=tdcr.LoadPrior(sigma=0.05, random_walk=2.0))
+    first = own.step(truth.command(0), truth.positions(np.random.default_rng(1), 0))
+    later = own.step(tdcr.LoadStep(time=0.25))
+    np.testing.assert_allclose(later.force, first.force, rtol=1e-12)
+    np.testing.assert_allclose(
+        later.force_covariance, first.force_covariance + 0.25 * (2.0 * 0.05) ** 2 * np.eye(3), rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize("place", [3, 6, 8])
+def test_the_place_of_a_force_is_found_where_markers_show_it(place):
+    """A force at a disk; nine markers and tensions known well."""
+    at = (place + 1) * LENGTH / 9.0
+    truth = Truth(4, 2, at=at, force=(0.02, 0.08, -0.03))
+    rng = np.random.default_rng(3)
+    own = estimator(load=tdcr.LoadPrior(at="unknown", sigma=0.1), inputs=tdcr.InputPrior(sigma=0.002))
+    markers = tuple(truth.s[1:])
+    frame = None
+    for k in range(4):
+        command = truth.drawn.step(truth.tensions, k)
+        frame = own.step(command, truth.positions(rng, k, markers))
+    assert not frame.message
+    assert abs(frame.at - at) < 0.05 * LENGTH
+    assert abs(frame.at - at) < 4.0 * frame.sigma_at
+
+
+def test_a_frame_without_solution_keeps_the_state_and_the_run_goes_on(monkeypatch):
+    truth = Truth(3, 5, scale=0.2)
+    rng, own = np.random.default_rng(1), estimator()
+    first = own.step(truth.command(0), truth.positions(rng, 0))
+    with monkeypatch.context() as broken:
+
+        def fail(*args, **kwargs):
+            raise StepFailed("no", 0.0, 1.0, own.simulation.state, 1)
+
+        broken.setattr(own.simulation, "advance", fail)
+        second = own.step(truth.command(1), truth.positions(rng, 1))
+    assert second.message and not second.result.converged
+    np.testing.assert_array_equal(second.tip, first.tip)
+    third = own.step(truth.command(2), truth.positions(rng, 2))
+    assert not third.message
+    assert np.linalg.norm(third.tip - truth.nodes[2, -1]) < 5e-4
+
+
+def test_a_known_load_acts_besides():
+    """The estimated force is what the known one does not explain."""
+    load = {"weight": tdcr.Load(at=0.5 * LENGTH, force=(0.03, 0.0, 0.0))}
+    steps = [tdcr.LoadStep(tensions=dict.fromkeys(rod().tendon_names, 0.5), loads=load, time=0.0)]
+    tip = tdcr.simulate(rod(), model(), steps).steps[-1].positions[-1]
+    readings = read(np.random.default_rng(1), tip, sigma=1e-5)
+    for known in (steps, []):
+        own = tdcr.Estimator(rod(), model(), tdcr.LoadPrior(), tdcr.InputPrior(sigma=1e-4), steps=known)
+        step = steps[0] if known else tdcr.LoadStep(tensions=steps[0].tensions, time=0.0)
+        found = own.step(step, readings)
+        distance = np.abs(found.force) / np.sqrt(np.diagonal(found.force_covariance))
+        assert distance.max() < 3.0 if known else distance[0] > 10.0
+
+
+@pytest.mark.parametrize(
+    ("step", "readings", "text"),
+    [
+        (tdcr.LoadStep(), (), "time = None: must be given"),
+        (
+            tdcr.LoadStep(time=0.0),
+            (tdcr.Reading(1, "position_x", LENGTH, 0.0),),
+            "position_x: needs a standard",
+        ),
+    ],
+)
+def test_a_frame_needs_a_time_and_readings_a_standard_deviation(step, readings, text):
+    with pytest.raises(ValueError, match=text):
+        estimator().step(step, readings)
+
+
+def test_priors_that_do_not_fit_the_robot_are_refused():
+    with pytest.raises(ValueError, match="at most the length"):
+        estimator(load=tdcr.LoadPrior(at=0.3))
+    with pytest.raises(ValueError, match="must name helix, t180, t270, t0"):
+        estimator(inputs=tdcr.InputPrior(sigma={"helix": 0.1}))
+    with pytest.raises(ValueError, match="sigma = 0"):
+        tdcr.LoadPrior(sigma=0.0)

@@ -1,0 +1,99 @@
+"""``tdcr-fe estimate``: its files, and what it says of folders that it cannot estimate."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+from rod import Truth
+
+from tdcr_fe.cli import main
+from tdcr_fe.io.measured import MeasuredData, write_measured
+from tdcr_fe.validation.campaigns.estimate import model
+
+COUNT = 4
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Four frames; the third has no readings."""
+    truth, rng = Truth(COUNT, 1), np.random.default_rng(2)
+    readings = [r for k in (0, 1, 3) for r in truth.positions(rng, k)]
+    steps = tuple(truth.command(k) for k in range(COUNT))
+    data = MeasuredData("rod", truth.robot, model(), (1, 2, 3, 4), steps, ("",) * COUNT, tuple(readings))
+    path = tmp_path_factory.mktemp("set") / "set"
+    write_measured(data, path)
+    (path / "estimate.toml").write_text(
+        "[load]\nsigma = 0.05\n[inputs]\nsigma = 0.01\ncorrelation_time = 1.0\n"
+    )
+    return path
+
+
+def test_the_command_writes_tables_and_a_page(folder, tmp_path, capsys):
+    assert main(["estimate", str(folder), "-o", str(tmp_path / "out")]) == 0
+    assert "4 frames estimated" in capsys.readouterr().out
+    found = pd.read_csv(tmp_path / "out" / "estimates.csv")
+    tendons = [f"{p}tension_{n}" for n in ("helix", "t180", "t270", "t0") for p in ("", "sigma_")]
+    assert list(found.columns) == [
+        *("step", "time", "at", "force_x", "force_y", "force_z"),
+        *("cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz"),
+        *tendons,
+        *("tip_x", "tip_y", "tip_z", "sigma_tip_x", "sigma_tip_y", "sigma_tip_z", "milliseconds"),
+    ]
+    assert found["step"].tolist() == [1, 2, 3, 4]
+    assert (found["at"] == 0.25).all()
+    assert np.isfinite(found.to_numpy(dtype=float)).all()
+    # Without readings the tip is known less well.
+    assert found["sigma_tip_x"][2] > 10.0 * found["sigma_tip_x"][3]
+    shape = pd.read_csv(tmp_path / "out" / "shape.csv")
+    assert sorted(set(shape["step"])) == [1, 2, 3, 4]
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "9 readings in 3 of 4 frames." in page
+    assert "The robot in 3D" in page
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "said"),
+    [
+        ("estimate.toml", "[inputs]", "[input]", "inputs: missing; must be a table [inputs]"),
+        ("estimate.toml", "sigma = 0.05", "sigma = -1.0", "load.sigma = -1.0: must be a positive number [N]"),
+        (
+            "estimate.toml",
+            "sigma = 0.05",
+            'at = "top"',
+            'load.at = "top": must be an arc length [m], "tip" or "unknown"',
+        ),
+        (
+            "estimate.toml",
+            "sigma = 0.05",
+            "at = 0.9",
+            "load.at = 0.9: must be an arc length up to the length",
+        ),
+        ("estimate.toml", "sigma = 0.01", "sigma = {helix = 0.1}", "must name helix, t180, t270, t0"),
+        ("loading.csv", "time", "tim", "loading.csv: tim: unknown column"),
+        ("observations.csv", "quantity", "channel", "observations.csv: quantity: missing column"),
+        ("observations.csv", "position_", "place_", "0 of 9 rows would be left"),
+        ("observations.csv", ",0.0001", ",", "estimation needs the standard deviation of every reading"),
+    ],
+)
+def test_mistakes_are_named(folder, tmp_path, capsys, file, old, new, said):
+    wrong = tmp_path / "set"
+    shutil.copytree(folder, wrong)
+    (wrong / file).write_text((wrong / file).read_text().replace(old, new))
+    assert main(["estimate", str(wrong), "-o", str(tmp_path / "out")]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_times_are_needed(folder, tmp_path, capsys):
+    wrong = tmp_path / "set"
+    shutil.copytree(folder, wrong)
+    pd.read_csv(wrong / "loading.csv").drop(columns="time").to_csv(wrong / "loading.csv", index=False)
+    (wrong / "estimate.toml").unlink()
+    assert main(["estimate", str(wrong), "-o", str(tmp_path / "out")]) == 2
+    assert "estimate.toml: no such file" in capsys.readouterr().err
+    shutil.copy(folder / "estimate.toml", wrong)
+    assert main(["estimate", str(wrong), "-o", str(tmp_path / "out")]) == 2
+    assert "time: missing column; estimation needs the time of every step" in capsys.readouterr().err

@@ -1,0 +1,82 @@
+"""The most probable unknowns: the Kalman filter where the model is linear, the least misfit where it is not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from tdcr_fe.estimate.most_probable import most_probable
+
+
+@dataclass
+class At:
+    residual: np.ndarray
+    jacobian: np.ndarray
+
+
+def linear(h, y):
+    return lambda x: At(y - h @ x, h)
+
+
+def test_a_linear_problem_has_mean_and_covariance_of_the_kalman_filter_also_with_a_singular_prior():
+    rng = np.random.default_rng(1)
+    root, h, y, mean = (
+        rng.normal(size=(6, 4)),
+        rng.normal(size=(3, 6)),
+        rng.normal(size=3),
+        rng.normal(size=6),
+    )
+    prior = root @ root.T  # of rank 4
+    found = most_probable(linear(h, y), mean, prior, np.zeros(6))
+    gain = prior @ h.T @ np.linalg.inv(h @ prior @ h.T + np.eye(3))
+    expected = mean + gain @ (y - h @ mean)
+    np.testing.assert_allclose(found.point.residual, y - h @ expected, atol=1e-9)
+    np.testing.assert_allclose(found.covariance, prior - gain @ h @ prior, atol=1e-9)
+    innovation = y - h @ mean
+    assert found.misfit == pytest.approx(
+        innovation @ np.linalg.solve(h @ prior @ h.T + np.eye(3), innovation)
+    )
+    assert found.converged
+
+
+def test_without_readings_the_prior_stays():
+    found = most_probable(linear(np.zeros((0, 2)), np.zeros(0)), np.ones(2), np.diag([1.0, 4.0]), np.zeros(2))
+    assert found.misfit == 0.0
+    np.testing.assert_array_equal(found.covariance, np.diag([1.0, 4.0]))
+
+
+def test_a_strongly_curved_problem_ends_at_the_least_misfit():
+    """A distance of 3 read to 0.01 from a point far off, where the first Gauss-Newton steps overshoot."""
+    prior, mean = np.diag([4.0, 1.0]), np.array([0.1, 0.05])
+
+    def solve(x):
+        r = np.hypot(*x)
+        return At(np.array([(3.0 - r) / 0.01]), (x / r / 0.01)[None])
+
+    found = most_probable(solve, mean, prior, np.zeros(2))
+
+    def misfit(x):
+        return float((x - mean) ** 2 @ (1.0 / np.diagonal(prior)) + solve(x).residual[0] ** 2)
+
+    best = min(minimize(misfit, 3.0 * np.array([np.cos(a), np.sin(a)])).fun for a in (0.0, 0.2, -0.2))
+    assert found.converged
+    assert found.misfit == pytest.approx(best, abs=0.02)
+
+
+def test_steps_without_a_solution_are_shortened():
+    tried = []
+
+    def solve(x):
+        tried.append(float(x[0]))
+        return (
+            None
+            if x[0] > 1.0
+            else At(np.array([10.0 * (0.9 - x[0])]), np.array([[10.0 * (1.0 - 0.6 * x[0])]]))
+        )
+
+    found = most_probable(solve, np.zeros(1), np.eye(1), np.zeros(1))
+    assert abs(found.point.residual[0]) < 1.0
+    assert most_probable(lambda x: None, np.zeros(1), np.eye(1), np.zeros(1)) is None

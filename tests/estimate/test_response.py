@@ -1,0 +1,87 @@
+"""Derivatives of a solved state by inputs, loads and the history of the holes, against differences of load steps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tdcr_fe as tdcr
+from tdcr_fe.estimate.response import Response, plastic_slips, with_plastic_slips
+from tdcr_fe.model.loading import Actuation
+from tdcr_fe.validation.campaigns.estimate import LENGTH, model, rod
+
+
+def actuation(values, force, by_displacement):
+    load = {"tip": tdcr.Load(at=LENGTH, force=tuple(force))}
+    return Actuation(np.full(4, by_displacement), np.asarray(values, dtype=float), load)
+
+
+def solved(friction, by_displacement):
+    """A robot pulled, and then loaded and released a little, so that some holes slip and some stick."""
+    first = actuation([1.0, 0.5, 0.9, 0.3], [0.01, 0.02, 0.0], False)
+    simulation = tdcr.Simulation(
+        rod(friction), model(friction), [first], tdcr.SolverSettings(tolerance=1e-12, step_tolerance=1e-13)
+    )
+    simulation.advance(first)
+    before = simulation.state
+    values = np.array([0.99, 0.51, 0.85, 0.3])
+    if by_displacement:
+        values = simulation.displacement + np.array([0.0, 1e-4, -2e-4, 1e-4])
+    return simulation, before, values, np.array([0.02, 0.01, 0.01])
+
+
+@pytest.mark.parametrize("by_displacement", [False, True])
+@pytest.mark.parametrize("friction", [0.0, 0.2])
+def test_derivatives_are_those_of_the_load_step(friction, by_displacement):
+    simulation, before, values, force = solved(friction, by_displacement)
+
+    def end(change):
+        slips = change[7:]
+        simulation.restore(with_plastic_slips(simulation, before, slips))
+        simulation.advance(actuation(values + change[:4], force + change[4:7], by_displacement), 1)
+        state = simulation.state
+        friction_state = state.friction[0]
+        return np.concatenate(
+            (
+                state.configuration.poses[0][0].ravel(),
+                state.base_tension[0],
+                simulation.displacement,
+                [x[-1] for x in simulation.handle.tensions().values()],
+                plastic_slips(simulation, friction_state),
+            )
+        )
+
+    k = len(plastic_slips(simulation, before.friction[0]))
+    end(np.zeros(7 + k))
+    sticks = np.abs(simulation.state.mobilisation[0]) < 1.0 - 1e-6
+    assert not friction or 3 < sticks.sum() < sticks.size - 3
+    tip = len(simulation.handle.arc_lengths) - 1
+    response = Response.of(simulation, np.array([tip]))
+    found = np.concatenate(
+        (
+            response.nodes.reshape(3 * (tip + 1), -1),
+            response.base_tensions,
+            response.displacements,
+            response.distal_tensions,
+            response.plastic_slips,
+        )
+    )
+    found = np.delete(found, [7, 8, 9], axis=1)  # moments
+    steps = np.concatenate(
+        (np.full(4, 1e-8 if by_displacement else 1e-6), np.full(3, 1e-6), np.full(k, 1e-10))
+    )
+    for p in [*range(7), *range(7, 7 + k, 5)]:
+        change = np.zeros(7 + k)
+        change[p] = steps[p]
+        expected = (end(change) - end(-change)) / (2.0 * steps[p])
+        scale = np.abs(expected).max()
+        np.testing.assert_allclose(found[:, p], expected, atol=2e-4 * scale)
+
+
+def test_a_moment_at_the_tip_turns_it_as_its_compliance_says():
+    simulation, *_ = solved(0.0, False)
+    tip = len(simulation.handle.arc_lengths) - 1
+    response = Response.of(simulation, np.array([tip]))
+    compliance = tdcr.local_response(simulation).compliance
+    np.testing.assert_allclose(response.nodes[-1][:, 4:10], compliance[:3], atol=1e-9)
+    np.testing.assert_allclose(response.rotations[-1][:, 4:10], compliance[3:], atol=1e-7)
