@@ -13,6 +13,7 @@ long, and it solves one more state to see that it has converged.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -151,7 +152,7 @@ class _Linear:
 
     def length(self, step: Array) -> float:
         """Of a step [standard deviations]."""
-        return float(np.sqrt(max(step @ self.covariance @ step, 0.0)))
+        return math.sqrt(max(float(step @ self.covariance @ step), 0.0))
 
     def gain(self, step: Array) -> float:
         """By how much a step lowers the misfit."""
