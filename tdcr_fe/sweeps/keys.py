@@ -10,10 +10,7 @@ from typing import Any
 
 from tdcr_fe.io.keys import ROBOT, SCENARIO, json_schema
 from tdcr_fe.io.toml import ScenarioTables
-from tdcr_fe.model.backbone import Backbone, StiffnessPatch
-from tdcr_fe.model.loading import Load, Model
 from tdcr_fe.model.messages import join, meant, quoted
-from tdcr_fe.model.schema import all_keys_of
 
 #: Tables and keys at the top of the two files.
 IN_SCENARIO = (*SCENARIO, "effects")
@@ -81,10 +78,15 @@ def parse_key(text: str) -> Key:
 @cache
 def unit_of(key: Key) -> str:
     """Unit of the numbers at a key; empty where they have none."""
+    return next((unit for _, unit in _schemas(key) if unit), "")
+
+
+def _schemas(key: Key) -> list[tuple[dict[str, Any], str]]:
+    """JSON schemas of what may stand at a key, each with its unit."""
     nodes = [(json_schema("robot" if key.in_robot else "scenario"), "")]
     for part in key.path:
         nodes = [(n, n.get("unit", unit)) for node, unit in nodes for n in _below(node, part)]
-    return next((unit for _, unit in nodes if unit), "")
+    return nodes
 
 
 def _below(node: Any, part: str | int) -> list[dict[str, Any]]:
@@ -179,9 +181,5 @@ def _has(node: Any, path: Sequence[str | int]) -> bool:
 
 def _default_list(where: str) -> list[Any] | None:
     """Default of a list that a file may leave out, such as gravity; None where there is none."""
-    name = where.rpartition(".")[2]
-    for cls in (Backbone, Model, Load, StiffnessPatch):
-        default = all_keys_of(cls).defaults.get(name)
-        if isinstance(default, tuple) and default:
-            return list(default)
-    return None
+    defaults = (node.get("default") for node, _ in _schemas(parse_key(where)))
+    return next((list(x) for x in defaults if isinstance(x, list | tuple) and x), None)
