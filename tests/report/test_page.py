@@ -6,12 +6,11 @@ import base64
 import math
 import re
 
-import jinja2
 import pytest
 from matplotlib.figure import Figure
 
 from tdcr_fe.report import style
-from tdcr_fe.report.environment import environment, estimate, fixed, quantity, short, significant
+from tdcr_fe.report.environment import estimate, fixed, quantity, short, significant
 from tdcr_fe.report.page import Card, Page, Picture, Section, render
 
 HERE = "tdcr_fe.report"
@@ -99,10 +98,3 @@ def test_sections_are_linked_and_folded_as_they_say():
     )
     assert re.search(r'<details class="section" id="more">', text)
     assert re.search(r'<section class="section" id="open">', text)
-
-
-def test_a_template_that_names_what_is_not_there_is_an_error():
-    with pytest.raises(jinja2.UndefinedError):
-        environment(HERE).from_string("{{ nothing }}").render()
-    with pytest.raises(jinja2.TemplateNotFound):
-        environment(HERE).get_template("nowhere.html.j2")

@@ -16,7 +16,7 @@ from tdcr_fe.sweeps.figures import _with_prefixes
 from tdcr_fe.sweeps.report import _findings
 from tdcr_fe.sweeps.result import SweepResult
 from tdcr_fe.sweeps.sampling import Uniform, unit_points
-from tdcr_fe.sweeps.statistics import sobol_indices, summarise, varies
+from tdcr_fe.sweeps.statistics import sobol_indices, varies
 
 A, B = 7.0, 0.1
 #: Indices of Ishigami's function (Ishigami and Homma 1990; Saltelli et al., Sensitivity Analysis, 2000, section 2.9.3).
@@ -88,12 +88,6 @@ def test_base_samples_with_a_case_missing_are_left_out():
 def test_a_constant_has_no_indices():
     assert sobol_indices(np.full(50, 3.0), 3) is None
     assert sobol_indices(np.full(50, np.nan), 3) is None
-
-
-def test_statistics_leave_out_what_did_not_converge():
-    found = summarise(pd.DataFrame({"y": [1.0, np.nan, 3.0, 5.0]}))["y"]
-    names = ["count", "mean", "std", "min", "median", "max"]
-    assert found[names].tolist() == [3, 3.0, 2.0, 1.0, 3.0, 5.0]
 
 
 @pytest.mark.parametrize(
