@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/report": 1244,
     "tdcr_fe/scene": 1470,
     "tdcr_fe/solve": 7570,
-    "tdcr_fe/sweeps": 1592,
+    "tdcr_fe/sweeps": 1587,
     "validation": 7794,
     "tests": 17900,
 }
