@@ -47,7 +47,7 @@ def comparison(result: IdentificationResult) -> Figure:
         ]
         if not result.held_out_steps:
             del handles[1]
-        figure.legend(handles=handles, loc="outside lower center", ncols=4)
+        figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
 
 

@@ -160,7 +160,7 @@ def page(result: IdentificationResult, motion: Motion | None = None) -> Page:
         sections = [_motion_section(result, motion), *sections]
     caption = "Measured against predicted" + (", before and after" if changed else "")
     if figures.loops(result):
-        caption += ". Right: a run of steps in which one tendon is pulled and released"
+        caption += ". The loop is a run of steps in which one tendon is pulled and released"
     shown = "Measured and predicted tip path, shapes and a loop of loading and unloading"
     what = f"{measure(result)[0].upper()}{measure(result)[1:]}."
     made = ", ".join(f"{name} {number}" for name, number in versions().items())

@@ -71,9 +71,7 @@ def check_output_folder(out: str | os.PathLike[str]) -> Path:
     out = Path(out)
     try:
         if out.exists() and not out.is_dir():
-            raise InputError(
-                [Problem("-o", "", str(out), "is a file; must be a directory, or not be there yet")]
-            )
+            raise InputError([Problem("-o", "", str(out), "is a file; must be a directory or not exist yet")])
         above = out.absolute()
         while not above.exists():
             above = above.parent

@@ -116,7 +116,7 @@ def _rows(
                     wrong[column] = said
         step, time = row.get("step"), row.get("time") or 0.0
         if step in steps and "step" not in wrong:
-            wrong["step"] = "the step is there more than once; the order of the rows is the order of loading"
+            wrong["step"] = "the step appears more than once; the order of the rows is the order of loading"
         if time < last:
             wrong["time"] = f"must not be before the step before, at {last:g} s"
         for column, said in (wrong or check(row)).items():

@@ -77,10 +77,10 @@ class MeasuredData:
 
     def __post_init__(self) -> None:
         if not len(self.step_ids) == len(self.steps) == len(self.branches):
-            raise ValueError("step_ids, steps and branches must have one entry a step")
+            raise ValueError("step_ids, steps and branches must have one entry per step")
         unknown = sorted({r.step for r in self.readings} - set(self.step_ids))
         if unknown:
-            raise ValueError(f"a reading names step {unknown[0]}, which the loading sequence has not")
+            raise ValueError(f"a reading names step {unknown[0]}, which is not in the loading sequence")
 
     @property
     def restarts(self) -> tuple[int, ...]:

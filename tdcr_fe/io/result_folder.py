@@ -69,7 +69,7 @@ def _summary(path: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise _refuse(path, f"not JSON: {error}") from error
     if not isinstance(found, dict) or not isinstance(found.get("geometry"), dict):
-        raise _refuse(path, "missing; written since version 0.2: run the scenario anew", "geometry")
+        raise _refuse(path, "missing; written since version 0.2: run the scenario again", "geometry")
     return found
 
 
@@ -181,7 +181,7 @@ def read_motion(folder: str | os.PathLike[str]) -> Motion:
         )
     except (KeyError, TypeError, ValueError, IndexError) as error:
         reason = f"missing: {error.args[0]}" if isinstance(error, KeyError) else str(error)
-        raise _refuse(path / SUMMARY, f"not as tdcr-fe has written it: {reason}") from error
+        raise _refuse(path / SUMMARY, f"not as tdcr-fe wrote it: {reason}") from error
 
 
 def write_markers(markers: Markers, steps: Iterable[int], folder: Path) -> None:

@@ -70,7 +70,7 @@ def read_table(path: str | os.PathLike[str]) -> pd.DataFrame:
     names = names[: max(k + 1 for k, name in enumerate(names) if name)]
     twice = [c for c in names if names.count(c) > 1]
     if twice:
-        raise _error(path, twice[0], "the column is there more than once")
+        raise _error(path, twice[0], "the column appears more than once")
     for number, row in rest:
         if any(row[len(names) :]):
             allowed = f"has {len(row)} cells; the header has {len(names)}"
@@ -197,7 +197,7 @@ def _rows_of_workbook(path: Path, contents: bytes) -> list[_Row]:
             warnings.simplefilter("ignore")  # of styles and extensions that do not matter here
             book = openpyxl.load_workbook(io.BytesIO(contents), data_only=True)
     except Exception as error:  # openpyxl raises what its parsers of zip and XML raise
-        text = f"is no Excel workbook that can be read: {error}; save it as xlsx or CSV"
+        text = f"is not an Excel workbook that can be read: {error}; save it as xlsx or CSV"
         raise _error(path, "", text) from error
     if not book.worksheets:
         raise _error(path, "", "has no sheet with cells")

@@ -110,7 +110,7 @@ def recalled(lines: Lines, count: int) -> Iterator[Outcome]:
                 raise refused(f"there is no case {outcome.case}")
             yield outcome
     except OtherHead as error:
-        what = "is no journal of a sweep"
+        what = "is not the journal of a sweep"
         if error.there:
             what = f"is of another sweep: {', '.join(error.differing) or 'keys'} differ"
         raise refused(f"{what}; give another directory, or --fresh to replace what is there") from error

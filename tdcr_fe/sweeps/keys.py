@@ -128,7 +128,7 @@ def _changed(node: Any, path: Sequence[str | int], change: Change, where: str) -
     if isinstance(head, int):
         items = _default_list(where) if node is None else node
         if not isinstance(items, list):
-            raise KeyProblem(f"{where} is no list in the file; there is no {where}[{head}]")
+            raise KeyProblem(f"{where} is not a list in the file; there is no {where}[{head}]")
         if not -len(items) <= head < len(items):
             most = f"{where}[{len(items) - 1}]"
             raise KeyProblem(f"there are {len(items)} {where}; must be from {where}[0] to {most}")
@@ -136,7 +136,7 @@ def _changed(node: Any, path: Sequence[str | int], change: Change, where: str) -
     if isinstance(node, list) and node and all(isinstance(x, Mapping) for x in node):
         return _with_items(node, _meant_tables(node, head, path, where), change, where)
     if node is not None and not isinstance(node, Mapping):
-        raise KeyProblem(f"{where} is no table; there is nothing named {quoted(head)} in it")
+        raise KeyProblem(f"{where} is not a table; there is nothing named {quoted(head)} in it")
     table = dict(node or {})
     table[head] = _changed(table.get(head), rest, change, join(where, head))
     return table

@@ -108,7 +108,7 @@ def test_mistakes_of_all_inputs_are_reported_together(tmp_path, robot, capsys):
     for expected in (
         "line 2, x = 30: more than 10 lengths of the robot away; must be in m; 0.03 would fit, are these mm?",
         "line 3, z = x: must be a finite number",
-        "line 3, step = 1: the step is there more than once",
+        "line 3, step = 1: the step appears more than once",
         "line 4, dx = 0: the direction is zero",
         "line 5, dy = empty: must be a finite number",
         "unknown tendon t9",

@@ -59,7 +59,7 @@ def test_results_of_the_version_before_are_refused_with_what_to_do(folder, capsy
     found = json.loads(path.read_text())
     del found["geometry"]
     path.write_text(json.dumps(found))
-    assert "geometry: missing; written since version 0.2: run the scenario anew" in refused([folder], capsys)
+    assert "geometry: missing; written since version 0.2: run the scenario again" in refused([folder], capsys)
 
 
 def test_a_page_of_another_kind_is_refused(folder, capsys):

@@ -83,10 +83,10 @@ def test_text_with_a_comma_is_no_number(tmp_path):
         ("step;value\n1;1.234,5\n", "line 2, value", "decimal: remove the thousands separators"),
         ("step;value,sigma\n1;0,5\n", "line 1", "delimiter: the header has comma and semicolon"),
         ("step,value\n1,0,5\n", "line 2", "has 3 cells; the header has 2; where these are decimal commas"),
-        ("step,value,value\n1,2,3\n", "value", "the column is there more than once"),
+        ("step,value,value\n1,2,3\n", "value", "the column appears more than once"),
         ('step,value\n1,"2\n', "line 2", "not a table"),
         ("", "", "is empty"),
-        (b"PK\x03\x04rest", "", "is no Excel workbook that can be read"),
+        (b"PK\x03\x04rest", "", "is not an Excel workbook that can be read"),
         (b"step,branch\n1,gr\xfcn\n", "line 2", 'encoding: must be UTF-8 or UTF-16; save as "CSV UTF-8"'),
     ],
 )  # fmt: skip

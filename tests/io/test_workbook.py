@@ -72,7 +72,7 @@ def test_what_is_wrong_is_named_by_cell(tmp_path):
 
 def test_files_that_are_no_workbooks_are_refused(tmp_path):
     (tmp_path / "zip.xlsx").write_bytes(b"PK\x03\x04" + 60 * b"\0")
-    assert "is no Excel workbook that can be read" in problem(tmp_path / "zip.xlsx")
+    assert "is not an Excel workbook that can be read" in problem(tmp_path / "zip.xlsx")
     (tmp_path / "old.xls").write_bytes(b"\xd0\xcf\x11\xe0" + 60 * b"\0")
     assert "is a workbook of the old Excel format (xls); save it as xlsx or CSV" in problem(
         tmp_path / "old.xls"

@@ -169,7 +169,7 @@ def test_every_limit_has_a_source():
     [
         (at_tip(force=(2e5, 0.0, 0.0)), "steps[1].loads.tip.force = 200000 N"),
         ([LoadStep(tensions={"t1": 1e6})], "steps[0].tensions.t1 = 1e+06 N"),
-        (PULL, "model.gravity = 9810 m/s^2: 1e+03 times that of the earth; was it meant in mm/s^2?"),
+        (PULL, "model.gravity = 9810 m/s^2: 1e+03 times that of Earth; was it meant in mm/s^2?"),
     ],
 )
 def test_a_load_far_beyond_the_limit_is_refused_before_solving(steps, words):
