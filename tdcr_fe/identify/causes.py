@@ -93,10 +93,6 @@ class Cause(Effect):
     sentence: str = ""
     price: float = 0.0
 
-    def formula(self, values: Values) -> str:
-        """With numbers."""
-        return f"{self.name}: " + ", ".join(f"{p.name} = {values[p.name]:.4g} {p.unit}" for p in self.parameters)
-
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """One direction for each parameter."""
         null = self.null_values(experiment)
@@ -215,7 +211,9 @@ class Attraction(StateLoad):
         most = 1e3 * scale
         self.parameters = (
             *places,
-            Parameter("k", f"N m^{power}", -most, most, 0.0, 0.1 * scale, "force times distance to that power"),
+            Parameter(
+                "k", f"N m^{power}", -most, most, 0.0, 0.1 * scale, "force times distance to that power"
+            ),
         )
 
     def action(self, state: BayState, values: Values) -> Array:

@@ -237,7 +237,10 @@ class _Part:
     def __init__(self, problem: FitProblem, request: Request, action: Action | None = None) -> None:
         self.problem, self.request, self.action = problem, request, action
         self.effects, self.values = self._at_null()
-        self.experiment = self._acted(problem.with_effects(self.effects, self.values))
+        bare = problem.with_effects(self.effects, self.values)
+        self._bare: Experiment | None = None  # without the action, once that is there
+        self.experiment = self._acted(bare)
+        self._bare = bare
         self.observed: dict[int, Tabulated] = {}
         self.differenced: dict[int, str] = {}
         self.exact: dict[str, int] = {}
@@ -268,7 +271,15 @@ class _Part:
 
     def _acted(self, experiment: Experiment) -> Experiment:
         """The experiment with the action."""
-        return experiment if self.action is None else with_action(experiment, self.action)
+        if self.action is None:
+            return experiment
+        if (
+            self._bare is not None
+            and experiment.steps is self._bare.steps
+            and experiment.ends == self._bare.ends
+        ):
+            return replace(experiment, steps=self.experiment.steps)
+        return with_action(experiment, self.action)
 
     def _at_null(self) -> tuple[tuple[Effect, ...], Point]:
         """The model with those effects of the columns whose null values add inputs that act nowhere, such as loads."""

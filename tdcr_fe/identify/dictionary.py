@@ -26,7 +26,7 @@ from tdcr_fe.identify.causes import (
     ReadingCause,
     StateLoad,
 )
-from tdcr_fe.identify.terms import ROW, TIME, Factor, Term, library, sentence, where
+from tdcr_fe.identify.terms import ROW, TIME, Factor, library, sentence, where
 from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.loading import LoadStep, resolve
 from tdcr_fe.model.routing import MisplacedRouting
@@ -77,7 +77,7 @@ def has_times(problem: FitProblem) -> bool:
 
 
 def _progress(problem: FitProblem) -> tuple[Array, str]:
-    """From near zero to one along the rows: the time, or the number of the row where there are no times; and its name."""
+    """From near zero to one along the rows, by time or, without times, by the number of the row; and its name."""
     if has_times(problem):
         times = np.array([s.time for s in problem.data.steps], dtype=float)
         return times / max(float(np.max(times)), 1e-300), "time"
@@ -121,27 +121,42 @@ def _routings(problem: FitProblem) -> list[Cause]:
 
         def same(experiment: Experiment, values: Values, tendon: str = tendon) -> Experiment:
             both = {"factor": values["factor"], "angle": values["angle"]}
-            return _moved(experiment, tendon, {f"{n}_{end}": x for n, x in both.items() for end in ("base", "end")})
+            return _moved(
+                experiment, tendon, {f"{n}_{end}": x for n, x in both.items() for end in ("base", "end")}
+            )
 
         def along(experiment: Experiment, values: Values, tendon: str = tendon) -> Experiment:
             return _moved(experiment, tendon, values)
 
         factor, angle = (0.3, 3.0), (-1.5, 1.5)
         numbers = (_number("factor", "1", factor, 1.0, 0.02), _number("angle", "rad", angle, 0.0, 0.02))
-        ends = [(f"{n}_{end}", *x) for n, *x in (("factor", "1", factor, 1.0), ("angle", "rad", angle, 0.0)) for end in ("base", "end")]
+        ends = [
+            (f"{n}_{end}", *x)
+            for n, *x in (("factor", "1", factor, 1.0), ("angle", "rad", angle, 0.0))
+            for end in ("base", "end")
+        ]
         four = tuple(_number(name, unit, span, null, 0.02) for name, unit, span, null in ends)
         where_ = f"tendon {tendon}"
         text = f"the holes of tendon {tendon} are elsewhere, at another angle or distance"
-        found.append(ChangedDescription(f"routing of {tendon}", Kind("routing", ("nothing",), where_), numbers, same, text))
         found.append(
-            ChangedDescription(f"routing of {tendon} along s", Kind("routing", ("place",), where_), four, along, text)
+            ChangedDescription(
+                f"routing of {tendon}", Kind("routing", ("nothing",), where_), numbers, same, text
+            )
+        )
+        found.append(
+            ChangedDescription(
+                f"routing of {tendon} along s", Kind("routing", ("place",), where_), four, along, text
+            )
         )
     return found
 
 
 def _moved(experiment: Experiment, tendon: str, values: Values) -> Experiment:
     """The experiment with the holes of one tendon elsewhere."""
-    if values["factor_base"] == values["factor_end"] == 1.0 and values["angle_base"] == values["angle_end"] == 0.0:
+    if (
+        values["factor_base"] == values["factor_end"] == 1.0
+        and values["angle_base"] == values["angle_end"] == 0.0
+    ):
         return experiment
     tendons = tuple(
         replace(t, routing=MisplacedRouting(t.routing, **values)) if t.name == tendon else t
@@ -164,7 +179,9 @@ def _inputs(problem: FitProblem) -> list[Cause]:
     displaced = bool(actions[0].by_displacement[driven[0]])
     unit = "m" if displaced else "N"
 
-    def law(change: Callable[[float, float, float, float], float]) -> Callable[[Experiment, Values], Experiment]:
+    def law(
+        change: Callable[[float, float, float, float], float],
+    ) -> Callable[[Experiment, Values], Experiment]:
         """An experiment whose inputs are changed: input, its largest value, progress and number to the new input."""
 
         def changed(experiment: Experiment, values: Values) -> Experiment:
@@ -172,7 +189,6 @@ def _inputs(problem: FitProblem) -> list[Cause]:
             for step, (k, _) in zip(experiment.steps, experiment.step_ends, strict=True):
 
                 def new(name: str, x: float, k: int = k) -> float:
-                    i = names.index(name)
                     number = values.get(name, values.get("all", 0.0))
                     y = change(x, most, float(progress[min(k, len(progress) - 1)]), number)
                     return y if displaced else max(y, 0.0)
@@ -188,12 +204,24 @@ def _inputs(problem: FitProblem) -> list[Cause]:
 
         return changed
 
+    def constant(x: float, top: float, p: float, a: float) -> float:
+        return x + a
+
+    def growing(x: float, top: float, p: float, a: float) -> float:
+        return x * (1.0 + a * abs(x) / top)
+
+    def drifting_gain(x: float, top: float, p: float, a: float) -> float:
+        return x * (1.0 + a * p)
+
+    def drifting(x: float, top: float, p: float, a: float) -> float:
+        return x + a * p
+
     laws = [
-        ("offset of the input", "nothing", unit, most, lambda x, top, p, a: x + a, "the inputs are off by a constant"),
-        ("gain that grows with the input", "tension", "1", 1.0, lambda x, top, p, a: x * (1.0 + a * abs(x) / top), "the gain of the inputs depends on their size"),
-        ("gain that drifts", clock, "1", 1.0, lambda x, top, p, a: x * (1.0 + a * p), "the gain of the inputs drifts"),
-        ("offset that drifts", clock, unit, most, lambda x, top, p, a: x + a * p, "the inputs drift"),
-    ]  # fmt: skip
+        ("offset of the input", "nothing", unit, most, constant, "the inputs are off by a constant"),
+        ("gain that grows", "tension", "1", 1.0, growing, "the gain of the inputs depends on their size"),
+        ("gain that drifts", clock, "1", 1.0, drifting_gain, "the gain of the inputs drifts"),
+        ("offset that drifts", clock, unit, most, drifting, "the inputs drift"),
+    ]
     found: list[Cause] = []
     for name, depends, own, size, change, text in laws:
         kind = Kind("input", (depends,))
@@ -228,7 +256,9 @@ def _readings(problem: FitProblem) -> list[Cause]:
         return ReadingCause(name, kind, numbers, tuple(along(i, weight) for i in range(3)), text)
 
     found: list[Cause] = [
-        shift("drift of the measuring frame", Kind("reading", (clock,)), progress, "the measuring frame drifts")
+        shift(
+            "drift of the measuring frame", Kind("reading", (clock,)), progress, "the measuring frame drifts"
+        )
     ]
     numbers = (_number("scale", "1", (-0.5, 0.5), 0.0, 0.01),)
     scale = ReadingCause("scale of the positions", Kind("reading", ("position",)), numbers,
@@ -239,8 +269,9 @@ def _readings(problem: FitProblem) -> list[Cause]:
     for k in range(3, count - 2):
         after = (np.arange(count) >= k).astype(float)
         number = data.step_ids[k]
-        cause = shift(f"jump of the frame from row {number} on", Kind("reading", ("row",), f"from row {number} on"), after,
-                      "all markers are shifted from some row on")  # fmt: skip
+        kind = Kind("reading", ("row",), f"from row {number} on")
+        text = "all markers are shifted from some row on"
+        cause = shift(f"jump of the frame from row {number} on", kind, after, text)
         cause.price = math.log(count)
         found.append(cause)
     return found
@@ -281,15 +312,16 @@ def _loads(problem: FitProblem, state: BayState) -> list[Cause]:
         perturbs, depends = term.kind
         price = math.log(10.0) + 1.5 * len(term.factors) + (math.log(bays) if term.bay is not None else 0.0)
         kind = Kind(perturbs, depends, where(term, state.edges))
-        add(f"moment {term.key}" if not term.direction.is_force else f"force {term.key}", kind,
-            [("coefficient", term.unit, term.action)], sentence(term), price)  # fmt: skip
+        add(term.key, kind, [("coefficient", term.unit, term.action)], sentence(term), price)
     for text, depends, unit, factor in _free_forces(clock):
         for bay in range(bays):
             at = "tip" if bay == bays - 1 else f"disk at s = {state.edges[bay + 1]:.4g} m"
             add(f"force {text} ({at})", Kind("force", (depends,), at),
                 [(a, unit, _at(bay, i, factor)) for i, a in enumerate("xyz")],
                 f"a force of fixed direction, {text}", 1.5 + (0.0 if bay == bays - 1 else math.log(bays)))  # fmt: skip
-    matrix = [(f"{a}{b}", "N/m", _linear(bays - 1, i, j)) for i, a in enumerate("xyz") for j, b in enumerate("xyz")]
+    matrix = [
+        (f"{a}{b}", "N/m", _linear(bays - 1, i, j)) for i, a in enumerate("xyz") for j, b in enumerate("xyz")
+    ]
     add("force linear in the displacement (tip)", Kind("force", ("position",), "tip"), matrix,
         "a force that grows linearly with the displacement", 1.5)  # fmt: skip
     spread = [(a, "N/m", _spread(i)) for i, a in enumerate("xyz")]
@@ -389,4 +421,3 @@ class OneSide(StateLoad):
     def bounds(self, experiment: Experiment) -> Bounds:
         """Of the parameters."""
         return {p.name: (p.lower, p.upper) for p in self.parameters}
-

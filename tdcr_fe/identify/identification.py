@@ -12,8 +12,6 @@ from tdcr_fe.identify.criteria import robust_threshold, unusable_data
 from tdcr_fe.identify.data_faults import data_fault, other_sign_solves
 from tdcr_fe.identify.first_checks import first_checks
 from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.derivatives import Request, linearize
-from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.load_steps import choose_held_out, held_out_branches
 from tdcr_fe.identify.long_data import (
     RowChoice,
@@ -160,7 +158,6 @@ def _search(
             state = latest_state
         state = cut_short(listed, state, FURTHER_EFFECTS)
         whole = replace(search, deadline=schedule.end)
-        law = None
         if prepared.rows is None:
             planned, state = _planned(whole, state)
         else:
@@ -172,7 +169,7 @@ def _search(
                     state = latest_state
             state = fit_to_all_rows(whole, state, replace(prepared.problem, deadline=latest))
         noise, state = _input_noise(whole, state)
-        return state, Found(law, planned, noise)
+        return state, Found(planned, noise)
     except KeyboardInterrupt:
         last = replace(state, interrupted=True)
         last = last.with_history("interrupted; what was found until then is reported")

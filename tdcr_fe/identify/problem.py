@@ -65,7 +65,9 @@ class Readings:
             np.array([r.quantity for r in data.readings]),
             np.array([r.channel.family == "position" for r in data.readings]),
             np.array([r.unit == "rad" for r in data.readings]),
-            np.array(["xyz".index(r.quantity[-1]) if r.channel.family == "position" else -1 for r in data.readings]),
+            np.array(
+                ["xyz".index(r.quantity[-1]) if r.channel.family == "position" else -1 for r in data.readings]
+            ),
             np.array([locations.setdefault((r.step, r.location), len(locations)) for r in data.readings]),
             Reader(data.readings, data.step_ids, data.robot.tendon_names),
         )

@@ -215,7 +215,9 @@ def _signatures(
     for one in sets:
         own = {n: extra.get((one.key(n), c.step), by_key[one.key(n)]) for n, c in one.columns.items()}
         found.append(one.signature(own, count))
-    reference = fit if linear.run.trajectory is None or not linear.run.solved else replace(fit, run=linear.run)
+    reference = (
+        fit if linear.run.trajectory is None or not linear.run.solved else replace(fit, run=linear.run)
+    )
     return found, differenced, reference
 
 
@@ -265,9 +267,7 @@ class _Space:
         return np.asarray(left - fit.jacobian @ own)
 
 
-def _score(
-    problem: FitProblem, fit: Fit, space: _Space, sets: Sequence[tuple[_ProbeSet, Array]]
-) -> Score:
+def _score(problem: FitProblem, fit: Fit, space: _Space, sets: Sequence[tuple[_ProbeSet, Array]]) -> Score:
     """The best of the alternatives of one candidate."""
     e = sets[0][0].effect
     found: list[tuple[float, Array, _ProbeSet, Array]] = []
@@ -289,6 +289,28 @@ def _score(
     points += [one.points[0], *(_mix(problem, x[2], x[1]) for x in found[1:3])]
     starts = [{**fit.values, e.name: point} for point in points]
     return Score((e,), drop, starts, space.predicted(signature @ amplitude), signature, "", one, scales)
+
+
+def apart(problem: FitProblem, fit: Fit, change: Array, score: Score) -> tuple[float, float]:
+    """How far a candidate is from making a change of the predictions over sigma, beside a fitted model.
+
+    Parameters
+    ----------
+    problem, fit, score
+        The candidate beside the model.
+    change
+        Of the predictions over sigma, shape (n,).
+
+    Returns
+    -------
+    left, whole : float
+        Sums of squares over the fitted readings that are left of the change, at best and without the candidate.
+    """
+    space = _Space.of(problem, fit)
+    goal, x = space.free(change[:, None])[:, 0], space.free(score.signature)
+    found = np.linalg.lstsq(x / np.maximum(np.linalg.norm(x, axis=0), 1e-300), goal, rcond=1e-10)
+    left = goal - x / np.maximum(np.linalg.norm(x, axis=0), 1e-300) @ found[0]
+    return float(left @ left), float(goal @ goal)
 
 
 def best_pairs(problem: FitProblem, fit: Fit, scores: Sequence[Score], most: int) -> list[Score]:
@@ -329,7 +351,10 @@ def _pair(problem: FitProblem, space: _Space, a: Score, b: Score) -> Score | Non
         assert x.probe is not None
         point = _mix(problem, x.probe, own)
         if any(
-            abs(x.probe.change(point, p.name) - sum(s * d[p.name] for s, d in zip(own, x.probe.directions, strict=True)))
+            abs(
+                x.probe.change(point, p.name)
+                - sum(s * d[p.name] for s, d in zip(own, x.probe.directions, strict=True))
+            )
             > 1e-6 * max(abs(d[p.name]) for d in x.probe.directions)
             for p in x.effect.parameters
         ):

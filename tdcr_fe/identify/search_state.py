@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.criteria import residual_is_noise, robust_threshold
-from tdcr_fe.identify.problem import Fit, FitProblem, Point, fit_of_run, refine
+from tdcr_fe.identify.criteria import bic, effective_noise, residual_is_noise, robust_threshold
+from tdcr_fe.identify.problem import Fit, FitProblem, fit_of_run, refine
 from tdcr_fe.identify.result import Candidate
 from tdcr_fe.identify.screening import Score
 from tdcr_fe.identify.settings import MAY_EXPLAIN, IdentifySettings, OutOfTime, clock
@@ -218,3 +218,14 @@ def mean_cost(cost: float, which: NDArray[np.bool_]) -> float:
 def listed_names(names: Sequence[str]) -> str:
     """Names of effects, joined by plus signs."""
     return " + ".join(names)
+
+
+def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
+    """Probabilities of all models that were fitted, from their evidence; those below one in a million are left out."""
+    problem = state.problem
+    noise = effective_noise(problem, state.best, search.significance)
+    solved = [f for f in state.fits.values() if f.solved]
+    logarithms = np.array([-0.5 * bic(problem, f) / noise for f in solved])
+    weights = np.exp(logarithms - np.max(logarithms))
+    weights /= np.sum(weights)
+    return [(f, float(w)) for f, w in zip(solved, weights, strict=True) if w > 1e-6]

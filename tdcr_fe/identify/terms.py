@@ -64,7 +64,10 @@ def _across(b: BayState) -> Array:
 
 
 CURVATURE = Factor(
-    "the curvature", "|kappa|", (-1, 0, 0), lambda b: np.linalg.norm(b.curvature[..., :2], axis=2),
+    "the curvature",
+    "|kappa|",
+    (-1, 0, 0),
+    lambda b: np.linalg.norm(b.curvature[..., :2], axis=2),
     "curvature",
 )
 POSITION = Factor(
@@ -84,7 +87,9 @@ LOADING = Factor(
     lambda b: np.broadcast_to(_overall_direction(b)[:, None], b.shape),
     "direction of loading",
 )
-DEFLECTION = Factor("the displacement", "|u|", (1, 0, 0), lambda b: np.linalg.norm(_across(b), axis=2), "position")
+DEFLECTION = Factor(
+    "the displacement", "|u|", (1, 0, 0), lambda b: np.linalg.norm(_across(b), axis=2), "position"
+)
 
 
 def _overall_direction(b: BayState) -> Array:
@@ -107,38 +112,45 @@ BENDING_X = Direction(
     "kappa_x e_x",
     (-1, 0, 0),
     lambda b: _moment(b.curvature[..., 0], 0.0 * b.curvature[..., 0]),
-    "stiffness", "direction of bending",
+    "stiffness",
+    "direction of bending",
 )
 BENDING_Y = Direction(
     "about the section's y axis, with the curvature there",
     "kappa_y e_y",
     (-1, 0, 0),
     lambda b: _moment(0.0 * b.curvature[..., 0], b.curvature[..., 1]),
-    "stiffness", "direction of bending",
+    "stiffness",
+    "direction of bending",
 )
 CROSSED = Direction(
     "across the curvature",
     "e_z x kappa",
     (-1, 0, 0),
     lambda b: _moment(-b.curvature[..., 1], b.curvature[..., 0]),
-    "stiffness", "direction of bending",
+    "stiffness",
+    "direction of bending",
 )
 ABOUT_X = Direction("about the section's x axis", "e_x", (0, 0, 0), _constant(1.0, 0.0), "precurvature")
 ABOUT_Y = Direction("about the section's y axis", "e_y", (0, 0, 0), _constant(0.0, 1.0), "precurvature")
-TENDONS = Direction("along the moment of the tendons", "m_T", (1, 1, 0), lambda b: _tendon(b, b.tension), "routing")
+TENDONS = Direction(
+    "along the moment of the tendons", "m_T", (1, 1, 0), lambda b: _tendon(b, b.tension), "routing"
+)
 TENDON_SIGN = Direction(
     "along the moment of each tendon, by the sign of its last motion",
     "sum(sign_i m_Ti)",
     (1, 1, 0),
     lambda b: _tendon(b, b.tension * b.direction[:, None, :]),
-    "transmission", "direction of loading",
+    "transmission",
+    "direction of loading",
 )
 TENDON_LEVER = Direction(
     "along the lever of each tendon, by the sign of its last motion",
     "sum(sign_i r_i)",
     (1, 0, 0),
     lambda b: _tendon(b, np.broadcast_to(b.direction[:, None, :], b.tension.shape) * (b.tension > 0.0)),
-    "transmission", "direction of loading",
+    "transmission",
+    "direction of loading",
 )
 LOADS = Direction(
     "along the bending moment of the loads",
@@ -148,7 +160,13 @@ LOADS = Direction(
     "load",
 )
 DISPLACED = Direction(
-    "along the displacement across the axis", "u", (1, 0, 0), lambda b: _force(_across(b)), "force", "position", True
+    "along the displacement across the axis",
+    "u",
+    (1, 0, 0),
+    lambda b: _force(_across(b)),
+    "force",
+    "position",
+    True,
 )
 
 #: Directions with which products of up to two factors are formed.

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from identify_data import GRAVITY, begun, concluded, measured, with_model
+from identify_data import GRAVITY, begun, concluded, measured, searching, with_model
 from interrupts import start_python
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import EFFECTS, Experiment, effect
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.candidates import identifiable
 from tdcr_fe.identify.criteria import mostly_estimated_noise, unknown_noise, unusable_data
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.screening import screen
+from tdcr_fe.identify.search import worth_fitting
 from tdcr_fe.identify.sentences import headline, sentences
 from tdcr_fe.identify.verdict import separating_experiments
 from tdcr_fe.io.measured import write_measured
@@ -118,11 +118,10 @@ def test_few_readings_get_one_effect_with_fewer_parameters_than_readings_at_most
 def test_candidates_with_more_parameters_than_readings_are_not_fitted(bent):
     state = begun(replace(bent, readings=bent.readings[:4]))
     problem = replace(state.problem, held_out=np.array([False, False, True, True]))
-    scores = screen(problem, state.declared, [effect("gravity"), effect("actuator_gain")])
-    assert {s.effect.name: identifiable(problem, state.declared, s) for s in scores} == {
-        "gravity": False,
-        "actuator_gain": True,
-    }
+    scores, _ = screen(problem, state.declared, [effect("gravity"), effect("actuator_gain")])
+    strong = [replace(s, drop=1e9) for s in scores]
+    fitted = worth_fitting(searching(), problem, state.declared, strong)
+    assert [x.names for x in fitted] == [("actuator_gain",)]
 
 
 # ------------------------------------------------------------------------------------------- interruptions
