@@ -18,6 +18,10 @@ from tdcr_fe.model.robot import Robot
 #: A cause without a name is a priori by this factor less probable than one of the list, as a logarithm.
 UNNAMED = 2.0
 
+#: Price of a gravity of another magnitude than on Earth: the declared masses would have to be wrong, too [1]. From this
+#: deviation on [m/s^2].
+OTHER_GRAVITY, EARTH, EARTH_TOLERANCE = 8.0, 9.81, 0.3
+
 #: Smallest difference of BIC that separates two models (odds of about 20 to 1).
 BIC_DIFFERENCE = 6.0
 
@@ -51,6 +55,9 @@ def bic(problem: FitProblem, fit: Fit) -> float:
     The sum of squares plus log(n) per parameter, and the prior of the causes.
     """
     own = price(fit.effects, problem.data.robot)
+    if "gravity" in fit.values:
+        size = math.sqrt(sum(x * x for x in fit.values["gravity"].values()))
+        own += OTHER_GRAVITY if abs(size - EARTH) > EARTH_TOLERANCE else 0.0
     return fit.cost + fit.held_cost + len(fit.free) * math.log(problem.count) + own
 
 
@@ -103,12 +110,6 @@ def residual_is_noise(problem: FitProblem, fit: Fit, significance: float) -> boo
     if np.any(held_out) and chi_square_z_score(r[held_out]) > NOISE_Z_SCORE:
         return False
     return is_noise(structure(problem.data, r, len(fit.free)), significance)
-
-
-def noise_cost(problem: FitProblem) -> float:
-    """Sum of squares of the fitted readings up to which it is that of noise."""
-    count = int(np.count_nonzero(problem.fitted))
-    return count + NOISE_Z_SCORE * math.sqrt(2.0 * count)
 
 
 def chi_square_threshold(parameters: int, significance: float) -> float:

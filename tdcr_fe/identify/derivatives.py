@@ -173,7 +173,9 @@ def balanced(problem: FitProblem, request: Request) -> tuple[Action | None, Run 
     def missing(run: Run, acted: Acted) -> tuple[Array, Array]:
         """What the loads give beyond the action, and the Newton step."""
         assert run.bays is not None
-        gap = sum((e.action(run.bays, request.values[e.name]) for e in loads), -acted.action.values)
+        gap = -acted.action.values
+        for e in loads:
+            gap = gap + e.action(run.bays, request.values[e.name])
         matrix = _coupling(loads, request.values, run.bays, acted.response)
         step = np.linalg.solve(matrix, gap.reshape(steps, -1, 1)).reshape(gap.shape)
         return gap, step

@@ -130,12 +130,11 @@ def _routings(problem: FitProblem) -> list[Cause]:
 
         factor, angle = (0.3, 3.0), (-1.5, 1.5)
         numbers = (_number("factor", "1", factor, 1.0, 0.02), _number("angle", "rad", angle, 0.0, 0.02))
-        ends = [
-            (f"{n}_{end}", *x)
-            for n, *x in (("factor", "1", factor, 1.0), ("angle", "rad", angle, 0.0))
+        four = tuple(
+            replace(p, name=f"{p.name}_{end}", meaning=f"{p.meaning} at the {end}")
+            for p in numbers
             for end in ("base", "end")
-        ]
-        four = tuple(_number(name, unit, span, null, 0.02) for name, unit, span, null in ends)
+        )
         where_ = f"tendon {tendon}"
         text = f"the holes of tendon {tendon} are elsewhere, at another angle or distance"
         found.append(
@@ -313,10 +312,10 @@ def _loads(problem: FitProblem, state: BayState) -> list[Cause]:
         price = math.log(10.0) + 1.5 * len(term.factors) + (math.log(bays) if term.bay is not None else 0.0)
         kind = Kind(perturbs, depends, where(term, state.edges))
         add(term.key, kind, [("coefficient", term.unit, term.action)], sentence(term), price)
-    for text, depends, unit, factor in _free_forces(clock):
+    for text, varies, unit, factor in _free_forces(clock):
         for bay in range(bays):
             at = "tip" if bay == bays - 1 else f"disk at s = {state.edges[bay + 1]:.4g} m"
-            add(f"force {text} ({at})", Kind("force", (depends,), at),
+            add(f"force {text} ({at})", Kind("force", (varies,), at),
                 [(a, unit, _at(bay, i, factor)) for i, a in enumerate("xyz")],
                 f"a force of fixed direction, {text}", 1.5 + (0.0 if bay == bays - 1 else math.log(bays)))  # fmt: skip
     matrix = [

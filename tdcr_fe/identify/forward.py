@@ -336,10 +336,6 @@ class ForwardModel:
         """One without processes and memory, which can be sent to a process."""
         return ForwardModel(1, self.settings)
 
-    def keep(self, experiment: Experiment, record: bool, run: Run) -> None:
-        """Keep a run without a reference path that was made elsewhere."""
-        self._cache[_key(experiment, record)] = replace(run, derivatives=None)
-
     def map(self, function: Callable[[Given], Found], given: Sequence[Given]) -> list[Found]:
         """Values of a function, in the processes where there are several values; in this one if the processes end."""
         if self._pool is None or len(given) < 2:

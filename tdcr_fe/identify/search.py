@@ -88,7 +88,7 @@ def search_causes(search: Search, state: SearchState) -> Stage:
 # -------------------------------------------------------------------------------------------------- candidates
 
 
-def scores_beside(state: SearchState, fit: Fit) -> tuple[SearchState, Sequence[Score], Fit]:
+def scores_beside(state: SearchState, fit: Fit) -> tuple[SearchState, list[Score], Fit]:
     """Scores of all causes of the dictionary beside a fitted model, computed once; and the model as a reference."""
     key = frozenset(fit.names)
     if key not in state.scores:
@@ -191,7 +191,9 @@ def fit_candidates(
 
 
 def alike(problem: FitProblem, fit: Fit, score: Score, other: Score, noise: float = 1.0) -> bool:
-    """Whether another candidate beside a model may explain what a candidate explains, to first order."""
+    """Whether another candidate beside a model may explain what a candidate explains, to first order, in its place."""
+    if set(score.names) & set(other.names):
+        return False
     if not other.signature.size:
         return True
     left, whole = apart(problem, fit, fit.residual - score.predicted, other)

@@ -69,7 +69,7 @@ class SearchState:
     best: Fit
     fits: Mapping[Names, Fit]  # every model that was fitted, by the names of its effects
     # Scores of candidates beside a model, and that model as a reference for fits
-    scores: Mapping[Names, tuple[Sequence[Score], Fit]] = field(default_factory=dict)
+    scores: Mapping[Names, tuple[list[Score], Fit]] = field(default_factory=dict)
     candidates: tuple[Candidate, ...] = ()  # result of each, for the report
     refused: Mapping[str, str] = field(default_factory=dict)  # effects that are not tried, with the reason
     # by effect of the best model, those that explain the data as well
