@@ -177,8 +177,7 @@ def balanced(problem: FitProblem, request: Request) -> tuple[Action | None, Run 
         for e in loads:
             gap = gap + e.action(run.bays, request.values[e.name])
         matrix = _coupling(loads, request.values, run.bays, acted.response)
-        step = np.linalg.solve(matrix, gap.reshape(steps, -1, 1)).reshape(gap.shape)
-        return gap, step
+        return gap, np.asarray(np.linalg.solve(matrix, gap.reshape(steps, -1, 1))).reshape(gap.shape)
 
     if reference is None or reference.acted is None or reference.bays is None:
         plain = Request((), {}, (), reference)

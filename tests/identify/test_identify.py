@@ -240,7 +240,7 @@ def test_an_interruption_keeps_what_was_found(monkeypatch):
         yield with_model(state, GRAVITY)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(identification, "search_effects", stopped)
+    monkeypatch.setattr(identification, "search_causes", stopped)
     result = identify(measured(GRAVITY))
     assert result.interrupted and [e.name for e in result.effects] == ["gravity"]
     assert result.verdict == "unfinished" and "interrupted" in result.history[-1]
