@@ -134,7 +134,7 @@ if __name__ == "__main__":
     from tdcr_fe.cli import main
     from tdcr_fe.identify import identification
 
-    real = identification.search_effects
+    real = identification.search_causes
 
     def endless(search, state):
         print("searching", flush=True)
@@ -142,7 +142,7 @@ if __name__ == "__main__":
         time.sleep(120.0)
         return state
 
-    identification.search_effects = endless
+    identification.search_causes = endless
     sys.exit(main(["identify", sys.argv[1], "-o", sys.argv[2], "-q", "--processes", "2"]))
 """
 
