@@ -54,9 +54,15 @@ class TendonParameters:
     adhesion: Array  # (m, n-1): Tension drop at every hole that does not grow with the tension [N]
     compliance: Array  # (m,): ``1 / EA`` of the tendon, zero where inextensible [1/N]
     pretension: Array  # (m,): Tension in the unloaded state where the displacement at the base is zero [N]
+    spring: Array  # (m,): Compliance of the spring between drive and tendon, zero where there is none [m/N]
     # Law of each tendon's coefficients of friction, used instead of ``friction``; None, or an empty tuple,
     # where the coefficients are constant
     laws: tuple[CoefficientLaw | None, ...] = ()
+
+    @property
+    def rigid(self) -> NDArray[np.bool_]:
+        """Which tendons stretch no more than the spring at their drive, (m,)."""
+        return (self.compliance == 0.0) & (self.spring == 0.0)
 
     @property
     def material(self) -> Array:
@@ -131,7 +137,7 @@ class TendonLaw:
     has_friction : bool
         Whether there is friction anywhere.
     elastic : bool
-        Whether any tendon stretches.
+        Whether any tendon stretches, or the spring at its drive.
     each_hole : bool
         Whether every hole has its own mobilisation.
     simple : bool
@@ -161,7 +167,7 @@ class TendonLaw:
         self.frictional: NDArray[np.bool_] = (acts.astype(float) @ np.abs(self.hole_incidence)) > 0.0
         self._material = parameters.material
         self.has_friction = bool(np.any(self.frictional))
-        self.elastic = bool(np.any(parameters.compliance > 0.0))
+        self.elastic = bool(np.any(parameters.compliance > 0.0) or np.any(parameters.spring > 0.0))
         self._masked = parameters.mask.astype(float)
         self.each_hole = self.groups == n - 1 and bool(np.all(self.hole_incidence == np.eye(n - 1)))
         self.simple = not (self.elastic or self._has_adhesion or self._laws)
@@ -175,7 +181,9 @@ class TendonLaw:
 
     def released_unloaded(self) -> Array:
         """Released lengths in the unloaded shape without tension [m], shape (m, n): zero but for pretension."""
-        return self._material - self.parameters.lengths
+        found = self._material - self.parameters.lengths
+        found[:, 0] -= self.parameters.spring * self.parameters.pretension
+        return found
 
     def slips(self, released: Array) -> Array:
         """Slip that drives each mobilisation, from the released segment lengths [m], (m, n) to (m, g)."""
@@ -263,13 +271,19 @@ class TendonLaw:
         return capstan(base_tension, angles, mobilisation, coefficient)
 
     def _released(self, tension: Array, lengths: Array) -> tuple[Array, Array, Array]:
-        """Released lengths of the segments [m], with derivatives by their own lengths and tensions."""
+        """Released lengths of the segments [m], with derivatives by their own lengths and tensions.
+
+        That of the first has what the spring between drive and tendon gives.
+        """
         if not self.elastic:
             return self.parameters.lengths - lengths, self._negative, self._nothing
         c = self.parameters.compliance[:, None]
         stretch = 1.0 / (1.0 + c * tension)
         released = (self._material - lengths * stretch) * self._masked
-        return released, -stretch * self._masked, lengths * c * stretch**2 * self._masked
+        by_tension = lengths * c * stretch**2 * self._masked
+        released[:, 0] += self.parameters.spring * (tension[:, 0] - self.parameters.pretension)
+        by_tension[:, 0] += self.parameters.spring
+        return released, -stretch * self._masked, by_tension
 
     def _slip_rate(self, slip: Array, state: FrictionState, elapsed: float) -> Array:
         """Rate of the slips [m/s], that of the state where no time has passed, shape (m, g)."""

@@ -222,10 +222,10 @@ def log_so3(r: Array) -> Array:
 def log_se3(r: Array, p: Array) -> Array:
     """Logarithm of poses: rotations (..., 3, 3) and translations (..., 3) to twists (..., 6)."""
     w = log_so3(r)
-    c, turned = coefficients(w), cross(w, p)
-    # On translations ad^4 is -a^2 ad^2, so both even terms of the inverse tangent are one.
-    even = c[..., 3] - c[..., 4] * (w * w).dot(_ONES3)
-    v = p - 0.5 * turned + even[..., None] * cross(w, turned)
+    c = coefficients(w)
+    k = skew(w)
+    tangent = _EYE3 + c[..., 1, None, None] * k + c[..., 2, None, None] * (k @ k)
+    v = np.linalg.solve(tangent, p[..., None])[..., 0]
     return np.concatenate((v, w), axis=-1)
 
 

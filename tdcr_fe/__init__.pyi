@@ -57,6 +57,7 @@ from .model.targets import FollowResult as FollowResult
 from .model.targets import ReachedTarget as ReachedTarget
 from .model.targets import TensionLimits as TensionLimits
 from .model.targets import TipTarget as TipTarget
+from .model.tendon import Spool as Spool
 from .model.tendon import Tendon as Tendon
 from .native import register as register
 from .scene.builder import CreateTDCR as CreateTDCR

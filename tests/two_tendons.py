@@ -24,6 +24,13 @@ def tendon_law(
 ) -> TendonLaw:
     """The equations of both tendons: friction model, the same numbers at every hole, or a law of the coefficient."""
     parameters = TendonParameters(
-        LENGTHS, MASK, mu * HOLES, adhesion * HOLES, np.full(2, compliance), np.zeros(2), coefficients
+        LENGTHS,
+        MASK,
+        mu * HOLES,
+        adhesion * HOLES,
+        np.full(2, compliance),
+        np.zeros(2),
+        np.zeros(2),
+        coefficients,
     )
     return TendonLaw(parameters, model, presliding)

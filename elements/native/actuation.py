@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BackboneMesh
+from tdcr_fe.elements.drives import DISPLACEMENT, TendonDrives
 from tdcr_fe.elements.forces import ForceModel, TendonForces
 from tdcr_fe.elements.friction import FrictionState, TendonLaw
 from tdcr_fe.elements.native.condensation import ElasticTendons, stretch
@@ -58,10 +59,10 @@ class TendonActuation:
 
     Attributes
     ----------
-    by_displacement : ndarray of bool, shape (m,)
-        Which tendons have their displacement prescribed; the others their tension.
+    drives : TendonDrives
+        How every tendon is driven.
     inputs : ndarray, shape (m,), or callable
-        Tensions [N] and displacements [m] at the base, as set or over time.
+        Tensions [N] and lengths wound [m] at the base, as set or over time.
     connected : bool
         Whether Exudyn's item applies the forces; see `disconnect`.
     holes : "present", "stuck" or "sliding"
@@ -93,7 +94,7 @@ class TendonActuation:
         self.clamp = clamp
         m = model.law.shape[0]
         self.count = m
-        self.by_displacement: NDArray[np.bool_] = np.zeros(m, dtype=bool)
+        self.drives = TendonDrives.by_tension(m)
         self.inputs: Inputs = np.zeros(m)
         self.history_nodes = history
         self.connected = True
@@ -209,7 +210,7 @@ class TendonActuation:
         configuration, in which nothing has slipped since the history was committed.
         """
         history = self.history
-        stretched = ~np.isnan(history.prescribed) & (self.law.parameters.compliance == 0.0)
+        stretched = ~np.isnan(history.prescribed) & self.law.parameters.rigid
         if not np.any(stretched & np.any(history.stretch != 0.0, axis=1)):
             return history.friction
         slip = self.current_forces().field.slip
@@ -224,13 +225,13 @@ class TendonActuation:
             return values
         data = self.mbs.systemData.GetODE2Coordinates(configuration, copy=False)
         angles = np.array([data[self.mbs.GetNodeODE2Index(motor.node)] for motor in self.motors])
-        return wound(self.motors, values, angles, self.by_displacement)
+        return wound(self.motors, values, angles, self.drives.winds)
 
     def add_motor(self, motor: Motor) -> None:
         """Let a motor wind a tendon, before ``mbs.Assemble()``; the tendon is then driven by displacement."""
         self.motors = (*self.motors, motor)
-        self.by_displacement = self.by_displacement.copy()
-        self.by_displacement[motor.tendon] = True
+        if not self.drives.winds[motor.tendon]:
+            self.drives = self.drives.replaced(motor.tendon, DISPLACEMENT, 1.0)
         nodes = [int(node) for node in (*self.nodes, *(motor.node for motor in self.motors))]
         self.mbs.SetObjectParameter(self.connectors.forces, "nodeNumbers", nodes)
 
@@ -341,18 +342,18 @@ class TendonActuation:
         """Coordinates of the nodes, and inputs with what the motors have wound."""
         moved, count = np.array(displacements), len(self.motors)
         values = values_at(self.inputs, t)
-        return moved[:-count], wound(self.motors, values, moved[-count:], self.by_displacement)
+        return moved[:-count], wound(self.motors, values, moved[-count:], self.drives.winds)
 
     def _elastic(self) -> ElasticTendons:
         """The tendons as Exudyn's own solvers take them, with the history of the scene."""
-        return ElasticTendons(self.model, self.by_displacement, self.history, self.inextensible_stiffness)
+        return ElasticTendons(self.model, self.drives.winds, self.history, self.inextensible_stiffness)
 
     def commit_scene(self, t: float) -> None:
         """Commit the scene's current state, solved at time t [s], to the friction history."""
         coordinates = self._node_coordinates.displacements().reshape(-1)
         inputs = self.input_values(t) if self.motors else self.inputs
         end = self._scene_forces.step_end(coordinates, t, inputs, self._elastic())
-        driven = self.by_displacement
+        driven = self.drives.winds
         stretched = stretch(self.law, end.tension, end.lengths, self.inextensible_stiffness)
         history = RobotHistory(
             end.friction,

@@ -30,7 +30,7 @@ class ElasticTendons(NamedTuple):
         """How tension passes along these tendons."""
         law = self.model.law
         parameters = law.parameters
-        inextensible = self.driven & (parameters.compliance == 0.0)
+        inextensible = self.driven & parameters.rigid
         if not np.any(inextensible):
             return law
         return law.with_parameters(
@@ -95,7 +95,7 @@ def stretch(law: TendonLaw, tension: Array, lengths: Array, stiffness: float) ->
     stretched = -lengths * relative / (1.0 + relative)
     parameters = law.parameters
     stretched = np.where(parameters.mask, stretched, 0.0)
-    return np.where(parameters.compliance[:, None] == 0.0, stretched, 0.0)
+    return np.where(parameters.rigid[:, None], stretched, 0.0)
 
 
 class Condensed(NamedTuple):
@@ -134,28 +134,26 @@ class Condensed(NamedTuple):
         return cls(which, matrix, by_nodes, by_base, columns)
 
 
-def forces_by_inputs(
-    forces: TendonForces, by_displacement: NDArray[np.bool_], stuck: bool, size: int
-) -> Array:
+def forces_by_inputs(forces: TendonForces, winds: NDArray[np.bool_], stuck: bool, size: int) -> Array:
     """Change of the forces on the nodes with the inputs of the tendons, shape (6 N, m).
 
     Parameters
     ----------
     forces
         As in `add_condensed`.
-    by_displacement
+    winds
         Which tendons are driven by displacement, shape (m,); the others by tension. A slack one does not act.
     stuck
         As in `add_condensed`.
     size
         6 N.
     """
-    taut = by_displacement & (forces.base_tension > 0.0)
+    taut = winds & (forces.base_tension > 0.0)
     condensed = Condensed.of(forces, taut, stuck, size)
     given = -condensed.by_base
     found: Array = np.zeros((size, len(taut)))
-    found[:, ~by_displacement] = forces.base_tension_columns()[:, ~by_displacement]
-    given[:, by_displacement] = 0.0
+    found[:, ~winds] = forces.base_tension_columns()[:, ~winds]
+    given[:, winds] = 0.0
     given[np.arange(len(condensed.driven)), condensed.driven] = 1.0
     if len(given):
         found += condensed.columns @ np.linalg.solve(condensed.matrix, given)

@@ -182,7 +182,7 @@ def divide_steps(experiment: Experiment, which: set[int], parts: int) -> Experim
     steps: list[LoadStep] = []
     ends: list[tuple[int, float]] = []
     names = experiment.robot.tendon_names
-    before = Actuation(actions[0].by_displacement, np.zeros(len(names)))
+    before = Actuation(actions[0].drives, np.zeros(len(names)))
     for step, action, (k, factor) in zip(experiment.steps, actions, experiment.step_ends, strict=True):
         same = bool(np.all(before.by_displacement == action.by_displacement))
         if k in which and k in single and k in whole and same and step.substeps is None:

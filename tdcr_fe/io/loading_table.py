@@ -8,11 +8,13 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from tdcr_fe.elements.drives import DRIVES
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.spreadsheet import millimetres_hint, number, read_table
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, resolve
@@ -143,8 +145,10 @@ def _wrong_columns(
     for column in there:
         if column not in known:
             yield column, f"unknown column{meant(column, known)}; allowed: {', '.join(known)}"
-        if column.startswith("displacement_") and column.replace("displacement", "tension", 1) in there:
-            yield column, "the tendon has a tension too; one of the two is allowed"
+        for other, drive in combinations(DRIVES, 2):
+            tendon = column.removeprefix(f"{drive.name}_")
+            if tendon != column and f"{other.name}_{tendon}" in there:
+                yield column, f"the tendon has a {other.label} too; one of the two is allowed"
     for column in required:
         if column not in there:
             yield column, f"missing column; must have {', '.join(required)}"
@@ -174,10 +178,13 @@ def read_loading(table: pd.DataFrame, robot: Robot, file: str) -> Loading:
     too_long = f"more than the robot's length of {length:g} m; must be in m"
     force, time = _Numbers(missing=lost), _Numbers(missing=lost, empty=True)
     tension = _Numbers(0.0, allowed="a tension must be zero or more [N]", missing=lost)
-    displacement = _Numbers(-length, length, too_long, lost)
     columns: dict[str, _Numbers | None] = {"step": _STEP, "branch": None, "time": time}
-    columns |= {**dict.fromkeys(FORCES, force), **{f"tension_{n}": tension for n in robot.tendon_names}}
-    columns |= {f"displacement_{n}": displacement for n in robot.tendon_names}
+    columns |= dict.fromkeys(FORCES, force)
+    for drive in DRIVES:
+        for tendon in [t for t in robot.tendons if not drive.obstacle(t)]:
+            most = length / drive.scale(tendon)
+            wound = _Numbers(-most, most, too_long, lost)
+            columns[f"{drive.name}_{tendon.name}"] = wound if drive.winds else tension
     rows = _rows(table, columns, ["step"], file)
     return Loading(
         tuple(row["step"] for row in rows),
@@ -189,11 +196,11 @@ def read_loading(table: pd.DataFrame, robot: Robot, file: str) -> Loading:
 def _load_step(row: Mapping[str, Any], robot: Robot) -> LoadStep:
     force = tuple(row[c] for c in FORCES if c in row)
     loads = {"tip": Load(robot.backbone.length, force)} if force else {}
-    tensions, displacements = (
-        {n: row[f"{kind}_{n}"] for n in robot.tendon_names if f"{kind}_{n}" in row}
-        for kind in ("tension", "displacement")
-    )
-    return LoadStep(str(row["step"]), tensions, displacements, loads, time=row.get("time"))
+    inputs: dict[str, Any] = {
+        d.inputs: {n: row[f"{d.name}_{n}"] for n in robot.tendon_names if f"{d.name}_{n}" in row}
+        for d in DRIVES
+    }
+    return LoadStep(str(row["step"]), loads=loads, time=row.get("time"), **inputs)
 
 
 def loading_table(
@@ -217,7 +224,7 @@ def loading_table(
     foreign = without_columns(robot, states)
     if foreign:
         raise ValueError(f"loading.csv cannot express {'; '.join(foreign)}")
-    named = {name for step in steps for name in (*step.tensions, *step.displacements)}
+    named = {name for step in steps for _, given in step.inputs() for name in given}
     driven = [(i, name) for i, name in enumerate(robot.tendon_names) if name in named]
     rows = []
     for step_id, branch, step, state in zip(step_ids, branches, steps, states, strict=True):
@@ -227,7 +234,7 @@ def loading_table(
         if step.time is not None:
             row["time"] = step.time
         row |= {
-            f"{'displacement' if state.by_displacement[i] else 'tension'}_{name}": float(state.values[i])
+            f"{state.drives.kinds[i].name}_{name}": float(state.values[i] / state.drives.scale[i])
             for i, name in driven
         }
         if any(s.loads for s in steps):
@@ -248,9 +255,9 @@ def without_columns(robot: Robot, states: Sequence[Actuation]) -> list[str]:
         What acts at the end of every step.
     """
     found = [
-        f"tendon {name}: driven by tension and by displacement"
+        f"tendon {name}: driven by {' and by '.join(kinds)}"
         for i, name in enumerate(robot.tendon_names)
-        if len({bool(state.by_displacement[i]) for state in states}) > 1
+        if len(kinds := [d.label for d in DRIVES if any(state.drives.kinds[i] is d for state in states)]) > 1
     ]
     for name, load in {(n, load) for state in states for n, load in state.loads.items()}:
         if not any((*load.force, *load.moment)):

@@ -28,7 +28,7 @@ from tdcr_fe.io.toml import digest, read_model_file, read_robot, read_toml
 from tdcr_fe.io.user_effects import apply_effects
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml
 from tdcr_fe.model.checks import size_contradictions
-from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, with_displacements
 from tdcr_fe.model.robot import Robot
 
 
@@ -188,7 +188,7 @@ def _read_steps(table: pd.DataFrame, robot: Robot, model: Model, file: str) -> L
     loading, reporter = read_loading(table, robot, file), Reporter(file)
     reporter.contradictions(size_contradictions(robot, model, len(loading.steps)))
     reporter.refuse()
-    return loading
+    return loading._replace(steps=with_displacements(robot, loading.steps))
 
 
 def _check_columns(table: pd.DataFrame, file: str) -> None:

@@ -81,6 +81,7 @@ class RobotParts:
     robot: Robot | None = None
     length: float | None = None  # of the backbone [m]
     names: tuple[str, ...] | None = None  # of the tendons
+    tendons: tuple[Tendon, ...] = ()  # those that are valid
 
 
 def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
@@ -101,7 +102,8 @@ def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
         rest = {k: top[k] for k in ("name", "tip_mass", "springs", "base_stiffness")}
         robot = Robot(backbone, disks, tuple(tendon for tendon, _ in built if tendon is not None), **rest)
     known = "tendons" not in bad and len(set(names)) == len(tables)
-    return RobotParts(robot, length, names if known else None)
+    tendons = tuple(tendon for tendon, _ in built if tendon is not None)
+    return RobotParts(robot, length, names if known else None, tendons)
 
 
 def _build_backbone(data: Any, reporter: Reporter) -> tuple[Backbone | None, float | None]:
@@ -206,7 +208,7 @@ def _build_settings(data: Any, reporter: Reporter) -> SolverSettings | None:
 def _build_step(i: int, data: Any, parts: RobotParts, reporter: Reporter) -> LoadStep:
     """A load step, without what is invalid in it."""
     step = LoadStep(**keys_of(LoadStep).read(data, f"steps[{i}]", reporter.mistake)[0])
-    reporter.contradictions(step_contradictions(i, step, parts.names, parts.length))
+    reporter.contradictions(step_contradictions(i, step, parts.names, parts.length, parts.tendons))
     return step
 
 

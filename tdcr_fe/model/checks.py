@@ -243,7 +243,11 @@ def course_contradictions(robot: Robot, model: Model) -> list[Contradiction]:
 
 
 def step_contradictions(
-    index: int, step: LoadStep, names: Sequence[str] | None, length: float | None
+    index: int,
+    step: LoadStep,
+    names: Sequence[str] | None,
+    length: float | None,
+    tendons: Sequence[Tendon] = (),
 ) -> Iterator[Contradiction]:
     """What is wrong with one load step of a robot.
 
@@ -255,16 +259,27 @@ def step_contradictions(
         Tendons of the robot; None where they are not known.
     length
         Of the backbone [m]; None where it is not known.
+    tendons
+        Those that are known.
     """
     key = f"steps[{index}]"
-    for kind, values in (("tensions", step.tensions), ("displacements", step.displacements)):
-        for name in [n for n in values if names is not None and n not in names]:
-            there = ", ".join(dict.fromkeys(names or ())) or "none"
-            text = f"unknown tendon{meant(name, names or ())}; the robot has {there}"
-            yield Contradiction(join(key, kind, name), shown(values[name]), text)
-    for name in [n for n in step.tensions if n in step.displacements]:
-        text = f"tendon {name} has a tension in the same step; exactly one of the two is allowed"
-        yield Contradiction(join(key, "displacements", name), shown(step.displacements[name]), text)
+    given: dict[str, str] = {}
+    known = {tendon.name: tendon for tendon in tendons}
+    for drive, values in step.inputs():
+        for name, value in values.items():
+            text = ""
+            if names is not None and name not in names:
+                there = ", ".join(dict.fromkeys(names)) or "none"
+                text = f"unknown tendon{meant(name, names)}; the robot has {there}"
+            elif name in given:
+                text = (
+                    f"tendon {name} has a {given[name]} in the same step; exactly one of the two is allowed"
+                )
+            elif name in known:
+                text = drive.obstacle(known[name])
+            if text:
+                yield Contradiction(join(key, drive.inputs, name), shown(value), text)
+            given[name] = drive.label
     for name, load in step.loads.items():
         if length is not None and load.at > length + ARC_TOLERANCE:
             text = f"lies beyond the tip; must be an arc length from 0 to {length:g} m"

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements.drives import DISPLACEMENT, DRIVES, TENSION, Drive, TendonDrives
 from tdcr_fe.model.checks import model_contradictions, step_contradictions
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import Checked, Quantity
@@ -65,6 +66,8 @@ class LoadStep(Checked):
         Number of substeps. None lets the solver choose.
     time : float or None
         Time at the end of the step [s]. Used by creep and by friction laws that depend on the slip rate.
+    motor_angles : mapping of str to float
+        Angle of the motor that winds a tendon on its `spool`, by tendon name [rad]. Zero where the displacement is.
     """
 
     label: str = ""
@@ -73,6 +76,12 @@ class LoadStep(Checked):
     loads: Mapping[str, Load] = field(default_factory=dict)
     substeps: Annotated[int | None, Quantity(ge=1, le=100_000)] = None
     time: Annotated[float | None, Quantity(unit="s", ge=0.0)] = None
+    motor_angles: Annotated[Mapping[str, float], Quantity(unit="rad")] = field(default_factory=dict)
+
+    def inputs(self) -> Iterator[tuple[Drive, Mapping[str, float]]]:
+        """All drives, with the inputs by tendon name that the step gives them."""
+        for drive in DRIVES:
+            yield drive, getattr(self, drive.inputs)
 
 
 @dataclass(frozen=True)
@@ -126,19 +135,39 @@ class Actuation:
 
     Attributes
     ----------
-    by_displacement : ndarray of bool, shape (n_tendons,)
-        Whether a tendon is driven by displacement rather than by tension.
+    drives : TendonDrives
+        How every tendon is driven.
     values : ndarray, shape (n_tendons,)
-        Tension [N] or displacement [m] at the base.
+        Tension at the base [N], or length wound there [m], as every tendon is driven.
     loads : mapping of str to Load
     time : float
         [s].
     """
 
-    by_displacement: NDArray[np.bool_]
+    drives: TendonDrives
     values: Array
     loads: Mapping[str, Load] = field(default_factory=dict)
     time: float = 0.0
+
+    @property
+    def by_displacement(self) -> NDArray[np.bool_]:
+        """Whether the length wound is prescribed rather than the tension, shape (n_tendons,)."""
+        return self.drives.winds
+
+
+def with_displacements(robot: Robot, steps: Iterable[LoadStep]) -> tuple[LoadStep, ...]:
+    """The steps with all lengths that drives wind as displacements, in place of angles of motors."""
+    tendons = {t.name: t for t in robot.tendons}
+    found = []
+    for step in steps:
+        wound = {drive: given for drive, given in step.inputs() if drive.winds and given}
+        if set(wound) - {DISPLACEMENT}:
+            lengths = {n: d.scale(tendons[n]) * x for d, given in wound.items() for n, x in given.items()}
+            nothing: dict[str, Any] = {d.inputs: {} for d in wound}
+            found.append(replace(step, **(nothing | {DISPLACEMENT.inputs: lengths})))
+        else:
+            found.append(step)
+    return tuple(found)
 
 
 def resolve(robot: Robot, steps: Iterable[LoadStep]) -> list[Actuation]:
@@ -164,22 +193,26 @@ def resolve(robot: Robot, steps: Iterable[LoadStep]) -> list[Actuation]:
         A step names an unknown tendon, or a tendon twice, or a load beyond the tip.
     """
     index = {name: i for i, name in enumerate(robot.tendon_names)}
-    by_displacement = np.array([t.pretension > 0.0 for t in robot.tendons], dtype=bool)
+    kinds = [DISPLACEMENT if t.pretension > 0.0 else TENSION for t in robot.tendons]
+    drives = TendonDrives.of(kinds, robot.tendons)
     values = np.zeros(len(index))
     loads: dict[str, Load] = {}
     time = 0.0
     result = []
     for number, step in enumerate(steps):
-        if found := [*step_contradictions(number, step, robot.tendon_names, robot.backbone.length)]:
+        if found := [
+            *step_contradictions(number, step, robot.tendon_names, robot.backbone.length, robot.tendons)
+        ]:
             raise ValueError("\n".join(f"{c.key} = {c.value}: {c.allowed}" for c in found))
-        by_displacement, values = by_displacement.copy(), values.copy()
-        for mapping, mode in ((step.tensions, False), (step.displacements, True)):
-            for name, value in mapping.items():
-                by_displacement[index[name]] = mode
-                values[index[name]] = value
+        values = values.copy()
+        for drive, given in step.inputs():
+            for name, value in given.items():
+                i = index[name]
+                drives = drives.replaced(i, drive, drive.scale(robot.tendons[i]))
+                values[i] = drives.scale[i] * value
         loads = {**loads, **step.loads}
         time = step.time if step.time is not None else time
-        result.append(Actuation(by_displacement, values, loads, time))
+        result.append(Actuation(drives, values, loads, time))
     return result
 
 

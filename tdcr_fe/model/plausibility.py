@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.limits import UNITS, Value, kind_of_material, limits, nearest_material, sentences
-from tdcr_fe.model.loading import LoadStep, Model, Vector
+from tdcr_fe.model.loading import LoadStep, Model, Vector, with_displacements
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
 
@@ -52,7 +52,7 @@ class Description(NamedTuple):
             disks = robot.disks.thickness * (np.count_nonzero(robot.hole_arc_lengths(tendon)[1:]) - 0.5)
             by_tension = offset * (end - max(float(disks), 0.0)) / robot.backbone.EI * direction
             courses[tendon.name] = Course(holes, offset, end, by_tension, direction / (offset or np.inf))
-        return cls(robot, model, steps, courses)
+        return cls(robot, model, with_displacements(robot, steps), courses)
 
     def bends(self, kind: str) -> NDArray[np.float64]:
         """Angles by which inputs bend the robot, to first order [rad], by step, direction and tendon."""

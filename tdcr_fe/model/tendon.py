@@ -27,6 +27,22 @@ class TightHole(Checked):
 
 
 @dataclass(frozen=True)
+class Spool(Checked):
+    """A spool on which a motor winds a tendon, with a spring between both.
+
+    Attributes
+    ----------
+    radius : float
+        Of the spool [m]: the length wound is the radius times the motor's angle.
+    stiffness : float or None
+        Of the spring in series with the tendon [N/m]. None is rigid.
+    """
+
+    radius: Annotated[float, Quantity(unit="m", gt=0.0, le=1.0)]
+    stiffness: Annotated[float | None, Quantity(unit="N/m", gt=0.0)] = None
+
+
+@dataclass(frozen=True)
 class Tendon(Checked):
     """A cable through one hole in the base plate and in every disk up to the one it is anchored to.
 
@@ -53,6 +69,8 @@ class Tendon(Checked):
         step that names it, a tendon with pretension is held at displacement zero.
     tight_holes : tuple of TightHole
         Holes that hold the tendon fast, or take more of its tension than the others.
+    spool : Spool or None
+        On which a motor winds it; needed where the motor's angle is prescribed.
     friction : FrictionCoefficient or None
         Law of a coefficient that depends on slip rate or normal force, instead of ``friction_coefficient``.
     """
@@ -66,4 +84,5 @@ class Tendon(Checked):
     clearance: Annotated[float, Quantity(unit="m", ge=0.0)] = 0.0
     pretension: Annotated[float, Quantity(unit="N", ge=0.0, note="needs axial_stiffness")] = 0.0
     tight_holes: tuple[TightHole, ...] = ()
+    spool: Spool | None = None
     friction: Annotated[FrictionCoefficient | None, Quantity(variants=FRICTION_COEFFICIENTS)] = None

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh
 from tdcr_fe.elements.capstan import TensionField
+from tdcr_fe.elements.drives import DISPLACEMENT, MOTOR_ANGLE, TENSION, Drive
 from tdcr_fe.elements.friction import hole_states
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.hooks import SceneHooks
@@ -31,11 +32,11 @@ class InputsOverTime:
 
     names: tuple[str, ...]  # of the tendons
     actuation: TendonActuation  # of the robot
-    #: From time [s] to tensions [N] or displacements [m], shape (m,).
+    #: From time [s] to the inputs of the drives [N, m or rad], shape (m,).
     function: Callable[[float], Sequence[float]]
 
     def __call__(self, t: float) -> Array:
-        """Inputs at a time [s], shape (m,).
+        """Tensions [N] and lengths wound [m] at a time [s], shape (m,).
 
         Raises
         ------
@@ -50,7 +51,8 @@ class InputsOverTime:
             raise ValueError(f"{where}: {wrong}; must return {expected}") from wrong
         if values.shape != (len(self.names),):
             raise ValueError(f"{where}, returned {values.tolist()}; must be {expected}")
-        push = ~self.actuation.by_displacement & (values < 0.0)
+        drives = self.actuation.drives
+        push = ~drives.winds & (values < 0.0)
         wrong_ones = ~np.isfinite(values) | (push & (values < -TENSION_ROUND_OFF))
         if np.any(wrong_ones):
             k = int(np.argmax(wrong_ones))
@@ -58,13 +60,13 @@ class InputsOverTime:
                 f"{where}, returned {values[k]:g} for tendon {self.names[k]!r}; must be finite, a tension >= 0"
             )
         values[push] = 0.0
-        return values
+        return values * drives.scale
 
 
 def named_inputs(
-    names: Sequence[str], given: Mapping[str, float] | Sequence[float], by_displacement: bool
+    names: Sequence[str], given: Mapping[str, float] | Sequence[float], drive: Drive
 ) -> dict[str, float]:
-    """Tensions [N] or displacements [m] by tendon, checked; given by name, or of every tendon in order."""
+    """Inputs of a drive by tendon, checked; given by name, or of every tendon in order."""
     if not isinstance(given, Mapping):
         if len(given) != len(names):
             raise ValueError(f"{len(given)} values for {len(names)} tendons ({', '.join(names)})")
@@ -74,7 +76,7 @@ def named_inputs(
         raise ValueError(f"no tendon {unknown[0]!r}; the robot has {', '.join(names) or 'none'}")
     values = {name: float(value) for name, value in given.items()}
     for name, value in values.items():
-        if not np.isfinite(value) or (value < 0.0 and not by_displacement):
+        if not np.isfinite(value) or (value < 0.0 and not drive.winds):
             raise ValueError(f"tendon {name!r}: {value} is not allowed; must be finite, a tension >= 0")
     return values
 
@@ -114,11 +116,15 @@ class AssembledRobot:
 
     def set_tensions(self, tensions: Mapping[str, float] | Sequence[float]) -> None:
         """Prescribe tensions at the base [N]; tendons that are not named keep their inputs."""
-        self._set_inputs(tensions, False)
+        self._set_inputs(tensions, TENSION)
 
     def set_displacements(self, displacements: Mapping[str, float] | Sequence[float]) -> None:
         """Prescribe displacements: length pulled in at the base since the unloaded, just taut state [m]."""
-        self._set_inputs(displacements, True)
+        self._set_inputs(displacements, DISPLACEMENT)
+
+    def set_motor_angles(self, angles: Mapping[str, float] | Sequence[float]) -> None:
+        """Prescribe the angles of the motors that wind tendons on their spools [rad]; zero where displacements are."""
+        self._set_inputs(angles, MOTOR_ANGLE)
 
     def set_inputs_over_time(self, inputs: Callable[[float], Sequence[float]]) -> None:
         """Prescribe the inputs as a function of time, for ``mbs.SolveStatic`` and ``mbs.SolveDynamic``.
@@ -126,10 +132,10 @@ class AssembledRobot:
         Parameters
         ----------
         inputs
-            Function of the solver's time [s] (0 to 1 over the load steps of ``SolveStatic``) that returns tension [N]
-            or displacement [m] of every tendon in order, shape (n_tendons,). Whether a value is a tension or a
-            displacement was determined by the last `set_tensions` or `set_displacements`. Every value is checked:
-            one finite number per tendon, no negative tension. A later `set_tensions` or `set_displacements` ends
+            Function of the solver's time [s] (0 to 1 over the load steps of ``SolveStatic``) that returns tension [N],
+            displacement [m] or motor's angle [rad] of every tendon in order, shape (n_tendons,). Which of them a value
+            is was determined by the last `set_tensions`, `set_displacements` or `set_motor_angles`. Every value is
+            checked: one finite number per tendon, no negative tension. A later call of one of these functions ends
             the function; tendons that it does not name keep what they had at the last solved time.
         """
         if not callable(inputs):
@@ -137,17 +143,20 @@ class AssembledRobot:
             raise TypeError(f"set_inputs_over_time needs a function of the time [s], not {inputs!r}. {hint}")
         self.actuation.inputs = InputsOverTime(self.robot.tendon_names, self.actuation, inputs)
 
-    def _set_inputs(self, given: Mapping[str, float] | Sequence[float], by_displacement: bool) -> None:
+    def _set_inputs(self, given: Mapping[str, float] | Sequence[float], drive: Drive) -> None:
         self._need_robot()
         names, actuation = self.robot.tendon_names, self.actuation
-        inputs = named_inputs(names, given, by_displacement)
+        inputs = named_inputs(names, given, drive)
         # Inputs over time end here: the other tendons keep what they had in the last solved state.
         values = actuation.input_values(actuation.state.time).copy()
-        mode = actuation.by_displacement.copy()
+        drives = actuation.drives
         for name, value in inputs.items():
-            values[names.index(name)] = value
-            mode[names.index(name)] = by_displacement
-        actuation.inputs, actuation.by_displacement = values, mode
+            k = names.index(name)
+            if obstacle := drive.obstacle(self.robot.tendons[k]):
+                raise ValueError(obstacle)
+            drives = drives.replaced(k, drive, drive.scale(self.robot.tendons[k]))
+            values[k] = drives.scale[k] * value
+        actuation.inputs, actuation.drives = values, drives
 
     @property
     def compliance_factor(self) -> float:

@@ -140,10 +140,13 @@ def elastic_energy(
         found += superelastic_energy(section.superelastic, twists, mesh.lengths)
     if section is not None and section.nonlinear is not None:
         found += fibre_energy(section.nonlinear, away, twists, mesh.lengths)
-    if law.elastic:  # T^2 l0 / (2 EA) of every segment
+    if law.elastic:  # T^2 l0 / (2 EA) of every segment, and that of the springs at the drives
         p, field = law.parameters, forces.field
-        stretched = p.compliance[:, None] * field.tension**2 * (p.material - field.released_length)
-        found += 0.5 * float(np.sum(np.where(p.mask, stretched, 0.0)))
+        sprung = p.spring * (field.tension[:, 0] - p.pretension)
+        material = p.material - field.released_length
+        material[:, 0] += sprung
+        stretched = p.compliance[:, None] * field.tension**2 * material
+        found += 0.5 * float(np.sum(np.where(p.mask, stretched, 0.0)) + p.spring @ field.tension[:, 0] ** 2)
     if springs is not None:
         moved = springs.rest - motion.positions[springs.nodes]
         found += 0.5 * float(np.einsum("qi,qij,qj->", moved, springs.stiffness, moved))
@@ -285,7 +288,7 @@ class EnergySums:
 
     def _tendons(self) -> ElasticTendons:
         a = self._actuation
-        return ElasticTendons(a.model, a.by_displacement, a.history, a.inextensible_stiffness)
+        return ElasticTendons(a.model, a.drives.winds, a.history, a.inextensible_stiffness)
 
 
 def _moved(k: int, begin: NodeMotion, finish: NodeMotion) -> tuple[Array, Array, Array]:

@@ -118,7 +118,11 @@ def tendon_law(robot: Robot, friction: str, lengths: Array, mask: Mask, preslidi
     compliance = np.array([0.0 if t.axial_stiffness is None else 1.0 / t.axial_stiffness for t in tendons])
     pretension = np.array([t.pretension for t in tendons])
     laws = tuple(t.friction for t in tendons)
-    parameters = TendonParameters(lengths, mask, coefficient * inner, adhesion, compliance, pretension, laws)
+    spools = [t.spool for t in tendons]
+    spring = np.array([0.0 if s is None or s.stiffness is None else 1.0 / s.stiffness for s in spools])
+    parameters = TendonParameters(
+        lengths, mask, coefficient * inner, adhesion, compliance, pretension, spring, laws
+    )
     return TendonLaw(parameters, FRICTION_MODELS[friction], presliding)
 
 

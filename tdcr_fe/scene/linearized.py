@@ -179,7 +179,7 @@ def TDCRLinearized(
         names += [mbs.GetNode(node)["name"].removesuffix(".history") for node in robot.history_nodes.nodes]
     inputs, driven = (
         basis.T @ np.hstack(columns),
-        np.concatenate([r.by_displacement for r in hooks.actuations]),
+        np.concatenate([r.drives.winds for r in hooks.actuations]),
     )
     outputs = _outputs(mbs, sensors, basis)
     return LinearSystem(mass, damping, stiffness, inputs, tuple(names), driven, outputs, basis)

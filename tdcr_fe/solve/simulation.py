@@ -159,7 +159,7 @@ class Simulation:
             item.set(np.zeros(3))
         for name, load in target.loads.items():
             self.loads[self.load_key(name, load)].set(load.force, load.moment)
-        robot.inputs, robot.by_displacement = target.values, target.by_displacement
+        robot.inputs, robot.drives = target.values, target.drives
         creeps = self.handle.robot.backbone.creep_rate != 0.0
         ramp = Ramp.of(
             self.system, self.state, self.state.time, target.time, self._set_creep if creeps else None

@@ -112,7 +112,7 @@ def scaled_tangent(simulation: Simulation) -> tuple[Array, Array]:
     forces, mesh = robot.current_forces(), robot.mesh
     weight = np.sqrt((mesh.lengths[:, None] / mesh.stiffness).ravel())
     free = np.diag(weight)
-    taut = robot.by_displacement & (robot.base_tension > 0.0)
+    taut = robot.drives.winds & (robot.base_tension > 0.0)
     if np.any(taut):
         # A tendon with prescribed displacement keeps its length: only changes of shape that leave it are free.
         fixed = forces.base_slip_rows()[taut][:, 6:] @ to_nodes @ free

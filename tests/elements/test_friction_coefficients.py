@@ -46,7 +46,7 @@ def fan(coefficient, holes: int, total: float, base: float, pulled: float) -> np
     lengths, mask = np.full((1, n), 1e-3), np.ones((1, n), dtype=bool)
     zero = np.zeros((1, holes))
     x = TendonLaw(
-        TendonParameters(lengths, mask, zero, zero, np.zeros(1), np.zeros(1), (coefficient,)),
+        TendonParameters(lengths, mask, zero, zero, np.zeros(1), np.zeros(1), np.zeros(1), (coefficient,)),
         FRICTION_MODELS["per-hole"],
     )
     moved = lengths.copy()

@@ -10,6 +10,7 @@ import pytest
 from arcs import arc_result, paper_robot
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from tdcr_fe.elements.drives import DISPLACEMENT, TENSION, TendonDrives
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.report import plots
@@ -146,7 +147,8 @@ def with_actuation(result, by_displacement, loads=None):
     """The same steps, with their loads."""
     steps = []
     for s in result.steps:
-        driven = np.full(len(s.base_tensions), by_displacement)
+        count = len(s.base_tensions)
+        driven = TendonDrives(((TENSION, DISPLACEMENT)[by_displacement],) * count, np.ones(count))
         inputs = Actuation(driven, s.displacements if by_displacement else s.base_tensions, loads or {})
         steps.append(dataclasses.replace(s, actuation=inputs))
     return dataclasses.replace(result, steps=tuple(steps))

@@ -15,7 +15,7 @@ from tdcr_fe.model.friction import StribeckFriction
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot, SideSpring
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting
-from tdcr_fe.model.tendon import TightHole
+from tdcr_fe.model.tendon import Spool, TightHole
 from tdcr_fe.solve.sensitivities.parameters import effect_parameter, parameters
 
 #: Relative error that derivatives must meet.
@@ -65,6 +65,14 @@ def tightened() -> tuple[LoadStep, ...]:
     )
 
 
+def by_motor() -> tuple[LoadStep, ...]:
+    """The same displacements as `by_displacement`, wound on spools."""
+    angles = [{n: d / 8e-3 for n, d in s.displacements.items()} for s in by_displacement()]
+    return tuple(
+        replace(s, displacements={}, motor_angles=a) for s, a in zip(by_displacement(), angles, strict=True)
+    )
+
+
 EXPERIMENTS = {
     "no friction": Experiment(
         robot(0.0), Model(friction="none", elements_per_bay=2, gravity=(0.5, 1.0, -9.81)), by_tension()
@@ -95,6 +103,7 @@ EXPERIMENTS = {
         by_tension(0.4),
     ),
     "inextensible, displacements": Experiment(robot(), Model(elements_per_bay=1), by_displacement()),
+    "motors": Experiment(robot(spool=Spool(8e-3, 2e3)), Model(elements_per_bay=1), by_motor()),
     "clearance": Experiment(robot(clearance=2e-4), Model(elements_per_bay=1), by_tension()),
     "superelastic, creep": Experiment(
         robot().with_backbone(superelastic=Superelastic(8e-4, 0.4), creep_rate=0.02, precurvature=(0.3, -0.4)),
@@ -125,6 +134,9 @@ FAST = [
     ("elastic, adhesion", "tendons.adhesion"),
     ("displacements", "steps[1].displacements.t2"),
     ("displacements", "tendons.axial_stiffness"),
+    ("motors", "tendons.t1.spool.radius"),
+    ("motors", "tendons.t1.spool.stiffness"),
+    ("motors", "steps[1].motor_angles.t2"),
     ("pretension", "tendons.pretension"),
     ("pretension", "effects.pretension.tension_t2"),
     ("places", "springs[0].stiffness"),

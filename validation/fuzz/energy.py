@@ -32,7 +32,7 @@ def divided(robot: Robot, steps: Sequence[LoadStep], parts: int) -> list[LoadSte
     """
     found: list[LoadStep] = []
     ends = resolve(robot, steps)
-    before = Actuation(ends[0].by_displacement, np.zeros(len(robot.tendons)))
+    before = Actuation(ends[0].drives, np.zeros(len(robot.tendons)))
     for step, end in zip(steps, ends, strict=True):
         for x in np.arange(1, parts + 1) / parts:
             values = ((1.0 - x) * before.values + x * end.values).tolist()

@@ -165,7 +165,7 @@ class Numbering(NamedTuple):
         reduced
             Unknowns of the reduced scene.
         """
-        driven = [np.flatnonzero(r.by_displacement) for r in robots]
+        driven = [np.flatnonzero(r.drives.winds) for r in robots]
         linear = reduced + sum(d.size for d in driven)
         parts, tension, hole = [], reduced, linear
         for i, (robot, own) in enumerate(zip(robots, nodes, strict=True)):

@@ -80,7 +80,7 @@ class SceneSystem:
 
     def numbering(self, with_friction: bool = True) -> Numbering:
         """Order of the unknowns for the current driving of the tendons, with or without the mobilisations."""
-        driven = tuple(robot.by_displacement.tobytes() for robot in self.robots)
+        driven = tuple(robot.drives.winds.tobytes() for robot in self.robots)
         if driven not in self.layout.numberings:
             self.layout.numberings[driven] = Numbering.of(
                 self.robots, self.layout.space.slices, self.layout.reduction.count

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
+from tdcr_fe.elements.drives import TendonDrives
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.solve.equations.configuration import SolverState
@@ -68,7 +69,8 @@ class TrialSteps:
         experiment = Experiment(robot, model, (*self.before, LoadStep()))
         chosen = parameters(experiment, [f"inputs.{name}" for name in robot.tendon_names])
         self._history = SensitivityHistory.of(self.simulation, experiment, chosen)
-        self._last = Actuation(np.zeros(len(robot.tendons), dtype=bool), np.zeros(len(robot.tendons)))
+        count = len(robot.tendons)
+        self._last = Actuation(TendonDrives.by_tension(count), np.zeros(count))
 
     def begin(self, actuation: Actuation) -> None:
         """Take the inputs, loads and time of the last step that was kept."""
@@ -120,10 +122,9 @@ class TrialSteps:
 
     def _actuation(self, step: LoadStep) -> Actuation:
         """What a trial step prescribes; loads act on."""
-        by_displacement = bool(step.displacements)
-        inputs = step.displacements if by_displacement else step.tensions
+        drive, inputs = next((drive, given) for drive, given in step.inputs() if given)
         return Actuation(
-            np.full(len(self.robot.tendons), by_displacement),
+            TendonDrives.of([drive] * len(inputs), self.robot.tendons),
             np.array([inputs[n] for n in self.robot.tendon_names]),
             self._last.loads,
             self._last.time if step.time is None else step.time,

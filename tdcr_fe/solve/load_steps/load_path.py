@@ -126,7 +126,7 @@ def _input_ramp(system: SceneSystem, state: SolverState, i: int) -> InputRamp:
     robot = system.robots[i]
     if callable(robot.inputs):
         return lambda load_factor, time: robot.input_values(time)
-    start, driven = state.base_tension[i], robot.by_displacement
+    start, driven = state.base_tension[i], robot.drives.winds
     if np.any(driven):
         prescribed = state.prescribed[i]
         if np.any(np.isnan(prescribed[driven])):

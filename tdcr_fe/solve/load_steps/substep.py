@@ -168,7 +168,7 @@ class SubstepSolver:
         Prescribed tensions do not grow with the compression.
         """
         for i, (robot, limit) in enumerate(zip(self.system.robots, self.system.layout.buckling, strict=True)):
-            if not robot.by_displacement.any():
+            if not robot.drives.winds.any():
                 continue
             unloaded = robot.mesh.lengths
             beyond = unloaded - after.configuration.twists[i][:, 0] > limit

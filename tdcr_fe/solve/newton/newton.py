@@ -111,12 +111,11 @@ def under_inputs(system: SceneSystem, state: SolverState, target: Target) -> Sol
     """A state with the tensions and the prescribed displacements of a target."""
     return state._replace(
         base_tension=tuple(
-            np.where(r.by_displacement, old, new)
+            np.where(r.drives.winds, old, new)
             for r, old, new in zip(system.robots, state.base_tension, target.inputs, strict=True)
         ),
         prescribed=tuple(
-            np.where(r.by_displacement, new, np.nan)
-            for r, new in zip(system.robots, target.inputs, strict=True)
+            np.where(r.drives.winds, new, np.nan) for r, new in zip(system.robots, target.inputs, strict=True)
         ),
     )
 

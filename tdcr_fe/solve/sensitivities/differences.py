@@ -190,16 +190,21 @@ class InputValues(NamedTuple):
 class InputDerivatives:
     """Derivatives of inputs and loads at the ends of all steps."""
 
-    tendons: Array  # (steps, m, P): Of tensions [N] and displacements [m]
+    # (steps, m, P): Of tensions [N] and lengths wound [m]; 1 by an input of the step itself, in the unit of its drive
+    tendons: Array
     loads: Array  # (steps, L, 6, P): Of the concentrated loads, in the order of the simulation
     times: Array  # (steps, P): Of the times [s]
     restarts: NDArray[np.bool_]  # (P,): Whose derivatives begin anew with every step
     each_step: bool = True  # Whether there is one entry for every step; else the first one holds for all
 
-    def at(self, number: int) -> InputValues:
-        """Derivatives at the end of a step, by its number from 0."""
+    def at(self, number: int, scale: Array) -> InputValues:
+        """Derivatives at the end of a step, by its number from 0.
+
+        ``scale`` is that of `TendonDrives`: tension or length wound by the unit of a tendon's input, shape (m,).
+        """
         k = number if self.each_step else 0
-        return InputValues(self.tendons[k], self.loads[k], self.times[k])
+        tendons = np.where(self.restarts, scale[:, None] * self.tendons[k], self.tendons[k])
+        return InputValues(tendons, self.loads[k], self.times[k])
 
     @classmethod
     def of_inputs(cls, tendons: int, loads: Sequence[str], chosen: Sequence[Parameter]) -> InputDerivatives:
@@ -254,7 +259,8 @@ class InputDerivatives:
         for each in found:
             weights = (each.stencil.base_weight, *each.stencil.weights)
             others = each.stencil.experiments
-            if all(e.steps == experiment.steps for e in others):
+            same_inputs = all(e.steps == experiment.steps for e in others)
+            if same_inputs and not any(step.motor_angles for step in experiment.steps):
                 continue
             parameter = chosen[each.number]
             ordered = frictional and isinstance(parameter, ModelParameter) and not parameter.approximate

@@ -74,7 +74,7 @@ def response_at(
     motion = np.concatenate((rotation @ moved[:3], rotation @ moved[3:]))
     slip = response.tendons[robot].released.sum(axis=1)
     taut = state.base_tension[robot] > 0.0
-    driven = np.flatnonzero(actuation.by_displacement & taut)
+    driven = np.flatnonzero(actuation.drives.winds & taut)
     compliance = motion[:, :6].copy()
     if driven.size:
         kept = np.linalg.solve(slip[np.ix_(driven, 6 + driven)], slip[driven, :6])

@@ -260,6 +260,7 @@ def _joined_law(laws: Sequence[TendonLaw]) -> TendonLaw:
             np.concatenate([p.adhesion for p in parameters]),
             np.concatenate([p.compliance for p in parameters]),
             np.concatenate([p.pretension for p in parameters]),
+            np.concatenate([p.spring for p in parameters]),
             tuple(law for p in parameters for law in (p.laws or (None,) * first.shape[0])),
         ),
         mobilised,

@@ -222,11 +222,12 @@ class SensitivityHistory:
             Presliding distance it was solved with [m]; None is that given at the beginning.
         """
         presliding = self.presliding if presliding is None else presliding
-        robot, goal = system.robots.index(self.handle.actuation), self.inputs.at(len(self.steps))
+        robot = system.robots.index(self.handle.actuation)
+        goal = self.inputs.at(len(self.steps), self.handle.actuation.drives.scale)
         carried = self.carried
         begin = carried.derivative.without(self.inputs.restarts)
         carried = carried._replace(derivative=begin)
-        driven = self.handle.actuation.by_displacement
+        driven = self.handle.actuation.drives.winds
         start = begin.base_tension
         if driven.any():
             prescribed = np.isnan(before.prescribed[robot])[:, None]

@@ -1,0 +1,147 @@
+"""A motor that winds a tendon on a spool, with a series spring: angle in, tension out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import exudyn as exu
+import numpy as np
+import pytest
+from native_solvers import static_settings
+from robots import BACKBONE, LENGTH, Robot, three
+from scipy.optimize import brentq
+
+import tdcr_fe as tdcr
+from tdcr_fe.io.problems import InputError
+from tdcr_fe.io.toml import read_scenario
+from tdcr_fe.native import register
+from tdcr_fe.solve.statics import SolveTDCR
+
+register()
+
+RADIUS, STIFFNESS = 8e-3, 2e3
+MODEL = tdcr.Model(elements_per_bay=2)
+#: One tendon is wound, the others are let out, and back.
+ANGLES = (0.3, 0.6, 0.2, 0.5)
+
+
+def wound(stiffness: float | None, mu: float = 0.3, **rest) -> Robot:
+    """The robot with three tendons on spools."""
+    robot = three(mu, **rest)
+    spool = tdcr.Spool(RADIUS, stiffness)
+    return replace(robot, tendons=tuple(replace(t, spool=spool) for t in robot.tendons))
+
+
+def steps(factor: float = 1.0, kind: str = "motor_angles") -> list[tdcr.LoadStep]:
+    return [
+        tdcr.LoadStep(**{kind: {"t1": factor * a, "t2": -0.6 * factor * a, "t3": -0.6 * factor * a}})
+        for a in ANGLES
+    ]
+
+
+def test_the_tension_is_that_of_the_spring():
+    """``T = k (r phi - u)``, never negative: the length ``u`` is that of a robot pulled with the same tensions."""
+    result = tdcr.simulate(wound(STIFFNESS), MODEL, steps())
+    first = result.steps[0]
+    tensions = dict(zip(("t1", "t2", "t3"), first.base_tensions, strict=True))
+    pulled = tdcr.simulate(three(0.3), MODEL, [tdcr.LoadStep(tensions=tensions)])
+    spring = STIFFNESS * (RADIUS * ANGLES[0] - pulled.steps[0].displacements[0])
+    assert first.base_tensions == pytest.approx([spring, 0.0, 0.0], abs=1e-8)
+    assert np.abs(first.positions - pulled.steps[0].positions).max() < 1e-10
+    assert first.displacements == pytest.approx(RADIUS * ANGLES[0] * np.array([1.0, -0.6, -0.6]))
+    assert all((step.base_tensions >= 0.0).all() for step in result.steps)
+
+
+def test_a_straight_robot_with_elastic_tendons_in_closed_form():
+    """Three equal angles: spring, tendon and the shortening of the backbone in series, from a pretension."""
+    k, ea, rest, angle = 3e3, 500.0, 0.2, 0.1
+    step = tdcr.LoadStep(motor_angles=dict.fromkeys(("t1", "t2", "t3"), angle))
+    result = tdcr.simulate(wound(k, axial_stiffness=ea, pretension=rest), MODEL, [step])
+
+    def gap(tension):
+        released = LENGTH / (1.0 + rest / ea) - LENGTH * (1.0 - 3.0 * tension / BACKBONE.EA) / (
+            1.0 + tension / ea
+        )
+        return released + (tension - rest) / k - RADIUS * angle
+
+    assert result.steps[0].base_tensions == pytest.approx(brentq(gap, 0.0, 10.0), rel=1e-7)
+
+
+@pytest.mark.parametrize(("stiffness", "tolerance"), [(None, 1e-12), (1e9, 1e-6)])
+def test_a_stiff_spring_is_a_displacement(stiffness, tolerance):
+    by_angle = tdcr.simulate(wound(stiffness), MODEL, steps())
+    by_length = tdcr.simulate(three(0.3), MODEL, steps(RADIUS, "displacements"))
+    for a, b in zip(by_angle.steps, by_length.steps, strict=True):
+        assert np.abs(a.positions - b.positions).max() < tolerance * LENGTH
+
+
+def test_a_soft_spring_is_a_tension():
+    """A spring far softer than the robot keeps its tension ``k r phi`` up to what the tendon gives off."""
+    soft = 0.5
+    result = tdcr.simulate(
+        wound(soft, 0.0), MODEL, [tdcr.LoadStep(motor_angles={"t1": 1.0 / (soft * RADIUS)})]
+    )
+    assert result.steps[0].base_tensions[0] == pytest.approx(1.0, abs=soft * 0.01)
+    assert result.steps[0].base_tensions[0] < 1.0
+
+
+def test_a_spring_is_an_elastic_tendon_of_its_stiffness():
+    """Without friction the tension is one along the tendon, so that the stretch of spring and tendon add."""
+    elastic = tdcr.simulate(three(0.0, axial_stiffness=400.0), MODEL, steps(RADIUS, "displacements"))
+    step = elastic.steps[1]
+    tension = step.base_tensions[0]
+    # u = L - l / (1 + T / EA), with the present length l of the tendon between base plate and anchor.
+    lengths = (LENGTH - step.displacements[0]) * (1.0 + tension / 400.0)
+    spring = (400.0 + tension) / lengths
+    result = tdcr.simulate(wound(spring, 0.0), MODEL, steps())
+    assert result.steps[1].base_tensions[0] == pytest.approx(tension, rel=1e-8)
+    assert np.abs(result.steps[1].positions - step.positions).max() < 1e-8 * LENGTH
+
+
+def test_scenes_and_exudyn_follow_the_angles():
+    """`SolveTDCR` step by step, then ``mbs.SolveStatic``, against `simulate`."""
+    container = exu.SystemContainer()
+    mbs = container.AddSystem()
+    arm = tdcr.CreateTDCR(mbs, wound(STIFFNESS), tdcr.Model(elements_per_bay=1))
+    mbs.Assemble()
+    for step in steps()[:2]:
+        arm.set_motor_angles(step.motor_angles)
+        SolveTDCR(mbs)
+    assert arm.displacements()["t1"] == pytest.approx(RADIUS * ANGLES[1])
+    arm.set_inputs_over_time(lambda t: [ANGLES[1] - 0.2 * t, -0.36, -0.36])
+    assert mbs.SolveStatic(static_settings(5))
+    more = [*steps()[:2], tdcr.LoadStep(motor_angles={"t1": ANGLES[1] - 0.2})]
+    expected = tdcr.simulate(wound(STIFFNESS), tdcr.Model(elements_per_bay=1), more)
+    assert np.abs(arm.tip_position - expected.steps[-1].positions[-1]).max() < 1e-6 * LENGTH
+
+
+def test_files_have_spools_and_angles(tmp_path):
+    (tmp_path / "robot.toml").write_text(ROBOT)
+    (tmp_path / "scenario.toml").write_text(SCENARIO)
+    scenario = read_scenario(tmp_path / "scenario.toml")
+    assert scenario.robot.tendons[0].spool == tdcr.Spool(8e-3, 2000.0)
+    assert scenario.steps[0].motor_angles == {"t1": pytest.approx(np.radians(90.0))}
+    (tmp_path / "robot.toml").write_text(ROBOT.replace("spool", "# spool"))
+    with pytest.raises(InputError, match="no spool for a motor"):
+        read_scenario(tmp_path / "scenario.toml")
+
+
+ROBOT = """
+[backbone]
+length = 0.25
+radius = 0.4e-3
+youngs_modulus = 85e9
+poisson_ratio = 0.3
+[disks]
+count = 13
+[[tendons]]
+name = "t1"
+routing = "parallel"
+offset = 4.5e-3
+spool = { radius = "8 mm", stiffness = 2000.0 }
+"""
+SCENARIO = """
+robot = "robot.toml"
+[[steps]]
+motor_angles = { t1 = "90 deg" }
+"""
