@@ -73,7 +73,7 @@ class Response:
             len(poses[0]), 2, 3, -1
         )
         displacements = tendons.released.sum(axis=1)
-        by_displacement = simulation.handle.actuation.by_displacement
+        by_displacement = simulation.handle.actuation.drives.winds
         displacements[by_displacement] = np.eye(m, displacements.shape[1])[by_displacement]
         ends = [len(x) - 1 for x in simulation.handle.tensions().values()]
         found = cls(
