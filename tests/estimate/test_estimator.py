@@ -8,6 +8,7 @@ from rod import Truth
 from scipy.stats import chi2
 
 import tdcr_fe as tdcr
+from tdcr_fe.elements.drives import TendonDrives
 from tdcr_fe.model.loading import Actuation
 from tdcr_fe.solve.load_steps.load_path import StepFailed
 from tdcr_fe.validation.campaigns.estimate import LENGTH, RATE, model, read, rod, squared
@@ -71,7 +72,7 @@ def test_noise_of_the_inputs_does_not_let_holes_reverse():
     truth = tdcr.Simulation(rod(0.2), model(0.2), [])
     pulled, wrong = 0.3 + 0.004 * np.arange(50), []
     for k, tension in enumerate(pulled):
-        truth.advance(Actuation(np.zeros(4, dtype=bool), np.array([tension, 0.1, 0.1, 0.1])))
+        truth.advance(Actuation(TendonDrives.by_tension(4), np.array([tension, 0.1, 0.1, 0.1])))
         readings = read(rng, truth.state.configuration.poses[0][0][-1])
         read_tensions = np.array([tension, 0.1, 0.1, 0.1]) + 0.01 * rng.standard_normal(4)
         step = tdcr.LoadStep(tensions=dict(zip(names, read_tensions.tolist(), strict=True)), time=k / RATE)

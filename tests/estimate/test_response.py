@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import tdcr_fe as tdcr
+from tdcr_fe.elements.drives import DISPLACEMENT, TENSION, TendonDrives
 from tdcr_fe.estimate.response import Response, plastic_slips, with_plastic_slips
 from tdcr_fe.model.loading import Actuation
 from tdcr_fe.validation.campaigns.estimate import LENGTH, model, rod
@@ -13,7 +14,8 @@ from tdcr_fe.validation.campaigns.estimate import LENGTH, model, rod
 
 def actuation(values, force, by_displacement):
     load = {"tip": tdcr.Load(at=LENGTH, force=tuple(force))}
-    return Actuation(np.full(4, by_displacement), np.asarray(values, dtype=float), load)
+    drives = TendonDrives(((TENSION, DISPLACEMENT)[by_displacement],) * 4, np.ones(4))
+    return Actuation(drives, np.asarray(values, dtype=float), load)
 
 
 def solved(friction, by_displacement):
