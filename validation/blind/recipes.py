@@ -57,14 +57,7 @@ BY_DISPLACEMENT = (
 SOFT = ("modulus_scale", "density_scale", "nonlinear_material", "misplaced_channels")
 
 #: Effects that `plan` leaves out, so that its sets stay those of version 0.1; `plan_of` has them.
-LATER: tuple[str, ...] = (
-    "time_lag",
-    "idle_tension",
-    "base_compliance",
-    "pretension",
-    *PLACES,
-    *SOFT,
-)
+LATER: tuple[str, ...] = ("time_lag", "idle_tension", "base_compliance", "pretension", *PLACES, *SOFT)
 
 #: Pairs that occur together in real robots.
 PAIRS = (

@@ -11,6 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -18,8 +19,8 @@ import numpy as np
 import pandas as pd
 
 from tdcr_fe.model.messages import count
-from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.solve.simulate import simulate
+from tdcr_fe.validation.campaigns.random_robots import compare
 from tdcr_fe.validation.drawing import RandomCase
 from tdcr_fe.validation.fuzz.checks import CHECKS, check_step
 from tdcr_fe.validation.fuzz.drawing import draw
@@ -89,7 +90,7 @@ def check_case(case: RandomCase) -> Outcome:
                 for name, value in check_step(result.robot, result.model, step).items():
                     worst[name] = max(worst.get(name, 0.0), value if np.isfinite(value) else np.inf)
             if result.converged:
-                worst |= _history(case, result)
+                worst |= _history(case)
     except Exception as problem:
         error = f"in a check: {type(problem).__name__}: {problem}"
     steps = () if result is None else result.steps
@@ -107,11 +108,11 @@ def check_case(case: RandomCase) -> Outcome:
     )
 
 
-def _history(case: RandomCase, result: SequenceResult) -> dict[str, float]:
+def _history(case: RandomCase) -> dict[str, float]:
     """Checks of the whole history, on a sample of the cases."""
     found: dict[str, float] = {}
     if case.number % REFERENCE_EVERY == 0:
-        found |= _reference(case, result)
+        found |= _reference(case)
     if case.number % ENERGY_EVERY == 1 and is_covered(case.robot, case.model, case.steps):
         mesh = 2 if case.model.elements_per_bay == "auto" else case.model.elements_per_bay
         model = replace(case.model, elements_per_bay=mesh)
@@ -125,23 +126,16 @@ def _history(case: RandomCase, result: SequenceResult) -> dict[str, float]:
     return found
 
 
-def _reference(case: RandomCase, result: SequenceResult) -> dict[str, float]:
+def _reference(case: RandomCase) -> dict[str, float]:
     """Distance of the nodes at the disks from the reference, less twice the announced error of the mesh."""
-    if case.robot.without_disks or result.warnings:
+    if case.robot.without_disks:
         return {}
-    settings = ReferenceSettings(substeps=16)
-    try:
-        expected = solve_reference(case.robot, case.model, case.steps, settings=settings)
-    except ValueError:  # something that the reference does not have
+    reference = partial(solve_reference, settings=ReferenceSettings(substeps=16))
+    found = compare(case, {"fe": simulate, "reference": reference})
+    # The reference does not have everything.
+    if found.failures or any(w.startswith("fe: ") for w in found.warnings):
         return {}
-    if not expected.converged:
-        return {}
-    at = np.array(case.robot.disks.positions)
-    worst = 0.0
-    for step, other in zip(result.steps, expected.steps, strict=True):
-        away = float(np.linalg.norm(step.position_at(at) - other.position_at(at), axis=1).max())
-        worst = max(worst, away - 2.0 * (step.discretisation_error or 0.0))
-    return {"reference": worst / case.robot.backbone.length}
+    return {"reference": max(g - 2.0 * e for g, e in zip(found.gaps, found.estimates, strict=True))}
 
 
 def reason(message: str) -> str:
