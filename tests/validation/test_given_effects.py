@@ -13,7 +13,7 @@ from tdcr_fe.identify.reader import Reader
 from tdcr_fe.io.measured import MeasuredData, write_measured
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
-from tdcr_fe.validation.campaigns.given_effects import chosen_form, every_nth_step, fit_in_order
+from tdcr_fe.validation.campaigns.given_effects import chosen_form, fit_in_order
 from tdcr_fe.validation.runner import main
 
 HIDDEN = {
@@ -59,14 +59,8 @@ def test_hidden_values_are_found_and_held_out_branches_predicted(data):
         assert found[NAMES[1]][key] == pytest.approx(value, abs=5e-5)
 
 
-def test_every_nth_step_keeps_the_first_of_each_branch(data):
-    part = every_nth_step(data, 2)
-    assert part.step_ids == (1, 3, 5, 6, 8, 10, 11, 13, 15)
-    assert {r.step for r in part.readings} == set(part.step_ids)
-
-
 def test_the_command_prints_and_writes_what_each_takes_away(data, tmp_path, capsys):
-    write_measured(every_nth_step(data, 2), tmp_path / "set")
+    write_measured(data, tmp_path / "set")
     arguments = [
         "given_effects",
         str(tmp_path / "set"),

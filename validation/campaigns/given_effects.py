@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -56,20 +56,6 @@ def chosen_form(name: str, experiment: Experiment) -> Effect:
     if name not in forms:
         raise ValueError(f"no form {name!r}; there are {', '.join(forms)}")
     return forms[name]
-
-
-def every_nth_step(data: MeasuredData, every: int) -> MeasuredData:
-    """Every nth step of each branch, the first of each among them. History between them is lost."""
-    at = pd.Series(data.branches).groupby(list(data.branches)).cumcount()
-    kept = np.flatnonzero(at % every == 0)
-    ids = tuple(data.step_ids[k] for k in kept)
-    return replace(
-        data,
-        step_ids=ids,
-        steps=tuple(data.steps[k] for k in kept),
-        branches=tuple(data.branches[k] for k in kept),
-        readings=tuple(r for r in data.readings if r.step in set(ids)),
-    )
 
 
 @dataclass(frozen=True)
@@ -179,19 +165,17 @@ class GivenEffects(Campaign):
             "--effects", nargs="+", required=True, metavar="NAME", help="in the order of adding"
         )
         parser.add_argument("--hold-out", nargs="+", required=True, metavar="PATTERN", help="branches")
-        parser.add_argument("--every", type=int, default=1, metavar="N", help="every Nth step (1)")
 
     def cases(self, options: argparse.Namespace) -> Mapping[str, Any]:
         """One case: everything depends on what was fitted before."""
-        if options.every < 1:
-            raise ValueError("--every must be at least 1")
-        return {"fit": (options.folder, options.every, options.effects, options.hold_out)}
+        return {"fit": (options.folder, options.effects, options.hold_out)}
 
-    def run(self, case: tuple[list[str], int, list[str], list[str]], out: Path) -> Outcome:
+    def run(self, case: tuple[list[str], list[str], list[str]], out: Path) -> Outcome:
         """Fit all stages."""
-        folders, every, effects, patterns = case
-        data = join_measured([every_nth_step(read_measured(folder), every) for folder in folders])
-        return Outcome(list(fit_in_order(data, effects, patterns)))
+        folders, effects, patterns = case
+        return Outcome(
+            list(fit_in_order(join_measured(list(map(read_measured, folders))), effects, patterns))
+        )
 
     def table(self, outcomes: Sequence[Outcome]) -> pd.DataFrame:
         """Mean distance of the markers by stage [mm]."""
