@@ -11,6 +11,7 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.model.loading import SolverSettings, resolve
 from tdcr_fe.model.results import Sensitivities
 from tdcr_fe.solve.load_steps.load_path import Increment
+from tdcr_fe.solve.load_steps.stepping import SolvedLoadStep
 from tdcr_fe.solve.sensitivities.differences import stencil
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, parameters
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
@@ -52,17 +53,13 @@ def run(
     history = None
     if chosen:
         history = SensitivityHistory.of(simulation, experiment, parameters(experiment, chosen))
+    solved: list[SolvedLoadStep] = []
     made, results, slips = [], [], []
     for k, (step, action) in enumerate(zip(experiment.steps, actions, strict=True)):
-        increments: list[Increment] = []
-        report = simulation.advance(
-            action,
-            step.substeps,
-            None if path is None else path[k],
-            increments,
-            None if history is None else history.advance,
-        )
-        made.append(increments)
+        report = simulation.advance(action, step.substeps, () if path is None else path[k], solved.append)
+        made.append(solved[-1].path.recorded())
+        if history is not None:
+            history.advance(solved[-1])
         results.append(simulation.result(k + 1, "", report, action))
         released = simulation.handle.actuation.current_forces().field.released_length
         slips.append(np.cumsum(released[:, ::-1], axis=1)[:, ::-1][:, 1:])

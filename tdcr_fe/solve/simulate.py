@@ -20,6 +20,7 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve.equations.configuration import StoredState
 from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, StepFailed
+from tdcr_fe.solve.load_steps.stepping import SolvedLoadStep
 from tdcr_fe.solve.mesh import (
     MOST_MESHES,
     MeshEstimate,
@@ -68,8 +69,8 @@ def simulate(
         Called with every solved step; once more from the first step on where the automatic mesh is refined. The
         discretisation error is in the final result only.
     reference_path
-        Path of a similar run of the same number of steps, for sensitivities: the same substeps are taken,
-        each from the solution of that run, which costs about two iterations a substep.
+        Path of a similar run of the same number of steps: the same substeps are taken, each from the solution of that
+        run.
     record_path
         An empty list to fill, as a later reference path.
     sensitivities
@@ -260,17 +261,8 @@ class _Run:
         request, estimated = self.request, isfinite(self.tolerance)
         for number, (step, target) in enumerate(zip(self.steps, request.targets, strict=True), start=1):
             try:
-                increments: list[Increment] | None = [] if request.records else None
-                reference = None if request.reference_path is None else request.reference_path[number - 1]
-                follow = None if self.history is None else self.history.advance
                 report = self.simulation.advance(
-                    target,
-                    step.substeps,
-                    reference,
-                    increments,
-                    follow,
-                    divide=follow is not None,
-                    warm_start=self.warm_starts.get(number),
+                    target, step.substeps, self._near(number, step.substeps), self._follow
                 )
                 if refine:
                     self._keep_warm_start(number, report)
@@ -279,8 +271,6 @@ class _Run:
                 label = f" ({step.label})" if step.label else ""
                 self.failed, self.message = number, f"step {number}{label} did not converge: {failure}"
                 break
-            if increments is not None:
-                self.path.append(increments)
             self.solved.append(result)
             if request.reference_path is None and is_unstable(self.simulation, self.compression, result):
                 self.unstable.append(number)
@@ -294,6 +284,20 @@ class _Run:
                 request.progress(self.solved[-1])
         self.monitor.flush()
         return self._refined_mesh() if refine and self._too_coarse() else None
+
+    def _near(self, number: int, substeps: int | None) -> Sequence[Increment]:
+        """States near the solution of a load step: of the reference path, or from a coarser mesh."""
+        if self.request.reference_path is not None:
+            return self.request.reference_path[number - 1]
+        warm = self.warm_starts.get(number)
+        return () if warm is None or substeps is not None else (Increment(1.0, warm),)
+
+    def _follow(self, solved: SolvedLoadStep) -> None:
+        """Record the path of a load step, and differentiate along it."""
+        if self.request.records:
+            self.path.append(solved.path.recorded())
+        if self.history is not None:
+            self.history.advance(solved)
 
     def _enough_estimated(self, number: int, report: LoadStepReport, refine: bool) -> bool:
         """Record the solved state for the estimate of the mesh; return whether there are new estimates.

@@ -17,7 +17,7 @@ from tdcr_fe.model.loading import Actuation, Load, Model, SolverSettings
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene import TDCR, CreateTDCR, PointLoad
-from tdcr_fe.solve.equations.configuration import SolverState, StoredState, Target
+from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.load_path import (
@@ -25,10 +25,9 @@ from tdcr_fe.solve.load_steps.load_path import (
     LoadStepReport,
     Position,
     Ramp,
-    SolvedPath,
     StepFailed,
 )
-from tdcr_fe.solve.load_steps.stepping import LoadStepper
+from tdcr_fe.solve.load_steps.stepping import LoadStepper, SolvedLoadStep
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
 
 Array = NDArray[np.float64]
@@ -49,8 +48,8 @@ def one_thread() -> AbstractContextManager[object]:
     return _controller().limit(limits=1, user_api="blas")
 
 
-#: Sees every solved load step: scene, ramp, state at its beginning, load factors and states of its substeps.
-PathObserver = Callable[[SceneSystem, Ramp, SolverState, tuple[tuple[float, SolverState], ...]], None]
+#: Sees a solved load step, and leaves the scene as it is.
+PathObserver = Callable[[SolvedLoadStep], None]
 
 
 class Simulation:
@@ -74,8 +73,6 @@ class Simulation:
     state : SolverState
         Last solved state, see `tdcr_fe.solve.stability.strain_tangent` for its tangent; the twists of the elements
         are ``state.configuration.twists[0]``.
-    located : bool
-        Whether the last load step has reversals located within a substep, see `advance`.
     """
 
     def __init__(
@@ -101,7 +98,6 @@ class Simulation:
         self.system = SceneSystem(mbs)
         #: Where the simulation is, see `return_to`.
         self.position = Position(self.system.current_state())
-        self.located = False
 
     @property
     def state(self) -> SolverState:
@@ -117,12 +113,8 @@ class Simulation:
         self,
         target: Actuation,
         substeps: int | None = None,
-        reference_path: Sequence[Increment] | None = None,
-        record_path: list[Increment] | None = None,
+        near: Sequence[Increment] = (),
         follow: PathObserver | None = None,
-        divide: bool = False,
-        at_end: bool = False,
-        warm_start: StoredState | None = None,
     ) -> LoadStepReport:
         """Solve one load step.
 
@@ -132,22 +124,10 @@ class Simulation:
             Inputs and loads at the end of the step.
         substeps
             Fixed number; None chooses by refinement.
-        reference_path
-            See `tdcr_fe.solve.load_steps.stepping.LoadStepper.solve`.
-        record_path
-            Where the increments of this step are appended.
+        near
+            The substeps of a similar run, see `tdcr_fe.solve.load_steps.stepping.LoadStepper.solve`.
         follow
-            Called with the scene, the ramp, the state at its beginning, and load factors and states at the ends of all
-            substeps.
-        divide
-            As of `tdcr_fe.solve.load_steps.stepping.LoadStepper`; always so where the path is recorded. Where it is
-            only followed, it is solved once more in this way if need be.
-        at_end
-            Where the path has reversals located within a substep, `follow` is only called with its end, and as if the
-            history ended there: holes that stick then hold on, whatever the inputs on the way. That saves the path
-            that is divided.
-        warm_start
-            A state that is near the end of the step, from which its solution begins.
+            Called with the solved load step.
 
         Raises
         ------
@@ -164,34 +144,18 @@ class Simulation:
         ramp = Ramp.of(
             self.system, self.state, self.state.time, target.time, self._set_creep if creeps else None
         )
-        divide = divide or record_path is not None
-        guess = None if warm_start is None else self.system.warm_start(self.state, warm_start)
-
-        def solved(divide: bool) -> SolvedPath:
-            solver = SubstepSolver(self.system, ramp, self.settings, divide)
-            with one_thread():
-                return LoadStepper(solver, self.position, guess).solve(substeps, reference_path)
-
+        solver = SubstepSolver(self.system, ramp, self.settings)
         try:
-            # Derivatives need a path that is divided where slips reverse.
-            path = solved(divide)
-            followed = solved(True) if follow is not None and path.located and not at_end else path
+            with one_thread():
+                solved = LoadStepper(solver, self.position).solve(substeps, near)
         except StepFailed as failure:
             self.position = Position(failure.state)
             raise
-        if follow is not None:
-            if followed.located:
-                held = self.state._replace(friction=followed.state.friction)
-                follow(self.system, ramp, held, ((1.0, followed.state),))
-            else:
-                follow(self.system, ramp, self.state, followed.increments)
-            ramp.apply(self.system, 1.0)
-            if followed is not path or not self.system.tangent_follows_from_elements():
-                self.system.store(path.state)
+        path = solved.path
         self.position = Position(path.state, path.linearization, path.end)
-        self.located = path.located
-        if record_path is not None:
-            record_path.extend(Increment(factor, state.stored()) for factor, state in path.increments)
+        if follow is not None:
+            with one_thread():
+                follow(solved)
         return LoadStepReport.of(path)
 
     def linearization(self) -> Linearization:

@@ -149,14 +149,10 @@ def _solve(
     state = start.state
     ramp = Ramp.of(system, state, start_time, end_time, before, user_loads)
     with one_thread():
-        solver = SubstepSolver(system, ramp, settings, divide=bool(sensitivities))
-        path = LoadStepper(solver, start).solve(substeps)
+        solved = LoadStepper(SubstepSolver(system, ramp, settings), start).solve(substeps)
         for each in sensitivities:
-            each.advance(system, ramp, state, path.increments, settings.presliding)
-        if sensitivities:
-            ramp.apply(system, 1.0)
-            system.store(path.state)
-    return path
+            each.advance(solved)
+    return solved.path
 
 
 def track_sensitivities(arm: TDCR, names: Sequence[str | Parameter]) -> SensitivityHistory:

@@ -12,11 +12,14 @@ from robots import BACKBONE, LENGTH, tendon
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.model.backbone import StiffnessPatch, Superelastic
 from tdcr_fe.model.friction import StribeckFriction
-from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
+from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.model.robot import Disks, Robot, SideSpring
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting
 from tdcr_fe.model.tendon import Spool, TightHole
 from tdcr_fe.solve.sensitivities.parameters import effect_parameter, parameters
+from tdcr_fe.solve.simulate import simulate
+from tdcr_fe.validation.random_robots import draw
 
 #: Relative error that derivatives must meet.
 TOLERANCE = 1e-5
@@ -234,6 +237,47 @@ def test_rates_of_slips_in_a_history(time: float | None, parameter: str) -> None
     steps = tuple(replace(s, time=time if k > 3 else s.time) for k, s in enumerate(declared.steps))
     found = errors(replace(declared, steps=steps), parameter, (1e-3, 1e-4, 1e-5))
     assert max(found.values()) < TOLERANCE, found
+
+
+def reversal_errors(experiment: Experiment, name: str, path_tolerance: float) -> float:
+    """Largest relative error against central differences of whole simulations, each along its own path."""
+    settings = SolverSettings(path_tolerance=path_tolerance, tolerance=1e-11, max_substeps=1024)
+
+    def solved(each: Experiment, chosen: list[str]) -> SequenceResult:
+        return simulate(each.robot, each.model, each.steps, settings, sensitivities=chosen)
+
+    (parameter,) = parameters(experiment, [name])
+    step = 1e-4 * parameter.size
+    near = [solved(parameter.apply(experiment, parameter.value + x), []) for x in (step, -step)]
+    after, before = (np.array([s.positions for s in each.steps]) for each in near)
+    expected = (after - before) / (2.0 * step)
+    found = solved(experiment, [name]).sensitivities[name].positions
+    return float(np.abs(found - expected).max() / np.abs(expected).max())
+
+
+def whole_steps(name: str) -> Experiment:
+    """An experiment whose load steps the solver divides as it likes; reversals are located within substeps."""
+    declared = EXPERIMENTS[name]
+    return replace(declared, steps=tuple(replace(s, substeps=None) for s in declared.steps))
+
+
+def test_reversals_within_a_step_move_with_the_parameters() -> None:
+    """Where rates jump, the load factor of a reversal moves, too; kept, it left errors of up to their own size."""
+    assert reversal_errors(whole_steps("per hole"), "tendons.friction_coefficient", 1e-6) < TOLERANCE
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", ["backbone.youngs_modulus", "tendons.t1.offset", "steps[2].tensions.t3"])
+def test_reversals_move_with_every_kind_of_parameter(name: str) -> None:
+    assert reversal_errors(whole_steps("per hole"), name, 1e-8) < TOLERANCE
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("seed", [1, 7, 13])
+def test_reversals_of_random_robots_move_with_friction(seed: int) -> None:
+    case = draw(seed)
+    experiment = Experiment(case.robot, replace(case.model, elements_per_bay=1), case.steps)
+    assert reversal_errors(experiment, "tendons.friction_coefficient", 1e-8) < TOLERANCE
 
 
 def test_backlash_is_lost_displacement() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.compiled import compilable
-from tdcr_fe.solve.friction_path.rates import Bounds, LinearRates, bounded
+from tdcr_fe.solve.friction_path.rates import Bounds, LinearRates, bounded, sides
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -104,6 +104,17 @@ def end_of_segment(path: PathSegments, i: int, bounds: Bounds) -> tuple[float, A
     return along_segment(path, i, path.length[i], bounds)
 
 
+class Turn(NamedTuple):
+    """A place on a path where slips reverse."""
+
+    factor: float  # Load factor within the substep [1]
+    reverses: Flags  # (k,): Whose slips reverse here
+    side: Array  # (n,): Up to here, 1 or -1 where an unknown was at its bound, 0 where it was free
+    # Which unknown comes to a bound here, or leaves that at which its tendon was slack, so that rates jump; -1 where
+    # none does, and rates reverse through zero
+    arrives: int
+
+
 class FrictionPath(NamedTuple):
     """Friction states all through a substep, and where slips reversed last."""
 
@@ -128,6 +139,32 @@ class FrictionPath(NamedTuple):
         i = int(np.searchsorted(self.segments.start, factor, side="right")) - 1
         _, unknowns, tension = along_segment(self.segments, i, factor - self.segments.start[i], self.bounds)
         return unknowns, tension
+
+    def turns(self, sticks: Flags) -> list[Turn]:
+        """Reversals on which the end of the substep depends, by load factor.
+
+        The mobilisation of a hole that sticks counts from its last reversal; that of one that slips does not depend on
+        where it reversed. At a reversal the slip depends on the holes that stick there in the same way.
+
+        Parameters
+        ----------
+        sticks
+            Which holes stick at the end, shape (k,).
+        """
+        k, segments = len(self.reversal_factor), self.segments
+        side = segments.rates.side
+        turned = ((sides(self.bounds, segments.unknowns) != 0.0) & (side == 0.0))[:, :k] & self.reversed
+        counts, found = sticks, []
+        for i in range(len(side) - 1, 0, -1):
+            here = turned[i] & counts
+            if here.any():
+                before, after = side[i - 1], side[i]
+                changed = (before == 0.0) & (after != 0.0)
+                changed[k:] |= (before[k:] != 0.0) & (after[k:] == 0.0)
+                arrives = int(changed.argmax()) if changed.any() else -1
+                found.append(Turn(float(segments.start[i]), here, before, arrives))
+                counts = (counts & ~here) | (before[:k] == 0.0)
+        return found[::-1]
 
     def insensitive_holes(self, error: Array, presliding: float) -> Flags:
         """Holes whose mobilisation at the end does not depend on an error of the slips, shape (k,).

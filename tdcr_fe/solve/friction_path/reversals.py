@@ -13,9 +13,10 @@ from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.friction_path.follow import follow_friction
+from tdcr_fe.solve.friction_path.known_states import InterpolationPoint
 from tdcr_fe.solve.friction_path.path import FrictionPath
 from tdcr_fe.solve.friction_path.rates import columns_of, tension_columns
-from tdcr_fe.solve.friction_path.response import Equilibrium, LoadResponse, TautTendons
+from tdcr_fe.solve.friction_path.response import TautTendons
 from tdcr_fe.solve.friction_path.slips import SlipModel
 from tdcr_fe.solve.friction_path.transfer import tension_transfer
 
@@ -59,18 +60,6 @@ NEAR_PATH = 2e-3
 AGREEMENT = 2e-6
 #: Largest effect of reversals over that to first order [1].
 FIRST_ORDER = 1.25
-#: Nearest to its ends, as a fraction of it, where a substep is divided at a reversal [1].
-LEAST_DIVISION_AT_REVERSAL = 1e-3
-
-
-class InterpolationPoint(NamedTuple):
-    """A solved state at an end of a substep or within it, between which slips are interpolated."""
-
-    factor: float  # Load factor within the substep [1]
-    # Linearised exactly, with the response to the tensions of all tendons under tension at any of the points
-    state: Equilibrium
-    # Response to the change of the loads in the whole substep; None where no load changes
-    load: LoadResponse | None = None
 
 
 class SolvedStates(NamedTuple):
@@ -230,10 +219,11 @@ class SubstepSlips(NamedTuple):
         rough = ROUGH * self.largest_slip
         return min(0.5, max(LEAST_DIVISION, float(np.sqrt(rough / max(float(self.slip_error.max()), rough)))))
 
-    def path_error(
-        self, path: FrictionPath, mobilisation: Array, *, matters: bool, locate: bool
-    ) -> PathError | None:
+    def path_error(self, path: FrictionPath, mobilisation: Array, matters: bool) -> PathError | None:
         """What the interpolation leaves uncertain in a complete path; None where it is too rough to say.
+
+        Where the error may be larger than allowed to first order, and the other path shows nothing of it, states within
+        the substep have to decide: that path has one error of many.
 
         Parameters
         ----------
@@ -243,9 +233,6 @@ class SubstepSlips(NamedTuple):
             Those at the end that follow from it [1], shape (k,).
         matters
             Whether the reversals of the path displace a node by more than is allowed.
-        locate
-            Whether states may be solved within the substep. They then decide where the error may be larger than allowed
-            to first order, and the other path shows nothing of it: that path has one error of many.
         """
         allowed = self.states.allowed * self.states.length
         factor = DEFECT_FACTOR
@@ -264,7 +251,7 @@ class SubstepSlips(NamedTuple):
         if not other.complete:
             return None
         moved = self.displacement(mobilisation - self.at_end(other))
-        if locate and moved <= allowed < first_order:
+        if moved <= allowed < first_order:
             return PathError(UNDECIDED * allowed, True)
         return PathError(moved, bool(other.reversed.any()))
 
@@ -332,17 +319,13 @@ class Reversals(NamedTuple):
         return FIRST_ORDER * self.effect + self.error
 
 
-def find_reversals(
-    states: SolvedStates, *, locate: bool, solved_with_reversals: bool = False
-) -> Reversals | None:
+def find_reversals(states: SolvedStates, solved_with_reversals: bool = False) -> Reversals | None:
     """Reversals of slips between two solved states.
 
     Parameters
     ----------
     states
         Of the substep; the last one is solved from the first as a whole.
-    locate
-        Whether reversals are located where they cause more than is allowed; else only where to divide is found.
     solved_with_reversals
         Whether the last state was solved with reversals located before; else as a whole.
 
@@ -354,23 +337,17 @@ def find_reversals(
     substep, length, allowed = SubstepSlips.of(states), states.length, states.allowed
     path = substep.follow()
     corrected = substep.at_end(path)
-    change = corrected - substep.after
-    effect = substep.displacement(change) / length
-    history = _history(substep, path, corrected) if path.complete and locate else None
+    effect = substep.displacement(corrected - substep.after) / length
+    history = _history(substep, path, corrected) if path.complete else None
     if history is not None and len(states.points) > 2:
         error = _refined_error(substep, path, corrected, effect)
         return Reversals(effect, error, 0.5, error, history, path)
     if path.complete:
-        divided = Reversals(effect, 0.0, _division_at_reversal(path, change))
-        if effect > allowed and not locate and not substep.is_rough:
-            return divided
-        found = substep.path_error(path, corrected, matters=effect > allowed, locate=locate)
+        found = substep.path_error(path, corrected, matters=effect > allowed)
         if found is not None:
             if not (path.reversed.any() or found.reverses or solved_with_reversals):
                 return None
             error = found.displacement / length
-            if not locate:
-                return divided._replace(error=error)
             remaining = error + (0.0 if solved_with_reversals else CORRECTION_ERROR * effect)
             return Reversals(effect, error, _division(allowed, error), remaining, history, path)
     # Reversals are not located well enough.
@@ -418,10 +395,3 @@ def _history(substep: SubstepSlips, path: FrictionPath, at_end: Array) -> SlipHi
 def _division(allowed: float, found: float) -> float:
     """Where to divide a substep whose error, which falls about with its cube, is above the one allowed [1]."""
     return min(0.5, max(LEAST_DIVISION, float(np.cbrt(allowed / max(found, allowed)))))
-
-
-def _division_at_reversal(path: FrictionPath, change: Array) -> float:
-    """Where to divide the substep: at the first reversal that changes a mobilisation; else in the middle [1]."""
-    factors = path.reversal_factor[path.reversed & (np.abs(change) > SMALL)]
-    first = float(factors.min(initial=1.0))
-    return first if LEAST_DIVISION_AT_REVERSAL < first < 1.0 - LEAST_DIVISION_AT_REVERSAL else 0.5

@@ -91,33 +91,26 @@ class TrialSteps:
         return LoadStep(label, tensions=named, substeps=substeps, time=time)
 
     def solve(self, start: SolverState, step: LoadStep) -> Trial | None:
-        """Solve a step from a state, and differentiate; None where it has no solution.
-
-        Where slips reverse within substeps, exact derivatives would take a path divided at every reversal, at several
-        times the cost of the step. Those of as many plain substeps, in which slips reverse at the ends only, are a
-        hundredth off, for a fraction of the cost.
-        """
+        """Solve a step from a state, and differentiate; None where it has no solution."""
         simulation = self.simulation
         target = self._actuation(step)
-        report = self._advance(start, target, step.substeps, at_end=True)
-        if report is None:
+        simulation.restore(start)
+        self._history.steps.clear()
+        try:
+            report = simulation.advance(target, step.substeps, follow=self._history.advance)
+        except (StepFailed, np.linalg.LinAlgError):  # the latter from a singular tangent
             return None
-        by_displacement = bool(step.displacements)
-        derivatives = self._derivatives(by_displacement)
-        state, displacements = simulation.state, simulation.displacement
-        if simulation.located and self._advance(start, target, report.substeps, at_end=False) is not None:
-            derivatives = self._derivatives(by_displacement)
-        positions, rotations = state.configuration.poses[0]
+        positions, rotations = simulation.state.configuration.poses[0]
         return Trial(
             step,
             target,
             report,
-            state,
+            simulation.state,
             positions[-1].copy(),
             rotations[-1] @ BEAM_TO_SECTION.T[:, 2],
-            state.base_tension[0].copy(),
-            displacements,
-            *derivatives,
+            simulation.state.base_tension[0].copy(),
+            simulation.displacement,
+            *self._derivatives(bool(step.displacements)),
         )
 
     def _actuation(self, step: LoadStep) -> Actuation:
@@ -129,20 +122,6 @@ class TrialSteps:
             self._last.loads,
             self._last.time if step.time is None else step.time,
         )
-
-    def _advance(
-        self, start: SolverState, target: Actuation, substeps: int | None, at_end: bool
-    ) -> LoadStepReport | None:
-        """Solve a step from a state; None where it has no solution."""
-        self.simulation.restore(start)
-        self._history.steps.clear()
-        try:
-            return self.simulation.advance(target, substeps, follow=self._history.advance, at_end=at_end)
-        except (
-            StepFailed,
-            np.linalg.LinAlgError,
-        ):  # the latter where the tangent of the derivatives is singular
-            return None
 
     def _derivatives(self, by_displacement: bool) -> tuple[Array, Array]:
         """Derivatives of the tip and of the inputs by the tensions, at the end of the trial."""

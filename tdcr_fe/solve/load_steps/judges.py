@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.solve.equations.configuration import SolverState
+from tdcr_fe.solve.friction_path.known_states import InterpolationPoint, twist_change, twists
 from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons
-from tdcr_fe.solve.friction_path.reversals import InterpolationPoint
 from tdcr_fe.solve.load_steps.load_path import SolvedPath, StepFailed
 from tdcr_fe.solve.load_steps.loop import Instead, Judge, Proposal, StepProgress, Trial, take_substeps
 from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver
-from tdcr_fe.solve.load_steps.substep_reversals import twist_change, twists, with_reversals
+from tdcr_fe.solve.load_steps.substep_reversals import with_reversals
 
 Array = NDArray[np.float64]
 

@@ -10,10 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.friction import FrictionState
 from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState, Target
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.friction_path.known_states import KnownStates
+from tdcr_fe.solve.friction_path.path import FrictionPath
 from tdcr_fe.solve.friction_path.response import Equilibrium
 from tdcr_fe.solve.newton.newton import NewtonResult
 
@@ -140,11 +143,34 @@ def _input_ramp(system: SceneSystem, state: SolverState, i: int) -> InputRamp:
 
 @dataclass(frozen=True)
 class Increment:
-    """End of an accepted substep."""
+    """End of an accepted substep, as it is kept for other runs."""
 
-    # Fraction of the load step, in [0, 1] [1]; 0 where weight acts on a robot that was never loaded
+    load_factor: float  # Fraction of the load step, in [0, 1] [1]
+    state: StoredState  # The solved state
+
+
+class LocatedReversals(NamedTuple):
+    """Slip reversals located in a substep, with which it was solved."""
+
+    known: KnownStates  # The states through which the path was followed
+    path: FrictionPath
+    history: tuple[FrictionState, ...]  # By robot, what the mobilisations at the end count from
+
+
+class SolvedSubstep(NamedTuple):
+    """An accepted substep."""
+
+    # Fraction of the load step at its end, in [0, 1] [1]; 0 where weight acts on a robot that was never loaded
     load_factor: float
-    state: StoredState  # The solved state, history committed
+    state: SolverState  # There
+    history: tuple[FrictionState, ...]  # By robot, what the mobilisations there count from
+    presliding_factor: float = 1.0  # Factor on the presliding distance that it needed [1]
+    located: LocatedReversals | None = None
+
+    @property
+    def parts(self) -> int:
+        """Number of substeps as which it counts: each state within it ends one."""
+        return 1 if self.located is None else len(self.located.known.points) - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,28 +182,31 @@ class SolvedPath:
     forces: tuple[TendonForces, ...] = ()
     # The last one of the last substep; None if that substep needed no iteration
     linearization: Linearization | None = None
-    increments: tuple[
-        tuple[float, SolverState], ...
-    ] = ()  # Load factor and state at the end of every substep
+    increments: tuple[SolvedSubstep, ...] = ()
     iterations: int = 0  # Of the accepted substeps
     rejected: int = 0  # Iterations of attempts that were not accepted
     residual: float = 0.0  # Relative residual at the end [1]
     snapped: bool = False  # Whether the robot jumped to another equilibrium
-    presliding_factor: float = 1.0  # Largest factor on the presliding distance that a substep needed [1]
     # Estimated displacement of a node by what is not resolved of the path, over the length, where it is beyond
     # the tolerance; else 0 [1]
     refinement_error: float = 0.0
     end: Equilibrium | None = None  # The state at its end with its linearisation, where friction needed it
-    # Whether any substep was solved with the reversals located in it, so that its history is not that of the
-    # one before
-    located: bool = False
     # Whether the state at its end is known to be unstable; this is examined in scenes with contact
     unstable: bool = False
 
     @property
     def substeps(self) -> int:
         """Number of accepted substeps."""
-        return len(self.increments)
+        return sum(each.parts for each in self.increments)
+
+    @property
+    def presliding_factor(self) -> float:
+        """Largest factor on the presliding distance that a substep needed [1]."""
+        return max((each.presliding_factor for each in self.increments), default=1.0)
+
+    def recorded(self) -> list[Increment]:
+        """The ends of its substeps, for other runs."""
+        return [Increment(each.load_factor, each.state.stored()) for each in self.increments]
 
     def then(self, other: SolvedPath) -> SolvedPath:
         """Join another part that begins where this one ends."""
@@ -190,21 +219,25 @@ class SolvedPath:
             self.rejected + other.rejected,
             other.residual,
             self.snapped or other.snapped,
-            max(self.presliding_factor, other.presliding_factor),
             max(self.refinement_error, other.refinement_error),
             other.end,
-            self.located or other.located,
             other.unstable,
         )
 
 
-def one_substep(result: NewtonResult, load_factor: float) -> SolvedPath:
-    """A converged solve as one substep."""
+def one_substep(
+    result: NewtonResult,
+    load_factor: float,
+    history: tuple[FrictionState, ...],
+    presliding_factor: float = 1.0,
+    located: LocatedReversals | None = None,
+) -> SolvedPath:
+    """A converged solve as one substep; arguments as the fields of `SolvedSubstep`."""
     return SolvedPath(
         result.state,
         result.forces,
         result.linearization,
-        ((load_factor, result.state),),
+        (SolvedSubstep(load_factor, result.state, history, presliding_factor, located),),
         result.iterations,
         residual=result.residual,
         unstable=result.unstable,

@@ -13,7 +13,7 @@ from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.friction_path.response import Equilibrium
-from tdcr_fe.solve.load_steps.load_path import SolvedPath, StepFailed, one_substep
+from tdcr_fe.solve.load_steps.load_path import LocatedReversals, SolvedPath, StepFailed, one_substep
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
 from tdcr_fe.solve.newton.newton import NewtonResult, with_unknowns_of
 
@@ -64,8 +64,7 @@ class Trial(NamedTuple):
     division: float = 1.0
     first: Equilibrium | None = None  # The state at its beginning with its linearisation, where it was needed
     final: Equilibrium | None = None  # The same at its end
-    located: bool = False  # Whether `result` has the reversals located in it
-    within: tuple[tuple[float, SolverState], ...] = ()  # Load factors and states that were solved within it
+    located: LocatedReversals | None = None  # With which `result` was solved, where it was
 
     @property
     def before(self) -> SolverState:
@@ -78,14 +77,20 @@ class Trial(NamedTuple):
         return self.progress.load_factor
 
     @property
+    def within(self) -> tuple[tuple[float, SolverState], ...]:
+        """Load factors and states that were solved within it."""
+        return () if self.located is None else self.located.known.within
+
+    @property
     def length(self) -> float:
         """As a part of the load step [1]."""
         return self.end - self.start
 
     def accepted(self) -> StepProgress:
         """How far the load step is solved with it."""
-        path = replace(one_substep(self.result, self.end), rejected=self.rejected, located=self.located)
-        path = replace(path, increments=(*self.within, *path.increments))
+        history = self.before.friction if self.located is None else self.located.history
+        path = one_substep(self.result, self.end, history, located=self.located)
+        path = replace(path, rejected=self.rejected)
         return StepProgress(
             self.progress.path.then(path), self.end, self.progress.error + self.error, self.final
         )

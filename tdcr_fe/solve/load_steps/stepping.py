@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,18 +28,22 @@ def equal_parts(count: int) -> list[Proposal]:
     return [Proposal((k + 1) / count) for k in range(count)]
 
 
+class SolvedLoadStep(NamedTuple):
+    """A load step that was solved."""
+
+    solver: SubstepSolver
+    before: SolverState  # Where it begins
+    path: SolvedPath
+
+
 @dataclass(frozen=True, eq=False)
 class LoadStepper:
     """Takes a scene through a load step, in substeps."""
 
     solver: SubstepSolver  # Solves the substeps
     begin: Position  # Where the load step begins
-    # A state that is near the end of the load step, from which its solution begins
-    warm_start: SolverState | None = None
 
-    def solve(
-        self, substeps: int | None = None, reference_path: Sequence[Increment] | None = None
-    ) -> SolvedPath:
+    def solve(self, substeps: int | None = None, near: Sequence[Increment] = ()) -> SolvedLoadStep:
         """Take the scene through the load step and leave it in the state reached; all load steps are solved so.
 
         Parameters
@@ -46,10 +51,8 @@ class LoadStepper:
         substeps
             A fixed number (each is still halved where it does not converge); None divides it where slips
             reverse.
-        reference_path
-            Increments of a similar run: the same substeps are taken, each from the state of that run. For
-            sensitivities by finite differences: the path is then divided in the same way, so that differences are
-            smooth, and two iterations a substep are enough.
+        near
+            The substeps of a similar run: the same ones are taken, each from the state in which that run ended it.
 
         Raises
         ------
@@ -59,14 +62,12 @@ class LoadStepper:
         """
         system, ramp = self.solver.system, self.solver.ramp
         try:
-            if reference_path is not None:
-                near = system.warm_start
-                proposals = [Proposal(p.load_factor, near(self.begin.state, p.state)) for p in reference_path]
-                path = self._taken(proposals, MUST_CONVERGE)
-            elif substeps is not None:
-                path = self._taken(equal_parts(substeps), MUST_CONVERGE)
+            warm = system.warm_start
+            proposals = [Proposal(p.load_factor, warm(self.begin.state, p.state)) for p in near]
+            if substeps is not None:
+                path = self._taken(proposals or equal_parts(substeps), MUST_CONVERGE)
             else:
-                path = self._with_path_resolved()
+                path = self._with_path_resolved(proposals)
         except BaseException as stop:
             failed = stop if isinstance(stop, StepFailed) else None
             ramp.apply(system, 0.0 if failed is None else failed.load_factor)
@@ -74,7 +75,7 @@ class LoadStepper:
             ramp.set_end()
             raise
         system.store(path.state, path.forces)
-        return path
+        return SolvedLoadStep(self.solver, self.begin.state, path)
 
     def _taken(self, proposals: Sequence[Proposal], judges: Sequence[Judge]) -> SolvedPath:
         """The load step in substeps."""
@@ -82,16 +83,15 @@ class LoadStepper:
         begin = StepProgress(path, equilibrium=self.begin.end)
         return take_substeps(self.solver, begin, proposals, judges).resolved(self.solver.settings)
 
-    def _with_path_resolved(self) -> SolvedPath:
+    def _with_path_resolved(self, proposals: Sequence[Proposal]) -> SolvedPath:
         """The load step with its path dependence resolved.
 
-        Where coefficients of friction depend on slip rates, it is also solved in twice as many parts, again and again,
-        until two solutions in succession agree with the one before.
+        It begins with the proposed substeps, or as a whole. Where coefficients of friction depend on slip rates, it is
+        also solved in twice as many parts, again and again, until two in succession agree with the one before.
         """
         tolerance = 2.0 * self.solver.settings.path_tolerance
         count = NONLINEAR_PARTS if self.solver.ramp.nonlinear else 1
-        whole = [Proposal(1.0, self.warm_start)]
-        path = self._taken(whole if count == 1 else equal_parts(count), PATH_RESOLVED)
+        path = self._taken(proposals or equal_parts(count), PATH_RESOLVED)
         agreed, error = 0 if self._depends_on_rates(path.state) else 2, 0.0
         while agreed < 2 and 2 * count <= self.solver.settings.max_substeps:
             count *= 2

@@ -54,9 +54,6 @@ class SubstepSolver:
     system: SceneSystem
     ramp: Ramp  # The load step
     settings: SolverSettings
-    # Whether substeps always end where slips reverse, so that each has the history of the one before, as derivatives
-    # along the path need it. Else a substep may be solved with the reversals located in it.
-    divide: bool = False
 
     def solve(
         self, state: SolverState, load_factor: float, linearization: Linearization | None, start: SolverState
@@ -192,10 +189,9 @@ class SubstepSolver:
             result = self._unless_wrong_in_contact(result, state, may_jump=True)
             if result.converged:
                 return replace(
-                    one_substep(result, end),
+                    one_substep(result, end, state.friction, factor),
                     rejected=spent,
                     snapped=self.distance(result.state, state) > SNAP,
-                    presliding_factor=factor,
                 )
             spent += result.iterations
         raise self.failure(state, start, end, failed, spent + failed.iterations)

@@ -166,6 +166,12 @@ class Disturbance(NamedTuple):
     slip: Array  # (m, g, P): Slips at the beginning of the increment [m]
     mobilisation: Array  # (m, g, P): Mobilisations at the beginning of the increment [1]
 
+    def with_inputs(self, change: Array) -> Disturbance:
+        """With one more right side: a change of the inputs, shape (m,)."""
+        more = Disturbance(*(np.concatenate((x, np.zeros((*x.shape[:-1], 1))), axis=-1) for x in self))
+        more.inputs[:, -1] = change
+        return more
+
     @classmethod
     def none(cls, forces: TendonForces, count: int) -> Disturbance:
         """No disturbance, for ``count`` right sides."""
@@ -205,6 +211,7 @@ class SolvedPoint:
         *,
         numbering: Numbering | None = None,
         all_stick: bool = False,
+        sticking: tuple[NDArray[np.bool_], ...] | None = None,
     ) -> SolvedPoint:
         """Linearise a solved state.
 
@@ -222,21 +229,24 @@ class SolvedPoint:
             Of the unknowns; None is that of the scene.
         all_stick
             Let holes that slip stick, as where all motion reverses.
+        sticking
+            Which holes stick, by robot; None finds out from the history.
         """
         numbering = system.numbering() if numbering is None else numbering
         residual = _balanced(system, state, target, numbering)
         linear, solve = linearize(system, residual, numbering)
-        sticking = tuple(
-            own.model.law.frictional & (all_stick | ~_slips(own, mobilisation, history, presliding))
-            for own, mobilisation, history in zip(
-                residual.forces, state.mobilisation, state.friction, strict=True
+        if sticking is None:
+            sticking = tuple(
+                own.model.law.frictional & (all_stick | ~_slips(own, mobilisation, history, presliding))
+                for own, mobilisation, history in zip(
+                    residual.forces, state.mobilisation, state.friction, strict=True
+                )
             )
-        )
         return cls(system, numbering, state, residual.forces, linear, solve, sticking, presliding)
 
-    def respond(self, disturbances: tuple[Disturbance, ...]) -> Response:
-        """Response to disturbances, one of each robot."""
-        response = self._respond_with_holes(disturbances)
+    def respond(self, disturbances: tuple[Disturbance, ...], unbalanced: Array | None = None) -> Response:
+        """Response to disturbances, one of each robot, and to a residual (reduced,) beside the last of them."""
+        response = self._respond_with_holes(disturbances, unbalanced)
         for i, own in enumerate(self.forces):
             if own.model.geometry is not None and own.model.geometry.clearance is not None:
                 response = self._with_shifts(response, i)
@@ -273,10 +283,14 @@ class SolvedPoint:
         )
         return Response(response.unknowns + by_shift.unknowns @ found, tendons)
 
-    def _respond_with_holes(self, disturbances: tuple[Disturbance, ...]) -> Response:
+    def _respond_with_holes(
+        self, disturbances: tuple[Disturbance, ...], unbalanced: Array | None = None
+    ) -> Response:
         """Response where tendons do not shift inside their holes."""
         numbering, count = self.numbering, disturbances[0].wrenches.shape[1]
         right = np.zeros((numbering.linear, count), order="F")
+        if unbalanced is not None:
+            right[: numbering.reduced, -1] -= unbalanced
         known = []
         for part, disturbance in zip(numbering.robots, disturbances, strict=True):
             known.append(self._right_side(right, part, disturbance))

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from math import log10
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +17,6 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
-from tdcr_fe.elements.friction import FrictionState
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.results import Sensitivities, Sensitivity
@@ -26,9 +24,8 @@ from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.scene.parts import BasePose
-from tdcr_fe.solve.equations.configuration import SolverState
-from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.load_steps.load_path import Ramp
+from tdcr_fe.solve.load_steps.reversal_points import ReversalPoint, reversal_points
+from tdcr_fe.solve.load_steps.stepping import SolvedLoadStep
 from tdcr_fe.solve.sensitivities.differences import (
     InputDerivatives,
     InputValues,
@@ -36,7 +33,7 @@ from tdcr_fe.solve.sensitivities.differences import (
     neighbours,
 )
 from tdcr_fe.solve.sensitivities.explicit import ExplicitDerivatives, Inherited
-from tdcr_fe.solve.sensitivities.linear_response import Disturbance, SolvedPoint, TendonChange
+from tdcr_fe.solve.sensitivities.linear_response import Disturbance, Response, SolvedPoint, TendonChange
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, parameters
 from tdcr_fe.solve.sensitivities.robot_model import RobotModel, RobotPoint
 from tdcr_fe.solve.simulation import Simulation
@@ -90,6 +87,16 @@ class _Carried(NamedTuple):
     derivative: Derivative
     mobilisation: Array  # (m, g): Of the holes, also of those without friction at the present values
     slip: Array  # (m, g): Slips to which these belong [m]
+
+
+class _Disturbed(NamedTuple):
+    """What the parameters change in a solved state at fixed nodes."""
+
+    disturbances: tuple[Disturbance, ...]  # By robot
+    mobilisation: Array  # (m, g): As of `_Carried`, in this state
+    slip: Array  # as `mobilisation`
+    rate: Array  # (m, g): Of the slips [m/s]
+    elapsed: float  # Time since the substep began [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,30 +205,10 @@ class SensitivityHistory:
 
     # ------------------------------------------------------------------ along the path
 
-    def advance(
-        self,
-        system: SceneSystem,
-        ramp: Ramp,
-        before: SolverState,
-        increments: Sequence[tuple[float, SolverState]],
-        presliding: float | None = None,
-    ) -> None:
-        """Differentiate one solved load step. The scene is left in another state.
-
-        Parameters
-        ----------
-        system
-            The scene.
-        ramp
-            The load step.
-        before
-            State at its beginning.
-        increments
-            Load factors and states at the ends of its substeps.
-        presliding
-            Presliding distance it was solved with [m]; None is that given at the beginning.
-        """
-        presliding = self.presliding if presliding is None else presliding
+    def advance(self, step: SolvedLoadStep) -> None:
+        """Differentiate one solved load step. The scene is left at its end."""
+        solver, before = step.solver, step.before
+        system, ramp, presliding = solver.system, solver.ramp, solver.settings.presliding
         robot = system.robots.index(self.handle.actuation)
         goal = self.inputs.at(len(self.steps), self.handle.actuation.drives.scale)
         carried = self.carried
@@ -234,26 +221,33 @@ class SensitivityHistory:
             start = np.where(
                 driven[:, None], np.where(prescribed, begin.base_slip, begin.inputs), begin.base_tension
             )
-        history, values = before, None
-        for factor, state in increments:
-            first = InputValues(start, begin.loads, begin.time)
-            inputs = InputValues(*((1.0 - factor) * a + factor * b for a, b in zip(first, goal, strict=True)))
-            target = ramp.apply(system, factor)
-            solved = SolvedPoint.of(
-                system,
-                state._replace(friction=history.friction),
-                target,
-                presliding * _presliding_factor(state.friction[robot], history.friction[robot], presliding),
-            )
-            values = self._substep(solved, robot, target.time, inputs, carried)
-            history, carried = state, values.carried
+        first, values = InputValues(start, begin.loads, begin.time), None
+
+        def inputs_at(factor: float) -> InputValues:
+            return InputValues(*((1.0 - factor) * a + factor * b for a, b in zip(first, goal, strict=True)))
+
+        for substep in step.path.increments:
+            for point in reversal_points(solver, substep):
+                target = ramp.apply(system, point.load_factor)
+                solved = SolvedPoint.of(system, point.state, target, presliding, sticking=point.sticking)
+                own = self._disturbed(solved, target.time, inputs_at(point.load_factor), carried)
+                carried = _reversed(own, point, solved, carried, robot)
+            target = ramp.apply(system, substep.load_factor)
+            state, inputs = substep.state._replace(friction=substep.history), inputs_at(substep.load_factor)
+            solved = SolvedPoint.of(system, state, target, presliding * substep.presliding_factor)
+            own = self._disturbed(solved, target.time, inputs, carried)
+            values = self._values(own, solved, inputs, carried)
+            carried = values.carried
         assert values is not None
         self.steps.append(values)
+        ramp.apply(system, 1.0)
+        system.store(step.path.state)
 
-    def _substep(
-        self, solved: SolvedPoint, robot: int, time: float, inputs: InputValues, carried: _Carried
-    ) -> _StepValues:
-        """Differentiate one substep."""
+    def _disturbed(
+        self, solved: SolvedPoint, time: float, inputs: InputValues, carried: _Carried
+    ) -> _Disturbed:
+        """What the parameters change at the end of a substep, or at a reversal within it, at fixed nodes."""
+        robot = solved.system.robots.index(self.handle.actuation)
         before, state, own = carried.derivative, solved.state, solved.forces[robot]
         history = state.friction[robot]
         mobilisation, at_slip = self._mobilisation(solved, robot, carried)
@@ -265,7 +259,8 @@ class SensitivityHistory:
         point = RobotPoint(*poses, state.configuration.twists[robot], state.base_tension[robot], mobilisation)
         inherited = Inherited(before.slip, before.slip_rate, inputs.time, inputs.time - before.time)
         explicit = self.explicit.at(own, point, rate, (history.time, time), inherited)
-        disturbance = Disturbance(
+        disturbances = [Disturbance.none(x, len(self.parameters)) for x in solved.forces]
+        disturbances[robot] = Disturbance(
             explicit.wrenches + self._load_wrenches(poses[1], inputs.loads),
             inputs.tendons,
             explicit.tension,
@@ -273,27 +268,33 @@ class SensitivityHistory:
             before.slip,
             before.mobilisation,
         )
-        others = [Disturbance.none(x, len(self.parameters)) for x in solved.forces]
-        others[robot] = disturbance
-        response = solved.respond(tuple(others))
+        return _Disturbed(tuple(disturbances), mobilisation, at_slip, rate, elapsed)
+
+    def _values(
+        self, disturbed: _Disturbed, solved: SolvedPoint, inputs: InputValues, carried: _Carried
+    ) -> _StepValues:
+        """Derivatives at the end of a substep."""
+        robot = solved.system.robots.index(self.handle.actuation)
+        before, own = carried.derivative, solved.forces[robot]
+        response = solved.respond(disturbed.disturbances)
         change = response.tendons[robot]
         law = own.model.law
         slip = law.slip_operator @ change.released
         rates = before.slip_rate
-        if elapsed > 0.0:
-            travel = rate[:, : law.groups, None] * inherited.elapsed
-            rates = (slip - before.slip - travel) / elapsed
+        if disturbed.elapsed > 0.0:
+            travel = disturbed.rate[:, : law.groups, None] * (inputs.time - before.time)
+            rates = (slip - before.slip - travel) / disturbed.elapsed
         after = Derivative(
             slip, change.mobilisation, rates, change.base_tension, change.released.sum(axis=1), *inputs
         )
         part = solved.numbering.robots[robot]
         moved = response.unknowns[part.nodes].reshape(-1, 2, 3, len(self.parameters))
-        world = poses[1][:, None] @ moved
+        world = solved.state.configuration.poses[robot][1][:, None] @ moved
         holes = np.triu(np.ones((law.shape[1] - 1, law.shape[1])), 1)
         displacements = after.base_slip.copy()
         displacements[part.driven] = inputs.tendons[part.driven]
         slips = holes @ change.released
-        carried = _Carried(after, mobilisation, at_slip)
+        carried = _Carried(after, disturbed.mobilisation, disturbed.slip)
         return _StepValues(world[:, 0], world[:, 1], change, displacements, slips, carried)
 
     def _mobilisation(self, solved: SolvedPoint, robot: int, carried: _Carried) -> tuple[Array, Array]:
@@ -354,17 +355,54 @@ class SensitivityHistory:
         return Sensitivities(tuple(found))
 
 
-def _presliding_factor(state: FrictionState, history: FrictionState, presliding: float) -> float:
-    """Factor on the presliding distance that the solver needed in a substep, a power of ten [1].
+def _reversed(
+    disturbed: _Disturbed, point: ReversalPoint, solved: SolvedPoint, carried: _Carried, robot: int
+) -> _Carried:
+    """What goes on after a reversal: the holes that reverse count from the slip there.
 
-    From the holes that stick: they have slipped by the presliding distance times the change of mobilisation.
+    Where the rate of a slip goes through zero, its derivative at the reversal is that at a fixed load factor. Where it
+    jumps, because another hole begins to slip or a tendon becomes taut, the load factor at which that happens changes.
     """
-    change = state.mobilisation - history.mobilisation
-    sticks = (np.abs(state.mobilisation) < 1.0 - 1e-6) & (np.abs(change) > 1e-3)
-    if not sticks.any():
-        return 1.0
-    found = float(np.median((state.slip - history.slip)[sticks] / change[sticks])) / presliding
-    return float(10.0 ** max(0, round(log10(max(found, 1.0)))))
+    disturbances = [
+        own.with_inputs(rates) for own, rates in zip(disturbed.disturbances, point.input_rates, strict=True)
+    ]
+    response = solved.respond(tuple(disturbances), point.load_rates)
+    released = response.tendons[robot].released
+    slip = solved.forces[robot].model.law.slip_operator @ released
+    by_parameter, by_load_factor = slip[..., :-1], slip[..., -1:]
+    by_parameter = by_parameter + by_load_factor * _load_factor_change(point, response, disturbances)
+    turned, before = point.reverses[robot], carried.derivative
+    after = replace(
+        before,
+        slip=np.where(turned[..., None], by_parameter, before.slip),
+        mobilisation=np.where(turned[..., None], 0.0, before.mobilisation),
+    )
+    return _Carried(
+        after,
+        np.where(turned, disturbed.mobilisation, carried.mobilisation),
+        np.where(turned, disturbed.slip, carried.slip),
+    )
+
+
+def _load_factor_change(
+    point: ReversalPoint, response: Response, disturbances: Sequence[Disturbance]
+) -> float | Array:
+    """Derivatives of the load factor at which rates jump, shape (P,); zero where none does.
+
+    There a mobilisation comes to its bound, a tension to zero, or the slack of a tendon is used up.
+    """
+    for i, (change, own) in enumerate(zip(response.tendons, disturbances, strict=True)):
+        slipping, pulling = point.slipping[i], point.pulling[i]
+        if slipping.any():
+            arriving = change.mobilisation[slipping][0]
+        elif pulling.any() and point.state.base_tension[i][pulling][0] > 0.0:
+            arriving = change.base_tension[pulling][0]
+        elif pulling.any():
+            arriving = (change.released.sum(axis=1) - own.inputs)[pulling][0]
+        else:
+            continue
+        return np.asarray(-arriving[:-1] / arriving[-1])
+    return 0.0
 
 
 def _models(

@@ -1,0 +1,124 @@
+"""Where slips reverse within a solved substep: the states there, with which derivatives along the path go on."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.solve.equations.configuration import SolverState
+from tdcr_fe.solve.equations.layout import Numbering
+from tdcr_fe.solve.friction_path.known_states import Span
+from tdcr_fe.solve.friction_path.path import Turn
+from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons
+from tdcr_fe.solve.load_steps.load_path import SolvedSubstep, StepFailed
+from tdcr_fe.solve.load_steps.states_within import solve_within
+from tdcr_fe.solve.load_steps.substep import SubstepSolver
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+#: A tension that is none, by which a tendon that begins to pull is told from a slack one [N].
+TAUT = 1e-300
+
+
+class ReversalPoint(NamedTuple):
+    """A state within a substep in which slips reverse."""
+
+    load_factor: float  # Within the load step [1]
+    state: SolverState
+    sticking: tuple[Flags, ...]  # (m, g): By robot, holes that stuck just before
+    reverses: tuple[Flags, ...]  # (m, g): By robot, holes whose slips reverse
+    # By robot, which hole begins to slip here, (m, g), and which tendon becomes slack or taut, (m,), so that slip rates
+    # jump; at most one in all. None: rates go through zero
+    slipping: tuple[Flags, ...]
+    pulling: tuple[Flags, ...]
+    input_rates: tuple[Array, ...]  # (m,): By robot, derivatives of the inputs by the load factor [N, m]
+    load_rates: Array | None  # (reduced,): Of the residual, by loads and time; None where only inputs change
+
+
+def reversal_points(solver: SubstepSolver, substep: SolvedSubstep) -> list[ReversalPoint]:
+    """The reversals on which the end of a solved substep depends, by load factor.
+
+    Raises
+    ------
+    StepFailed
+        No equilibrium was found at one of them.
+    """
+    if substep.located is None:
+        return []
+    known, path, _ = substep.located
+    numbering, holes = known.end.numbering, known.taut.holes
+    ends = np.abs(numbering.at_frictional_holes(substep.state.mobilisation)) < 1.0
+    return [_point(solver, substep, turn) for turn in path.turns(ends[holes])]
+
+
+def _point(solver: SubstepSolver, substep: SolvedSubstep, turn: Turn) -> ReversalPoint:
+    """The state at one reversal."""
+    assert substep.located is not None
+    known, path, _ = substep.located
+    numbering, taut, k = known.end.numbering, known.taut, len(known.taut.holes)
+    load_factor = known.span.load_factor(turn.factor)
+    found = solve_within(solver, known, path, turn.factor)
+    if found is None:
+        message = (
+            f"no equilibrium where slips reverse, at load factor {load_factor:.4f}, for the derivatives there"
+        )
+        raise StepFailed(message, load_factor, np.nan, known.start.state, 0)
+    state = found.state
+    tense = [tension.copy() for tension in state.base_tension]
+    for robot, tendon, side in zip(*_driven(taut), turn.side[k:], strict=True):
+        tense[robot][tendon] = max(tense[robot][tendon], TAUT) if side == 0.0 else 0.0
+    sticks = np.abs(numbering.at_frictional_holes(state.mobilisation)) < 1.0
+    sticks[taut.holes] = turn.side[:k] == 0.0
+    arrives = np.arange(len(turn.side)) == turn.arrives
+    pulling = [np.zeros(len(tension), dtype=bool) for tension in tense]
+    for robot, tendon, one in zip(*_driven(taut), arrives[k:], strict=True):
+        pulling[robot][tendon] = one
+    return ReversalPoint(
+        load_factor,
+        state._replace(base_tension=tuple(tense), friction=substep.located.history),
+        _by_robot(numbering, state, sticks),
+        _by_robot(numbering, state, _among_all(numbering, taut, state, turn.reverses)),
+        _by_robot(numbering, state, _among_all(numbering, taut, state, arrives[:k])),
+        tuple(pulling),
+        *_rates(solver, known.span, found, load_factor),
+    )
+
+
+def _rates(
+    solver: SubstepSolver, span: Span, point: Equilibrium, load_factor: float
+) -> tuple[tuple[Array, ...], Array | None]:
+    """Derivatives of inputs and residual by the load factor, as differences to the ends of the substep."""
+    ramp, system = solver.ramp, solver.system
+    start, end = (ramp.apply(system, at) for at in span)
+    inputs = tuple([(b - a) / (span.end - span.start) for a, b in zip(start.inputs, end.inputs, strict=True)])
+    if not ramp.changes_beyond_inputs:
+        return inputs, None
+    far = max(span, key=lambda end: abs(end - load_factor))
+    unbalanced = system.unbalanced(point.state, ramp.apply(system, far), point.forces)
+    return inputs, unbalanced / (far - load_factor)
+
+
+def _driven(taut: TautTendons) -> tuple[list[int], list[int]]:
+    """Robots and numbers of the tendons whose tensions at the base are unknowns of a path."""
+    pairs = [
+        (robot, int(tendon))
+        for own, robot in zip(taut.tendons, taut.robots, strict=True)
+        for tendon in own.which[own.driven]
+    ]
+    return [robot for robot, _ in pairs], [tendon for _, tendon in pairs]
+
+
+def _among_all(numbering: Numbering, taut: TautTendons, state: SolverState, flags: Flags) -> Flags:
+    """Flags of the holes of a path among all frictional holes."""
+    found = np.zeros(len(numbering.at_frictional_holes(state.mobilisation)), dtype=bool)
+    found[taut.holes] = flags
+    return found
+
+
+def _by_robot(numbering: Numbering, state: SolverState, flags: Flags) -> tuple[Flags, ...]:
+    """Flags of all frictional holes as arrays of shape (m, g)."""
+    none = [np.zeros(own.shape) for own in state.mobilisation]
+    return tuple(own > 0.0 for own in numbering.with_frictional_holes(none, flags.astype(float)))

@@ -1,0 +1,140 @@
+"""States solved within a substep: for the interpolation of slips, and where slips reverse, for derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.solve.friction_path.known_states import InterpolationPoint, KnownStates, Span, interpolated
+from tdcr_fe.solve.friction_path.path import FrictionPath
+from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons
+from tdcr_fe.solve.friction_path.reversals import Reversals
+from tdcr_fe.solve.load_steps.substep import SubstepSolver
+from tdcr_fe.solve.newton.newton import newton
+
+Array = NDArray[np.float64]
+
+#: Most intervals into which a substep is divided at first by states within it.
+MOST_INTERVALS_AT_FIRST = 4
+#: Largest difference between a tension of a state within a substep and that of the followed path, over the largest
+#: tension, with which the state is kept where more states are solved; else it is solved again, on the path [1].
+NEAR_PATH = 0.01
+
+
+def known_states(
+    solver: SubstepSolver,
+    states: Sequence[tuple[float, Equilibrium]],
+    span: Span,
+    before: KnownStates | None = None,
+) -> KnownStates | None:
+    """States with their responses to tensions and loads; None where no friction acts in the substep.
+
+    Parameters
+    ----------
+    solver
+        Of the load step.
+    states
+        With their fractions of the substep [1].
+    span
+        The substep.
+    before
+        States of the same substep, of which some are kept.
+    """
+    taut = TautTendons.of([state for _, state in states])
+    if not taut.holes.size:
+        return None
+    ramp, system = solver.ramp, solver.system
+    ready = [(x, point.with_response(system.layout.clamped, taut.numbers)) for x, point in states]
+    if not ramp.changes_beyond_inputs:
+        return KnownStates(span, taut, tuple([InterpolationPoint(x, point) for x, point in ready]))
+    # What is left of the change of the loads, seen from every state; from the last one, back to the start.
+    closing = ramp.apply(system, span.end)
+    known = {} if before is None else {id(point.state): point for point in before.points[:-1]}
+    points = [
+        known[id(point)]
+        if id(point) in known
+        else InterpolationPoint(x, point, point.load_response(system, closing).times(1.0 / (1.0 - x)))
+        for x, point in ready[:-1]
+    ]
+    opening = ramp.apply(system, span.start)
+    end = ready[-1][1]
+    last = InterpolationPoint(1.0, end, end.load_response(system, opening).times(-1.0))
+    return KnownStates(span, taut, (*points, last))
+
+
+def solve_within(
+    solver: SubstepSolver, known: KnownStates, path: FrictionPath, factor: float
+) -> Equilibrium | None:
+    """Solve a state within a substep, at the mobilisations of the followed path; None where that fails.
+
+    Whether the path leads there exactly does not matter: in any equilibrium slips, angles and their derivatives belong
+    to its own tensions. The load factor is that within the substep [1].
+    """
+    system = solver.system
+    guess = interpolated(system, known, path, factor, solver.settings.max_turn)
+    if guess is None:
+        return None
+    target = solver.ramp.apply(system, known.span.load_factor(factor))
+    result = newton(system, guess, target, solver.settings, friction_fixed=True)
+    if not result.converged:
+        return None
+    if result.linearization is not None:
+        linear = result.linearization._replace(numbering=system.numbering())
+        found = Equilibrium.of(result.state, result.forces, linear)
+        if found.exact:
+            return found
+    return Equilibrium.at(system, result.state, target)
+
+
+def refined(
+    solver: SubstepSolver, known: KnownStates, found: Reversals, allowed: float, most: int
+) -> list[tuple[float, Equilibrium]]:
+    """States before the end with new ones between them; empty where there are to be no more of them.
+
+    The number of intervals is doubled, and chosen at first by an error that falls with their cube. States that were
+    solved far from the path that is known now are solved again: the interpolation is linear in the tensions, so the
+    error that they leave would not fall with the number of states.
+
+    Parameters
+    ----------
+    solver
+        Of the load step.
+    found
+        The reversals, with the path on which states are solved.
+    allowed
+        Displacement of a node that is allowed, over the length [1].
+    most
+        Largest number of intervals.
+    """
+    intervals = len(known.points) - 1
+    count = 2
+    if intervals == 1:
+        by_error = max(2, ceil(float(np.cbrt(found.error / allowed))))
+        count = min(MOST_INTERVALS_AT_FIRST, most, by_error)
+    if found.path is None or count < 2 or intervals * count > most:
+        return []
+    states = [
+        (point.factor, point.state) for point in known.points[:-1] if _is_near(known, point, found.path)
+    ]
+    fractions = {
+        first + (last - first) * i / count
+        for first, last in pairwise(point.factor for point in known.points)
+        for i in range(count)
+    }
+    for x in sorted(fractions - {x for x, _ in states}):
+        state = solve_within(solver, known, found.path, x)
+        if state is None:
+            return []
+        states.append((x, state))
+    return sorted(states, key=lambda point: point[0])
+
+
+def _is_near(known: KnownStates, point: InterpolationPoint, path: FrictionPath) -> bool:
+    """Whether a state's tensions are near those of a followed path, which begins at the first state."""
+    tension = known.taut.tensions(point.state)
+    off = np.abs(path.at(point.factor)[1] - tension)
+    return point.factor == 0.0 or bool(off.max() <= NEAR_PATH * tension.max())
