@@ -28,7 +28,7 @@ BUDGET = {
     "tdcr_fe": 285,
     "tdcr_fe/commands": 1061,
     "tdcr_fe/effects": 1297,
-    "tdcr_fe/estimate": 844,
+    "tdcr_fe/estimate": 816,
     "tdcr_fe/identify": 6522,
     "tdcr_fe/io": 2077,
     "tdcr_fe/live": 360,

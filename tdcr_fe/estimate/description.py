@@ -50,6 +50,13 @@ class LoadPrior(Checked):
     correlation_time: Annotated[float, _TIME] = 1.0
     random_walk: Annotated[float, _WALK] = 0.0
 
+    def check(self, length: float) -> None:
+        """Raise a ValueError where it does not fit a backbone of a length [m]."""
+        if not isinstance(self.at, str) and self.at > length:
+            raise ValueError(
+                f"load.at: {self.at:g}: must be at most the length of the backbone, {length:g} m"
+            )
+
 
 @dataclass(frozen=True)
 class InputPrior(Checked):
@@ -87,7 +94,7 @@ class InputPrior(Checked):
         if not isinstance(self.sigma, Mapping):
             return np.full(len(names), self.sigma)
         if set(self.sigma) != set(names):
-            raise ValueError(f"sigma: names {', '.join(self.sigma)}; must name {', '.join(names)}")
+            raise ValueError(f"inputs.sigma: names {', '.join(self.sigma)}; must name {', '.join(names)}")
         return np.array([self.sigma[n] for n in names])
 
 

@@ -71,10 +71,7 @@ class Estimator:
         if model.elements_per_bay == "auto":
             model = replace(model, elements_per_bay=1)
         length = robot.backbone.length
-        if isinstance(load.at, float) and load.at > length:
-            raise ValueError(
-                f"load.at = {load.at:g}: must be at most the length of the backbone, {length:g} m"
-            )
+        load.check(length)
         self.robot, self.load, self.inputs = robot, load, inputs
         known = [LoadStep(loads=step.loads) for step in steps]
         places = [length if isinstance(load.at, str) else load.at]

@@ -40,12 +40,10 @@ class Point(Protocol):
     @property
     def residual(self) -> Array:
         """Readings less their predictions, over their standard deviations, shape (n_readings,)."""
-        ...
 
     @property
     def jacobian(self) -> Array:
         """Derivatives of the predictions by the unknowns, over the same, shape (n_readings, n)."""
-        ...
 
 
 P = TypeVar("P", bound=Point)
@@ -137,18 +135,16 @@ class _Linear:
     jacobian: Array
 
     @cached_property
-    def _spread(self) -> tuple[Array, Array, Array]:
-        """``P H'``, ``H P H'`` and ``H P v``."""
-        spread = self.covariance @ self.jacobian.T
-        return spread, self.jacobian @ spread, self.v @ spread
+    def _spread(self) -> Array:
+        """``P H'``."""
+        return self.covariance @ self.jacobian.T
 
     def step(self, damping: float) -> Array:
         """Step that minimises the misfit plus the damping times its own size, as ``v``."""
-        _, inner, present = self._spread
         held = 1.0 + damping
-        right = held * self.residual + present
-        left = np.linalg.solve(inner + held * np.eye(len(right)), right)
-        return (self.jacobian.T @ left - self.v) / held
+        matrix = self.jacobian @ self._spread + held * np.eye(len(self.residual))
+        left = np.linalg.solve(matrix, held * self.residual + self.v @ self._spread)
+        return np.asarray((self.jacobian.T @ left - self.v) / held)
 
     def length(self, step: Array) -> float:
         """Of a step [standard deviations]."""
@@ -156,6 +152,6 @@ class _Linear:
 
     def gain(self, step: Array) -> float:
         """By how much a step lowers the misfit."""
-        after = self.residual - step @ self._spread[0]
+        after = self.residual - step @ self._spread
         change = 2.0 * self.v + step
         return float(self.residual @ self.residual - after @ after - change @ self.covariance @ step)

@@ -84,51 +84,36 @@ def write_estimates(result: EstimateResult, out: str | os.PathLike[str]) -> list
 
 
 def _page(result: EstimateResult) -> Page:
-    frames, data = result.frames, result.estimation.data
-    times = np.array([f.time for f in frames])
-    force = np.array([f.force for f in frames])
+    frames, names = result.frames, result.estimation.data.robot.tendon_names
+    force, tensions = np.array([f.force for f in frames]), np.array([f.tensions for f in frames])
     sigma = np.sqrt(np.array([np.diagonal(f.force_covariance) for f in frames]))
-    tensions, sigma_tensions = (
-        np.array([getattr(f, n) for f in frames]) for n in ("tensions", "sigma_tensions")
-    )
-    pictures = [
-        Picture(_bands(times, force, sigma, [f"force {a}" for a in "xyz"], "N"), "Force over time", _BAND)
-    ]
-    unknown = result.estimation.load.at == "unknown"
-    if unknown:
-        at, sigma_at = (np.array([[getattr(f, n)] for f in frames]) for n in ("at", "sigma_at"))
-        pictures.append(
-            Picture(_bands(times, at, sigma_at, ["place of the force"], "m"), "Place over time", _BAND)
-        )
-    of_tensions = Picture(
-        _bands(times, tensions, sigma_tensions, list(data.robot.tendon_names), "N"),
-        "Tensions over time",
-        _BAND,
-    )
+    sigma_tensions = np.array([f.sigma_tensions for f in frames])
+    at = np.array([[f.at, f.sigma_at] for f in frames])
+    pictures = [Picture(_bands(frames, force, sigma, "xyz", "force [N]"), "Force over time", _BAND)]
+    if unknown := result.estimation.load.at == "unknown":
+        place = _bands(frames, at[:, :1], at[:, 1:], ["place of the force"], "arc length [m]")
+        pictures.append(Picture(place, "Place over time", _BAND))
+    of_tensions = Picture(_bands(frames, tensions, sigma_tensions, names, "[N]"), "Tensions over time", _BAND)
     size = np.linalg.norm(force, axis=1)
     most = int(np.argmax(size))
     where = "at an unknown place" if unknown else f"at {quantity(frames[0].at, 'm')}"
-    motion = motion_of(sequence(result))
+    panel = viewer.panel(motion_of(sequence(result)))
+    spread = quantity(float(np.median(np.linalg.norm(sigma, axis=1))), "N")
     return Page(
-        title=f"Estimated states of {data.robot.name}",
-        verdict=f"The force {where} is at most {quantity(float(size[most]), 'N')}, at {times[most]:.4g} s.",
+        title=f"Estimated states of {result.estimation.data.robot.name}",
+        verdict=f"The force {where} is at most {quantity(float(size[most]), 'N')}, at {frames[most].time:.4g} s.",
         level="open" if result.interrupted else "part" if result.failed else "good",
         sentences=tuple(_sentences(result)),
         cards=(
             Card(str(len(frames)), "frames"),
-            Card(
-                quantity(float(np.median(np.linalg.norm(sigma, axis=1))), "N"),
-                "standard deviation of the force",
-            ),
-            Card(quantity(float(np.median(sigma_tensions)) if tensions.size else 0.0, "N"), "of a tension"),
+            Card(spread, "standard deviation of the force"),
+            Card(quantity(float(np.median([*sigma_tensions.flat, 0.0])), "N"), "of a tension"),
             Card(f"{np.median([f.milliseconds for f in frames]):.3g} ms", "per frame, median"),
         ),
         pictures=tuple(pictures),
         sections=(
             Section("tensions", "Tensions", "picture.html.j2", {"picture": of_tensions}, folded=False),
-            Section(
-                "motion", "The robot in 3D", "motion.html.j2", {"panel": viewer.panel(motion)}, folded=False
-            ),
+            Section("motion", "The robot in 3D", "motion.html.j2", {"panel": panel}, folded=False),
         ),
         notes=(
             f"In the same folder: {ESTIMATES}, a row per step, and {SHAPE}, the shape of the backbone in each.",
@@ -145,25 +130,26 @@ def _sentences(result: EstimateResult) -> list[str]:
     found = [f"{count(len(data.readings), 'reading')} in {read} of {count(len(data.steps), 'frame')}."]
     if failed:
         first = next(f.message for f in result.frames if f.message)
-        which = ", ".join(map(str, failed[:10])) + (", ..." if failed[10:] else "")
-        text = f"{count(len(failed), 'frame')} not solved ({which}): {first}"
+        text = f"{count(len(failed), 'frame')} not solved, the first is step {failed[0]}: {first}"
         found.append(f"{text}. They have the state of the frame before.")
     if result.interrupted:
         found.append(f"Interrupted after {count(len(result.frames), 'frame')}.")
     return found
 
 
-def _bands(times: Array, values: Array, sigmas: Array, names: Sequence[str], unit: str) -> Figure:
+def _bands(
+    frames: Sequence[Estimate], values: Array, sigmas: Array, names: Sequence[str], label: str
+) -> Figure:
     """Values over time with their 95 % intervals, a panel each."""
+    times = [f.time for f in frames]
     with styled():
         figure = Figure(figsize=(3.9 * max(1, len(names)), 2.6), layout="constrained")
         axes = figure.subplots(1, max(1, len(names)), sharey=True, squeeze=False)[0]
         for k, (ax, name) in enumerate(zip(axes, names, strict=False)):
-            colour = COLOURS[k % len(COLOURS)]
-            half = HALF_95 * sigmas[:, k]
-            ax.fill_between(times, values[:, k] - half, values[:, k] + half, color=colour, alpha=0.25, lw=0)
-            ax.plot(times, values[:, k], color=colour, lw=1.2)
+            value, half, colour = values[:, k], HALF_95 * sigmas[:, k], COLOURS[k % len(COLOURS)]
+            ax.fill_between(times, value - half, value + half, color=colour, alpha=0.25, lw=0)
+            ax.plot(times, value, color=colour, lw=1.2)
             ax.set_title(name)
             ax.set_xlabel("time [s]")
-        axes[0].set_ylabel(f"[{unit}]")
+        axes[0].set_ylabel(label)
     return figure

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,19 +13,15 @@ from tdcr_fe.estimate.estimator import Estimator
 from tdcr_fe.io.measured import MeasuredData, read_measured
 from tdcr_fe.io.problems import Problem, Reporter, read_all
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.io.toml import digest, read_toml
-from tdcr_fe.model.loading import LoadStep
+from tdcr_fe.io.toml import read_toml
 from tdcr_fe.model.schema import Keys, Quantity, keys_of
 
+_INPUTS = Quantity("errors of the inputs", allowed="a table [inputs] with sigma, correlation_time")
 #: Keys at the top of ``estimate.toml``.
 TOP = Keys(
     {
-        "load": Annotated[
-            dict[str, Any], Quantity("the load", allowed="a table [load] with at, sigma, correlation_time")
-        ],
-        "inputs": Annotated[
-            dict[str, Any], Quantity("their errors", allowed="a table [inputs] with sigma, correlation_time")
-        ],
+        "load": Annotated[dict[str, Any], Quantity("the load")],
+        "inputs": Annotated[dict[str, Any], _INPUTS],
     },
     {"load": {}},
 )
@@ -40,14 +36,11 @@ class Estimation:
     data : MeasuredData
     load : LoadPrior
     inputs : InputPrior
-    digests : mapping of str to str
-        SHA-256 of the files, by name.
     """
 
     data: MeasuredData
     load: LoadPrior
     inputs: InputPrior
-    digests: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,57 +77,47 @@ def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
     """
     folder = Path(folder)
     path = folder / "estimate.toml"
-    tables: list[dict[str, Any]] = []
-    data, _ = read_all(lambda: read_measured(folder), lambda: tables.append(_tables(path)))
-    top, reporter = tables[0], Reporter(str(path))
-    load, inputs = LoadPrior(**top["load"]), InputPrior(**top["inputs"])
+    data, (load, inputs) = read_all(lambda: read_measured(folder), lambda: _read_priors(path))
+    reporter = Reporter(str(path))
     try:
         inputs.sigmas(data.robot.tendon_names)
+        load.check(data.robot.backbone.length)
     except ValueError as error:
-        reporter("inputs.sigma", str(top["inputs"]["sigma"]), str(error).removeprefix("sigma: "))
-    length = data.robot.backbone.length
-    if isinstance(load.at, float) and load.at > length:
-        reporter(
-            "load.at", f"{load.at:g}", f"must be an arc length up to the length of the backbone, {length:g} m"
-        )
-    reporter.problems.extend(_problems(data, folder))
-    reporter.refuse()
-    return Estimation(data, load, inputs, {**(data.digests or {}), path.name: digest(path)})
-
-
-def _tables(path: Path) -> dict[str, Any]:
-    """The valid tables of ``estimate.toml``."""
-    contents, _ = read_toml(path)
-    reporter = Reporter(str(path))
-    top, _ = TOP.read(contents, "", reporter.mistake)
-    found = {}
-    for name, kind in (("load", LoadPrior), ("inputs", InputPrior)):
-        if name in top:
-            found[name], _ = keys_of(kind).read(top[name], name, reporter.mistake)
-    reporter.refuse()
-    return found
-
-
-def _problems(data: MeasuredData, folder: Path) -> list[Problem]:
-    """What estimation needs and `identify` does not: times, and standard deviations of all readings."""
-    found = []
-    loading, observations = str(folder / "loading.csv"), str(folder / "observations.csv")
-    if all(step.time is None for step in data.steps):
-        allowed = "missing column; estimation needs the time of every step [s]"
-        found.append(Problem(loading, "time", "", allowed))
-    elif untimed := [n for n, step in zip(data.step_ids, data.steps, strict=True) if step.time is None]:
-        found.append(
-            Problem(loading, "time", f"empty in step {untimed[0]}", "must be a time [s] in every step")
-        )
-    if unknown := [r for r in data.readings if r.sigma is None]:
-        what = f"empty in line {unknown[0].line}" + (f" and {len(unknown) - 1} more" if unknown[1:] else "")
-        found.append(
-            Problem(observations, "sigma", what, "estimation needs the standard deviation of every reading")
-        )
+        key, _, allowed = str(error).partition(": ")
+        reporter(key, "", allowed)
+    untimed = [n for n, step in zip(data.step_ids, data.steps, strict=True) if step.time is None]
+    unknown = [r.line for r in data.readings if r.sigma is None]
+    for file, key, found, allowed in (
+        (
+            "loading.csv",
+            "time",
+            untimed,
+            "estimation needs the time of every step [s]; it is missing in step",
+        ),
+        (
+            "observations.csv",
+            "sigma",
+            unknown,
+            "estimation needs every standard deviation; it is missing in line",
+        ),
+    ):
+        if found:
+            reporter.problems.append(Problem(str(folder / file), key, "", f"{allowed} {found[0]}"))
     if data.experiment.ends is not None:
         allowed = "estimation takes no effects that divide load steps, such as actuator_backlash"
-        found.append(Problem(str(folder / "model.toml"), "effects", "", allowed))
-    return found
+        reporter.problems.append(Problem(str(folder / "model.toml"), "effects", "", allowed))
+    reporter.refuse()
+    return Estimation(data, load, inputs)
+
+
+def _read_priors(path: Path) -> tuple[LoadPrior, InputPrior]:
+    """The tables of ``estimate.toml``."""
+    reporter = Reporter(str(path))
+    top, _ = TOP.read(read_toml(path)[0], "", reporter.mistake)
+    load = keys_of(LoadPrior).read(top.get("load", {}), "load", reporter.mistake)[0]
+    inputs = keys_of(InputPrior).read(top["inputs"], "inputs", reporter.mistake)[0] if "inputs" in top else {}
+    reporter.refuse()
+    return LoadPrior(**load), InputPrior(**inputs)
 
 
 def run_estimation(
@@ -154,27 +137,26 @@ def run_estimation(
     EstimateResult
         A frame that was not solved says so, and the run goes on with the next. After Ctrl-C, the frames until then.
     """
-    data = estimation.data
-    experiment = data.experiment
+    data, experiment = estimation.data, estimation.data.experiment
     by_step: dict[int, list[Reading]] = {n: [] for n in data.step_ids}
     for reading in data.readings:
         by_step[reading.step].append(reading)
-    steps: tuple[LoadStep, ...] = experiment.steps
     estimator = Estimator(
         experiment.robot,
         experiment.model,
         estimation.load,
         estimation.inputs,
-        steps=steps,
+        steps=experiment.steps,
         observation=experiment.observation,
         settings=data.settings,
     )
     frames: list[Estimate] = []
+    interrupted = False
     try:
-        for number, step in zip(data.step_ids, steps, strict=True):
+        for number, step in zip(data.step_ids, experiment.steps, strict=True):
             frames.append(estimator.step(step, by_step[number]))
             if progress is not None:
                 progress(frames[-1])
     except KeyboardInterrupt:
-        return EstimateResult(estimation, tuple(frames), True)
-    return EstimateResult(estimation, tuple(frames))
+        interrupted = True
+    return EstimateResult(estimation, tuple(frames), interrupted)

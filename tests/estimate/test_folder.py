@@ -69,13 +69,18 @@ def test_the_command_writes_tables_and_a_page(folder, tmp_path, capsys):
             "estimate.toml",
             "sigma = 0.05",
             "at = 0.9",
-            "load.at = 0.9: must be an arc length up to the length",
+            "load.at: 0.9: must be at most the length",
         ),
         ("estimate.toml", "sigma = 0.01", "sigma = {helix = 0.1}", "must name helix, t180, t270, t0"),
         ("loading.csv", "time", "tim", "loading.csv: tim: unknown column"),
         ("observations.csv", "quantity", "channel", "observations.csv: quantity: missing column"),
         ("observations.csv", "position_", "place_", "0 of 9 rows would be left"),
-        ("observations.csv", ",0.0001", ",", "estimation needs the standard deviation of every reading"),
+        (
+            "observations.csv",
+            ",0.0001",
+            ",",
+            "estimation needs every standard deviation; it is missing in line 2",
+        ),
     ],
 )
 def test_mistakes_are_named(folder, tmp_path, capsys, file, old, new, said):
@@ -96,4 +101,7 @@ def test_times_are_needed(folder, tmp_path, capsys):
     assert "estimate.toml: no such file" in capsys.readouterr().err
     shutil.copy(folder / "estimate.toml", wrong)
     assert main(["estimate", str(wrong), "-o", str(tmp_path / "out")]) == 2
-    assert "time: missing column; estimation needs the time of every step" in capsys.readouterr().err
+    assert (
+        "time: estimation needs the time of every step [s]; it is missing in step 1"
+        in capsys.readouterr().err
+    )
