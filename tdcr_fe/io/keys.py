@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
 from typing import Annotated, Any, Literal
@@ -40,13 +39,20 @@ def routings_with(key: str) -> list[str]:
     return [name for name, r in ROUTINGS.items() if key in keys_of(r)]
 
 
-def parameter_keys(parameters: Iterable[Parameter]) -> Keys:
+@cache
+def parameter_keys(parameters: tuple[Parameter, ...]) -> Keys:
     """Keys of the table of an effect, none of them required."""
     keys = {}
     for p in parameters:
         low, high = (None if math.isinf(x) else x for x in (p.lower, p.upper))
         keys[p.name] = Annotated[float, Quantity(p.meaning, p.unit, ge=low, le=high)]
     return Keys(keys, dict.fromkeys(keys))
+
+
+@cache
+def effect_keys(names: tuple[str, ...]) -> Keys:
+    """Keys of the table ``[effects]``, each with the table of an effect."""
+    return Keys(dict.fromkeys(names, Annotated[dict[str, Any], Quantity()]), dict.fromkeys(names))
 
 
 _COUNT = Quantity("disks at equal distances, the last at the tip", ge=1, le=10_000)
@@ -110,6 +116,7 @@ SCENARIO = Keys(
 )
 
 
+@cache
 def _contents() -> dict[str, dict[str, Any]]:
     """JSON schemas of the tables that are read by keys of their own."""
     tendons = []
@@ -131,11 +138,11 @@ def _effects_schema() -> dict[str, Any]:
     """Of the table ``[effects]``: by name of the effect, a table of its parameters."""
     properties: dict[str, dict[str, Any]] = {}
     for effect in EFFECTS:
-        table = {**parameter_keys(effect.parameters).json_schema, "description": effect.description}
+        table = {**parameter_keys(tuple(effect.parameters)).json_schema, "description": effect.description}
         # Numbers of single tendons or markers, whose names the schema does not know.
         for name, p in effect.further_parameters.items():
             further = table.setdefault("patternProperties", {})
-            further[name] = parameter_keys([p]).json_schema["properties"][p.name]
+            further[name] = parameter_keys((p,)).json_schema["properties"][p.name]
         properties[effect.name] = table
     return {"type": "object", "properties": properties, "additionalProperties": False}
 

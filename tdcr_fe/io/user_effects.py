@@ -8,12 +8,11 @@ import os
 import runpy
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from tdcr_fe.effects import EFFECTS, Effect, Experiment, Parameter, with_effects
-from tdcr_fe.io.keys import parameter_keys
+from tdcr_fe.io.keys import effect_keys, parameter_keys
 from tdcr_fe.io.problems import InputError, Problem, Reporter
-from tdcr_fe.model.schema import Keys, Quantity
 
 
 def apply_effects(
@@ -40,11 +39,10 @@ def apply_effects(
         With them.
     """
     catalogue = {e.name: e for e in (*EFFECTS, *own)}
-    keys = {name: Annotated[dict[str, Any], Quantity(e.description)] for name, e in catalogue.items()}
-    given, _ = Keys(keys, dict.fromkeys(keys)).read(table, "effects", reporter.mistake)
+    given, _ = effect_keys(tuple(catalogue)).read(table, "effects", reporter.mistake)
     sound = {}
     for name in (n for n, values in given.items() if values is not None):
-        parameters = parameter_keys(catalogue[name].parameters_of(experiment))
+        parameters = parameter_keys(tuple(catalogue[name].parameters_of(experiment)))
         values, _ = parameters.read(given[name], f"effects.{name}", reporter.mistake)
         sound[name] = {key: value for key, value in values.items() if value is not None}
     try:

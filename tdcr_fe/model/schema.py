@@ -274,8 +274,9 @@ class Keys(Mapping[str, Any]):
         errors += [{"type": "missing", "loc": (n,)} for n in self if n not in data and n not in self.defaults]
         order = {name: k for k, name in enumerate(self)}  # unknown keys come last
         errors.sort(key=lambda e: order.get(e["loc"][0], len(order)))
-        for mistake in _mistakes(errors, self.json_schema, data, key, elsewhere):
-            note(mistake)
+        if errors:
+            for mistake in _mistakes(errors, self.json_schema, data, key, elsewhere):
+                note(mistake)
         bad = {e["loc"][0] for e in errors} & set(self)
         return {n: values.get(n, self.defaults.get(n)) for n in self if n not in bad}, bad
 
