@@ -57,13 +57,17 @@ def effect_keys(names: tuple[str, ...]) -> Keys:
 
 _COUNT = Quantity("disks at equal distances, the last at the tip", ge=1, le=10_000)
 #: Keys of ``[disks]``, of which exactly one of ``count`` and ``positions`` is given.
-_POSITIONS = replace(*keys_of(Disks)["positions"].__metadata__, min_items=1)
+_POSITIONS = replace(
+    *keys_of(Disks)["positions"].__metadata__,
+    description="arc lengths of the disks, in place of count",
+    min_items=1,
+)
 DISKS = keys_of(Disks).with_keys(
     {"count": Annotated[int, _COUNT], "positions": Annotated[tuple[float, ...], _POSITIONS]},
     count=None,
     positions=None,
 )
-_RADIUS = "radius of the (round) cross-section, or pairs of arc length and radius from base to tip"
+_RADIUS = "radius of the (round) cross-section, or pairs of arc length and radius from base to tip, linear in between"
 _RADII = Annotated[float, Quantity(gt=0.0)] | tuple[tuple[float, float], ...]
 #: Keys of ``[backbone]``; its radius may change along it.
 BACKBONE = keys_of(Backbone).with_keys({"radius": Annotated[_RADII, Quantity(_RADIUS, "m")]})

@@ -39,13 +39,6 @@ EXAMPLES = {
     "friction": '{ kind = "stribeck", static = 0.3, kinetic = 0.2, stribeck_rate = 1e-3 }',
     "positions": "[0.05, 0.1, 0.15, 0.2]",
 }
-#: What the descriptions of keys leave open.
-_REMARKS = {
-    "backbone.radius": "such as [[0.0, 0.4e-3], [0.2, 0.3e-3]], linear in between",
-    "disks.positions": "in place of count",
-    "tendons.friction": "in place of friction_coefficient",
-    "tendons.end": "without it the tip",
-}
 
 
 def _line(table: str, name: str, value: str | None = None) -> str:
@@ -53,8 +46,6 @@ def _line(table: str, name: str, value: str | None = None) -> str:
     keys = _TABLES[table]
     node, default = keys.json_schema["properties"][name], keys.defaults.get(name)
     note = node["description"]
-    if remark := _REMARKS.get(f"{table}.{name}"):
-        note += f"; {remark}"
     if texts := options(node):
         note += ("; one of " if "enum" in node else "; or ") + ", ".join(map(quoted, texts))
     text = f"{name} = {value}"

@@ -55,10 +55,9 @@ def _table(instance: Any) -> dict[str, Any]:
 
 
 def _is_nothing(value: Any, default: Any) -> bool:
-    if isinstance(value, tuple | Mapping | str) and len(value) == 0:
-        return True
+    """None, empty, or zero by default."""
     zero = not any(value) if isinstance(value, tuple) else not value
-    return value is None or (value == default and zero)
+    return zero and (value in (None, (), {}, "") or value == default)
 
 
 def robot_to_toml(robot: Robot) -> str:
@@ -110,14 +109,8 @@ def model_to_toml(
     model, settings, effects
         Description to write; None leaves out the tables `[solver]` and `[effects]`.
     """
-    return to_toml(_model(model, settings, effects))
-
-
-def _model(
-    model: Model, settings: SolverSettings | None, effects: Mapping[str, Mapping[str, float]] | None
-) -> dict[str, Any]:
     solver = {} if settings is None else {"solver": _table(settings)}
-    return {"model": _table(model), **solver, **({"effects": effects} if effects else {})}
+    return to_toml({"model": _table(model), **solver, **({"effects": effects} if effects else {})})
 
 
 def scenario_to_toml(
@@ -140,4 +133,5 @@ def scenario_to_toml(
     effects
         By name, values of their parameters; None leaves out the table `[effects]`.
     """
-    return to_toml({"robot": robot, **_model(model, settings, effects), "steps": [*map(_table, steps)]})
+    above, below = to_toml({"robot": robot}), to_toml({"steps": [*map(_table, steps)]})
+    return f"{above}\n{model_to_toml(model, settings, effects)}\n{below}".rstrip("\n") + "\n"

@@ -57,7 +57,7 @@ class Tendon(Checked):
     friction_coefficient : float
         Coefficient of friction between tendon and holes [1]. ``mu`` in the Capstan equation (paper, Eq. 28).
     end : float or None
-        Arc length of the disk it is anchored to; any arc length without disks [m]. None is the tip.
+        Arc length of the disk it is anchored to, without it the tip; any arc length without disks [m].
     axial_stiffness : float or None
         Axial stiffness EA of the tendon [N]. None is inextensible.
     adhesion : float
@@ -72,7 +72,7 @@ class Tendon(Checked):
     spool : Spool or None
         On which a motor winds it; needed where the motor's angle is prescribed.
     friction : FrictionCoefficient or None
-        Law of a coefficient that depends on slip rate or normal force, instead of ``friction_coefficient``.
+        Law of a coefficient that depends on slip rate or normal force, in place of friction_coefficient.
     """
 
     name: Annotated[str, Quantity(name=True)]

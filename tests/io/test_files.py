@@ -189,14 +189,6 @@ ROBOT_MISTAKES += [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("change", "key", "value", "words"), ROBOT_MISTAKES)
-def test_mistake_in_the_robot_is_named_alone(tmp_path, change, key, value, words):
-    (problem,) = problems_of(write(tmp_path, changed(ROBOT, change)))
-    assert problem.file == str(tmp_path / "robot.toml")
-    assert (problem.key, value in problem.value) == (key, True)
-    assert [w for w in words if w not in problem.allowed] == []
-
-
 SCENARIO_MISTAKES = [
     ({"modle": {}}, "modle", "{}", ["unknown key", "did you mean model?", "robot, model, solver, steps, effects"]),
     ({"robot": REMOVED}, "robot", "", ["missing", "robot.toml"]),
@@ -225,10 +217,14 @@ SCENARIO_MISTAKES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("change", "key", "value", "words"), SCENARIO_MISTAKES)
-def test_mistake_in_the_scenario_is_named_alone(tmp_path, change, key, value, words):
-    (problem,) = problems_of(write(tmp_path, scenario=changed(SCENARIO, change)))
-    assert problem.file == str(tmp_path / "scenario.toml")
+MISTAKES = [("robot", *row) for row in ROBOT_MISTAKES] + [("scenario", *row) for row in SCENARIO_MISTAKES]
+
+
+@pytest.mark.parametrize(("file", "change", "key", "value", "words"), MISTAKES)
+def test_a_mistake_is_named_alone(tmp_path, file, change, key, value, words):
+    text = {"robot": ROBOT, "scenario": SCENARIO}[file]
+    (problem,) = problems_of(write(tmp_path, **{file: changed(text, change)}))
+    assert problem.file == str(tmp_path / f"{file}.toml")
     assert (problem.key, value in problem.value) == (key, True)
     assert [w for w in words if w not in problem.allowed] == []
 
@@ -432,17 +428,18 @@ def test_every_field_of_a_robot_is_in_the_file_or_follows_from_it():
 
 number_of = st.floats(-1e3, 1e3)
 triple = st.tuples(number_of, number_of, number_of)
+
+
+def number_within(node):
+    """Numbers that the JSON schema of a key allows."""
+    low = node.get("minimum", node.get("exclusiveMinimum", 0.0) + 1e-3)
+    draw = st.integers if node["type"] == "integer" else st.floats
+    return draw(low, node.get("maximum", 1.0))
+
+
 solver_settings = st.builds(
     SolverSettings,
-    tolerance=st.floats(1e-13, 1e-2),
-    step_tolerance=st.floats(1e-15, 1e-4),
-    max_iterations=st.integers(1, 1000),
-    max_turn=st.floats(0.01, 3.0),
-    path_tolerance=st.floats(1e-9, 1.0),
-    max_substeps=st.integers(1, 100_000),
-    min_substep=st.floats(1e-6, 1.0),
-    max_substep_turn=st.floats(0.01, 10.0),
-    presliding=st.floats(1e-9, 1e-2),
+    **{n: number_within(x) for n, x in keys_of(SolverSettings).json_schema["properties"].items()},
 )
 steps_of_t1 = st.builds(
     LoadStep,
