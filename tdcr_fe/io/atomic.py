@@ -68,20 +68,21 @@ def check_output_folder(out: str | os.PathLike[str]) -> Path:
     InputError
         It, or something above it, is a file, or may not be written to.
     """
-    out = Path(out)
+    out, wrong = Path(out), ""
     try:
-        if out.exists() and not out.is_dir():
-            raise InputError([Problem("-o", "", str(out), "is a file; must be a directory or not exist yet")])
         above = out.absolute()
         while not above.exists():
             above = above.parent
-        if not above.is_dir():
-            raise InputError([Problem("-o", "", str(out), f"{above} is a file; must be a directory")])
-        if not os.access(above, os.W_OK | os.X_OK):
-            raise InputError([Problem("-o", "", str(out), f"no permission to write in {above}")])
+        if out.exists() and not out.is_dir():
+            wrong = "is a file; must be a directory or not exist yet"
+        elif not above.is_dir():
+            wrong = f"{above} is a file; must be a directory"
+        elif not os.access(above, os.W_OK | os.X_OK):
+            wrong = f"no permission to write in {above}"
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError([Problem("-o", "", str(out), f"cannot be a directory: {reason}")]) from error
+        wrong = f"cannot be a directory: {getattr(error, 'strerror', None) or error}"
+    if wrong:
+        raise InputError([Problem("-o", "", str(out), wrong)])
     return out
 
 

@@ -104,8 +104,7 @@ def check_on(effects: Sequence[Effect], experiment: Experiment) -> None:
     """
     problems = []
     for e in effects:
-        file = inspect.getsourcefile(type(e).apply) or type(e).__module__
-        step, value, text = "null_values", "", ""
+        step, wrong = "null_values", ("", "")
         try:
             values = e.null_values(experiment)
             step = "bounds"
@@ -113,12 +112,13 @@ def check_on(effects: Sequence[Effect], experiment: Experiment) -> None:
             step = "apply"
             changed = e.apply(experiment, values)
             if not isinstance(changed, Experiment):
-                value = f"a {type(changed).__name__}"
                 text = "must return an Experiment, such as experiment.with_robot(...)"
+                wrong = f"a {type(changed).__name__}", text
         except Exception as error:  # whatever a user's method raises is a mistake in the user's file
-            text = f"fails at null values: {type(error).__name__}: {error}"
-        if text:
-            problems.append(Problem(file, f"{type(e).__name__}.{step}", value, text))
+            wrong = "", f"fails at null values: {type(error).__name__}: {error}"
+        if any(wrong):
+            file = inspect.getsourcefile(type(e).apply) or type(e).__module__
+            problems.append(Problem(file, f"{type(e).__name__}.{step}", *wrong))
     if problems:
         raise InputError(problems)
 

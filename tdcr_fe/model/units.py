@@ -10,27 +10,16 @@ from typing import Any
 from tdcr_fe.model.messages import meant
 
 #: Units by what they measure: exponents of m, kg and s, and the size of each in SI. Angles are ratios.
-_UNITS: dict[tuple[int, ...], dict[str, Fraction]] = {
-    (1, 0, 0): {
-        "m": Fraction(1),
-        "cm": Fraction(1, 100),
-        "mm": Fraction(1, 1000),
-        "um": Fraction(1, 10**6),
-        "in": Fraction(254, 10_000),
-    },
-    (0, 1, 0): {"kg": Fraction(1), "g": Fraction(1, 1000), "mg": Fraction(1, 10**6)},
-    (0, 0, 1): {"s": Fraction(1), "ms": Fraction(1, 1000), "min": Fraction(60), "h": Fraction(3600)},
-    (1, 1, -2): {"N": Fraction(1), "mN": Fraction(1, 1000), "kN": Fraction(1000)},
-    (2, 1, -2): {"Nm": Fraction(1), "Nmm": Fraction(1, 1000)},
-    (-1, 1, -2): {"Pa": Fraction(1), "kPa": Fraction(10**3), "MPa": Fraction(10**6), "GPa": Fraction(10**9)},
-    (0, 0, 0): {
-        "rad": Fraction(1),
-        "mrad": Fraction(1, 1000),
-        "deg": Fraction(math.pi) / 180,
-        "1": Fraction(1),
-    },
+_UNITS: dict[tuple[int, ...], dict[str, Fraction | str]] = {
+    (1, 0, 0): {"m": "1", "cm": "1e-2", "mm": "1e-3", "um": "1e-6", "in": "0.0254"},
+    (0, 1, 0): {"kg": "1", "g": "1e-3", "mg": "1e-6"},
+    (0, 0, 1): {"s": "1", "ms": "1e-3", "min": "60", "h": "3600"},
+    (1, 1, -2): {"N": "1", "mN": "1e-3", "kN": "1e3"},
+    (2, 1, -2): {"Nm": "1", "Nmm": "1e-3"},
+    (-1, 1, -2): {"Pa": "1", "kPa": "1e3", "MPa": "1e6", "GPa": "1e9"},
+    (0, 0, 0): {"rad": "1", "mrad": "1e-3", "deg": Fraction(math.pi) / 180, "1": "1"},
 }
-_KNOWN = {name: (dimension, size) for dimension, units in _UNITS.items() for name, size in units.items()}
+_KNOWN = {name: (dimension, Fraction(size)) for dimension, of in _UNITS.items() for name, size in of.items()}
 _NUMBER = r"[+-]?(?:[0-9]{1,40}\.?[0-9]{0,40}|\.[0-9]{1,40})(?:[eE][+-]?[0-9]{1,3})?"
 #: Of texts with a number and a unit.
 PATTERN = rf"^\s*({_NUMBER})\s*([^\s0-9.,+-].*|1/.+)$"
