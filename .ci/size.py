@@ -30,7 +30,7 @@ BUDGET = {
     "tdcr_fe/effects": 1297,
     "tdcr_fe/estimate": 816,
     "tdcr_fe/identify": 6522,
-    "tdcr_fe/io": 2077,
+    "tdcr_fe/io": 2068,
     "tdcr_fe/live": 360,
     "tdcr_fe/model": 2658,
     "tdcr_fe/report": 1244,
