@@ -27,6 +27,8 @@ ALIKE, MOST = 1e-3, 2 / 3
 SPREAD = 3.0
 #: A step of a tendon is expected within this factor of the mean of its neighbours.
 NEAR = 1.5
+#: ... where these differ by no more than this factor.
+SMOOTH = 5.0
 
 
 def plausibility_remarks(
@@ -259,6 +261,7 @@ def _weights(robot: Robot, model: Model) -> Iterator[Value]:
     yield Value("sag", key, *masses[key][:2], sag)
     buckling = max(-z, 0.0) * (spread / 7.84 + robot.tip_mass / 2.467) * unit
     yield Value("upright", key, *masses[key][:2], buckling)
+    yield Value("hanging", key, *masses[key][:2], max(z, 0.0) * (spread + robot.tip_mass) * unit)
 
 
 # ------------------------------------------------------------------------------------------------- loading
@@ -303,7 +306,7 @@ def _slips(name: str, kind: str, unit: str, given: Sequence[tuple[int, float]]) 
     """The input of a tendon, step and value, that is ten times as large as its neighbours suggest, or a tenth."""
     found = []
     for (_, before), (k, x), (_, after) in zip(given, given[1:], given[2:], strict=False):
-        if min(before * x, x * after) > 0.0 and 1.0 / SPREAD <= before / after <= SPREAD:
+        if min(before * x, x * after) > 0.0 and 1.0 / SMOOTH <= before / after <= SMOOTH:
             for factor in (0.1, 10.0):
                 misfit = abs(math.log(2.0 * factor * x / (before + after)))
                 detail = f"{before:g} {unit} before it and {after:g} {unit} after it"

@@ -19,7 +19,7 @@ Record = dict[str, Any]
 def deviations(cases: Sequence[Record], tolerance: float, median: float) -> Figure:
     """Every case by its tip deviation, one row per routing, with tolerance and median."""
     with styled():
-        figure = Figure(figsize=(9.2, 2.5))
+        figure = Figure(figsize=(6.2, 2.5))
         axes = figure.add_subplot()
         rows = [r for r in ROUTINGS if any(c["routing"] == r for c in cases)]
         draw = np.random.default_rng(0)
