@@ -89,23 +89,10 @@ class _Plane(NamedTuple):
             axes.plot(*place, "o", ms=7, mfc="white", mec=colour, mew=1.2, zorder=6)
             axes.plot(*place, "x" if away else ".", ms=4, color=colour, zorder=7)
             return
-        look = {
-            "arrowstyle": "-|>",
-            "color": colour,
-            "lw": 1.5,
-            "shrinkA": 0,
-            "shrinkB": 0,
-            "mutation_scale": 10,
-        }
+        look = {"arrowstyle": "-|>", "color": colour, "lw": 1.5, "shrinkA": 0, "shrinkB": 0}
+        above: dict[str, Any] = {"arrowprops": {**look, "mutation_scale": 10}, "zorder": 6}
         for reach in heads:
-            axes.annotate(
-                "",
-                tuple(place + reach * flat),
-                tuple(place),
-                arrowprops=look,
-                zorder=6,
-                annotation_clip=False,
-            )
+            axes.annotate("", tuple(place + reach * flat), tuple(place), annotation_clip=False, **above)
         axes.update_datalim((place + flat)[None, :])
 
     def gravity(self, gravity: Array, points: Array) -> None:
@@ -118,10 +105,5 @@ class _Plane(NamedTuple):
         place[[self.i, self.j]] = corners[int(np.argmax(gaps))]
         direction = 0.09 * (top - bottom) * gravity / np.linalg.norm(gravity)
         self.arrow(place - direction / 2.0, direction, GRAVITY)
-        text: dict[str, Any] = {
-            "textcoords": "offset points",
-            "color": GRAVITY,
-            "va": "center",
-            "style": "italic",
-        }
-        self.axes.annotate("g", tuple(place[[self.i, self.j]]), xytext=(7, 5), **text)
+        text: dict[str, Any] = {"textcoords": "offset points", "color": GRAVITY, "va": "center"}
+        self.axes.annotate("g", tuple(place[[self.i, self.j]]), xytext=(7, 5), style="italic", **text)

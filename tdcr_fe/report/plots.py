@@ -287,9 +287,8 @@ def _mark_holes(axes: Axes, holes: Array, tensions: Array, states: NDArray[np.st
         marked = states == state
         if marked.any():
             fill = "white" if state == "stick" else colour
-            axes.plot(
-                holes[marked], between[marked], marker, ms=3.4, mfc=fill, mec=colour, mew=0.8, clip_on=False
-            )
+            look: dict[str, Any] = {"ms": 3.4, "mfc": fill, "mec": colour, "mew": 0.8, "clip_on": False}
+            axes.plot(holes[marked], between[marked], marker, **look)
 
 
 # ------------------------------------------------------------------------------------------------ hysteresis

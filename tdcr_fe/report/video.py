@@ -31,8 +31,7 @@ RATE, AT_LEAST = 12, 60
 PER_STEP = 6
 #: Size [inch] and resolution [1/inch].
 SIZE, DPI = (9.6, 5.0), 100
-#: Lengths in mm below this [m].
-_LONG = 5.0
+_MM = 1e3
 
 
 def problem(path: Path) -> str:
@@ -57,10 +56,8 @@ class _Drawing:
 
     def __init__(self, motion: Motion) -> None:
         self.motion = motion
-        self.factor, self.unit = (1e3, "mm") if motion.length < _LONG else (1.0, "m")
-        self.heat = LinearSegmentedColormap.from_list(
-            "tension", colormaps["plasma"](np.linspace(0.0, 0.86, 64))
-        )
+        colours = colormaps["plasma"](np.linspace(0.0, 0.86, 64))
+        self.heat = LinearSegmentedColormap.from_list("tension", colours)
         self.largest = motion.largest_tension or 1.0
         self.largest_loads = motion.largest_loads(range(len(motion.steps)))
         self.figure = Figure(figsize=SIZE, dpi=DPI)
@@ -77,12 +74,12 @@ class _Drawing:
         self.moving: list[Any] = []
 
     def _box(self) -> None:
-        m, plate = self.motion, self.factor * self.motion.plate
-        points = np.concatenate([self.factor * m.positions.reshape(-1, 3), plate])
+        m, plate = self.motion, _MM * self.motion.plate
+        points = np.concatenate([_MM * m.positions.reshape(-1, 3), plate])
         low, high = points.min(axis=0), points.max(axis=0)
         half = np.maximum(high - low, 0.2 * float(np.max(high - low))) / 2.0
-        space(self.space, np.stack(((low + high) / 2.0 - half, (low + high) / 2.0 + half), axis=1), self.unit)
-        self.space.plot(*(self.factor * m.tips).T, color=PALE, lw=0.8)
+        space(self.space, np.stack(((low + high) / 2.0 - half, (low + high) / 2.0 + half), axis=1), "mm")
+        self.space.plot(*(_MM * m.tips).T, color=PALE, lw=0.8)
         self.space.add_collection3d(Poly3DCollection([plate], facecolor="#8b95a1"))
 
     def _response(self) -> tuple[Array, str]:
@@ -92,12 +89,12 @@ class _Drawing:
         best = 0.0
         for j, tendon in enumerate(m.tendons):
             driven = bool(m.driven_by_displacement[:, j].any())
-            values = self.factor * m.displacements[:, j] if driven else m.base_tensions[:, j]
-            change = float(np.ptp(values)) / (self.factor * m.length if driven else self.largest)
+            values = _MM * m.displacements[:, j] if driven else m.base_tensions[:, j]
+            change = float(np.ptp(values)) / (_MM * m.length if driven else self.largest)
             if change > best:
                 best, x = change, values
-                label = (f"displacement of {tendon.name} [{self.unit}]" if driven
-                         else f"tension of {tendon.name} [N]")  # fmt: skip
+                kind, unit = ("displacement", "mm") if driven else ("tension", "N")
+                label = f"{kind} of {tendon.name} [{unit}]"
         return np.column_stack((x, angle)), label
 
     def _plot_response(self, axes: Axes, label: str) -> Any:
@@ -112,28 +109,28 @@ class _Drawing:
         """Draw the robot at a time, in load steps from 0."""
         for artist in self.moving:
             artist.remove()
-        now, step = between(self.motion, time), round(time)
-        m, f = now, self.factor
+        m, step = between(self.motion, time), round(time)
         label = f": {self.motion.labels[step]}" if self.motion.labels[step] else ""
         self.title.set_text(f"{m.name}, step {self.motion.steps[step]} of {self.motion.steps[-1]}{label}")
         k = min(int(time), len(self.response) - 1)
         share = time - k
         after = self.response[min(k + 1, len(self.response) - 1)]
         self.dot.set_data(*([v] for v in (1.0 - share) * self.response[k] + share * after))
-        parts: list[Any] = [self.space.plot(*(f * m.curve(0)).T, color=INK, lw=2.2)[0]]
+        parts: list[Any] = [self.space.plot(*(_MM * m.curve(0)).T, color=INK, lw=2.2)[0]]
         if len(m.disks):
-            disks = Poly3DCollection(
-                list(f * m.rims(0)), facecolor=(0.75, 0.78, 0.82, 0.7), edgecolor=SOFT, lw=0.4
-            )
+            look: dict[str, Any] = {"facecolor": (0.75, 0.78, 0.82, 0.7), "edgecolor": SOFT, "lw": 0.4}
+            disks = Poly3DCollection(list(_MM * m.rims(0)), **look)
             parts.append(self.space.add_collection3d(disks))
         for tendon, tensions in zip(m.tendons, m.tensions, strict=True):
-            corners = f * m.tendon_points(0, tendon)
+            corners = _MM * m.tendon_points(0, tendon)
             sides = np.stack((corners[:-1], corners[1:]), axis=1)
             colours = self.heat(tensions[0, tendon.segments] / self.largest)
             parts.append(self.space.add_collection3d(Line3DCollection(list(sides), colors=colours, lw=1.6)))
         for _, place, vector, moment in m.load_arrows(0):
-            scaled = LONGEST * f * m.length / self.largest_loads[moment] * vector
-            parts.append(self.space.quiver(*(f * place), *scaled, color=MOMENT if moment else FORCE, lw=1.6))
+            scaled = LONGEST * _MM * m.length / self.largest_loads[moment] * vector
+            parts.append(
+                self.space.quiver(*(_MM * place), *scaled, color=MOMENT if moment else FORCE, lw=1.6)
+            )
         self.moving = parts
 
 

@@ -98,22 +98,14 @@ def still(motion: Motion) -> str:
         return np.asarray(np.array([WIDTH, HEIGHT]) / 2.0 + centred * [1.0, -1.0])
 
     width = max(1.5, 2.0 * float(motion.radius.max()) * scale)
-    parts = [f'<path d="{_svg_path(flat(plate), True)}" fill="#8b95a1"/>']
     depth = [float(rim.mean(axis=0) @ view[2]) for rim in rims]
-    parts += [
-        f'<path d="{_svg_path(flat(rims[i]), True)}" fill="#dfe3e7" fill-opacity="0.8" stroke="#8b95a1"/>'
-        for i in np.argsort(depth)
-    ]
-    parts.append(
-        f'<path d="{_svg_path(flat(curve))}" fill="none" stroke="#3d4957" stroke-width="{width:.1f}"/>'
-    )
-    parts += [
-        f'<path d="{_svg_path(flat(t))}" fill="none" stroke="#c2334a" stroke-width="1.3"/>' for t in tendons
-    ]
-    parts += [
-        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="#009e6b"/>'
-        for x, y in flat(markers[np.isfinite(markers).all(axis=1)])
-    ]
+    disk, line = 'fill="#dfe3e7" fill-opacity="0.8" stroke="#8b95a1"', 'fill="none" stroke'
+    parts = [f'<path d="{_svg_path(flat(plate), True)}" fill="#8b95a1"/>']
+    parts += [f'<path d="{_svg_path(flat(rims[i]), True)}" {disk}/>' for i in np.argsort(depth)]
+    parts += [f'<path d="{_svg_path(flat(curve))}" {line}="#3d4957" stroke-width="{width:.1f}"/>']
+    parts += [f'<path d="{_svg_path(flat(t))}" {line}="#c2334a" stroke-width="1.3"/>' for t in tendons]
+    known = markers[np.isfinite(markers).all(axis=1)]
+    parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="#009e6b"/>' for x, y in flat(known)]
     title = f"step {motion.steps[k]}" + (f": {motion.labels[k]}" if motion.labels[k] else "")
     text = f"{motion.name}, {title}".replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
     head = f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" height="{HEIGHT}" role="img" aria-label="{text}">'

@@ -12,9 +12,8 @@ from matplotlib.figure import Figure
 from tdcr_fe.io.atomic import write_text
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.model.messages import shown as value_text
-from tdcr_fe.report import page as kit
 from tdcr_fe.report.environment import fixed, quantity, significant
-from tdcr_fe.report.page import Card, Page, Picture, Section
+from tdcr_fe.report.page import Card, Page, Picture, Section, render
 from tdcr_fe.report.style import styled
 from tdcr_fe.sweeps.description import Variation
 from tdcr_fe.sweeps.figures import MOST_INPUTS, PICTURES, drawn, tips
@@ -39,7 +38,7 @@ def write_report(result: SweepResult, out: Path) -> None:
     for name, figure in figures.items():
         with styled():
             figure.savefig(out / name, dpi=150.0, facecolor="white")
-    write_text(kit.render(_page(result, figures), "tdcr_fe.sweeps"), out / "report.html")
+    write_text(render(_page(result, figures), "tdcr_fe.sweeps"), out / "report.html")
 
 
 def _page(result: SweepResult, figures: dict[str, Figure]) -> Page:
@@ -192,12 +191,12 @@ def _input(v: Variation) -> tuple[object, ...]:
 
 def _left_out(name: str, result: SweepResult) -> str:
     """A remark where a picture shows only some of the columns."""
-    inputs, parts = len(result.inputs), []
+    inputs, remarks = len(result.inputs), []
     if result.drawn != result.shown and name != "workspace.png":
-        some = f"{', '.join(shown(n).label for n in result.drawn)} of {len(result.shown)} results"
-        parts.append(
-            f"Drawn: {some}; [output] quantities in sweep.toml chooses others, the table of cases has all."
+        some = f"Drawn: {', '.join(shown(n).label for n in result.drawn)} of {len(result.shown)} results;"
+        remarks.append(
+            f"{some} [output] quantities in sweep.toml chooses others, the table of cases has all."
         )
     if inputs > MOST_INPUTS and name == "main_effects.png":
-        parts.append(f"{MOST_INPUTS} of {inputs} inputs are drawn.")
-    return " ".join(parts)
+        remarks.append(f"{MOST_INPUTS} of {inputs} inputs are drawn.")
+    return " ".join(remarks)
