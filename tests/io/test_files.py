@@ -415,7 +415,7 @@ def test_robot_with_any_field_written_and_read_is_the_same(tmp_path_factory, rob
 
 
 def test_every_field_of_a_robot_is_in_the_file_or_follows_from_it():
-    """A field that is added to the description without a key in `robot.toml` fails here."""
+    """A field that is added without a key in `robot.toml`, or without a sentence in the docstring, fails here."""
     follows = {
         Robot: {"tendons"},  # [[tendons]]
         Backbone: {"taper"},  # the key radius
@@ -424,6 +424,8 @@ def test_every_field_of_a_robot_is_in_the_file_or_follows_from_it():
     }
     for cls in (Robot, Backbone, Superelastic, StiffnessPatch, Disks, Tendon, *ROUTINGS.values()):
         assert {f.name for f in dataclasses.fields(cls)} - set(keys_of(cls)) == follows.get(cls, set())
+        described = {n: x.get("description") for n, x in keys_of(cls).json_schema["properties"].items()}
+        assert [n for n, text in described.items() if text is None or text.partition(" [")[0] == n] == []
 
 
 number_of = st.floats(-1e3, 1e3)
