@@ -13,7 +13,7 @@ from robots import LENGTH, distance, paper, pull, solve, three
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 from tdcr_fe.solve.friction_path.follow import follow_friction
-from tdcr_fe.solve.load_steps import substep_reversals
+from tdcr_fe.solve.load_steps import solve_with_reversals
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.random_robots import draw
 
@@ -63,6 +63,8 @@ def test_a_single_hole_turns_where_its_slip_rate_vanishes():
     assert path.reversal_factor == pytest.approx([0.75], abs=1e-3)
     assert path.reversal_slip == pytest.approx([1.125e-6], rel=1e-4)
     assert path.unknowns == pytest.approx([0.875], abs=1e-3)
+    (turn,) = path.turns(np.array([True]))
+    assert turn.factor == path.reversal_factor and turn.arrives == -1
 
 
 def test_a_slip_that_keeps_its_direction_is_not_reversed():
@@ -181,6 +183,9 @@ def test_a_tendon_becomes_taut_where_its_slack_is_used_up():
     assert path.unknowns == pytest.approx([1.0, 1.0], rel=1e-6)
     assert path.reversal_factor == pytest.approx([0.5], abs=1e-6)
     assert path.reversal_slip == pytest.approx([-1.5e-4], rel=1e-6)
+    (turn,) = path.turns(np.array([True]))
+    assert turn.factor == path.reversal_factor and turn.arrives == 1
+    assert not path.turns(np.array([False]))
     assert slips.slip(1.0, path.unknowns) == pytest.approx([-1.5e-4 + 3.5e-4, 0.0], rel=1e-2, abs=1e-9)
 
 
@@ -224,13 +229,13 @@ def test_slips_that_reverse_where_a_tendon_becomes_taut_are_found():
 def verdicts(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     """What the check says of every substep it is asked about."""
     found: list[bool] = []
-    check = substep_reversals.slips_steadily
+    check = solve_with_reversals.slips_steadily
 
     def recorded(*given: object) -> bool:
         found.append(check(*given))
         return found[-1]
 
-    monkeypatch.setattr(substep_reversals, "slips_steadily", recorded)
+    monkeypatch.setattr(solve_with_reversals, "slips_steadily", recorded)
     return found
 
 

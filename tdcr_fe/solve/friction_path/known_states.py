@@ -122,10 +122,10 @@ def interpolated(
     configuration = moved_elements(system, state, step, max_turn)
     if configuration is None:
         return None
-    return _with_path_unknowns(first.state, taut, unknowns)._replace(configuration=configuration)
+    return with_path_unknowns(first.state, taut, unknowns)._replace(configuration=configuration)
 
 
-def _with_path_unknowns(point: Equilibrium, taut: TautTendons, unknowns: Array) -> SolverState:
+def with_path_unknowns(point: Equilibrium, taut: TautTendons, unknowns: Array) -> SolverState:
     """A state with other mobilisations, and other tensions at the base of tendons driven by displacement."""
     state, numbering, k = point.state, point.numbering, len(taut.holes)
     mobilised = point.mobilisation.copy()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.linearization import Linearization
-from tdcr_fe.solve.friction_path.reversals import SMALL
+from tdcr_fe.solve.friction_path.reversal_search import SMALL
 from tdcr_fe.solve.newton.newton import NewtonResult
 
 Array = NDArray[np.float64]

@@ -14,8 +14,8 @@ from tdcr_fe.solve.friction_path.known_states import InterpolationPoint, twist_c
 from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons
 from tdcr_fe.solve.load_steps.load_path import SolvedPath, StepFailed
 from tdcr_fe.solve.load_steps.loop import Instead, Judge, Proposal, StepProgress, Trial, take_substeps
+from tdcr_fe.solve.load_steps.solve_with_reversals import with_reversals
 from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver
-from tdcr_fe.solve.load_steps.substep_reversals import with_reversals
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from tdcr_fe.solve.friction_path.known_states import Span
 from tdcr_fe.solve.friction_path.path import Turn
 from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons
 from tdcr_fe.solve.load_steps.load_path import SolvedSubstep, StepFailed
-from tdcr_fe.solve.load_steps.states_within import solve_within
+from tdcr_fe.solve.load_steps.states_within import solve_from_end, solve_within
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
 
 Array = NDArray[np.float64]
@@ -60,7 +60,7 @@ def _point(solver: SubstepSolver, substep: SolvedSubstep, turn: Turn) -> Reversa
     known, path, _ = substep.located
     numbering, taut, k = known.end.numbering, known.taut, len(known.taut.holes)
     load_factor = known.span.load_factor(turn.factor)
-    found = solve_within(solver, known, path, turn.factor)
+    found = solve_within(solver, known, path, turn.factor) or solve_from_end(solver, known, path, turn.factor)
     if found is None:
         message = (
             f"no equilibrium where slips reverse, at load factor {load_factor:.4f}, for the derivatives there"

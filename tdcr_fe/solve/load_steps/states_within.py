@@ -9,10 +9,17 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.solve.friction_path.known_states import InterpolationPoint, KnownStates, Span, interpolated
+from tdcr_fe.solve.equations.configuration import SolverState
+from tdcr_fe.solve.friction_path.known_states import (
+    InterpolationPoint,
+    KnownStates,
+    Span,
+    interpolated,
+    with_path_unknowns,
+)
 from tdcr_fe.solve.friction_path.path import FrictionPath
 from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons
-from tdcr_fe.solve.friction_path.reversals import Reversals
+from tdcr_fe.solve.friction_path.reversal_search import Reversals
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
 from tdcr_fe.solve.newton.newton import newton
 
@@ -74,11 +81,24 @@ def solve_within(
     Whether the path leads there exactly does not matter: in any equilibrium slips, angles and their derivatives belong
     to its own tensions. The load factor is that within the substep [1].
     """
-    system = solver.system
-    guess = interpolated(system, known, path, factor, solver.settings.max_turn)
+    guess = interpolated(solver.system, known, path, factor, solver.settings.max_turn)
     if guess is None:
         return None
-    target = solver.ramp.apply(system, known.span.load_factor(factor))
+    return _at_fixed_friction(solver, guess, known.span.load_factor(factor))
+
+
+def solve_from_end(
+    solver: SubstepSolver, known: KnownStates, path: FrictionPath, factor: float
+) -> Equilibrium | None:
+    """As `solve_within`, from the shape at the end of the substep."""
+    guess = with_path_unknowns(known.end, known.taut, path.at(factor)[0])
+    return _at_fixed_friction(solver, guess, known.span.load_factor(factor))
+
+
+def _at_fixed_friction(solver: SubstepSolver, guess: SolverState, load_factor: float) -> Equilibrium | None:
+    """Solve at the mobilisations of a guess; None where that fails."""
+    system = solver.system
+    target = solver.ramp.apply(system, load_factor)
     result = newton(system, guess, target, solver.settings, friction_fixed=True)
     if not result.converged:
         return None

@@ -124,7 +124,6 @@ class SensitivityHistory:
     """Derivatives along the load steps of a robot."""
 
     handle: TDCR  # The robot in its scene
-    presliding: float  # [m]
     parameters: tuple[Parameter, ...]
     explicit: ExplicitDerivatives
     inputs: InputDerivatives
@@ -158,7 +157,7 @@ class SensitivityHistory:
         frictional = bool(present.forces.law.frictional.any())
         inputs = InputDerivatives.of(experiment, simulation, chosen, near, frictional)
         explicit = ExplicitDerivatives(present, near, len(chosen))
-        return cls(handle, presliding, tuple(chosen), explicit, inputs, loads)
+        return cls(handle, tuple(chosen), explicit, inputs, loads)
 
     @classmethod
     def of_scene(cls, arm: TDCR, names: Sequence[str | Parameter]) -> SensitivityHistory:
@@ -189,7 +188,7 @@ class SensitivityHistory:
         )
         labels = [own.get(id(x), "") for x in items]
         inputs = InputDerivatives.of_inputs(len(arm.robot.tendons), labels, chosen)
-        return cls(arm, presliding, tuple(chosen), explicit, inputs, loads)
+        return cls(arm, tuple(chosen), explicit, inputs, loads)
 
     @property
     def carried(self) -> _Carried:
