@@ -7,7 +7,7 @@ hole is known exactly. They are sought as ``x0 + P v``, so that ``P`` is never i
 
 and the step of Gauss and Newton leads to ``v = H' (H P H' + R)^-1 (y - h + H P v)``, the iterated Kalman filter (B. M.
 Bell, F. W. Cathey, IEEE Trans. Autom. Control 38 (1993) 294-297). `scipy.optimize.least_squares` solves 5.6 states a
-frame in place of 4.4 on the problem of the campaign ``estimate``: its first step is at most one standard deviation
+frame in place of 4.9 on the problem of the campaign ``estimate``: its first step is at most one standard deviation
 long, and it solves one more state to see that it has converged.
 """
 
