@@ -32,7 +32,7 @@ BUDGET = {
     "tdcr_fe/identify": 6522,
     "tdcr_fe/io": 2068,
     "tdcr_fe/live": 360,
-    "tdcr_fe/model": 2658,
+    "tdcr_fe/model": 2698,
     "tdcr_fe/report": 1244,
     "tdcr_fe/scene": 1470,
     "tdcr_fe/solve": 7570,

@@ -24,6 +24,8 @@ TINY = 0.01
 #: So many tiny steps in a row end a run. From Exudyn's smallest step, 1e-8 s of 1 ms, and with its default recovery of
 #: ten steps, 100 of them bring the step back.
 MOST = 200
+#: Beyond this spectral radius of the generalized-alpha method constraint forces are hardly damped [1].
+LARGEST_RADIUS = 0.99
 #: Key of the hooks in ``mbs.variables``.
 KEY = "tdcr_fe.hooks"
 
@@ -68,12 +70,18 @@ class StepSizes:
         self._tiny = 0
         integration, limit = mbs.sys["simulationSettings"].timeIntegration, max(map(round_off, meshes))
         newton, rho = integration.newton, integration.generalizedAlpha.spectralRadius
+        why = "forces jump: take smooth inputs and laws of friction"
+        if rho > LARGEST_RADIUS:
+            why = f"with spectralRadius = {rho:g} the forces in joints grow from step to step: take 0.9"
+        elif newton.absoluteTolerance < limit:
+            why = (
+                f"Newton's tolerances (relative {newton.relativeTolerance:g}, absolute {newton.absoluteTolerance:g}) "
+                f"lie below the round-off of the backbone's forces ({limit:.1g} N): take those of "
+                "arm.recommended_settings(end_time, step_size)"
+            )
         raise RuntimeError(
-            f"up to {t:g} s {MOST} steps in a row were shorter than a hundredth of the step that was asked for. Either "
-            f"Newton's tolerances (relative {newton.relativeTolerance:g}, absolute {newton.absoluteTolerance:g}) lie "
-            f"below the round-off of the backbone's forces ({limit:.1g} N); arm.recommended_settings(end_time, "
-            f"step_size) has others. Or the forces in joints grow from step to step, as with spectralRadius = 1; take "
-            f"0.9 (it is {rho:g}). Or forces jump: smooth inputs and laws of friction"
+            f"up to {t:g} s {MOST} steps in a row were shorter than a hundredth of the step that was asked for. "
+            f"Probably {why}"
         )
 
     def check_tensions(self, mbs: exu.MainSystem, t: float, actuation: TendonActuation) -> None:

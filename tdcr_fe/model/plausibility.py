@@ -152,6 +152,16 @@ def _tendon_values(d: Description) -> Iterator[Value]:
         yield Value("angles", "tendons.angle_deg", max(angles), "deg", max(angles))
 
 
+def masses(robot: Robot) -> dict[str, tuple[float, str, float]]:
+    """By key, a value with its unit, and the mass that follows from it [kg]."""
+    b, disks = robot.backbone, robot.disks
+    return {
+        "backbone.density": (b.density, "kg/m^3", b.mass_per_length * b.length),
+        "disks.mass": (disks.mass, "kg", disks.mass * len(disks.positions)),
+        "tip_mass": (robot.tip_mass, "kg", robot.tip_mass),
+    }
+
+
 def _gravity_values(d: Description) -> Iterator[Value]:
     """Gravity, and the weights of a robot against the stiffness of its backbone."""
     robot, model = d.robot, d.model
@@ -159,15 +169,10 @@ def _gravity_values(d: Description) -> Iterator[Value]:
     if g == 0.0:
         return
     b, key = robot.backbone, "model.gravity"
-    masses = {
-        "backbone.density": (b.density, "kg/m^3", b.mass_per_length * b.length),
-        "disks.mass": (robot.disks.mass, "kg", robot.disks.mass * len(robot.disks.positions)),
-        "tip_mass": (robot.tip_mass, "kg", robot.tip_mass),
-    }
     yield Value("gravity", key, g, "m/s^2", g, f"{g / 9.81:.4g}")
     yield Value("direction", key, g, "m/s^2", abs(g - 1.0))
-    yield Value("no_mass", key, g, "m/s^2", sum(mass for _, _, mass in masses.values()))
-    for key, (value, unit, mass) in masses.items():
+    yield Value("no_mass", key, g, "m/s^2", sum(mass for _, _, mass in masses(robot).values()))
+    for key, (value, unit, mass) in masses(robot).items():
         ratio = mass * _bending(model.gravity) * b.length**2 / b.EI
         yield Value("weight", key, value, unit, ratio, f"{mass * g:.3g} N")
 

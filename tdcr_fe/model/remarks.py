@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.limits import Value, limits, nearest_material, sentences
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.plausibility import Description, bends, loading_values
+from tdcr_fe.model.plausibility import Description, bends, loading_values, masses
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.tendon import Tendon
 
@@ -97,8 +97,7 @@ def _direction(model: Model) -> str:
 
 def _spread_mass(robot: Robot) -> float:
     """Mass of backbone and disks [kg]."""
-    b = robot.backbone
-    return b.mass_per_length * b.length + robot.disks.mass * len(robot.disks.positions)
+    return sum(mass for key, (_, _, mass) in masses(robot).items() if key != "tip_mass")
 
 
 # ------------------------------------------------------------------------------------------------- the robot
@@ -241,13 +240,8 @@ def _holes(key: str, holes: NDArray[np.float64]) -> Iterator[Value]:
 def _weights(robot: Robot, model: Model) -> Iterator[Value]:
     """Gravity, and what the weights do to the unloaded robot."""
     g = float(np.linalg.norm(model.gravity))
-    b, disks = robot.backbone, robot.disks
-    masses = {
-        "backbone.density": (b.density, "kg/m^3", b.mass_per_length * b.length),
-        "disks.mass": (disks.mass, "kg", disks.mass * len(disks.positions)),
-        "tip_mass": (robot.tip_mass, "kg", robot.tip_mass),
-    }
-    key = max(masses, key=lambda k: masses[k][2])
+    b, given = robot.backbone, masses(robot)
+    key = max(given, key=lambda k: given[k][2])
     spread, unit = _spread_mass(robot), b.length**2 / b.EI
     if g == 0.0:
         sag = 9.81 * (spread / 8.0 + robot.tip_mass / 3.0) * unit
@@ -258,10 +252,10 @@ def _weights(robot: Robot, model: Model) -> Iterator[Value]:
     yield Value("earth", "model.gravity", g, "m/s^2", g)
     x, y, z = model.gravity
     sag = math.hypot(x, y) * (spread / 8.0 + robot.tip_mass / 3.0) * unit
-    yield Value("sag", key, *masses[key][:2], sag)
+    yield Value("sag", key, *given[key][:2], sag)
     buckling = max(-z, 0.0) * (spread / 7.84 + robot.tip_mass / 2.467) * unit
-    yield Value("upright", key, *masses[key][:2], buckling)
-    yield Value("hanging", key, *masses[key][:2], max(z, 0.0) * (spread + robot.tip_mass) * unit)
+    yield Value("upright", key, *given[key][:2], buckling)
+    yield Value("hanging", key, *given[key][:2], max(z, 0.0) * (spread + robot.tip_mass) * unit)
 
 
 # ------------------------------------------------------------------------------------------------- loading

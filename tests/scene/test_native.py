@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import exudyn as exu
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from native_solvers import damped, dynamic_settings, recommended, static_settings
 from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, scene, solve, three
 
+from tdcr_fe.elements.native import hooks
 from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.model.friction import StribeckFriction
 from tdcr_fe.model.loading import LoadStep
@@ -304,3 +306,27 @@ def test_recommended_settings_refuse_wrong_times():
     for times in ((0.0, 1e-3), (1.0, 2.0), (float("nan"), 1e-3)):
         with pytest.raises(ValueError, match="recommended_settings"):
             handle.recommended_settings(*times)
+
+
+@pytest.mark.parametrize(
+    ("radius", "tolerance", "words"),
+    [(1.0, 1e-10, "take 0.9"), (0.9, 1e-10, "recommended_settings"), (0.9, 1e-3, "forces jump")],
+)
+def test_a_run_of_tiny_steps_ends_with_its_cause(monkeypatch, radius, tolerance, words):
+    """Two runs with spectralRadius = 1 were not done after twenty times the time, and said nothing."""
+    monkeypatch.setattr(hooks, "round_off", lambda mesh: 1e-6)
+    settings = exu.SimulationSettings()
+    settings.timeIntegration.numberOfSteps = 1000
+    settings.timeIntegration.newton.absoluteTolerance = tolerance
+    settings.timeIntegration.generalizedAlpha.spectralRadius = radius
+    sizes = hooks.StepSizes()
+
+    def step(number: int) -> None:
+        solver = SimpleNamespace(it=SimpleNamespace(currentTime=1e-8 * number))
+        system = SimpleNamespace(sys={"dynamicSolver": solver, "simulationSettings": settings})
+        sizes.check(system, 1e-8 * number, ["a backbone"])
+
+    for number in range(1, hooks.MOST):
+        step(number)
+    with pytest.raises(RuntimeError, match=words):
+        step(hooks.MOST)
