@@ -24,7 +24,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 3103,
+    "elements": 3122,
     "tdcr_fe": 285,
     "tdcr_fe/commands": 1061,
     "tdcr_fe/effects": 1297,
@@ -34,8 +34,8 @@ BUDGET = {
     "tdcr_fe/live": 360,
     "tdcr_fe/model": 2698,
     "tdcr_fe/report": 1244,
-    "tdcr_fe/scene": 1470,
-    "tdcr_fe/solve": 7570,
+    "tdcr_fe/scene": 1488,
+    "tdcr_fe/solve": 7643,
     "tdcr_fe/sweeps": 1587,
     "validation": 7007,
     "tests": 17900,

@@ -54,6 +54,36 @@ def test_a_moved_base_moves_the_solution():
     assert handle.tip_rotation == pytest.approx(turn @ expected.rotations[-1], abs=1e-8)
 
 
+def test_robots_side_by_side_move_as_each_alone():
+    """Their tangents are factorised one by one; pulled, and released so that holes reverse, with unlike meshes."""
+    inputs = [
+        ([1.0, 0.3, 0.2], [0.4, 0.6, 0.2]),
+        ([0.2, 0.9, 0.1], [0.5, 0.5, 0.1]),
+        ([1.2, 0.1, 0.1], [1.3, 0.0, 0.4]),
+    ]
+    _container, mbs = system()
+    places = [
+        {"elements_per_bay": 1},
+        {"elements_per_bay": 2},
+        {"elements_per_bay": 1, "friction": "per-tendon"},
+    ]
+    arms = [
+        CreateTDCR(mbs, three(0.2), Model(**model), name=f"r{k}", referencePosition=[0.2 * k, 0.0, 0.0])
+        for k, model in enumerate(places)
+    ]
+    mbs.Assemble()
+    for step in (0, 1):
+        for arm, tensions in zip(arms, inputs, strict=True):
+            arm.set_tensions(tensions[step])
+        mbs.SolveTDCR()
+    for k, (arm, tensions, model) in enumerate(zip(arms, inputs, places, strict=True)):
+        _keep, _mbs, alone = scene(three(0.2), **model)
+        for step in (0, 1):
+            alone.set_tensions(tensions[step])
+            _mbs.SolveTDCR()
+        assert distance(arm.tip_position - [0.2 * k, 0.0, 0.0], alone.tip_position) < 1e-5
+
+
 def test_base_on_an_elastically_supported_body():
     """A robot on a platform on a spring that turns about y: the platform carries the robot's tip load.
 

@@ -59,7 +59,7 @@ def test_a_run_is_the_same_with_the_band_and_without(case: str, monkeypatch: pyt
         monkeypatch.setattr(band, "WIDEST", widest)
         targets = resolve(robot, steps)
         simulation = Simulation(robot, Model(**{"elements_per_bay": 1, **model}), targets)
-        assert (simulation.system.layout.band is None) == (widest == 0.0)
+        assert (simulation.system.layout.bands == (None,)) == (widest == 0.0)
         iterations = [simulation.advance(t).iterations_total for t in targets]
         found.append((iterations, simulation.state.configuration.positions))
     assert max(abs(a - b) for a, b in zip(found[0][0], found[1][0], strict=True)) <= 1
@@ -72,4 +72,4 @@ def test_a_full_matrix_is_taken_where_tension_depends_on_slip_rates_or_the_band_
     continuous = Model(tendon_path="continuous", friction="none", elements_per_bay=1)
     for robot, model in ((many, Model(elements_per_bay=1)), (paper(), continuous)):
         steps = [LoadStep("", {name: 0.2 for name in robot.tendon_names})]
-        assert Simulation(robot, model, resolve(robot, steps)).system.layout.band is None
+        assert Simulation(robot, model, resolve(robot, steps)).system.layout.bands == (None,)

@@ -5,15 +5,16 @@ from __future__ import annotations
 import exudyn.itemInterface as eii
 import numpy as np
 import pytest
-from robots import paper, scene, three
+from robots import LENGTH, paper, scene, three
 
 from tdcr_fe.elements.backbone import strain_matrices
+from tdcr_fe.elements.native.coordinates import add_neighbours
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.kernel import Residual, StaticKernel
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.equations.tangent import add_couplings, add_elastic, add_geometric_stiffness
+from tdcr_fe.solve.equations.tangent import add_couplings, backbone_tangent, robot_tangent
 from tdcr_fe.solve.newton.newton import newton
 
 TENSIONS = np.array([2.0, 0.7, 0.4])
@@ -44,6 +45,11 @@ def node_motions(twists: np.ndarray) -> np.ndarray:
     return motions.reshape(6 * count + 6, 6 * count)
 
 
+def own_backbone(system, residual):
+    """Tangent of the backbone of the only robot."""
+    return backbone_tangent(residual, 0, system.layout.space.slices[0], 0.0, LENGTH)
+
+
 @pytest.mark.parametrize("per_bay", [1, 2])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_tangent_is_the_derivative_of_the_forces_by_the_twists_away_from_equilibrium(per_bay, seed):
@@ -54,11 +60,7 @@ def test_tangent_is_the_derivative_of_the_forces_by_the_twists_away_from_equilib
     assert residual.size > 1.0
     j = node_motions(twists)
     numbering = system.numbering()
-    tangent = system.layout.reduction.empty_tangent()
-    add_elastic(tangent, residual, system.layout.space.slices)
-    add_geometric_stiffness(tangent, residual)
-    k = tangent.dense(numbering.linear)
-    add_couplings(k, residual, system.layout.space.slices)
+    k = robot_tangent(own_backbone(system, residual), residual.forces[0])
     predicted = j[6:].T @ k[6:, 6:] @ j[6:]
     assert predicted == pytest.approx(predicted.T, abs=1e-9 * np.abs(predicted).max())
     space, unknowns = system.layout.space, residual.state.configuration.unknowns
@@ -106,9 +108,9 @@ def test_tangent_of_robots_alone_is_exudyns_at_equilibrium():
     )
     assert result.converged
     residual = system.residual(result.state, Target((np.array([2.0]),)), system.numbering())
-    found = system.layout.reduction.empty_tangent(), system.scene_tangent(residual)
-    add_elastic(found[0], residual, system.layout.space.slices)
-    own, exudyns = (tangent.dense(system.layout.reduction.count) for tangent in found)
+    own = np.zeros((6 * system.layout.reduction.nodes,) * 2)
+    add_neighbours(own, own_backbone(system, residual), np.arange(system.layout.reduction.nodes))
+    exudyns = system.scene_tangent(residual).dense(system.layout.reduction.count)
     assert own[6:, 6:] == pytest.approx(exudyns[6:, 6:], abs=1e-8 * np.abs(exudyns).max())
 
 

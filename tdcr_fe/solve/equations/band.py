@@ -14,7 +14,6 @@ segments that begin there.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
@@ -61,11 +60,9 @@ class BandLayout:
     spacing: int  # From one node with holes to the next
 
     @classmethod
-    def of(cls, robots: Sequence[TendonActuation]) -> BandLayout | None:
-        """Layout for a scene with nothing but clamped robots; None where a full matrix is needed, or is faster."""
-        if len(robots) != 1:
-            return None
-        model = robots[0].model
+    def of(cls, robot: TendonActuation) -> BandLayout | None:
+        """Layout of a robot on which nothing but robots acts; None where a full matrix is needed, or is faster."""
+        model = robot.model
         if model.geometry is None or model.section is not None or model.springs is not None:
             return None
         holes = model.cable_nodes

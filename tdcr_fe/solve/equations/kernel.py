@@ -143,21 +143,21 @@ class ClampReactions(NamedTuple):
     influence: Mapping[int, Array]
 
     @classmethod
-    def of(cls, kernel: StaticKernel, layout: SceneLayout) -> ClampReactions:
-        """Compute the influence of the multipliers from Exudyn's Jacobian of the scene's current configuration.
-
-        The same Jacobian gives further couplings between nodes, which the layout keeps.
-        """
+    def of(cls, kernel: StaticKernel, layout: SceneLayout, mbs: exu.MainSystem) -> ClampReactions:
+        """Compute the influence of the multipliers, in which the residual is linear, in the current configuration."""
         configuration = layout.space.from_scene()
         layout.space.write(configuration)
-        j = kernel.jacobian()
-        layout.reduction.tangent(j, configuration.frames, search_couplings=True)
-        found = {}
-        for i, joint in layout.clamps.items():
-            node = layout.space.slices[i].start
-            rows = layout.reduction.node_rows(j, configuration.frames, node, joint)
-            found[i] = np.asarray(np.linalg.inv(rows), dtype=float)
-        return cls(layout.clamps, found)
+        multipliers = mbs.systemData.GetAECoordinates(copy=False)
+        at_present = kernel.residual().copy()
+        nodes = [layout.space.slices[i].start for i in layout.clamps]
+        columns = np.zeros((len(nodes), 6, 6))
+        for k in range(6 if nodes else 0):
+            which = [joint[k] for joint in layout.clamps.values()]
+            multipliers[which] += 1.0
+            change = kernel.residual() - at_present
+            multipliers[which] -= 1.0
+            columns[:, :, k] = [configuration.frames[n].T @ change[layout.reduction.beam[n]] for n in nodes]
+        return cls(layout.clamps, dict(zip(layout.clamps, np.linalg.inv(columns), strict=True)))
 
     def balance(self, residual: Residual) -> Configuration:
         """The configuration of a state in equilibrium with the reactions of its clamps."""

@@ -139,6 +139,15 @@ class RobotUnknowns(NamedTuple):
         """Whether friction acts in this robot."""
         return self.mobilisations.stop > self.mobilisations.start
 
+    @property
+    def alone(self) -> Numbering:
+        """The numbering of a scene of this robot alone, driven by tension."""
+        size = self.nodes.stop - self.nodes.start
+        holes = slice(size, size + self.mobilisations.stop - self.mobilisations.start)
+        none = slice(size, size)
+        own = self._replace(robot=0, nodes=slice(0, size), tensions=none, mobilisations=holes)
+        return Numbering((own,), size, size, holes.stop)
+
     def may_be_tense(self, base_tension: Array) -> NDArray[np.bool_]:
         """Which tendons are under tension somewhere, or may be, at tensions at the base [N], shape (m,)."""
         return (base_tension > 0.0) | self.adhesive
@@ -259,9 +268,8 @@ class SceneLayout:
     turning: tuple[int, ...]  # Numbers of the loads that change with the pose of their node
     user_loads: bool  # Whether functions of the user may change loads while a load step is solved
     no_others: bool  # Whether no objects but the robots resist motion
-    # Order of the unknowns of a banded tangent, where it is that of one robot alone and is faster than a full
-    # one
-    band: BandLayout | None
+    # By robot, order of the unknowns of a banded tangent, where only robots resist and it is faster than a full one
+    bands: tuple[BandLayout | None, ...]
     # (E,): By robot, shortening of every element at which its bay buckles [m]
     buckling: tuple[NDArray[np.float64], ...]
     # Those computed so far, by which tendons are driven by displacement
@@ -295,7 +303,7 @@ class SceneLayout:
             turning,
             any(load.get("loadVectorUserFunction") or load.get("loadUserFunction") for load in loads),
             no_others,
-            BandLayout.of(robots) if no_others else None,
+            tuple(BandLayout.of(robot) if no_others else None for robot in robots),
             tuple(buckling_shortening(robot) for robot in robots),
         )
 

@@ -66,6 +66,31 @@ class DenseFactors(NamedTuple):
         return 1 if turned % 2 == 0 else -1
 
 
+class BlockFactors(NamedTuple):
+    """Factors of a matrix with a block for each robot, where nothing couples them."""
+
+    blocks: tuple[Factors, ...]
+    rows: tuple[slice, ...]  # Of every block
+
+    def solve(self, right: Array) -> Array:
+        """See `Factors.solve`."""
+        found = np.zeros(right.shape, order="F")
+        for block, rows in zip(self.blocks, self.rows, strict=True):
+            own = right[rows]
+            if right.ndim == 1:
+                found[rows] = block.solve(own)
+                continue
+            acting = np.flatnonzero(own.any(axis=0))
+            if acting.size:
+                found[rows, acting] = block.solve(np.asfortranarray(own[:, acting]))
+        return found
+
+    @property
+    def sign(self) -> int:
+        """See `Factors.sign`."""
+        return int(np.prod([block.sign for block in self.blocks]))
+
+
 class BorderedFactors(NamedTuple):
     """Factors of a tangent with the tensions of tendons with prescribed displacement as further unknowns.
 

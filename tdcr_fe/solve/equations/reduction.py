@@ -86,12 +86,6 @@ class SceneTangent(NamedTuple):
         _add(self.blocks, row.after, stiffness.after)
         _add(self.blocks, row.before, stiffness.after.swapaxes(1, 2))
 
-    def put(self, row: RowBlocks, stiffness: NodeStiffness) -> None:
-        """Set the blocks of neighbours in a row of nodes; changes `blocks`."""
-        self.blocks[row.itself] = stiffness.itself
-        self.blocks[row.after] = stiffness.after
-        self.blocks[row.before] = stiffness.after.swapaxes(1, 2)
-
     def dense(self, size: int) -> Array:
         """As a matrix of at least the reduced size, shape (size, size), filled up with zeros."""
         pattern = self.pattern
@@ -149,11 +143,19 @@ class BodyFrameReduction:
         self._robots = tuple(robots)
         self._beams = np.zeros(self.size, dtype=bool)
         self._beams[beam.ravel()] = True
-        self._pattern = self._block_pattern(self._connected(mbs, idle))
+        self._connections = lambda: self._connected(mbs, idle)
+        self._present: BlockPattern | None = None
         flat = beam.ravel()
         self._right = flat[:, None] * self.size + self.other[None, :]
         self._below = self.other[:, None] * self.size + flat[None, :]
         self._corner = self.other[:, None] * self.size + self.other[None, :]
+
+    @property
+    def _pattern(self) -> BlockPattern:
+        """Which nodes are coupled; computed where Exudyn's Jacobian is first needed, for it is as large as that."""
+        if self._present is None:
+            self._present = self._block_pattern(self._connections())
+        return self._present
 
     def _connected(self, mbs: exu.MainSystem, idle: Collection[int]) -> NDArray[np.bool_]:
         """Which pairs of beam nodes any object of the scene couples, shape (N, N)."""
@@ -224,7 +226,7 @@ class BodyFrameReduction:
         if search_couplings:
             outside = flat.take(self._pattern.outside)
             if outside.any():
-                self._pattern = self._with_couplings(self._pattern.outside[outside != 0.0])
+                self._present = self._with_couplings(self._pattern.outside[outside != 0.0])
         pattern = self._pattern
         left = frames.take(pattern.first, axis=0).swapaxes(1, 2)
         blocks = left @ flat.take(pattern.source) @ frames.take(pattern.second, axis=0)
@@ -235,10 +237,6 @@ class BodyFrameReduction:
         below = flat[self._below].reshape(rest, n, 7).transpose(1, 0, 2) @ frames
         others = right, below.transpose(1, 0, 2).reshape(rest, 6 * n), flat[self._corner]
         return SceneTangent(pattern, blocks, others)
-
-    def empty_tangent(self) -> SceneTangent:
-        """A tangent of zeros between the beam nodes."""
-        return SceneTangent(self._pattern, np.zeros((len(self._pattern.first), 6, 6)), None)
 
     def _with_couplings(self, entries: Index) -> BlockPattern:
         """The pattern with the pairs of nodes to which further entries of Exudyn's matrix belong."""

@@ -23,17 +23,23 @@ from tdcr_fe.solve.equations.band import BandFactors
 from tdcr_fe.solve.equations.configuration import Configuration, SolverState, StoredState, Target
 from tdcr_fe.solve.equations.kernel import ClampReactions, Residual, StaticKernel
 from tdcr_fe.solve.equations.layout import Numbering, SceneLayout, zero_bases
-from tdcr_fe.solve.equations.linearization import BorderedFactors, DenseFactors, Factors, Linearization
+from tdcr_fe.solve.equations.linearization import (
+    BlockFactors,
+    BorderedFactors,
+    DenseFactors,
+    Factors,
+    Linearization,
+)
 from tdcr_fe.solve.equations.reduction import SceneTangent
 from tdcr_fe.solve.equations.tangent import (
     add_couplings,
     add_damping,
-    add_elastic,
     add_geometric_stiffness,
     add_unbalanced,
     backbone_tangent,
     border,
     hold,
+    robot_tangent,
 )
 
 Array = NDArray[np.float64]
@@ -71,7 +77,7 @@ class SceneSystem:
         self._kernel = StaticKernel(mbs, self.hooks)
         self._user_residual = self.hooks.user_function("PreNewtonResidual")
         self.layout = SceneLayout.of(mbs, self.robots, with_clamps=True)
-        self._reactions = ClampReactions.of(self._kernel, self.layout)
+        self._reactions = ClampReactions.of(self._kernel, self.layout, self.mbs)
 
     @property
     def length(self) -> float:
@@ -346,31 +352,39 @@ class SceneSystem:
         numpy.linalg.LinAlgError
             The tangent is singular.
         """
-        layout, from_elements = self.layout, self.tangent_follows_from_elements()
-        own = residual.forces[0]
-        if layout.band is not None and own.has_hole_slopes and from_elements:
-            backbone = backbone_tangent(residual, damping, self.length)
-            factors: Factors = BandFactors.of(
-                layout.band.assemble(backbone, own, bool(layout.clamped)), layout.band
-            )
+        layout = self.layout
+        if self.tangent_follows_from_elements():
+            factors = self._factors_of_robots(residual, damping)
         else:
-            factors = self._dense_factors(residual, numbering, damping, from_elements)
+            factors = self._factors_of_scene(residual, numbering, damping)
         if numbering.any_driven:
             factors = BorderedFactors.of(factors, *border(residual, numbering, layout.clamped))
         return Linearization(factors, residual.state.configuration.chains, numbering, residual.forces)
 
-    def _dense_factors(
-        self, residual: Residual, numbering: Numbering, damping: float, from_elements: bool
-    ) -> Factors:
-        """Factors of the tangent at fixed tensions, as a full matrix; see `tangent_follows_from_elements`."""
+    def _factors_of_robots(self, residual: Residual, damping: float) -> Factors:
+        """Factors of the tangent at fixed tensions from the elements, robot by robot."""
+        layout, found = self.layout, []
+        for i, (own, nodes, band) in enumerate(
+            zip(residual.forces, layout.space.slices, layout.bands, strict=True)
+        ):
+            backbone = backbone_tangent(residual, i, nodes, damping, self.length)
+            clamped = i in layout.clamps
+            if band is not None and own.has_hole_slopes:
+                found.append(BandFactors.of(band.assemble(backbone, own, clamped), band))
+                continue
+            k = robot_tangent(backbone, own)
+            hold(k, [slice(0, 6)] if clamped else [])
+            found.append(DenseFactors.of(k))
+        if len(found) == 1:
+            return found[0]
+        return BlockFactors(tuple(found), tuple(slice(6 * n.start, 6 * n.stop) for n in layout.space.slices))
+
+    def _factors_of_scene(self, residual: Residual, numbering: Numbering, damping: float) -> Factors:
+        """The same from Exudyn's Jacobian, as a full matrix."""
         layout = self.layout
         nodes = layout.space.slices
-        if from_elements:
-            scene = layout.reduction.empty_tangent()
-            add_elastic(scene, residual, nodes)
-        else:
-            scene = self.scene_tangent(residual)
-            add_unbalanced(scene, residual, nodes)
+        scene = self.scene_tangent(residual)
+        add_unbalanced(scene, residual, nodes)
         add_geometric_stiffness(scene, residual)
         k = scene.dense(numbering.reduced)
         add_couplings(k, residual, nodes)
@@ -390,7 +404,7 @@ class SceneSystem:
     def release_clamps(self) -> None:
         """Treat clamped bases as any other joint from now on, because their supports have been moved."""
         self.layout = SceneLayout.of(self.mbs, self.robots, with_clamps=False)
-        self._reactions = ClampReactions.of(self._kernel, self.layout)
+        self._reactions = ClampReactions.of(self._kernel, self.layout, self.mbs)
 
     def with_base_reactions(self, residual: Residual) -> Configuration:
         """The configuration of a state in equilibrium with the reactions of its clamps."""

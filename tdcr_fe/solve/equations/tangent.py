@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import NodeStiffness
+from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.native.coordinates import add_neighbours
 from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import Numbering, zero_bases
 from tdcr_fe.solve.equations.reduction import SceneTangent
@@ -17,47 +19,44 @@ Flags = NDArray[np.bool_]
 _EYE6 = np.eye(6)
 
 
-def add_elastic(tangent: SceneTangent, residual: Residual, nodes: Sequence[slice]) -> None:
-    """Put the tangent of the backbones, in the unknowns of the solver, into a tangent of zeros.
-
-    Parameters
-    ----------
-    tangent
-        Its blocks are changed.
-    residual
-        Of a state where nothing but robots resists.
-    nodes
-        By robot, its nodes among those of all robots.
-    """
-    configuration = residual.state.configuration
-    for i, own in enumerate(nodes):
-        mesh, wrenches = residual.forces[i].model.mesh, residual.unbalanced[6 * own.start : 6 * own.stop]
-        terms = configuration.chains[i].tangent(mesh, wrenches, *configuration.poses[i])
-        tangent.put(tangent.pattern.robots[i].backbone, terms)
-
-
-def backbone_tangent(residual: Residual, damping: float, length: float) -> NodeStiffness:
-    """Tangent of the backbone of one robot alone, with damping of its nodes.
+def backbone_tangent(
+    residual: Residual, robot: int, nodes: slice, damping: float, length: float
+) -> NodeStiffness:
+    """Tangent of the backbone of a robot, where nothing but robots resists, with damping of its nodes.
 
     Parameters
     ----------
     residual
-        Of a state of a scene with nothing but this robot.
+        Of a state.
+    robot, nodes
+        Its number, and its nodes among those of all robots.
     damping
         Of the nodes, for pseudo-transient continuation [N m].
     length
         Of the longest backbone [m].
     """
-    configuration, mesh = residual.state.configuration, residual.forces[0].model.mesh
-    found = configuration.chains[0].tangent(mesh, residual.unbalanced, *configuration.poses[0])
+    configuration, mesh = residual.state.configuration, residual.forces[robot].model.mesh
+    wrenches = residual.unbalanced[6 * nodes.start : 6 * nodes.stop]
+    found = configuration.chains[robot].tangent(mesh, wrenches, *configuration.poses[robot])
     if damping > 0.0:
         component = np.arange(6)
         found.itself[:, component, component] -= damping_of_node(damping, length)
     return found
 
 
+def robot_tangent(backbone: NodeStiffness, forces: TendonForces) -> Array:
+    """Tangent of one robot as a full matrix, from that of its backbone, shape (6 N, 6 N)."""
+    count = len(backbone.itself)
+    k = np.zeros((6 * count, 6 * count))
+    add_neighbours(k, backbone, np.arange(count))
+    if forces.model.geometry is not None:
+        add_neighbours(k, forces.geometric_stiffness(), forces.model.cable_nodes)
+    _add_coupling(k, forces)
+    return k
+
+
 def add_unbalanced(tangent: SceneTangent, residual: Residual, nodes: Sequence[slice]) -> None:
-    """Add to Exudyn's Jacobian the geometric terms of unbalanced wrenches; arguments as in `add_elastic`."""
+    """Add to Exudyn's Jacobian the geometric terms of unbalanced wrenches; ``nodes`` by robot among those of all."""
     configuration = residual.state.configuration
     for i, own in enumerate(nodes):
         wrenches = residual.unbalanced[6 * own.start : 6 * own.stop]
@@ -75,11 +74,16 @@ def add_geometric_stiffness(tangent: SceneTangent, residual: Residual) -> None:
 def add_couplings(k: Array, residual: Residual, nodes: Sequence[slice]) -> None:
     """Add the change of the tensions with the nodes, section forces, and springs to ground, to a dense tangent."""
     for own, at in zip(residual.forces, nodes, strict=True):
-        if len(own.base_tension) or own.model.section is not None:
-            inside = slice(6 * at.start, 6 * at.stop)
-            own.add_coupling(k[inside, inside])
-        elif own.model.springs is not None:
-            own.add_springs(k[6 * at.start : 6 * at.stop, 6 * at.start : 6 * at.stop])
+        inside = slice(6 * at.start, 6 * at.stop)
+        _add_coupling(k[inside, inside], own)
+
+
+def _add_coupling(k: Array, forces: TendonForces) -> None:
+    """The same of one robot."""
+    if len(forces.base_tension) or forces.model.section is not None:
+        forces.add_coupling(k)
+    elif forces.model.springs is not None:
+        forces.add_springs(k)
 
 
 def border(

@@ -19,7 +19,7 @@ from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import Numbering, zero_bases
-from tdcr_fe.solve.equations.linearization import BorderedFactors, Linearization
+from tdcr_fe.solve.equations.linearization import BlockFactors, BorderedFactors, Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 
 Array = NDArray[np.float64]
@@ -254,8 +254,25 @@ def full_step(
     slips = slip_residual(numbering, forces, state, fixed, presliding)
     if all_keep_slipping(mobilised, slips):
         return NewtonStep(_padded(fixed, numbering), linear, damping, slips)
-    coupling = FrictionCoupling.of(numbering, forces, system.layout.clamped, linear.slack)
-    change = friction_step(coupling, linear.factorisation.solve, fixed, slips, mobilised, presliding)
+    factors = linear.factorisation
+    if not isinstance(factors, BlockFactors):
+        coupling = FrictionCoupling.of(numbering, forces, system.layout.clamped, linear.slack)
+        change = friction_step(coupling, factors.solve, fixed, slips, mobilised, presliding)
+        return NewtonStep(change, linear, damping)
+    # Robots that nothing couples, driven by tension: each has a problem of its own.
+    change = _padded(fixed, numbering)
+    for part, block in zip(numbering.robots, factors.blocks, strict=True):
+        holes = slice(part.mobilisations.start - numbering.linear, part.mobilisations.stop - numbering.linear)
+        if not part.has_friction or all_keep_slipping(mobilised[holes], slips[holes]):
+            continue
+        alone, bases = part.alone, system.layout.clamped[:0]
+        if part.robot in system.layout.clamps:
+            bases = (slice(0, 6),)
+        coupling = FrictionCoupling.of(alone, forces[part.robot : part.robot + 1], bases, ())
+        own = friction_step(
+            coupling, block.solve, fixed[part.nodes], slips[holes], mobilised[holes], presliding
+        )
+        change[part.nodes], change[part.mobilisations] = own[: alone.linear], own[alone.linear :]
     return NewtonStep(change, linear, damping)
 
 
