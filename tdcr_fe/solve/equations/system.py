@@ -363,7 +363,8 @@ class SceneSystem:
 
     def _factors_of_robots(self, residual: Residual, damping: float) -> Factors:
         """Factors of the tangent at fixed tensions from the elements, robot by robot."""
-        layout, found = self.layout, []
+        layout = self.layout
+        found: list[Factors] = []
         for i, (own, nodes, band) in enumerate(
             zip(residual.forces, layout.space.slices, layout.bands, strict=True)
         ):
