@@ -371,7 +371,8 @@ class _Part:
         if by is not None and by.names:
             exact = [j for j, name in enumerate(by.names) if name in self.exact]
             numbers = [self.exact[by.names[j]] for j in exact]
-            matrix[:, numbers] = self._of(run, by.part(exact))
+            if exact:
+                matrix[:, numbers] = self._of(run, by.part(exact))
             if self.action is not None:
                 acted = Acted(self.action, self._response(run, by))
                 self._add_loads(matrix, run, acted.response, numbers, state_change(run, by.part(exact)))

@@ -371,7 +371,8 @@ def refine(
         correction = change / share if mesh_error <= MESH else problem.correction
         return replace(problem, mesh_error=mesh_error, correction=correction), run
     problem = replace(problem, mesh_error=mesh_error, experiment=refined)
-    (again,) = problem.solve([with_model(refined)], run if divided is experiment else None, record=True)
+    along = run if divided is experiment else None
+    (again,) = problem.run([Job(with_model(refined), along, True, states=action is not None)])
     return problem, replace(again, acted=run.acted)
 
 

@@ -174,6 +174,8 @@ def refined(state: SearchState) -> SearchState:
         (again,) = fitting.run_fits(problem, [fitted])
     else:
         again = _recounted(problem, before, problem.correction - correction)
+    if not again.solved:
+        return state.with_history("on a finer mesh the best model is not solved; it stays as it was")
     shift = again.residual - before.residual
     fits = {key: _recounted(problem, old, shift) for key, old in state.fits.items()}
     (best,) = fitting.run_fits(problem, [fitting.finish(problem, again, fitting.Race())])
@@ -224,7 +226,7 @@ def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
     """Probabilities of all models that were fitted, from their evidence; those below one in a million are left out."""
     problem = state.problem
     noise = effective_noise(problem, state.best, search.significance)
-    solved = [f for f in state.fits.values() if f.solved]
+    solved = [f for f in state.fits.values() if f.solved] or [state.best]
     logarithms = np.array([-0.5 * bic(problem, f) / noise for f in solved])
     weights = np.exp(logarithms - np.max(logarithms))
     weights /= np.sum(weights)

@@ -192,3 +192,15 @@ def test_a_run_of_the_corrected_robot_has_the_law_as_loads(found, tmp_path):
     table = pd.read_csv(tmp_path / "out" / "steps.csv", dtype={"label": str}).set_index("label")
     tips = table.loc[[str(n) for n in result.data.step_ids], ["tip_x", "tip_y", "tip_z"]].to_numpy()
     np.testing.assert_allclose(tips, result.shapes.backbone_after[:, -1], rtol=0.0, atol=1e-6)
+
+
+def test_angles_are_read_with_a_load_that_depends_on_the_state():
+    """Without a column of the description beside it, the derivatives of an angle ended in a ValueError."""
+    data = measured()
+    tips = tuple(Reading(r.step, "bending_angle", None, 0.5, 1e-3) for r in data.readings[::6])
+    problem, load = problem_of(replace(data, readings=(*data.readings, *tips))), load_of(HARDENING)
+    values = {load.name: {"coefficient": -1e-6}}
+    (linear,) = linearize(
+        problem, [Request((load,), values, (Column(load, "coefficient", values[load.name], 1.0),))]
+    )
+    assert np.isfinite(linear.residual).all() and np.all(linear.matrix[-len(tips) + 1 :] != 0.0)
