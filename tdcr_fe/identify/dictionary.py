@@ -27,6 +27,7 @@ from tdcr_fe.identify.causes import (
     StateLoad,
 )
 from tdcr_fe.identify.terms import ROW, TIME, Factor, library, sentence, where
+from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.loading import LoadStep, resolve
 from tdcr_fe.model.routing import MisplacedRouting
@@ -76,13 +77,21 @@ def has_times(problem: FitProblem) -> bool:
     return all(t is not None for t in times) and len(set(times)) > 1
 
 
-def _progress(problem: FitProblem) -> tuple[Array, str]:
-    """From near zero to one along the rows, by time or, without times, by the number of the row; and its name."""
+def _clock(problem: FitProblem) -> str:
+    """What a drift depends on: time, else the row; empty where there are no times and rows are left out."""
     if has_times(problem):
-        times = np.array([s.time for s in problem.data.steps], dtype=float)
-        return times / max(float(np.max(times)), 1e-300), "time"
-    count = len(problem.data.steps)
-    return np.arange(1.0, count + 1.0) / count, "row"
+        return "time"
+    ids = problem.data.step_ids
+    return "row" if ids == tuple(range(ids[0], ids[0] + len(ids))) else ""
+
+
+def _progress(steps: Sequence[LoadStep]) -> Array:
+    """From near zero to one along steps, by time or, without times, by their number, shape (n,)."""
+    times = [s.time for s in steps]
+    known = np.array([t for t in times if t is not None], dtype=float)
+    if known.size == len(times) and np.ptp(known) > 0.0:
+        return known / max(float(np.max(known)), 1e-300)
+    return np.arange(1.0, len(times) + 1.0) / len(times)
 
 
 # ------------------------------------------------------------------------------------------------ descriptions
@@ -174,7 +183,7 @@ def _inputs(problem: FitProblem) -> list[Cause]:
     if not driven:
         return []
     most = float(max(largest))
-    progress, clock = _progress(problem)
+    clock = _clock(problem)
     displaced = bool(actions[0].by_displacement[driven[0]])
     unit = "m" if displaced else "N"
 
@@ -184,12 +193,16 @@ def _inputs(problem: FitProblem) -> list[Cause]:
         """An experiment whose inputs are changed: input, its largest value, progress and number to the new input."""
 
         def changed(experiment: Experiment, values: Values) -> Experiment:
+            if not any(values.values()):
+                return experiment
             steps: list[LoadStep] = []
-            for step, (k, _) in zip(experiment.steps, experiment.step_ends, strict=True):
+            ends = [(k, x == 1.0) for k, x in experiment.step_ends]
+            progress = _progress([s for s, (_, whole) in zip(experiment.steps, ends, strict=True) if whole])
+            for step, (k, _) in zip(experiment.steps, ends, strict=True):
 
-                def new(name: str, x: float, k: int = k) -> float:
+                def new(name: str, x: float, p: float = float(progress[k])) -> float:
                     number = values.get(name, values.get("all", 0.0))
-                    y = change(x, most, float(progress[min(k, len(progress) - 1)]), number)
+                    y = change(x, most, p, number)
                     return y if displaced else max(y, 0.0)
 
                 steps.append(
@@ -223,6 +236,8 @@ def _inputs(problem: FitProblem) -> list[Cause]:
     ]
     found: list[Cause] = []
     for name, depends, own, size, change, text in laws:
+        if not depends:
+            continue
         kind = Kind("input", (depends,))
         one = _number("all", own, (-0.9 * size, 3.0 * size), 0.0, 0.01 * size)
         if name.startswith("gain"):
@@ -244,21 +259,22 @@ def _readings(problem: FitProblem) -> list[Cause]:
     readings, data = problem.readings, problem.data
     if not np.any(readings.is_position):
         return []
-    progress, clock = _progress(problem)
-    length = data.robot.backbone.length
+    length, clock = data.robot.backbone.length, _clock(problem)
 
-    def along(axis: int, weight: Array) -> Callable[[FitProblem], Array]:
-        return lambda p: (p.readings.axes == axis) * weight[p.readings.reader.step]
+    def along(axis: int, weight: Callable[[MeasuredData], Array]) -> Callable[[FitProblem], Array]:
+        return lambda p: (p.readings.axes == axis) * weight(p.data)[p.readings.reader.step]
 
-    def shift(name: str, kind: Kind, weight: Array, text: str) -> ReadingCause:
+    def shift(name: str, kind: Kind, weight: Callable[[MeasuredData], Array], text: str) -> ReadingCause:
         numbers = tuple(_number(a, "m", (-length, length), 0.0, 2e-3 * length) for a in "xyz")
         return ReadingCause(name, kind, numbers, tuple(along(i, weight) for i in range(3)), text)
 
-    found: list[Cause] = [
-        shift(
-            "drift of the measuring frame", Kind("reading", (clock,)), progress, "the measuring frame drifts"
-        )
-    ]
+    def after(number: int) -> Callable[[MeasuredData], Array]:
+        return lambda d: (np.array(d.step_ids) >= number).astype(float)
+
+    found: list[Cause] = []
+    if clock:
+        kind, text = Kind("reading", (clock,)), "the measuring frame drifts"
+        found.append(shift("drift of the measuring frame", kind, lambda d: _progress(d.steps), text))
     numbers = (_number("scale", "1", (-0.5, 0.5), 0.0, 0.01),)
     scale = ReadingCause("scale of the positions", Kind("reading", ("position",)), numbers,
                          (lambda p: np.where(p.readings.is_position, p.readings.values, 0.0),),
@@ -266,11 +282,10 @@ def _readings(problem: FitProblem) -> list[Cause]:
     found.append(scale)
     count = len(data.steps)
     for k in range(3, count - 2):
-        after = (np.arange(count) >= k).astype(float)
         number = data.step_ids[k]
         kind = Kind("reading", ("row",), f"from row {number} on")
         text = "all markers are shifted from some row on"
-        cause = shift(f"jump of the frame from row {number} on", kind, after, text)
+        cause = shift(f"jump of the frame from row {number} on", kind, after(number), text)
         cause.price = math.log(count)
         found.append(cause)
     return found
@@ -306,13 +321,17 @@ def _loads(problem: FitProblem, state: BayState) -> list[Cause]:
         cause.price = price
         found.append(cause)
 
-    terms = library(bays, clock)
-    for term in terms:
+    rows_left_out = not _clock(problem)
+    for term in library(bays, clock):
+        if rows_left_out and ROW in term.factors:
+            continue
         perturbs, depends = term.kind
         price = math.log(10.0) + 1.5 * len(term.factors) + (math.log(bays) if term.bay is not None else 0.0)
         kind = Kind(perturbs, depends, where(term, state.edges))
         add(term.key, kind, [("coefficient", term.unit, term.action)], sentence(term), price)
     for text, varies, unit, factor in _free_forces(clock):
+        if varies == "row" and rows_left_out:
+            continue
         for bay in range(bays):
             at = "tip" if bay == bays - 1 else f"disk at s = {state.edges[bay + 1]:.4g} m"
             add(f"force {text} ({at})", Kind("force", (varies,), at),

@@ -228,7 +228,8 @@ class Term:
         perturbs = self.direction.perturbs
         if self.direction is TENDONS and not {"place", "curvature"} & set(depends):
             perturbs = "input"  # the same factor on the tension of every tendon, in all bays
-        return perturbs, (*depends, "place") if self.bay is not None and "place" not in depends else depends
+        local = self.bay is not None and not self.direction.is_force and "place" not in depends
+        return perturbs, (*depends, "place") if local else depends
 
 
 def library(bays: int, clock: Factor) -> list[Term]:

@@ -114,3 +114,20 @@ def test_a_search_that_is_late_keeps_its_model_and_notes_what_it_has_not_tried()
     for latest in search_causes(searching(deadline=0.0), state):
         state = latest
     assert len(state.best.effects) >= 1 and state.not_tried
+
+
+def test_a_cause_found_on_some_of_the_rows_is_the_same_on_all():
+    """Long data are searched on chosen rows; a jump from a row on then holds for the rows of that number."""
+    whole = problem_of(measured())
+    few = [n for n in whole.data.step_ids if n not in (2, 5)]
+    data = replace(whole.data, step_ids=tuple(few), steps=tuple(whole.data.steps[n - 1] for n in few),
+                   branches=tuple(whole.data.branches[n - 1] for n in few),
+                   readings=tuple(r for r in whole.data.readings if r.step in few))  # fmt: skip
+    part = problem_of(data)
+    causes = {e.name: e for e in whole_dictionary(part)}
+    assert not any("row " in name and "jump" not in name for name in causes)
+    jump = causes["jump of the frame from row 7 on"]
+    for problem in (part, whole):
+        steps = np.array([r.step for r in problem.data.readings])
+        expected = np.where((steps >= 7) & (problem.readings.axes == 0), 1e-3, 0.0)
+        np.testing.assert_array_equal(jump.shift(problem, {"x": 1e-3, "y": 0.0, "z": 0.0}), expected)
