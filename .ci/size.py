@@ -29,7 +29,7 @@ BUDGET = {
     "tdcr_fe/commands": 1061,
     "tdcr_fe/effects": 1297,
     "tdcr_fe/estimate": 816,
-    "tdcr_fe/identify": 6522,
+    "tdcr_fe/identify": 6542,
     "tdcr_fe/io": 2068,
     "tdcr_fe/live": 360,
     "tdcr_fe/model": 2698,
