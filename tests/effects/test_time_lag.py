@@ -56,7 +56,7 @@ def test_loads_are_interpolated_as_commands_are():
 
 def test_without_lag_or_without_times():
     setup = timed(0.0, 1e-3)
-    assert with_effect(setup, "time_lag", lag=0.0) is setup
+    assert with_effect(setup, "time_lag", lag=0.0) == setup
     untimed = Experiment(three(), Model(), (LoadStep(tensions={"t1": 1.0}),))
     with pytest.raises(ValueError, match="needs a time in every step"):
         with_effect(untimed, "time_lag", lag=0.1)
