@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from tdcr_fe.effects import Observation
 from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, memory
 from tdcr_fe.estimate.frame import Frame, Problem, Readings, Solved, name_at
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, SolverSettings, resolve
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.solve.load_steps.load_path import LoadStepReport
 from tdcr_fe.solve.simulation import Simulation, one_thread
@@ -122,8 +123,8 @@ class Estimator:
             raise ValueError(f"{where}: time = {step.time}: must be given and not run backwards [s]")
         if wrong := [r.quantity for r in readings if r.sigma is None]:
             raise ValueError(f"{where}: reading of {wrong[0]}: needs a standard deviation")
-        commands = resolve(self.robot, [self._commands, step])[-1]
-        self._commands = _as_step(self.robot, commands)
+        self._commands = _with_inputs_of(self._commands, step)
+        commands = resolve(self.robot, [self._commands])[0]
         first = None if self._time is None else SUBSTEPS
         frame = Frame(
             self._problem,
@@ -195,12 +196,11 @@ class Estimator:
         )
 
 
-def _as_step(robot: Robot, commands: Actuation) -> LoadStep:
-    """A load step that names all that is prescribed."""
-    driven = commands.by_displacement
-    inputs = dict(zip(robot.tendon_names, commands.values.tolist(), strict=True))
-    tensions, displacements = (
-        {n: x for (n, x), by in zip(inputs.items(), driven, strict=True) if by == kind}
-        for kind in (False, True)
-    )
-    return LoadStep(tensions=tensions, displacements=displacements, loads=commands.loads, time=commands.time)
+def _with_inputs_of(before: LoadStep, step: LoadStep) -> LoadStep:
+    """A step with the inputs and loads of the one before that it does not name."""
+    named = {name for _, given in step.inputs() for name in given}
+    inputs = {d.inputs: {n: x for n, x in given.items() if n not in named} for d, given in before.inputs()}
+    for drive, given in step.inputs():
+        inputs[drive.inputs] = {**inputs.get(drive.inputs, {}), **given}
+    changes: dict[str, Any] = {**inputs, "loads": {**before.loads, **step.loads}}
+    return replace(step, **changes)

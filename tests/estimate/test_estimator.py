@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rod import Truth
@@ -10,6 +12,7 @@ from scipy.stats import chi2
 import tdcr_fe as tdcr
 from tdcr_fe.elements.drives import TendonDrives
 from tdcr_fe.model.loading import Actuation
+from tdcr_fe.model.tendon import Spool
 from tdcr_fe.solve.load_steps.load_path import StepFailed
 from tdcr_fe.validation.campaigns.estimate import LENGTH, RATE, model, read, rod, squared
 
@@ -91,6 +94,21 @@ def test_without_readings_the_force_is_forgotten_with_its_correlation_time():
     np.testing.assert_allclose(later.force, kept * first.force, rtol=1e-12)
     expected = kept**2 * first.force_covariance + (1.0 - kept**2) * 0.05**2 * np.eye(3)
     np.testing.assert_allclose(later.force_covariance, expected, rtol=1e-12)
+
+
+def test_a_step_keeps_the_drives_that_it_does_not_name():
+    """Tension, displacement and motor, each of another tendon; the second step names the tension alone."""
+    tendons = tuple(replace(t, spool=Spool(0.01)) for t in rod().tendons)
+    robot = replace(rod(), tendons=tendons)
+    own = tdcr.Estimator(robot, model(), tdcr.LoadPrior(), tdcr.InputPrior(sigma=1e-5))
+    names = robot.tendon_names
+    inputs = {"tensions": {names[0]: 0.1, names[3]: 0.2}, "displacements": {names[1]: 1e-3}}
+    own.step(tdcr.LoadStep(**inputs, motor_angles={names[2]: 0.1}, time=0.0))
+    after = own.step(tdcr.LoadStep(tensions={names[0]: 0.3}, time=0.1)).result
+    kept = tdcr.LoadStep(tensions={names[0]: 0.3, names[3]: 0.2}, displacements={names[1]: 1e-3})
+    whole = tdcr.simulate(robot, model(), [replace(kept, motor_angles={names[2]: 0.1})]).steps[-1]
+    np.testing.assert_allclose(after.base_tensions, whole.base_tensions, atol=1e-6)
+    np.testing.assert_allclose(after.tip, whole.tip, atol=1e-7)
 
 
 def test_a_random_walk_keeps_the_mean_and_spreads():
