@@ -30,6 +30,9 @@ FIRST_RADIUS, LEAST_RADIUS = 3.0, 1e-3
 LITTLE = 0.02
 #: It has failed where it could lower it by more than this, and by more than a hundredth of it [1].
 MUCH = 1.0
+#: A state whose misfit is below this for each reading explains them, though a hole that begins to slip or to stick may
+#: end the iteration before the linear model has nothing left to gain [1].
+PLAUSIBLE = 5.0
 #: States that are solved at most.
 MOST_STATES = 30
 
@@ -61,7 +64,8 @@ class Found(Generic[P]):
     @property
     def converged(self) -> bool:
         """Whether this is the most probable state, nearly."""
-        return self.possible_gain <= max(MUCH, 0.01 * self.misfit)
+        plausible = self.misfit <= PLAUSIBLE * len(self.point.residual)
+        return plausible or self.possible_gain <= max(MUCH, 0.01 * self.misfit)
 
 
 def most_probable(

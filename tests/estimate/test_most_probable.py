@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from tdcr_fe.estimate.most_probable import most_probable
+from tdcr_fe.estimate.most_probable import Found, most_probable
 
 
 @dataclass
@@ -80,3 +80,12 @@ def test_steps_without_a_solution_are_shortened():
     found = most_probable(solve, np.zeros(1), np.eye(1), np.zeros(1))
     assert abs(found.point.residual[0]) < 1.0
     assert most_probable(lambda x: None, np.zeros(1), np.eye(1), np.zeros(1)) is None
+
+
+@pytest.mark.parametrize(
+    ("misfit", "gain", "converged"), [(8.0, 4.0, True), (1e4, 3e3, False), (1e4, 0.5, True)]
+)
+def test_an_iteration_that_stalls_has_failed_only_where_the_readings_are_not_explained(
+    misfit, gain, converged
+):
+    assert Found(At(np.zeros(3), np.eye(3)), misfit, gain, np.eye(3)).converged is converged
