@@ -35,7 +35,7 @@ BUDGET = {
     "tdcr_fe/model": 2698,
     "tdcr_fe/report": 1244,
     "tdcr_fe/scene": 1488,
-    "tdcr_fe/solve": 7643,
+    "tdcr_fe/solve": 7793,
     "tdcr_fe/sweeps": 1587,
     "validation": 7008,
     "tests": 17900,
