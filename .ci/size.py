@@ -28,7 +28,7 @@ BUDGET = {
     "tdcr_fe": 285,
     "tdcr_fe/commands": 1061,
     "tdcr_fe/effects": 1297,
-    "tdcr_fe/estimate": 816,
+    "tdcr_fe/estimate": 818,
     "tdcr_fe/identify": 6542,
     "tdcr_fe/io": 2068,
     "tdcr_fe/live": 360,
