@@ -223,20 +223,20 @@ def _fitted(state: SearchState, x: Score, now: Fit, race: fitting.Race) -> tuple
 
 
 def refitted(state: SearchState, effects: Sequence[Effect]) -> tuple[SearchState, Fit]:
-    """A part of the best model, fitted from its values, or as it was fitted before."""
+    """A part of the best model, fitted from its values; or as it was fitted before, where that is better."""
     key = frozenset(e.name for e in effects)
     if not effects:
         return state, state.fits.get(key, state.declared)
-    if key not in state.fits or state.fits[key].pruned:
-        problem, best = state.problem, state.best
+    problem, best, known = state.problem, state.best, state.fits.get(key)
+    if known is None or known.pruned or known.cost > best.cost:
         start = {e.name: best.values[e.name] for e in effects}
         try:
             problem.with_effects(effects, start)
         except ValueError:
             return state, replace(best, cost=math.inf, held_cost=math.inf)
-        fits = [fitting.smaller(problem, effects, [start], best, fitting.Race())]
-        (new,) = fitting.run_fits(problem, fits)
-        state = state.with_fit(new)
+        (new,) = fitting.run_fits(problem, [fitting.smaller(problem, effects, [start], best, fitting.Race())])
+        if known is None or known.pruned or new.cost < known.cost:
+            state = state.with_fit(new)
     return state, state.fits[key]
 
 
