@@ -12,6 +12,7 @@ from tdcr_fe.effects.by_tendon import segments
 from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.reader import Reader
 from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.channels import channel
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.solve.simulate import simulate
 
@@ -104,6 +105,16 @@ def test_pretension_is_that_of_the_elastic_tendons():
 def read(setup, readings):
     run = simulate_experiment(Task(setup, run_settings(SolverSettings(), 2e-5)))
     return Reader(readings, [1, 2], setup.robot.tendon_names).read(run, setup)
+
+
+def test_a_marker_offset_along_the_tangent_is_beyond_its_section():
+    """An unbent robot stands upright: a marker 3 mm beyond the tip is seen 3 mm higher."""
+    seen = with_effect(SETUP, "marker_offset", offset_x=1e-3, offset_y=0.0, offset_z=3e-3).observation
+    s, none = np.array([0.125, LENGTH]), np.zeros(2)
+    straight = np.column_stack((none, none, s)), np.tile(np.eye(3), (2, 1, 1))
+    step = seen.step(s, *straight, none, none, ("a", "b"))
+    found = [channel(f"position_{axis}").predict(step, [LENGTH])[0] for axis in "xyz"]
+    np.testing.assert_allclose(found, (1e-3, 0.0, LENGTH + 3e-3), atol=1e-12)
 
 
 def test_each_marker_has_an_offset_of_its_own():
