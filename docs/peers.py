@@ -1,9 +1,9 @@
 """The same robots without friction in other codes: the time that each takes to come within 0.1 % of the length.
 
-``pip install '.[peers]'``, then ``python docs/peers.py`` prints a table of the page "Validation" within some minutes.
-Every code solves the discretisations and settings below, from coarse to fine; its time is the least of those whose tip is
-near enough. The limit is the tip of the shooting reference. Codes without a static solver move the robot with masses and
-damping chosen for speed until it is at rest.
+``pip install '.[peers]'``, then ``python docs/peers.py`` prints a table of the page "Validation" within some
+minutes. Every code solves the discretisations and settings below, from coarse to fine; its time is the least of
+those whose tip is near enough. The limit is the tip of the shooting reference. Codes without a static solver move the
+robot with masses and damping chosen for speed until it is at rest.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import argparse
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -137,7 +138,7 @@ def _exudyn(case: Case, elements: int, bays: int, steps: int) -> Array:
         mbs.AddNode(items.NodeRigidBodyRotVecLG(referenceCoordinates=[0, 0, LENGTH * i / count, *upright]))
         for i in range(count + 1)
     ]
-    for pair in zip(nodes, nodes[1:], strict=False):
+    for pair in pairwise(nodes):
         beam = items.ObjectBeamGeometricallyExact(
             nodeNumbers=list(pair), length=LENGTH / count, sectionData=section
         )
@@ -165,7 +166,7 @@ def _exudyn(case: Case, elements: int, bays: int, steps: int) -> Array:
                 mbs.AddObject(items.SpringDamper(markerNumbers=list(pair), referenceLength=LENGTH / bays)),
                 tension,
             )
-            for pair in zip(markers, markers[1:], strict=False)
+            for pair in pairwise(markers)
         ]
     tip = mbs.AddMarker(items.MarkerNodePosition(nodeNumber=nodes[-1]))
     load = mbs.AddLoad(items.Force(markerNumber=tip))
@@ -234,7 +235,8 @@ def _mujoco(case: Case, per_bay: int, bays: int, step: float, delay: float) -> A
         tip = f'<site name="tip" pos="{h / 2:.12g} 0 0"/>' if node == count else ""
         long = h if node < count else h / 2
         text = (
-            f'<body name="b{node}" pos="{h if node > 1 else h / 2:.12g} 0 0"><joint type="ball" stiffness="{stiffness:.12g}" damping="{delay * stiffness:.12g}"/>'
+            f'<body name="b{node}" pos="{h if node > 1 else h / 2:.12g} 0 0">'
+            f'<joint type="ball" stiffness="{stiffness:.12g}" damping="{delay * stiffness:.12g}"/>'
             f'<geom type="capsule" size="{RADIUS!r}" fromto="0 0 0 {long:.12g} 0 0" mass="1e-4"/>'
             f"{own}{tip}{text}</body>"
         )
