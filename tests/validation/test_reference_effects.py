@@ -26,12 +26,11 @@ BACKBONE = Backbone(L, 0.4e-3, 85e9, 0.3, density=5600.0)
 
 def robot(*routings, disks=10, **tendon):
     routings = routings or (ParallelRouting(4.5e-3),)
+    friction = tendon if "friction" in tendon else {"friction_coefficient": 0.2, **tendon}
     return Robot(
         BACKBONE,
         Disks.equally_spaced(disks, L, mass=0.17e-3),
-        tuple(
-            Tendon(f"t{i + 1}", r, **{"friction_coefficient": 0.2, **tendon}) for i, r in enumerate(routings)
-        ),
+        tuple(Tendon(f"t{i + 1}", r, **friction) for i, r in enumerate(routings)),
     )
 
 
