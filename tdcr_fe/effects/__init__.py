@@ -28,7 +28,7 @@ EFFECTS: tuple[Effect, ...] = (
     material.BaseCompliance(),
     material.RigidDisks(),
     material.Creep(),
-    holes.FrictionCoefficient(),
+    holes.HoleFriction(),
     holes.HoleAdhesion(),
     holes.RoutingTwist(),
     holes.MisplacedChannels(),

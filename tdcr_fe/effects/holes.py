@@ -23,7 +23,7 @@ from tdcr_fe.model.routing import MisplacedRouting, TwistedRouting
 from tdcr_fe.model.tendon import Tendon
 
 
-class FrictionCoefficient(TendonNumber):
+class HoleFriction(TendonNumber):
     """Hole friction other than declared.
 
     Tendon and holes rub more or less than declared: another tendon, a burr, wear, oil.
