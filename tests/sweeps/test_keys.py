@@ -77,8 +77,8 @@ def test_what_is_no_key_is_refused(key, text):
         ("steps[1].tensions.t1", r"there are 1 steps; must be from steps\[0\] to steps\[0\]"),
         ("steps.tensions.t2", r"no load step has tensions.t2; steps\[0\].tensions.t2 sets it"),
         ("tendons.t3.offset", 'there is no tendon "t3"; there are t1, t2'),
-        ("backbone.radius.base", "backbone.radius is no table"),
-        ("backbone.radius[0]", "backbone.radius is no list"),
+        ("backbone.radius.base", "backbone.radius is not a table"),
+        ("backbone.radius[0]", "backbone.radius is not a list"),
     ],
 )
 def test_what_is_not_in_the_files_is_refused(key, text):

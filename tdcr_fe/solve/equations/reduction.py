@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import NodeStiffness
 from tdcr_fe.elements.complementarity import as_slice
+from tdcr_fe.elements.native.items import SystemReference
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int_]
@@ -143,7 +144,8 @@ class BodyFrameReduction:
         self._robots = tuple(robots)
         self._beams = np.zeros(self.size, dtype=bool)
         self._beams[beam.ravel()] = True
-        self._connections = lambda: self._connected(mbs, idle)
+        # The scene must not be kept alive by what is computed from it.
+        self._system, self._idle = SystemReference(mbs), idle
         self._present: BlockPattern | None = None
         flat = beam.ravel()
         self._right = flat[:, None] * self.size + self.other[None, :]
@@ -154,7 +156,7 @@ class BodyFrameReduction:
     def _pattern(self) -> BlockPattern:
         """Which nodes are coupled; computed where Exudyn's Jacobian is first needed, for it is as large as that."""
         if self._present is None:
-            self._present = self._block_pattern(self._connections())
+            self._present = self._block_pattern(self._connected(self._system.mbs, self._idle))
         return self._present
 
     def _connected(self, mbs: exu.MainSystem, idle: Collection[int]) -> NDArray[np.bool_]:
