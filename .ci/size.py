@@ -24,21 +24,21 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 3122,
-    "tdcr_fe": 285,
-    "tdcr_fe/commands": 1061,
-    "tdcr_fe/effects": 1297,
+    "elements": 3129,
+    "tdcr_fe": 269,
+    "tdcr_fe/commands": 1060,
+    "tdcr_fe/effects": 1302,
     "tdcr_fe/estimate": 818,
     "tdcr_fe/identify": 6542,
-    "tdcr_fe/io": 2068,
-    "tdcr_fe/live": 360,
+    "tdcr_fe/io": 2077,
+    "tdcr_fe/live": 354,
     "tdcr_fe/model": 2698,
-    "tdcr_fe/report": 1244,
+    "tdcr_fe/report": 1215,
     "tdcr_fe/scene": 1488,
-    "tdcr_fe/solve": 7793,
-    "tdcr_fe/sweeps": 1587,
+    "tdcr_fe/solve": 7794,
+    "tdcr_fe/sweeps": 1586,
     "validation": 7008,
-    "tests": 17900,
+    "tests": 17629,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
