@@ -273,8 +273,8 @@ def pyelastica(case: Case) -> Iterable[tuple[str, Callable[[], Array]]]:
     The step is as long as these allow; the true stiffnesses and inertia would take 170 times as many.
     """
     disks = max(len(case.robot.disks.positions), 1)
-    for per_bay in (6, 8, 10) if disks > 1 else (15, 20, 30):
-        for periods in (1.0, 1.5, 2.0):
+    for per_bay in (6, 8, 10) if disks > 1 else (15, 20):
+        for periods in (1.0, 1.5):
 
             def solve(per_bay: int = per_bay, periods: float = periods) -> Array:
                 return _pyelastica(case, per_bay, disks, periods)
