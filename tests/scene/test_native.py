@@ -258,9 +258,7 @@ def test_a_run_with_tolerances_below_round_off_ends_by_name():
     settings.timeIntegration.newton = exu.SimulationSettings().timeIntegration.newton
     settings.timeIntegration.newton.useModifiedNewton = False
     settings.timeIntegration.generalizedAlpha.spectralRadius = 0.9
-    with pytest.raises(
-        exu.ModelError, match=r"below the round-off .* arm.recommended_settings.* \(it is 0.9\)"
-    ):
+    with pytest.raises(exu.ModelError, match=r"below the round-off .* arm.recommended_settings"):
         mbs.SolveDynamic(settings)
     assert mbs.sys["dynamicSolver"].it.currentStepIndex < 1000
     assert mbs.SolveDynamic(handle.recommended_settings(0.03, 1e-3))
