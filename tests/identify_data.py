@@ -103,9 +103,9 @@ def begun(data):
     return _declared(prepared.searched, prepared.run)
 
 
-def searching(deadline=np.inf, **settings):
+def searching(deadline=np.inf, laws=False, **settings):
     """A search that reports nothing."""
-    return Search(IdentifySettings(**settings), lambda text, share: None, deadline)
+    return Search(IdentifySettings(**settings), lambda text, share: None, deadline, laws)
 
 
 def with_model(state, values):

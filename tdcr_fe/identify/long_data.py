@@ -378,7 +378,7 @@ def restore_friction(search: Search, state: SearchState, problem: FitProblem) ->
     )
     yield again
     settings = replace(search.settings, max_effects=len(best.effects) + ROUNDS)
-    again = yield from forward_selection(replace(search, settings=settings), again)
+    again = yield from forward_selection(replace(search, settings=settings), again, locate=False)
     again = replace(again, refused=state.refused)
     yield again
     return again

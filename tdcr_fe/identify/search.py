@@ -1,488 +1,369 @@
-"""The search for causes: forward selection over one dictionary, with exchanges and a backward step.
+"""The search for effects: forward and backward selection, exchanges, and the order of these stages.
 
-Every round linearises the present model by all causes of the dictionary (`tdcr_fe.identify.screening`), fits the few
-that promise most, alone and in pairs, and keeps the best. It ends where only noise is left, or nothing improves the
-evidence. Then every cause is exchanged for others, which gives the probabilities of the explanations.
-
-The functions are generators of states, so that an interruption keeps the last one that was complete.
+Every function takes a `SearchState` and gives a new one. The stages are generators of states, so that an interruption
+keeps the last one that was complete.
 """
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, EffectAtPlace
-from tdcr_fe.effects.base import Points
 from tdcr_fe.identify import fitting
+from tdcr_fe.identify.candidates import (
+    Contest,
+    Extended,
+    Round,
+    fit_and_rank,
+    fit_proposals,
+    identifiable,
+    propose,
+    scores_beside,
+)
 from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
+    BOUND_PENALTY,
     at_bound,
     bic,
     effective_noise,
     is_improvement,
     lacks_test,
-    price,
     rank,
     reduced_chi_square,
-    required_drop,
 )
-from tdcr_fe.identify.dictionary import dictionary
-from tdcr_fe.identify.forward import Job
-from tdcr_fe.identify.problem import Fit, FitProblem
-from tdcr_fe.identify.result import Candidate
-from tdcr_fe.identify.screening import Score, apart, best_pairs, screen
+from tdcr_fe.identify.law_search import LEAST_ITERATIONS, law_ahead
+from tdcr_fe.identify.places import local_search, place_ahead, saturated_pairs, search_places
+from tdcr_fe.identify.problem import Fit, Point
+from tdcr_fe.identify.screening import Score
 from tdcr_fe.identify.search_state import (
     Search,
     SearchState,
     Stage,
+    cut_short,
+    fitted_model,
     in_time,
     listed_names,
     mean_cost,
     parent_of,
     refined,
-    with_note_on_differences,
     with_rival,
+    without,
 )
-from tdcr_fe.identify.settings import EXCHANGES, FURTHER_EFFECTS
-from tdcr_fe.model.loading import resolve
-
-#: A cause may explain what another one explains where its columns leave of the other's change at most this sum of
-#: squares, or this share of it: the first order is not exact [1].
-LITTLE, SMALL_SHARE = 60.0, 0.002
-
-#: A pair is fitted where it promises a criterion smaller than this share of that of the best single cause [1].
-TOGETHER = 0.8
-
-#: A cause beyond so many is added only where it removes at least so much of the misfit on held-out steps [1].
-MANY, WORTHWHILE = 4, 0.1
-
-#: Candidates of a round that the report shows.
-SHOWN = 40
-
-#: The first of two effects that show only together is tried so many times as strong as its probe points.
-STRENGTHS = (1.0, 8.0, 64.0)
+from tdcr_fe.identify.settings import EXCHANGES, FURTHER_EFFECTS, PLACES, SMALLER_MODELS, OutOfTime
 
 
-def search_causes(search: Search, state: SearchState) -> Stage:
-    """The whole search."""
-    problem = state.problem
-    search.report("the dictionary of causes", 0.03)
-    (run,) = problem.run([Job(problem.experiment, state.declared.run, states=True)])
-    assert run.bays is not None
-    state = replace(state, dictionary=dictionary(problem, run.bays))
-    state = yield from in_time(state, forward_selection(search, state), FURTHER_EFFECTS)
-    if state.best.effects and search.out_of_time:
-        state = state.without_trying(EXCHANGES)
-    elif state.best.effects:
-        search.report("exchanges", 0.75)
-        state = yield from in_time(state, exchange(search, state), EXCHANGES)
+def backward_selection(search: Search, state: SearchState) -> Stage:
+    """Backward selection: drop effects that the others make unnecessary."""
+    while len(state.best.effects) > 1:
+        unnecessary: list[tuple[Effect, Fit]] = []
+        for e in state.best.effects:
+            state, smaller = without(state, e)
+            if smaller.solved and not is_improvement(state.problem, state.best, smaller, search.significance):
+                unnecessary.append((e, smaller))
+        if not unnecessary:
+            break
+        problem = state.problem
+        e, best = min(unnecessary, key=lambda p: bic(problem, p[1]))
+        state = replace(state, best=best).with_history(f"{e.name} dropped: the others suffice")
+        yield state
+    return state
+
+
+Array = NDArray[np.float64]
+
+#: Repetitions of swapping, at most.
+REPETITIONS = 3
+
+
+def swap_effects(search: Search, state: SearchState) -> Stage:
+    """Replace each effect by others; name those that explain as much, take those that explain more."""
+    for _ in range(REPETITIONS):
+        state, swapped = _swap_one(search, replace(state, rivals={}))
+        yield state
+        if not swapped:
+            break
+        # A better effect may make others unnecessary that were added beside the one it replaces.
+        state = yield from backward_selection(search, state)
+    state = _with_rival_sets(search, state)
     yield state
     return state
 
 
-# -------------------------------------------------------------------------------------------------- candidates
+def _swap_one(search: Search, state: SearchState) -> tuple[SearchState, bool]:
+    """Try others in place of each effect until one explains more; indistinguishable rivals found so far are kept."""
+    for e in state.best.effects:
+        if search.out_of_time:
+            return state.without_trying(EXCHANGES), False
+        state, rest = without(state, e)
+        state, every = scores_beside(state, rest)
+        scores = [x for x in every if x.effect.name != e.name and x.starts]
+        margin = state.best.cost * 1.5 + 60.0
+        chosen = [x for i, x in enumerate(scores) if i < 3 or x.cost(state.problem) < margin]
+        most = rest.cost - 0.3 * max(1e-9, rest.cost - state.best.cost)
+        worth = [x for x in chosen[: search.settings.candidates] if x.cost(state.problem) <= most]
+        if at_bound(state.problem, state.best, e):
+            worth += [x for x in scores if x not in worth and _as_good_alone(state, x.effect.name, e.name)]
+        worth = [x for x in worth if identifiable(state.problem, rest, x)]
+        # Fitted alone, the rest may have moved far away: the fits may begin beside its values in the best model, too.
+        beside = {x.name: state.best.values[x.name] for x in rest.effects}
+        more = {x.effect.name: _starts_beside(state, x, beside) for x in worth if beside}
+        noise = effective_noise(state.problem, state.best, search.significance)
+        contest = Contest(state.best.cost, 0.75, more, margin=2.0 * BIC_DIFFERENCE * noise)
+        state, fits = fit_and_rank(search, state, [Extended(rest, x) for x in worth], contest)
+        problem, best = state.problem, state.best
+        for (_, x), other in fits:
+            if not other.solved:
+                continue
+            difference = rank(problem, other) - rank(problem, best)
+            if difference / reduced_chi_square(problem, best) < -BIC_DIFFERENCE and is_improvement(
+                problem, other, rest, search.significance
+            ):
+                yields = at_bound(problem, best) and bic(problem, other) > bic(problem, best)
+                why = "nearly as good, and not at a bound" if yields else "it explains more"
+                state = state.with_history(f"{x.effect.name} in place of {e.name}: {why}")
+                return replace(state, best=other), True
+            alike = bic(problem, other) - bic(problem, best) < BIC_DIFFERENCE * noise
+            if alike and at_bound(problem, best, e) and not at_bound(problem, other):
+                sentence = f"{x.effect.name} in place of {e.name}: as good within noise, and not at a bound"
+                return replace(state.with_history(sentence), best=other), True
+            if alike:
+                state = with_rival(state, e.name, x.effect.name)
+    return state, False
 
 
-def scores_beside(state: SearchState, fit: Fit) -> tuple[SearchState, list[Score], Fit]:
-    """Scores of all causes of the dictionary beside a fitted model, computed once; and the model as a reference."""
-    key = frozenset(fit.names)
-    if key not in state.scores:
-        known = {e.listed for e in fit.effects}
-        others = [e for e in state.dictionary if e.listed not in known and e.name not in state.refused]
-        scores, reference = screen(state.problem, fit, others)
-        state = replace(state, scores={**state.scores, key: (scores, reference)})
-        state = with_screened(state, scores)
-        if not fit.effects:
-            refused = {x.effect.name: x.note for x in scores if x.note and not x.effect.after}
-            state = replace(state, refused={**state.refused, **refused})
-    scores, reference = state.scores[key]
-    return state, scores, reference
+def _as_good_alone(state: SearchState, name: str, other: str) -> bool:
+    """Whether one effect alone was fitted and explains nearly as much as another one alone."""
+    a, b = (state.fits.get(frozenset({n})) for n in (name, other))
+    return a is not None and b is not None and a.solved and a.cost <= (1.0 + BOUND_PENALTY) * b.cost
 
 
-def with_screened(state: SearchState, scores: Sequence[Score]) -> SearchState:
-    """Typical steps of parameters, as the scores found them; and what had no derivative."""
-    scales = dict(state.problem.scales)
-    for score in scores:
-        scales |= score.scales
-        why = {(score.effect.name, name): reason for name, reason in score.differenced.items()}
-        state = with_note_on_differences(state, why)
-    return replace(state, problem=replace(state.problem, scales=scales))
+def _starts_beside(state: SearchState, score: Score, values: Point) -> list[Point]:
+    """Where a fit may begin beside other effects at these values: as predicted, and as alone where that is known."""
+    name = score.effect.name
+    alone = state.fits.get(frozenset({name}))
+    found = [{**values, name: score.starts[0][name]}]
+    return found if alone is None else [*found, {**values, name: alone.values[name]}]
 
 
-def promised(problem: FitProblem, fit: Fit, score: Score) -> float:
-    """Criterion over the fitted readings that a candidate promises to first order, with its prior."""
-    own = score.count * math.log(problem.count) + price(score.effects, problem.data.robot)
-    return fit.cost - score.drop + own
-
-
-def worth_fitting(search: Search, problem: FitProblem, fit: Fit, scores: Sequence[Score]) -> list[Score]:
-    """Candidates that promise more than chance and leave degrees of freedom, the most promising first."""
-    noise = reduced_chi_square(problem, fit)
-    spare = int(np.count_nonzero(problem.fitted)) - len(fit.free)
-    found = [
-        x
-        for x in scores
-        if x.starts and x.count < spare and x.drop > required_drop(x.count, search.significance, noise)
-    ]
-    return sorted(found, key=lambda x: promised(problem, fit, x))
-
-
-def distinct(scores: Sequence[Score], most: int) -> list[Score]:
-    """The first of those whose predictions differ, at most so many."""
-    found: list[Score] = []
-    changes: list[np.ndarray] = []
-    for x in scores:
-        if len(found) >= most:
-            break
-        change = x.predicted
-        size = max(float(np.linalg.norm(change)), 1e-300)
-        alike = [y for y, c in zip(found, changes, strict=True) if np.linalg.norm(change - c) < 1e-6 * size]
-        if any(y.names == x.names for y in alike):
+def _with_rival_sets(search: Search, state: SearchState) -> SearchState:
+    """Name effects of other models of the same size that explain as much, each beside the effect it resembles."""
+    state, scores = scores_beside(state, state.declared)
+    signatures = {x.effect.name: x.signature for x in scores}
+    problem, best = state.problem, state.best
+    noise = effective_noise(problem, best, search.significance)
+    mine = set(best.names)
+    for key, other in state.fits.items():
+        if not other.solved or len(key) != len(mine) or len(key & mine) > len(mine) - 2:
             continue
-        found.append(x)
-        changes.append(change)
-    return found
+        if bic(problem, other) - bic(problem, best) >= BIC_DIFFERENCE * noise:
+            continue
+        for name in key - mine:
+            likeness = {e: _similarity(signatures.get(e), signatures.get(name)) for e in mine - key}
+            like = max(likeness, key=lambda e: likeness[e])
+            state = with_rival(state, like, name)
+    return state
 
 
-# ------------------------------------------------------------------------------------------------------- fits
+def _similarity(a: Array | None, b: Array | None) -> float:
+    """Largest cosine between the sensitivities of two effects; zero where one is not known."""
+    if a is None or b is None or not a.size or not b.size:
+        return 0.0
+    first, second = np.linalg.qr(a)[0], np.linalg.qr(b)[0]
+    return float(np.linalg.svd(first.T @ second, compute_uv=False)[0])
 
 
-def fit_candidates(
-    search: Search, state: SearchState, parent: Fit, scores: Sequence[Score], most: int
-) -> tuple[SearchState, list[Fit]]:
-    """Fit models with candidates beside a model.
+#: A local cause that leaves less than so much of the misfit of the best effect along the whole robot is kept [1].
+FAR_AHEAD = 0.1
 
-    The first is fitted at once. Where one leaves noise, those are not tried that promise much less. The others are
-    evaluated at their predicted values, and the best of them fitted.
+#: An effect beyond so many is added only where it removes at least so much of the misfit on held-out steps [1].
+MANY_EFFECTS, WORTHWHILE = 4, 0.1
+
+
+def search_effects(search: Search, state: SearchState) -> Stage:
+    """The whole search."""
+    search.report("forward selection", 0.05)
+    if lacks_test(state.problem, state.declared):
+        # Too few readings to separate several effects, or to locate a cause: one effect, at most.
+        single = replace(search, settings=replace(search.settings, max_effects=1))
+        one = forward_selection(single, state, locate=False)
+        return (yield from in_time(state, one, FURTHER_EFFECTS))
+    state = yield from in_time(state, forward_selection(search, state), FURTHER_EFFECTS)
+    if _law_is_ahead(search, state):
+        return state
+    if state.best.effects and search.out_of_time:
+        state = state.without_trying(EXCHANGES)
+    elif state.best.effects:
+        search.report("backward selection and swaps", 0.75)
+        state = yield from in_time(state, backward_selection(search, state), EXCHANGES)
+        state = yield from in_time(state, swap_effects(search, state), EXCHANGES)
+    if search.out_of_time:
+        state = state.without_trying(PLACES)
+        yield state
+    elif state.best.effects or not search.explained(state):
+        search.report("local causes along the backbone", 0.85)
+        before = state.best
+        state = yield from in_time(state, local_search(search, state), PLACES)
+        if state.best is not before:
+            state = yield from _beside_local_cause(search, state)
+        if not (search.out_of_time or search.explained(state)):
+            before = state.best
+            state = yield from in_time(state, saturated_pairs(search, state), PLACES)
+            if state.best is not before:
+                state = yield from _beside_local_cause(search, state)
+                state = yield from in_time(state, swap_effects(search, state), EXCHANGES)
+        state = cut_short(search, state, PLACES)
+        yield state
+    return state
+
+
+def _law_is_ahead(search: Search, state: SearchState) -> bool:
+    """Whether an unlisted law leaves noise, and the best listed effects do not."""
+    return state.law_ahead is not None and not search.explained(state)
+
+
+def _beside_local_cause(search: Search, state: SearchState) -> Stage:
+    """What is left beside a local cause may be an effect along the whole robot; others may be unnecessary then."""
+    if not search.explained(state):
+        beside = forward_selection(search, state, locate=False)
+        state = yield from in_time(state, beside, FURTHER_EFFECTS)
+    return (yield from in_time(state, backward_selection(search, state), EXCHANGES))
+
+
+def forward_selection(search: Search, state: SearchState, locate: bool = True) -> Stage:
+    """Forward selection: add one effect at a time, several models in parallel (beam search).
+
+    An effect that data show only beside another one comes with that one, as one step.
+
+    ``locate``: after the first round, see whether a single local cause explains everything.
     """
-    problem = state.problem
-    race = fitting.Race(state.best.cost, search.deadline)
-    begun: list[tuple[float, Fit, Score]] = []
-    ahead: Score | None = None  # one that leaves noise
-    for number, x in enumerate(scores):
-        key = frozenset({*parent.names, *x.names})
-        late = search.out_of_time and bool(state.best.effects)
-        if key in state.fits or late or (ahead is not None and not alike(problem, parent, ahead, x)):
-            continue
-        now = _begun(problem, parent, x)
-        if not now.solved:
-            continue
-        if number == 0:
-            state, now = _fitted(state, x, now, race)
-            ahead = x if search.is_noise(problem, now) else None
-            most -= 1
-        else:
-            begun.append(
-                (fitting.reachable_cost(problem, now) + len(now.free) * math.log(problem.count), now, x)
-            )
-    for _, now, x in sorted(begun, key=lambda b: b[0])[:most]:
-        late = search.out_of_time and bool(state.best.effects)
-        if late or (ahead is not None and not alike(problem, parent, ahead, x)):
-            continue
-        state, now = _fitted(state, x, now, race)
-        ahead = x if ahead is None and search.is_noise(problem, now) else ahead
-    keys = [frozenset({*parent.names, *x.names}) for x in scores]
-    return state, [state.fits[k] for k in keys if k in state.fits and state.fits[k].solved]
-
-
-def alike(problem: FitProblem, fit: Fit, score: Score, other: Score, noise: float = 1.0) -> bool:
-    """Whether another candidate beside a model may explain what a candidate explains, to first order, in its place."""
-    if set(score.names) & set(other.names):
-        return False
-    if not other.signature.size:
-        return True
-    left, whole = apart(problem, fit, fit.residual - score.predicted, other)
-    return left <= max(LITTLE * noise, SMALL_SHARE * whole)
-
-
-def _begun(problem: FitProblem, parent: Fit, x: Score) -> Fit:
-    """A model with candidates at their predicted values; at other starts where these are worse than without."""
-    effects = (*parent.effects, *x.effects)
-    (now,) = fitting.run_fits(
-        problem, [fitting.begin(problem, effects, x.starts[:1], fitting.Race(), parent)]
-    )
-    if not now.cost < parent.cost and len(x.starts) > 1:
-        more = [fitting.begin(problem, effects, x.starts[1:], fitting.Race(), parent)]
-        now = min(now, *fitting.run_fits(problem, more), key=lambda f: f.cost)
-    return now
-
-
-def _fitted(state: SearchState, x: Score, now: Fit, race: fitting.Race) -> tuple[SearchState, Fit]:
-    """A model with candidates fitted, to the end where it comes near the best."""
-    problem = state.problem
-    (now,) = fitting.run_fits(problem, [fitting.descend(problem, now, race, 8, x.predicted)])
-    race.reached(now.cost)
-    if now.cost <= race.limit:
-        (now,) = fitting.run_fits(problem, [fitting.finish(problem, replace(now, pruned=False), race)])
-    return with_note_on_differences(state.with_fit(now), now.differenced), now
-
-
-def refitted(state: SearchState, effects: Sequence[Effect]) -> tuple[SearchState, Fit]:
-    """A part of the best model, fitted from its values; or as it was fitted before, where that is better."""
-    key = frozenset(e.name for e in effects)
-    if not effects:
-        return state, state.fits.get(key, state.declared)
-    problem, best, known = state.problem, state.best, state.fits.get(key)
-    if known is None or known.pruned or known.cost > best.cost:
-        start = {e.name: best.values[e.name] for e in effects}
-        try:
-            problem.with_effects(effects, start)
-        except ValueError:
-            return state, replace(best, cost=math.inf, held_cost=math.inf)
-        (new,) = fitting.run_fits(problem, [fitting.smaller(problem, effects, [start], best, fitting.Race())])
-        if known is None or known.pruned or new.cost < known.cost:
-            state = state.with_fit(new)
-    return state, state.fits[key]
-
-
-# --------------------------------------------------------------------------------------------------- selection
-
-
-def forward_selection(search: Search, state: SearchState) -> Stage:
-    """Add the cause, or the pair, that gives the best model, as long as the evidence grows."""
-    settings = search.settings
-    most_effects = 1 if lacks_test(state.problem, state.declared) else settings.max_effects
-    for number in range(1, most_effects + 1):
-        if search.explained(state) or len(state.best.effects) >= most_effects:
+    level, begun = [state.best], state.problem.forward.iterations
+    for number in range(1, search.settings.max_effects + 1):
+        if len(state.best.effects) >= search.settings.max_effects:
             break
-        if number > 1 and search.out_of_time:
+        if number > 1 and search.out_of_time and not search.explained(state):
             state = state.without_trying(FURTHER_EFFECTS)
             break
         progress = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
-        search.report(
-            f"round {number}: candidates beside {listed_names(state.best.names) or 'the declared model'}",
-            progress,
-        )
-        parent = state.best
-        state, scores, reference = scores_beside(state, parent)
-        problem = state.problem
-        chosen = worth_fitting(search, problem, parent, scores)
-        singles = distinct(chosen, settings.candidates + 3)
-        pairs: list[Score] = []
-        if len(parent.effects) + 2 <= most_effects and not lacks_test(problem, parent):
-            pairs = best_pairs(problem, parent, chosen[:60], settings.candidates)
-            alone = min((promised(problem, parent, x) for x in singles), default=math.inf)
-            pairs = [x for x in pairs if promised(problem, parent, x) < TOGETHER * alone]
-            pairs += [
-                x for x in together(state, reference) if promised(problem, parent, x) < TOGETHER * alone
-            ]
-        search.report(f"fitting {listed_names([x.names[-1] for x in singles[:5]])}", progress)
-        state, fits = fit_candidates(
-            search, state, reference, [*singles, *pairs], settings.candidates + len(pairs)
-        )
-        entries = [_entry(state, number, parent, x) for x in [*scores[:SHOWN], *pairs]]
-        state = replace(state, candidates=(*state.candidates, *entries))
+        located: SearchState | None = None
+        if locate and not state.best.effects:
+            state, located = place_ahead(search, state)
+        if located is not None:
+            state = replace(located, best=located.declared, rivals={})
+            level = [state.declared]
+        this = Round(number, progress, _ahead(state, located))
+        state, proposals = propose(search, state, this, level)
+        yield state
+        state, fits = fit_proposals(search, state, this, proposals)
         accepted = _accepted(search, state, fits)
-        if not any(search.is_noise(problem, f) for f in accepted):
-            state, fits = _strong(search, state, reference)
-            accepted = _accepted(search, state, [*accepted, *fits])
+        explaining = any(search.is_noise(state.problem, f) for f in accepted)
+        if located is not None and not explaining:
+            state = replace(state, best=located.best).with_history(
+                "no effect along the whole robot explains as much"
+            )
+            break
+        if not explaining and _law_is_ahead(search, state):
+            state = state.with_history("no further listed effect explains as much")
+            break
         if not accepted:
-            reason = "improves fitted and held-out steps" if singles else "is significant"
+            reason = "improves fitted and held-out steps" if proposals else "is significant"
             state = state.with_history(f"round {number}: no candidate {reason}")
             break
         state = refined(replace(state, best=accepted[0]))
-        state = yield from backward_selection(search, state)
-        best = state.best
+        problem, best = state.problem, state.best
         state = state.with_history(
             f"round {number}: {listed_names(best.names)}, misfit per reading "
             f"{mean_cost(best.cost, problem.fitted):.3g} on fitted and "
             f"{mean_cost(best.held_cost, problem.held_out):.3g} on held-out steps"
         )
         yield state
+        others = [state.fits[frozenset(f.names)] for f in accepted[1 : search.settings.beam]]
+        explained = search.is_noise(problem, best)
+        if not explained and number == 1:
+            again = [fitting.descend(problem, f, fitting.Race(), 5) for f in others]
+            others = fitting.run_fits(problem, again)
+        level = [best] if explained or number > 1 else [best, *others]
+        if explained or not locate or search.out_of_time:
+            continue
+        before = state.best
+        state = yield from _causes_ahead(search, state, number, state.problem.forward.iterations - begun)
+        if state.best is not before:
+            level = [state.best]
+            if search.explained(state):
+                break
+    yield state
     return state
-
-
-def _entry(state: SearchState, number: int, parent: Fit, score: Score) -> Candidate:
-    """A candidate for the report, with what its fit gave."""
-    problem, drop = state.problem, score.drop / reduced_chi_square(state.problem, parent)
-    entry = Candidate(number, parent.names, " + ".join(score.names), drop, note=score.note)
-    fit = state.fits.get(frozenset({*parent.names, *score.names}))
-    if fit is None:
-        return entry
-    held_out = mean_cost(fit.held_cost, problem.held_out) if np.any(problem.held_out) else None
-    note = "" if fit.solved else "the model did not converge there"
-    return replace(
-        entry, fitted=True, chi2_fit=mean_cost(fit.cost, problem.fitted), chi2_held_out=held_out, note=note
-    )
 
 
 def _accepted(search: Search, state: SearchState, fits: Sequence[Fit]) -> list[Fit]:
-    """Models that improve on those that they contain and on the best one, the best first."""
-    problem = state.problem
-    found = [
+    """Models that improve on those that they contain and on the best one, in their order."""
+    return [
         f
         for f in fits
-        if is_improvement(problem, f, parent_of(state, f), search.significance)
-        and rank(problem, f) < rank(problem, state.best) - BIC_DIFFERENCE
+        if is_improvement(state.problem, f, parent_of(state, f), search.significance)
+        and _better(state, f)
         and _worthwhile(state, f)
     ]
-    return sorted(found, key=lambda f: rank(problem, f))
+
+
+def _causes_ahead(search: Search, state: SearchState, number: int, iterations: int) -> Stage:
+    """After a round that leaves more than noise: a single local cause as the best model, or an unlisted law ahead."""
+    if number == 1:
+        state = _with_local_cause(search, state)
+        yield state
+    if not any(isinstance(e, EffectAtPlace) for e in state.best.effects):
+        state = law_ahead(search, state, max(LEAST_ITERATIONS, iterations))
+    yield state
+    return state
+
+
+def _ahead(state: SearchState, located: SearchState | None) -> Fit | None:
+    """A model that leaves noise, which further effects must come near: a local cause, or an unlisted law."""
+    if located is not None:
+        return located.best
+    return None if state.law_ahead is None else state.law_ahead.fit.as_fit()
+
+
+def _with_local_cause(search: Search, state: SearchState) -> SearchState:
+    """A single local cause in place of the best effect along the whole robot, if it explains everything or nearly so.
+
+    The search for several effects that mimic it is then skipped.
+    """
+    located = search_places(search, state, [state.declared])
+    if located.best is not state.best:
+        explains = search.explained(located)
+        if explains or located.best.cost < FAR_AHEAD * state.best.cost:
+            return located
+    problem = replace(state.problem, scales=located.problem.scales)
+    return replace(state, local_scores=located.local_scores, problem=problem)
+
+
+def with_intermediate_models(state: SearchState) -> SearchState:
+    """Fit the models between the declared and the best one where a swap has skipped them, as far as time suffices."""
+    effects = state.best.effects
+    for i in range(1, len(effects)):
+        part = effects[:i]
+        known = state.fits.get(frozenset(e.name for e in part))
+        if known is None or not known.solved or known.pruned:
+            values = state.best.values if known is None or not known.solved else known.values
+            try:
+                state, _ = fitted_model(state, part, [{e.name: values[e.name] for e in part}], whole=True)
+            except OutOfTime:
+                return state.without_trying(SMALLER_MODELS)
+    return state
+
+
+def _better(state: SearchState, fit: Fit) -> bool:
+    """Whether a model is better than the best so far, which need not be contained in it."""
+    return rank(state.problem, fit) < rank(state.problem, state.best) - BIC_DIFFERENCE
 
 
 def _worthwhile(state: SearchState, fit: Fit) -> bool:
-    """Whether a model with many causes removes enough of the misfit that the best one leaves, on held-out steps."""
-    if len(fit.effects) <= MANY:
+    """Whether a model with many effects removes enough of the misfit that the best one leaves, on held-out steps."""
+    if len(fit.effects) <= MANY_EFFECTS:
         return True
     before, after = (f.held_cost if np.any(state.problem.held_out) else f.cost for f in (state.best, fit))
     return after <= (1.0 - WORTHWHILE) * before
-
-
-def together(state: SearchState, fit: Fit) -> list[Score]:
-    """Effects that data show only beside another one (`Effect.after`), each with that one, which is made strong."""
-    problem = state.problem
-    experiment = problem.with_effects(fit.effects, fit.values)
-    excitation, present = problem.excitation_range(fit.run), {e.listed for e in fit.effects}
-    found = []
-    for later in problem.catalogue:
-        firsts = [e for e in problem.catalogue if e.name in later.after and e.name not in present]
-        if later.name in present or not firsts or later.probe_points(experiment, excitation):
-            continue
-        for first in (form for e in firsts for form in e.forms(problem.experiment)):
-            scores = []
-            for strength in STRENGTHS:
-                values = _probe_values(problem, first, strength, first.probe_points(experiment, excitation))
-                if not values or not later.probe_points(first.apply(experiment, values), excitation):
-                    continue
-                free = (*fit.free, *((first.name, name) for name in values))
-                point = {**fit.values, first.name: values}
-                (base,) = fitting.run_fits(
-                    problem, [fitting.evaluated(problem, (*fit.effects, first), point, free, fit)]
-                )
-                if base.solved:
-                    own, _ = screen(problem, base, later.forms(problem.experiment))
-                    scores += [
-                        replace(x, effects=(first, x.effect), drop=fit.cost - base.cost + x.drop)
-                        for x in own
-                        if x.starts
-                    ]
-            found += sorted(scores, key=lambda x: -x.drop)[:1]
-    return found
-
-
-def _probe_values(problem: FitProblem, effect: Effect, strength: float, probes: Points) -> dict[str, float]:
-    """Values of an effect, all parameters moved from their null values by so many times the way to the probe points."""
-    if not probes:
-        return {}
-    null = effect.null_values(problem.experiment)
-    values = dict(null)
-    for point in probes[0]:
-        values |= {name: x for name, x in point.items() if x != null[name]}
-    for p in effect.parameters:
-        low, high = problem.bounds(effect, p.name)
-        start = p.coordinate(null[p.name])
-        z = start + strength * (p.coordinate(values[p.name]) - start)
-        values[p.name] = p.value(min(max(z, low), high))
-    return values
-
-
-def _strong(search: Search, state: SearchState, parent: Fit) -> tuple[SearchState, list[Fit]]:
-    """Models with a cause that saturates, which are simulated at full strength: their derivatives promise too much."""
-    problem, data = state.problem, state.problem.data
-    driven = np.ptp([a.values for a in resolve(data.robot, data.steps)], axis=0) > 0.0
-    causes = [
-        e
-        for e in state.dictionary
-        if isinstance(e, EffectAtPlace)
-        and e.general.saturates
-        and e.listed not in {x.listed for x in parent.effects}
-        and driven[round(e.place.get("tendon", 1.0)) - 1]
-    ]
-    scores = []
-    for e in causes:
-        point = {**parent.values, e.name: e.full_strength(problem.experiment)}
-        fits = [fitting.evaluated(problem, (*parent.effects, e), point, parent.free, parent)]
-        (new,) = fitting.run_fits(problem, fits)
-        if new.solved:
-            start, left = fitting.linear_optimum(problem, new)
-            drop = parent.cost - problem.cost(left)[0]
-            starts = [start, new.values] if new.free else [start]
-            scores.append(Score((e,), drop, starts, left, np.zeros((problem.count, 0))))
-    chosen = worth_fitting(search, problem, parent, scores)[:2]
-    return fit_candidates(search, state, parent, chosen, 2)
-
-
-def backward_selection(search: Search, state: SearchState) -> Stage:
-    """Drop causes that the others make unnecessary."""
-    while len(state.best.effects) > 1:
-        unnecessary: list[tuple[Effect, Fit]] = []
-        for e in state.best.effects:
-            state, smaller = refitted(state, tuple(x for x in state.best.effects if x is not e))
-            worse = is_improvement(state.problem, state.best, smaller, search.significance)
-            if smaller.solved and not (
-                worse and bic(state.problem, smaller) > bic(state.problem, state.best)
-            ):
-                unnecessary.append((e, smaller))
-        if not unnecessary:
-            break
-        e, best = min(unnecessary, key=lambda p: bic(state.problem, p[1]))
-        state = replace(state, best=best).with_history(f"{e.name} dropped: the others suffice")
-        yield state
-    return state
-
-
-def exchange(search: Search, state: SearchState) -> Stage:
-    """Exchange every cause, and every two, for one other: the better is taken, those that are as good are kept."""
-    for _ in range(3):
-        before = state.best
-        sets = [(e,) for e in before.effects] + list(itertools.combinations(before.effects, 2))
-        for gone in sets:
-            if search.out_of_time:
-                return state.without_trying(EXCHANGES)
-            rest = tuple(e for e in before.effects if e not in gone)
-            state, base = refitted(state, rest)
-            if not base.solved:
-                continue
-            state, scores, reference = scores_beside(state, base)
-            problem, best = state.problem, state.best
-            noise = effective_noise(problem, best, search.significance)
-            others = [x for x in worth_fitting(search, problem, base, scores) if x.effect not in gone]
-            own = [x for x in scores if x.effect in gone and x.starts and x.signature.size]
-            if len(gone) == 1 and own:
-                near = [x for x in others if alike(problem, reference, own[0], x, noise)]
-            else:
-                near = [x for x in others if problem.cost(x.predicted)[0] < 2.0 * best.cost + LITTLE * noise]
-            state, fits = fit_candidates(search, state, reference, distinct(near, 6), 4)
-            for f in sorted(fits, key=lambda f: rank(problem, f)):
-                better = rank(problem, f) < rank(problem, best) - (
-                    0.0 if len(gone) > 1 else BIC_DIFFERENCE * noise
-                )
-                if better and is_improvement(problem, f, base, search.significance):
-                    names = listed_names([e.name for e in gone])
-                    new = listed_names([n for n in f.names if n not in base.names])
-                    state = replace(state, best=f).with_history(
-                        f"{new} in place of {names}: it explains more"
-                    )
-                    state = refined(state)
-                    yield state
-                    break
-            if state.best is not best:
-                break
-        if state.best is before:
-            break
-        state = yield from backward_selection(search, state)
-    return _with_rivals(search, state)
-
-
-def _with_rivals(search: Search, state: SearchState) -> SearchState:
-    """Name causes of other models that explain as much, each beside the cause that it replaces."""
-    problem, best = state.problem, state.best
-    noise = effective_noise(problem, best, search.significance)
-    state, mine = replace(state, rivals={}), set(best.names)
-    for other in state.fits.values():
-        if (
-            not other.solved
-            or other is best
-            or bic(problem, other) - bic(problem, best) >= BIC_DIFFERENCE * noise
-        ):
-            continue
-        theirs = set(other.names)
-        if len(theirs - mine) != 1 or at_bound(problem, other):
-            continue
-        for name in mine - theirs:
-            state = with_rival(state, name, next(iter(theirs - mine)))
-    return state

@@ -20,7 +20,6 @@ from identify_data import (
 
 from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.load_steps import blocks, inputs
 from tdcr_fe.identify.long_data import (
@@ -35,6 +34,7 @@ from tdcr_fe.identify.long_data import (
     problem_of_rows,
 )
 from tdcr_fe.identify.report import write_report
+from tdcr_fe.identify.search_state import fitted_model
 from tdcr_fe.identify.sentences import sentences
 from tdcr_fe.identify.settings import ALL_STEPS, CEILING, SMALLER_MODELS, IdentifySettings
 from tdcr_fe.io.readings import Reading
@@ -212,8 +212,7 @@ def searched():
     state = state_of(problem_of_rows(problem, chosen))
     effects = tuple(effect(name) for name in truth)
     for some in (effects[:1], effects):
-        best = fit(state.problem, some, [{e.name: truth[e.name] for e in some}])
-        state = state.with_fit(best)
+        state, best = fitted_model(state, some, [{e.name: truth[e.name] for e in some}])
     return problem, chosen, replace(state, best=best)
 
 
