@@ -92,6 +92,8 @@ def _solve(scenario: Scenario, args: argparse.Namespace, bar: Any) -> SequenceRe
 
     def progress(step: StepResult) -> None:
         clock.solved = step.step
+        if clock.is_over:
+            raise KeyboardInterrupt
         bar.set_postfix_str(step.label, refresh=False)
         bar.update(step.step - bar.n)  # refining the mesh begins again with the first step
 
@@ -132,8 +134,8 @@ class _Clock:
             elapsed = time.perf_counter() - begun
             if elapsed > self.limit:
                 self.is_over = True
-                self.limit *= 2.0  # then once more: a callback may have lost the interruption
-                _thread.interrupt_main()
+                _thread.interrupt_main()  # a callback of Exudyn may lose it; then the next step ends the run
+                return
             left = elapsed * (self.steps / self.solved - 1.0) if self.solved > before else math.inf
             if left > LONG_RUN and not announced:
                 announced = True
