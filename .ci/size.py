@@ -31,7 +31,7 @@ BUDGET = {
     "tdcr_fe/estimate": 818,
     "tdcr_fe/identify": 6777,
     "tdcr_fe/io": 2077,
-    "tdcr_fe/live": 354,
+    "tdcr_fe/live": 366,
     "tdcr_fe/model": 2698,
     "tdcr_fe/report": 1215,
     "tdcr_fe/scene": 1488,

@@ -151,7 +151,7 @@ class ActuatorBacklash(Effect):
 
     Gears, couplings and slack tendons lose some travel at the start and at every reversal.
 
-    Told apart by: command small cycles about one position and measure travel at the base plate.
+    Distinguished by: command small cycles about one position and measure travel at the base plate.
     """
 
     name = "actuator_backlash"
@@ -185,7 +185,7 @@ class ActuatorLoss(Effect):
 
     Pulleys, sheaths and the motor lose part of the tension before the base plate, by friction.
 
-    Told apart by: measure the tension at the base plate while pulling and while letting out.
+    Distinguished by: measure the tension at the base plate while pulling and while letting out.
     """
 
     name = "actuator_loss"
@@ -272,7 +272,7 @@ class ActuatorGain(CommandNumber):
 
     Command and actual value differ by a factor: radius of a spool, scale of a load cell, a gear.
 
-    Told apart by: measure tension or travel at the base plate itself.
+    Distinguished by: measure tension or travel at the base plate itself.
     """
 
     name = "actuator_gain"
@@ -298,7 +298,7 @@ class IdleTension(CommandNumber):
     Tendons that are commanded no tension still carry some: the controller keeps them from becoming slack, or they
     drag the motor along.
 
-    Told apart by: measure the tension of an idle tendon at the base plate while another one is pulled.
+    Distinguished by: measure the tension of an idle tendon at the base plate while another one is pulled.
     """
 
     name = "idle_tension"

@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 Values = Mapping[str, float]
 #: Alternatives; each is a set of points, one for each direction from the null values.
 Points = list[list[dict[str, float]]]
-#: Begins the paragraph of a class that says by which experiment its effect is told apart from others.
-TOLD_APART = "Told apart by: "
+#: Begins the paragraph of a class that says by which experiment its effect is distinguished from others.
+DISTINGUISHED_BY = "Distinguished by: "
 #: Lowest and highest value of every parameter.
 Bounds = dict[str, tuple[float, float]]
 
@@ -273,9 +273,9 @@ class Effect:
         """Take description and separating experiment from a docstring that has them as paragraphs."""
         paragraphs = [" ".join(text.split()) for text in (cls.__doc__ or "").split("\n\n")]
         for number, text in enumerate(paragraphs):
-            if text.startswith(TOLD_APART):
+            if text.startswith(DISTINGUISHED_BY):
                 cls.description = " ".join(paragraphs[1:number])
-                cls.separating_experiment = text.removeprefix(TOLD_APART).removesuffix(".")
+                cls.separating_experiment = text.removeprefix(DISTINGUISHED_BY).removesuffix(".")
 
     @property
     def listed(self) -> str:

@@ -190,7 +190,7 @@ class TendonStretch(TendonNumber):
     Tendons stretch, so that part of the displacement at the base is lost as elongation: thin steel rope, nylon,
     aramid.
 
-    Told apart by: hold the robot straight, pull, and measure displacement over tension.
+    Distinguished by: hold the robot straight, pull, and measure displacement over tension.
     """
 
     name = "tendon_stretch"
@@ -228,7 +228,7 @@ class Pretension(TendonNumber):
     Elastic tendons are tightened before the displacements are counted: they act on each other through the
     backbone, and become slack only when let out by more than their stretch.
 
-    Told apart by: let one tendon out step by step until it is slack.
+    Distinguished by: let one tendon out step by step until it is slack.
     """
 
     name = "pretension"

@@ -28,7 +28,7 @@ class HoleFriction(TendonNumber):
 
     Tendon and holes rub more or less than declared: another tendon, a burr, wear, oil.
 
-    Told apart by: measure the tension at the far end of a tendon while pulling and while letting out.
+    Distinguished by: measure the tension at the far end of a tendon while pulling and while letting out.
     """
 
     name = "friction_coefficient"
@@ -87,7 +87,7 @@ class HoleAdhesion(CommonNumber):
 
     Every hole takes a fixed piece of tension: a tight fit, dirt, a sheath that pinches, glue that ran.
 
-    Told apart by: measure the tension at the far end of a tendon in the straight robot, at several tensions.
+    Distinguished by: measure the tension at the far end of a tendon in the straight robot, at several tensions.
     """
 
     name, field = "hole_adhesion", "adhesion"
@@ -120,7 +120,7 @@ class RoutingTwist(Effect):
 
     Disks were mounted turned against each other, or the backbone was twisted when they were fixed.
 
-    Told apart by: look along the straight robot and measure the angle of the tip disk against the base.
+    Distinguished by: look along the straight robot and measure the angle of the tip disk against the base.
     """
 
     name = "routing_twist"
@@ -142,7 +142,7 @@ class HoleClearance(CommonNumber):
     Holes are wider than the tendon, so that where the robot bends the tendon shifts towards the inside of the
     bend, farther from the backbone.
 
-    Told apart by: repeat the measurement with a thicker tendon, or measure the holes.
+    Distinguished by: repeat the measurement with a thicker tendon, or measure the holes.
     """
 
     name, field = "hole_clearance", "clearance"
@@ -185,7 +185,7 @@ class MisplacedChannels(Effect):
     The channels of the tendons run elsewhere in the body than declared: the pins that leave them free bend or
     shift in the mould when it is filled.
 
-    Told apart by: cut a casting of the same mould across, and measure where the channels are.
+    Distinguished by: cut a casting of the same mould across, and measure where the channels are.
 
     A number holds for all tendons, and ``NAME_TENDON`` for one of them.
     """

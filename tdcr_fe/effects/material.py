@@ -16,7 +16,7 @@ class StiffnessScale(Effect):
     The backbone is softer or stiffer than declared: a modulus from a data sheet, a diameter at the edge of its
     tolerance (stiffness goes with its fourth power), a heat treatment.
 
-    Told apart by: bend the bare backbone by a known weight at its tip, no tendon pulled.
+    Distinguished by: bend the bare backbone by a known weight at its tip, no tendon pulled.
     """
 
     name = "stiffness_scale"
@@ -38,7 +38,7 @@ class SuperelasticBackbone(Effect):
     The bending moment grows less than the curvature beyond a strain of the outer fibre: nickel-titanium turning to
     martensite, a plastic near its yield.
 
-    Told apart by: bend the bare backbone over mandrels of decreasing radius and measure the moment.
+    Distinguished by: bend the bare backbone over mandrels of decreasing radius and measure the moment.
     """
 
     name = "superelastic"
@@ -86,7 +86,7 @@ class Precurvature(Effect):
 
     The unloaded backbone is bent: wire off a spool, a print that warped, a robot bent once too far.
 
-    Told apart by: measure the shape with no tendon pulled, once more with the robot turned about its axis.
+    Distinguished by: measure the shape with no tendon pulled, once more with the robot turned about its axis.
     """
 
     name = "precurvature"
@@ -110,7 +110,7 @@ class BaseCompliance(Effect):
 
     The backbone turns in its clamp, or the clamp on its support: a set screw, a print, a stand.
 
-    Told apart by: push the backbone just above the base plate by a known force, and measure its tilt.
+    Distinguished by: push the backbone just above the base plate by a known force, and measure its tilt.
     """
 
     name = "base_compliance"
@@ -149,7 +149,7 @@ class RigidDisks(Effect):
 
     Glued or clamped disks keep the backbone straight over the length they occupy; less of it bends.
 
-    Told apart by: measure positions on both sides of a disk closely, or compare a robot with thinner disks.
+    Distinguished by: measure positions on both sides of a disk closely, or compare a robot with thinner disks.
     """
 
     name = "rigid_disks"
@@ -212,7 +212,7 @@ class Creep(Effect):
     The backbone yields slowly under load, so that the same load bends it further later: polymers, glue, warm
     joints.
 
-    Told apart by: hold one load for the length of the experiment, and repeat the first loads at the end.
+    Distinguished by: hold one load for the length of the experiment, and repeat the first loads at the end.
     """
 
     name = "creep"
@@ -261,7 +261,7 @@ class ModulusScale(SoftEffect):
     The material is softer or stiffer than declared, in bending, torsion, stretching and shear alike: another batch
     or mixture of a silicone, its age, its temperature.
 
-    Told apart by: hang a weight from a strip of the same casting and measure how far it stretches.
+    Distinguished by: hang a weight from a strip of the same casting and measure how far it stretches.
     """
 
     name = "modulus_scale"
@@ -283,7 +283,7 @@ class DensityScale(SoftEffect):
     The body is lighter or heavier than declared: bubbles in the casting, a filler, hollow channels. Only its ratio
     to the modulus and the tensions shows in the shape.
 
-    Told apart by: weigh the robot.
+    Distinguished by: weigh the robot.
     """
 
     name = "density_scale"
@@ -305,7 +305,7 @@ class NonlinearBackbone(SoftEffect):
     The stress does not grow in proportion to the strain, E (e + quadratic e^2 + cubic e^3): rubber, foam, soft
     prints. Compressed by its tendons, such a body bends more or less easily.
 
-    Told apart by: stretch and compress a sample of the material and record the force.
+    Distinguished by: stretch and compress a sample of the material and record the force.
     """
 
     name = "nonlinear_material"
@@ -333,7 +333,7 @@ class Gravity(Effect):
 
     Backbone, disks and payload have weight, or the robot's orientation differs from the model's.
 
-    Told apart by: measure the unloaded shape in two orientations of the base.
+    Distinguished by: measure the unloaded shape in two orientations of the base.
     """
 
     name = "gravity"
@@ -357,7 +357,7 @@ class TipPayload(Effect):
 
     Something sits at the tip that was not declared: a camera, a marker, a screw, the knot of a tendon.
 
-    Told apart by: weigh what is at the tip, or hang a known weight there and compare.
+    Distinguished by: weigh what is at the tip, or hang a known weight there and compare.
     """
 
     name = "tip_payload"

@@ -20,7 +20,7 @@ class FrameMisalignment(Effect):
 
     The camera or tracker is rotated against the base plate, or its origin is elsewhere, and so is every position.
 
-    Told apart by: measure three points of the base plate itself.
+    Distinguished by: measure three points of the base plate itself.
     """
 
     name = "frame_misalignment"
@@ -64,7 +64,7 @@ class MarkerOffset(Effect):
     Markers are glued to the side of the disks or stand out beyond the tip, so that what is measured is not the
     backbone's axis where it is assumed.
 
-    Told apart by: measure two markers on opposite sides of one disk.
+    Distinguished by: measure two markers on opposite sides of one disk.
     """
 
     name = "marker_offset"

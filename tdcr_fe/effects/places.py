@@ -179,7 +179,7 @@ class SoftBay(BayEffect):
 
     The backbone bends more or less easily in one bay: a crack, damage, glue that ran.
 
-    Told apart by: bend the bare backbone and look at the bay closely.
+    Distinguished by: bend the bare backbone and look at the bay closely.
     """
 
     name = "soft_bay"
@@ -202,7 +202,7 @@ class Kink(BayEffect):
 
     The unloaded backbone is bent in one bay: it was bent too far there once, or glued askew.
 
-    Told apart by: measure the unloaded shape closely, with the robot turned about its axis.
+    Distinguished by: measure the unloaded shape closely, with the robot turned about its axis.
     """
 
     name = "kink"
@@ -234,7 +234,7 @@ class SpringToGround(PlaceEffect):
 
     Something restrains the robot at one place: a cable, a hose, a compliant wall.
 
-    Told apart by: remove what touches the robot, or push it there by a known force.
+    Distinguished by: remove what touches the robot, or push it there by a known force.
     """
 
     name = "side_spring"
@@ -267,7 +267,7 @@ class StuckHole(PlaceEffect):
 
     One hole holds its tendon fast, or nearly so: glue, a knot, a burr, a strand that jams.
 
-    Told apart by: pull the tendon and watch it move on both sides of the hole.
+    Distinguished by: pull the tendon and watch it move on both sides of the hole.
     """
 
     name = "stuck_hole"

@@ -17,7 +17,7 @@ class TimeLag(Effect):
     Commands and readings are not taken at the same instant: a camera that delivers late, a filter, a bus. What is
     read while the robot moves belongs to an earlier command.
 
-    Told apart by: repeat a movement at half the speed, or let the robot rest before each reading.
+    Distinguished by: repeat a movement at half the speed, or let the robot rest before each reading.
     """
 
     name = "time_lag"

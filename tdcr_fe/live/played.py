@@ -27,6 +27,8 @@ LARGEST_MOVE = 0.2
 BALANCED = 1e-3
 #: Places that can be pulled on a robot without disks.
 PLACES_WITHOUT_DISKS = 10
+#: The first load step of every sequence.
+UNLOADED = LoadStep("unloaded")
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,16 @@ class _Acting:
         return LoadStep(label, self.tensions, self.displacements, self.loads)
 
 
+@dataclass
+class _Sequence:
+    """A loading sequence since the robot was unloaded."""
+
+    simulation: Simulation
+    acting: _Acting = field(default_factory=_Acting)
+    steps: list[LoadStep] = field(default_factory=list)
+    stiffness: dict[int, float] = field(default_factory=dict)  # of the springs by place [N/m]
+
+
 class PlayedRobot:
     """One robot, and its loading sequence so far.
 
@@ -109,8 +121,6 @@ class PlayedRobot:
         Arc lengths that can be pulled: disks and tip [m].
     model : Model
         With the mesh in use.
-    steps : list of LoadStep
-        The sequence since the robot was straight; `simulate` takes it to the same shapes.
     last : Answer
         To the last change.
     """
@@ -124,8 +134,8 @@ class PlayedRobot:
         self._mesh = elements_of_bays(robot, model)
         self.model = replace(model, elements_per_bay=self._mesh)
         self._kind_of_friction = "per-hole" if model.friction == "none" else model.friction
-        self.steps: list[LoadStep] = []
-        self.last = self.restart()
+        self._sequence = self._new_sequence()
+        self.last = self._take(UNLOADED)
 
     def restart(self, friction: bool | None = None) -> Answer:
         """Begin again with the robot as it is when nothing but gravity acts.
@@ -137,15 +147,22 @@ class PlayedRobot:
         """
         if friction is not None:
             self.model = replace(self.model, friction=self._kind_of_friction if friction else "none")
+        self._sequence = self._new_sequence()
+        return self._take(UNLOADED)
+
+    def _new_sequence(self) -> _Sequence:
+        """One without load steps, with nodes at all places that can be pulled."""
         nodes = [LoadStep(loads={self._name(i): Load(s)}) for i, s in enumerate(self.places)]
-        self._simulation = Simulation(self.robot, self.model, resolve(self.robot, nodes), self.settings)
-        self._acting, self._stiffness = _Acting(), dict[int, float]()
-        self.steps = []
-        return self._take(LoadStep("unloaded"))
+        return _Sequence(Simulation(self.robot, self.model, resolve(self.robot, nodes), self.settings))
+
+    @property
+    def steps(self) -> list[LoadStep]:
+        """The sequence since the robot was unloaded; `simulate` takes it to the same shapes."""
+        return self._sequence.steps
 
     def switch_friction(self, friction: bool) -> Answer:
         """Reach all that acts now anew, in one load step from the unloaded robot, with friction or without."""
-        acting = self._acting
+        acting = self._sequence.acting
         self.restart(friction)
         return self._take(acting.as_step(f"friction {'on' if friction else 'off'}"))
 
@@ -175,10 +192,10 @@ class PlayedRobot:
         if not np.isfinite(pull.to).all():
             raise ValueError(f"to {pull.to}: must be three finite numbers [m]")
         length, s = self.robot.backbone.length, self.places[pull.place]
-        compliance = local_response(self._simulation, s).compliance[:3, :3]
-        if pull.place not in self._stiffness:
-            self._stiffness[pull.place] = SPRING / float(np.linalg.eigvalsh(compliance)[-1])
-        stiffness, force = self._stiffness[pull.place], self._force(pull.place)
+        compliance = local_response(self._sequence.simulation, s).compliance[:3, :3]
+        if pull.place not in self._sequence.stiffness:
+            self._sequence.stiffness[pull.place] = SPRING / float(np.linalg.eigvalsh(compliance)[-1])
+        stiffness, force = self._sequence.stiffness[pull.place], self._force(pull.place)
         unbalanced = stiffness * (np.asarray(pull.to) - self.position(pull.place)) - force
         change = np.linalg.solve(np.eye(3) + stiffness * compliance, unbalanced)
         move = float(np.linalg.norm(compliance @ change))
@@ -191,7 +208,9 @@ class PlayedRobot:
 
     def let_go(self) -> Answer:
         """Remove all loads."""
-        return self._take(LoadStep("let go", loads={k: Load(v.at) for k, v in self._acting.loads.items()}))
+        return self._take(
+            LoadStep("let go", loads={k: Load(v.at) for k, v in self._sequence.acting.loads.items()})
+        )
 
     def position(self, place: int) -> Array:
         """Where a place of the robot is [m], shape (3,)."""
@@ -204,7 +223,7 @@ class PlayedRobot:
 
     def _force(self, place: int) -> Array:
         """With which a place is pulled now [N], shape (3,)."""
-        load = self._acting.loads.get(self._name(place))
+        load = self._sequence.acting.loads.get(self._name(place))
         return np.zeros(3) if load is None else np.array(load.force)
 
     def _load(self, place: int, force: Array) -> Answer:
@@ -214,19 +233,19 @@ class PlayedRobot:
     def _take(self, step: LoadStep) -> Answer:
         """Solve one load step; where that fails, the robot stays where it was."""
         begun = time.perf_counter()
-        acting = self._acting.after(step)
+        acting = self._sequence.acting.after(step)
         (target,) = resolve(self.robot, [acting.as_step(step.label)])
-        before = self._simulation.position
+        before = self._sequence.simulation.position
         try:
-            report = self._simulation.advance(target)
+            report = self._sequence.simulation.advance(target)
         except StepFailed as failure:
-            self._simulation.return_to(before)
+            self._sequence.simulation.return_to(before)
             message = f"This change was not made, since its load step did not converge: {failure}"
             self.last = replace(self.last, seconds=time.perf_counter() - begun, message=message)
             return self.last
-        self._acting, number = acting, len(self.steps) + 1
+        self._sequence.acting, number = acting, len(self.steps) + 1
         self.steps.append(step)
-        solved = self._simulation.result(number, step.label, report, target)
+        solved = self._sequence.simulation.result(number, step.label, report, target)
         result = SequenceResult(self.robot, self.model, (solved,), elements_per_bay=self._mesh)
         message = " ".join(step_warnings(number, report))
         self.last = Answer(result, time.perf_counter() - begun, message)

@@ -73,11 +73,11 @@ def test_a_step_that_fails_leaves_the_robot_where_it_was(monkeypatch):
     robot = played()
     robot.drive({"t1": 1.0}, {})
     steps, tip = list(robot.steps), robot.last.result.steps[-1].tip
-    settings = robot._simulation.settings
-    robot._simulation.settings = replace(settings, max_iterations=1, min_substep=1.0)
+    settings = robot._sequence.simulation.settings
+    robot._sequence.simulation.settings = replace(settings, max_iterations=1, min_substep=1.0)
     answer = robot.drive({"t1": 1.0, "t2": 60.0}, {})
     assert "did not converge" in answer.message and robot.steps == steps
-    robot._simulation.settings = settings
+    robot._sequence.simulation.settings = settings
     robot.drive({"t1": 1.0}, {})
     assert np.allclose(robot.last.result.steps[-1].tip, tip, atol=1e-7)
 

@@ -19,7 +19,7 @@ from tdcr_fe.solve.load_steps.substep import SubstepSolver
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-#: A tension that is none, by which a tendon that begins to pull is told from a slack one [N].
+#: A tension that is none, by which a tendon that begins to pull is distinguished from a slack one [N].
 TAUT = 1e-300
 
 
