@@ -17,7 +17,6 @@ from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, pa
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
 from tdcr_fe.solve.simulation import Simulation
 
-TRACE = False
 SETTINGS = SolverSettings(tolerance=1e-11)
 #: Sizes of results of each kind.
 SCALES = {
@@ -158,10 +157,5 @@ def errors(
             size = max(float(np.abs(theirs).max()), 1e-6 * SCALES[kind] / parameter.size)
             error = float(np.abs(ours - theirs).max()) / size
             best[kind] = min(best.get(kind, np.inf), error)
-            if TRACE:
-                print(
-                    f"{h:g} {kind} {error:.1e}",
-                    np.abs(ours - theirs).reshape(len(ours), -1).max(axis=1) / size,
-                )
     assert best, "holes change their states between all neighbours"
     return best

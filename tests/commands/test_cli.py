@@ -8,16 +8,13 @@ import os
 import shlex
 import subprocess
 import sys
-import types
 
 import pytest
 from arcs import arc_result
 from inputs import ROBOT, SCENARIO, changed, write
 
 from tdcr_fe import __version__, cli
-from tdcr_fe.commands.catalogue import Command
 from tdcr_fe.io.result_files import RESULT_FILES
-from tdcr_fe.model.messages import issue
 from tdcr_fe.model.results import Interrupted
 
 
@@ -103,16 +100,6 @@ def test_what_was_solved_before_a_failure_is_kept(
     assert json.loads((out / "summary.json").read_text())["failed_step"] == failed
 
 
-def test_interruption_elsewhere_is_no_traceback(tmp_path, monkeypatch, capsys):
-    def simulate(*args, **kwargs):
-        raise KeyboardInterrupt
-
-    install(monkeypatch, simulate)
-    assert cli.main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out")]) == 130
-    assert capsys.readouterr().err == "tdcr-fe: interrupted; no results were written\n"
-    assert not (tmp_path / "out").exists()
-
-
 def test_interruption_while_drawing_leaves_the_tables(tmp_path, calls, monkeypatch, capsys):
     def save_pictures(result, folder):
         raise KeyboardInterrupt
@@ -140,13 +127,6 @@ def test_wrong_input_returns_2_names_every_mistake_and_writes_nothing(tmp_path, 
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("name", ["nowhere.toml", "", "."])
-def test_scenario_that_is_no_file_returns_2(tmp_path, calls, capsys, name):
-    assert cli.main(["run", str(tmp_path / name), "-o", str(tmp_path / "out")]) == 2
-    assert str(tmp_path) in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_contradiction_that_only_the_solver_knows_returns_2(tmp_path, monkeypatch, capsys):
     def simulate(*args, **kwargs):
         raise ValueError("tendon t2: a displacement needs axial_stiffness")
@@ -155,16 +135,6 @@ def test_contradiction_that_only_the_solver_knows_returns_2(tmp_path, monkeypatc
     assert cli.main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out")]) == 2
     assert "scenario.toml: tendon t2: a displacement needs axial_stiffness" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
-
-
-def test_warnings_of_the_solver_are_passed_on(tmp_path, monkeypatch, capsys):
-    def simulate(robot, model, steps, settings=None, progress=None, **beside):
-        issue(["mind the mesh"])
-        return arc_result(robot, list(steps))
-
-    install(monkeypatch, simulate)
-    assert cli.main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out"), "-q", "--no-pictures"]) == 0
-    assert capsys.readouterr().err == "tdcr-fe: warning: mind the mesh\n"
 
 
 def test_file_that_cannot_be_written_is_no_traceback(tmp_path, calls, capsys):
@@ -209,19 +179,6 @@ def test_the_examples_of_a_command_are_taken_by_its_parser(name, monkeypatch):
     for example in (first, second):
         words = shlex.split(example.partition(" > ")[0])
         assert words[0] == name and cli.main(words) == 0
-
-
-def test_further_command_is_one_function(monkeypatch):
-    def further(args):
-        return args.number
-
-    module = types.ModuleType("further_command")
-    module.further = further
-    text, options = "further\n\nnumber  exit status", {"number": {"type": int}}
-    command = Command("further_command:further", text, ("further 1", "further 2"), options=options)
-    monkeypatch.setitem(sys.modules, "further_command", module)
-    monkeypatch.setitem(cli.COMMANDS, "further", command)
-    assert cli.main(["further", "7"]) == 7
 
 
 def test_help_loads_neither_solver_nor_tables_nor_pictures():

@@ -9,7 +9,6 @@ import time
 
 import pandas as pd
 import pytest
-from browser import check_on_a_phone, needs_chromium
 from interrupts import start_python
 from sweep_files import SCENARIO, InProcess, write_files
 
@@ -61,13 +60,6 @@ def test_table_summary_report_and_pictures(tmp_path, capsys, here):
     assert summary["sampling"] == {"method": "latin-hypercube", "samples": 24, "seed": 2}
     assert summary["statistics"]["tip_x"]["mean"] == pytest.approx(frame["tip_x"].mean(), rel=1e-12)
     assert summary["statistics"]["tip_x"]["std"] == pytest.approx(frame["tip_x"].std(), rel=1e-12)
-
-
-@pytest.mark.integration
-@needs_chromium
-def test_the_page_fits_a_phone(tmp_path, here):
-    assert cli.main(["sweep", str(write_files(tmp_path)), "-o", str(tmp_path / "out"), "-q"]) == 0
-    check_on_a_phone(tmp_path / "out" / "report.html")
 
 
 def test_a_case_that_does_not_converge_gives_status_1_and_a_row_of_the_report(tmp_path, capsys, here):

@@ -11,8 +11,8 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.special import ellipk, ellipkinc
 
-from tdcr_fe.elements.backbone import ElementChain, relative_twists
-from tdcr_fe.elements.poses import exp_se3, log_se3
+from tdcr_fe.elements.backbone import relative_twists
+from tdcr_fe.elements.poses import exp_se3
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
@@ -152,27 +152,6 @@ def test_relative_twists_undo_the_chain():
         dr, dp = exp_se3(twists[k])
         assert r[k] @ dr == pytest.approx(r[k + 1], abs=1e-12)
         assert p[k] + r[k] @ dp == pytest.approx(p[k + 1], abs=1e-12)
-
-
-def test_increments_of_twists_against_differences():
-    rng = np.random.default_rng(4)
-    twists = np.array([1.0, 0, 0, 0, 0, 0]) * 0.02 + 0.1 * rng.normal(size=(3, 6))
-    change = rng.normal(size=(4, 6))
-    p, r = [np.zeros(3)], [np.eye(3)]
-    for x in twists:
-        dr, dp = exp_se3(x)
-        p.append(p[-1] + r[-1] @ dp)
-        r.append(r[-1] @ dr)
-    p, r = np.array(p), np.array(r)
-
-    def moved(h):
-        dr, dp = exp_se3(h * change)
-        rr, pp = r @ dr, p + (r @ dp[..., None])[..., 0]
-        inverse = np.swapaxes(rr[:-1], 1, 2)
-        return log_se3(inverse @ rr[1:], (inverse @ np.diff(pp, axis=0)[..., None])[..., 0])
-
-    h = 1e-6
-    assert ElementChain(twists).changes(change) == pytest.approx((moved(h) - moved(-h)) / (2 * h), abs=1e-8)
 
 
 @dataclass(frozen=True)

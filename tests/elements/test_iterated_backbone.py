@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import exudyn as exu
 import numpy as np
 import pytest
 from robots import scene, three
@@ -53,38 +52,3 @@ def test_it_is_the_derivative_of_the_forces_of_constant_wrenches():
         step = 1e-6 * way.ravel()
         expected = (forces(nodes.ravel() + step, wrenches) - forces(nodes.ravel() - step, wrenches)) / 2e-6
         assert found @ way.ravel() == pytest.approx(expected, abs=1e-7)
-
-
-def test_only_iterates_with_excessive_forces_have_it():
-    """All nodes from the sixth on are shifted by a tenth of a millimetre, which strains one element excessively."""
-    _keep, mbs, handle, _ = bent()
-    data = mbs.systemData
-    data.SetODE2Coordinates(data.GetODE2Coordinates(), exu.ConfigurationType.StartOfStep)
-    own = handle.actuation
-    moved = own._node_coordinates.displacements()
-    assert own._backbone.excess_tangent(handle.mesh, moved.ravel()) is None
-    slightly = moved.copy()
-    slightly[:, :3] += 1e-9 * np.random.default_rng(2).normal(size=(len(moved), 3))
-    assert own._backbone.excess_tangent(handle.mesh, slightly.ravel()) is None
-    moved[6:, :3] += [0.0, 0.0, 1e-4]
-    found = own._backbone.excess_tangent(handle.mesh, moved.ravel())
-    assert found is not None
-    touched = np.flatnonzero(np.abs(found).max(axis=1))
-    assert {int(i) // 7 for i in touched} == {5, 6}
-
-
-def test_derivatives_for_linearised_systems_are_those_of_the_forces():
-    """Exudyn asks for them without velocities: the geometric stiffness is that of all forces, and all holes stick."""
-    _keep, mbs, handle, _ = bent()
-    data = mbs.systemData
-    zero = np.zeros(data.ODE2Size())
-    data.SetODE2Coordinates(zero, exu.ConfigurationType.StartOfStep)
-    own = handle.actuation
-    moved = own._node_coordinates.displacements().ravel()
-    moved[-7:-4] += [0.0, 0.0, 1e-3]
-    assert own._backbone.excess_tangent(handle.mesh, moved) is not None
-    alone = own.jacobian_on_coordinates(moved, 0.0, 1.0, 0.0).Convert2DenseMatrix()
-    in_time = own.jacobian_on_coordinates(moved, 0.0, 1.0, 1e3).Convert2DenseMatrix()
-    tangent = own._scene_forces.tangent(moved, 0.0, own.inputs, own._elastic(), "stuck")
-    assert np.array_equal(alone, -tangent)
-    assert not np.allclose(in_time, alone)

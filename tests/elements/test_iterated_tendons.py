@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from robots import LENGTH, scene, three
 
-from tdcr_fe.elements.native.iterated import IteratedTendons
 from tdcr_fe.elements.native.straight_tendons import StraightTendons
 from tdcr_fe.native import register
 from tdcr_fe.solve.statics import SolveTDCR
@@ -46,28 +45,6 @@ def step(iterated, reference, sizes, time, state):
         if k == 0:
             iterated.tangent(bent(reference, size), reference, time, state, BASE)
     return found, iterated.step_end(bent(reference, sizes[-1]), reference, time, state, BASE)
-
-
-def test_the_first_iterate_has_predicted_holes_and_all_others_the_law_of_friction(tendons):
-    straight, reference, state = tendons
-    iterated = IteratedTendons(straight)
-    for k in (1, 2):
-        _, (state, _, _) = step(iterated, reference, [2.5e-5 * k], STEP * k, state)
-    sticks = np.abs(state.mobilisation) < 1.0
-    assert sticks.any()
-    assert not sticks.all()
-    by_law = [
-        straight.forces(straight.pull(bent(reference, s).reshape(-1, 7) + reference, BASE, state))
-        for s in (-2e-4, 6e-5)
-    ]
-    first, second = step(iterated, reference, [-2e-4, 6e-5], 3 * STEP, state)[0]
-    assert np.abs(first - by_law[0]).max() > 1e-4 * np.abs(first).max()
-    assert np.array_equal(second, by_law[1])
-    # The same configuration once more, and a step that is tried again with half of its size: the law.
-    iterated.forces(bent(reference, -2e-4), reference, 2.5 * STEP, state, BASE)
-    assert np.array_equal(
-        iterated.forces(bent(reference, -2e-4), reference, 2.5 * STEP, state, BASE), by_law[0]
-    )
 
 
 @pytest.mark.parametrize("count", [1, 3])

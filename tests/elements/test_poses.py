@@ -34,20 +34,6 @@ def test_euler_parameters_are_scipys_quaternions(w):
     assert poses.rotation_of_euler_parameters(e) == pytest.approx(r.as_matrix(), abs=1e-14)
 
 
-@settings(deadline=None, max_examples=60)
-@given(VECTOR, VECTOR)
-def test_euler_parameters_near_others_are_the_nearer_of_both(w, other):
-    r, near = (
-        Rotation.from_rotvec(w),
-        poses.euler_parameters_of_rotation(Rotation.from_rotvec(other).as_matrix()),
-    )
-    e = poses.euler_parameters_of_rotation(r.as_matrix())
-    for sign in (1.0, -1.0):
-        found = poses.euler_parameters_near(r.as_matrix()[None], sign * near[None])[0]
-        wanted = e if e @ near * sign >= 0.0 else -e
-        assert found == pytest.approx(wanted, abs=1e-13) or abs(e @ near) < 1e-13
-
-
 @settings(deadline=None, max_examples=40)
 @given(VECTOR, VECTOR)
 def test_rate_of_euler_parameters_against_differences(a, w):

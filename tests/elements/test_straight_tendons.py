@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from robots import LENGTH, scene, tendon, three
 
-from tdcr_fe.elements.native.straight_tendons import StraightTendons
 from tdcr_fe.model.robot import Disks
 from tdcr_fe.model.routing import HelicalRouting
 
@@ -56,31 +55,3 @@ def test_forces_and_tangent_are_those_of_the_general_evaluation(case):
         assert np.abs(found[0] - found[1]).max() <= 1e-9 * np.abs(found[1]).max()
         # By norms of Euler parameters, which constraints keep, both may differ.
         assert np.abs(tangent[0] - tangent[1]).max() <= 1e-8 * np.abs(tangent[1]).max()
-
-
-def test_robots_that_need_the_general_evaluation_have_none_of_this():
-    for robot, model in (
-        (three(0.3, axial_stiffness=400.0), {}),
-        (three(0.0), {"tendon_path": "continuous", "friction": "none"}),
-    ):
-        _keep, _mbs, handle = scene(robot, **model)
-        assert StraightTendons.of(handle.actuation.model) is None
-
-
-def test_a_hole_that_has_saturated_since_the_iterate_before_is_linearised_by_the_secant():
-    """From pulled to released by trial values of -1e4 and 3e4: two over their difference; the others by the tangent."""
-    _keep, _mbs, handle = scene(three(0.3))
-    straight = StraightTendons.of(handle.actuation.model)
-    assert straight is not None
-    law = handle.actuation.law
-    there = handle.actuation._node_coordinates.reference
-    pull = straight.pull(there, np.ones(3), law.initial_state())
-    trial = np.full_like(pull.trial, 0.5)
-    before, after = trial.copy(), trial.copy()
-    before[0], after[0] = -1e4, 3e4
-    before[1], after[1] = 5.0, 7.0
-    before[2], after[2] = 5.0, 0.25
-    before[3], after[3] = 0.5, 2.0
-    slopes = pull._replace(trial=after).slopes(pull._replace(trial=before))
-    assert slopes[:5, 0] == pytest.approx([2.0 / 4e4, 0.0, 1.0, 0.5 / 1.5, 1.0])
-    assert pull._replace(trial=after).slopes(None)[:5, 0] == pytest.approx([0.0, 0.0, 1.0, 0.0, 1.0])

@@ -9,7 +9,6 @@ import pytest
 from robots import LENGTH, three
 
 from tdcr_fe.effects import Experiment, with_effects
-from tdcr_fe.identify import IdentifySettings, identify
 from tdcr_fe.identify.forward import ForwardModel, Task, run_settings, simulate_experiment
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.reader import Reader
@@ -78,17 +77,6 @@ def test_it_goes_through_the_files(data, tmp_path):
     again = read_measured(tmp_path / "again")
     assert (again.robot, again.model, again.effects) == (declared.robot, declared.model, declared.effects)
     assert again.experiment == declared.experiment
-
-
-@pytest.mark.integration
-def test_identify_finds_nothing_missing_where_all_is_declared(data, tmp_path):
-    rng = np.random.default_rng(4)
-    noisy = replace(
-        data, readings=tuple(replace(r, value=r.value + 1e-4 * rng.standard_normal()) for r in data.readings)
-    )
-    declared = read_measured(folder(noisy, tmp_path, TEXT))
-    result = identify(declared, IdentifySettings(max_effects=1))
-    assert result.verdict in ("nothing missing", "cannot tell") and not result.effects
 
 
 def test_two_sets_must_declare_the_same(data, tmp_path):

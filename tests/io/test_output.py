@@ -62,36 +62,6 @@ def test_steps_hold_what_the_result_says_to_the_last_bit(tmp_path):
     assert table["tip_offset"].to_numpy() == pytest.approx(np.hypot(table["tip_x"], table["tip_y"]))
 
 
-def test_shape_holds_every_node_and_tangent_is_the_turned_z_axis(tmp_path):
-    result = arc_result()
-    write_results(result, tmp_path, pictures=False)
-    table = read(tmp_path / "shape.csv")
-    assert len(table) == sum(len(s.s) for s in result.steps)
-    for step in result.steps:
-        rows = table[table["step"] == step.step]
-        assert np.array_equal(rows["s"], step.s)
-        assert np.array_equal(rows[["x", "y", "z"]], step.positions)
-        q = rows[["qw", "qx", "qy", "qz"]].to_numpy()
-        tangent = Rotation.from_quat(q[:, [1, 2, 3, 0]]).apply([0.0, 0.0, 1.0])
-        assert tangent == pytest.approx(step.rotations[:, :, 2], abs=1e-14)
-
-
-def test_tensions_hold_every_segment_and_the_state_of_the_hole_at_its_far_end(tmp_path):
-    result = arc_result(paper_robot(2))
-    write_results(result, tmp_path, pictures=False)
-    table = read(tmp_path / "tensions.csv")
-    assert len(table) == 10 * 2 * 13
-    rows = table[(table["step"] == 3) & (table["tendon"] == "t1")]
-    assert list(rows["segment"]) == list(range(1, 14))
-    assert np.array_equal(rows["tension"], result.steps[2].tensions[0])
-    assert tuple(rows["hole_state"]) == result.steps[2].hole_states[0]
-    assert rows["hole_state"].iloc[-1] == "anchor"
-
-
-def test_quaternion_of_no_rotation_is_one():
-    assert quaternions(np.eye(3)[None]).tolist() == [[1.0, 0.0, 0.0, 0.0]]
-
-
 @given(st.lists(st.floats(-4.0, 4.0), min_size=3, max_size=3))
 def test_quaternion_is_a_unit_one_of_the_section_with_qw_not_negative(rotvec):
     rotation = Rotation.from_rotvec(rotvec).as_matrix()[None]
@@ -130,19 +100,6 @@ def test_summary_names_versions_settings_digest_and_outcome(tmp_path):
     assert summary["warnings"] == ["careful"]
     assert summary["wall_time"] == 0.1
     assert summary["model"]["friction"] == "per-hole"
-
-
-def test_failed_step_is_named_and_not_among_the_solved(tmp_path):
-    full = arc_result()
-    result = dataclasses.replace(
-        full, steps=full.steps[:3], converged=False, failed_step=4, message="step 4: residual 3.2"
-    )
-    write_results(result, tmp_path, steps_asked=10, pictures=False)
-    summary = json.loads((tmp_path / "summary.json").read_text("utf-8"))
-    assert (summary["converged"], summary["failed_step"]) == (False, 4)
-    assert (summary["steps_asked"], summary["steps_solved"]) == (10, 3)
-    assert summary["message"] == "step 4: residual 3.2"
-    assert list(read(tmp_path / "steps.csv")["step"]) == [1, 2, 3]
 
 
 def test_directory_that_exists_keeps_what_is_not_ours(tmp_path):

@@ -85,14 +85,3 @@ def test_points_cells_and_values_are_those_of_the_result(case):
     assert np.count_nonzero(of_points["force"]) == np.count_nonzero(of_points["moment"]) == 1
     rim = points[cells["Polys"]["connectivity"]].reshape(13, -1, 3)
     assert np.linalg.norm(rim - step.positions[2::2, None], axis=-1) == pytest.approx(5e-3, abs=1e-8)
-
-
-def test_vtk_reads_them(case):
-    vtk = pytest.importorskip("vtk")
-    _, folder, _ = case
-    reader = vtk.vtkXMLPolyDataReader()
-    reader.SetFileName(str(folder / "robot_0002.vtp"))
-    reader.Update()
-    found = reader.GetOutput()
-    assert (found.GetNumberOfVerts(), found.GetNumberOfLines(), found.GetNumberOfPolys()) == (28, 27, 13)
-    assert found.GetCellData().GetArray("tension").GetValue(0) == pytest.approx(1.0)

@@ -72,12 +72,6 @@ def test_a_model_with_holes_is_refused_by_name(tmp_path, model, key):
     assert [p.key for p in caught.value.problems] == [key]
 
 
-def test_an_end_beyond_the_tip_is_refused_by_name(tmp_path):
-    with pytest.raises(InputError) as caught:
-        read_scenario(write(tmp_path, ROBOT.replace("end = 0.25", "end = 0.35")))
-    assert [(p.key, p.value) for p in caught.value.problems] == [("tendons[0].end", "0.35")]
-
-
 def test_the_command_runs_it(tmp_path, capsys):
     """Version 0.1 refused a robot without disks."""
     assert main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out")]) == 0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.model.interpolation import ElementChange, share_change, within_elements, within_elements_change
+from tdcr_fe.model.interpolation import ElementChange, within_elements, within_elements_change
 
 
 @pytest.mark.parametrize("angle", [1e-9, 9e-3, 1.1e-2, 0.3, 2.0])
@@ -31,15 +31,3 @@ def test_derivatives_within_elements_are_those_of_central_differences(angle):
     expected = np.stack([(moved(p, h) - moved(p, -h)) / (2.0 * h) for p in range(count)], axis=-1)
     found = within_elements_change(start, turn.as_matrix(), end, end_turn.as_matrix(), share, by)
     np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-7)
-
-
-def test_share_of_an_element_whose_ends_move():
-    """x = (s - a) / (b - a)."""
-    s, a, b, h = 0.3, np.array([0.1, 0.2]), np.array([0.5, 0.35]), 1e-6
-    da, db = np.array([[1.0, -0.5], [0.3, 2.0]]), np.array([[0.2, 0.7], [-1.0, 0.4]])
-
-    def share(x, p):
-        return (s - (a + x * da[:, p])) / ((b + x * db[:, p]) - (a + x * da[:, p]))
-
-    expected = np.stack([(share(h, p) - share(-h, p)) / (2.0 * h) for p in range(2)], axis=1)
-    np.testing.assert_allclose(share_change(da, db, share(0.0, 0), b - a), expected, rtol=1e-7)

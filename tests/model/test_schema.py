@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 from typing import Annotated
 
 import numpy as np
@@ -118,21 +117,3 @@ def test_bounds_in_words():
     ]:
         keys = Keys({"x": Annotated[float, Quantity("", unit="m", **bounds)]})
         assert allowed(keys.json_schema["properties"]["x"]) == text
-
-
-@pytest.mark.campaign
-def test_making_a_robot_is_cheap():
-    """Fitting makes thousands of robots: with 13 disks and one tendon one takes less than 0.2 ms of a core."""
-
-    def make():
-        backbone = Backbone(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0, precurvature=(0.1, 0.2))
-        return Robot(backbone, Disks.equally_spaced(13, LENGTH), (Tendon("t1", ParallelRouting(4e-3), 0.3),))
-
-    make()
-    best = math.inf
-    for _ in range(20):
-        begun = time.process_time()
-        for _ in range(50):
-            make()
-        best = min(best, (time.process_time() - begun) / 50)
-    assert best < 200e-6

@@ -205,13 +205,3 @@ def test_a_slack_tendon_is_called_slack():
     assert "tendon slack" in [t.get_text() for t in figure.legends[0].get_texts()]
     pulled, loose = hole_codes(motion_of(result))
     assert set(loose[0, :-1]) == {STATES.index("slack")} and STATES.index("slack") not in pulled[0]
-
-
-def test_gravity_in_the_view_in_space_is_drawn_off_the_robot():
-    """Its arrow lay on a straight robot."""
-    result = dataclasses.replace(arc_result(), model=Model(gravity=(0.0, 0.0, -9.81)))
-    view = plots._Shapes(motion_of(result))
-    limits, corner = view.limits, view.free_corner()
-    assert np.all((corner > limits[:, 0]) & (corner < limits[:, 1]))
-    points = 1e3 * np.concatenate([s.positions for s in result.steps])
-    assert np.min(np.linalg.norm(points - corner, axis=1)) > 0.15 * np.ptp(limits[2])

@@ -108,17 +108,6 @@ def test_a_folder_gives_the_same_motion_as_the_result(tmp_path):
     assert [len(x) for x in read.loads] == [0, 0, 0, 0, 2, 2, 2, 2, 2, 2]
 
 
-def test_bending_angle_and_tendon_corners_are_those_of_the_result():
-    result = loaded_result()
-    motion = motion_of(result)
-    assert motion.bending_angles == pytest.approx(result.bending_angles, abs=1e-12)
-    step = result.steps[6]
-    turned = Rotation.from_matrix(step.rotations[2::2])
-    corners = motion.tendon_points(6, motion.tendons[0])
-    assert corners[1:] == pytest.approx(step.positions[2::2] + turned.apply([4.5e-3, 0.0, 0.0]), abs=1e-12)
-    assert corners[0] == pytest.approx([4.5e-3, 0.0, 0.0])
-
-
 def test_disks_between_nodes_lie_on_the_curve_of_constant_strain():
     robot = paper_robot()
     off = replace(robot, disks=replace(robot.disks, positions=(0.03, 0.11, 0.25)))
@@ -311,49 +300,6 @@ def test_pointing_at_a_hole_tells_its_tension_and_a_plot_leads_to_the_step(chrom
     for kind in ("mousePressed", "mouseReleased"):
         chromium.mouse(kind, *point, button="left", clickCount=1)
     assert chromium.ask(f"{PANEL}.motion.step") == 2
-
-
-@pytest.mark.integration
-@needs_chromium
-def test_a_link_leads_to_the_same_step_and_view(page, chromium):
-    view = f"(p => [p.motion.step, p.camera.turn, p.camera.distance, ...p.camera.target])({PANEL})"
-    chromium.ask(f"{PANEL}.go(3), {PANEL}.change(() => {PANEL}.camera.orbit(0.4, 0.1)), {PANEL}.link()")
-    shown, address = chromium.ask(view), chromium.ask("location.hash")
-    with browser() as b:
-        b.open(page)
-        assert b.ask(view) != pytest.approx(shown, rel=1e-4)
-        b.ask(f"location.hash = {json.dumps(address)}, {PANEL}.restore()")
-        assert b.ask(view) == pytest.approx(shown, rel=1e-5)
-
-
-@pytest.mark.integration
-@needs_chromium
-def test_the_page_is_whole_when_it_is_first_painted(page, tmp_path):
-    """Without waiting for anything: in the first draft a screenshot had the still picture and empty plots."""
-    path = tmp_path / "view.html"
-    script = "<script>window.atOnce = document.querySelectorAll('.robot-view.live [data-plot] path').length</script>"
-    path.write_text(page.read_text(encoding="utf-8").replace("</body>", script + "</body>"), encoding="utf-8")
-    with browser() as b:
-        b.open(path)
-        assert b.ask("window.atOnce") >= 6
-
-
-@pytest.mark.integration
-@needs_chromium
-def test_a_rod_without_tendons_in_one_step_is_drawn_without_the_plot_of_tensions(tmp_path):
-    robot = replace(paper_robot(), tendons=())
-    step = arc_step(robot, 1, 1.0, 0.3, np.zeros(0))
-    path = tmp_path / "view.html"
-    path.write_text(
-        view_page(motion_of(SequenceResult(robot, Model(friction="none"), (step,)))), encoding="utf-8"
-    )
-    with browser() as b:
-        b.open(path)
-        b.until(f"!!{PANEL}")
-        assert b.ask("document.querySelector('[data-plot=tension]').getBoundingClientRect().height") == 0
-        b.key(" ")
-        assert not b.ask(f"{PANEL}.playing")
-        assert b.errors() == []
 
 
 @pytest.mark.integration

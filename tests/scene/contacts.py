@@ -42,27 +42,6 @@ def spheres(mbs: exu.MainSystem, handle: TDCR, at: Any = CENTRE) -> None:
         )
 
 
-def _push(mbs, t, item, gap, velocity, stiffness, damping, offset):
-    """Force of a linear penalty in the direction of the centres; arguments as Exudyn passes them."""
-    gap = np.asarray(gap, dtype=float)
-    size = float(np.linalg.norm(gap))
-    return list(min(0.0, STIFFNESS * (size - SPHERE - DISK)) / size * gap)
-
-
-def connectors(mbs: exu.MainSystem, handle: TDCR) -> None:
-    """The same sphere as connectors with a force function of the user."""
-    centre = centre_marker(mbs)
-    for node in node_markers(handle):
-        mbs.AddObject(
-            eii.CartesianSpringDamper(
-                markerNumbers=[centre, node],
-                stiffness=[0.0] * 3,
-                damping=[0.0] * 3,
-                springForceUserFunction=_push,
-            )
-        )
-
-
 def wall(mbs: exu.MainSystem, handle: TDCR, stiffness: float = STIFFNESS) -> None:
     """A thin wall across x, by `mbs.CreateSphereQuadContact`."""
     ground = mbs.CreateGround()

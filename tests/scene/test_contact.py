@@ -9,7 +9,6 @@ from contacts import (
     CONTACTS,
     DISK,
     WALL,
-    connectors,
     limit_stops,
     soft_wall,
     spheres,
@@ -67,15 +66,6 @@ def test_every_contact_gives_the_shape_of_the_static_solver_of_exudyn(kind, mu):
     free.set_tensions({"t1": 2.0})
     free_mbs.SolveTDCR()
     assert distance(handle.shape()[0], free.shape()[0]) > 0.05
-
-
-def test_connectors_with_a_force_function_act_as_contact_items_do():
-    shapes = []
-    for add in (spheres, connectors):
-        _keep, mbs, handle = with_contact(add)
-        pulled_in_steps(mbs, handle)
-        shapes.append(handle.shape()[0])
-    assert distance(*shapes) < 1e-6
 
 
 @pytest.mark.parametrize("substeps", [None, 3])

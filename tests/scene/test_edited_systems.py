@@ -74,28 +74,6 @@ def test_solve_tdcr_in_a_step_function_is_refused():
     assert handle.tensions()["t1"][0] == pytest.approx(0.5)
 
 
-def two_robots():
-    """Both with a load at the tip."""
-    keep = exu.SystemContainer()
-    mbs = keep.AddSystem()
-    a = mbs.CreateTDCR(three(0.3), name="a")
-    a.add_load("tip", LENGTH)
-    b = mbs.CreateTDCR(three(0.3), name="b", referencePosition=[0.1, 0.0, 0.0])
-    b.add_load("tip", LENGTH)
-    return keep, mbs, a, b
-
-
-def test_a_deleted_load_that_gives_another_one_a_new_number_is_refused_every_time():
-    """The load of the first of two robots, which makes that of the second another."""
-    _keep, mbs, a, b = two_robots()
-    mbs.Assemble()
-    mbs.DeleteLoad(a.loads["tip"].lForce, deleteDependentMarkers=False)
-    mbs.Assemble()
-    for _ in range(2):
-        with pytest.raises(ValueError, match="because items were deleted"):
-            b.set_tensions(INPUTS)
-
-
 # ---------------------------------------------------------------- base joint
 
 

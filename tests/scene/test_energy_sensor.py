@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import exudyn as exu
-import exudyn.itemInterface as eii
 import numpy as np
 import pytest
-from native_solvers import damped, recommended, static_settings
+from native_solvers import recommended, static_settings
 from robots import BACKBONE, DISKS, LENGTH, Robot, scene, tendon, three
 from scipy.integrate import quad
 
@@ -63,23 +61,6 @@ def test_elastic_and_gravitational_energy_are_those_of_closed_forms():
     SolveTDCR(mbs)
     assert present(mbs, sensor)["elastic"] == pytest.approx(m**2 * LENGTH / (2.0 * BACKBONE.EI), rel=1e-9)
     assert present(mbs, sensor)["kinetic"] == 0.0
-
-
-def test_kinetic_energy_is_that_of_exudyns_bodies():
-    """Of beams and disks, in a fast swing with all inertias at work: each has an output variable for it."""
-    disks = Disks.equally_spaced(6, LENGTH, mass=2e-3, radius=8e-3, thickness=2e-3)
-    _keep, mbs, handle, load, sensor = measured(three(0.0, disks=disks))
-    load.set([0.02, 0.0, 0.0], [0.0, 0.0, 2e-3])
-    SolveTDCR(mbs)
-    load.set([0.0, 0.0, 0.0])
-    run(mbs, handle, 0.02, rho=0.8)
-    bodies = [*handle.oBeams, *handle.bDisks]
-    expected = sum(
-        mbs.GetObjectOutputBody(b, exu.OutputVariableType.KineticEnergy, [0.0] * 3) for b in bodies
-    )
-    assert present(mbs, sensor)["kinetic"] > 1e-5
-    # The beams turn by 6e-5 of it; how they turn between their nodes is interpolated in another frame.
-    assert present(mbs, sensor)["kinetic"] == pytest.approx(expected, rel=1e-7)
 
 
 def test_energy_of_a_superelastic_section_is_the_integral_of_its_moment():
@@ -183,28 +164,6 @@ def test_the_energy_of_random_motions_is_conserved_for_half_a_second(seed):
     In steps of 1 ms, on the default mesh; the error of the integration in time is counted as well.
     """
     check(random_run(seed, 0.5, elements="auto"), 2e-4)
-
-
-def test_a_damper_of_the_scene_gets_the_rest():
-    """A dashpot at the tip dissipates the integral of ``c v^2``."""
-    _keep, mbs, handle = damped(three(0.0), damping=0.02, assemble=False)
-    sensor = handle.add_energy_sensor()
-    velocity = mbs.AddSensor(
-        eii.SensorNode(
-            nodeNumber=handle.nNodes[-1],
-            outputVariableType=exu.OutputVariableType.Velocity,
-            storeInternal=True,
-            writeToFile=False,
-        )
-    )
-    mbs.Assemble()
-    handle.set_inputs_over_time(lambda t: [0.5 * (1 - np.cos(np.pi * min(t / 0.1, 1.0))), 0.0, 0.0])
-    run(mbs, handle, 0.2)
-    found, v = columns(mbs, sensor), np.array(mbs.GetSensorStoredData(velocity))
-    power = 0.02 * np.sum(v[:, 1:] ** 2, axis=1)
-    expected = float(np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(v[:, 0])))
-    assert rest(found)[-1] == pytest.approx(expected, rel=1e-2)
-    assert expected > 0.1 * found["tendon_work"][-1]
 
 
 def test_a_swing_loses_what_the_material_dissipates():

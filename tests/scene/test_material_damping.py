@@ -7,11 +7,10 @@ from dataclasses import replace
 import exudyn as exu
 import numpy as np
 import pytest
-from native_solvers import dynamic_settings, static_settings
-from robots import BACKBONE, LENGTH, Robot, distance, scene, three
+from native_solvers import dynamic_settings
+from robots import BACKBONE, LENGTH, Robot, scene, three
 from scipy.optimize import curve_fit
 
-from tdcr_fe.elements.native.material_damping import twists_and_rates
 from tdcr_fe.elements.poses import euler_rate_matrix
 from tdcr_fe.model.robot import Disks
 from tdcr_fe.native import register
@@ -98,40 +97,4 @@ def wrenches(mbs, handle, velocity):
     return np.array(found).reshape(-1, 6)
 
 
-def test_the_dampers_follow_the_rates_of_the_strains():
-    """Their wrench is ``tau K d xi / dt``, with the twists of the elements, up to the squares of their turns."""
-    _keep, mbs, handle = scene(viscous(three(0.3), 5e-3, precurvature=(1.0, 2.0)))
-    handle.set_tensions([2.0, 0.3, 0.1])
-    SolveTDCR(mbs)
-    handle.set_compliance_factor(2.0)
-    positions, rotations, parameters = handle.actuation.scene_poses()
-    rng, n = np.random.default_rng(0), len(parameters)
-    moving = rng.normal(size=(n, 6)) * [2, 2, 2, 20, 20, 20]
-    velocity = np.zeros((n, 7))
-    velocity[:, :3] = (rotations @ moving[:, :3, None])[:, :, 0]
-    velocity[:, 3:] = (euler_rate_matrix(parameters) @ moving[:, 3:, None])[:, :, 0]
-    twists, rates = twists_and_rates(positions, rotations, velocity[:, :3], moving[:, 3:])
-    expected = 5e-3 * handle.actuation.mesh.twist_stiffness * rates
-    expected[:, 0] = 0.0
-    turn = np.linalg.norm(twists[:, 3:], axis=1).max()
-    error = np.abs(wrenches(mbs, handle, velocity) - expected).max(axis=0)
-    assert np.all(error <= turn**2 / 12.0 * np.abs(expected).max(axis=0))
-
-
 # ---------------------------------------------------------------- statics
-
-
-def test_statics_do_not_change():
-    """`SolveTDCR` and `mbs.SolveStatic` with friction, with and without damping by the material."""
-    tips = []
-    for time in (0.0, 0.1):
-        _keep, mbs, handle = scene(viscous(three(0.3), time))
-        handle.set_tensions([1.5, 0.3, 0.0])
-        SolveTDCR(mbs)
-        solved = handle.tip_position
-        handle.set_inputs_over_time(lambda t: [1.5 - 0.1 * t, 0.3, 0.0])
-        assert mbs.SolveStatic(static_settings(3))
-        tips.append([solved, handle.tip_position])
-    assert distance(tips[0][0], tips[1][0]) < 1e-12
-    assert distance(tips[0][1], tips[1][1]) < 1e-12
-    assert distance(tips[0][0], tips[0][1]) > 1e-5

@@ -40,18 +40,6 @@ def test_static_solver_of_exudyn_finds_the_same_tip(friction):
 
 
 @pytest.mark.integration
-@pytest.mark.parametrize("friction", ["per-tendon", "per-hole"])
-def test_static_solver_of_exudyn_includes_the_friction_history(friction):
-    """To 1.2 N and back to 0.6 N: released holes, and the tip of `simulate`."""
-    _keep, mbs, handle = scene(paper(0.3), friction=friction)
-    handle.set_inputs_over_time(lambda t: [2.4 * t if t < 0.5 else 1.2 - (2 * t - 1) * 0.6])
-    assert mbs.SolveStatic(static_settings(50))
-    expected = solve(paper(0.3), pull(1.2, 0.6), friction=friction).tips
-    assert distance(handle.tip_position, expected[-1]) < 5e-4
-    assert distance(handle.tip_position, solve(paper(0.3), pull(0.6), friction=friction).tips[-1]) > 0.01
-
-
-@pytest.mark.integration
 def test_static_solver_with_prescribed_displacements_of_elastic_tendons():
     """3 mm pulled in, with friction; the other tendons are slack."""
     robot = three(0.3, axial_stiffness=400.0)
@@ -141,31 +129,6 @@ def test_a_robot_without_mass_is_refused_in_dynamics_and_solved_at_rest():
 # ---------------------------------------------------------------- sudden changes
 
 
-def released_rod(step: float, end: float, elements: int) -> np.ndarray:
-    """Tip positions [m] every 10 ms of a rod that was bent by a force and a moment at its tip, shape (n, 3)."""
-    backbone = replace(BACKBONE, retardation_time=1e-2)
-    rod = Robot(backbone, Disks.equally_spaced(10, LENGTH, radius=1e-3), (), name="rod")
-    _keep, mbs, handle = scene(rod, assemble=False, elements_per_bay=elements, gravity=(0.0, 0.0, -9.81))
-    load, sensor = handle.add_load("tip", LENGTH), handle.add_sensors()["tip_position"]
-    mbs.Assemble()
-    load.set([0.05, 0.03, 0.0], [0.0, 2e-3, 1e-3])
-    SolveTDCR(mbs)
-    assert distance(handle.tip_position, [0.0, 0.0, LENGTH]) > 0.5
-    load.set([0.0, 0.0, 0.0])
-    settings = recommended(handle, end, step)
-    settings.solution.sensors.writePeriod = 0.01
-    assert mbs.SolveDynamic(settings)
-    return np.array(mbs.GetSensorStoredData(sensor))[:, 1:]
-
-
-@pytest.mark.campaign
-def test_a_released_rod_moves_as_with_a_finer_step_and_mesh():
-    """Two seconds at 1 ms: within 0.1 % of the length of half the step and twice the elements at all times."""
-    coarse, fine = released_rod(1e-3, 2.0, 2), released_rod(5e-4, 2.0, 4)
-    assert len(coarse) == len(fine) == 201
-    assert distance(coarse, fine) < 1e-3
-
-
 @pytest.mark.parametrize(
     ("change", "step", "thickness"),
     [
@@ -247,21 +210,6 @@ def test_the_script_of_the_docs_shows_joint_forces_that_grow_without_numerical_d
     exec(script, namespace)
     assert namespace["largest_joint_force"](0.9) < 1.1
     assert namespace["largest_joint_force"](1.0) > 100.0
-
-
-@pytest.mark.integration
-def test_a_run_with_tolerances_below_round_off_ends_by_name():
-    """Exudyn's default tolerances and full Newton: version 0.1 took 5000 steps in place of 30."""
-    _keep, mbs, handle = scene(three(0.3))
-    handle.set_inputs_over_time(lambda t: [0.5 * (1.0 - np.cos(np.pi * min(t / 0.03, 1.0))), 0.0, 0.0])
-    settings = dynamic_settings(0.03, 1e-3)
-    settings.timeIntegration.newton = exu.SimulationSettings().timeIntegration.newton
-    settings.timeIntegration.newton.useModifiedNewton = False
-    settings.timeIntegration.generalizedAlpha.spectralRadius = 0.9
-    with pytest.raises(exu.ModelError, match=r"below the round-off .* arm.recommended_settings"):
-        mbs.SolveDynamic(settings)
-    assert mbs.sys["dynamicSolver"].it.currentStepIndex < 1000
-    assert mbs.SolveDynamic(handle.recommended_settings(0.03, 1e-3))
 
 
 def test_recommended_settings_serve_exudyns_statics():

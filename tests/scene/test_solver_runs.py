@@ -61,22 +61,6 @@ def test_a_second_dynamic_run_is_the_first_one_again():
     assert not np.any(handle.actuation.base_tension)
 
 
-def test_a_function_after_every_step_is_replaced_and_taken_away_between_runs():
-    calls = []
-    _keep, mbs, handle = damped(three(0.3))
-    handle.set_inputs_over_time(rise)
-    for function, expected in (
-        (lambda m, t: calls.append("a") or True, {"a"}),
-        (lambda m, t: calls.append("b") or True, {"b"}),
-        (0, set()),
-    ):
-        calls.clear()
-        mbs.SetPostStepUserFunction(function)
-        assert mbs.SolveDynamic(dynamic_settings(0.05, 1e-3))
-        assert set(calls) == expected
-        assert np.any(handle.actuation.state.mobilisation == 1.0)
-
-
 def test_tensions_set_in_a_prestep_function_are_those_of_inputs_over_time():
     """A control loop: the tensions of a step are set at its beginning, from what the last one has measured."""
     _keep, mbs, expected = scene(three(0.3))
@@ -181,20 +165,6 @@ def test_static_dynamic_and_quasi_static_solvers_in_turn_stay_at_rest():
     assert distance(handle.shape()[0], start) < 1e-9
 
 
-def test_coordinates_that_were_set_by_hand_do_not_change_the_solution_without_friction():
-    """The robot straight again, and every coordinate off by a thousandth: the same equilibrium is found."""
-    _keep, mbs, handle = scene(three(0.0))
-    handle.set_tensions([1.0, 0.1, 0.1])
-    SolveTDCR(mbs)
-    expected, rng = handle.shape()[0], np.random.default_rng(0)
-    bent = np.array(mbs.systemData.GetODE2Coordinates())
-    for by_hand in (0.0 * bent, bent + 1e-3 * rng.normal(size=bent.shape)):
-        mbs.systemData.SetODE2Coordinates(by_hand)
-        assert distance(handle.shape()[0], expected) > 1e-3
-        SolveTDCR(mbs)
-        assert distance(handle.shape()[0], expected) < 1e-8
-
-
 # ---------------------------------------------------------------- files and variations
 
 
@@ -223,21 +193,6 @@ def test_frames_of_a_solution_file_restore_the_run(tmp_path):
     assert handle.hole_states() == holes
     for name, values in tensions.items():
         assert handle.tensions()[name] == pytest.approx(values, abs=1e-9)
-
-
-def test_sensors_write_the_files_of_exudyn(tmp_path):
-    """Of the tip, in every step of `mbs.SolveDynamic`; what `mbs.SolveTDCR` solves is read from the sensor."""
-    _keep, mbs, handle = scene(three(0.3), assemble=False)
-    sensors = handle.add_sensors(fileName=str(tmp_path / "arm"))
-    mbs.Assemble()
-    pull(mbs, handle, 1.0)
-    assert mbs.GetSensorValues(sensors["tip_position"]) == pytest.approx(handle.tip_position, rel=1e-12)
-    settings = recommended(handle, 0.02, 1e-3)
-    settings.solution.sensors.writePeriod = 1e-3
-    assert mbs.SolveDynamic(settings)
-    rows = np.loadtxt(tmp_path / "arm_tip_position.txt", comments="#", delimiter=",")
-    assert rows.shape == (21, 4)
-    assert distance(rows[-1, 1:], handle.tip_position) < 1e-6
 
 
 def test_a_run_goes_on_from_the_restart_file_of_exudyn(tmp_path):

@@ -65,11 +65,3 @@ def test_a_run_is_the_same_with_the_band_and_without(case: str, monkeypatch: pyt
     assert max(abs(a - b) for a, b in zip(found[0][0], found[1][0], strict=True)) <= 1
     # One iteration more or less makes this difference: the residual has a tolerance of 1e-8.
     assert found[0][1] == pytest.approx(found[1][1], abs=1e-9 * LENGTH)
-
-
-def test_a_full_matrix_is_taken_where_tension_depends_on_slip_rates_or_the_band_is_wide() -> None:
-    many = replace(paper(), tendons=tuple(tendon(f"t{k}", 40.0 * k, 0.1) for k in range(9)))
-    continuous = Model(tendon_path="continuous", friction="none", elements_per_bay=1)
-    for robot, model in ((many, Model(elements_per_bay=1)), (paper(), continuous)):
-        steps = [LoadStep("", {name: 0.2 for name in robot.tendon_names})]
-        assert Simulation(robot, model, resolve(robot, steps)).system.layout.bands == (None,)

@@ -7,8 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from balance import capstan_violation, random_cycles
-from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, solve, three
+from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, solve
 
 from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.model.loading import Load, LoadStep
@@ -57,25 +56,6 @@ def test_classical_model_converges_with_order_two_in_the_mesh():
 
 
 @pytest.mark.integration
-def test_path_converges_with_the_substeps():
-    """Three tendons with friction: fixed substeps 4, 16, 32 approach what the default settings choose."""
-    steps = [
-        LoadStep("", {"t1": 1.5, "t2": 0.5}),
-        LoadStep("", {"t1": 0.3, "t2": 1.2}, loads={"tip": Load(LENGTH, (0.01, 0.02, 0.0))}),
-        LoadStep("", {"t1": 1.0, "t2": 0.0, "t3": 0.8}),
-    ]
-    chosen = solve(three(0.3), steps).tips[-1]
-    away = []
-    fine = solve(three(0.3), [replace(s, substeps=128) for s in steps]).tips[-1]
-    for n in (4, 16, 32):
-        tip = solve(three(0.3), [replace(s, substeps=n) for s in steps]).tips[-1]
-        away.append(distance(tip, fine))
-    assert away[2] < max(away[0], 1e-8)
-    assert away[2] < 2e-4
-    assert distance(chosen, fine) < 2e-4
-
-
-@pytest.mark.integration
 @pytest.mark.parametrize("friction", ["none", "per-tendon", "per-hole"])
 def test_the_energy_balance_closes_with_order_two_in_the_substeps(friction):
     """Pull to 2 N and release with a tip force: the balance by the trapezoidal rule closes with order two."""
@@ -106,20 +86,3 @@ def test_dissipation_of_a_pull_without_reversal():
     assert found.gap < 1e-4
     # The farther from the base, the less material passes and the less tension is left.
     assert np.all(np.diff(found.dissipated) < 0.0)
-
-
-@pytest.mark.campaign
-def test_hundred_random_cycles_converge_keep_the_bounds_and_create_no_energy():
-    """Three tendons up to 2 N, tip forces up to 50 mN, default settings, then the energy over finer steps."""
-    robot = three(0.3)
-    cycles = random_cycles(robot, 100, seed=1)
-    result = solve(robot, cycles)
-    assert max(capstan_violation(robot, s) for s in result.steps) < 1e-8
-    gaps = []
-    for parts in (4, 16):
-        result = solve(robot, divided(robot, cycles, parts))
-        found = ledger(result)
-        assert max(capstan_violation(robot, s) for s in result.steps) < 1e-8
-        gaps.append(found.gap)
-    assert np.all(found.dissipated > 0.0)
-    assert gaps[1] < 0.02 and gaps[1] < 0.5 * gaps[0]

@@ -6,11 +6,11 @@ import re
 
 import numpy as np
 import pytest
-from robots import LENGTH, distance, paper, pull, scene, solve
+from robots import distance, paper, pull, scene, solve
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import tdcr_fe.solve.newton.convergence as convergence
-from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
+from tdcr_fe.model.loading import Model, SolverSettings
 from tdcr_fe.model.results import Interrupted
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.load_steps import substep
@@ -54,17 +54,6 @@ def test_a_step_whose_friction_needs_more_presliding_is_reported(monkeypatch):
         "step 1: The stick-slip iteration did not converge; one substep used 10 times the presliding distance. "
         "Use smaller load steps."
     )
-
-
-def test_a_resolved_path_gives_no_warning_and_an_unresolved_one_its_size():
-    steps = [*pull(2.0), LoadStep("", loads={"tip": Load(LENGTH, (-0.05, 0.0, 0.0))})]
-    coarse = solve(paper(0.3), steps, SolverSettings(max_substeps=1, mesh_tolerance=np.inf))
-    error = coarse.steps[1].details["refinement_error"]
-    assert (
-        f"the remaining uncertainty may move a node by {100.0 * error:.2g} % of the length"
-        in coarse.warnings[-1]
-    )
-    assert solve(paper(0.3), steps, SolverSettings(mesh_tolerance=np.inf)).warnings == ()
 
 
 def test_an_interrupt_within_a_step_keeps_the_steps_before(monkeypatch):

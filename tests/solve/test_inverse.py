@@ -184,20 +184,6 @@ def test_neighbours_on_a_circle_have_neighbouring_tensions(height):
         assert found.errors.max() < found.errors.min() + 1e-5
 
 
-@pytest.mark.integration
-def test_with_friction_symmetric_targets_out_of_reach_have_the_same_nearest_point():
-    """A third of a turn is a symmetry of robot and path; a reflection is none, as friction has turned one way."""
-    circle = np.column_stack((0.05 * np.cos(CIRCLE), 0.05 * np.sin(CIRCLE), np.full(13, 0.191)))
-    found = follow_path(STEEL, Model(elements_per_bay=1), circle, TensionLimits(20.0, 0.2))
-    assert found.out_of_reach == tuple(range(1, 14)) and not found.not_converged
-    assert found.errors[5:] == pytest.approx(found.errors[1:-4], abs=1e-6)
-    assert found.tensions[5:, [1, 2, 0]] == pytest.approx(found.tensions[1:-4], abs=0.02)
-    assert np.abs(np.diff(found.tensions, axis=0)).max() < 0.55 * found.tensions.max()
-    assert "13: 0 reached within 0.2 mm, 13 out of reach" in repr(found)
-    wide = follow_path(STEEL, Model(elements_per_bay=1), circle, TensionLimits(20.0, 0.2), tolerance=1e-3)
-    assert all(x.reached for x in wide.targets)
-
-
 def test_bounds_and_targets_that_make_no_sense_are_refused():
     robot, model = CASES["no friction"]
     target = [0.0, 0.0, 0.2]

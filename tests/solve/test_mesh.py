@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from robots import BACKBONE, LENGTH, paper, pull
 
-from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
+from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.results import Interrupted, SequenceResult
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.scene.mesh import elements_of_bays
-from tdcr_fe.solve.element_equations import ElementModel
-from tdcr_fe.solve.mesh import CHUNK, MeshEstimate, SolvedState, estimate, on_mesh, refined
 from tdcr_fe.solve.simulate import PathRecord, Simulation, SolverSettings, StepFailed, simulate
 from tdcr_fe.validation.random_robots import draw
 
@@ -120,35 +118,6 @@ def test_steps_of_the_coarser_mesh_are_kept_where_the_refined_run_is_interrupted
     assert any("was interrupted" in w for w in result.warnings)
 
 
-def test_a_coarser_run_that_ended_for_the_refinement_names_the_first_step_without_solution(
-    monkeypatch,
-) -> None:
-    """The error is estimated every eight steps; the coarser run ends there."""
-    fail_on_refined_meshes(monkeypatch, 3, StepFailed("no balance", 0.0, 1.0, None, 5))
-    settings = SolverSettings(mesh_tolerance=1e-6)
-    steps = pull(*np.linspace(0.2, 2.5, 12))
-    result = simulate(paper(), Model(friction="none"), steps, settings)
-    assert (result.converged, result.failed_step, len(result.steps)) == (False, CHUNK + 1, CHUNK)
-    assert "step 3" in result.message and "no balance" in result.message
-
-
-def test_a_state_on_another_mesh_has_the_same_strains() -> None:
-    """Each element of the coarse mesh divided in three: the poses of its nodes are kept exactly."""
-    targets = resolve(paper(), pull(2.0))
-    coarse, fine = (
-        Simulation(paper(), Model(friction="none", elements_per_bay=count), targets) for count in (1, 3)
-    )
-    coarse.advance(targets[0])
-    arcs = [run.handle.mesh.arc_lengths for run in (coarse, fine)]
-    stored = on_mesh(coarse.state.stored(), *arcs, fine.state)
-    finer = fine.system.warm_start(fine.state, stored)
-    assert finer.configuration.positions[::3] == pytest.approx(
-        coarse.state.configuration.positions, abs=1e-14
-    )
-    back = on_mesh(stored, *arcs[::-1], coarse.state)
-    assert back.unknowns.twists[0] == pytest.approx(coarse.state.configuration.twists[0], abs=1e-14)
-
-
 def test_a_given_number_of_elements_is_kept_and_its_error_reported() -> None:
     """Three disks with one element a bay are far off; the run reports it, with the size of the error."""
     robot = replace(paper(), disks=Disks.equally_spaced(3, LENGTH))
@@ -166,25 +135,6 @@ def test_a_bay_under_a_known_force_has_the_fraction_of_eulers_load() -> None:
     step = LoadStep("", loads={"tip": Load(0.02, (0.0, 0.0, -force))})
     result = simulate(robot, Model(friction="none"), [step])
     assert result.steps[0].buckling_load_fraction == pytest.approx(0.3, rel=1e-3)
-
-
-def test_refinement_gives_elements_to_the_bays_that_need_them() -> None:
-    estimate = MeshEstimate(np.zeros((4, 3)), np.array([1e-5, 0.0, 16e-5]), np.zeros(3))
-    counts = refined((2, 2, 2), [estimate], 1e-6, 4)
-    assert counts[1] == 2
-    assert counts[2] > counts[0] > 2
-
-
-def test_the_error_is_infinite_where_the_equations_along_an_element_have_no_finite_solution() -> None:
-    """The bending moments of turns by 1e160 rad in one bay overflow along their elements."""
-    arm = Simulation(paper(), Model(friction="none", elements_per_bay=2), resolve(paper(), pull(1.0)))
-    state = SolvedState.of(arm)
-    twists = state.twists.copy()
-    twists[4:6, 3:] = 1e160
-    found = estimate(ElementModel.of(arm.handle), [replace(state, twists=twists)], goal=0.0)[0]
-    assert found.largest == np.inf
-    sound = estimate(ElementModel.of(arm.handle), [state], goal=0.0)[0]
-    assert np.isfinite(sound.largest)
 
 
 def test_elements_per_bay_can_be_given_for_every_bay() -> None:

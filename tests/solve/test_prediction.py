@@ -8,7 +8,7 @@ from robots import LENGTH, paper, pull, three
 
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.solve.equations.configuration import Target
-from tdcr_fe.solve.equations.linearization import SolvedStep, input_changes
+from tdcr_fe.solve.equations.linearization import input_changes
 from tdcr_fe.solve.newton.prediction import predict
 from tdcr_fe.solve.simulation import Simulation
 
@@ -33,22 +33,6 @@ def predict_from(arm, goal, line, settings=None):
     """Prediction from the state of a simulation."""
     changes = input_changes(arm.state, goal)
     return predict(arm.system, arm.state, goal, changes, line, settings or arm.settings)
-
-
-@pytest.mark.parametrize("length", [0.5, 1.0, 2.0])
-def test_the_polynomial_is_exact_for_cubic_curves(length):
-    """And, without the slope at its start, for quadratic ones."""
-
-    def x(t):
-        return np.array([1.0 + 2.0 * t + 3.0 * t**2 + 4.0 * t**3, -t + t**3])
-
-    def slope(t):
-        return np.array([2.0 + 6.0 * t + 12.0 * t**2, -1.0 + 3.0 * t**2])
-
-    last = SolvedStep(np.array([length]), x(-length), x(0.0), length * slope(-length))
-    assert slope(0.0) + last.curvature(length, slope(0.0)) == pytest.approx(x(1.0) - x(0.0), rel=1e-12)
-    square = SolvedStep(np.array([length]), np.array([length**2]), np.zeros(1), None)
-    assert square.curvature(length, np.zeros(1)) == pytest.approx([1.0], rel=1e-12)
 
 
 def test_error_of_a_prediction_falls_with_nearly_the_fourth_power_of_the_step():

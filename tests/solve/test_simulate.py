@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from robots import BACKBONE, DISKS, LENGTH, degrees, distance, paper, pull, solve, three
 
-from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.solve.simulate import SolverSettings, simulate
@@ -82,32 +81,12 @@ def test_unloaded_robot_stays_as_it_was():
     assert distance(result.tips[-1], np.array([0.0, 0.0, LENGTH])) < 1e-14
 
 
-@pytest.mark.integration
-def test_every_option_of_the_backbone_at_once():
-    """Precurved, superelastic, thick disks, payload and gravity; the unloaded end is where it began."""
-    backbone = replace(BACKBONE, precurvature=(1.0, 2.0), superelastic=Superelastic(0.002, 0.3))
-    robot = replace(three(0.3, backbone, replace(DISKS, thickness=4e-3)), tip_mass=0.001)
-    steps = [LoadStep("", {"t1": x}) for x in (0.0, 1.0, 2.0, 0.0)]
-    result = solve(robot, steps, gravity=(0.0, 0.0, -9.81))
-    assert distance(result.tips[0], result.tips[-1]) < 1e-6
-    assert distance(result.tips[0], result.tips[2]) > 0.1
-
-
 def test_precurved_backbone_without_load_is_the_arc():
     """Curvature k about y: the tip of a circular arc of radius 1/k."""
     k = 4.0
     robot = Robot(replace(BACKBONE, precurvature=(0.0, k)), DISKS, ())
     tip = solve(robot, [LoadStep("")]).tips[0]
     assert tip == pytest.approx([(1 - np.cos(k * LENGTH)) / k, 0.0, np.sin(k * LENGTH) / k], abs=1e-12)
-
-
-def test_thick_disks_do_not_bend():
-    """A tip moment bends only what lies between the inserts: angle = M (L - covered length) / EI."""
-    thickness, m = 4e-3, 2e-3
-    robot = Robot(BACKBONE, replace(DISKS, thickness=thickness), ())
-    step = solve(robot, [LoadStep("", loads={"tip": Load(LENGTH, moment=(0.0, m, 0.0))})]).steps[0]
-    covered = 12 * thickness + thickness / 2
-    assert step.bending_angle == pytest.approx(m * (LENGTH - covered) / BACKBONE.EI, rel=1e-5)
 
 
 # ---------------------------------------------------------------- gravity

@@ -5,20 +5,17 @@ from __future__ import annotations
 import pickle
 from dataclasses import replace
 
-import exudyn as exu
-import exudyn.itemInterface as eii
 import numpy as np
 import pytest
-from robots import BACKBONE, DISKS, distance, paper, scene, solve, three
+from robots import BACKBONE, DISKS, paper, scene, three
 
 from tdcr_fe.model.backbone import Superelastic
-from tdcr_fe.model.loading import LoadStep, SolverSettings
+from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import HelicalRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.load_steps.load_path import StepFailed
 from tdcr_fe.solve.newton import convergence
 from tdcr_fe.solve.newton.convergence import CONVERGENCE_TESTS, ConvergenceTest, NewtonStatus
 from tdcr_fe.solve.newton.newton import newton
@@ -66,44 +63,6 @@ def test_newton_converges_quadratically(robot, tensions, model):
     assert np.all(r[near + 1] <= np.maximum(10.0 * r[near] ** 2, 1e-8))
 
 
-@pytest.mark.parametrize("axial_stiffness", [None, 300.0], ids=["inextensible", "elastic"])
-def test_forces_and_slips_by_mobilisation_against_differences(axial_stiffness):
-    """The other columns and rows of the system: forces and slips by the mobilisations."""
-    robot = three(0.3, axial_stiffness=axial_stiffness)
-    tensions = (1.0, 0.5, 0.2)
-    _keep, handle, system, result = solved(robot, tensions)
-    numbering, frictional = system.numbering(), handle.actuation.law.frictional
-    s = 0.5 * result.state.mobilisation[0]
-    h = 1e-6
-
-    def at(s):
-        residual = system.residual(result.state._replace(mobilisation=(s,)), target(*tensions), numbering)
-        own = residual.forces[0]
-        return (
-            residual.unbalanced[6 : 6 * len(handle.nNodes)],
-            own.field.slip[frictional],
-            own.field.base_slip,
-        )
-
-    forces = system.residual(result.state._replace(mobilisation=(s,)), target(*tensions), numbering).forces[0]
-    columns, (_, _, own), base = (
-        forces.mobilisation_columns()[6:],
-        forces.slip_rows(),
-        forces.base_slip_by_mobilisation(),
-    )
-    # Exudyn's residual is what is unbalanced: inner less applied force, or the other way round; one sign for all.
-    for index, (i, g) in enumerate(zip(*np.nonzero(frictional), strict=True)):
-        if index % 7:
-            continue
-        shift = np.zeros_like(s)
-        shift[i, g] = h
-        up, down = at(s + shift), at(s - shift)
-        force, slip, base_slip = ((a - b) / (2 * h) for a, b in zip(up, down, strict=True))
-        assert columns[:, index] == pytest.approx(force, abs=1e-6)
-        assert own[:, index] == pytest.approx(slip, abs=1e-8)
-        assert base[:, index] == pytest.approx(base_slip, abs=1e-8)
-
-
 def test_a_stored_state_is_small_and_starts_another_run():
     """Pickled, it takes no more than its numbers; a solve that starts from it needs no iteration."""
     _keep, _, system, first = solved(paper(0.3), [1.0])
@@ -130,54 +89,3 @@ def test_every_test_of_the_list_decides_on_convergence(monkeypatch):
     assert CONVERGENCE_TESTS is convergence.CONVERGENCE_TESTS
     far = newton(system, solution.state, target(2.5), SolverSettings(max_iterations=1))
     assert far.status is NewtonStatus.NO_BALANCE and "the relative residual is" in far.reason(settings)
-
-
-def test_a_body_that_moves_freely_is_reported():
-    keep = exu.SystemContainer()
-    mbs = keep.AddSystem()
-    from tdcr_fe.model.loading import Model
-    from tdcr_fe.scene.builder import CreateTDCR
-
-    CreateTDCR(mbs, paper(0.3), Model(elements_per_bay=1))
-    node = mbs.AddNode(eii.NodePoint(referenceCoordinates=[1.0, 0.0, 0.0]))
-    mbs.AddObject(eii.MassPoint(nodeNumber=node, mass=1.0))
-    mbs.Assemble()
-    system = SceneSystem(mbs)
-    result = newton(system, system.current_state(), target(1.0), SolverSettings())
-    assert result.status is NewtonStatus.SINGULAR and "moves freely" in result.reason(SolverSettings())
-
-
-def test_failure_names_residual_place_and_cure():
-    _keep, mbs, handle = scene(paper(0.3))
-    handle.set_tensions([1e6])
-    from tdcr_fe.solve.statics import SolveTDCR
-
-    with pytest.raises(StepFailed, match=r"residual.*Try smaller load steps") as caught:
-        SolveTDCR(mbs, SolverSettings(min_substep=0.25))
-    assert caught.value.load_factor == 0.0 and caught.value.residual > 0.0
-
-
-def test_other_bodies_of_the_scene_are_solved_too():
-    """A mass on a spring under a force hangs at F/k beside the robot."""
-    keep = exu.SystemContainer()
-    mbs = keep.AddSystem()
-    from tdcr_fe.model.loading import Model
-    from tdcr_fe.scene.builder import CreateTDCR
-
-    node = mbs.AddNode(eii.NodePoint(referenceCoordinates=[1.0, 0.0, 0.0]))
-    body = mbs.AddObject(eii.MassPoint(nodeNumber=node, mass=1.0))
-    marker = mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=body))
-    ground = mbs.AddMarker(
-        eii.MarkerBodyPosition(bodyNumber=mbs.AddObject(eii.ObjectGround()), localPosition=[1, 0, 0])
-    )
-    mbs.AddObject(eii.CartesianSpringDamper(markerNumbers=[ground, marker], stiffness=[200.0] * 3))
-    mbs.AddLoad(eii.Force(markerNumber=marker, loadVector=[0.0, 4.0, 0.0]))
-    handle = CreateTDCR(mbs, paper(0.3), Model(elements_per_bay=1))
-    mbs.Assemble()
-    system = SceneSystem(mbs)
-    result = newton(system, system.current_state(), target(1.0), SolverSettings())
-    system.store(result.state)
-    at = mbs.GetNodeOutput(node, exu.OutputVariableType.Position)
-    assert at == pytest.approx([1.0, 0.02, 0.0], abs=1e-9)
-    expected = solve(paper(0.3), [LoadStep("", {"t1": 1.0})]).tips[-1]
-    assert distance(handle.tip_position, expected) < 1e-8

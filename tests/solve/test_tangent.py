@@ -8,14 +8,11 @@ import pytest
 from robots import LENGTH, paper, scene, three
 
 from tdcr_fe.elements.backbone import strain_matrices
-from tdcr_fe.elements.native.coordinates import add_neighbours
-from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.kernel import Residual, StaticKernel
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.equations.tangent import add_couplings, backbone_tangent, robot_tangent
-from tdcr_fe.solve.newton.newton import newton
 
 TENSIONS = np.array([2.0, 0.7, 0.4])
 
@@ -96,22 +93,6 @@ def test_forces_and_tangent_of_tendons_are_those_of_exudyns_connectors(per_bay):
     exudyns = system.scene_tangent(residual).dense(len(k))
     add_couplings(exudyns, residual, system.layout.space.slices)
     assert k == pytest.approx(exudyns, abs=1e-8 * np.abs(exudyns).max())
-
-
-def test_tangent_of_robots_alone_is_exudyns_at_equilibrium():
-    """At equilibrium the tangent does not depend on the unknowns in which it is taken."""
-    keep, mbs, _ = scene(paper(0.3), friction="per-hole")
-    mbs.variables["keep"] = keep
-    system = SceneSystem(mbs)
-    result = newton(
-        system, system.current_state(), Target((np.array([2.0]),)), SolverSettings(tolerance=1e-12)
-    )
-    assert result.converged
-    residual = system.residual(result.state, Target((np.array([2.0]),)), system.numbering())
-    own = np.zeros((6 * system.layout.reduction.nodes,) * 2)
-    add_neighbours(own, own_backbone(system, residual), np.arange(system.layout.reduction.nodes))
-    exudyns = system.scene_tangent(residual).dense(system.layout.reduction.count)
-    assert own[6:, 6:] == pytest.approx(exudyns[6:, 6:], abs=1e-8 * np.abs(exudyns).max())
 
 
 def test_other_objects_and_changed_stiffness_bring_exudyns_jacobian_back():

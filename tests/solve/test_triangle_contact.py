@@ -146,29 +146,6 @@ def touching(over: str, *, moving: bool, spheres: bool = True, friction: float =
     return Touching(keep, mbs, kernel, contact, tip, np.array(columns), foot)
 
 
-@pytest.mark.parametrize("over", OVER)
-def test_the_tangent_of_a_sphere_on_a_triangle_is_the_closed_form(over):
-    """Stiffness k along the normal n; F / d across it, but not along a face or an edge, where the nearest point moves.
-
-    On edges and vertices Exudyn halves the force, because two triangles meet there.
-    """
-    found = touching(over, moving=False)
-    across = np.array([0.0, 0.0, LENGTH]) - found.foot
-    d = float(np.linalg.norm(across))
-    n = across / d
-    part = 1.0 if over == "face" else 0.5
-    fixed = np.eye(3) - np.outer(n, n)
-    if over == "face":
-        fixed = np.zeros((3, 3))
-    elif over == "edge":
-        fixed -= np.outer(AXES[0], AXES[0])
-    expected = -part * SERIES * (np.outer(n, n) - (RADIUS - d) / d * fixed)
-    position = found.tip[:3]
-    tangent = found.tangent()
-    assert tangent[np.ix_(position, position)] == pytest.approx(expected, abs=1e-6 * SERIES)
-    assert found.force()[position] == pytest.approx(part * SERIES * (RADIUS - d) * n, rel=1e-9)
-
-
 @pytest.mark.parametrize("spheres", [True, False])
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("over", OVER)

@@ -7,12 +7,9 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from scipy import stats
 
 from tdcr_fe.sweeps.description import Sampling, Sweep, Variation
-from tdcr_fe.sweeps.figures import _with_prefixes
 from tdcr_fe.sweeps.report import _findings
 from tdcr_fe.sweeps.result import SweepResult
 from tdcr_fe.sweeps.sampling import Uniform, unit_points
@@ -96,16 +93,3 @@ def test_a_constant_has_no_indices():
 )
 def test_rounding_is_no_variation(values, answer):
     assert varies(np.array(values)) is answer
-
-
-def test_large_and_small_inputs_have_prefixes_and_others_stay() -> None:
-    """Young's modulus had "5.4, 6.0, 6.6" and a 1e10 on the label of the next plot."""
-    figure = Figure()
-    canvas = FigureCanvasAgg(figure)
-    for values, label in (([50e9, 60e9], "50 G"), ([2e-5, 4e-5], "20 µ"), ([0.1, 0.2], "0.1")):
-        ax = figure.add_subplot()
-        ax.plot(values, values)
-        ax.set_xticks(values)
-        _with_prefixes(ax.xaxis, np.array(values))
-        canvas.draw()
-        assert ax.get_xticklabels()[0].get_text() == label and ax.xaxis.get_offset_text().get_text() == ""

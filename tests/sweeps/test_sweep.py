@@ -18,7 +18,6 @@ from tdcr_fe.io.problems import InputError
 from tdcr_fe.sweeps.cases import Outcome
 from tdcr_fe.sweeps.files import journal
 from tdcr_fe.sweeps.keys import KeyProblem
-from tdcr_fe.sweeps.result import Collected
 from tdcr_fe.sweeps.run import SweepInterrupted
 
 
@@ -61,25 +60,6 @@ def test_processes_give_the_same_file_as_this_process(tmp_path):
     summary = json.loads((tmp_path / "two" / "summary.json").read_text())
     assert summary["status"] == {"converged": 6} and summary["sampling"]["seed"] == 0
     assert len(summary["input"]) == 3
-
-
-def test_rows_are_in_the_order_of_cases_whatever_the_order_of_completion(tmp_path):
-    described = tdcr.read_sweep(write_files(tmp_path))
-    design = described.design()
-    outcomes = [
-        Outcome(k, "converged", numbers={"tip_x": k / 10.0}, warnings=(f"step {k} is odd",))
-        for k in range(1, 7)
-    ]
-    frames = []
-    for order in ([1, 2, 3, 4, 5, 6], [5, 1, 6, 3, 2, 4]):
-        collected = Collected(described.count)
-        for k in order:
-            collected.add(outcomes[k - 1])
-        result = collected.result(described, design, 0.0, 6)
-        frames.append(result.cases)
-        (message,) = result.warnings
-        assert (message.case, message.count, message.example) == (1, 6, "step 1 is odd")
-    pd.testing.assert_frame_equal(*frames)
 
 
 @pytest.mark.parametrize("torn", [False, True], ids=["whole", "torn last line"])

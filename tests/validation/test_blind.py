@@ -13,14 +13,13 @@ import tdcr_fe.validation.blind as blind
 from tdcr_fe.effects import EFFECTS, Experiment, Observation
 from tdcr_fe.io.measured import read_measured
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.validation.blind.declared import draw_loading, draw_robot
+from tdcr_fe.validation.blind.declared import draw_robot
 from tdcr_fe.validation.blind.hidden import DRAW, RANGES
 from tdcr_fe.validation.blind.maker import Answer, make_blind
 from tdcr_fe.validation.blind.readings import read
 from tdcr_fe.validation.blind.recipes import (
     FORMS,
     LATER,
-    OF_SEGMENTS,
     PLANNED_PLACES,
     ROBOTS,
     SOFT,
@@ -29,7 +28,7 @@ from tdcr_fe.validation.blind.recipes import (
     plan_of,
 )
 from tdcr_fe.validation.blind.scoring import score
-from tdcr_fe.validation.campaigns.blind import CAMPAIGN, confusion, made_set, summary
+from tdcr_fe.validation.campaigns.blind import CAMPAIGN, confusion, summary
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
 
@@ -71,40 +70,6 @@ def test_chosen_effects_have_a_plan_of_their_own():
     assert [r.effects[0] for r in recipes] == list(LATER[:9])
     with pytest.raises(ValueError, match="no effect 'wind'"):
         plan_of(["wind"], 1)
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("name", FORMS)
-def test_forms_of_effects_have_a_plan_of_their_own(name, tmp_path):
-    """The hidden numbers are those of segments, tendons and markers that the robot has, and the data show them."""
-    (recipe,) = plan_of([name], 1)
-    assert recipe.listed == (FORMS[name],) and (recipe.robot == "two-segment" or name not in OF_SEGMENTS)
-    answer = make_blind(tmp_path, replace(recipe, sigma=2e-4), substeps=1)
-    data = read_measured(tmp_path, strict=True)
-    known = next(e for e in EFFECTS if e.name == FORMS[name])
-    of_robot = known.parameters_of(Experiment(data.robot, data.model, data.steps, data.observation))
-    assert set(answer.effects[FORMS[name]]) <= {p.name for p in of_robot}
-    assert len(answer.effects[FORMS[name]]) > (0 if name in OF_SEGMENTS else 1)
-    assert answer.detectable
-
-
-@pytest.mark.parametrize("kind", ROBOTS)
-def test_loading_sequences_are_those_of_a_careful_experimenter(kind):
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        robot = draw_robot(kind, rng)
-        assert 0.15 <= robot.backbone.length <= 0.4
-        assert 8 <= len(robot.disks.positions) <= 16
-        drive = "displacement" if seed % 2 and kind != "two-segment" else "tension"
-        steps, branches = draw_loading(robot, drive, seed == 3, rng)
-        assert 20 <= len(steps) <= 40 and len(branches) == len(steps)
-        assert any(any(s.loads["tip"].force) for s in steps)
-        values = np.array([list((s.displacements or s.tensions).values()) for s in steps])
-        pulled = values.max(axis=0) > 1.05 * values[0] + 1e-6
-        assert np.all(pulled) or kind == "two-segment"
-        assert np.any(np.diff(values, axis=0) < 0.0)
-        if seed == 3:
-            assert np.all(np.diff([s.time for s in steps]) > 0.0)
 
 
 def test_the_folder_has_the_declared_robot_and_not_the_answer(made):
@@ -255,11 +220,3 @@ def test_every_listed_effect_has_random_values():
     """An effect added to the list must get an entry in one of both tables."""
     each = {name for name in FORMS if name.endswith("each")}
     assert set(DRAW) | set(RANGES) | each | set(SOFT) == {e.name for e in EFFECTS} | set(FORMS)
-
-
-def test_a_set_that_was_made_is_not_made_again(made, tmp_path, monkeypatch):
-    answer = made[2]
-    monkeypatch.setattr("tdcr_fe.validation.campaigns.blind.make_blind", lambda *_: answer)
-    assert made_set(answer.recipe, tmp_path) == answer
-    monkeypatch.setattr("tdcr_fe.validation.campaigns.blind.make_blind", None)
-    assert made_set(answer.recipe, tmp_path) == answer

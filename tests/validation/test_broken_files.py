@@ -9,7 +9,6 @@ import time
 
 import pytest
 
-from tdcr_fe import cli
 from tdcr_fe.io.problems import LONGEST, Problem
 from tdcr_fe.validation.broken_files.mutations import MUTATIONS
 from tdcr_fe.validation.broken_files.toml_mutations import paths, to_toml
@@ -86,25 +85,6 @@ def test_the_limit_counts_processor_time_and_is_not_swallowed(monkeypatch):
         del slow  # an exception within a destructor is swallowed
         _compute(0.6)
     assert "reading" in where
-
-
-def test_an_empty_key_of_a_variation_is_refused(tmp_path, capsys):
-    """An IndexError before."""
-    (tmp_path / "sweep.toml").write_text('[[vary]]\nkey = ""\nvalues = [1.0]\n', encoding="utf-8")
-    assert cli.main(["sweep", str(tmp_path / "sweep.toml"), "--check"]) == 2
-    assert 'vary[0].key = ""' in capsys.readouterr().err
-
-
-def test_many_mistakes_do_not_fill_the_terminal(tmp_path, capsys):
-    """A table of 100,000 wrong rows printed 100,000 lines."""
-    rows = "".join(f"{k},0.1,0.2,x\n" for k in range(200))
-    (tmp_path / "path.csv").write_text("step,x,y,z\n" + rows, encoding="utf-8")
-    assert cli.main(["new", "robot", "-o", str(tmp_path / "new"), "-q"]) == 0
-    command = ["follow", str(tmp_path / "new" / "robot.toml"), str(tmp_path / "path.csv"), "--largest", "2"]
-    assert cli.main([*command, "-o", str(tmp_path / "out")]) == 2
-    head, *lines = capsys.readouterr().err.splitlines()
-    assert head == "tdcr-fe: 200 mistakes in the input; nothing was written"
-    assert len(lines) == cli.MOST_PROBLEMS + 1 and lines[-1] == "  and 160 more"
 
 
 def test_a_long_value_is_shortened_in_its_message():

@@ -7,12 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tdcr_fe.io.toml import read_robot
-from tdcr_fe.io.write_toml import robot_to_toml
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.routing import ROUTINGS, HelicalRouting, ParallelRouting
+from tdcr_fe.model.routing import HelicalRouting, ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.campaigns.fuzz import Outcome, check_case
@@ -58,17 +56,6 @@ def test_an_outcome_passes_where_all_is_solved_and_all_checks_hold():
     assert not replace(good, error="in a check: ...").passed
     for wrong in (1e-3, None):  # JSON has no infinity
         assert replace(good, worst={"frames": wrong}).broken == ["frames"]
-
-
-def test_robots_are_written_and_read(tmp_path):
-    """What `robot.toml` can say: a robot that was drawn comes back from its file, effects apart."""
-    for number in range(60):
-        case = draw(number)
-        if any(t.routing.kind not in ROUTINGS for t in case.robot.tendons):
-            continue
-        path = tmp_path / f"{number}.toml"
-        path.write_text(robot_to_toml(case.robot), encoding="utf-8")
-        assert read_robot(path) == case.robot
 
 
 def test_an_arc_has_the_twists_of_its_curvature():

@@ -14,7 +14,6 @@ from tdcr_fe.validation import random_robots, runner
 from tdcr_fe.validation.campaigns import cut_steps
 from tdcr_fe.validation.campaigns.random_robots import Outcome, compare
 from tdcr_fe.validation.fuzz import drawing
-from tdcr_fe.validation.fuzz.energy import divided
 
 
 def digest(cases):
@@ -76,17 +75,6 @@ def test_finite_elements_and_reference_agree_with_default_settings(tmp_path, num
     found = runner.load("random_robots").run(number, tmp_path)
     assert found.passed
     assert max(found.gaps) < 2.0 * max(found.estimates) + 1e-6
-
-
-def test_parts_of_a_step_end_where_the_step_ends():
-    case = random_robots.draw(20)
-    parts = divided(case.robot, case.steps, 4)
-    assert len(parts) == 4 * len(case.steps)
-    for step, last in zip(case.steps, parts[3::4], strict=True):
-        assert last.tensions == pytest.approx(step.tensions)
-        assert last.displacements == pytest.approx(step.displacements)
-        if step.loads:
-            assert last.loads["tip"].force == pytest.approx(step.loads["tip"].force)
 
 
 @pytest.mark.integration

@@ -39,18 +39,6 @@ def test_slip_that_ends_where_it_began_is_detected():
 
 
 @pytest.mark.integration
-def test_a_step_taken_whole_misses_slip_reversals():
-    """The default of the reference at e3bbe5d: one substep, without a warning."""
-    robot = random_robot(4, 1)
-    steps = random_steps(robot, 1)
-    single, cut, resolved = (
-        solve_reference(robot, MODEL, steps, settings=ReferenceSettings(substeps=n)) for n in (1, 64, None)
-    )
-    assert np.max(largest_gap(single, cut)) > 10.0 * np.max(largest_gap(resolved, cut))
-    assert all(np.isnan(s.details["refinement_error"]) for s in single.steps)
-
-
-@pytest.mark.integration
 def test_a_tolerance_that_is_not_met_is_reported_with_the_refinement_error(monkeypatch):
     for module in (path, sequence):
         monkeypatch.setattr(module, "PATH_TOLERANCE", 1e-9)
@@ -63,15 +51,6 @@ def test_a_tolerance_that_is_not_met_is_reported_with_the_refinement_error(monke
     for step, warning in zip(unresolved, result.warnings, strict=True):
         assert f"step {step.step} ({step.label}): path not resolved" in warning
         assert f"{step.details['refinement_error']:.1e} of the length" in warning
-
-
-def test_without_friction_halving_changes_nothing():
-    robot = random_robot(3, 2)
-    steps = random_steps(robot, 2)
-    result = solve_reference(robot, Model("straight", "none"), steps)
-    single = solve_reference(robot, Model("straight", "none"), steps, settings=ReferenceSettings(substeps=1))
-    assert max(s.details["refinement_error"] for s in result.steps) < 1e-9
-    assert np.max(largest_gap(result, single)) < 1e-9
 
 
 @pytest.mark.parametrize("name", ["substeps", "presliding", "max_step"])

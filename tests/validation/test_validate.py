@@ -75,12 +75,6 @@ def test_a_moved_tip_and_a_wrong_state_are_noticed(monkeypatch):
     assert record["outside_bounds"] > 1e-3
 
 
-def test_the_observed_order_is_the_slope_of_log_error_over_log_size():
-    assert studies.observed_order(
-        np.array([0.5, 0.25, 0.125]), np.array([4e-4, 1e-4, 2.5e-5])
-    ) == pytest.approx(2.0)
-
-
 @pytest.mark.integration
 def test_more_elements_reduce_the_error_of_a_compressed_bay():
     """Helical tendon, five disks, gravity: order 1.9 or better at every share of a bay's buckling load."""
