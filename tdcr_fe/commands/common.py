@@ -49,7 +49,7 @@ def refuse(file: str | Path, value: str, allowed: str) -> Exception:
 
 def print_understood(args: argparse.Namespace, robot: Robot, model: Model, steps: Sequence[LoadStep]) -> None:
     """Print what was understood of a description, so that a wrong unit is seen before anything is solved."""
-    from tdcr_fe.model.remarks import understood
+    from tdcr_fe.model.plausibility import understood
 
     if not args.quiet:
         print(f"{robot.name}: " + "\n  ".join(understood(robot, model, steps)), flush=True)

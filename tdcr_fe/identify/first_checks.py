@@ -11,8 +11,8 @@ from tdcr_fe.identify.data_faults import impossible_place
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, TDCRWarning
-from tdcr_fe.model.plausibility import Description, plausibility_warnings
-from tdcr_fe.model.remarks import plausibility_remarks
+from tdcr_fe.model.plausibility import plausibility
+from tdcr_fe.model.quantities import Description
 
 #: Inputs that bend the robot more or less than this many times as much as the readings say are in another unit [1].
 OTHER_UNIT = 4.0
@@ -28,10 +28,9 @@ def first_checks(data: MeasuredData) -> dict[type[TDCRWarning], list[str]]:
     """
     described = data.robot, data.model, data.steps
     try:
-        warned = plausibility_warnings(*described)
+        warned, remarks = plausibility(*described)
     except ValueError as error:
         raise InputError([Problem(data.name, "", "", _columns(str(error), data))]) from error
-    remarks = plausibility_remarks(*described, warned)
     if not warned:
         remarks.append(_other_bend(data))
     found = {PlausibilityWarning: [*warned, impossible_place(data)], PlausibilityRemark: remarks}

@@ -17,6 +17,7 @@ from tdcr_fe.model.channels import QUANTITIES, Channel, channel
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.messages import meant
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.units import mistaken
 
 OBSERVATION_COLUMNS = ("step", "quantity", "location", "value", "sigma")
 
@@ -188,9 +189,9 @@ def _value(known: Channel, text: str, length: float) -> float:
     low, high = known.limits(length)
     if low <= value <= high:
         return value
-    converted = value * known.mistaken_factor
     beyond = abs(value) > max(abs(low), abs(high))
-    unit = known.mistaken_unit if beyond and low <= converted <= high else ""
+    fits = {u: value * x for u, x in mistaken(known.unit).items() if beyond and low <= value * x <= high}
+    unit, converted = next(iter(fits.items()), ("", value))
     hint = f"; {converted:.4g} would fit, are these {unit}?" if unit else ""
     between = f"lies between {low:.4g} and {high:.4g} {known.unit}"
     raise _Fault("value", f"{known.quantity} of a robot of {length:g} m {between}{hint}", unit)
@@ -201,10 +202,9 @@ def _sigma(known: Channel, text: str, length: float) -> float:
     if not sigma > 0.0:
         raise _Fault("sigma", f"must be positive and finite [{known.unit}], or empty where it is not known")
     if sigma > known.largest_sigma(length):
-        hint = f", is this {known.mistaken_unit}?" if known.mistaken_unit else ""
-        raise _Fault(
-            "sigma", f"larger than the robot allows; must be in {known.unit}{hint}", known.mistaken_unit
-        )
+        unit = next(iter(mistaken(known.unit)), "")
+        hint = f", is this {unit}?" if unit else ""
+        raise _Fault("sigma", f"larger than the robot allows; must be in {known.unit}{hint}", unit)
     return sigma
 
 

@@ -19,7 +19,7 @@ from tdcr_fe.io.atomic import write_folder, write_json, write_text
 from tdcr_fe.io.loading_table import loading_table, without_columns
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import SolverSettings, resolve
-from tdcr_fe.model.remarks import understood
+from tdcr_fe.model.plausibility import understood
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.targets import FollowResult
 from tdcr_fe.report.motion import geometry

@@ -56,8 +56,6 @@ class Channel:
         Unit in reports and pictures, and the factor from `unit` to it.
     at_rest : callable
         Value of the straight, unloaded robot, from the location.
-    mistaken_unit, mistaken_factor : str, float
-        A unit that is often given by mistake, and its size in `unit`.
     family : str
         Channels of one family have the same noise.
     """
@@ -72,8 +70,6 @@ class Channel:
     resolution: Callable[[float], float]
     display_unit: str = ""
     display_factor: float = 1.0
-    mistaken_unit: str = ""
-    mistaken_factor: float = 1.0
     family: str = ""
     at_rest: Callable[[Location], float] = lambda location: 0.0
 
@@ -146,8 +142,6 @@ _METRES: dict[str, Any] = {
     "resolution": lambda length: 2e-5 * length,
     "display_unit": "mm",
     "display_factor": 1e3,
-    "mistaken_unit": "mm",
-    "mistaken_factor": 1e-3,
 }
 _RADIANS: dict[str, Any] = {
     "unit": "rad",
@@ -156,8 +150,6 @@ _RADIANS: dict[str, Any] = {
     "resolution": lambda length: 2e-5,
     "display_unit": "deg",
     "display_factor": math.degrees(1.0),
-    "mistaken_unit": "degrees",
-    "mistaken_factor": math.radians(1.0),
 }
 _PER_METRE: dict[str, Any] = {
     "unit": "1/m",

@@ -14,23 +14,9 @@ from functools import lru_cache
 from importlib.resources import files
 from typing import NamedTuple
 
-#: Units that a number may have been given in, by the unit of the file, and their size in it.
-UNITS = {
-    "m": {"mm": 1e-3},
-    "N": {"mN": 1e-3, "gf": 9.80665e-3, "kN": 1e3},
-    "N m": {"N mm": 1e-3},
-    "N m^2": {"N mm^2": 1e-6},
-    "kg": {"g": 1e-3},
-    "Pa": {"GPa": 1e9, "MPa": 1e6, "kPa": 1e3},
-    "kg/m^3": {"g/cm^3": 1e3},
-    "m/s^2": {"mm/s^2": 1e-3, "cm/s^2": 1e-2, "ft/s^2": 0.3048},
-    "1/m": {"1/mm": 1e3},
-    "N/m": {"N/mm": 1e3},
-    "N m/rad": {"N mm/rad": 1e-3},
-    "deg": {"rad": math.degrees(1.0)},
-    "turns": {"degrees": 1.0 / 360.0},
-    "": {"per cent": 0.01},
-}
+from tdcr_fe.model.units import mistaken
+
+REMARK = ".remark"
 
 
 @dataclass(frozen=True)
@@ -55,9 +41,17 @@ class Limit:
 
 @lru_cache(maxsize=1)
 def limits() -> dict[str, Limit]:
-    """The table of physical limits, by name."""
+    """The table of physical limits, by name; the bounds of remarks have the name with ``REMARK`` behind it."""
     text = (files("tdcr_fe") / "data" / "limits.toml").read_text(encoding="utf-8")
-    return {name: Limit(**row) for name, row in tomllib.loads(text).items()}
+    found = {}
+    for name, row in tomllib.loads(text).items():
+        closer = row.pop("remark", None)
+        if closer != {}:
+            found[name] = Limit(**row)
+        if closer is not None:
+            shared = ("quantity", "by_stiffness") if closer else row
+            found[name + REMARK] = Limit(**{n: row[n] for n in shared if n in row} | closer, remark=True)
+    return found
 
 
 class Value(NamedTuple):
@@ -81,6 +75,12 @@ class Value(NamedTuple):
         return not self.row.low <= self.ratio <= self.row.high
 
     @property
+    def beyond(self) -> Value | None:
+        """The value with the limit that it is beyond, that of warnings first; None where there is none."""
+        levels = (self._replace(limit=n) for n in (self.limit, self.limit + REMARK) if n in limits())
+        return next((v for v in levels if v.is_beyond), None)
+
+    @property
     def sentence(self) -> str:
         """What is wrong with it, with key, value, and the units in which it would be usual."""
         row, unit = self.row, self.unit if self.unit != "turns" else ""
@@ -89,7 +89,7 @@ class Value(NamedTuple):
             ratio=self.ratio, percent=100.0 * self.ratio, low=row.low, high=row.high, detail=self.detail
         )
         has_units = not math.isnan(self.value) and (row.usual or not row.remark)
-        units = UNITS.get(self.unit, {}) if has_units else {}
+        units = mistaken(self.unit) if has_units else {}
         fitting = [u for u, size in units.items() if row.is_usual(self.ratio * size)]
         return f"{self.key}{given}: {says}" + (
             f"; was it meant in {' or '.join(fitting)}?" if fitting else ""
@@ -153,8 +153,8 @@ def nearest_material(modulus: float, density: float) -> tuple[str, float]:
 
     factors = {n: max(off(modulus / 1e9, *row[:2]), off(density, *row[2:])) for n, row in MATERIALS.items()}
     name = min(factors, key=lambda n: factors[n])
-    if factors[name] > limits()["material"].high:
-        light = limits()["material"].high
+    if factors[name] > limits()["material" + REMARK].high:
+        light = limits()["material" + REMARK].high
         dense = [
             f"{n} has {row[0]:g} to {row[1]:g} GPa"
             for n, row in MATERIALS.items()

@@ -30,12 +30,12 @@ Receiver = Callable[[str, type[TDCRWarning]], object]
 _receiver: ContextVar[Receiver | None] = ContextVar("receiver", default=None)
 
 
-def issue(texts: Iterable[str], category: type[TDCRWarning] = TDCRWarning) -> None:
-    """Warn the caller of the function that calls this one."""
+def issue(texts: Iterable[str], category: type[TDCRWarning] = TDCRWarning, depth: int = 3) -> None:
+    """Warn the caller of the function that calls this one, or of one ``depth`` calls above the warning."""
     receive = _receiver.get()
     for text in texts:
         if receive is None:
-            warnings.warn(text, category, stacklevel=3)
+            warnings.warn(text, category, stacklevel=depth)
         else:
             receive(text, category)
 

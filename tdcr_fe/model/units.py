@@ -9,16 +9,24 @@ from typing import Any
 
 from tdcr_fe.model.messages import meant
 
+_TURN = 2 * Fraction(math.pi)
 #: Units by what they measure: exponents of m, kg and s, and the size of each in SI. Angles are ratios.
 _UNITS: dict[tuple[int, ...], dict[str, Fraction | str]] = {
-    (1, 0, 0): {"m": "1", "cm": "1e-2", "mm": "1e-3", "um": "1e-6", "in": "0.0254"},
+    (1, 0, 0): {"m": "1", "cm": "1e-2", "mm": "1e-3", "um": "1e-6", "in": "0.0254", "ft": "0.3048"},
     (0, 1, 0): {"kg": "1", "g": "1e-3", "mg": "1e-6"},
     (0, 0, 1): {"s": "1", "ms": "1e-3", "min": "60", "h": "3600"},
-    (1, 1, -2): {"N": "1", "mN": "1e-3", "kN": "1e3"},
+    (1, 1, -2): {"N": "1", "mN": "1e-3", "kN": "1e3", "gf": "9.80665e-3", "kgf": "9.80665"},
     (2, 1, -2): {"Nm": "1", "Nmm": "1e-3"},
     (-1, 1, -2): {"Pa": "1", "kPa": "1e3", "MPa": "1e6", "GPa": "1e9"},
-    (0, 0, 0): {"rad": "1", "mrad": "1e-3", "deg": Fraction(math.pi) / 180, "1": "1"},
+    (0, 0, 0): {"rad": "1", "mrad": "1e-3", "deg": _TURN / 360, "turns": _TURN, "%": "1e-2", "1": "1"},
 }
+#: Units that numbers are often given in by mistake, by the unit that they should be in.
+_MISTAKEN = {
+    "m": ("mm",), "N": ("mN", "gf", "kN"), "N m": ("N mm",), "N m^2": ("N mm^2",), "kg": ("g",),
+    "Pa": ("GPa", "MPa", "kPa"), "kg/m^3": ("g/cm^3", "g/mm^3", "g/m^3"), "m/s^2": ("mm/s^2", "cm/s^2", "ft/s^2"),
+    "1/m": ("1/mm",), "N/m": ("N/mm",), "N m/rad": ("N mm/rad",), "deg": ("rad",), "rad": ("deg",), "turns": ("deg",),
+    "": ("%",),
+}  # fmt: skip
 _KNOWN = {name: (dimension, Fraction(size)) for dimension, of in _UNITS.items() for name, size in of.items()}
 _NUMBER = r"[+-]?(?:[0-9]{1,40}\.?[0-9]{0,40}|\.[0-9]{1,40})(?:[eE][+-]?[0-9]{1,3})?"
 #: Of texts with a number and a unit.
@@ -59,6 +67,11 @@ def number_of(text: str, unit: str) -> float:
         return math.inf
 
 
+def mistaken(unit: str) -> dict[str, float]:
+    """Units that numbers are often given in by mistake, and their size in ``unit``."""
+    return {other: number_of(f"1 {other}", unit or "1") for other in _MISTAKEN.get(unit, ())}
+
+
 def number_or_none(value: Any, unit: str) -> float | None:
     """A value of a file as a number in ``unit``; None where it is none."""
     try:
@@ -90,7 +103,7 @@ def with_units(allowed: str, text: str, unit: str) -> str:
     """What is allowed in place of a text, with the units that it may have, and why it cannot be read."""
     if not has_unit(unit):
         return allowed
-    others = [x for x in _UNITS.get(_measure(unit)[0], ()) if x != "1"]
+    others = [x for x in _UNITS.get(_measure(unit)[0], ()) if x.isalpha()]
     units = ", ".join(others) if others else f"such as {unit}"
     try:
         number_of(text, unit)

@@ -19,9 +19,7 @@ from tdcr_fe.elements.native.items import Clamp, Connectors
 from tdcr_fe.model import arguments
 from tdcr_fe.model.checks import course_contradictions, size_contradictions
 from tdcr_fe.model.loading import Model
-from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, issue
-from tdcr_fe.model.plausibility import plausibility_warnings
-from tdcr_fe.model.remarks import plausibility_remarks
+from tdcr_fe.model.plausibility import warn_of_implausible
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene import parts
 from tdcr_fe.scene.forces import force_model
@@ -105,9 +103,7 @@ def CreateTDCR(
     """
     check_system("CreateTDCR", mbs)
     model = _checked_model(robot, model, gravity)
-    found = plausibility_warnings(robot, model, ())
-    issue(found, PlausibilityWarning)
-    issue(plausibility_remarks(robot, model, (), found), PlausibilityRemark)
+    warn_of_implausible(robot, model, ())
     _check_placement(name, referencePosition, loadPositions, presliding)
     motion = _checked_motion(initialVelocity, initialAngularVelocity, baseMarker is None)
     _check_drawing(show, color, graphicsDataList, baseMarker is not None)

@@ -12,9 +12,8 @@ from typing import NamedTuple
 from tdcr_fe.effects import Experiment
 from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, SolverSettings, resolve
-from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, issue, warnings_to
-from tdcr_fe.model.plausibility import plausibility_warnings, strain_warnings
-from tdcr_fe.model.remarks import plausibility_remarks
+from tdcr_fe.model.messages import issue, warnings_to
+from tdcr_fe.model.plausibility import strain_warnings, warn_of_implausible
 from tdcr_fe.model.results import Interrupted, Sensitivities, SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.mesh import elements_of_bays
@@ -111,10 +110,7 @@ def simulate(
         responses,
         record_path is not None,
     )
-    implausible = plausibility_warnings(robot, model, steps)
-    issue(implausible, PlausibilityWarning)
-    remarks = plausibility_remarks(robot, model, steps, implausible)
-    issue(remarks, PlausibilityRemark)
+    implausible, remarks = warn_of_implausible(robot, model, steps)
     with one_thread(), warnings_to():
         kept, last, stop = _refined_runs(request)
     if record_path is not None:
@@ -129,8 +125,8 @@ def simulate(
     ]
     issue(warnings)
     failed, message = (last.failed, last.message) if kept is last else _outcome_on_coarser_mesh(kept, last)
-    if implausible and message not in (CONVERGED, INTERRUPTED):
-        message += f". Implausible: {implausible[0]}"
+    if (doubts := [*implausible, *remarks]) and message not in (CONVERGED, INTERRUPTED):
+        message = f"{message.partition(' Try smaller')[0]} Check the input first: {doubts[0]}"
     result = SequenceResult(
         robot=robot,
         model=model,

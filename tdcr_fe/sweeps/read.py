@@ -28,9 +28,8 @@ from tdcr_fe.io.toml import (
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
-from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, issue, join, meant, quoted, shown
-from tdcr_fe.model.plausibility import plausibility_warnings
-from tdcr_fe.model.remarks import plausibility_remarks
+from tdcr_fe.model.messages import join, meant, quoted, shown
+from tdcr_fe.model.plausibility import warn_of_implausible
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import Keys, Mistake, Quantity, keys_of
 from tdcr_fe.model.targets import TensionLimits
@@ -151,10 +150,7 @@ def read_sweep(
     if report.problems:
         raise InputError(report.problems)
     with suppress(ValueError):  # of a case that is refused the reason is in the table
-        described = scenario.robot, scenario.model, scenario.steps
-        warnings = plausibility_warnings(*described)
-        issue(warnings, PlausibilityWarning)
-        issue(plausibility_remarks(*described, warnings), PlausibilityRemark)
+        warn_of_implausible(scenario.robot, scenario.model, scenario.steps)
     return sweep
 
 

@@ -19,11 +19,11 @@ from tdcr_fe.model.friction import StribeckFriction
 from tdcr_fe.model.limits import kind_of_material, limits
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.messages import PlausibilityWarning, TDCRWarning, warnings_to
-from tdcr_fe.model.plausibility import plausibility_warnings, strain_warnings
+from tdcr_fe.model.plausibility import plausibility, strain_warnings
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import HelicalRouting, ParallelRouting
 from tdcr_fe.model.targets import TensionLimits
-from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.model.tendon import Spool, Tendon
 from tdcr_fe.validation.crosscheck import cases as crosscheck
 from tdcr_fe.validation.paper import cases as paper_cases
 
@@ -62,7 +62,7 @@ def soft(modulus):
 #: Robot, model, load steps; how the only warning begins, and how it ends, where it names a unit.
 ROWS = {
     # Nothing was said of these.
-    "turns in degrees": (helical(360.0), Model(), PULL, "tendons[0].turns = 360: 36 turns", "in degrees?"),
+    "turns in degrees": (helical(360.0), Model(), PULL, "tendons[0].turns = 360: 36 turns", "in deg?"),
     "a turn a bay": (helical(10.0), Model(), PULL, "tendons[0].turns = 10: 1 turns between", ""),
     "more than half a turn a bay": (helical(9.0), Model(), PULL, "tendons[0].turns = 9:", ""),
     "angles in rad": (wire((0.0, 2.0944, 4.18879)), Model(), PULL, "tendons.angle_deg = 4.18879 deg", "in rad?"),
@@ -73,18 +73,18 @@ ROWS = {
         WIRE, Model(), drawn(t1=-4e-3), "steps[1].displacements.t1 = -0.004 m: it is let out and slack", ""),
     "one of two displacements": (WIRE, Model(), drawn(t1=-4e-3, t2=2e-3), "steps[1].displacements.t1", ""),
     "friction in per cent": (
-        wire(friction_coefficient=15.0), Model(), PULL, "tendons[0].friction_coefficient = 15:", "in per cent?"),
+        wire(friction_coefficient=15.0), Model(), PULL, "tendons[0].friction_coefficient = 15:", "in %?"),
     "friction above 1": (wire(friction_coefficient=1.5), Model(), PULL, "tendons[0].friction_coefficient", ""),
     "static friction": (
         wire(friction_coefficient=0.0, friction=StribeckFriction(40.0, 0.2, 1e-3)), Model(), PULL,
-        "tendons[0].friction.static = 40:", "in per cent?"),
+        "tendons[0].friction.static = 40:", "in %?"),
     "EI in N mm^2": (
         WIRE.with_backbone(bending_stiffness=9817.0), Model(), PULL,
         "backbone.bending_stiffness = 9817 N m^2: radius, modulus and Poisson's ratio give EI = 0.00982",
         "in N mm^2?"),
     "plateau in per cent": (
         WIRE.with_backbone(superelastic=Superelastic(1.0, 0.1)), Model(), PULL,
-        "backbone.superelastic.threshold_strain = 1:", "in per cent?"),
+        "backbone.superelastic.threshold_strain = 1:", "in %?"),
     "mass of disks in g": (WIRE.with_disks(mass=1.2), GRAVITY, PULL, "disks.mass = 1.2 kg: a weight of 118 N", "in g?"),
     "mass of the tip in g": (replace(WIRE, tip_mass=5.0), GRAVITY, PULL, "tip_mass = 5 kg: a weight of 49", "in g?"),
     "load in gf": (WIRE, Model(), at_tip(force=(20.0, 0.0, 0.0)), "steps[1].loads.tip.force = 20 N", "gf?"),
@@ -124,6 +124,14 @@ ROWS = {
         wire(axial_stiffness=60.0), Model(), [LoadStep(tensions={"t1": 30.0})],
         "steps[0].tensions.t1 = 30 N: strains the tendon by 50 %", ""),
     "displacement in mm": (WIRE, Model(), drawn(t1=2.0), "steps[1].displacements.t1 = 2 m", "in mm?"),
+    "EA in kN": (
+        WIRE.with_backbone(axial_stiffness=157.0), Model(), [LoadStep(tensions={"t1": 6.0})],
+        "backbone.axial_stiffness = 157 N: EI",
+        "in kN?"),
+    "motor angle in degrees": (
+        wire(spool=Spool(8e-3)), Model(), [LoadStep(motor_angles={"t1": 60.0})], "steps[0].motor_angles.t1 = 60 rad",
+        "in deg?"),
+    "density in g/mm^3": (WIRE.with_backbone(density=7.8e-3), Model(), [], "backbone.density = 0.0078", "in g/mm^3?"),
     "gravity in ft/s^2": (
         WIRE, Model(gravity=(0.0, 0.0, -32.2)), PULL, "model.gravity = 32.2 m/s^2: 3.282 times", "in ft/s^2?"),
     "a helix of two disks a turn": (helical(6.28), Model(), PULL, "tendons[0].turns = 6.28:", ""),
@@ -150,7 +158,7 @@ ROWS = {
 @pytest.mark.parametrize("row", ROWS)
 def test_a_value_that_no_robot_has_gives_one_warning_that_names_it_and_its_unit(row):
     robot, model, steps, begin, end = ROWS[row]
-    (found,) = plausibility_warnings(robot, model, steps)
+    (found,) = plausibility(robot, model, steps).warnings
     assert found.startswith(begin) and end in found, found
 
 
@@ -176,6 +184,16 @@ def test_a_load_far_beyond_the_limit_is_refused_before_solving(steps, words):
     with pytest.raises(ValueError, match="Nothing was solved") as error:
         tdcr_fe.simulate(WIRE, model, steps)
     assert str(error.value).startswith(words)
+
+
+def test_a_failure_names_the_implausible_input_and_no_smaller_load_steps():
+    robot = WIRE.with_backbone(youngs_modulus=200e3)
+    with warnings_to():
+        result = tdcr_fe.simulate(
+            robot, Model(elements_per_bay=1), PULL, tdcr_fe.SolverSettings(max_substeps=1)
+        )
+    assert not result.converged and "smaller load steps" not in result.message
+    assert "Check the input first: backbone.youngs_modulus = 200000 Pa" in result.message
 
 
 def test_a_target_in_millimetres_is_refused():
@@ -222,14 +240,14 @@ def test_warnings_go_where_a_program_wants_them():
 
 def test_antagonists_that_are_let_out_give_no_warning():
     """Of three tendons at 120 degrees, one takes up what the others are pulled in; of two, opposite ones the same."""
-    assert plausibility_warnings(WIRE, Model(), drawn(t1=-4e-3, t2=2e-3, t3=2e-3)) == []
-    assert plausibility_warnings(wire((0.0, 180.0)), Model(), drawn(t1=4e-3, t2=-4e-3)) == []
-    assert plausibility_warnings(WIRE, Model(gravity=(9.81, 0.0, 0.0)), drawn(t1=-1e-3)) == []
+    assert plausibility(WIRE, Model(), drawn(t1=-4e-3, t2=2e-3, t3=2e-3)).warnings == []
+    assert plausibility(wire((0.0, 180.0)), Model(), drawn(t1=4e-3, t2=-4e-3)).warnings == []
+    assert plausibility(WIRE, Model(gravity=(9.81, 0.0, 0.0)), drawn(t1=-1e-3)).warnings == []
 
 
 def test_a_thin_robot_may_hang_down():
-    assert plausibility_warnings(WIRE.with_disks(mass=0.1), Model(gravity=(0.0, 0.0, 9.81)), PULL) == []
-    assert len(plausibility_warnings(WIRE.with_disks(mass=0.1), GRAVITY, PULL)) == 1
+    assert plausibility(WIRE.with_disks(mass=0.1), Model(gravity=(0.0, 0.0, 9.81)), PULL).warnings == []
+    assert len(plausibility(WIRE.with_disks(mass=0.1), GRAVITY, PULL).warnings) == 1
 
 
 def test_a_soft_robot_gives_no_warning():
@@ -238,14 +256,14 @@ def test_a_soft_robot_gives_no_warning():
         body, tendons=(Tendon("t1", ParallelRouting(6e-3)), Tendon("t2", ParallelRouting(6e-3, 180.0)))
     )
     steps = [LoadStep(tensions={"t1": 2.0})]
-    assert plausibility_warnings(robot, Model.default_for(robot), steps) == []
+    assert plausibility(robot, Model.default_for(robot), steps).warnings == []
 
 
 def test_random_robots_give_no_warning():
     for n in (1, 2, 3, 4):
         for seed in range(10):
             robot = random_robot(n, seed)
-            assert plausibility_warnings(robot, Model(), random_steps(robot, seed)) == []
+            assert plausibility(robot, Model(), random_steps(robot, seed)).warnings == []
 
 
 def test_demo_and_cases_of_the_paper_give_no_warning():
@@ -254,9 +272,9 @@ def test_demo_and_cases_of_the_paper_give_no_warning():
     for folder in folders:
         if (folder / "scenario.toml").exists():
             s = read_scenario(folder / "scenario.toml")
-            assert plausibility_warnings(s.robot, s.model, s.steps) == [], folder.name
+            assert plausibility(s.robot, s.model, s.steps).warnings == [], folder.name
         elif (folder / "robot.toml").exists():
-            assert plausibility_warnings(read_robot(folder / "robot.toml"), Model(), []) == [], folder.name
+            assert plausibility(read_robot(folder / "robot.toml"), Model(), []).warnings == [], folder.name
         else:
             continue
         seen += 1
@@ -265,7 +283,7 @@ def test_demo_and_cases_of_the_paper_give_no_warning():
 
 def test_cases_of_the_cross_validation_give_no_warning():
     for case in crosscheck.all_cases():
-        assert plausibility_warnings(case.robot, case.model, case.steps) == [], case.id
+        assert plausibility(case.robot, case.model, case.steps).warnings == [], case.id
 
 
 # ------------------------------------------------------------------------------------------- strains of a solution

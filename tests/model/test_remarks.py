@@ -13,11 +13,10 @@ from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.limits import nearest_material
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.messages import PlausibilityRemark
-from tdcr_fe.model.plausibility import plausibility_warnings
-from tdcr_fe.model.remarks import plausibility_remarks, understood
+from tdcr_fe.model.plausibility import plausibility, understood
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ParallelRouting, PointsRouting
-from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.model.tendon import Spool, Tendon
 
 STEEL = Backbone(0.2, 0.5e-3, 200e9, 0.3, 7850.0)
 DISKS = Disks.equally_spaced(10, 0.2, mass=0.9e-3, thickness=3e-3, radius=8e-3)
@@ -54,7 +53,7 @@ ROWS = {
     "GJ or EI": (
         robot().with_backbone(bending_stiffness=1e-3), HELD, pulled(0.5), "backbone.bending_stiffness", "not fit"),
     "EI of a diameter": (
-        robot().with_backbone(bending_stiffness=0.05, torsional_stiffness=0.04), HELD, pulled(10.0, 30.0),
+        robot().with_backbone(bending_stiffness=0.05, torsional_stiffness=0.035), HELD, pulled(10.0, 30.0),
         "backbone.bending_stiffness = 0.05 N m^2", "EI = 0.00982"),
     "mass of a pack": (robot().with_disks(mass=9e-3, thickness=1e-3), Model(), PULL, "disks.mass = 0.009", "density"),
     "mass of steel": (robot().with_disks(mass=5.2e-3), HELD, PULL, "disks.mass = 0.0052 kg: weight", "sags"),
@@ -64,7 +63,7 @@ ROWS = {
     "one offset": (one(routing=ParallelRouting(5.6e-3)), HELD, PULL, "tendons[0].offset = 0.0056 m", "have 0.0065 m"),
     "one friction": (one(friction_coefficient=0.015), HELD, PULL, "tendons[0].friction_coefficient = 0.015", "0.15"),
     "one angle": (robot((0.0, 12.0, 240.0)), HELD, PULL, "tendons.angle_deg: 0, 12, 240 degrees", "balance"),
-    "breaking load": (robot().with_tendons(axial_stiffness=80.0), HELD, PULL, "tendons[0].axial_stiffness = 80", "EI"),
+    "breaking load": (robot().with_tendons(axial_stiffness=80.0), HELD, PULL, "tendons[0].axial_stiffness = 80", "kN?"),
     "x and y of one hole": (
         one(routing=PointsRouting((0.0, *DISKS.positions), SWAPPED)), HELD, PULL, "tendons[0].holes[5]", "neighbours"),
     "decimal point": (robot(), HELD, pulled(2.0, 0.4, 6.0), "steps[1].tensions.t1 = 0.4 N: 2 N before", "point"),
@@ -73,6 +72,13 @@ ROWS = {
         robot(), HELD, [*PULL, LoadStep(loads={"tip": Load(0.2, (0.0, 2.0, 0.0))})], "steps[3].loads.tip.force", "gf?"),
     "tip at 0.02": (
         robot(), HELD, [*PULL, LoadStep(loads={"tip": Load(0.02, (0.0, 0.2, 0.0))})], "steps[3].loads.tip.at", "tip"),
+    "a spool's spring in N/mm": (
+        one(spool=Spool(8e-3, 5.0)), HELD, PULL, "tendons[0].spool.stiffness = 5 N/m", "meant in N/mm?"),
+    "pretension": (
+        robot().with_tendons(pretension=15.0), HELD, drawn(2e-3, -1e-3, -1e-3), "tendons[0].pretension = 15", "alone"),
+    "force and moment": (
+        robot(), HELD, [*PULL, LoadStep(loads={"tip": Load(0.2, moment=(0.0, 0.1, 0.0))})],
+        "steps[3].loads.tip.moment = 0.1 N m", "right angle"),
     "sign of one motor": (robot(), HELD, drawn(4e-3, 2e-3, -2e-3), "steps[0].displacements of t1, t2, t3", "sign"),
     "increments": (robot(), HELD, 3 * drawn(4e-3, -2e-3, -2e-3), "steps: 2 steps ask for the same", "totals"),
 }  # fmt: skip
@@ -81,8 +87,8 @@ ROWS = {
 @pytest.mark.parametrize("row", ROWS)
 def test_what_does_not_fit_together_gets_one_remark_and_no_warning(row):
     described, model, steps, begin, words = ROWS[row]
-    assert plausibility_warnings(described, model, steps) == []
-    found = plausibility_remarks(described, model, steps)
+    assert plausibility(described, model, steps).warnings == []
+    found = plausibility(described, model, steps).remarks
     assert len(found) == 1 and found[0].startswith(begin) and words in found[0], found
 
 
@@ -92,8 +98,8 @@ def test_what_does_not_fit_together_gets_one_remark_and_no_warning(row):
 def test_a_common_robot_gets_no_remark(angles):
     described = robot(angles)
     for steps in (PULL, [LoadStep(displacements={"t1": 1e-3}), LoadStep(displacements={"t1": 3e-3})]):
-        assert plausibility_warnings(described, HELD, steps) == []
-        assert plausibility_remarks(described, HELD, steps) == []
+        assert plausibility(described, HELD, steps).warnings == []
+        assert plausibility(described, HELD, steps).remarks == []
 
 
 def test_materials_are_known_by_modulus_and_density():

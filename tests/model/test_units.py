@@ -101,9 +101,9 @@ def test_files_with_units_are_the_same_as_those_without(tmp_path):
             "a positive number [m], at most 1000, or a number with its unit",
         ),
         ("robot", "backbone.length", "-250 mm", "must be a positive number [m], at most 1000"),
-        ("robot", "tendons.1.angle_deg", "2 mm", "(rad, mrad, deg); mm cannot be converted to deg"),
+        ("robot", "tendons.1.angle_deg", "2 mm", "(rad, mrad, deg, turns); mm cannot be converted to deg"),
         ("robot", "backbone.poisson_ratio", "0.3 mm", "must be a number, above -1, at most 0.5"),
-        ("scenario", "steps.0.tensions.t1", "1.5 Nm", "(N, mN, kN); Nm cannot be converted to N"),
+        ("scenario", "steps.0.tensions.t1", "1.5 Nm", "(N, mN, kN, gf, kgf); Nm cannot be converted to N"),
         ("scenario", "effects.gravity.g_z", "9.81 m/s", "must be a number [m/s^2] from -12 to 12, or"),
     ],
 )

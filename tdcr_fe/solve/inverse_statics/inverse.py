@@ -17,9 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
-from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, issue, warnings_to
-from tdcr_fe.model.plausibility import plausibility_warnings, strain_warnings
-from tdcr_fe.model.remarks import plausibility_remarks
+from tdcr_fe.model.messages import issue, warnings_to
+from tdcr_fe.model.plausibility import strain_warnings, warn_of_implausible
 from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.targets import (
@@ -126,10 +125,7 @@ def follow_path(
     task = _Task(robot, model, tip_targets(targets), lower, upper, drive_by, effort, tuple(before), tolerance)
     begun = time.perf_counter()
     positions = [target.position for target in task.targets]
-    implausible = plausibility_warnings(robot, model, task.before, positions)
-    issue(implausible, PlausibilityWarning)
-    remarks = plausibility_remarks(robot, model, task.before, implausible)
-    issue(remarks, PlausibilityRemark)
+    implausible, remarks = warn_of_implausible(robot, model, task.before, positions)
     with one_thread(), warnings_to():
         run, stop = _refined_runs(task, settings or SolverSettings(), progress)
     result = run.result(time.perf_counter() - begun, implausible, remarks)

@@ -1,0 +1,173 @@
+"""Quantities of a loading sequence that physical limits bound: inputs and loads against the robot and each other."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from tdcr_fe.model.checks import ARC_TOLERANCE
+from tdcr_fe.model.limits import Value, kind_of_material, limits
+from tdcr_fe.model.loading import LoadStep
+from tdcr_fe.model.quantities import Description, bending, weight_values
+from tdcr_fe.model.robot import Robot
+
+#: A step of a tendon is expected within this factor of the mean of its neighbours.
+NEAR = 1.5
+#: ... where these differ by no more than this factor.
+SMOOTH = 5.0
+
+
+def loading_values(d: Description) -> Iterator[Value]:
+    """Quantities of a loading sequence."""
+    yield from _tendons(d)
+    yield from _loads(d)
+    yield from _bends(d)
+    yield from _sequence(d.robot, d.steps)
+
+
+def _tendons(d: Description) -> Iterator[Value]:
+    """Strains by tensions and displacements, in the step where they are largest."""
+    b = d.robot.backbone
+    tensions, moved = d.inputs("tensions"), d.inputs("displacements")
+    for i, tendon in enumerate(d.robot.tendons if d.steps else ()):
+        _, offset, end, *_ = d.courses[tendon.name]
+        k = int(np.argmax(tensions[:, i]))
+        force, key = float(tensions[k, i]), f"steps[{k}].tensions.{tendon.name}"
+        if tendon.pretension > force:
+            force, key = tendon.pretension, f"tendons[{i}].pretension"
+        # A parallel tendon bends the backbone to the curvature T a / EI (pure moment).
+        yield _strain(d, key, force, force * offset / b.EI)
+        if (ea := tendon.axial_stiffness or 0.0) >= limits()["tendon_stiffness"].low:
+            yield Value("tendon_strain", key, force, "N", force / ea)
+        k = int(np.argmax(np.abs(moved[:, i])))
+        far, unit, key = float(moved[k, i]), "m", f"steps[{k}].displacements.{tendon.name}"
+        ratio, detail = abs(far) / end, f"{end:g} m"
+        if tendon.name in d.asked[k].motor_angles:
+            far, unit = d.asked[k].motor_angles[tendon.name], "rad"
+            key = f"steps[{k}].motor_angles.{tendon.name}"
+        yield Value("displacement", key, far, unit, ratio, detail)
+    if not any(d.model.gravity[:2]) and not tensions.any() and not any(s.loads for s in d.steps):
+        yield from _let_out(d)
+
+
+def _strain(d: Description, key: str, force: float, curvature: float) -> Value:
+    """Larger strain of the backbone by a force [N], along its axis or at the surface by a curvature [1/m]."""
+    b = d.robot.backbone
+    strains = (force / b.EA, "along its axis"), (curvature * b.radius, "at the surface, by bending")
+    return Value(f"strain_{kind_of_material(b.youngs_modulus)}", key, force, "N", *max(strains))
+
+
+def _let_out(d: Description) -> Iterator[Value]:
+    """Displacements of tendons without pretension that nothing but displacements pulls."""
+    slack: dict[str, list[float]] = {t.name: [] for t in d.robot.tendons if not t.pretension}
+    held: dict[str, float] = {}
+    for step in d.steps:
+        held |= step.displacements
+        for name in slack:
+            if held.get(name, 0.0) < 0.0:
+                slack[name].append(held[name] + 1.5 * sum(max(x, 0.0) for x in held.values()))
+    for name, values in slack.items():
+        if values:
+            far, k = min((s.displacements.get(name, 0.0), k) for k, s in enumerate(d.steps))
+            yield Value("slack", f"steps[{k}].displacements.{name}", far, "m", max(values))
+
+
+def _loads(d: Description) -> Iterator[Value]:
+    """Loads against the stiffness of the backbone, and against their names."""
+    b = d.robot.backbone
+    for k, step in enumerate(d.steps):
+        for name, load in step.loads.items():
+            key = f"steps[{k}].loads.{name}"
+            force, moment = math.hypot(*load.force), math.hypot(*load.moment)
+            across = bending(load.force)
+            yield Value("force", f"{key}.force", force, "N", across * load.at**2 / b.EI)
+            # A force cannot bend the elastica more than that, however long it is.
+            yield _strain(
+                d, f"{key}.force", force, min(across * load.at / b.EI, math.sqrt(2.0 * across / b.EI))
+            )
+            by_moment = _strain(d, f"{key}.moment", 0.0, moment / b.EI)
+            yield by_moment._replace(value=moment, unit="N m")
+            yield Value("moment", f"{key}.moment", moment, "N m", moment * load.at / b.EI)
+            if "tip" in name.lower():
+                yield Value("not_at_tip", f"{key}.at", load.at, "m", load.at / b.length)
+
+
+def _bends(d: Description) -> Iterator[Value]:
+    """The largest angles by which inputs, or loads and weights where there are none, bend the robot, to first order."""
+    b = d.robot.backbone
+    largest = 0.0
+    for kind in ("tensions", "displacements"):
+        single = d.bends(kind)
+        if single.any():
+            together = np.linalg.norm(single.sum(axis=2), axis=1)
+            k = int(np.argmax(together))
+            yield Value("wound", f"steps[{k}].{kind}", math.nan, "", float(together[k]))
+            largest = max(largest, float(np.max(np.linalg.norm(single, axis=1))))
+    if largest == 0.0:
+        for tendon, course in zip(d.robot.tendons, d.courses.values(), strict=True):
+            largest = max(largest, tendon.pretension * float(np.linalg.norm(course.by_tension)))
+    if largest == 0.0:
+        loads = [load for step in d.steps for load in step.loads.values()]
+        forces = [math.hypot(*x.force) * x.at**2 / b.EI for x in loads]
+        moments = [math.hypot(*x.moment) * x.at / b.EI for x in loads]
+        largest = max(*forces, *moments, *(v.ratio for v in weight_values(d)))
+    if largest > 0.0 and d.steps:
+        yield Value("bends", "steps", math.nan, "", largest)
+
+
+# ------------------------------------------------------------------------------------------------- step against step
+
+
+def _sequence(robot: Robot, steps: Sequence[LoadStep]) -> Iterator[Value]:
+    """Inputs against those of the steps before and after, and tendons against each other."""
+    for kind, unit in (("tensions", "N"), ("displacements", "m")):
+        for name in robot.tendon_names:
+            inputs = [(k, getattr(s, kind)[name]) for k, s in enumerate(steps) if name in getattr(s, kind)]
+            yield from _slips(name, kind, unit, inputs)
+    named = {n for s in steps for n in (*s.tensions, *s.displacements)}
+    for i, tendon in enumerate(robot.tendons):
+        if tendon.pretension and tendon.name not in named and any(s.tensions for s in steps):
+            yield Value("held", f"tendons[{i}].pretension", tendon.pretension, "N", 1.0)
+    same = sum(
+        a.time is None and (a.tensions, a.displacements, a.loads) == (b.tensions, b.displacements, b.loads)
+        for a, b in itertools.pairwise(steps)
+    )
+    yield Value("same_steps", "steps", math.nan, "", same)
+    yield from _taken_in(robot, steps)
+
+
+def _slips(name: str, kind: str, unit: str, given: Sequence[tuple[int, float]]) -> Iterator[Value]:
+    """The input of a tendon, step and value, that is ten times as large as its neighbours suggest, or a tenth."""
+    found = []
+    for (_, before), (k, x), (_, after) in zip(given, given[1:], given[2:], strict=False):
+        if min(before * x, x * after) > 0.0 and 1.0 / SMOOTH <= before / after <= SMOOTH:
+            for factor in (0.1, 10.0):
+                misfit = abs(math.log(2.0 * factor * x / (before + after)))
+                detail = f"{before:g} {unit} before it and {after:g} {unit} after it"
+                slip = Value("one_step", f"steps[{k}].{kind}.{name}", x, unit, 10.0, detail)
+                found += [(misfit, k, slip)] if misfit < math.log(NEAR) else []
+    if found and found[-1][1] - found[0][1] <= 1:  # a wrong value may make its neighbour look wrong, too
+        yield min(found)[2]
+
+
+def _taken_in(robot: Robot, steps: Sequence[LoadStep]) -> Iterator[Value]:
+    """Displacements of three or more tendons that end together: what some take in the others have to let out."""
+    held: dict[str, float] = {}
+    groups: dict[int, list[str]] = {}
+    for tendon in robot.tendons:
+        groups.setdefault(round(robot.end(tendon) / ARC_TOLERANCE), []).append(tendon.name)
+    found: dict[str, tuple[float, float]] = {}  # sum, sum of sizes
+    for k, step in enumerate(steps):
+        held = {n: x for n, x in held.items() if n not in step.tensions} | dict(step.displacements)
+        for names in groups.values():
+            moved = [held[n] for n in names if n in held]
+            if len(names) > 2 and len(moved) == len(names) and max(moved) > max(0.0, min(moved)):
+                key = f"steps[{k}].displacements of {', '.join(names)}"
+                found[key] = sum(moved), sum(map(abs, moved))
+    largest = max((total for _, total in found.values()), default=0.0)
+    for key, (together, _) in found.items():
+        detail = f"{1e3 * together:.3g} mm"
+        yield Value("taken_in", key, math.nan, "m", abs(together) / largest, detail)

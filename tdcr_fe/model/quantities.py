@@ -1,0 +1,323 @@
+"""Quantities of a robot that physical limits bound: sizes, masses, stiffnesses, tendons, each alone and against others.
+
+A quantity is a `Value` of a row of ``data/limits.toml``. Those of a loading are in `loading_quantities.py`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.checks import ARC_TOLERANCE
+from tdcr_fe.model.limits import REMARK, Value, limits, nearest_material
+from tdcr_fe.model.loading import LoadStep, Model, Vector, with_displacements
+from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.tendon import Tendon
+
+#: Relative difference up to which values are alike, and part of the others that must be alike.
+ALIKE, MOST = 1e-3, 2 / 3
+#: Tendons that are not alike differ by less than this factor.
+SPREAD = 3.0
+
+
+class Course(NamedTuple):
+    """Holes of a tendon in their sections [m], shape (n + 1, 2), and what follows from them."""
+
+    holes: NDArray[np.float64]
+    offset: float  # largest distance of a hole from the axis [m]
+    end: float  # arc length of the anchor [m]
+    # Angles by which tension and displacement bend the robot, to first order and with their direction, each (2,)
+    by_tension: NDArray[np.float64]  # [rad/N]
+    by_displacement: NDArray[np.float64]  # [rad/m]
+
+
+class Description(NamedTuple):
+    """A scenario, with displacements in place of motor angles, and the courses of its tendons by name."""
+
+    robot: Robot
+    model: Model
+    asked: Sequence[LoadStep]  # as they were given
+    steps: Sequence[LoadStep]
+    courses: dict[str, Course]
+
+    @classmethod
+    def of(cls, robot: Robot, model: Model, steps: Sequence[LoadStep]) -> Description:
+        """Of a scenario."""
+        courses = {}
+        for tendon in robot.tendons:
+            holes, end = robot.holes(tendon), robot.end(tendon)
+            distances = np.linalg.norm(holes, axis=1)
+            offset = float(np.max(distances))
+            direction = holes[0] / max(float(distances[0]), 1e-300)
+            disks = robot.disks.thickness * (np.count_nonzero(robot.hole_arc_lengths(tendon)[1:]) - 0.5)
+            by_tension = offset * (end - max(float(disks), 0.0)) / robot.backbone.EI * direction
+            courses[tendon.name] = Course(holes, offset, end, by_tension, direction / (offset or np.inf))
+        return cls(robot, model, steps, with_displacements(robot, steps), courses)
+
+    def bends(self, kind: str) -> NDArray[np.float64]:
+        """Angles by which inputs bend the robot, to first order [rad], by step, direction and tendon."""
+        factors = [getattr(c, f"by_{kind.removesuffix('s')}") for c in self.courses.values()]
+        return self.inputs(kind)[:, None, :] * np.array(factors).reshape(-1, 2).T
+
+    def inputs(self, kind: str) -> NDArray[np.float64]:
+        """Tensions [N] or displacements [m] by step and tendon; zero where a step names none."""
+        names = self.robot.tendon_names
+        found = [[getattr(s, kind).get(n, 0.0) for n in names] for s in self.steps]
+        return np.array(found).reshape(len(self.steps), len(names))
+
+
+def robot_values(d: Description) -> Iterator[Value]:
+    """Quantities of a robot, and of gravity."""
+    yield from _backbone(d.robot)
+    yield from _stiffnesses(d.robot)
+    if not d.robot.without_disks:
+        yield from _disks(d.robot)
+    for i, tendon in enumerate(d.robot.tendons):
+        yield from _tendon(d, tendon, f"tendons[{i}]")
+    yield from _tendons(d)
+    yield from _weights(d)
+
+
+# ------------------------------------------------------------------------------------------------- backbone, disks
+
+
+def _backbone(robot: Robot) -> Iterator[Value]:
+    b, disks = robot.backbone, robot.disks
+    yield Value("length", "backbone.length", b.length, "m", b.length)
+    thick = robot.without_disks or b.radius < disks.radius
+    ratio = b.radius / (b.length if thick else disks.radius)
+    detail = f"radius {disks.radius:g} m"
+    yield Value("radius" if thick else "radius_of_disks", "backbone.radius", b.radius, "m", ratio, detail)
+    yield Value("slenderness", "backbone.radius", b.radius, "m", b.length / b.radius)
+    yield Value("modulus", "backbone.youngs_modulus", b.youngs_modulus, "Pa", b.youngs_modulus)
+    yield Value("poisson", "backbone.poisson_ratio", b.poisson_ratio, "", b.poisson_ratio)
+    if b.density > 0.0:  # without: no weight and no inertia
+        yield Value("density", "backbone.density", b.density, "kg/m^3", b.density)
+    if b.superelastic is not None:
+        strain = b.superelastic.threshold_strain
+        yield Value("threshold_strain", "backbone.superelastic.threshold_strain", strain, "", strain)
+    if (curved := math.hypot(*b.precurvature)) > 0.0:
+        yield Value("precurvature", "backbone.precurvature", curved, "1/m", curved * b.length)
+
+
+def _stiffnesses(robot: Robot) -> Iterator[Value]:
+    """Those given by hand beside those of the round rod and each other, base and springs; and the material."""
+    b = robot.backbone
+    solid = Backbone(b.length, b.radius, b.youngs_modulus, b.poisson_ratio)
+    for name, symbol in {"bending": "EI", "torsional": "GJ", "axial": "EA", "shear": "GA"}.items():
+        key, unit = f"{name}_stiffness", "N m^2" if symbol in ("EI", "GJ") else "N"
+        given, computed = getattr(b, key), getattr(solid, symbol)
+        if given is not None:
+            detail = f"{symbol} = {computed:.3g} {unit}"
+            if name == "axial" and 0.1 < given / solid.EI < 10.0:
+                detail += f", and EI = {solid.EI:.3g} N m^2: is it the bending_stiffness?"
+            # A backbone without stretch and shear is given by high stiffnesses.
+            ratio = given / computed if unit == "N m^2" else min(given / computed, 1.0)
+            yield Value("stiffness", f"backbone.{key}", given, unit, ratio, detail)
+    given = b.bending_stiffness or b.torsional_stiffness
+    if given:
+        key = "bending" if b.bending_stiffness else "torsional"
+        both = f"EI = {b.EI:.3g} and GJ = {b.GJ:.3g} N m^2"
+        ratio = b.GJ * (1.0 + b.poisson_ratio) / b.EI
+        yield Value("torsion", f"backbone.{key}_stiffness", given, "N m^2", ratio, both)
+    elif b.density > 0.0:
+        name, factor = nearest_material(b.youngs_modulus, b.density)
+        detail = f"{b.density:g} kg/m^3 ({name})"
+        yield Value("material", "backbone.youngs_modulus", b.youngs_modulus, "Pa", factor, detail)
+    if b.axial_stiffness is not None:
+        both = f"EI = {b.EI:.3g} N m^2 and EA = {b.EA:.3g} N"
+        yield Value("axial", "backbone.axial_stiffness", b.EA, "N", 0.25 * b.EA * b.radius**2 / b.EI, both)
+    if robot.base_stiffness is not None:
+        ratio = robot.base_stiffness * b.length / b.EI
+        yield Value("base_stiffness", "base_stiffness", robot.base_stiffness, "N m/rad", ratio)
+    for k, spring in enumerate(robot.springs):
+        ratio = spring.stiffness * spring.at**3 / b.EI
+        yield Value("side_spring", f"springs[{k}].stiffness", spring.stiffness, "N/m", ratio)
+
+
+def _disks(robot: Robot) -> Iterator[Value]:
+    """Masses against volumes, thickness against distances, and distances against each other."""
+    disks, b = robot.disks, robot.backbone
+    yield Value("disks", "disks.radius", disks.radius, "m", disks.radius / b.length)
+    bays = np.diff([0.0, *disks.positions])
+    usual = float(np.median(bays))
+    yield Value("thickness", "disks.thickness", disks.thickness, "m", disks.thickness / usual)
+    volume = math.pi * (disks.radius**2 - b.radius**2) * (disks.thickness or float(np.min(bays)))
+    if disks.mass > 0.0 and volume > 0.0:
+        density = disks.mass / volume
+        ratio = density if disks.thickness else max(density, limits()["disk_density" + REMARK].low)
+        yield Value("disk_density", "disks.mass", disks.mass, "kg", ratio, f"{density:.3g} kg/m^3")
+    odd = np.abs(bays[1:-1] / usual - 1.0) > ALIKE
+    if len(bays) > 3 and 0 < np.count_nonzero(odd) <= (1.0 - MOST) * len(odd):
+        k = 1 + int(np.argmax(odd))
+        detail = f"{bays[k]:.4g} m from the disk before it, where most distances are {usual:.4g} m"
+        yield Value("one_disk", f"disks.positions[{k}]", disks.positions[k], "m", 2.0, detail)
+
+
+# ------------------------------------------------------------------------------------------------- tendons
+
+
+def _tendon(d: Description, tendon: Tendon, key: str) -> Iterator[Value]:
+    """Quantities of one tendon, and its holes against neighbouring holes."""
+    robot, backbone = d.robot, d.robot.backbone
+    holes, offset, end, *_ = d.courses[tendon.name]
+    bays = sum(s <= end + ARC_TOLERANCE for s in robot.bay_ends)
+    for name, turns in vars(tendon.routing).items():
+        if name.startswith("turns"):
+            yield Value("turns", f"{key}.{name}", turns, "turns", abs(turns) / max(1, bays))
+            if quarter := round(abs(turns) / (0.5 * math.pi)):
+                off = abs(abs(turns) / (0.5 * math.pi * quarter) - 1.0)
+                yield Value("turns_rad", f"{key}.{name}", turns, "", off, f"{quarter / 2:g}")
+    law = tendon.friction
+    given = {"friction_coefficient": tendon.friction_coefficient}
+    given |= {f"friction.{n}": getattr(law, n, 0.0) for n in ("mu", "static", "kinetic")}
+    if robot.without_disks:
+        given["adhesion"] = tendon.adhesion
+    for name, value in given.items():
+        limit = "no_holes" if robot.without_disks else "friction"
+        yield Value(limit, f"{key}.{name}", value, "", value)
+    bend = tendon.adhesion * offset * end / backbone.EI
+    yield Value("adhesion", f"{key}.adhesion", tendon.adhesion, "N", bend)
+    if (ea := tendon.axial_stiffness) is not None:
+        yield Value("tendon_stiffness", f"{key}.axial_stiffness", ea, "N", ea)
+        yield Value("soft_tendon", f"{key}.axial_stiffness", ea, "N", ea * offset**2 / backbone.EI)
+    if tendon.spool is not None and tendon.spool.stiffness is not None:
+        k = tendon.spool.stiffness
+        yield Value("soft_tendon", f"{key}.spool.stiffness", k, "N/m", k * end * offset**2 / backbone.EI)
+    pulled = tendon.pretension * float(np.linalg.norm(d.courses[tendon.name].by_tension))
+    yield Value("pretension", f"{key}.pretension", tendon.pretension, "N", pulled)
+    if robot.without_disks:
+        s = np.linspace(0.0, end, 101)
+        offsets = np.linalg.norm(tendon.routing.position(s, end), axis=1)
+        radius = backbone.radius_at(s)
+        k = int(np.argmax(offsets / radius))
+        detail = f"of radius {radius[k]:g} m at s = {s[k]:g} m"
+        yield Value("course", f"{key}.offset", offsets[k], "m", offsets[k] / radius[k], detail)
+    else:
+        yield Value("small_offset", f"{key}.offset", offset, "m", offset / robot.disks.radius)
+        if offset > 0.0 and backbone.bending_stiffness is None:
+            yield Value("hole", f"{key}.offset", offset, "m", offset / backbone.radius)
+    if len(holes) >= 5:
+        away = np.linalg.norm(holes[1:-1] - 0.5 * (holes[:-2] + holes[2:]), axis=1)
+        k = int(np.argmax(away))
+        ratio = float(away[k] / (np.median(away) + 0.1 * offset)) if offset else 0.0
+        yield Value("one_hole", f"{key}.holes[{k + 1}]", math.nan, "m", ratio, f"{1e3 * away[k]:.3g} mm")
+
+
+def _tendons(d: Description) -> Iterator[Value]:
+    """Tendons against each other."""
+    robot, tendons = d.robot, d.robot.tendons
+    offsets = {n: c.offset for n, c in d.courses.items()}
+    keys = {t.name: f"tendons[{i}]" for i, t in enumerate(tendons)}
+    fields = {
+        ("friction_coefficient", ""): {t.name: t.friction_coefficient for t in tendons},
+        ("offset", "m"): offsets,
+        ("axial_stiffness", "N"): {t.name: t.axial_stiffness or 0.0 for t in tendons},
+        ("pretension", "N"): {t.name: t.pretension for t in tendons},
+    }
+    for (field, unit), values in fields.items():
+        if odd := _odd_one(values):
+            name, usual = odd
+            ratio = max(values[name] / usual, usual / values[name])
+            detail = f"{usual:g} {unit}".rstrip()
+            yield Value("one_tendon", f"{keys[name]}.{field}", values[name], unit, ratio, detail)
+    for one, other in itertools.combinations(tendons, 2):
+        a, b = (d.courses[t.name].holes for t in (one, other))
+        together = min(len(a), len(b))
+        apart = np.linalg.norm(a[:together] - b[:together], axis=1)
+        if a.shape == b.shape:
+            yield Value("same_holes", keys[other.name], math.nan, "m", float(np.max(apart)), keys[one.name])
+        elif not robot.without_disks:
+            yield Value("shared_holes", keys[other.name], math.nan, "m", float(np.min(apart)), keys[one.name])
+    angles = {t.name: getattr(t.routing, "angle_deg", math.inf) for t in tendons}
+    if len(set(angles.values())) > 1:
+        largest = max(map(abs, angles.values()))
+        yield Value("angles", "tendons.angle_deg", largest, "deg", largest)
+    for end in sorted({course.end for course in d.courses.values()}):
+        same = [t for t in tendons if d.courses[t.name].end == end]
+        if (
+            len(same) >= 3
+            and len({type(t.routing) for t in same}) == 1
+            and math.isfinite(angles[same[0].name])
+        ):
+            resultant = abs(np.mean([np.exp(1j * math.radians(angles[t.name])) for t in same]))
+            listed = ", ".join(f"{angles[t.name]:g}" for t in same[:6])
+            yield Value("balance", "tendons.angle_deg", math.nan, "deg", float(resultant), listed)
+
+
+def _odd_one(values: Mapping[str, float]) -> tuple[str, float] | None:
+    """The one value above zero that differs where all others are alike, or is far from the others; and the others'."""
+    names = sorted((n for n in values if values[n] > 0.0), key=lambda n: values[n])
+    if len(names) < 2:
+        return None
+    for rest, name in ((names[1:], names[0]), (names[:-1], names[-1])):
+        usual = values[rest[0]]
+        if len(rest) > 1 and values[rest[-1]] <= (1.0 + ALIKE) * usual and values[name] != usual:
+            return (name, usual) if abs(values[name] / usual - 1.0) > ALIKE else None
+    if values[names[-1]] < SPREAD * values[names[0]]:
+        return None
+    middle = values[names[(len(names) - 1) // 2]]
+    low = middle / values[names[0]] > values[names[-1]] / middle
+    return (names[0], values[names[-1]]) if low or len(names) == 2 else (names[-1], middle)
+
+
+# ------------------------------------------------------------------------------------------------- weights
+
+
+def masses(robot: Robot) -> dict[str, tuple[float, str, float]]:
+    """By key, a value with its unit, and the mass that follows from it [kg]."""
+    b, disks = robot.backbone, robot.disks
+    return {
+        "backbone.density": (b.density, "kg/m^3", b.mass_per_length * b.length),
+        "disks.mass": (disks.mass, "kg", disks.mass * len(disks.positions)),
+        "tip_mass": (robot.tip_mass, "kg", robot.tip_mass),
+    }
+
+
+def sag(robot: Robot, across: float) -> float:
+    """Sag of the tip under an acceleration across the robot [m/s^2], to first order, over the length [1]."""
+    spread = sum(mass for key, (_, _, mass) in masses(robot).items() if key != "tip_mass")
+    b = robot.backbone
+    return across * (spread / 8.0 + robot.tip_mass / 3.0) * b.length**2 / b.EI
+
+
+def bending(vector: Vector) -> float:
+    """Size of a force or acceleration, but for what pulls the robot straight: its component from base to tip."""
+    x, y, z = vector
+    return math.hypot(x, y, min(z, 0.0))
+
+
+def weight_values(d: Description) -> Iterator[Value]:
+    """Weights against the stiffness of the backbone, where gravity does not pull from base to tip."""
+    b, g = d.robot.backbone, float(np.linalg.norm(d.model.gravity))
+    for key, (value, unit, mass) in masses(d.robot).items():
+        ratio = mass * bending(d.model.gravity) * b.length**2 / b.EI
+        yield Value("weight", key, value, unit, ratio, f"{mass * g:.3g} N")
+
+
+def _weights(d: Description) -> Iterator[Value]:
+    """Gravity, and what the weights do to the unloaded robot."""
+    robot, key = d.robot, "model.gravity"
+    x, y, z = d.model.gravity
+    g, b, given = math.hypot(x, y, z), robot.backbone, masses(robot)
+    total = sum(mass for _, _, mass in given.values())
+    if g == 0.0:
+        yield Value("no_gravity", key, g, "m/s^2", sag(robot, 9.81), f"{9.81 * total:.3g} N")
+        return
+    yield Value("gravity", key, g, "m/s^2", g, f"{g / 9.81:.4g}")
+    yield Value("direction", key, g, "m/s^2", abs(g - 1.0))
+    yield Value("no_mass", key, g, "m/s^2", total)
+    yield from weight_values(d)
+    heaviest = max(given, key=lambda k: given[k][2])
+    value, unit, _ = given[heaviest]
+    per_weight = b.length**2 / b.EI
+    buckling = max(-z, 0.0) * ((total - robot.tip_mass) / 7.84 + robot.tip_mass / 2.467) * per_weight
+    yield Value("sag", heaviest, value, unit, sag(robot, math.hypot(x, y)))
+    yield Value("upright", heaviest, value, unit, buckling)
+    yield Value("hanging", heaviest, value, unit, max(z, 0.0) * total * per_weight)
