@@ -198,7 +198,6 @@ COMMANDS = {
         -o --out FILE.html  the page [RESULT/view.html]
         --video FILE        also a video, FILE.gif or FILE.mp4 (the latter needs the program ffmpeg)
         --vtk FOLDER        also files for ParaView: FOLDER/robot.pvd and one .vtp for each load step
-        --gltf FILE.glb     also an animated 3D model, for Blender, slides and other viewers
         and quiet""",
         ("view results", "view results -o robot.html --video robot.gif"),
         options={"out": {}},

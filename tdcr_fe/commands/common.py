@@ -40,13 +40,6 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def refuse(file: str | Path, value: str, allowed: str) -> Exception:
-    """An error that names a file or an option, the value there, and what is allowed."""
-    from tdcr_fe.io.problems import InputError, Problem
-
-    return InputError([Problem(str(file), "", value, allowed)])
-
-
 def print_understood(args: argparse.Namespace, robot: Robot, model: Model, steps: Sequence[LoadStep]) -> None:
     """Print what was understood of a description, so that a wrong unit is seen before anything is solved."""
     from tdcr_fe.model.plausibility import understood

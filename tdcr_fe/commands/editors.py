@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 
-from tdcr_fe.commands.common import Exit, refuse
+from tdcr_fe.commands.common import Exit
+from tdcr_fe.io.problems import refusal
 
 
 def schema(args: argparse.Namespace) -> int:
@@ -32,7 +33,7 @@ def completion(args: argparse.Namespace) -> int:
         import shtab
     except ImportError as error:
         text = "needs shtab, which is not installed: pip install 'tdcr-fe[completion]'"
-        raise refuse("completion", args.shell, text) from error
+        raise refusal("completion", text, value=args.shell) from error
     for parser in args.commands.values():
         for action in parser._actions:
             if action.choices is None and action.nargs != 0:

@@ -7,13 +7,12 @@ import importlib
 from pathlib import Path
 from typing import Any
 
-from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar, refuse
+from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.io.loading_table import read_path
-from tdcr_fe.io.problems import read_all
+from tdcr_fe.io.problems import read_all, refusal
 from tdcr_fe.io.result_files import TARGETS, write_follow
 from tdcr_fe.io.toml import digest, read_model_file, read_robot
-from tdcr_fe.model.loading import Model, SolverSettings
 from tdcr_fe.model.messages import count
 from tdcr_fe.model.results import Interrupted
 from tdcr_fe.model.robot import Robot
@@ -24,14 +23,10 @@ from tdcr_fe.solve.inverse_statics.inverse import follow_path
 def follow(args: argparse.Namespace) -> int:
     """Find the loading sequence, and write it with what it reaches."""
     robot = read_robot(args.robot)
-
-    def read_model() -> tuple[Model, SolverSettings]:
-        return (
-            read_model_file(args.model, robot) if args.model else (Model.default_for(robot), SolverSettings())
-        )
-
     targets, (model, settings), limits = read_all(
-        lambda: read_path(args.path, robot.backbone.length), read_model, lambda: _limits(args, robot)
+        lambda: read_path(args.path, robot.backbone.length),
+        lambda: read_model_file(args.model, robot),
+        lambda: _limits(args, robot),
     )
     out = check_output_folder(args.out)
     if not args.no_pictures:
@@ -56,7 +51,7 @@ def follow(args: argparse.Namespace) -> int:
             assert isinstance(stop.result, FollowResult)
             result = stop.result
         except ValueError as error:  # a contradiction between bounds, model and robot
-            raise refuse(args.robot, "", str(error)) from error
+            raise refusal(args.robot, str(error)) from error
     written = write_follow(
         result,
         out,
@@ -103,7 +98,7 @@ def _limits(args: argparse.Namespace, robot: Robot) -> TensionLimits:
         return limits
     except ValueError as error:
         text = str(error).removeprefix("TensionLimits.")
-        raise refuse("--largest, --pretension", "", text) from error
+        raise refusal("--largest, --pretension", text) from error
 
 
 def _tensions(texts: list[str]) -> float | dict[str, float]:

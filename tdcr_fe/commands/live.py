@@ -6,23 +6,21 @@ import argparse
 import webbrowser
 from pathlib import Path
 
-from tdcr_fe.commands.common import Exit, complain, refuse
+from tdcr_fe.commands.common import Exit, complain
+from tdcr_fe.io.problems import refusal
 from tdcr_fe.io.toml import read_model_file, read_robot
 from tdcr_fe.live.notebook import LiveRobot
 from tdcr_fe.live.played import PlayedRobot
-from tdcr_fe.model.loading import Model, SolverSettings
 
 
 def live(args: argparse.Namespace) -> int:
     """Serve the page until it is closed, or until Ctrl-C."""
     robot = read_robot(args.robot)
-    model, settings = Model.default_for(robot), SolverSettings()
-    if args.model is not None:
-        model, settings = read_model_file(args.model, robot)
+    model, settings = read_model_file(args.model, robot)
     try:
         page = LiveRobot(PlayedRobot(robot, model, settings), args.port, Path(args.robot).name)
     except OSError as error:
-        raise refuse("--port", str(args.port), f"cannot be used: {error.strerror or error}") from error
+        raise refusal("--port", f"cannot be used: {error.strerror or error}", value=str(args.port)) from error
     if not args.quiet:
         print(f"{robot.name} is live at {page.url}", flush=True)
         print("Closing the page or Ctrl-C ends it.", flush=True)

@@ -16,10 +16,10 @@ from shutil import copyfile
 from threading import Event, Thread
 from typing import Any
 
-from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar, refuse
+from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar
 from tdcr_fe.commands.printed import print_result
 from tdcr_fe.io.atomic import check_output_folder, write_folder
-from tdcr_fe.io.problems import read_all
+from tdcr_fe.io.problems import read_all, refusal
 from tdcr_fe.io.result_files import summary, write_results
 from tdcr_fe.io.toml import Scenario, read_scenario
 from tdcr_fe.io.user_effects import read_own_effects
@@ -108,7 +108,7 @@ def _solve(scenario: Scenario, args: argparse.Namespace, bar: Any) -> SequenceRe
         return replace(stop.result, message=limit or stop.result.message)
     except ValueError as error:
         text = str(error).removeprefix("sensitivities: ")
-        raise refuse(scenario.path if text == str(error) else "--sensitivities", "", text) from error
+        raise refusal(scenario.path if text == str(error) else "--sensitivities", text) from error
 
 
 class _Clock:

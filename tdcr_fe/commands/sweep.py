@@ -10,9 +10,9 @@ from contextlib import contextmanager
 
 import pandas as pd
 
-from tdcr_fe.commands.common import Exit, complain, progress_bar, refuse
+from tdcr_fe.commands.common import Exit, complain, progress_bar
 from tdcr_fe.io.atomic import check_output_folder
-from tdcr_fe.io.problems import read_all
+from tdcr_fe.io.problems import read_all, refusal
 from tdcr_fe.model.messages import count
 from tdcr_fe.sweeps.description import Sweep
 from tdcr_fe.sweeps.read import read_sweep
@@ -79,11 +79,11 @@ def _dask(address: str | None) -> Iterator[tuple[Executor | None, int | None]]:
         from distributed import Client
     except ImportError as error:
         text = "needs dask.distributed, which is not installed: pip install 'tdcr-fe[dask]'"
-        raise refuse("--dask", address, text) from error
+        raise refusal("--dask", text, value=address) from error
     try:
         client = Client(address, timeout="20s")
     except (OSError, ValueError, TimeoutError) as error:
-        raise refuse("--dask", address, f"no scheduler answers there: {error}") from error
+        raise refusal("--dask", f"no scheduler answers there: {error}", value=address) from error
     with client:
         yield client.get_executor(), max(8, 4 * sum(client.nthreads().values()))
 

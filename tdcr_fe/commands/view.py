@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tdcr_fe.commands.common import Exit, progress_bar, refuse
+from tdcr_fe.commands.common import Exit, progress_bar
 from tdcr_fe.io.atomic import check_output_folder, write_text
+from tdcr_fe.io.problems import refusal
 from tdcr_fe.io.result_files import VIEW_PAGE
 from tdcr_fe.io.result_folder import read_motion
 from tdcr_fe.io.vtk_files import write_vtk
@@ -43,7 +44,7 @@ def _video(path: str) -> Path:
     """Where the video goes; refused before anything is written."""
     reason = "is a directory; must be a file" if Path(path).is_dir() else video.problem(Path(path))
     if reason:
-        raise refuse("--video", path, reason)
+        raise refusal("--video", reason, value=path)
     check_output_folder(Path(path).parent)
     return Path(path)
 
@@ -67,6 +68,6 @@ def _file(path: str, endings: tuple[str, ...], option: str) -> Path:
         The path is that of a folder, has another ending, or its folder may not be written to.
     """
     if Path(path).is_dir() or Path(path).suffix.lower() not in endings:
-        raise refuse(option, path, f"must be a file that ends in {endings[0]}")
+        raise refusal(option, f"must be a file that ends in {endings[0]}", value=path)
     check_output_folder(Path(path).parent)
     return Path(path)

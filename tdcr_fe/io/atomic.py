@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tdcr_fe.io.problems import InputError, Problem
+from tdcr_fe.io.problems import refusal
 
 
 def plain(value: Any) -> Any:
@@ -82,7 +82,7 @@ def check_output_folder(out: str | os.PathLike[str]) -> Path:
     except (OSError, ValueError) as error:
         wrong = f"cannot be a directory: {getattr(error, 'strerror', None) or error}"
     if wrong:
-        raise InputError([Problem("-o", "", str(out), wrong)])
+        raise refusal("-o", wrong, value=str(out))
     return out
 
 

@@ -14,7 +14,7 @@ import pandas as pd
 from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.io.atomic import write_text
 from tdcr_fe.io.loading_table import Loading, loading_table, read_loading
-from tdcr_fe.io.problems import InputError, Problem, Reporter, read_all
+from tdcr_fe.io.problems import InputError, Problem, Reporter, read_all, refusal
 from tdcr_fe.io.readings import (
     OBSERVATION_COLUMNS,
     BadRow,
@@ -133,7 +133,7 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
     folder = Path(folder)
     if not folder.is_dir():
         allowed = "no such folder; must hold robot.toml, loading.csv, observations.csv"
-        raise InputError([Problem(str(folder), "", "", allowed)])
+        raise refusal(folder, allowed)
     paths = [table_file(folder / f"{name}.csv") for name in ("loading", "observations")]
     of_model = folder / "model.toml"
     (robot, model, settings), loading, observed = read_all(
@@ -149,7 +149,7 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
         raise InputError(rows)
     refuse_if_doubtful(bad, readings, robot, str(paths[1]))
     if not readings:
-        raise InputError([Problem(str(paths[1]), "", "", "has no readings")])
+        raise refusal(paths[1], "has no readings")
     files = [path for path in (folder / "robot.toml", of_model, *paths) if path.exists()]
     data = MeasuredData(
         folder.resolve().name,
@@ -172,10 +172,9 @@ def _read_declared(folder: Path) -> tuple[Robot, Model, SolverSettings]:
     found: list[Robot] = []  # empty where the robot has mistakes
 
     def read_declared_model() -> tuple[Model, SolverSettings]:
+        file = folder / "model.toml"
         robot = found[0] if found else None
-        if (folder / "model.toml").exists():
-            return read_model_file(folder / "model.toml", robot, apart=["effects"])
-        return Model() if robot is None else Model.default_for(robot), SolverSettings()
+        return read_model_file(file if file.exists() else None, robot, apart=["effects"])
 
     _, (model, settings) = read_all(
         lambda: found.append(read_robot(folder / "robot.toml")), read_declared_model

@@ -63,6 +63,11 @@ class InputError(Exception):
         super().__init__("\n".join(str(p) for p in self.problems))
 
 
+def refusal(file: str | Path, allowed: str, key: str = "", value: str = "") -> InputError:
+    """An error with one mistake; see `Problem`."""
+    return InputError([Problem(str(file), key, value, allowed)])
+
+
 def read_all(*readers: Callable[[], Any]) -> list[Any]:
     """What each of some functions returns.
 

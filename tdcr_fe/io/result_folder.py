@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.io.problems import InputError, Problem
+from tdcr_fe.io.problems import refusal
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.results import HOLE_STATES
 from tdcr_fe.report.motion import Markers, Motion, Nodes, assemble
@@ -29,10 +29,6 @@ STEPS, SHAPE, TENSIONS, SUMMARY = "steps.csv", "shape.csv", "tensions.csv", "sum
 CORRECTED, MARKERS, DECLARED = "corrected", "markers.csv", "declared.csv"
 
 
-def _refuse(path: Path, allowed: str, key: str = "", value: str = "") -> InputError:
-    return InputError([Problem(str(path), key, value, allowed)])
-
-
 def _table(path: Path, numbers: Sequence[str], texts: Sequence[str] = ()) -> pd.DataFrame:
     """A table with at least these columns; texts stay as they are."""
     import pandas as pd
@@ -47,10 +43,10 @@ def _table(path: Path, numbers: Sequence[str], texts: Sequence[str] = ()) -> pd.
             na_values={name: ["", "nan"] for name in numbers},
         )
         if missing := [c for c in columns if c not in found.columns]:
-            raise _refuse(path, f"missing column; needed are {', '.join(columns)}", missing[0])
+            raise refusal(path, f"missing column; needed are {', '.join(columns)}", missing[0])
         return found.astype(dict.fromkeys(numbers, float))
     except (ValueError, pd.errors.ParserError) as error:
-        raise _refuse(path, f"not a table of results: {str(error).splitlines()[0]}") from error
+        raise refusal(path, f"not a table of results: {str(error).splitlines()[0]}") from error
 
 
 def _by_step(rows: pd.DataFrame, path: Path, steps: Sequence[int], tendon: str = "") -> Array:
@@ -58,7 +54,7 @@ def _by_step(rows: pd.DataFrame, path: Path, steps: Sequence[int], tendon: str =
     count, rest = divmod(len(rows), len(steps))
     if rest or (tendon and not count) or not np.array_equal(rows.step, np.repeat(steps, count)):
         text = "must have the same rows in every step of steps.csv"
-        raise _refuse(path, text, "tendon" if tendon else "step", tendon)
+        raise refusal(path, text, "tendon" if tendon else "step", tendon)
     values: Array = rows.select_dtypes("number").drop(columns="step").to_numpy(dtype=float)
     return values.reshape(len(steps), count, -1)
 
@@ -67,9 +63,9 @@ def _summary(path: Path) -> dict[str, Any]:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
-        raise _refuse(path, f"not JSON: {error}") from error
+        raise refusal(path, f"not JSON: {error}") from error
     if not isinstance(found, dict) or not isinstance(found.get("geometry"), dict):
-        raise _refuse(path, "missing; written since version 0.2: run the scenario again", "geometry")
+        raise refusal(path, "missing; written since version 0.2: run the scenario again", "geometry")
     return found
 
 
@@ -82,13 +78,13 @@ def _folder(folder: str | os.PathLike[str]) -> Path:
         near = difflib.get_close_matches(path.name, there, n=1)
         hint = f"; did you mean {above / near[0]}?" if near else ""
         what = "is a file; must be the folder of results" if path.exists() else f"no such folder{hint}"
-        raise _refuse(path, what)
+        raise refusal(path, what)
     if (path / CORRECTED / SUMMARY).is_file() and not (path / SUMMARY).is_file():
         path = path / CORRECTED
     missing = [n for n in (SUMMARY, STEPS, SHAPE, TENSIONS) if not (path / n).is_file()]
     if missing:
         what = "no results of tdcr-fe run, follow or identify in this folder"
-        raise _refuse(path, f"{what}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing")
+        raise refusal(path, f"{what}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing")
     return path
 
 
@@ -97,12 +93,12 @@ def _nodes(path: Path, steps: list[int]) -> Nodes:
     columns = ["step", "s", "x", "y", "z", "qw", "qx", "qy", "qz"]
     values = _by_step(_table(path, columns)[columns], path, steps)
     if values.shape[1] < 2 or not np.all(np.isfinite(values)):
-        raise _refuse(path, "must have two nodes or more, and finite numbers")
+        raise refusal(path, "must have two nodes or more, and finite numbers")
     s = values[0, :, 0]
     if not np.all(np.diff(s) > 0.0) or not np.all(values[:, :, 0] == s):
-        raise _refuse(path, "must be ascending, and the same in every step", "s")
+        raise refusal(path, "must be ascending, and the same in every step", "s")
     if np.any(np.abs(np.linalg.norm(values[:, :, 4:], axis=-1) - 1.0) > 1e-3):
-        raise _refuse(path, "must be unit quaternions", "qw, qx, qy, qz")
+        raise refusal(path, "must be unit quaternions", "qw, qx, qy, qz")
     return Nodes(s, values[:, :, 1:4], values[:, :, 4:])
 
 
@@ -112,7 +108,7 @@ def _tensions(
     """By tendon: tensions of shape (n_steps, n_segments), and the states of holes by step."""
     table = _table(path, ["step", "segment", "tension"], ["tendon", "hole_state"])
     if wrong := sorted(set(table.hole_state) - set(HOLE_STATES)):
-        raise _refuse(path, f"must be one of {', '.join(HOLE_STATES)}", "hole_state", wrong[0])
+        raise refusal(path, f"must be one of {', '.join(HOLE_STATES)}", "hole_state", wrong[0])
     by_tendon = {name: table[table.tendon == name] for name in names}
     tensions = tuple(
         _by_step(rows[["step", "tension"]], path, steps, name)[:, :, 0] for name, rows in by_tendon.items()
@@ -156,7 +152,7 @@ def read_motion(folder: str | os.PathLike[str]) -> Motion:
         table = _table(path / STEPS, ["step", *columns], ["label"])
         steps = [int(x) for x in table.step]
         if not steps:
-            raise _refuse(path / STEPS, "no step was solved, so there is nothing to draw")
+            raise refusal(path / STEPS, "no step was solved, so there is nothing to draw")
         tensions, states = _tensions(path / TENSIONS, names, steps)
         nodes = _nodes(path / SHAPE, steps)
         m, by_step = len(names), {int(s["step"]): s for s in summary["steps"]}
@@ -181,7 +177,7 @@ def read_motion(folder: str | os.PathLike[str]) -> Motion:
         )
     except (KeyError, TypeError, ValueError, IndexError) as error:
         reason = f"missing: {error.args[0]}" if isinstance(error, KeyError) else str(error)
-        raise _refuse(path / SUMMARY, f"not as tdcr-fe wrote it: {reason}") from error
+        raise refusal(path / SUMMARY, f"not as tdcr-fe wrote it: {reason}") from error
 
 
 def write_markers(markers: Markers, steps: Iterable[int], folder: Path) -> None:

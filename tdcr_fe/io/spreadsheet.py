@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tdcr_fe.io.problems import InputError, Problem, read_bytes
+from tdcr_fe.io.problems import InputError, Problem, read_bytes, refusal
 
 _BYTE_ORDER_MARKS = {
     codecs.BOM_UTF8: "utf-8-sig",
@@ -70,13 +70,13 @@ def read_table(path: str | os.PathLike[str]) -> pd.DataFrame:
     names = names[: max(k + 1 for k, name in enumerate(names) if name)]
     twice = [c for c in names if names.count(c) > 1]
     if twice:
-        raise _error(path, twice[0], "the column appears more than once")
+        raise refusal(path, "the column appears more than once", twice[0])
     for number, row in rest:
         if any(row[len(names) :]):
             allowed = f"has {len(row)} cells; the header has {len(names)}"
             if delimiter == ",":
                 allowed += "; where these are decimal commas, separate the cells by semicolons"
-            raise _error(path, f"line {number}", allowed)
+            raise refusal(path, allowed, f"line {number}")
     cells = [(row + [""] * len(names))[: len(names)] for _, row in rest]
     table = pd.DataFrame(
         np.array(cells, dtype=object).reshape(len(cells), len(names)),
@@ -113,14 +113,10 @@ def millimetres_hint(value: float, limit: float) -> str:
     return f"; {value / 1000.0:g} would fit, are these mm?" if abs(value) / 1000.0 <= limit else ""
 
 
-def _error(path: Path, key: str, allowed: str, value: str = "") -> InputError:
-    return InputError([Problem(str(path), key, value, allowed)])
-
-
 def _decode(path: Path, raw: bytes) -> str:
     """The text of a file, by its byte order mark, or as UTF-8."""
     if raw.startswith(b"\xd0\xcf\x11\xe0"):
-        raise _error(path, "", "is a workbook of the old Excel format (xls); save it as xlsx or CSV")
+        raise refusal(path, "is a workbook of the old Excel format (xls); save it as xlsx or CSV")
     encoding = "utf-8"
     if b"\0" in raw[:200]:  # UTF-16 without a mark: every other byte of plain English is zero
         encoding = "utf-16-le" if raw[1:2] == b"\0" else "utf-16-be"
@@ -130,7 +126,7 @@ def _decode(path: Path, raw: bytes) -> str:
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
         allowed = 'encoding: must be UTF-8 or UTF-16; save as "CSV UTF-8"'
-        raise _error(path, f"line {line}", allowed, f"byte 0x{raw[error.start]:02x}") from error
+        raise refusal(path, allowed, f"line {line}", f"byte 0x{raw[error.start]:02x}") from error
 
 
 def _rows_of_text(path: Path, text: str) -> tuple[list[_Row], str]:
@@ -138,13 +134,13 @@ def _rows_of_text(path: Path, text: str) -> tuple[list[_Row], str]:
     lines = [line for line in text.splitlines() if line.strip()]
     hint = re.fullmatch(r'"?sep=(.)"?', lines[0].strip()) if lines else None
     if len(lines) <= bool(hint):
-        raise _error(path, "", "is empty; must have a header")
+        raise refusal(path, "is empty; must have a header")
     delimiter = hint.group(1) if hint else ","
     bare = re.sub(r'"(?:[^"]|"")*"', "", lines[0])
     there = [d for d in _DELIMITERS if d in bare and not hint]
     if len(there) > 1:
         both = " and ".join(_DELIMITERS[d] for d in there)
-        raise _error(path, "line 1", f"delimiter: the header has {both}; use one of them", lines[0].strip())
+        raise refusal(path, f"delimiter: the header has {both}; use one of them", "line 1", lines[0].strip())
     delimiter = there[0] if there else delimiter
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
     rows, begin = [], 1
@@ -153,10 +149,10 @@ def _rows_of_text(path: Path, text: str) -> tuple[list[_Row], str]:
             rows.append((begin, [cell.strip() for cell in row]))
             begin = reader.line_num + 1
     except csv.Error as error:
-        raise _error(path, f"line {begin}", f"not a table: {error}") from error
+        raise refusal(path, f"not a table: {error}", f"line {begin}") from error
     rows = [(n, row) for n, row in rows if any(row)][bool(hint) :]
     if not rows:
-        raise _error(path, "", "is empty; must have a header")
+        raise refusal(path, "is empty; must have a header")
     return rows, delimiter
 
 
@@ -168,17 +164,17 @@ def _with_points(path: Path, table: pd.DataFrame) -> pd.DataFrame:
     found = {kind: [cell for cell in cells if p.fullmatch(cell[1])] for kind, p in _NUMBERS.items()}
     if found["both"]:
         key, x = found["both"][0]
-        raise _error(path, key, "decimal: remove the thousands separators", x)
+        raise refusal(path, "decimal: remove the thousands separators", key, x)
     commas = found["comma"] or found["thousands"]
     if not commas:
         return table
     if found["point"]:
         where, other = found["point"][0]
         allowed = f"decimal: {where} has {other}; use a point or a comma throughout"
-        raise _error(path, commas[0][0], allowed, commas[0][1])
+        raise refusal(path, allowed, commas[0][0], commas[0][1])
     if set(found["comma"]) <= set(found["thousands"]):
         allowed = "decimal: may be a decimal comma or a thousands separator; write a decimal point"
-        raise _error(path, commas[0][0], allowed, commas[0][1])
+        raise refusal(path, allowed, commas[0][0], commas[0][1])
     return table.map(lambda x: x.replace(",", ".") if _NUMBERS["comma"].fullmatch(x) else x)
 
 
@@ -191,16 +187,16 @@ def _rows_of_workbook(path: Path, contents: bytes) -> list[_Row]:
         import openpyxl
     except ImportError as error:
         text = "is an Excel workbook; save it as CSV, or install openpyxl: pip install 'tdcr-fe[xlsx]'"
-        raise _error(path, "", text) from error
+        raise refusal(path, text) from error
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of styles and extensions that do not matter here
             book = openpyxl.load_workbook(io.BytesIO(contents), data_only=True)
     except Exception as error:  # openpyxl raises what its parsers of zip and XML raise
         text = f"is not an Excel workbook that can be read: {error}; save it as xlsx or CSV"
-        raise _error(path, "", text) from error
+        raise refusal(path, text) from error
     if not book.worksheets:
-        raise _error(path, "", "has no sheet with cells")
+        raise refusal(path, "has no sheet with cells")
     sheet = book.worksheets[0]
     problems: list[Problem] = []
     rows: list[_Row] = []
@@ -216,7 +212,7 @@ def _rows_of_workbook(path: Path, contents: bytes) -> list[_Row]:
     if problems:
         raise InputError(problems)
     if not rows:
-        raise _error(path, f"sheet {sheet.title}", "is empty; must have a header")
+        raise refusal(path, "is empty; must have a header", f"sheet {sheet.title}")
     return rows
 
 

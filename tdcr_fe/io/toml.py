@@ -18,7 +18,7 @@ import numpy as np
 
 from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.io.keys import BACKBONE, DISKS, MODEL_FILE, ROBOT, SCENARIO, routings_with, tendon_keys
-from tdcr_fe.io.problems import InputError, Problem, Reporter, read_bytes
+from tdcr_fe.io.problems import InputError, Problem, Reporter, read_bytes, refusal
 from tdcr_fe.io.user_effects import apply_effects
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import (
@@ -244,7 +244,7 @@ def read_toml(path: str | os.PathLike[str], named: Problem | None = None) -> tup
         key, value, reason = "", "", f"not TOML that can be read: {str(error).partition(';')[0]}"
     else:
         return data, hashlib.sha256(raw).hexdigest()
-    raise InputError([Problem(str(path), key, value, reason)])
+    raise refusal(path, reason, key, value)
 
 
 def digest(path: str | os.PathLike[str]) -> str:
@@ -263,7 +263,7 @@ def read_robot(path: str | os.PathLike[str]) -> Robot:
     data, _ = read_toml(path)
     if {"robot", "steps"} & data.keys():
         name = data.get("robot", "the robot.toml")
-        raise InputError([Problem(str(path), "", "", f"is the file of a scenario; give its robot, {name}")])
+        raise refusal(path, f"is the file of a scenario; give its robot, {name}")
     reporter = Reporter(str(path))
     robot = _build_robot(data, reporter).robot
     if reporter.problems or robot is None:
@@ -290,14 +290,14 @@ def read_model(path: str | os.PathLike[str], robot: Robot | None = None) -> Mode
 
 
 def read_model_file(
-    path: str | os.PathLike[str], robot: Robot | None = None, apart: Sequence[str] = ()
+    path: str | os.PathLike[str] | None, robot: Robot | None = None, apart: Sequence[str] = ()
 ) -> tuple[Model, SolverSettings]:
     """Read `model.toml`, which contains only the tables `[model]` and `[solver]`.
 
     Parameters
     ----------
     path
-        Of the file.
+        Of the file; None: there is none, so that all has its defaults.
     robot
         Whose model it is; one without disks has other defaults.
     apart
@@ -313,6 +313,8 @@ def read_model_file(
     InputError
         With every mistake in the file.
     """
+    if path is None:
+        return Model() if robot is None else Model.default_for(robot), SolverSettings()
     data, _ = read_toml(path)
     reporter = Reporter(str(path))
     own = {key: table for key, table in data.items() if key not in apart}
@@ -414,8 +416,7 @@ def build_scenario(tables: ScenarioTables, effects: Sequence[Effect] = ()) -> Sc
     problems: list[Problem] = []
     data = tables.scenario
     if "backbone" in data and not {"robot", "steps"} & data.keys():
-        allowed = "is the file of a robot; give the scenario.toml that names it"
-        raise InputError([Problem(str(tables.path), "", "", allowed)])
+        raise refusal(tables.path, "is the file of a robot; give the scenario.toml that names it")
     reporter = Reporter(str(tables.path), problems)
     top, _ = SCENARIO.read(data, "", reporter.mistake, ["effects"])
 

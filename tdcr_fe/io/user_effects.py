@@ -12,7 +12,7 @@ from typing import Any
 
 from tdcr_fe.effects import EFFECTS, Effect, Experiment, Parameter, with_effects
 from tdcr_fe.io.keys import effect_keys, parameter_keys
-from tdcr_fe.io.problems import InputError, Problem, Reporter
+from tdcr_fe.io.problems import InputError, Problem, Reporter, refusal
 
 
 def apply_effects(
@@ -129,20 +129,16 @@ _MODULE = "own_effects"
 
 def _effects_of(path: Path) -> list[Effect]:
     """Effects that a file defines."""
-
-    def refused(text: str) -> InputError:
-        return InputError([Problem(str(path), "", "", text)])
-
     if not path.is_file():
-        raise refused("no such file; must be a Python file with an effect")
+        raise refusal(path, "no such file; must be a Python file with an effect")
     try:
         names = runpy.run_path(str(path), run_name=_MODULE)
         classes = [c for c in names.values() if inspect.isclass(c) and c.__module__ == _MODULE]
         made = [c() for c in classes if issubclass(c, Effect)]
     except Exception as error:  # whatever a user's file raises is a mistake in it
-        raise refused(f"cannot be run: {type(error).__name__}: {error}") from error
+        raise refusal(path, f"cannot be run: {type(error).__name__}: {error}") from error
     if not made:
-        raise refused(ONE_CLASS)
+        raise refusal(path, ONE_CLASS)
     return made
 
 

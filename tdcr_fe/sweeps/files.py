@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from tdcr_fe.io.atomic import to_json, write_folder, write_json
-from tdcr_fe.io.problems import InputError, Problem
+from tdcr_fe.io.problems import refusal
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.io.store import Lines, OtherHead
 from tdcr_fe.sweeps.cases import Evaluate, Outcome
@@ -41,7 +41,7 @@ def check_format(table: str) -> None:
     elif table == "parquet" and importlib.util.find_spec("pyarrow") is None:
         text = "needs pyarrow, which is not installed: pip install 'tdcr-fe[parquet]'"
     if text:
-        raise InputError([Problem("--table", "", table, text)])
+        raise refusal("--table", text, value=table)
 
 
 def head_of(sweep: Sweep, evaluate: Evaluate | None) -> dict[str, Any]:
@@ -85,7 +85,7 @@ def journal(folder: Path, head: Mapping[str, Any], fresh: bool) -> Iterator[Line
                 msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
         except (BlockingIOError, PermissionError) as error:
             text = "another sweep is writing there; wait until it has ended, or give another directory"
-            raise InputError([Problem("-o", "", str(folder), text)]) from error
+            raise refusal("-o", text, value=str(folder)) from error
         lines = Lines(folder / JOURNAL, head)
         if fresh or not lines.path.exists():
             lines.begin()
@@ -100,20 +100,17 @@ def recalled(lines: Lines, count: int) -> Iterator[Outcome]:
     InputError
         The journal is that of another sweep, or none, or has more than ``count`` cases.
     """
-
-    def refused(text: str) -> InputError:
-        return InputError([Problem("-o", "", str(lines.path), text)])
-
     try:
         for outcome in lines.records(Outcome.from_record):
             if outcome.case > count:
-                raise refused(f"there is no case {outcome.case}")
+                raise refusal("-o", f"there is no case {outcome.case}", value=str(lines.path))
             yield outcome
     except OtherHead as error:
         what = "is not the journal of a sweep"
         if error.there:
             what = f"is of another sweep: {', '.join(error.differing) or 'keys'} differ"
-        raise refused(f"{what}; give another directory, or --fresh to replace what is there") from error
+        text = f"{what}; give another directory, or --fresh to replace what is there"
+        raise refusal("-o", text, value=str(lines.path)) from error
 
 
 def _message(message: Message, count: str, text: str) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from tdcr_fe.effects import Effect
 from tdcr_fe.io.keys import json_schema
-from tdcr_fe.io.problems import InputError, Problem, Reporter
+from tdcr_fe.io.problems import InputError, Problem, Reporter, refusal
 from tdcr_fe.io.toml import (
     Scenario,
     ScenarioTables,
@@ -225,7 +225,7 @@ def _base_tables(data: Mapping[str, Any], robot: dict[str, Any] | None, path: Pa
         return read_scenario_tables(path.parent / data["scenario"])
     if "robot" not in data:
         text = "missing; must be the path of a scenario.toml, or robot that of a robot.toml"
-        raise InputError([Problem(str(path), "scenario", "", text)])
+        raise refusal(path, text, "scenario")
     scenario = {k: data[k] for k in IN_SCENARIO if k in data}
     if "workspace" in data:
         scenario.setdefault("steps", [{"label": "workspace"}])

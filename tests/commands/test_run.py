@@ -58,19 +58,6 @@ def test_long_run_is_announced_by_what_it_has_solved(tmp_path, capsys, monkeypat
     assert len(pd.read_csv(tmp_path / "out" / "steps.csv")) == len(summary["steps"])
 
 
-def test_model_beyond_the_memory_is_refused_by_name(tmp_path, capsys):
-    """In 0.1 a thousand elements a bay were allowed and ended in a MemoryError traceback."""
-    path = write_robot(tmp_path, "straight", "none")
-    robot = (tmp_path / "robot.toml").read_text()
-    (tmp_path / "robot.toml").write_text(robot.split("[[tendons]]")[0].replace("count = 6", "count = 2000"))
-    text = path.read_text().split("[[steps]]")[0]
-    path.write_text(text + '[[steps]]\nlabel = "rest"\n')
-    assert cli.main(["run", str(path), "-o", str(tmp_path / "out")]) == 2
-    error = capsys.readouterr().err
-    assert "2000 disks with 1 elements per bay are 2000 elements; at most 1407 fit into 4 GB" in error
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.parametrize("count", [1, 4, 9])
 def test_tables_of_many_tendons_fit_a_terminal(count):
     """Nine tendons took 240 columns in one table."""

@@ -59,17 +59,6 @@ def test_a_spring_deflects_as_a_cantilever_with_a_spring_at_its_tip():
     assert found.tips[0][0] == pytest.approx(force / (3.0 * BACKBONE.EI / LENGTH**3 + k), rel=1e-4)
 
 
-def test_a_spring_pulls_as_an_equal_load_would():
-    robot, k = three(0.0), 3.0
-    pull = LoadStep(tensions={"t1": 1.5})
-    sprung = solve(replace(robot, springs=(SideSpring(S[5], k),)), [pull], friction="none")
-    held = sprung.steps[0]
-    x, y, _ = held.positions[int(np.argmin(np.abs(held.s - S[5])))]
-    load = LoadStep(tensions={"t1": 1.5}, loads={"spring": Load(S[5], (-k * x, -k * y, 0.0))})
-    assert distance(solve(robot, [load], friction="none").tips, sprung.tips) < 1e-8
-    assert np.hypot(x, y) > 5e-3
-
-
 def test_a_kink_bends_the_unloaded_backbone_in_its_bay_only():
     a, b = S[3], S[4]
     bent = with_effect(Experiment(three(), Model(), ()), "kink", s=0.5 * (a + b), kappa_x=0.0, kappa_y=4.0)

@@ -7,7 +7,6 @@ import io
 
 import pytest
 
-from tdcr_fe.io.measured import read_measured
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.spreadsheet import read_table
 
@@ -106,21 +105,3 @@ def test_a_decimal_comma_among_thousands_is_unambiguous(tmp_path):
     path = tmp_path / "t.csv"
     path.write_text("step;value\n1;1,234\n2;0,5\n")
     assert read_table(path).value.tolist() == ["1.234", "0.5"]
-
-
-def test_folder_of_a_german_spreadsheet_is_read_as_measured_data(tmp_path):
-    """Semicolons, decimal commas, UTF-16 and CRLF in both tables of a folder."""
-    (tmp_path / "robot.toml").write_text(
-        "[backbone]\nlength = 0.25\nradius = 0.4e-3\nyoungs_modulus = 85e9\npoisson_ratio = 0.3\n"
-        '[disks]\ncount = 5\n[[tendons]]\nname = "t1"\nrouting = "parallel"\noffset = 4e-3\n'
-    )
-    (tmp_path / "loading.csv").write_bytes("step;tension_t1\r\n1;0,5\r\n2;1,5\r\n".encode("utf-16"))
-    rows = [
-        "step;quantity;location;value;sigma",
-        "1;position_x;0,25;0,02;0,0005",
-        "2;position_x;0,25;0,05;0,0005",
-    ]
-    (tmp_path / "observations.csv").write_bytes("\r\n".join(rows).encode("utf-16"))
-    data = read_measured(tmp_path)
-    assert [s.tensions["t1"] for s in data.steps] == [0.5, 1.5]
-    assert [(r.location, r.value, r.sigma) for r in data.readings] == [(0.25, 0.02, 5e-4), (0.25, 0.05, 5e-4)]

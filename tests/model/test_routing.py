@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robots import BACKBONE, DISKS, LENGTH, solve
+from robots import LENGTH
 
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import (
     ConvergingRouting,
     HelicalRouting,
@@ -19,8 +17,6 @@ from tdcr_fe.model.routing import (
     TwistedRouting,
     VaryingHelicalRouting,
 )
-from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.validation.reference import solve_reference
 
 S = np.linspace(0.0, LENGTH, 14)
 HOLES = tuple((1e-3 * np.cos(k), 1e-3 * np.sin(k)) for k in range(14))
@@ -59,20 +55,3 @@ def test_varying_helix_with_equal_rates_is_the_helix(rate, angle, derivative):
     np.testing.assert_allclose(
         varying, HelicalRouting(4e-3, rate, angle).position(S, LENGTH, derivative), atol=1e-11
     )
-
-
-def helix(disks=DISKS, **rest):
-    return Robot(BACKBONE, disks, (Tendon("t1", VaryingHelicalRouting(4e-3, 0.0, 1.0), **rest),))
-
-
-@pytest.mark.parametrize(
-    ("tendon_path", "friction"), [("straight", "none"), ("straight", "per-hole"), ("continuous", "none")]
-)
-def test_finite_elements_with_a_varying_helix_meet_the_reference(tendon_path, friction):
-    robot = helix(friction_coefficient=0.3)
-    steps = [LoadStep(tensions={"t1": 1.5}), LoadStep(loads={"tip": Load(LENGTH, (0.0, 0.03, 0.0))})]
-    found = solve(robot, steps, tendon_path=tendon_path, friction=friction, elements_per_bay=4)
-    expected = solve_reference(robot, Model(tendon_path, friction), steps)
-    for a, b in zip(found.steps, expected.steps, strict=True):
-        assert np.linalg.norm(a.tip - b.tip) < 2e-4 * LENGTH
-    assert np.linalg.norm(found.steps[0].tip - [0.0, 0.0, LENGTH]) > 0.02 * LENGTH

@@ -69,24 +69,6 @@ def test_a_page_needs_no_other_file_and_escapes_text():
     assert base64.b64decode(code).decode() == style.svg(figure)
 
 
-def test_columns_of_a_figure_are_panels_that_can_stand_alone():
-    figure = Figure(layout="constrained")
-    axes = figure.subplots(2, 3, sharey="row")
-    for k, ax in enumerate(axes.flat):
-        ax.plot([0, 1], label="a" if k == 0 else "")
-    axes[0, 0].set_ylabel("height")
-    mesh = axes[1, 2].pcolormesh([[0.0, 1.0]])
-    figure.colorbar(mesh, ax=axes)
-    figure.legend(loc="outside lower center")
-    found = style.panels(figure)
-    # three columns, the last with the colour bar, and the legend
-    assert [text.count('id="axes_') for text, _ in found] == [2, 2, 3, 0]
-    assert 'id="legend_1"' in found[3][0]
-    assert [ax.get_ylabel() for ax in axes[0]] == ["height"] * 3
-    assert all(label.get_visible() for ax in axes.flat for label in ax.get_yticklabels())
-    assert sum(width for _, width in found[:3]) < 96.0 * 1.05 * figure.get_figwidth()
-
-
 def test_sections_are_linked_and_folded_as_they_say():
     sections = (
         Section("open", "To be seen", "macros.html.j2", folded=False),

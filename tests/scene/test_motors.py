@@ -9,7 +9,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from native_solvers import recommended
-from robots import BACKBONE, LENGTH, Robot, paper, scene, three
+from robots import BACKBONE, LENGTH, Robot, paper, scene
 
 from tdcr_fe.model.robot import Disks
 from tdcr_fe.model.routing import ParallelRouting
@@ -44,35 +44,6 @@ def test_a_motor_swings_on_its_elastic_tendon_as_a_single_oscillator():
     expected = rest * (1.0 - np.cos(omega * time))
     assert np.abs(moved - expected).max() < 0.005 * rest
     assert handle.tensions()["t1"][0] == pytest.approx(moved[-1] * RADIUS * EA / LENGTH, rel=5e-3)
-
-
-def test_the_jacobian_has_the_motors():
-    """By the angles of two motors, and of their torques by the positions of the nodes, against central differences."""
-    _keep, mbs, handle = scene(three(0.2, axial_stiffness=EA), assemble=False)
-    for name in ("t1", "t3"):
-        handle.add_motor(name, INERTIA, RADIUS)
-    mbs.Assemble()
-    handle.set_displacements({"t1": 1e-3, "t3": 5e-4})
-    actuation = handle.actuation
-    count = 7 * len(handle.nNodes)
-    rng = np.random.default_rng(0)
-    start = np.zeros(count + 2)
-    start[:count].reshape(-1, 7)[:, :3] = 1e-5 * rng.normal(size=(count // 7, 3))
-    start[count:] = 0.05, 0.02
-
-    def forces(q):
-        return actuation.forces_on_coordinates(q.tolist(), 0.01)
-
-    tangent = -np.array(
-        actuation.jacobian_on_coordinates(start.tolist(), 0.01, 1.0, 0.0).Convert2DenseMatrix()
-    )
-    assert np.all(forces(start)[count:] < -0.01)
-    for column, step in ((count, 1e-6), (count + 1, 1e-6), (35, 1e-8), (50, 1e-8)):
-        shift = np.zeros(count + 2)
-        shift[column] = step
-        slope = (forces(start + shift) - forces(start - shift)) / (2.0 * step)
-        rows = slice(None) if column >= count else slice(count, None)
-        assert tangent[rows, column] == pytest.approx(slope[rows], abs=1e-4 * np.abs(slope[rows]).max())
 
 
 def test_what_does_not_turn_motors_refuses_them_and_wrong_arguments_are_named():

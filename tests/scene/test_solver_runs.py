@@ -6,12 +6,11 @@ import gc
 import weakref
 
 import exudyn as exu
-import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from contacts import CONTACTS
 from exudyn.utilities import LoadSolutionFile, SetSolutionState
-from native_solvers import damped, dynamic_settings, recommended, static_settings
+from native_solvers import damped, dynamic_settings, recommended
 from robots import LENGTH, distance, scene, three
 
 from tdcr_fe.native import register
@@ -141,28 +140,6 @@ def test_a_state_recorded_in_contact_is_gone_on_from(kind):
     handle.set_tensions({"t1": 1.5})
     assert mbs.SolveDynamic(recommended(handle, 0.01, 1e-3))
     assert distance(handle.shape()[0], there) < 1e-6
-
-
-def test_static_dynamic_and_quasi_static_solvers_in_turn_stay_at_rest():
-    """Under a load whose user function ramps in the first call and is another one, constant, in the next ones."""
-    _keep, mbs, handle = scene(three(0.3), assemble=False)
-    load = mbs.AddLoad(
-        eii.Force(
-            markerNumber=handle.mTip,
-            loadVector=[0.0] * 3,
-            loadVectorUserFunction=lambda mbs, t, vector: [0.02 * min(t, 1.0), 0.0, 0.0],
-        )
-    )
-    mbs.Assemble()
-    handle.set_tensions([1.0, 0.1, 0.1])
-    SolveTDCR(mbs, endTime=1.0)
-    start = handle.shape()[0]
-    mbs.SetLoadParameter(load, "loadVectorUserFunction", lambda mbs, t, vector: [0.02, 0.0, 0.0])
-    assert mbs.SolveStatic(static_settings(5), updateInitialValues=True)
-    assert mbs.SolveDynamic(recommended(handle, 0.05, 1e-3), updateInitialValues=True)
-    assert distance(handle.shape()[0], start) < 1e-9
-    SolveTDCR(mbs)
-    assert distance(handle.shape()[0], start) < 1e-9
 
 
 # ---------------------------------------------------------------- files and variations

@@ -184,34 +184,33 @@ def test_neighbours_on_a_circle_have_neighbouring_tensions(height):
         assert found.errors.max() < found.errors.min() + 1e-5
 
 
-def test_bounds_and_targets_that_make_no_sense_are_refused():
+ONE = TensionLimits(1.0)
+
+
+@pytest.mark.parametrize(
+    ("target", "limits", "options", "words"),
+    [
+        (None, TensionLimits(1.0, 2.0), {}, "above the largest tension"),
+        (None, TensionLimits(1.0, {"t9": 0.1}), {}, "unknown tendon t9"),
+        (None, TensionLimits({"t1": 1.0}), {}, "tendon t2 is missing"),
+        (None, TensionLimits(np.inf), {}, "zero or more"),
+        (None, ONE, {"drive_by": "displacement"}, "needs a pretension above zero"),
+        (None, ONE, {"tolerance": 0.0}, "above zero"),
+        (None, 3.0, {}, "TensionLimits"),
+        ([1.0, 2.0], ONE, {}, r"shape \(n, 3\)"),
+        ([0.0, np.nan, 0.2], ONE, {}, "must be"),
+    ],
+)
+def test_bounds_and_targets_that_make_no_sense_are_refused(target, limits, options, words):
     robot, model = CASES["no friction"]
-    target = [0.0, 0.0, 0.2]
-    with pytest.raises(ValueError, match="above the largest tension"):
-        reach(robot, model, target, TensionLimits(1.0, 2.0))
-    with pytest.raises(ValueError, match="unknown tendon t9"):
-        reach(robot, model, target, TensionLimits(1.0, {"t9": 0.1}))
-    with pytest.raises(ValueError, match="tendon t2 is missing"):
-        reach(robot, model, target, TensionLimits({"t1": 1.0}))
-    with pytest.raises(ValueError, match="zero or more"):
-        reach(robot, model, target, TensionLimits(np.inf))
-    with pytest.raises(ValueError, match="needs a pretension above zero"):
-        reach(robot, model, target, TensionLimits(1.0), drive_by="displacement")
-    with pytest.raises(ValueError, match=r"shape \(n, 3\)"):
-        follow_path(robot, model, [[1.0, 2.0]], TensionLimits(1.0))
-    for position in ((0.0, np.nan, 0.2), (None, None, None)):
-        with pytest.raises(ValueError, match="must be"):
-            TipTarget(position)
-    with pytest.raises(ValueError, match="must be"):
-        follow_path(robot, model, np.array([[0.0, np.nan, 0.2]]), TensionLimits(1.0))
-    with pytest.raises(ValueError, match="above zero"):
-        reach(robot, model, target, TensionLimits(1.0), tolerance=0.0)
+    with pytest.raises((ValueError, TypeError), match=words):
+        follow_path(robot, model, [target or [0.0, 0.0, 0.2]], limits, **options)
+    with pytest.raises(ValueError, match="no tendons"):
+        reach(replace(robot, tendons=()), model, (0.0, 0.0, 0.2), ONE)
     with pytest.raises(ValueError, match="must not be zero"):
         TipTarget((0.0, 0.0, 0.2), (0.0, 0.0, 0.0))
-    with pytest.raises(TypeError, match="TensionLimits"):
-        reach(robot, model, target, 3.0)
-    with pytest.raises(ValueError, match="no tendons"):
-        reach(replace(robot, tendons=()), model, target, TensionLimits(1.0))
+    with pytest.raises(ValueError, match="must be"):
+        TipTarget((None, None, None))
 
 
 def test_ctrl_c_is_raised_again_with_the_targets_before_it():

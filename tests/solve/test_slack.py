@@ -8,13 +8,12 @@ from itertools import product
 import numpy as np
 import pytest
 
-from tdcr_fe.elements.complementarity import positive_definite_near, solve_nonnegative
+from tdcr_fe.elements.complementarity import solve_nonnegative
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.equations.linearization import BorderedFactors, DenseFactors
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.fuzz.checks import CHECKS, check_step
 from tdcr_fe.validation.fuzz.drawing import draw
@@ -39,23 +38,6 @@ def test_the_complementarity_problem_of_tensions_is_that_of_the_best_partition(s
     assert found == pytest.approx(solutions[0], abs=1e-10)
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_a_positive_definite_matrix_near_any_other_has_tensions_for_any_displacements(seed: int) -> None:
-    """One that is definite already is left as it is, the eigenvalues of any other are positive."""
-    rng = np.random.default_rng(seed)
-    k = int(rng.integers(1, 7))
-    matrix, right = rng.normal(size=(k, k)), rng.normal(size=k)
-    near = positive_definite_near(matrix)
-    assert near == pytest.approx(near.T)
-    assert np.linalg.eigvalsh(near)[0] > 0.0
-    found, solved = solve_nonnegative(near, right, np.zeros(k))
-    excess = right + near @ found
-    assert solved
-    assert excess.min() >= -1e-10 and np.abs(found * excess).max() <= 1e-10
-    definite = np.eye(k) + 0.1 * near / np.abs(near).max()
-    assert positive_definite_near(definite) == pytest.approx(definite, abs=1e-14)
-
-
 @pytest.mark.integration
 @pytest.mark.parametrize("seed", [1154, 1279])
 def test_steps_in_which_no_tensions_meet_the_linearised_displacements_converge(seed: int) -> None:
@@ -72,23 +54,6 @@ def test_steps_in_which_no_tensions_meet_the_linearised_displacements_converge(s
         assert step.residual <= 1e-8
         checked = check_step(result.robot, result.model, step)
         assert all(checked[check.name] <= check.tolerance for check in CHECKS if check.name in checked)
-
-
-def test_bordered_factors_are_those_of_the_whole_matrix() -> None:
-    """Solution for one and several right sides and the sign of the determinant, with every set of slack tendons."""
-    rng = np.random.default_rng(5)
-    n, k = 12, 3
-    inner, columns, rows = (rng.normal(size=s) for s in ((n, n), (n, k), (k, n)))
-    own = rng.normal(size=k)
-    factors = BorderedFactors.of(DenseFactors.of(inner.copy()), columns, rows, own, np.zeros(k, dtype=bool))
-    for slack in product((False, True), repeat=k):
-        loose = np.array(slack)
-        lower = np.where(loose[:, None], np.eye(k, n + k, n), np.hstack((rows, np.diag(own))))
-        whole = np.vstack((np.hstack((inner, columns)), lower))
-        changed = factors.with_slack(loose)
-        for right in (rng.normal(size=n + k), rng.normal(size=(n + k, 4))):
-            assert whole @ changed.solve(right) == pytest.approx(right, abs=1e-11)
-        assert changed.sign == np.sign(np.linalg.det(whole))
 
 
 @pytest.mark.integration

@@ -7,6 +7,7 @@ from dataclasses import replace
 import exudyn as exu
 import numpy as np
 import pytest
+from inputs import ROBOT, SCENARIO, changed, write
 from native_solvers import static_settings
 from robots import BACKBONE, LENGTH, Robot, three
 from scipy.optimize import brentq
@@ -106,32 +107,10 @@ def test_scenes_and_exudyn_follow_the_angles():
 
 
 def test_files_have_spools_and_angles(tmp_path):
-    (tmp_path / "robot.toml").write_text(ROBOT)
-    (tmp_path / "scenario.toml").write_text(SCENARIO)
-    scenario = read_scenario(tmp_path / "scenario.toml")
+    spool = {"tendons.0.spool": {"radius": "8 mm", "stiffness": 2000.0}}
+    wind = changed(SCENARIO, {"steps": [{"motor_angles": {"t1": "90 deg"}}]})
+    scenario = read_scenario(write(tmp_path, changed(ROBOT, spool), wind))
     assert scenario.robot.tendons[0].spool == tdcr.Spool(8e-3, 2000.0)
     assert scenario.steps[0].motor_angles == {"t1": pytest.approx(np.radians(90.0))}
-    (tmp_path / "robot.toml").write_text(ROBOT.replace("spool", "# spool"))
     with pytest.raises(InputError, match="no spool for a motor"):
-        read_scenario(tmp_path / "scenario.toml")
-
-
-ROBOT = """
-[backbone]
-length = 0.25
-radius = 0.4e-3
-youngs_modulus = 85e9
-poisson_ratio = 0.3
-[disks]
-count = 13
-[[tendons]]
-name = "t1"
-routing = "parallel"
-offset = 4.5e-3
-spool = { radius = "8 mm", stiffness = 2000.0 }
-"""
-SCENARIO = """
-robot = "robot.toml"
-[[steps]]
-motor_angles = { t1 = "90 deg" }
-"""
+        read_scenario(write(tmp_path, ROBOT, wind))

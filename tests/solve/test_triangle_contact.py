@@ -8,7 +8,7 @@ import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 import pytest
-from robots import LENGTH, distance, scene, solve, three
+from robots import distance, scene, solve, three
 
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model.loading import LoadStep
@@ -64,8 +64,6 @@ class Touching(NamedTuple):
     contact : exudyn.GeneralContact
     tip, columns : ndarray of int
         Coordinates of the tip, and of all that is in contact.
-    foot : ndarray, shape (3,)
-        Point of the triangle that is nearest to the tip [m].
     """
 
     keep: exu.SystemContainer
@@ -74,7 +72,6 @@ class Touching(NamedTuple):
     contact: Any
     tip: np.ndarray
     columns: np.ndarray
-    foot: np.ndarray
 
     def differences(self) -> np.ndarray:
         """Derivative of the contact forces by these coordinates, from Exudyn's residual."""
@@ -140,10 +137,8 @@ def touching(over: str, *, moving: bool, spheres: bool = True, friction: float =
         robot.disconnect()
     kernel = StaticKernel(mbs, hooks)
     kernel.contact.follow()
-    past = {"face": 0.0, "edge": 0.0015, "vertex": 0.0015}[over] * (1.0 if over == "vertex" else -1.0)
-    foot = np.array([0.0, 0.0, LENGTH]) - near - past * AXES[1]
     tip = np.array(mbs.systemData.GetNodeLTGODE2(ends[0]))
-    return Touching(keep, mbs, kernel, contact, tip, np.array(columns), foot)
+    return Touching(keep, mbs, kernel, contact, tip, np.array(columns))
 
 
 @pytest.mark.parametrize("spheres", [True, False])
