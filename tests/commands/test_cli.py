@@ -8,6 +8,7 @@ import os
 import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from arcs import arc_result
@@ -179,6 +180,13 @@ def test_the_examples_of_a_command_are_taken_by_its_parser(name, monkeypatch):
     for example in (first, second):
         words = shlex.split(example.partition(" > ")[0])
         assert words[0] == name and cli.main(words) == 0
+
+
+def test_every_argument_is_used_by_a_command():
+    """``view --gltf`` was taken, and did nothing."""
+    sources = "".join(p.read_text("utf-8") for p in Path(cli.__file__).parent.rglob("commands/*.py"))
+    names = {flags[-1].lstrip("-") for command in cli.COMMANDS.values() for flags, _ in command.arguments()}
+    assert [n for n in names - {"json"} if f"args.{n.replace('-', '_')}" not in sources] == []
 
 
 def test_help_loads_neither_solver_nor_tables_nor_pictures():
