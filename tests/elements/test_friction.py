@@ -1,14 +1,18 @@
-"""The friction law along one tendon and several: Capstan's closed form, bounds, and derivatives."""
+"""The friction law along one tendon and several: closed forms, bounds, laws of the coefficient, and derivatives."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from two_tendons import ANGLES, LENGTHS, MASK, tendon_law
+from two_tendons import ANGLES, HOLES, LENGTHS, MASK, tendon_law
 
-from tdcr_fe.elements.friction import FRICTION_MODELS, TendonLaw
+from tdcr_fe.elements.coefficients import normal_forces
+from tdcr_fe.elements.friction import FRICTION_MODELS, FrictionState, TendonLaw, TendonParameters
+from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
 
 
 def law(kind, mu=0.3, **rest) -> TendonLaw:
@@ -107,3 +111,152 @@ def test_elastic_tendon_releases_its_stretch():
     assert field.base_slip == pytest.approx(
         LENGTHS.sum(axis=1) * np.array([0.01 / 1.01, 0.005 / 1.005]), rel=1e-12
     )
+
+
+# ------------------------------------------------------------ friction coefficients
+
+
+BASE = np.array([2.0, 1.0])
+
+STRIBECK = StribeckFriction(static=0.4, kinetic=0.2, stribeck_rate=1e-3, exponent=2.0, viscous=5.0)
+HERTZ = ForceDependentFriction(0.3, reference_force=0.2)
+RISING = ForceDependentFriction(0.3, reference_force=0.2, exponent=0.5, smallest_force=1e-2)
+
+
+class ForceAndRate:
+    """A with_coefficient that depends on both arguments, and on the direction of the rate."""
+
+    def coefficient(self, normal_force, slip_rate):
+        mu = 0.3 + 0.2 * normal_force + 0.05 * np.tanh(slip_rate / 1e-3)
+        return mu, 0.2 + 0.0 * mu, 0.05 / 1e-3 / np.cosh(slip_rate / 1e-3) ** 2
+
+
+COEFFICIENTS = [
+    pytest.param(0.3, id="constant"),
+    pytest.param(STRIBECK, id="stribeck"),
+    pytest.param(HERTZ, id="hertz"),
+    pytest.param(RISING, id="rising"),
+    pytest.param(ForceAndRate(), id="force-and-rate"),
+]
+
+
+def with_coefficient(coefficient, model=None, **rest) -> TendonLaw:
+    """Two tendons whose coefficients follow this with_coefficient, or are this number."""
+    given = {"mu": coefficient} if isinstance(coefficient, float) else {"coefficients": (coefficient,) * 2}
+    return tendon_law(model or FRICTION_MODELS["per-hole"], **given, **rest)
+
+
+def fan(coefficient, holes: int, total: float, base: float, pulled: float) -> np.ndarray:
+    """Tensions of one tendon that turns by ``total`` [rad] in equal holes and is pulled in by ``pulled`` [m] in 1 s."""
+    n = holes + 1
+    lengths, mask = np.full((1, n), 1e-3), np.ones((1, n), dtype=bool)
+    zero = np.zeros((1, holes))
+    x = TendonLaw(
+        TendonParameters(lengths, mask, zero, zero, np.zeros(1), np.zeros(1), np.zeros(1), (coefficient,)),
+        FRICTION_MODELS["per-hole"],
+    )
+    moved = lengths.copy()
+    moved[0, -1] -= pulled
+    angles = np.full((1, holes), total / holes)
+    return x.evaluate(np.array([base]), moved, angles, x.initial_state(), time=1.0).tension[0]
+
+
+# ---------------------------------------------------------------- closed forms
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0], ids=["pulled", "released"])
+@pytest.mark.parametrize("exponent", [-1.0 / 3.0, 0.5])
+def test_force_dependent_coefficient_follows_the_wrapped_tendon_with_order_two(way, exponent):
+    """A tendon wrapped by phi in many equal holes of angle theta: ``dT/dphi = -+mu (T/f)^p T``, f = N_ref / theta.
+
+    Closed form: ``T^-p = T_0^-p +- p mu f^-p phi``. With the mean of both tensions in the normal force the
+    error falls as the square of the angle of a hole.
+    """
+    f, total, base = 1.5, 2.0, 2.0
+    exact = (base**-exponent + way * exponent * 0.3 * f**-exponent * total) ** (-1.0 / exponent)
+    errors = []
+    for holes in (8, 16, 32, 64):
+        coefficient = ForceDependentFriction(0.3, f * total / holes, exponent, smallest_force=1e-9)
+        errors.append(abs(fan(coefficient, holes, total, base, way * 1e-3)[-1] - exact) / exact)
+    slope = np.polyfit(np.log([8, 16, 32, 64]), np.log(errors), 1)[0]
+    assert errors[-1] < 1e-4
+    assert -2.1 < slope < -1.9
+
+
+# ---------------------------------------------------------------- consistency and derivatives
+
+
+@pytest.mark.parametrize("coefficients", COEFFICIENTS[1:])
+@pytest.mark.parametrize("compliance", [0.0, 1.0 / 400.0], ids=["inextensible", "elastic"])
+@pytest.mark.parametrize("adhesion", [0.0, 0.02])
+def test_the_coefficient_used_is_that_of_the_normal_force_and_rate_reached(
+    coefficients, compliance, adhesion
+):
+    """Recovered from the tensions where a hole slips towards the base: ``mu = log(T_k / (T_k+1 + a)) / theta``."""
+    x = with_coefficient(coefficients, compliance=compliance, adhesion=adhesion)
+    rest = x.evaluate(BASE, LENGTHS, ANGLES, x.initial_state())
+    state = FrictionState(rest.slip, np.zeros_like(rest.slip), time=1.0)
+    field = x.evaluate(BASE, LENGTHS - 1e-3 * MASK, ANGLES, state, time=2.0)
+    assert np.all(field.mobilisation[HOLES] == 1.0)
+    t = field.tension
+    with np.errstate(divide="ignore", invalid="ignore"):
+        used = np.log(t[:, :-1] / (t[:, 1:] + adhesion)) / ANGLES
+    rate = (field.slip - state.slip) / 1.0
+    assert field.slip_rate == pytest.approx(rate, abs=1e-15)
+    # With adhesion the mean tension still is that of both segments.
+    expected = coefficients.coefficient(normal_forces(t, ANGLES)[HOLES], rate[HOLES])[0]
+    assert used[HOLES] == pytest.approx(expected, abs=1e-10)
+
+
+def central(function, x, h):
+    """Central differences of an array function of an array, (output..., input...)."""
+    columns = []
+    for index in np.ndindex(x.shape):
+        shift = np.zeros_like(x)
+        shift[index] = h
+        columns.append((function(x + shift) - function(x - shift)) / (2 * h))
+    return np.stack(columns, axis=-1).reshape(*columns[0].shape, *x.shape)
+
+
+def own(d):
+    """The diagonal blocks of (m, n, m, k), by tendon; the coupling between tendons must vanish."""
+    assert np.max(np.abs(d[0, :, 1])) < 1e-6 and np.max(np.abs(d[1, :, 0])) < 1e-6
+    return np.stack([d[i, :, i] for i in range(2)])
+
+
+@pytest.mark.parametrize("coefficients", COEFFICIENTS)
+@pytest.mark.parametrize(
+    "model", [FRICTION_MODELS["per-tendon"], FRICTION_MODELS["per-hole"]], ids=lambda x: x.kind
+)
+@pytest.mark.parametrize("compliance", [0.0, 1.0 / 400.0], ids=["inextensible", "elastic"])
+@pytest.mark.parametrize("adhesion", [0.0, 0.05])
+@pytest.mark.parametrize("given", ["mobilisation", "configuration"])
+@pytest.mark.parametrize("scale", [0.2, 20.0], ids=["sticking", "sliding"])
+def test_derivatives_against_central_differences(coefficients, model, compliance, adhesion, given, scale):
+    """By lengths, angles, base tension, and mobilisations where these are kept; in a step of 0.3 s."""
+    x = with_coefficient(coefficients, model, compliance=compliance, adhesion=adhesion, presliding=1e-4)
+    rng = np.random.default_rng(5)
+    state = FrictionState(np.zeros((2, x.groups)), 0.1 * np.ones((2, x.groups)) * x.frictional, time=1.0)
+    state = replace(state, slip=x.evaluate(BASE, LENGTHS, ANGLES, state).slip)
+    lengths = LENGTHS - scale * 1e-5 * rng.uniform(0.2, 1.0, size=LENGTHS.shape) * MASK
+    s = rng.uniform(0.2, 0.9, size=(2, x.groups)) * x.frictional
+
+    def field(base=BASE, lengths=lengths, angles=ANGLES, s=s):
+        if given == "mobilisation":
+            return x.field(base, lengths * MASK, angles, s, state, 1.3)
+        return x.evaluate(base, lengths * MASK, angles, state, time=1.3)
+
+    f, m = field(), MASK[:, :, None]
+    if given == "configuration":
+        assert np.any(np.abs(f.mobilisation) >= 1.0) == (scale > 1.0)
+    size = np.max(np.abs(f.d_length)) + 1.0
+    by_length = own(central(lambda v: field(lengths=v).tension * MASK, lengths, 1e-9))
+    assert by_length * m == pytest.approx(f.d_length * m * MASK[:, None, :], abs=2e-6 * size)
+    by_angle = own(central(lambda v: field(angles=v).tension * MASK, ANGLES, 1e-6))
+    assert by_angle == pytest.approx(f.d_angle * m, abs=1e-6)
+    by_base = own(central(lambda v: field(base=v).tension * MASK, BASE, 1e-6)[..., None])[..., 0]
+    assert by_base == pytest.approx(f.d_base * MASK, abs=1e-6)
+    if given == "mobilisation":
+        by_s = own(central(lambda v: field(s=v).tension * MASK, s, 1e-6))
+        assert by_s == pytest.approx(f.by_mobilisation * m, abs=1e-7)
+        assert f.depends_on_length == (np.max(np.abs(f.d_length)) > 0.0)

@@ -1,11 +1,23 @@
-"""Load steps with several equilibria: the solution belongs to the branch that the robot is on."""
+"""Several equilibria: the solution belongs to the branch that the robot is on, and unstable ones are reported."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from robots import BACKBONE, LENGTH, paper
 
-from tdcr_fe.solve.simulate import simulate
+from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings, resolve
+from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.solve.load_steps.judges import is_continuous
+from tdcr_fe.solve.load_steps.load_path import Ramp
+from tdcr_fe.solve.load_steps.substep import SubstepSolver
+from tdcr_fe.solve.simulate import Simulation, simulate
+from tdcr_fe.solve.stability import ExternalCompression
 from tdcr_fe.validation.fuzz.drawing import draw
 from tdcr_fe.validation.fuzz.energy import divided
 
@@ -27,3 +39,91 @@ def test_driven_by_displacement_bays_do_not_jump_beyond_their_buckling_load(numb
             one.positions, other.positions, rtol=0, atol=1e-5 * case.robot.backbone.length
         )
         np.testing.assert_allclose(one.base_tensions, other.base_tensions, rtol=0, atol=1e-3)
+
+
+# ------------------------------------------------------------ continuity
+
+
+ROD_LENGTH = 0.2
+ROBOT = Robot(
+    Backbone(ROD_LENGTH, 0.5e-3, 60e9, 0.3),
+    Disks.equally_spaced(4, ROD_LENGTH, mass=0.0, radius=6e-3),
+    (Tendon("t1", ParallelRouting(4e-3, 0.0), 0.3),),
+)
+#: Load of a cantilever at which it buckles [N].
+EULER = np.pi**2 * ROBOT.backbone.EI / (2.0 * ROD_LENGTH) ** 2
+
+
+def pushed(across: float, along: float, tension: float = 0.01) -> LoadStep:
+    """The tip pushed across the rod and along it; forces over the buckling load."""
+    force = (0.0, across * EULER, -along * EULER)
+    return LoadStep("", {"t1": tension}, loads={"tip": Load(ROD_LENGTH, force)})
+
+
+def continuous_from_rest(*steps: LoadStep) -> bool:
+    """Whether the end of some load steps, taken as one from rest, is on the branch of rest."""
+    targets = resolve(ROBOT, steps)
+    simulation = Simulation(ROBOT, Model(elements_per_bay=2), targets)
+    rest = simulation.state
+    for target in targets:
+        simulation.advance(target)
+    ramp = Ramp.of(simulation.system, rest, 0.0, 0.0)
+    solver = SubstepSolver(simulation.system, ramp, SolverSettings())
+    return is_continuous(solver, rest, 0.0, simulation.state, 1.0)
+
+
+@pytest.mark.parametrize("across", [0.2, -0.6, 0.9])
+def test_bending_far_is_no_jump(across):
+    assert continuous_from_rest(pushed(across, 0.0))
+
+
+def test_the_other_side_of_a_buckled_rod_is_a_jump():
+    # Bent to one side by a force across it, the rod stays there when that force is turned to the other side.
+    assert not continuous_from_rest(pushed(-0.2, 1.5), pushed(0.02, 1.5))
+
+
+# ------------------------------------------------------------ instability
+
+
+EULERS_LOAD = np.pi**2 * BACKBONE.EI / (4.0 * LENGTH**2)
+COLUMN = Robot(BACKBONE, Disks.equally_spaced(13, LENGTH), ())
+UP = (0.0, 0.0, -9.81)
+
+
+def push(fraction: float, sideways: float = 1e-3) -> LoadStep:
+    return LoadStep("", loads={"tip": Load(LENGTH, (sideways * EULERS_LOAD, 0.0, -fraction * EULERS_LOAD))})
+
+
+def unstable(robot: Robot, model: Model, steps: list[LoadStep]) -> bool:
+    result = simulate(robot, model, steps)
+    assert result.converged
+    return any("the equilibrium is unstable" in w for w in result.warnings)
+
+
+@pytest.mark.parametrize(("fraction", "expected"), [(0.2, False), (0.9, False), (1.02, True), (3.0, True)])
+def test_a_column_beyond_eulers_load_is_reported(fraction: float, expected: bool) -> None:
+    """Version 0.1.0 returned the column at 1.02 of Euler's load, bent against the sideways force, without a warning."""
+    assert unstable(COLUMN, Model(friction="none"), [push(fraction)]) is expected
+
+
+@pytest.mark.parametrize(("fraction", "expected"), [(0.9, False), (1.1, True)])
+def test_a_heavy_tip_on_an_upright_robot_is_reported(fraction: float, expected: bool) -> None:
+    robot = replace(paper(), tip_mass=fraction * EULERS_LOAD / 9.81, backbone=replace(BACKBONE, density=0.0))
+    robot = replace(robot, disks=replace(robot.disks, mass=0.0))
+    assert unstable(robot, Model(friction="none", gravity=UP), [LoadStep()]) is expected
+
+
+def test_own_weight_and_a_load_at_mid_span_compress_what_is_below() -> None:
+    """At the base: the weight of rod, disks and tip, and the load."""
+    backbone = Backbone(LENGTH, 4e-4, 85e9, 0.3, 5600.0)
+    robot = Robot(backbone, Disks.equally_spaced(13, LENGTH, mass=2e-4), (), tip_mass=1e-3)
+    model = Model(friction="none", gravity=UP)
+    step = LoadStep("", loads={"middle": Load(0.5 * LENGTH, (0.0, 0.0, -0.01))})
+    result = simulate(robot, model, [step])
+    weight = 9.81 * (backbone.mass_per_length * LENGTH + 13 * 2e-4 + 1e-3)
+    compression = ExternalCompression.of(Simulation(robot, model, resolve(robot, [step])))
+    assert compression.ratio(result.steps[0]) == pytest.approx((weight + 0.01) / EULERS_LOAD, rel=1e-9)
+    hanging = replace(model, gravity=(0.0, 0.0, 9.81))
+    found = simulate(robot, hanging, [LoadStep()])
+    compression = ExternalCompression.of(Simulation(robot, hanging, resolve(robot, [LoadStep()])))
+    assert compression.ratio(found.steps[0]) == 0.0

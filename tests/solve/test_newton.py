@@ -1,4 +1,4 @@
-"""Newton in strain space: its tangent against differences, rate of convergence, failure and recovery."""
+"""Newton in strain space: rate of convergence, tests of convergence, prediction of the next solution."""
 
 from __future__ import annotations
 
@@ -7,18 +7,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import BACKBONE, DISKS, paper, scene, three
+from robots import BACKBONE, DISKS, LENGTH, paper, pull, scene, three
 
 from tdcr_fe.model.backbone import Superelastic
-from tdcr_fe.model.loading import SolverSettings
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import HelicalRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.equations.configuration import Target
+from tdcr_fe.solve.equations.linearization import input_changes
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton import convergence
 from tdcr_fe.solve.newton.convergence import CONVERGENCE_TESTS, ConvergenceTest, NewtonStatus
 from tdcr_fe.solve.newton.newton import newton
+from tdcr_fe.solve.newton.prediction import predict
+from tdcr_fe.solve.simulation import Simulation
 
 HELIX = Robot(BACKBONE, DISKS, (Tendon("t1", HelicalRouting(4.5e-3, 1.0), 0.3),), name="helix")
 
@@ -89,3 +92,75 @@ def test_every_test_of_the_list_decides_on_convergence(monkeypatch):
     assert CONVERGENCE_TESTS is convergence.CONVERGENCE_TESTS
     far = newton(system, solution.state, target(2.5), SolverSettings(max_iterations=1))
     assert far.status is NewtonStatus.NO_BALANCE and "the relative residual is" in far.reason(settings)
+
+
+# ------------------------------------------------------------ prediction
+
+
+MODEL = Model(friction="per-hole", elements_per_bay=1)
+
+
+def simulation(robot, steps, settings=None):
+    """A robot that has gone through load steps."""
+    found = Simulation(robot, MODEL, resolve(robot, steps), settings)
+    for target in resolve(robot, steps):
+        found.advance(target)
+    return found
+
+
+def predicted(arm, *inputs, loads=()):
+    """Prediction for further inputs."""
+    goal = Target((np.array(inputs, dtype=float),), loads, arm.state.time)
+    return predict_from(arm, goal, arm.linearization())
+
+
+def predict_from(arm, goal, line, settings=None):
+    """Prediction from the state of a simulation."""
+    changes = input_changes(arm.state, goal)
+    return predict(arm.system, arm.state, goal, changes, line, settings or arm.settings)
+
+
+def test_error_of_a_prediction_falls_with_nearly_the_fourth_power_of_the_step():
+    """Pull from 1 N in steps of 0.2, 0.1 and 0.05 N; the fourth solution is predicted from two before it."""
+    errors = []
+    for size in (0.2, 0.1, 0.05):
+        arm = simulation(paper(0.3), pull(*(1.0 + size * np.arange(3))), SolverSettings(tolerance=1e-9))
+        goal = 1.0 + 3.0 * size
+        guess = predicted(arm, goal).state.configuration.twists[0]
+        arm.advance(resolve(paper(0.3), pull(goal))[0])
+        errors.append(np.abs(guess - arm.state.configuration.twists[0]).max())
+    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all(slopes > 3.3), (errors, slopes)
+    assert errors[-1] < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("robot", "driven", "full"),
+    [
+        (paper(0.3), "tensions", (2.0,)),
+        (paper(0.3), "displacements", (4e-3,)),
+        (three(0.3), "tensions", (2.0, 0.0, 0.0)),
+        (three(0.3, axial_stiffness=3000.0), "tensions", (2.0, 0.0, 0.0)),
+        (three(0.3, axial_stiffness=3000.0), "displacements", (4e-3, -2e-3, -2e-3)),
+    ],
+)
+def test_predictions_do_not_change_results(robot, driven, full):
+    """The same history, each step from the state alone, without the step before it."""
+    inputs = dict(zip(robot.tendon_names, full, strict=True))
+    factors = [0.2, 0.4, 0.6, 0.8, 1.0, 0.9, 0.8, 0.7]
+    steps = [LoadStep(**{driven: {name: f * x for name, x in inputs.items()}}) for f in factors]
+    settings = SolverSettings(tolerance=1e-11, path_tolerance=1e-9)
+    targets = resolve(robot, steps)
+    following, alone = (Simulation(robot, MODEL, targets, settings) for _ in range(2))
+    made = 0
+    for target in targets:
+        line = following.linearization()
+        goal = Target((target.values,), (), 0.0)
+        made += predict_from(following, goal, line) is not None
+        following.advance(target)
+        alone.restore(alone.state)
+        alone.advance(target)
+        a, b = following.state, alone.state
+        assert np.abs(a.configuration.positions - b.configuration.positions).max() < 1e-10 * LENGTH
+        assert a.base_tension[0] == pytest.approx(b.base_tension[0], abs=1e-8)
+    assert made >= 4

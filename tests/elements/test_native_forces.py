@@ -1,0 +1,165 @@
+"""Forces of tendons and backbone for Exudyn's own solvers: the general evaluation, and differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robots import LENGTH, scene, tendon, three
+
+from tdcr_fe.elements.backbone import relative_twists, strain_matrices
+from tdcr_fe.elements.native.coordinates import generalized_forces, twists_by_coordinates
+from tdcr_fe.elements.native.iterated import constant_wrench_tangent
+from tdcr_fe.elements.native.straight_tendons import StraightTendons
+from tdcr_fe.elements.poses import rotation_of_euler_parameters
+from tdcr_fe.elements.section import nodal_sum
+from tdcr_fe.model.robot import Disks
+from tdcr_fe.model.routing import HelicalRouting
+from tdcr_fe.native import register
+from tdcr_fe.solve.statics import SolveTDCR
+
+
+def robots():
+    """Robots whose tendons have constant tension or friction, end at different disks, and wind around."""
+    ends = (LENGTH * 7 / 13, LENGTH, LENGTH * 10 / 13)
+    shorter = tuple(tendon(f"t{i + 1}", 120.0 * i, 0.3, end=end) for i, end in enumerate(ends))
+    helical = replace(tendon("t1"), routing=HelicalRouting(4.5e-3, 1.0, 20.0))
+    return {
+        "three": (three(0.3), {}),
+        "per tendon": (three(0.3), {"friction": "per-tendon"}),
+        "no friction": (three(0.0), {"friction": "none"}),
+        "one ends earlier": (replace(three(0.3), tendons=shorter), {}),
+        "two elements a bay": (three(0.3), {"elements_per_bay": 2}),
+        "all end earlier": (replace(three(0.3), tendons=shorter[:1]), {}),
+        "helical": (replace(three(0.3), tendons=(helical,)), {}),
+        "one disk": (three(0.3, disks=Disks.equally_spaced(1, LENGTH, mass=1e-3)), {"elements_per_bay": 4}),
+    }
+
+
+@pytest.mark.parametrize("case", robots())
+def test_forces_and_tangent_are_those_of_the_general_evaluation(case):
+    """In configurations with sticking and sliding holes; unit Euler parameters."""
+    robot, model = robots()[case]
+    _keep, _mbs, handle = scene(robot, **model)
+    count = len(robot.tendons)
+    handle.set_tensions([1.0, 0.4, 0.2][:count])
+    actuation, rng = handle.actuation, np.random.default_rng(1)
+    scene_forces = actuation._scene_forces
+    straight = scene_forces._straight
+    assert straight is not None
+    reference = actuation._node_coordinates.reference
+    for size in (1e-7, 1e-4, 1e-2):
+        there = reference + size * rng.normal(size=reference.shape)
+        there[:, 3:] /= np.linalg.norm(there[:, 3:], axis=1)[:, None]
+        moved = (there - reference).ravel()
+        found, tangent = [], []
+        for used in (straight, None):
+            scene_forces._straight = used
+            found.append(actuation.forces_on_coordinates(moved.tolist(), size))
+            jacobian = actuation.jacobian_on_coordinates(moved.tolist(), size, 1.0, 0.0)
+            tangent.append(np.array(jacobian.Convert2DenseMatrix()))
+        scene_forces._straight = straight
+        assert np.abs(found[0] - found[1]).max() <= 1e-9 * np.abs(found[1]).max()
+        # By norms of Euler parameters, which constraints keep, both may differ.
+        assert np.abs(tangent[0] - tangent[1]).max() <= 1e-8 * np.abs(tangent[1]).max()
+
+
+# ------------------------------------------------------------ iterated tendons
+
+
+register()
+STEP = 1e-3
+BASE = np.array([1.0, 0.4, 0.2])
+
+
+@pytest.fixture
+def tendons():
+    """Tendons of a straight robot, its reference coordinates, and its history."""
+    _keep, _mbs, handle = scene(three(0.3))
+    actuation = handle.actuation
+    straight = StraightTendons.of(actuation.model)
+    assert straight is not None
+    return straight, actuation._node_coordinates.reference, actuation.law.initial_state()
+
+
+def bent(reference, size: float) -> np.ndarray:
+    """Displacements of the nodes, bent to a parabola by a displacement of the tip [m] and turned with it."""
+    along = np.linspace(0.0, 1.0, len(reference))
+    moved = np.zeros_like(reference)
+    moved[:, 0] = size * along**2
+    half = along * size / LENGTH
+    w, x, y, z = reference[:, 3:].T
+    turned = np.stack((-y, z, w, -x), axis=1)
+    moved[:, 3:] = (np.cos(half) - 1.0)[:, None] * reference[:, 3:] + np.sin(half)[:, None] * turned
+    return moved.ravel()
+
+
+def step(iterated, reference, sizes, time, state):
+    """The forces at every iterate of a step, the tangent in the first one, and the history at its end."""
+    found = []
+    for k, size in enumerate(sizes):
+        found.append(iterated.forces(bent(reference, size), reference, time, state, BASE))
+        if k == 0:
+            iterated.tangent(bent(reference, size), reference, time, state, BASE)
+    return found, iterated.step_end(bent(reference, sizes[-1]), reference, time, state, BASE)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_swing_with_friction_takes_few_jacobians(count):
+    """With holes that change between stick and slip: 1.3 to 1.6 a step of 1 ms; without the prediction 1.8 to 2.3."""
+    _keep, mbs, handle = scene(three(0.3), assemble=False)
+    load = handle.add_load("tip", LENGTH)
+    mbs.Assemble()
+    handle.set_tensions([1.0, *([0.3, 0.2] if count == 3 else [0.0, 0.0])])
+    SolveTDCR(mbs)
+    load.set([0.0, 0.005, 0.003])
+    settings = handle.recommended_settings(0.1, STEP)
+    settings.timeIntegration.verboseMode, settings.solution.file.write = 0, False
+    assert mbs.SolveDynamic(settings)
+    it = mbs.sys["dynamicSolver"].it
+    assert 1.0 <= it.newtonJacobiCount / it.currentStepIndex < 1.65
+    assert it.newtonStepsCount / it.currentStepIndex < 6.0
+
+
+# ------------------------------------------------------------ iterated backbone
+
+
+register()
+
+
+def forces(q: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
+    """Generalised forces of elements with constant wrenches; shape (7 N,)."""
+    nodes = q.reshape(-1, 7)
+    rotations = rotation_of_euler_parameters(nodes[:, 3:])
+    by_nodes = strain_matrices(relative_twists(nodes[:, :3], rotations))
+    return generalized_forces(nodal_sum(-(wrenches[:, None] @ by_nodes)[:, 0]), rotations, nodes[:, 3:])
+
+
+def at_rest():
+    """A robot at rest under three tensions, and its coordinates with reference values."""
+    keep, mbs, handle = scene(three(0.3))
+    handle.set_tensions([1.2, 0.0, 0.4])
+    SolveTDCR(mbs)
+    positions, _, parameters = handle.actuation.scene_poses()
+    return keep, mbs, handle, np.concatenate((positions, parameters), axis=1)
+
+
+def test_it_is_the_derivative_of_the_forces_of_constant_wrenches():
+    """By central differences, in all directions that turn and move the sections of a disturbed shape."""
+    rng = np.random.default_rng(1)
+    *_, nodes = at_rest()
+    nodes[:, :3] += 1e-5 * rng.normal(size=(len(nodes), 3))
+    nodes[:, 3:] += 1e-2 * rng.normal(size=nodes[:, 3:].shape)
+    nodes[:, 3:] /= np.linalg.norm(nodes[:, 3:], axis=1)[:, None]
+    wrenches = rng.normal(size=(len(nodes) - 1, 6))
+    rotations = rotation_of_euler_parameters(nodes[:, 3:])
+    twists = relative_twists(nodes[:, :3], rotations)
+    found = constant_wrench_tangent(wrenches, twists, rotations, nodes[:, 3:])
+    to_twist = twists_by_coordinates(rotations, nodes[:, 3:])
+    for node, axis in np.ndindex(len(nodes), 6):
+        way = np.zeros(nodes.shape)
+        way[node] = np.linalg.pinv(to_twist[node])[:, axis]
+        step = 1e-6 * way.ravel()
+        expected = (forces(nodes.ravel() + step, wrenches) - forces(nodes.ravel() - step, wrenches)) / 2e-6
+        assert found @ way.ravel() == pytest.approx(expected, abs=1e-7)

@@ -1,0 +1,297 @@
+"""Robots without disks, tapered backbones, fibres that harden or soften: closed forms, the reference, mistakes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robots import BACKBONE, LENGTH, distance, solve, three
+
+from tdcr_fe.elements.section import NonlinearSection
+from tdcr_fe.io.problems import InputError
+from tdcr_fe.io.toml import read_robot
+from tdcr_fe.io.write_toml import robot_to_toml
+from tdcr_fe.model.backbone import Backbone, NonlinearMaterial, StiffnessPatch
+from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
+from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.solve.simulate import simulate
+from tdcr_fe.validation.reference import solve_reference
+
+L = 0.3
+SOFT = Backbone(L, 12e-3, 0.4e6, 0.45, density=1100.0)
+CONE = replace(SOFT, taper=((0.0, 12e-3), (0.25, 6e-3), (L, 5e-3)))
+FOLLOWS = Model("continuous", "none")
+
+
+def converging(name, angle, end=0.25):
+    return Tendon(name, ConvergingRouting(9e-3, 3e-3, angle), end=end)
+
+
+TENTACLE = Robot(CONE, tendons=(converging("a", -60.0), converging("b", 60.0, 0.18)))
+WINDING = Robot(SOFT, tendons=(Tendon("a", HelicalRouting(8e-3, 0.7, 20.0)),))
+STEPS = [LoadStep(tensions={"a": 1.0}), LoadStep(tensions={"a": 3.0, "b": 1.5})]
+
+
+def test_a_parallel_tendon_bends_the_bare_rod_to_a_circular_arc():
+    """Without weight: strain and curvature are constant, ``EI k = T a (1 + e - a k)/|...|``: pure bending about y.
+
+    The tendon at ``x = a`` has the stretch ``1 + e - a k`` along the tangent, so its pull is along the tangent and
+    ``EA e = -T``, ``EI k = T a``.
+    """
+    a, tension = 5e-3, 2.0
+    rod = Robot(SOFT, tendons=(Tendon("t", ParallelRouting(a)),))
+    result = simulate(rod, FOLLOWS, [LoadStep(tensions={"t": tension})])
+    assert result.converged, result.message
+    curvature, stretch = tension * a / SOFT.EI, 1.0 - tension / SOFT.EA
+    radius, angle = stretch / curvature, curvature * L
+    expected = [radius * (1.0 - np.cos(angle)), 0.0, radius * np.sin(angle)]
+    np.testing.assert_allclose(result.tips[0], expected, atol=1e-9)
+    assert result.steps[0].displacements[0] == pytest.approx(L * (1.0 - (stretch - a * curvature)), rel=1e-9)
+
+
+TWO_MATERIALS = replace(CONE, patches=(StiffnessPatch(0.2, L, modulus=0.4, density=2.0),))
+
+
+@pytest.mark.parametrize("backbone", [SOFT, CONE, TWO_MATERIALS], ids=["even", "cone", "two materials"])
+def test_a_hanging_rod_without_tendons_stretches_by_its_weight(backbone):
+    """Every section by its own modulus and area, under the weight of what is below it."""
+    result = simulate(Robot(backbone), Model(gravity=(0.0, 0.0, 9.81), elements_per_bay=4), [LoadStep()])
+    assert result.converged, result.message
+    s = np.linspace(0.0, L, 60001)
+    modulus, density = backbone.material_factors(s)
+    area = np.pi * backbone.radius_at(s) ** 2
+    line = area * density * backbone.density
+    mass = np.concatenate(([0.0], np.cumsum(0.5 * (line[1:] + line[:-1]) * np.diff(s))))
+    strain = 9.81 * (mass[-1] - mass) / (backbone.youngs_modulus * modulus * area)
+    expected = float(np.sum(0.5 * (strain[1:] + strain[:-1]) * np.diff(s)))
+    assert result.tips[0][2] - L == pytest.approx(expected, rel=3e-4)
+
+
+def test_a_tapered_cantilever_bends_under_a_small_tip_force_as_in_the_integral():
+    """``w = F int (L - s)^2 / EI(s) ds`` and the shear ``F int ds / GA(s)``, by Gauss's rule on both stretches."""
+    force = 1e-5
+    model = Model(elements_per_bay=6)
+    result = simulate(Robot(CONE), model, [LoadStep(loads={"tip": Load(L, (force, 0.0, 0.0))})])
+    points, weights = np.polynomial.legendre.leggauss(40)
+    expected = 0.0
+    for start, end in ((0.0, 0.25), (0.25, L)):
+        s = start + 0.5 * (end - start) * (points + 1.0)
+        ratio = CONE.radius_at(s) / CONE.radius
+        by_area = (L - s) ** 2 / (CONE.EI * ratio**4) + 1.0 / (CONE.GA * ratio**2)
+        expected += force * 0.5 * (end - start) * float(weights @ by_area)
+    assert result.tips[0][0] == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize("robot", [TENTACLE, WINDING], ids=["tapered, two ends", "helix"])
+def test_finite_elements_agree_with_the_reference(robot):
+    model = replace(FOLLOWS, gravity=(0.0, 0.0, 9.81))
+    steps = [
+        LoadStep(tensions={k: v for k, v in s.tensions.items() if k in robot.tendon_names}) for s in STEPS
+    ]
+    exact = solve_reference(robot, model, steps)
+    found = simulate(robot, model, steps)
+    assert exact.converged and found.converged, (exact.message, found.message)
+    np.testing.assert_allclose(found.tips, exact.tips, atol=1e-4 * L)
+    for a, b in zip(found.steps, exact.steps, strict=True):
+        np.testing.assert_allclose(a.displacements, b.displacements, atol=1e-4 * L)
+        assert [len(t) for t in a.tensions] == [1] * len(robot.tendons)
+
+
+def test_bays_are_twentieths_and_every_end_of_a_tendon_has_a_node():
+    result = simulate(TENTACLE, replace(FOLLOWS, elements_per_bay=1), STEPS[:1])
+    expected = sorted({*np.round(L * np.arange(21) / 20, 9), 0.25, 0.18})
+    np.testing.assert_allclose(result.steps[0].s, expected, atol=1e-12)
+    assert len(TENTACLE.bay_edges) == 21
+
+
+def test_a_straight_path_without_disks_is_refused_by_name():
+    with pytest.raises(ValueError, match=r'model\.tendon_path = "straight".*follow the backbone'):
+        simulate(TENTACLE, Model(), STEPS)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"end": 0.31}, r"tendons\[0\]\.end: 0\.31; beyond the tip"),
+        ({"clearance": 1e-3}, r"tendons\[0\]\.clearance: given; a robot without disks has no holes"),
+    ],
+)
+def test_what_needs_holes_is_refused_by_name(change, text):
+    with pytest.raises(ValueError, match=text):
+        TENTACLE.with_tendons(["a"], **change)
+
+
+# ------------------------------------------------------------ taper
+
+
+R0, R1 = 0.4e-3, 0.2e-3
+THIN = replace(BACKBONE, taper=((0.0, R0), (LENGTH, R1)))
+BARE = Robot(THIN, Disks.equally_spaced(5, LENGTH))
+BENDING = [
+    LoadStep(tensions={"t1": 0.3, "t2": 0.1, "t3": 0.1}),
+    LoadStep(tensions={"t1": 0.4}, loads={"tip": Load(LENGTH, (0.002, 0.003, 0.0))}),
+    LoadStep(tensions={"t1": 0.2, "t2": 0.2}),
+]
+
+
+def test_a_tip_moment_turns_a_cone_by_the_integral_of_its_compliance():
+    """The integral of r^-4 along a cone gives L / EI0 q (q^2 + q + 1) / 3 with q = R0 / R1."""
+    moment, q = 1e-3, R0 / R1
+    found = solve(BARE, [LoadStep(loads={"tip": Load(LENGTH, moment=(0.0, moment, 0.0))})], friction="none")
+    expected = moment * LENGTH / BACKBONE.EI * q * (q**2 + q + 1.0) / 3.0
+    assert found.steps[0].bending_angle == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize("path", ["straight", "continuous"])
+def test_tapered_robots_converge_to_the_reference_with_order_two(path):
+    robot = three(0.2).with_backbone(taper=((0.0, R0), (0.1, 0.35e-3), (LENGTH, R1)))
+    model = Model(path, "none", gravity=(0.0, 3.0, -9.81))
+    exact = solve_reference(robot, model, BENDING[:2])
+    assert exact.converged, exact.message
+    found = []
+    for n in (1, 2, 4, "auto"):
+        run = simulate(robot, replace(model, elements_per_bay=n), BENDING[:2])
+        assert run.converged, run.message
+        found.append(run.tips)
+    ratio = distance(found[0], found[1]) / distance(found[1], found[2])
+    assert 3.5 < ratio < 4.6
+    assert distance(found[2], exact.tips) < 2e-4 and distance(found[3], exact.tips) < 2e-4
+
+
+def test_a_taper_goes_through_the_file_as_radius(tmp_path):
+    file = tmp_path / "robot.toml"
+    file.write_text(robot_to_toml(BARE))
+    assert f"radius = [[0.0, {R0}], [{LENGTH}, {R1}]]" in file.read_text()
+    assert read_robot(file) == BARE
+
+
+@pytest.mark.parametrize(
+    ("radius", "text"),
+    [
+        ("[[0.0, 1e-3], [0.2, 5e-4]]", "ascend from 0 to the length"),
+        ("[[0.0, 1e-3], [0.25, -5e-4]]", "radii above 0"),
+        ("[[0.0, 1e-3]]", "ascend from 0"),
+        ("[0.0, 1e-3]", "number"),
+    ],
+)
+def test_a_taper_that_is_none_is_refused_by_name(tmp_path, radius, text):
+    file = tmp_path / "robot.toml"
+    file.write_text(robot_to_toml(BARE).replace(f"[[0.0, {R0}], [{LENGTH}, {R1}]]", radius))
+    with pytest.raises(InputError, match=r"backbone\.radius") as found:
+        read_robot(file)
+    assert text in str(found.value)
+
+
+# ------------------------------------------------------------ nonlinear material
+
+
+NEO_HOOKEAN = NonlinearMaterial(-1.0, 4.0 / 3.0)
+LAWS = [NonlinearMaterial(0.0, 30.0), NEO_HOOKEAN, NonlinearMaterial(4.0, 12.0), NonlinearMaterial(0.0, -2.0)]
+ROD = Backbone(L, 10e-3, 0.4e6, 0.45, density=1100.0)
+
+
+def rod(law, **changes):
+    return Robot(replace(ROD, nonlinear=law, **changes))
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_an_axial_force_stretches_the_rod_along_the_stress_strain_curve(law):
+    """``F = EA (e + b e^2 + c e^3)``: the cubic solved by numpy."""
+    force = 0.08 * ROD.EA
+    result = simulate(rod(law), Model(), [LoadStep(loads={"tip": Load(L, (0.0, 0.0, force))})])
+    assert result.converged, result.message
+    roots = np.roots([law.cubic, law.quadratic, 1.0, -0.08])
+    stretch = min(float(r.real) for r in roots if abs(r.imag) < 1e-9 and r.real > 0.0)
+    assert result.tips[0][2] == pytest.approx(L * (1.0 + stretch), rel=1e-9)
+
+
+def test_a_tip_moment_bends_a_hardening_rod_to_the_arc_of_its_moment_curvature_curve():
+    """Without an axial force and without b: ``M = EI k (1 + c R^2 k^2 / 2)``, while ``3 c n`` leaves n = 0."""
+    law, curvature = NonlinearMaterial(0.0, 30.0), 8.0
+    moment = ROD.EI * curvature * (1.0 + 0.5 * law.cubic * ROD.radius**2 * curvature**2)
+    result = simulate(rod(law), Model(), [LoadStep(loads={"tip": Load(L, moment=(0.0, moment, 0.0))})])
+    angle = curvature * L
+    expected = [(1.0 - np.cos(angle)) / curvature, 0.0, np.sin(angle) / curvature]
+    np.testing.assert_allclose(result.tips[0], expected, atol=1e-9)
+
+
+def test_bending_stretches_a_material_that_is_softer_in_tension():
+    """Pure bending, no axial force: ``EA (n + b n^2) + EI b k^2 = 0`` to second order in the strain."""
+    law, curvature = NonlinearMaterial(-1.0, 1.0), 3.0
+    moment = ROD.EI * curvature
+    result = simulate(rod(law), Model(), [LoadStep(loads={"tip": Load(L, moment=(0.0, moment, 0.0))})])
+    step = result.steps[0]
+    stretch = step.tip[0] / (1.0 - np.cos(step.bending_angle)) * step.bending_angle / L - 1.0
+    assert stretch == pytest.approx(ROD.EI / ROD.EA * curvature**2, rel=0.01)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_wrench_is_the_integral_of_the_stress_and_stiffness_its_derivative(law):
+    ea, ei = ROD.EA, ROD.EI
+    one = np.ones(1)
+    section = NonlinearSection(
+        ea * one, ei * one, ROD.radius * one, law.quadratic * one, law.cubic * one, np.zeros((1, 3))
+    )
+    n, bend = np.array([0.03]), np.array([[4.0, -6.0]])
+    s, weight = np.polynomial.legendre.leggauss(12)
+    radii, angles = 0.5 * ROD.radius * (s + 1.0), np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
+    y, z = np.outer(radii, np.cos(angles)), np.outer(radii, np.sin(angles))
+    area = np.outer(0.5 * ROD.radius * weight * radii, np.full(32, 2.0 * np.pi / 32))
+    # Curvature about y strains fibres by +z, about z by -y, in beam axes.
+    e = n[0] + bend[0, 0] * z - bend[0, 1] * y
+    stress = ROD.youngs_modulus * (law.quadratic * e**2 + law.cubic * e**3)
+    expected = [np.sum(stress * f * area) for f in (1.0, z, -y)]
+    np.testing.assert_allclose(section.wrench(n, bend)[0], expected, rtol=1e-9)
+    for k, step in enumerate(np.eye(3) * np.array([1e-6, 1e-4, 1e-4])):
+        up = section.wrench(n + step[0], bend + step[1:])
+        down = section.wrench(n - step[0], bend - step[1:])
+        size = step[k]
+        np.testing.assert_allclose(
+            section.stiffness(n, bend)[0, :, k], ((up - down) / (2.0 * size))[0], rtol=1e-6
+        )
+
+
+FIBRES = Robot(
+    replace(ROD, taper=((0.0, 10e-3), (L, 5e-3))),
+    tendons=(
+        Tendon("a", ConvergingRouting(8e-3, 3e-3, -60.0), end=0.25),
+        Tendon("b", ConvergingRouting(8e-3, 3e-3, 60.0)),
+    ),
+)
+PULLS = [LoadStep(tensions={"a": 1.5}), LoadStep(tensions={"a": 2.0, "b": 1.0})]
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize("law", [NEO_HOOKEAN, NonlinearMaterial(4.0, 12.0)])
+@pytest.mark.parametrize("path", ["continuous", "straight"])
+def test_nonlinear_fibres_agree_with_the_reference(law, path):
+    robot = FIBRES.with_backbone(nonlinear=law)
+    if path == "straight":
+        robot = replace(robot, disks=Disks.equally_spaced(12, L, radius=12e-3))
+    model = Model(path, "none", gravity=(0.0, 0.0, 9.81))
+    exact = solve_reference(robot, model, PULLS)
+    found = simulate(robot, model, PULLS)
+    assert exact.converged and found.converged, (exact.message, found.message)
+    linear = simulate(replace(robot, backbone=FIBRES.backbone), model, PULLS)
+    assert np.abs(found.tips - exact.tips).max() < 2e-4 * L < 0.02 * np.abs(linear.tips - exact.tips).max()
+
+
+@pytest.mark.parametrize(
+    ("law", "more", "text"),
+    [
+        ("{ quadratic = 80.0 }", "", "falls from 0.00625 on"),
+        ("{ cubic = -100000.0 }", "", "cubic"),
+        ("{ cubic = 1.0 }", "creep_rate = 1e-3", "cannot be combined with creep_rate"),
+    ],
+)
+def test_laws_that_cannot_be_are_refused_by_name(tmp_path, law, more, text):
+    lines = robot_to_toml(rod(None)).replace("[backbone]", f"[backbone]\nnonlinear = {law}\n{more}")
+    (tmp_path / "robot.toml").write_text(lines)
+    with pytest.raises(InputError, match=r"backbone\.nonlinear") as found:
+        read_robot(tmp_path / "robot.toml")
+    assert text in str(found.value)
