@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -63,7 +64,7 @@ class InputError(Exception):
         super().__init__("\n".join(str(p) for p in self.problems))
 
 
-def refusal(file: str | Path, allowed: str, key: str = "", value: str = "") -> InputError:
+def refusal(file: str | os.PathLike[str], allowed: str, key: str = "", value: str = "") -> InputError:
     """An error with one mistake; see `Problem`."""
     return InputError([Problem(str(file), key, value, allowed)])
 
