@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.backbone import BackboneMesh, NodeStiffness, relative_twists, strain_matrices
 from tdcr_fe.elements.capstan import HoleSlopes, TensionField
 from tdcr_fe.elements.complementarity import as_slice
-from tdcr_fe.elements.friction import FrictionState, TendonLaw
+from tdcr_fe.elements.friction import TendonLaw
+from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.poses import skew
 from tdcr_fe.elements.section import SectionForces, nodal_sum
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
@@ -213,6 +214,12 @@ class TendonForces(NamedTuple):
                 change = change + (f.d_length @ lengths[:, :, None])[:, :, 0]
             released = released + f.released_d_tension * change
         return law.slips(released)
+
+    @property
+    def resting_flexibility(self) -> Array:
+        """Slope of the slips by the mobilisations of holes that begin to slip either way [m], shape (m, g)."""
+        at = self.field.mobilisation
+        return self.model.law.hysteresis.flexibility(at, np.zeros_like(at))
 
     def slip_rows(self) -> tuple[Array, Array, Array]:
         """Derivatives of the slips that drive the frictional mobilisations.

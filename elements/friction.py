@@ -6,10 +6,8 @@ A tendon is pulled at the base plate, runs through holes ``k = 1 .. n-1`` and is
 Segment ``k`` lies between hole ``k-1`` and hole ``k``; it has length ``l_k`` and tension ``T_k``; the tendon turns
 by ``theta_k`` at hole ``k``. Tendon material that has passed hole ``k`` towards the base is the slip ``u_k``.
 The mobilisation ``s_k`` in [-1, 1] is the part of the available friction that acts at a hole: +1 where the tendon is
-pulled, -1 where it is released, between where it sticks. It follows the slip over the presliding distance ``delta``
-(an elastic-plastic law),
+pulled, -1 where it is released, between where it sticks. It follows the slip (`tdcr_fe.elements.hysteresis`), and
 
-    s_k = clip(s_k,before + (u_k - u_k,before) / delta, -1, 1),
     T_k+1 = max(0, T_k exp(-s_k mu theta_k) - s_k a)            for s_k >= 0,
     T_k+1 = (T_k + |s_k| a) exp(|s_k| mu theta_k)               for s_k < 0,
 
@@ -37,6 +35,7 @@ from tdcr_fe.elements.coefficients import (
     tension_derivatives,
 )
 from tdcr_fe.elements.complementarity import solve_box
+from tdcr_fe.elements.hysteresis import ElasticPlastic, FrictionState, Hysteresis
 
 Array = NDArray[np.float64]
 
@@ -97,17 +96,6 @@ FRICTION_MODELS: dict[str, FrictionModel] = {
 }
 
 
-@dataclass(frozen=True)
-class FrictionState:
-    """History, committed at the end of a (sub)step."""
-
-    slip: Array  # (m, g): Slip that drives each mobilisation [m]
-    mobilisation: Array  # (m, g): Part of the available friction that acts, in [-1, 1]
-    # (m, g): Slip rate over the last step of nonzero duration [m/s]; None is zero
-    slip_rate: Array | None = None
-    time: float = 0.0  # Time at which it was committed [s]
-
-
 class TendonLaw:
     """Tensions along all tendons of a robot from the lengths and angles of their segments.
 
@@ -117,8 +105,8 @@ class TendonLaw:
         Parameters of the tendons.
     law
         Friction model: the slip that drives the friction at each hole.
-    presliding
-        Slip through a hole from rest to full friction [m].
+    hysteresis
+        How the mobilisation of a hole follows its slip.
 
     Attributes
     ----------
@@ -141,13 +129,15 @@ class TendonLaw:
     each_hole : bool
         Whether every hole has its own mobilisation.
     simple : bool
-        Whether tensions follow from angles and mobilisations alone: no elasticity, adhesion or law of coefficients.
+        Whether tensions follow from angles and mobilisations alone, and these linearly from the slips.
     """
 
-    def __init__(self, parameters: TendonParameters, law: FrictionModel, presliding: float = 1e-6) -> None:
+    def __init__(
+        self, parameters: TendonParameters, law: FrictionModel, hysteresis: Hysteresis | None = None
+    ) -> None:
         self.parameters = parameters
         self.law = law
-        self.presliding = presliding
+        self.hysteresis = hysteresis or ElasticPlastic()
         m, n = parameters.lengths.shape
         self.shape = (m, n)
         zero = np.zeros_like(parameters.friction)
@@ -170,7 +160,8 @@ class TendonLaw:
         self.elastic = bool(np.any(parameters.compliance > 0.0) or np.any(parameters.spring > 0.0))
         self._masked = parameters.mask.astype(float)
         self.each_hole = self.groups == n - 1 and bool(np.all(self.hole_incidence == np.eye(n - 1)))
-        self.simple = not (self.elastic or self._has_adhesion or self._laws)
+        special = self.elastic or self._has_adhesion or self._laws
+        self.simple = self.hysteresis.linear and not special
         # Arrays that never change.
         self._negative, self._nothing, self._constant = -self._masked, np.zeros((m, n)), np.zeros((m, n, n))
 
@@ -194,20 +185,6 @@ class TendonLaw:
         if self.each_hole:
             return mobilisation
         return mobilisation @ self.hole_incidence.T
-
-    def trial_mobilisation(self, slip: Array, state: FrictionState, presliding: float) -> Array:
-        """Trial state of the return mapping: the mobilisation without its limits -1 and 1 [1], shape (m, g).
-
-        Parameters
-        ----------
-        slip
-            That drives each mobilisation [m], shape (m, g).
-        state
-            History from which it is counted.
-        presliding
-            Presliding distance [m].
-        """
-        return state.mobilisation + (slip - state.slip) / presliding
 
     def field(
         self,
@@ -353,13 +330,7 @@ class TendonLaw:
         )
 
     def evaluate(
-        self,
-        base_tension: Array,
-        lengths: Array,
-        angles: Array,
-        state: FrictionState,
-        presliding: float | None = None,
-        time: float = 0.0,
+        self, base_tension: Array, lengths: Array, angles: Array, state: FrictionState, time: float = 0.0
     ) -> TensionField:
         """Tensions with the mobilisations that follow from the configuration.
 
@@ -369,8 +340,6 @@ class TendonLaw:
             As in `field`.
         state
             History at the beginning of the step.
-        presliding
-            Replaces the law's presliding distance [m].
         time
             As in `field`.
 
@@ -379,39 +348,39 @@ class TendonLaw:
         TensionField
             With derivatives that include the change of the mobilisations.
         """
-        delta = self.presliding if presliding is None else presliding
+        hysteresis = self.hysteresis
         if not self.elastic:
             # The slip does not depend on the tensions, so that the mobilisations follow at once.
-            slip = self.slips(self.parameters.lengths - lengths)
-            trial = self.trial_mobilisation(slip, state, delta)
+            trial = hysteresis.trial(self.slips(self.parameters.lengths - lengths), state)
             field = self.field(base_tension, lengths, angles, np.clip(trial, -1.0, 1.0), state, time)
-            return self._with_consistent_tangent(field, trial, delta)
+            return self._with_consistent_tangent(field, trial, state)
         mobilisation = state.mobilisation
         for _ in range(MOST_ITERATIONS):
             field = self.field(base_tension, lengths, angles, mobilisation, state, time)
-            trial = self.trial_mobilisation(field.slip, state, delta)
+            trial = hysteresis.trial(field.slip, state)
             error = np.abs(np.clip(trial, -1.0, 1.0) - mobilisation)
             if not np.max(error, initial=0.0) > MOBILISATION_TOLERANCE:  # ends with nan, too
                 break
-            # A step of Newton's method for s = clip(trial(s)): a complementarity problem by tendon.
-            jacobian = self._jacobian(field, delta)
-            right = trial - mobilisation + (jacobian @ mobilisation[..., None])[..., 0]
-            by_tendon = zip(jacobian, right, mobilisation, strict=True)
+            # A step of Newton's method: a complementarity problem by tendon.
+            slip, flexibility = hysteresis.line(field.slip, mobilisation, state, field.slip)
+            matrix = self._matrix(field, flexibility)
+            right = field.slip - state.slip - slip + (matrix @ mobilisation[..., None])[..., 0]
+            by_tendon = zip(matrix, right, mobilisation, strict=True)
             mobilisation = np.stack([solve_box(*x)[0] for x in by_tendon])
-        return self._with_consistent_tangent(field, trial, delta)
+        return self._with_consistent_tangent(field, trial, state)
 
-    def _jacobian(self, field: TensionField, presliding: float) -> Array:
-        """Derivatives of the mobilisations less the trial ones by the mobilisations [1], shape (m, g, g).
+    def _matrix(self, field: TensionField, flexibility: Array) -> Array:
+        """Derivatives by the mobilisations of the slips that belong to them, less those of the slips [m], (m, g, g).
 
-        The trial mobilisations depend on them through the stretch of the tendons.
+        The slips depend on them through the stretch of the tendons.
         """
-        trial_by_released = self.slip_operator / presliding
-        return (
-            np.eye(self.groups)
-            - (trial_by_released * field.released_d_tension[:, None, :]) @ field.by_mobilisation
-        )
+        slips = (self.slip_operator * field.released_d_tension[:, None, :]) @ field.by_mobilisation
+        matrix: Array = flexibility[:, :, None] * np.eye(self.groups) - slips
+        return matrix
 
-    def _with_consistent_tangent(self, field: TensionField, trial: Array, presliding: float) -> TensionField:
+    def _with_consistent_tangent(
+        self, field: TensionField, trial: Array, state: FrictionState
+    ) -> TensionField:
         """A field with the consistent tangent of the return mapping: its derivatives include the mobilisations' change.
 
         They are formed when first used.
@@ -419,14 +388,17 @@ class TendonLaw:
 
         def derive() -> TensionDerivatives:
             sticks = np.abs(trial) < 1.0
-            by_released = sticks[:, :, None] * (self.slip_operator / presliding)
+            direction = np.sign(trial - state.mobilisation)
+            flexibility = self.hysteresis.flexibility(field.mobilisation, direction)
+            by_released = (sticks / flexibility)[:, :, None] * self.slip_operator
             by_length = by_released * field.released_d_length[:, None, :]
             if not self.elastic:
                 d_length = field.by_mobilisation @ by_length
                 if field.depends_on_length:
                     d_length = d_length + field.d_length
                 return TensionDerivatives(d_length, field.d_angle, field.d_base, field.by_mobilisation)
-            jacobian = np.where(sticks[:, :, None], self._jacobian(field, presliding), np.eye(self.groups))
+            scaled = self._matrix(field, flexibility) / flexibility[:, :, None]
+            jacobian = np.where(sticks[:, :, None], scaled, np.eye(self.groups))
             by_tension = by_released * field.released_d_tension[:, None, :]
             by_base = by_tension @ field.d_base[:, :, None]
             by_angle = by_tension @ field.d_angle
@@ -461,7 +433,7 @@ class TendonLaw:
 
     def with_parameters(self, **changes: Any) -> TendonLaw:
         """A copy of the law with other parameters."""
-        return TendonLaw(replace(self.parameters, **changes), self.law, self.presliding)
+        return TendonLaw(replace(self.parameters, **changes), self.law, self.hysteresis)
 
 
 def hole_states(mobilisation: Array, count: int) -> tuple[str, ...]:

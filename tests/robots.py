@@ -68,7 +68,11 @@ def scene(
     robot: Robot, *, assemble: bool = True, **rest: Any
 ) -> tuple[exu.SystemContainer, exu.MainSystem, TDCR]:
     """A system with one robot; the container must be kept while the system is used."""
-    model = {k: rest.pop(k) for k in ("friction", "elements_per_bay", "tendon_path", "gravity") if k in rest}
+    model = {
+        k: rest.pop(k)
+        for k in ("friction", "elements_per_bay", "tendon_path", "gravity", "hysteresis")
+        if k in rest
+    }
     container = exu.SystemContainer()
     mbs = container.AddSystem()
     handle = CreateTDCR(mbs, robot, Model(**{"friction": "per-hole", "elements_per_bay": 1, **model}), **rest)

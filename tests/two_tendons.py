@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from tdcr_fe.elements.friction import TendonLaw, TendonParameters
+from tdcr_fe.elements.hysteresis import ElasticPlastic
 
 LENGTHS = np.array([[0.02, 0.03, 0.02, 0.025], [0.02, 0.03, 0.0, 0.0]])
 MASK = LENGTHS > 0.0
@@ -20,6 +21,7 @@ def tendon_law(
     adhesion: float = 0.0,
     compliance: float = 0.0,
     presliding: float = 1e-6,
+    hysteresis: Any = ElasticPlastic,
     coefficients: Any = (),
 ) -> TendonLaw:
     """The equations of both tendons: friction model, the same numbers at every hole, or a law of the coefficient."""
@@ -33,4 +35,4 @@ def tendon_law(
         np.zeros(2),
         coefficients,
     )
-    return TendonLaw(parameters, model, presliding)
+    return TendonLaw(parameters, model, hysteresis(presliding))

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.backbone import BackboneMesh
 from tdcr_fe.elements.drives import DISPLACEMENT, TendonDrives
 from tdcr_fe.elements.forces import ForceModel, TendonForces
-from tdcr_fe.elements.friction import FrictionState, TendonLaw
+from tdcr_fe.elements.friction import TendonLaw
+from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.condensation import ElasticTendons, stretch
 from tdcr_fe.elements.native.coordinates import NodeCoordinates
 from tdcr_fe.elements.native.history import HistoryNodes, RobotHistory

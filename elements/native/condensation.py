@@ -127,7 +127,7 @@ class Condensed(NamedTuple):
             slip_by_nodes, slip_by_base, slip_by_mobilisation = forces.slip_rows()
             matrix[first, rest] = forces.base_slip_by_mobilisation()[which]
             matrix[rest, first] = slip_by_base[:, which]
-            matrix[rest, rest] = slip_by_mobilisation - law.presliding * np.eye(holes)
+            matrix[rest, rest] = slip_by_mobilisation - np.diag(forces.resting_flexibility[law.frictional])
             by_nodes[rest] = slip_by_nodes
             by_base[rest] = slip_by_base
             columns[:, rest] = forces.mobilisation_columns()

@@ -16,7 +16,8 @@ import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.friction import FrictionState, TendonLaw
+from tdcr_fe.elements.friction import TendonLaw
+from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.items import SystemReference
 
 Array = NDArray[np.float64]

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BackboneMesh, relative_twists, strain_matrices
-from tdcr_fe.elements.friction import FrictionState
+from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_tangent, twists_by_coordinates
 from tdcr_fe.elements.native.items import SystemReference
 from tdcr_fe.elements.native.straight_tendons import HolePrediction, Pull, StraightTendons

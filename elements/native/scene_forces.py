@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import ForceModel, TendonForces
-from tdcr_fe.elements.friction import FrictionState
+from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.condensation import ElasticTendons, add_condensed, forces_by_inputs
 from tdcr_fe.elements.native.coordinates import (
     NodeCoordinates,

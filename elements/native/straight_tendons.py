@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import ForceModel
-from tdcr_fe.elements.friction import FrictionState
+from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.poses import EULER_RATE, EULER_ROTATION, skew
 
 Array = NDArray[np.float64]
@@ -110,7 +110,7 @@ class StraightTendons:
         geometry, law = model.geometry, model.law
         assert geometry is not None
         self._rows, self._nodes, self._size = model.cable_rows, model.cable_nodes, model.mesh.arc_lengths.size
-        self._presliding = law.presliding
+        self._presliding = law.hysteresis.presliding
         self._offsets: Array = np.ascontiguousarray(geometry.offsets.transpose(1, 0, 2))
         self._levers: Array = np.concatenate(skew(geometry.offsets), axis=-1)
         self._lengths: Array = np.ascontiguousarray(law.parameters.lengths.T)

@@ -55,7 +55,7 @@ class Estimator:
     Raises
     ------
     ValueError
-        The priors do not fit the robot.
+        The priors do not fit the robot, or the model has another hysteresis than "elastic-plastic".
     """
 
     def __init__(
@@ -71,6 +71,8 @@ class Estimator:
     ) -> None:
         if model.elements_per_bay == "auto":
             model = replace(model, elements_per_bay=1)
+        if model.hysteresis != "elastic-plastic":
+            raise ValueError(f"Estimator: model.hysteresis = {model.hysteresis!r}; must be 'elastic-plastic'")
         length = robot.backbone.length
         load.check(length)
         self.robot, self.load, self.inputs = robot, load, inputs

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import TendonForces
-from tdcr_fe.elements.friction import FrictionState
+from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.model.observed_step import ObservedChange
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.sensitivities.linear_response import AT_BOUND, Disturbance, SolvedPoint
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 def plastic_slips(simulation: Simulation, friction: FrictionState) -> Array:
     """Of all holes with friction [m], shape (k,)."""
     law = simulation.handle.actuation.law
-    return (friction.slip - simulation.settings.presliding * friction.mobilisation)[law.frictional]
+    return (friction.slip - law.hysteresis.presliding * friction.mobilisation)[law.frictional]
 
 
 def with_plastic_slips(simulation: Simulation, state: SolverState, change: Array) -> SolverState:
@@ -57,9 +57,9 @@ class Response:
     def of(cls, simulation: Simulation, loaded: NDArray[np.int_]) -> Response:
         """Of the last solved state; ``loaded``: nodes on which loads may act, shape (q,)."""
         system, state = simulation.system, simulation.state
-        presliding = simulation.settings.presliding
+        presliding = simulation.handle.actuation.law.hysteresis.presliding
         target = Target(state.inputs, state.loads, state.time)
-        solved = SolvedPoint.of(system, state, target, presliding)
+        solved = SolvedPoint.of(system, state, target)
         # The friction is a parameter at first; which holes stick is taken into account below.
         solved = replace(solved, sticking=tuple(np.zeros_like(x) for x in solved.sticking))
         own = solved.forces[0]

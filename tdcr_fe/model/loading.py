@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.drives import DISPLACEMENT, DRIVES, TENSION, Drive, TendonDrives
+from tdcr_fe.elements.hysteresis import HysteresisKind
 from tdcr_fe.model.checks import model_contradictions, step_contradictions
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import Checked, Quantity
@@ -102,12 +103,16 @@ class Model(Checked):
         estimated error. Without disks a bay is a twentieth of the backbone.
     gravity : (float, float, float)
         Acceleration of gravity, world frame [m/s^2].
+    hysteresis : "elastic-plastic" or "dahl"
+        How friction at a hole grows with the slip, over the distance `presliding` of the solver: linearly up to full
+        friction, or smoothly, the more slowly the nearer it is (Dahl).
     """
 
     tendon_path: TendonPath = "straight"
     friction: Friction = "per-hole"
     elements_per_bay: Annotated[int | tuple[int, ...] | Literal["auto"], Quantity(ge=1, le=64)] = "auto"
     gravity: Annotated[Vector, Quantity(unit="m/s^2", ge=-1e5, le=1e5, allowed=_GRAVITY)] = (0.0, 0.0, 0.0)
+    hysteresis: HysteresisKind = "elastic-plastic"
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, add_backbone
+from tdcr_fe.elements.hysteresis import HYSTERESES
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.history import HistoryNodes
 from tdcr_fe.elements.native.hooks import SceneHooks
@@ -133,7 +134,7 @@ def CreateTDCR(
     joint = parts.add_base_joint(mbs, carrier, base, name)
     tendons = parts.add_tendons(mbs, robot, mesh, [backbone.beams[0], *disks], name)
     damping = parts.add_material_damping(mbs, robot, mesh, backbone.nodes, name)
-    forces = force_model(robot, model, mesh, rigid, presliding, pose)
+    forces = force_model(robot, model, mesh, rigid, HYSTERESES[model.hysteresis](presliding), pose)
     item = _force_item(mbs, backbone.nodes, name)
     others = [*bodies, joint] if damping is None else [*bodies, joint, *damping.bodies, *damping.dampers]
     connectors = Connectors(item, tendons.segments, tendons.holes, backbone.beams, others)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, reference_poses
 from tdcr_fe.elements.forces import ForceModel, GroundSprings
 from tdcr_fe.elements.friction import FRICTION_MODELS, TendonLaw, TendonParameters
+from tdcr_fe.elements.hysteresis import Hysteresis
 from tdcr_fe.elements.section import (
     ContinuousTendons,
     NonlinearSection,
@@ -30,7 +31,7 @@ def force_model(
     model: Model,
     mesh: BackboneMesh,
     rigid: Mask,
-    presliding: float,
+    hysteresis: Hysteresis,
     base: BasePose | None = None,
 ) -> ForceModel:
     """Tendons, friction and section forces of a robot.
@@ -41,8 +42,8 @@ def force_model(
         Description.
     mesh, rigid
         As `tdcr_fe.scene.mesh.build_mesh` returns them.
-    presliding
-        Slip within which the friction at a hole goes from zero to full [m].
+    hysteresis
+        How the friction at a hole follows the slip.
     base
         Pose of the base plate in the world; None is that of the world.
     """
@@ -59,7 +60,7 @@ def force_model(
         assert section is not None and section.tendons is not None
         lengths = section.tendons.evaluate(mesh.reference_twists, mesh.lengths)[0][:, None]
         mask = np.ones_like(lengths, dtype=bool)
-    law = tendon_law(robot, model.friction, lengths, mask, presliding)
+    law = tendon_law(robot, model.friction, lengths, mask, hysteresis)
     return ForceModel(mesh, hole_nodes, geometry, law, section, ground_springs(robot, mesh, base))
 
 
@@ -92,7 +93,7 @@ def cable_lengths(geometry: CableGeometry, mesh: BackboneMesh, hole_nodes: NDArr
     return geometry.lengths(positions[hole_nodes], rotations[hole_nodes])
 
 
-def tendon_law(robot: Robot, friction: str, lengths: Array, mask: Mask, presliding: float) -> TendonLaw:
+def tendon_law(robot: Robot, friction: str, lengths: Array, mask: Mask, hysteresis: Hysteresis) -> TendonLaw:
     """How tension passes along the tendons of a robot.
 
     Parameters
@@ -103,8 +104,8 @@ def tendon_law(robot: Robot, friction: str, lengths: Array, mask: Mask, preslidi
         Name of the friction model, a key of `FRICTION_MODELS`.
     lengths, mask
         Unloaded length of every segment [m], and which segments exist; shapes (m, n).
-    presliding
-        Slip within which the friction at a hole goes from zero to full [m].
+    hysteresis
+        How the friction at a hole follows the slip.
     """
     tendons = robot.tendons
     m, inner = len(tendons), mask[:, 1:]
@@ -123,7 +124,7 @@ def tendon_law(robot: Robot, friction: str, lengths: Array, mask: Mask, preslidi
     parameters = TendonParameters(
         lengths, mask, coefficient * inner, adhesion, compliance, pretension, spring, laws
     )
-    return TendonLaw(parameters, FRICTION_MODELS[friction], presliding)
+    return TendonLaw(parameters, FRICTION_MODELS[friction], hysteresis)
 
 
 def ground_springs(robot: Robot, mesh: BackboneMesh, base: BasePose | None = None) -> GroundSprings | None:

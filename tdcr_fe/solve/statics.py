@@ -90,10 +90,12 @@ def SolveTDCR(
             "SolveTDCR: it is solving already, and was called from a user function of the system (such as PreStep); "
             "call it before or after"
         )
+    settings = settings or SolverSettings()
     system = SceneSystem(mbs)
     try:
         _refuse_free_bases(system, start)
-        path = _solve(system, settings or SolverSettings(), start, end, substeps, sensitivities)
+        _refuse_other_presliding(system, settings.presliding)
+        path = _solve(system, settings, start, end, substeps, sensitivities)
         system.bring_to_rest()
         remember(system, path)
         _draw(mbs)
@@ -118,6 +120,17 @@ def _refuse_free_bases(system: SceneSystem, time: float) -> None:
             raise ValueError(
                 f"robot {robot.name!r}: its base joint is switched off (activeConnector), and nothing else holds it; "
                 "switch the joint on, join the base to something, or use mbs.SolveDynamic"
+            )
+
+
+def _refuse_other_presliding(system: SceneSystem, presliding: float) -> None:
+    """Refuse settings with a presliding distance of their own [m]: a robot brings its own into the scene."""
+    for robot in system.robots:
+        own = robot.law.hysteresis.presliding
+        if presliding not in (own, SolverSettings.presliding):
+            raise ValueError(
+                f"SolveTDCR: settings.presliding = {presliding:g}, but robot {robot.name!r} was made with {own:g}; "
+                "give the distance to CreateTDCR(..., presliding=...)"
             )
 
 

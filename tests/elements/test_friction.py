@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from two_tendons import ANGLES, HOLES, LENGTHS, MASK, tendon_law
 
 from tdcr_fe.elements.coefficients import normal_forces
-from tdcr_fe.elements.friction import FRICTION_MODELS, FrictionState, TendonLaw, TendonParameters
+from tdcr_fe.elements.friction import FRICTION_MODELS, TendonLaw, TendonParameters
+from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
 
 

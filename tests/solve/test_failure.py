@@ -41,9 +41,9 @@ def test_every_failure_names_size_and_tolerance_and_advises_settings_that_exist(
 def test_a_step_whose_friction_needs_more_presliding_is_reported(monkeypatch):
     """Where only ten times the presliding distance converges, the step carries the factor and a warning."""
 
-    def stubborn(*args, presliding=None, **kwargs):
-        result = newton(*args, presliding=presliding, **kwargs)
-        if presliding is not None and presliding > 5e-6:
+    def stubborn(*args, softening=1.0, **kwargs):
+        result = newton(*args, softening=softening, **kwargs)
+        if softening > 5.0:
             return result
         return ended(NewtonStatus.NO_FRICTION_STATE, 1e-9)
 

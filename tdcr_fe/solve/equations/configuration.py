@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import ElementChain, NodePoses, relative_twists
 from tdcr_fe.elements.forces import Measurement
-from tdcr_fe.elements.friction import FrictionState
+from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.poses import coefficients, exp_matrix, pose_matrix
 from tdcr_fe.solve.equations.reduction import BodyFrameReduction

@@ -166,7 +166,7 @@ class FrictionPath(NamedTuple):
                 counts = (counts & ~here) | (before[:k] == 0.0)
         return found[::-1]
 
-    def insensitive_holes(self, error: Array, presliding: float) -> Flags:
+    def insensitive_holes(self, error: Array, presliding: Array) -> Flags:
         """Holes whose mobilisation at the end does not depend on an error of the slips, shape (k,).
 
         They slip up to the end in one direction, faster than the error changes, and that all the time or over a
@@ -178,7 +178,7 @@ class FrictionPath(NamedTuple):
             Error of the change of the slips in the substep [m], shape (k,). It is taken to grow like that of a parabola
             in the rates: at the rate ``6 x (1 - x)`` times the error, with the load factor ``x``.
         presliding
-            Presliding distance [m].
+            Presliding distances [m], shape (k,).
         """
         k = len(error)
         start, length, rates = self.segments.start, self.segments.length, self.segments.rates

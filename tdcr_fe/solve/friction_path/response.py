@@ -252,6 +252,11 @@ class TautTendons(NamedTuple):
         """Number of unknown tensions at the base."""
         return sum(len(own.driven) for own in self.tendons)
 
+    @property
+    def presliding(self) -> Array:
+        """Presliding distances of their frictional holes [m], shape (k,)."""
+        return np.concatenate([np.full(t.holes, t.law.hysteresis.presliding) for t in self.tendons])
+
     def base_tensions(self, end: int) -> Array:
         """Tensions at the base of tendons driven by displacement, at the start (0) or the end (1) [N], shape (c,)."""
         return np.concatenate([own.tension[end, own.driven] for own in self.tendons])

@@ -68,7 +68,6 @@ class SolvedStates(NamedTuple):
     points: Sequence[InterpolationPoint]
     taut: TautTendons  # The tendons under tension in any of them
     targets: tuple[Target, Target]  # Inputs and loads at both ends
-    presliding: float  # [m]
     length: float  # Of the longest backbone [m]
     allowed: float  # Largest displacement of a node that reversals may cause, over the length [1]
 
@@ -113,7 +112,7 @@ class SubstepSlips(NamedTuple):
         holes, k = taut.holes, len(taut.holes)
         start, end = points[0].state, points[-1].state
         data = [taut.slip_data(point.state, states.targets, point.factor, point.load) for point in points]
-        model = SlipModel(tension_transfer(taut.tendons), data, k, taut.unknown, states.presliding)
+        model = SlipModel(tension_transfer(taut.tendons), data, taut.presliding, taut.unknown)
         before, after = start.mobilisation[holes], end.mobilisation[holes]
         base = taut.base_tensions(1)
         last = model.slips.at(1.0, np.append(after, base), data[-1].tension).derivatives
@@ -202,12 +201,12 @@ class SubstepSlips(NamedTuple):
     @property
     def largest_slip(self) -> float:
         """Largest change of a slip, at least the presliding distance [m]."""
-        return max(float(np.abs(self.slip).max()), self.model.presliding)
+        return max(float(np.abs(self.slip).max()), self.model.slips.presliding)
 
     @property
     def is_rough(self) -> bool:
         """Whether the interpolation is too uncertain to locate reversals."""
-        least = LEAST_SLIPS * self.model.presliding
+        least = LEAST_SLIPS * self.model.slips.presliding
         return float(self.slip_error.max()) > ROUGH * max(self.largest_slip, least)
 
     @property
@@ -265,7 +264,7 @@ class SubstepSlips(NamedTuple):
         if not which.size:
             return 0.0
         response = self.columns[:, which] @ np.linalg.inv(self.matrix[np.ix_(which, which)])
-        limited = np.minimum(error[which], FULL_RANGE * presliding)
+        limited = np.minimum(error[which], FULL_RANGE * presliding[which])
         return _largest_displacement(np.abs(response) @ limited, self.states.numbering)
 
 

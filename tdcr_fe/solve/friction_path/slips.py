@@ -169,7 +169,7 @@ class InterpolatedSlips(NamedTuple):
     # (n,): Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions
     elastic_slip: Array
     identity: Array  # (q, q)
-    presliding: float  # Presliding distance [m]
+    presliding: float  # The smallest presliding distance [m]
 
     @property
     def compilable(self) -> bool:
@@ -298,10 +298,10 @@ class SlipModel:
         How tension passes along the tendons.
     states
         Slips in both ends of the substep, and in states within it, by load factor.
-    holes, unknown
-        Numbers of frictional holes and of unknown tensions at the base.
     presliding
-        Presliding distance [m].
+        Presliding distances of the frictional holes [m], shape (k,).
+    unknown
+        Number of unknown tensions at the base.
     defect_factor
         Factor on the parabola in the rates of the slips along the line between the tensions of two states, which leads
         from the values in the first to those in the second; other than 1 to see what is uncertain in it [1].
@@ -315,16 +315,15 @@ class SlipModel:
         self,
         transfer: CapstanTransfer | LawTransfer,
         states: Sequence[SlipData],
-        holes: int,
+        presliding: Array,
         unknown: int,
-        presliding: float,
         defect_factor: float = 1.0,
     ) -> None:
         self._states, self._transfer, self._unknown = states, transfer, unknown
-        self.presliding, self.holes = presliding, holes
-        elastic_slip = np.append(np.full(holes, presliding), np.zeros(unknown))
+        self.presliding, self.holes = presliding, len(presliding)
+        elastic_slip, least = np.append(presliding, np.zeros(unknown)), float(presliding.min())
         intervals, identity = Intervals.between(states, defect_factor), np.eye(len(states[0].tension))
-        self.slips = InterpolatedSlips(transfer, intervals, elastic_slip, identity, presliding)
+        self.slips = InterpolatedSlips(transfer, intervals, elastic_slip, identity, least)
 
     @property
     def defect(self) -> Array:
@@ -345,8 +344,8 @@ class SlipModel:
 
     def with_defect_factor(self, factor: float) -> SlipModel:
         """The same with another factor on the parabola in the rates."""
-        return SlipModel(self._transfer, self._states, self.holes, self._unknown, self.presliding, factor)
+        return SlipModel(self._transfer, self._states, self.presliding, self._unknown, factor)
 
     def through_every_other_state(self) -> SlipModel:
         """The same without every other state within the substep, of which there is an odd number."""
-        return SlipModel(self._transfer, self._states[::2], self.holes, self._unknown, self.presliding)
+        return SlipModel(self._transfer, self._states[::2], self.presliding, self._unknown)

@@ -27,7 +27,6 @@ def slips_steadily(
     result: NewtonResult,
     linear: Linearization,
     clamped: Sequence[slice],
-    presliding: float,
 ) -> bool:
     """Whether every hole of tendons under tension slips in one direction through a substep in which no load changes.
 
@@ -46,25 +45,24 @@ def slips_steadily(
         Linearisation at the end, or at most an iteration before.
     clamped
         Unknowns of clamped bases.
-    presliding
-        Presliding distance [m].
     """
     if not _all_slip(before, result.state, linear) or _any_changes(before, result.state, linear):
         return False
     predicted = result.predicted_slips
-    if predicted is not None and _as_predicted(predicted, before, result, linear, presliding):
+    none = SMALL * min(own.model.law.hysteresis.presliding for own in result.forces)
+    if predicted is not None and _as_predicted(predicted, before, result, linear, none):
         return True
-    return _rates_agree(before, result, linear, clamped, presliding)
+    return _rates_agree(before, result, linear, clamped, none)
 
 
 def _as_predicted(
-    predicted: Array, before: SolverState, result: NewtonResult, linear: Linearization, presliding: float
+    predicted: Array, before: SolverState, result: NewtonResult, linear: Linearization, none: float
 ) -> bool:
     """Whether every slip of holes that keep their direction is about the one predicted from the start."""
     after, pick = result.state, linear.numbering.at_frictional_holes
     slips = pick([new.slip - old.slip for new, old in zip(after.friction, before.friction, strict=True)])
     off = np.abs(predicted - slips) - PREDICTED * np.abs(slips)
-    return bool(off.max() <= SMALL * presliding)
+    return bool(off.max() <= none)
 
 
 def _rates_agree(
@@ -72,7 +70,7 @@ def _rates_agree(
     result: NewtonResult,
     linear: Linearization,
     clamped: Sequence[slice],
-    presliding: float,
+    none: float,
 ) -> bool:
     """Whether all slip rates at both ends of the substep have the direction of the friction."""
     after, forces, target = result.state, result.forces, result.target
@@ -101,7 +99,7 @@ def _rates_agree(
         first = 2.0 * (after.friction[i].slip - before.friction[i].slip) - rate
         side = after.mobilisation[i] * part.frictional
         side *= part.may_be_tense(after.base_tension[i])[:, None]
-        if min((side * rate).min(), (side * first).min()) < -SMALL * presliding:
+        if min((side * rate).min(), (side * first).min()) < -none:
             return False
     return True
 

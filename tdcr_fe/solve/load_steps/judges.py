@@ -6,6 +6,8 @@ function here and its place in `PATH_RESOLVED`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +16,12 @@ from tdcr_fe.solve.friction_path.known_states import InterpolationPoint, twist_c
 from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons
 from tdcr_fe.solve.load_steps.load_path import SolvedPath, StepFailed
 from tdcr_fe.solve.load_steps.loop import Instead, Judge, Proposal, StepProgress, Trial, take_substeps
-from tdcr_fe.solve.load_steps.solve_with_reversals import with_reversals
+from tdcr_fe.solve.load_steps.solve_with_reversals import (
+    allowed_error,
+    follows_path,
+    is_steady,
+    with_reversals,
+)
 from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver
 
 Array = NDArray[np.float64]
@@ -51,9 +58,24 @@ def reversals_resolved(trial: Trial) -> Trial | Instead:
 
     Where no more substeps are allowed, it passes, with its error.
     """
-    trial = with_reversals(trial)
-    room = trial.substeps < trial.solver.settings.max_substeps and trial.length > SMALLEST_PART
-    return trial.divided(trial.division) if trial.division < 1.0 and room else trial
+    trial = with_reversals(trial) if follows_path(trial.solver.system) else _compared(trial)
+    return trial.divided(trial.division) if trial.division < 1.0 and _has_room(trial) else trial
+
+
+def _compared(trial: Trial) -> Trial:
+    """A substep with friction whose path is not followed: it is halved where the halves end elsewhere."""
+    solver, start, linear = trial.solver, trial.start, trial.result.linearization
+    if not solver.system.numbering().has_friction or trial.length == 0.0 or is_steady(trial, linear):
+        return trial
+    away, spent = _distance_of_halves(solver, trial.before, start, trial.result.state, trial.end, HALVES)
+    solver.ramp.apply(solver.system, trial.end)
+    division = 1.0 if away <= allowed_error(trial) else 0.5
+    return trial._replace(error=trial.error + away, division=division, rejected=trial.rejected + spent)
+
+
+def _has_room(trial: Trial) -> bool:
+    """Whether a substep may be divided for the sake of its path."""
+    return trial.substeps < trial.solver.settings.max_substeps and trial.length > SMALLEST_PART
 
 
 def did_not_jump(trial: Trial) -> Trial | Instead:
@@ -64,12 +86,11 @@ def did_not_jump(trial: Trial) -> Trial | Instead:
     solver, before, start = trial.solver, trial.before, trial.start
     for end, after in (*trial.within, (trial.end, trial.result.state)):
         if _jump_possible(solver, before, start, after, end):
-            away, spent = _distance_of_halves(solver, before, start, after, end)
+            away, spent = _distance_of_halves(solver, before, start, after, end, ON_THE_WAY)
             solver.ramp.apply(solver.system, trial.end)
             trial = trial._replace(rejected=trial.rejected + spent)
             if away > 2.0 * solver.settings.path_tolerance:
-                room = trial.substeps < solver.settings.max_substeps and trial.length > SMALLEST_PART
-                return trial.divided() if room else trial._replace(error=trial.error + away)
+                return trial.divided() if _has_room(trial) else trial._replace(error=trial.error + away)
         before, start = after, end
     return trial
 
@@ -85,12 +106,17 @@ def _jump_possible(
 
 
 def _distance_of_halves(
-    solver: SubstepSolver, before: SolverState, start: float, after: SolverState, end: float
+    solver: SubstepSolver,
+    before: SolverState,
+    start: float,
+    after: SolverState,
+    end: float,
+    judges: Sequence[Judge],
 ) -> tuple[float, int]:
     """How far from a state its halves end, over the length [1], infinite where they fail; and their iterations."""
-    halves = (Proposal(0.5 * (start + end)), Proposal(end))
+    halves = (Proposal(0.5 * (start + end)), Proposal(end, after))
     try:
-        path = take_substeps(solver, StepProgress(SolvedPath(before), start), halves, ON_THE_WAY).path
+        path = take_substeps(solver, StepProgress(SolvedPath(before), start), halves, judges).path
     except StepFailed as failure:
         return np.inf, failure.iterations
     return solver.distance(path.state, after), path.iterations + path.rejected
@@ -140,6 +166,8 @@ def _rotation(change: Array) -> float:
 
 #: Of substeps whose number is given: reversals within them are left out of account.
 MUST_CONVERGE: tuple[Judge, ...] = (converged,)
+#: Of the halves with which a substep is compared where no path is followed.
+HALVES: tuple[Judge, ...] = (converged, on_this_branch)
 #: Of the halves of a substep that may have jumped.
 ON_THE_WAY: tuple[Judge, ...] = (converged, on_this_branch, reversals_resolved)
 #: Of substeps that resolve the path of the friction, in this order.

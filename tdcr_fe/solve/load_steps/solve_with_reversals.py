@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization
+from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.known_states import KnownStates, Span
 from tdcr_fe.solve.friction_path.response import Equilibrium, near_enough
 from tdcr_fe.solve.friction_path.reversal_search import Reversals, SlipHistory, SolvedStates, find_reversals
@@ -50,7 +51,7 @@ def with_reversals(trial: Trial) -> Trial:
     linear = result.linearization or trial.linearization
     if linear is None:
         linear = _linearised(trial.solver, result.state, trial.end).linearization
-    if _is_steady(trial, linear):
+    if is_steady(trial, linear):
         return trial
     first, final = _first(trial, linear.numbering), Equilibrium.of(result.state, result.forces, linear)
     if not first.balanced:
@@ -60,22 +61,23 @@ def with_reversals(trial: Trial) -> Trial:
     return _examined(trial._replace(first=first, final=final), first, final)
 
 
-def _is_steady(trial: Trial, linear: Linearization) -> bool:
+def follows_path(system: SceneSystem) -> bool:
+    """Whether the friction path within a substep can be followed: mobilisations are linear in the slips up to 1."""
+    return all(robot.law.hysteresis.linear for robot in system.robots)
+
+
+def is_steady(trial: Trial, linear: Linearization | None) -> bool:
     """Whether a substep is a whole load step without change of the loads in which all holes slip steadily."""
     ramp, system = trial.solver.ramp, trial.solver.system
-    if trial.length != 1.0 or ramp.loads_change or ramp.nonlinear:
+    if linear is None or trial.length != 1.0 or ramp.loads_change or ramp.nonlinear:
         return False
     result = trial.result if trial.predicted else trial.result._replace(predicted_slips=None)
-    presliding = trial.solver.settings.presliding
-    return slips_steadily(trial.before, result, linear, system.layout.clamped, presliding)
+    return slips_steadily(trial.before, result, linear, system.layout.clamped)
 
 
 def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:
     """A substep with exact linearisations at both ends: accepted, solved again with its reversals, or divided."""
-    solver, settings = trial.solver, trial.solver.settings
-    share = LAST_SHARE if trial.end == 1.0 else SHARE
-    left = settings.path_tolerance - trial.progress.error
-    allowed = max(share * left, LEAST_SHARE * settings.path_tolerance)
+    solver, allowed = trial.solver, allowed_error(trial)
     known = known_states(solver, [(0.0, first), (1.0, final)], Span(trial.start, trial.end))
     if known is None:
         return trial
@@ -89,6 +91,12 @@ def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:
     if found.path is None or not (found.error <= allowed or _may_be_refined(solver)):
         return trial
     return _located(trial, known, found, allowed)
+
+
+def allowed_error(trial: Trial) -> float:
+    """Displacement of a node that what is not resolved of a substep may cause, over the length [1]."""
+    share, tolerance = LAST_SHARE if trial.end == 1.0 else SHARE, trial.solver.settings.path_tolerance
+    return max(share * (tolerance - trial.progress.error), LEAST_SHARE * tolerance)
 
 
 def _may_be_refined(solver: SubstepSolver) -> bool:
@@ -182,6 +190,5 @@ def _reversals(
     """Slip reversals in a substep, see `find_reversals`."""
     system, ramp = solver.system, solver.ramp
     targets = ramp.apply(system, known.span.start), ramp.apply(system, known.span.end)
-    presliding = solver.settings.presliding
-    states = SolvedStates(known.points, known.taut, targets, presliding, system.length, allowed)
+    states = SolvedStates(known.points, known.taut, targets, system.length, allowed)
     return find_reversals(states, solved_with_reversals)

@@ -133,7 +133,7 @@ class SubstepSolver:
     def _unstable_motion(self, result: NewtonResult) -> Array | None:
         """Increments of the nodes along which a solution in contact is unstable, see `unstable_motion`."""
         residual = self.system.residual(result.state, result.target, self.system.numbering())
-        return unstable_motion(self.system, residual, self.settings.presliding)
+        return unstable_motion(self.system, residual)
 
     def may_be_halved(self, length: float, status: NewtonStatus) -> bool:
         """Whether a substep of this length that did not converge is divided."""
@@ -184,7 +184,7 @@ class SubstepSolver:
                 self.ramp.apply(self.system, end),
                 self.settings,
                 damped=True,
-                presliding=factor * self.settings.presliding,
+                softening=factor,
             )
             result = self._unless_wrong_in_contact(result, state, may_jump=True)
             if result.converged:

@@ -35,7 +35,7 @@ PART = 0.1
 MOST = 1500
 
 
-def unstable_motion(system: SceneSystem, residual: Residual, presliding: float) -> Array | None:
+def unstable_motion(system: SceneSystem, residual: Residual) -> Array | None:
     """Increments of the nodes along which an equilibrium is unstable; None if it is stable.
 
     Parameters
@@ -44,8 +44,6 @@ def unstable_motion(system: SceneSystem, residual: Residual, presliding: float) 
         The scene.
     residual
         The last one evaluated, of a solved state, which is in the scene.
-    presliding
-        Presliding distance [m].
 
     Returns
     -------
@@ -60,9 +58,7 @@ def unstable_motion(system: SceneSystem, residual: Residual, presliding: float) 
     for base in system.layout.clamped:
         free[base] = False
     scale = np.sqrt(np.tile(damping_of_node(1.0, system.length), system.layout.reduction.nodes)[free])
-    compliance = (
-        scale[:, None] * _compliance(system, residual, linear, np.flatnonzero(free), presliding) * scale
-    )
+    compliance = scale[:, None] * _compliance(system, residual, linear, np.flatnonzero(free)) * scale
     least = ROUND_OFF * float(np.abs(compliance).max())
     try:
         cholesky(0.5 * (compliance + compliance.T) + least * np.eye(len(compliance)))
@@ -78,7 +74,7 @@ def unstable_motion(system: SceneSystem, residual: Residual, presliding: float) 
 
 
 def _compliance(
-    system: SceneSystem, residual: Residual, linear: Linearization, which: NDArray[np.int_], presliding: float
+    system: SceneSystem, residual: Residual, linear: Linearization, which: NDArray[np.int_]
 ) -> Array:
     """Increments of the nodes by forces on them, shape (k, k), for the unknowns of these numbers, shape (k,)."""
     numbering = linear.numbering
@@ -88,8 +84,9 @@ def _compliance(
     moved = linear.factorisation.solve(right)
     if numbering.has_friction:
         stuck = np.flatnonzero(np.abs(mobilisations(numbering, residual.state)) < 1.0)
+        flexibility = numbering.at_frictional_holes([own.resting_flexibility for own in residual.forces])
         coupling = FrictionCoupling.of(numbering, residual.forces, system.layout.clamped, linear.slack)
-        response = coupling.response(linear.factorisation.solve, stuck, presliding)
+        response = coupling.response(linear.factorisation.solve, stuck, flexibility)
         held = np.linalg.solve(response.matrix[stuck], coupling.rows[stuck] @ moved)
         moved = moved + response.columns @ held
     found: Array = moved[which]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import TendonForces
-from tdcr_fe.elements.friction import FrictionState
+from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.layout import ResidualScales
 
@@ -58,7 +58,7 @@ class Iterate(NamedTuple):
     forces: tuple[TendonForces, ...]  # By robot
     mobilisation: tuple[Array, ...]  # By robot [1]
     history: tuple[FrictionState, ...]  # By robot, at the last solution
-    presliding: float  # Presliding distance [m]
+    softening: float  # Factor on the presliding distance [1]
     with_friction: bool = True  # Whether mobilisations are among the unknowns
 
 
@@ -68,7 +68,7 @@ def friction_error(iterate: Iterate) -> float:
     for own, s, before in zip(iterate.forces, iterate.mobilisation, iterate.history, strict=True):
         law = own.model.law
         if law.has_friction and iterate.with_friction:
-            trial = law.trial_mobilisation(own.field.slip, before, iterate.presliding)
+            trial = law.hysteresis.softened(iterate.softening).trial(own.field.slip, before)
             worst = max(worst, float((np.abs(trial.clip(-1.0, 1.0) - s) * law.frictional).max()))
     return worst
 

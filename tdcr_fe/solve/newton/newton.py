@@ -64,7 +64,7 @@ def newton(
     settings: SolverSettings,
     *,
     damped: bool = False,
-    presliding: float | None = None,
+    softening: float = 1.0,
     friction_fixed: bool = False,
 ) -> NewtonResult:
     """Solve for equilibrium.
@@ -83,8 +83,8 @@ def newton(
         Follow the motion of a heavily damped robot instead of taking Newton steps: slower, but it finds the
         equilibrium that a robot reaches by snap-through (pseudo-transient continuation; C. T.
         Kelley, D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508-523).
-    presliding
-        Presliding distance, replaces that of the settings [m].
+    softening
+        Factor on the presliding distance [1].
     friction_fixed
         Keep the mobilisations of the initial state, whatever their history.
     """
@@ -92,7 +92,7 @@ def newton(
         system,
         system.numbering(with_friction=not friction_fixed),
         settings,
-        settings.presliding if presliding is None else presliding,
+        softening,
         damped,
     )
     trial = under_inputs(system, state, target)
@@ -133,7 +133,7 @@ class _Solve(NamedTuple):
     system: SceneSystem
     numbering: Numbering
     settings: SolverSettings
-    presliding: float  # [m]
+    softening: float  # Factor on the presliding distance [1]
     damped: bool
 
     def with_contact(self, start: SolverState, result: NewtonResult) -> NewtonResult:
@@ -181,9 +181,9 @@ class _Solve(NamedTuple):
                 return end(unmet.status, unmet)
             try:
                 if damping is None:
-                    step = full_step(system, residual, numbering, self.presliding)
+                    step = full_step(system, residual, numbering, self.softening)
                 else:
-                    step = damped_step(system, residual, numbering, self.presliding, damping)
+                    step = damped_step(system, residual, numbering, self.softening, damping)
                     damping = step.damping
             except np.linalg.LinAlgError:
                 return end(NewtonStatus.SINGULAR)
@@ -210,7 +210,7 @@ class _Solve(NamedTuple):
             residual.forces,
             state.mobilisation,
             state.friction,
-            self.presliding,
+            self.softening,
             self.numbering.has_friction,
         )
 

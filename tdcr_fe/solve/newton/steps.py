@@ -25,7 +25,7 @@ from tdcr_fe.solve.equations.system import SceneSystem
 Array = NDArray[np.float64]
 Index = NDArray[np.int_]
 
-#: Slips against the direction of a hole are round-off below this fraction of the presliding distance [1].
+#: Slips against the direction of a hole are round-off below this fraction of its flexibility [1].
 ROUND_OFF = 1e-8
 #: A damped step turns no section by more than this; below a fifth of it the damping is reduced [rad].
 DAMPED_TURN = 0.5
@@ -73,10 +73,21 @@ def slip_changes(
     return numbering.at_frictional_holes(found)
 
 
+class SlipResidual(NamedTuple):
+    """Excess of the slips over those of their mobilisations, after a step at fixed friction."""
+
+    excess: Array  # (k,): [m]
+    flexibility: Array  # (k,): Derivatives of the slips of the mobilisations by these [m]
+
+
 def slip_residual(
-    numbering: Numbering, forces: Sequence[TendonForces], state: SolverState, step: Array, presliding: float
-) -> Array:
-    """Slip residual: excess of the slips over those of their mobilisations after a fixed-friction step [m], shape (k,).
+    numbering: Numbering,
+    forces: Sequence[TendonForces],
+    state: SolverState,
+    step: Array,
+    softening: float = 1.0,
+) -> SlipResidual:
+    """Slip residual of a step at fixed friction.
 
     Parameters
     ----------
@@ -88,16 +99,20 @@ def slip_residual(
         Present mobilisations, and the history.
     step
         At fixed friction, shape (linear,).
-    presliding
-        Presliding distance [m].
+    softening
+        Factor on the presliding distance [1].
     """
-    excess = [
-        slip - before.slip - presliding * (mobilisation - before.mobilisation)
-        for slip, before, mobilisation in zip(
-            slips_after(numbering, forces, step), state.friction, state.mobilisation, strict=True
-        )
-    ]
-    return numbering.at_frictional_holes(excess)
+    excess, flexibility = [], []
+    for own, slip, before, mobilisation in zip(
+        forces, slips_after(numbering, forces, step), state.friction, state.mobilisation, strict=True
+    ):
+        hysteresis = own.model.law.hysteresis
+        if softening != 1.0:
+            hysteresis = hysteresis.softened(softening)
+        on_line, slope = hysteresis.line(own.field.slip, mobilisation, before, slip)
+        excess.append(slip - before.slip - on_line)
+        flexibility.append(slope)
+    return SlipResidual(numbering.at_frictional_holes(excess), numbering.at_frictional_holes(flexibility))
 
 
 def all_keep_slipping(mobilisation: Array, residual: Array) -> bool:
@@ -152,7 +167,7 @@ class FrictionCoupling(NamedTuple):
         zero_bases(columns, clamped)
         return cls(columns, rows, own)
 
-    def response(self, solve: Callable[[Array], Array], which: Index, presliding: float) -> FrictionResponse:
+    def response(self, solve: Callable[[Array], Array], which: Index, flexibility: Array) -> FrictionResponse:
         """Response to some of the mobilisations.
 
         Parameters
@@ -161,12 +176,12 @@ class FrictionCoupling(NamedTuple):
             Solves the linearised equilibrium at fixed friction for several right sides, shape (linear, k').
         which
             Numbers of the mobilisations, shape (k',).
-        presliding
-            Presliding distance [m].
+        flexibility
+            See `SlipResidual`.
         """
         columns = -solve(np.asfortranarray(self.columns[:, which]))
         matrix = -(self.rows @ columns) - self.own[:, which]
-        matrix[which, np.arange(len(which))] += presliding
+        matrix[which, np.arange(len(which))] += flexibility[which]
         return FrictionResponse(columns, matrix)
 
 
@@ -174,7 +189,7 @@ class FrictionResponse(NamedTuple):
     """Response of the linearised equilibrium to mobilisations."""
 
     columns: Array  # (linear, k'): Change of the unknowns of equilibrium by the mobilisations
-    # (k, k'): Presliding distance times identity, minus the derivative of the slips by the mobilisations [m]
+    # (k, k'): Flexibility times identity, minus the derivative of the slips by the mobilisations [m]
     matrix: Array
 
     def then(self, other: FrictionResponse) -> FrictionResponse:
@@ -189,9 +204,8 @@ def friction_step(
     coupling: FrictionCoupling,
     solve: Callable[[Array], Array],
     fixed: Array,
-    residual: Array,
+    residual: SlipResidual,
     mobilisation: Array,
-    presliding: float,
 ) -> Array:
     """Complementarity step: the step with the mobilisations as unknowns, shape (total,).
 
@@ -208,23 +222,21 @@ def friction_step(
         Step at fixed friction, shape (linear,).
     residual, mobilisation
         See `slip_residual` and `mobilisations`, shape (k,).
-    presliding
-        Presliding distance [m].
     """
-    side = np.trunc(mobilisation)
-    which = np.flatnonzero((side == 0.0) | (side * residual < 0.0))
-    response = coupling.response(solve, which, presliding)
+    side, (slips, flexibility) = np.trunc(mobilisation), residual
+    which = np.flatnonzero((side == 0.0) | (side * slips < 0.0))
+    response = coupling.response(solve, which, flexibility)
     while True:
         before, matrix = mobilisation[which], response.matrix[which]
-        new, _ = solve_box(matrix, residual[which] + matrix @ before, before)
+        new, _ = solve_box(matrix, slips[which] + matrix @ before, before)
         change = new - before
-        excess = residual - response.matrix @ change
-        reversing = side * excess < -ROUND_OFF * presliding
+        excess = slips - response.matrix @ change
+        reversing = side * excess < -ROUND_OFF * flexibility
         reversing[which] = False
         further = np.flatnonzero(reversing)
         if not further.size:
             break
-        response = response.then(coupling.response(solve, further, presliding))
+        response = response.then(coupling.response(solve, further, flexibility))
         which = np.concatenate((which, further))
     changes = np.zeros(len(mobilisation))
     changes[which] = change
@@ -242,7 +254,7 @@ class NewtonStep(NamedTuple):
 
 
 def full_step(
-    system: SceneSystem, residual: Residual, numbering: Numbering, presliding: float, damping: float = 0.0
+    system: SceneSystem, residual: Residual, numbering: Numbering, softening: float, damping: float = 0.0
 ) -> NewtonStep:
     """A step with a new tangent: at fixed friction where every hole keeps slipping, else a complementarity step."""
     linear = system.linearize(residual, numbering, damping)
@@ -251,33 +263,32 @@ def full_step(
         return NewtonStep(fixed, linear, damping)
     state, forces = residual.state, residual.forces
     mobilised = mobilisations(numbering, state)
-    slips = slip_residual(numbering, forces, state, fixed, presliding)
-    if all_keep_slipping(mobilised, slips):
-        return NewtonStep(_padded(fixed, numbering), linear, damping, slips)
+    slips = slip_residual(numbering, forces, state, fixed, softening)
+    if all_keep_slipping(mobilised, slips.excess):
+        return NewtonStep(_padded(fixed, numbering), linear, damping, slips.excess)
     factors = linear.factorisation
     if not isinstance(factors, BlockFactors):
         coupling = FrictionCoupling.of(numbering, forces, system.layout.clamped, linear.slack)
-        change = friction_step(coupling, factors.solve, fixed, slips, mobilised, presliding)
+        change = friction_step(coupling, factors.solve, fixed, slips, mobilised)
         return NewtonStep(change, linear, damping)
     # Robots that nothing couples, driven by tension: each has a problem of its own.
     change = _padded(fixed, numbering)
     for part, block in zip(numbering.robots, factors.blocks, strict=True):
         holes = slice(part.mobilisations.start - numbering.linear, part.mobilisations.stop - numbering.linear)
-        if not part.has_friction or all_keep_slipping(mobilised[holes], slips[holes]):
+        if not part.has_friction or all_keep_slipping(mobilised[holes], slips.excess[holes]):
             continue
         alone, bases = part.alone, system.layout.clamped[:0]
         if part.robot in system.layout.clamps:
             bases = (slice(0, 6),)
         coupling = FrictionCoupling.of(alone, forces[part.robot : part.robot + 1], bases, ())
-        own = friction_step(
-            coupling, block.solve, fixed[part.nodes], slips[holes], mobilised[holes], presliding
-        )
+        of_holes = SlipResidual(slips.excess[holes], slips.flexibility[holes])
+        own = friction_step(coupling, block.solve, fixed[part.nodes], of_holes, mobilised[holes])
         change[part.nodes], change[part.mobilisations] = own[: alone.linear], own[alone.linear :]
     return NewtonStep(change, linear, damping)
 
 
 def damped_step(
-    system: SceneSystem, residual: Residual, numbering: Numbering, presliding: float, damping: float
+    system: SceneSystem, residual: Residual, numbering: Numbering, softening: float, damping: float
 ) -> NewtonStep:
     """A step of the damped motion, limited in rotation, never towards a saddle point, nor over a contact.
 
@@ -288,7 +299,7 @@ def damped_step(
     least, most = 1e-6 * scale, MOST_DAMPING * scale
     limit = system.contact_motion_limit(residual.state)
     for _ in range(20):
-        step = full_step(system, residual, numbering, presliding, damping)
+        step = full_step(system, residual, numbering, softening, damping)
         change = step.change[:nodes].reshape(-1, 6)
         turn = float(np.max(np.abs(change[:, 3:])))
         moved = float(np.max(np.linalg.norm(change[:, :3], axis=1)))

@@ -29,7 +29,7 @@ from scipy.linalg import lu_factor, lu_solve
 
 from tdcr_fe.elements.backbone import INSERT_FACTORS, BackboneMesh, strain_matrices
 from tdcr_fe.elements.forces import TendonForces
-from tdcr_fe.elements.friction import FrictionState
+from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
 from tdcr_fe.elements.poses import skew
 from tdcr_fe.elements.tendons import CableGeometry
 from tdcr_fe.solve.equations.configuration import SolverState, Target
@@ -188,6 +188,22 @@ class Disturbance(NamedTuple):
         )
 
 
+class HoleFlexibility(NamedTuple):
+    """Slopes of the slips by the mobilisations of holes that stick, in the direction in which they slip."""
+
+    start: Array  # (m, g): At the beginning of the increment and at its end [m]
+    end: Array  # as `start`
+
+    @classmethod
+    def of(
+        cls, hysteresis: Hysteresis, mobilisation: Array, history: FrictionState, *, turns: bool
+    ) -> HoleFlexibility:
+        """From a history to a mobilisation; where nothing has moved, on in its direction, or back where all turns."""
+        moved = np.sign(mobilisation - history.mobilisation)
+        direction = np.where(moved == 0.0, np.sign(-mobilisation if turns else mobilisation), moved)
+        return cls(*(hysteresis.flexibility(at, direction) for at in (history.mobilisation, mobilisation)))
+
+
 @dataclass(frozen=True, eq=False)
 class SolvedPoint:
     """A solved state, linearised."""
@@ -199,7 +215,7 @@ class SolvedPoint:
     linearization: Linearization
     solve: Solve  # Solves the linearised equilibrium at fixed friction for several right sides
     sticking: tuple[NDArray[np.bool_], ...]  # (m, g): By robot, whose mobilisations follow their slips
-    presliding: float  # Presliding distance [m]
+    hystereses: tuple[HoleFlexibility, ...]  # By robot
 
     @classmethod
     def of(
@@ -207,8 +223,8 @@ class SolvedPoint:
         system: SceneSystem,
         state: SolverState,
         target: Target,
-        presliding: float,
         *,
+        softening: float = 1.0,
         numbering: Numbering | None = None,
         all_stick: bool = False,
         sticking: tuple[NDArray[np.bool_], ...] | None = None,
@@ -223,8 +239,8 @@ class SolvedPoint:
             With the history at the beginning of its increment.
         target
             Inputs and time; loads are those already in the scene.
-        presliding
-            Presliding distance [m].
+        softening
+            Factor on the presliding distance [1].
         numbering
             Of the unknowns; None is that of the scene.
         all_stick
@@ -235,14 +251,17 @@ class SolvedPoint:
         numbering = system.numbering() if numbering is None else numbering
         residual = _balanced(system, state, target, numbering)
         linear, solve = linearize(system, residual, numbering)
+        by_robot = list(zip(residual.forces, state.mobilisation, state.friction, strict=True))
         if sticking is None:
             sticking = tuple(
-                own.model.law.frictional & (all_stick | ~_slips(own, mobilisation, history, presliding))
-                for own, mobilisation, history in zip(
-                    residual.forces, state.mobilisation, state.friction, strict=True
-                )
+                own.model.law.frictional & (all_stick | ~_slips(own, mobilisation, history, softening))
+                for own, mobilisation, history in by_robot
             )
-        return cls(system, numbering, state, residual.forces, linear, solve, sticking, presliding)
+        holes = tuple(
+            HoleFlexibility.of(own.model.law.hysteresis.softened(softening), *rest, turns=all_stick)
+            for own, *rest in by_robot
+        )
+        return cls(system, numbering, state, residual.forces, linear, solve, sticking, holes)
 
     def respond(self, disturbances: tuple[Disturbance, ...], unbalanced: Array | None = None) -> Response:
         """Response to disturbances, one of each robot, and to a residual (reduced,) beside the last of them."""
@@ -349,6 +368,9 @@ class SolvedPoint:
         rows, own = np.zeros((total, numbering.linear)), np.zeros((total, total))
         excess = np.zeros((total, fixed.shape[1]))
         start, places = 0, []
+        flexibility = np.concatenate(
+            [own.end[sticks] for own, sticks in zip(self.hystereses, stuck, strict=True)]
+        )
         for part, sticks, disturbance, tension in zip(
             numbering.robots, stuck, disturbances, known, strict=True
         ):
@@ -370,11 +392,12 @@ class SolvedPoint:
                 columns[part.tensions, here] = by_base
                 rows[here, part.tensions] = by_tension[which][:, part.driven]
             slips = at.model.law.slip_operator @ disturbance.released
-            excess[here] += (slips - disturbance.slip + self.presliding * disturbance.mobilisation)[sticks]
+            elastic = self.hystereses[part.robot].start[..., None] * disturbance.mobilisation
+            excess[here] += (slips - disturbance.slip + elastic)[sticks]
         for base in self.system.layout.clamped:
             columns[base] = 0.0
         response = -self.solve(columns)
-        matrix = self.presliding * np.eye(total) - rows @ response - own
+        matrix = np.diag(flexibility) - rows @ response - own
         found = lu_solve(lu_factor(matrix), rows @ fixed + excess)
         for here, sticks, change in zip(places, stuck, changes, strict=True):
             change[sticks] = found[here]
@@ -429,10 +452,10 @@ def _balanced(system: SceneSystem, state: SolverState, target: Target, numbering
 
 
 def _slips(
-    own: TendonForces, mobilisation: Array, history: FrictionState, presliding: float
+    own: TendonForces, mobilisation: Array, history: FrictionState, softening: float
 ) -> NDArray[np.bool_]:
     """Which holes slip: full friction acts, and so it follows from the slip since the history, shape (m, g)."""
-    trial = own.model.law.trial_mobilisation(own.field.slip, history, presliding)
+    trial = own.model.law.hysteresis.softened(softening).trial(own.field.slip, history)
     return np.asarray(np.minimum(np.abs(mobilisation), np.abs(trial)) >= 1.0 - AT_BOUND)
 
 

@@ -39,14 +39,14 @@ def local_response(where: Simulation | TDCR, s: float | None = None, reversal: b
     """
     with one_thread():
         if isinstance(where, Simulation):
-            found = response_at(where.system, where.state, 0, where.settings.presliding, s, reversal)
+            found = response_at(where.system, where.state, 0, s, reversal)
             where.system.store(where.state)
             return found
         system = SceneSystem(where.mbs)
         number = system.robots.index(where.actuation)
         state = system.current_state(where.mbs.systemData.GetTime())
         try:
-            found = response_at(system, state, number, where.actuation.law.presliding, s, reversal)
+            found = response_at(system, state, number, s, reversal)
             system.store(state)
         finally:
             system.connect()
@@ -54,7 +54,7 @@ def local_response(where: Simulation | TDCR, s: float | None = None, reversal: b
 
 
 def response_at(
-    system: SceneSystem, state: SolverState, robot: int, presliding: float, s: float | None, reversal: bool
+    system: SceneSystem, state: SolverState, robot: int, s: float | None, reversal: bool
 ) -> LocalResponse:
     """`local_response` of a robot in a system, by its number; the scene is left in this state."""
     actuation = system.robots[robot]
@@ -62,7 +62,7 @@ def response_at(
     node = len(mesh.arc_lengths) - 1 if s is None else mesh.node_at(s, 1e-6)
     target = Target(state.inputs, state.loads, state.time)
     numbering = _by_tension(system.numbering(), robot)
-    solved = SolvedPoint.of(system, state, target, presliding, numbering=numbering, all_stick=reversal)
+    solved = SolvedPoint.of(system, state, target, numbering=numbering, all_stick=reversal)
     disturbances = [Disturbance.none(own, 6 + m) for own in solved.forces]
     rotation = state.configuration.poses[robot][1][node]
     own = disturbances[robot]

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.elements.forces import ForceModel
-from tdcr_fe.elements.friction import FrictionState, TendonLaw, TendonParameters
+from tdcr_fe.elements.friction import TendonLaw, TendonParameters
+from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
 from tdcr_fe.elements.section import SectionForces
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
 from tdcr_fe.scene.forces import force_model, ground_springs, tendon_law
@@ -31,7 +32,7 @@ class RobotModel:
     """A robot as arrays."""
 
     experiment: Experiment  # From which it was made, with a number of elements for every bay
-    presliding: float  # Presliding distance [m]
+    hysteresis: Hysteresis  # At the holes
     base: BasePose | None  # Of the base plate in the world; None is that of the world
     forces: ForceModel  # Mesh, tendons, laws and section forces
     rigid: NDArray[np.bool_]  # (E,): Which elements are rigid inserts
@@ -41,7 +42,7 @@ class RobotModel:
     def of(
         cls,
         experiment: Experiment,
-        presliding: float,
+        hysteresis: Hysteresis,
         base: BasePose | None = None,
         similar: RobotModel | None = None,
     ) -> RobotModel:
@@ -49,10 +50,10 @@ class RobotModel:
 
         Parameters
         ----------
-        experiment, presliding, base
+        experiment, hysteresis, base
             See above.
         similar
-            Another model of the same presliding distance and base. What is equal in both is taken from it.
+            Another model of the same hysteresis and base. What is equal in both is taken from it.
         """
         robot, model = experiment.robot, experiment.model
         if similar is not None and _mesh_source(similar.experiment) == _mesh_source(experiment):
@@ -67,12 +68,12 @@ class RobotModel:
             forces, before = similar.forces, similar.experiment
             if (before.robot.tendons, before.model.friction) != (robot.tendons, model.friction):
                 unloaded = forces.law.parameters
-                law = tendon_law(robot, model.friction, unloaded.lengths, unloaded.mask, presliding)
+                law = tendon_law(robot, model.friction, unloaded.lengths, unloaded.mask, hysteresis)
                 forces = replace(forces, law=law)
             if before.robot.springs != robot.springs:
                 forces = replace(forces, springs=ground_springs(robot, mesh, base))
         else:
-            forces = force_model(robot, model, mesh, rigid, presliding, base)
+            forces = force_model(robot, model, mesh, rigid, hysteresis, base)
             if similar is not None and _same(_tendon_arrays(forces), _tendon_arrays(similar.forces)):
                 forces = replace(forces, geometry=similar.forces.geometry, law=similar.forces.law)
         mass = np.zeros(len(mesh.arc_lengths))
@@ -82,13 +83,13 @@ class RobotModel:
         mass[forces.hole_nodes[1:]] += robot.disks.mass
         mass[-1] += robot.tip_mass
         weight = mass[:, None] * np.array(model.gravity)
-        return cls(experiment, presliding, base, forces, rigid, weight)
+        return cls(experiment, hysteresis, base, forces, rigid, weight)
 
     def beside(self, experiment: Experiment) -> RobotModel:
         """The model of a neighbouring description, with as many elements in every bay."""
         counts = self.experiment.model.elements_per_bay
         experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=counts))
-        return RobotModel.of(experiment, self.presliding, self.base, self)
+        return RobotModel.of(experiment, self.hysteresis, self.base, self)
 
     def gradient(self, twists: Array, base_tension: Array, time: float) -> Array:
         """Gradient of the energy of elements and section forces by the twists at a time [s], shape (E, 6)."""
@@ -264,7 +265,7 @@ def _joined_law(laws: Sequence[TendonLaw]) -> TendonLaw:
             tuple(law for p in parameters for law in (p.laws or (None,) * first.shape[0])),
         ),
         mobilised,
-        first.presliding,
+        first.hysteresis,
     )
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
+from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.results import Sensitivities, Sensitivity
@@ -151,9 +152,9 @@ class SensitivityHistory:
         ValueError
             There is no derivative by a parameter; the message says why.
         """
-        handle, presliding = simulation.handle, simulation.settings.presliding
+        handle = simulation.handle
         loads = tuple(NodeLoad(handle.mesh.node_at(at, 1e-6), frame) for _, at, frame in simulation.loads)
-        present, near = _models(handle, experiment, chosen, presliding)
+        present, near = _models(handle, experiment, chosen)
         frictional = bool(present.forces.law.frictional.any())
         inputs = InputDerivatives.of(experiment, simulation, chosen, near, frictional)
         explicit = ExplicitDerivatives(present, near, len(chosen))
@@ -176,8 +177,7 @@ class SensitivityHistory:
                 raise ValueError(
                     f"sensitivities: {p.name!r}: a scene has no load steps; name inputs of the call"
                 )
-        presliding = arm.actuation.law.presliding
-        explicit = ExplicitDerivatives(*_models(arm, experiment, chosen, presliding), len(chosen))
+        explicit = ExplicitDerivatives(*_models(arm, experiment, chosen), len(chosen))
         own = {id(load): name for name, load in arm.loads.items()}
         items = SceneHooks.of(arm.mbs).point_loads
         loads = tuple(
@@ -207,7 +207,7 @@ class SensitivityHistory:
     def advance(self, step: SolvedLoadStep) -> None:
         """Differentiate one solved load step. The scene is left at its end."""
         solver, before = step.solver, step.before
-        system, ramp, presliding = solver.system, solver.ramp, solver.settings.presliding
+        system, ramp = solver.system, solver.ramp
         robot = system.robots.index(self.handle.actuation)
         goal = self.inputs.at(len(self.steps), self.handle.actuation.drives.scale)
         carried = self.carried
@@ -228,12 +228,12 @@ class SensitivityHistory:
         for substep in step.path.increments:
             for point in reversal_points(solver, substep):
                 target = ramp.apply(system, point.load_factor)
-                solved = SolvedPoint.of(system, point.state, target, presliding, sticking=point.sticking)
+                solved = SolvedPoint.of(system, point.state, target, sticking=point.sticking)
                 own = self._disturbed(solved, target.time, inputs_at(point.load_factor), carried)
                 carried = _reversed(own, point, solved, carried, robot)
             target = ramp.apply(system, substep.load_factor)
             state, inputs = substep.state._replace(friction=substep.history), inputs_at(substep.load_factor)
-            solved = SolvedPoint.of(system, state, target, presliding * substep.presliding_factor)
+            solved = SolvedPoint.of(system, state, target, softening=substep.presliding_factor)
             own = self._disturbed(solved, target.time, inputs, carried)
             values = self._values(own, solved, inputs, carried)
             carried = values.carried
@@ -301,10 +301,11 @@ class SensitivityHistory:
 
         With the slips to which they belong [m].
         """
-        own, presliding = solved.forces[robot], solved.presliding
+        own = solved.forces[robot]
         law = own.model.law
         slip = own.field.released_length @ self.explicit.law.slip_operator(law.shape[1]).T
-        free = np.clip(carried.mobilisation + (slip - carried.slip) / presliding, -1.0, 1.0)
+        before = FrictionState(carried.slip, carried.mobilisation)
+        free = np.clip(law.hysteresis.trial(slip, before), -1.0, 1.0)
         if law.groups == free.shape[1]:
             free = np.where(law.frictional, solved.state.mobilisation[robot], free)
         return free, slip
@@ -405,13 +406,13 @@ def _load_factor_change(
 
 
 def _models(
-    handle: TDCR, experiment: Experiment, chosen: Sequence[Parameter], presliding: float
+    handle: TDCR, experiment: Experiment, chosen: Sequence[Parameter]
 ) -> tuple[RobotModel, tuple[Neighbours, ...]]:
     """Models of a robot in a scene at the present and at neighbouring values of all parameters."""
     counts, clamp = elements_of_bays(handle.robot, handle.model), handle.actuation.clamp
     base = None if clamp is None else BasePose(clamp.position, clamp.rotation @ BEAM_TO_SECTION.T)
     experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=counts))
-    present = RobotModel.of(experiment, presliding, base)
+    present = RobotModel.of(experiment, handle.actuation.law.hysteresis, base)
     return present, neighbours(present, chosen)
 
 

@@ -1,0 +1,165 @@
+"""What happens at a hole as the tendon slips: the part of the friction that acts, as a function of the slip.
+
+The mobilisation ``s`` in [-1, 1] follows the slip ``u`` over the presliding distance ``delta``. While the slip goes one
+way from a history ``(u0, s0)``, the law is a curve ``u - u0 = G(s) - G(s0)`` up to full friction, where the hole slips:
+
+- elastic-plastic, a spring in series with a slider (the stop operator): ``G = delta s``;
+- Dahl, ``ds/du = (1 - s sgn(du)) / delta``: ``G = -+ delta log(1 -+ s)`` in the direction of the slip, so that friction
+  grows smoothly and a reversal is felt at once (P. R. Dahl, A solid friction model, Aerospace Corp. report
+  TOR-0158(3107-18)-1 (1968)).
+
+Adding a law takes its class here, its entry in `HYSTERESES` and its name in `HysteresisKind`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+HysteresisKind = Literal["elastic-plastic", "dahl"]
+
+#: Dahl's friction tends to this much more than full friction, which it thus reaches: after 21 presliding distances [1].
+BEYOND_FULL = 1e-9
+#: Mobilisations nearer to each other than this have the slope of the curve between them, farther ones its chord [1].
+NEAR = 1e-6
+
+
+@dataclass(frozen=True)
+class FrictionState:
+    """History, committed at the end of a (sub)step."""
+
+    slip: Array  # (m, g): Slip that drives each mobilisation [m]
+    mobilisation: Array  # (m, g): Part of the available friction that acts, in [-1, 1]
+    # (m, g): Slip rate over the last step of nonzero duration [m/s]; None is zero
+    slip_rate: Array | None = None
+    time: float = 0.0  # Time at which it was committed [s]
+
+
+class Hysteresis(Protocol):
+    """A law of the mobilisation. Arrays are of any one shape, hole by hole."""
+
+    @property
+    def presliding(self) -> float:
+        """Slip from rest to full friction, or the scale of it [m]."""
+        ...
+
+    @property
+    def linear(self) -> bool:
+        """Whether the mobilisation is linear in the slip up to full friction.
+
+        Then only reversals at full friction count, and the path of a step is followed (`tdcr_fe.solve.friction_path`).
+        """
+        ...
+
+    def trial(self, slip: Array, before: FrictionState) -> Array:
+        """The mobilisation at a slip [m] that goes one way from a history, without its limits -1 and 1 [1]."""
+        ...
+
+    def line(
+        self, slip: Array, mobilisation: Array, before: FrictionState, ahead: Array
+    ) -> tuple[Array, Array]:
+        """A straight line in place of the curve near a slip and a mobilisation that do not agree yet.
+
+        Parameters
+        ----------
+        slip, mobilisation
+            [m], [1].
+        before
+            History.
+        ahead
+            Slip that is expected [m]; its direction counts where the hole has not slipped yet.
+
+        Returns
+        -------
+        slip, flexibility : ndarray
+            On the line at this mobilisation, since the history [m], and its slope by the mobilisation [m].
+        """
+        ...
+
+    def flexibility(self, mobilisation: Array, direction: Array) -> Array:
+        """Slope of the slip by the mobilisation in a direction of the slip, -1 or 1, 0 is the mean of both [m]."""
+        ...
+
+    def softened(self, factor: float) -> Hysteresis:
+        """The same law with another presliding distance, larger by a factor."""
+        ...
+
+
+@dataclass(frozen=True)
+class ElasticPlastic:
+    """A spring in series with a slider."""
+
+    presliding: float = 1e-6  # [m]
+    kind: ClassVar[HysteresisKind] = "elastic-plastic"
+    linear: ClassVar[bool] = True
+
+    def trial(self, slip: Array, before: FrictionState) -> Array:
+        """See `Hysteresis.trial`."""
+        return before.mobilisation + (slip - before.slip) / self.presliding
+
+    def line(
+        self, slip: Array, mobilisation: Array, before: FrictionState, ahead: Array
+    ) -> tuple[Array, Array]:
+        """See `Hysteresis.line`."""
+        flexibility = np.full_like(mobilisation, self.presliding)
+        return self.presliding * (mobilisation - before.mobilisation), flexibility
+
+    def flexibility(self, mobilisation: Array, direction: Array) -> Array:
+        """See `Hysteresis.flexibility`."""
+        return np.full_like(mobilisation, self.presliding)
+
+    def softened(self, factor: float) -> ElasticPlastic:
+        """See `Hysteresis.softened`."""
+        return replace(self, presliding=factor * self.presliding)
+
+
+@dataclass(frozen=True)
+class Dahl:
+    """Friction that grows the more slowly the nearer it is to full friction."""
+
+    presliding: float = 1e-6  # Full friction over the stiffness at rest [m]
+    kind: ClassVar[HysteresisKind] = "dahl"
+    linear: ClassVar[bool] = False
+
+    def trial(self, slip: Array, before: FrictionState) -> Array:
+        """See `Hysteresis.trial`."""
+        travel = (slip - before.slip) / self.presliding
+        limit = np.copysign(1.0 + BEYOND_FULL, travel)
+        found: Array = limit - (limit - before.mobilisation) * np.exp(-np.abs(travel))
+        return found
+
+    def _slip_of(self, mobilisation: Array, before: FrictionState) -> Array:
+        """Slip since the history at which a mobilisation is reached [m]: the inverse of `trial`."""
+        side = np.where(mobilisation >= before.mobilisation, 1.0, -1.0)
+        limit = side * (1.0 + BEYOND_FULL)
+        return side * self.presliding * np.log((limit - before.mobilisation) / (limit - mobilisation))
+
+    def line(
+        self, slip: Array, mobilisation: Array, before: FrictionState, ahead: Array
+    ) -> tuple[Array, Array]:
+        """See `Hysteresis.line`: between the points of the curve at the slip and at the mobilisation."""
+        there = np.clip(self.trial(slip, before), -1.0, 1.0)
+        travel, own = self._slip_of(there, before), self._slip_of(mobilisation, before)
+        direction = np.sign(mobilisation - before.mobilisation)
+        direction = np.where(direction == 0.0, np.sign(ahead - before.slip), direction)
+        # At full friction a hole slips, or comes back.
+        direction = np.where(np.abs(mobilisation) == 1.0, -mobilisation, direction)
+        slope, apart = self.flexibility(mobilisation, direction), mobilisation - there
+        np.divide(own - travel, apart, out=slope, where=np.abs(apart) > NEAR)
+        return own, slope
+
+    def flexibility(self, mobilisation: Array, direction: Array) -> Array:
+        """See `Hysteresis.flexibility`; the mean is that of the stiffness."""
+        return self.presliding / (1.0 + np.abs(direction) * BEYOND_FULL - direction * mobilisation)
+
+    def softened(self, factor: float) -> Dahl:
+        """See `Hysteresis.softened`."""
+        return replace(self, presliding=factor * self.presliding)
+
+
+#: Every law, by its name in ``scenario.toml``.
+HYSTERESES: dict[str, type[ElasticPlastic] | type[Dahl]] = {law.kind: law for law in (ElasticPlastic, Dahl)}

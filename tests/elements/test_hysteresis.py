@@ -1,0 +1,177 @@
+"""Laws of what happens at a hole as the tendon slips: closed forms along one hole, whole robots, and scenes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from native_solvers import damped, dynamic_settings, static_settings
+from robots import BACKBONE, distance, paper, pull, scene, solve
+from two_tendons import ANGLES, LENGTHS, MASK, tendon_law
+
+from tdcr_fe.elements.friction import FRICTION_MODELS
+from tdcr_fe.elements.hysteresis import HYSTERESES, Dahl, FrictionState
+from tdcr_fe.model.loading import Model, SolverSettings
+from tdcr_fe.solve.simulate import simulate
+from tdcr_fe.solve.statics import SolveTDCR
+
+LAWS = [law(2e-5) for law in HYSTERESES.values()]
+STARTS = np.array([-1.0, -0.7, 0.0, 0.4, 1.0])
+
+
+def each(law):
+    return law.kind
+
+
+@pytest.mark.parametrize("amplitude", [1.0, 4.0])
+def test_the_loop_of_dahl_is_its_closed_form(amplitude):
+    """Between slips of ``+-A`` friction settles at ``+-tanh(A / delta)``; a loop encloses ``4 (A - delta tanh)``.
+
+    Lengths of the last segment of a tendon are driven, so that material passes one hole after the other.
+    """
+    delta = 1e-4
+    law = tendon_law(FRICTION_MODELS["per-hole"], 0.3, presliding=delta, hysteresis=Dahl)
+    state, slips, friction = law.initial_state(), [], []
+    way = np.linspace(0.0, 2.0 * np.pi, 4001)
+    for turn in np.concatenate([way[1:]] * 6):
+        lengths = LENGTHS.copy()
+        lengths[0, 3] -= amplitude * delta * np.sin(turn)
+        field = law.evaluate(np.array([2.0, 1.0]), lengths, ANGLES, state)
+        state = law.commit(field)
+        slips.append(state.slip[0])
+        friction.append(state.mobilisation[0])
+    slip, s = np.array(slips[-4000:]), np.array(friction[-4000:])
+    assert s.max(axis=0) == pytest.approx(np.tanh(amplitude), abs=1e-5)
+    assert s.min(axis=0) == pytest.approx(-np.tanh(amplitude), abs=1e-5)
+    closed = [np.append(x, x[:1], axis=0) for x in (slip, s)]
+    area = np.sum(0.5 * (closed[1][1:] + closed[1][:-1]) * np.diff(closed[0], axis=0), axis=0)
+    assert area == pytest.approx(4.0 * delta * (amplitude - np.tanh(amplitude)), rel=1e-5)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=each)
+def test_a_slip_that_goes_one_way_may_be_divided_anywhere(law):
+    """The law is a curve: no more is remembered than the slip and the mobilisation."""
+    zero = np.zeros_like(STARTS)
+    for whole in (3e-5, -3e-5, 4e-4, -1e-7):
+        direct = np.clip(law.trial(zero + whole, FrictionState(zero, STARTS)), -1.0, 1.0)
+        begun = np.clip(law.trial(zero + 0.3 * whole, FrictionState(zero, STARTS)), -1.0, 1.0)
+        later = law.trial(zero + whole, FrictionState(zero + 0.3 * whole, begun))
+        assert np.clip(later, -1.0, 1.0) == pytest.approx(direct, abs=1e-9)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=each)
+def test_slip_and_slope_belong_to_the_mobilisation(law):
+    """The line of the solver goes through a point of the curve, with the curve's slope, up to full friction."""
+    zero, h = np.zeros(3), 1e-9
+    before = FrictionState(zero, np.array([-0.7, 0.0, 0.4]))
+    for travel in (5e-6, -8e-6):
+        s = law.trial(zero + travel, before)
+        slip, slope = law.line(zero + travel, s, before, zero)
+        assert slip == pytest.approx(zero + travel, abs=1e-15)
+        ahead, back = (law.trial(zero + travel + x, before) for x in (h, -h))
+        assert 1.0 / slope == pytest.approx((ahead - back) / (2.0 * h), rel=1e-5)
+    far = law.trial(zero + 1.0, before)
+    assert np.all(far >= 1.0)
+    assert np.all(law.trial(zero - 1.0, before) <= -1.0)
+
+
+@pytest.mark.parametrize("compliance", [0.0, 1.0 / 400.0])
+def test_tensions_with_dahl_against_differences(compliance):
+    """Derivatives by lengths, of tendons that stretch too, in both directions of the slip."""
+    law = tendon_law(
+        FRICTION_MODELS["per-hole"], 0.3, compliance=compliance, presliding=1e-4, hysteresis=Dahl
+    )
+    base = np.array([2.0, 1.0])
+    state = FrictionState(np.zeros((2, 3)), 0.3 * law.frictional)
+    state = replace(state, slip=law.evaluate(base, LENGTHS, ANGLES, state).slip)
+    for way in (5e-5, -5e-5):
+        lengths = LENGTHS - way * MASK * [[0.3, 1.0, 0.5, 0.8]]
+        field = law.evaluate(base, lengths, ANGLES, state)
+        for i, k in ((0, 1), (0, 3), (1, 1)):
+            shift = np.zeros_like(lengths)
+            shift[i, k] = 1e-9
+            ends = [law.evaluate(base, lengths + x, ANGLES, state).tension for x in (shift, -shift)]
+            expected = (ends[0] - ends[1])[i] / 2e-9
+            assert field.d_length[i, :, k] == pytest.approx(expected, abs=1e-5 * np.abs(expected).max())
+
+
+# ---------------------------------------------------------------- robots
+
+STEPS = pull(0.5, 2.0, 1.5, 0.5, 1.5)
+
+
+def test_dahl_tends_to_capstan_as_it_grows_stiffer():
+    """Tips against those of the elastic-plastic law, over the length; the stiffness at rest grows tenfold."""
+    apart = []
+    for delta in (1e-4, 1e-5, 1e-6):
+        laws = [
+            solve(
+                paper(0.3), STEPS, SolverSettings(presliding=delta, path_tolerance=1e-6), hysteresis=kind
+            ).tips
+            for kind in HYSTERESES
+        ]
+        apart.append(distance(*laws))
+    assert apart[0] > 5e-4
+    assert apart[1] < 0.15 * apart[0]
+    assert apart[2] < 0.15 * apart[1]
+
+
+def test_dahl_feels_a_reversal_that_the_elastic_plastic_law_takes_back():
+    """After a small release and its return, friction of the latter is what it was; Dahl's tip comes back elsewhere."""
+    steps, settings = pull(0.2, 0.19, 0.2), SolverSettings(presliding=1e-3)
+    for kind, returns in (("elastic-plastic", True), ("dahl", False)):
+        tips = solve(paper(0.3), steps, settings, hysteresis=kind).tips
+        assert (distance(tips[0], tips[2]) < 1e-9) == returns
+
+
+@pytest.mark.parametrize("axial_stiffness", [None, 2000.0], ids=["inextensible", "elastic"])
+def test_derivatives_with_dahl_are_those_of_whole_simulations(axial_stiffness):
+    """By the stiffness of the backbone, to 1e-7; holes on their way to full friction, and reversed ones."""
+    settings, model = (
+        SolverSettings(presliding=2e-5, tolerance=1e-11),
+        Model(elements_per_bay=1, hysteresis="dahl"),
+    )
+
+    def run(modulus, sensitivities=()):
+        robot = paper(
+            0.3, backbone=replace(BACKBONE, youngs_modulus=modulus), axial_stiffness=axial_stiffness
+        )
+        return simulate(robot, model, STEPS, settings, sensitivities=sensitivities)
+
+    found = run(85e9, ["backbone.youngs_modulus"]).sensitivities["backbone.youngs_modulus"].positions
+    size = 85e9 * 1e-5
+    ends = [np.array([s.positions for s in run(85e9 + x).steps]) for x in (size, -size)]
+    expected = (ends[0] - ends[1]) / (2.0 * size)
+    assert found == pytest.approx(expected, abs=1e-7 * np.abs(expected).max())
+
+
+# ---------------------------------------------------------------- scenes
+
+
+@pytest.mark.integration
+def test_exudyns_static_solver_has_dahls_history():
+    """To 1.2 N and back to 0.6 N, as `simulate`; then a scene that `SolveTDCR` solves."""
+    kind = {"hysteresis": "dahl"}
+    expected = solve(paper(0.3), pull(1.2, 0.6), SolverSettings(presliding=2e-5), **kind).tips
+    _keep, mbs, handle = scene(paper(0.3), presliding=2e-5, **kind)
+    handle.set_inputs_over_time(lambda t: [2.4 * t if t < 0.5 else 1.2 - (2 * t - 1) * 0.6])
+    assert mbs.SolveStatic(static_settings(50))
+    assert distance(handle.tip_position, expected[-1]) < 5e-4
+    _other, mbs, handle = scene(paper(0.3), presliding=2e-5, **kind)
+    for tension, tip in zip((1.2, 0.6), expected, strict=True):
+        handle.set_tensions([tension])
+        SolveTDCR(mbs)
+        assert distance(handle.tip_position, tip) < 1e-5
+
+
+@pytest.mark.integration
+def test_a_slow_pull_in_time_ends_where_statics_do_with_dahl():
+    """Half a second to 1 N, and as long at rest; small swings leave 1 % in the tensions."""
+    kind = {"hysteresis": "dahl"}
+    _keep, mbs, handle = damped(paper(0.3), presliding=2e-5, **kind)
+    handle.set_inputs_over_time(lambda t: [min(2.0 * t, 1.0)])
+    assert mbs.SolveDynamic(dynamic_settings(1.0, 2e-3))
+    expected = solve(paper(0.3), pull(1.0), SolverSettings(presliding=2e-5), **kind).steps[-1]
+    assert distance(handle.tip_position, expected.tip) < 1e-3
+    assert handle.tensions()["t1"] == pytest.approx(expected.tensions[0], abs=2e-2)
