@@ -258,8 +258,8 @@ class SolvedPoint:
                 for own, mobilisation, history in by_robot
             )
         holes = tuple(
-            HoleFlexibility.of(own.model.law.hysteresis.softened(softening), *rest, turns=all_stick)
-            for own, *rest in by_robot
+            HoleFlexibility.of(own.model.law.hysteresis.softened(softening), s, history, turns=all_stick)
+            for own, s, history in by_robot
         )
         return cls(system, numbering, state, residual.forces, linear, solve, sticking, holes)
 
