@@ -28,7 +28,7 @@ BUDGET = {
     "tdcr_fe": 269,
     "tdcr_fe/commands": 1055,
     "tdcr_fe/effects": 1302,
-    "tdcr_fe/estimate": 818,
+    "tdcr_fe/estimate": 820,
     "tdcr_fe/identify": 6777,
     "tdcr_fe/io": 2073,
     "tdcr_fe/live": 366,

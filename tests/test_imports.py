@@ -111,7 +111,8 @@ def test_folders_of_the_solver_import_those_below(folder):
 @pytest.mark.parametrize("module", [*REFERENCE, *IN_LAYER["model"]])
 def test_description_and_reference_import_no_solver(module):
     """Neither exudyn nor anything that imports it; the reference shares only data with the finite elements."""
-    plain = ("tdcr_fe.elements.poses", "tdcr_fe.elements.drives")  # without Exudyn
+    # Without Exudyn.
+    plain = ("tdcr_fe.elements.poses", "tdcr_fe.elements.drives", "tdcr_fe.elements.hysteresis")
     allowed = ("tdcr_fe.model", *(("tdcr_fe.validation.reference",) if module in REFERENCE else plain))
     assert not {m for m in own_imports(module) if not m.startswith(allowed)}
     assert not {m for m in imports(module) if m.startswith("exudyn")}
