@@ -62,6 +62,7 @@ EXAMPLES_IN_ORDER = (
     "tendon_jacobian",
     "critical_load",
     "inverse_statics",
+    "design",
     "sweep",
     "robot_on_ground",
     "robot_on_carriage",
@@ -70,6 +71,7 @@ EXAMPLES_IN_ORDER = (
     "vibration",
     "modes",
     "cut_tendon",
+    "tracking",
     "own_spreadsheet",
 )
 sphinx_gallery_conf = {

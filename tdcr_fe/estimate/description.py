@@ -65,7 +65,8 @@ class InputPrior(Checked):
     Attributes
     ----------
     sigma : float or mapping of str to float
-        Standard deviation, of every tendon or by name: [N] where the tension is given, [m] where the displacement is.
+        Standard deviation, of every tendon or by name: [N] where the tension is given, [m] where the displacement is,
+        [rad] where the angle of the motor is.
     correlation_time : float
         Of the Gauss-Markov process that the errors follow [s].
     random_walk : float
@@ -75,7 +76,7 @@ class InputPrior(Checked):
     sigma: Annotated[
         float | dict[str, Annotated[float, Quantity("", gt=0.0)]],
         Quantity(
-            "standard deviation of every input [N or m], or a table by tendon",
+            "standard deviation of every input [N, m or rad], or a table by tendon",
             gt=0.0,
             allowed="a number above zero, or a table with one for every tendon",
         ),
@@ -125,6 +126,8 @@ class Estimate:
         The estimated load [N, N m]; what ``loading.csv`` names acts besides.
     force_covariance : ndarray, shape (3, 3)
         [N^2].
+    input_errors : ndarray, shape (n_tendons,)
+        Inputs that act less those that were given [N, m or rad].
     tensions, sigma_tensions : ndarray, shape (n_tendons,)
         At the base, and their standard deviations [N].
     tension_covariance : ndarray, shape (n_tendons, n_tendons)
@@ -147,6 +150,7 @@ class Estimate:
     force: Array
     moment: Array
     force_covariance: Array
+    input_errors: Array
     tensions: Array
     tension_covariance: Array
     position_covariance: Array

@@ -75,14 +75,15 @@ class Estimator:
             raise ValueError(f"Estimator: model.hysteresis = {model.hysteresis!r}; must be 'elastic-plastic'")
         length = robot.backbone.length
         load.check(length)
-        self.robot, self.load, self.inputs = robot, load, inputs
+        self.robot, self.model, self.load, self.inputs = robot, model, load, inputs
         known = [LoadStep(loads=step.loads) for step in steps]
         places = [length if isinstance(load.at, str) else load.at]
         if load.at == "unknown":
             handle = Simulation(robot, model, resolve(robot, known)).handle
             places = [float(s) for s in handle.mesh.arc_lengths[1:]]
-        own = LoadStep(loads={name_at(s): Load(at=s) for s in places})
-        self.simulation = Simulation(robot, model, resolve(robot, [*known, own]), settings)
+        #: Steps that name all loads.
+        self.steps = (*known, LoadStep(loads={name_at(s): Load(at=s) for s in places}))
+        self.simulation = Simulation(robot, model, resolve(robot, self.steps), settings)
         loaded = np.array([self.simulation.handle.mesh.node_at(s, 1e-6) for s in places])
         components = 6 if load.sigma_moment > 0.0 else 3
         self._problem = Problem(self.simulation, observation or Observation(), loaded, components)
@@ -189,6 +190,7 @@ class Estimator:
             x[force],
             x[force.stop : place] if place > force.stop else np.zeros(3),
             covariance[force, force],
+            x[: problem.tendons],
             result.base_tensions,
             response.base_tensions @ covariance @ response.base_tensions.T,
             np.einsum("nip,pq,njq->nij", response.nodes, covariance, response.nodes, optimize=True),

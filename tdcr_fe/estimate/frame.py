@@ -92,7 +92,7 @@ class Problem:
 
     def actuation(self, commands: Actuation, unknowns: Array) -> Actuation:
         """Inputs and loads that act."""
-        values = commands.values + unknowns[: self.tendons]
+        values = commands.values + commands.drives.scale * unknowns[: self.tendons]
         load = np.zeros(6)
         load[: self.components] = unknowns[self.load]
         loads = dict(commands.loads)
@@ -206,7 +206,7 @@ class Solved:
         problem = self.frame.problem
         m, place, count = problem.tendons, problem.place, problem.components
         found = np.zeros((self._by_node.nodes.shape[-1], len(unknowns)))
-        found[:m, :m] = np.eye(m)
+        found[:m, :m] = np.diag(self.frame.commands.drives.scale)
         for j, (share, slope) in enumerate(zip(*problem.shares(unknowns[place]), strict=True)):
             rows = slice(m + 6 * j, m + 6 * j + count)
             found[rows, problem.load] = share * np.eye(count)

@@ -15,6 +15,7 @@ from math import isfinite
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tdcr_fe.effects import Experiment
 from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.messages import issue, warnings_to
@@ -36,7 +37,7 @@ from tdcr_fe.solve.inverse_statics.target_search import Objective, SearchResult,
 from tdcr_fe.solve.inverse_statics.trials import TrialSteps
 from tdcr_fe.solve.mesh import MOST_MESHES, MeshMonitor, error_order, mesh_warnings, refined
 from tdcr_fe.solve.simulate import CONVERGED, INTERRUPTED
-from tdcr_fe.solve.simulation import one_thread, step_warnings
+from tdcr_fe.solve.simulation import Simulation, one_thread, step_warnings
 
 Array = NDArray[np.float64]
 #: Tolerance of the error, where none is given [fraction of the length].
@@ -237,7 +238,9 @@ class _FollowRun:
     ) -> None:
         self.task, self.counts, self.settings, self.guesses = task, counts, settings, guesses
         self.model = replace(task.model, elements_per_bay=counts)
-        self.trials = TrialSteps(task.robot, self.model, task.before, settings)
+        simulation = Simulation(task.robot, self.model, resolve(task.robot, task.before), settings)
+        experiment = Experiment(task.robot, self.model, (*task.before, LoadStep()))
+        self.trials = TrialSteps(simulation, experiment)
         self.goal = settings.mesh_tolerance * task.robot.backbone.length
         self.monitor = MeshMonitor(self.trials.simulation, self.goal)
         # Squares, since the tensions of least effort are small in most tendons.

@@ -6,6 +6,8 @@ small that would gain less than the tolerance. Derivation: documentation, page "
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -124,6 +126,8 @@ class TargetSearch:
         What is to be smallest.
     label
         Of the load step.
+    deadline
+        Of `time.perf_counter`, after which no further trial begins [s].
 
     Attributes
     ----------
@@ -131,9 +135,16 @@ class TargetSearch:
         Trial steps so far.
     """
 
-    def __init__(self, trials: TrialSteps, start: SolverState, objective: Objective, label: str) -> None:
+    def __init__(
+        self,
+        trials: TrialSteps,
+        start: SolverState,
+        objective: Objective,
+        label: str = "",
+        deadline: float = math.inf,
+    ) -> None:
         self._trials, self._start, self._objective, self._label = trials, start, objective, label
-        self.count = 0
+        self.count, self.deadline = 0, deadline
 
     def best(self, starts: Iterable[Array], friction: bool) -> tuple[SearchResult | None, int]:
         """The best of the searches from several tensions [N], and their number.
@@ -174,7 +185,8 @@ class TargetSearch:
         while True:
             step, gain = objective.step(best, radius)
             length = float(np.abs(step).max())
-            if gain <= PRECISION * objective.tolerance or self.count >= end:
+            late = time.perf_counter() > self.deadline
+            if late or gain <= PRECISION * objective.tolerance or self.count >= end:
                 break
             trial = self._moved(best, step)
             if trial is not None and objective.at(trial) >= objective.at(best) - 0.1 * gain:
@@ -193,8 +205,8 @@ class TargetSearch:
 
     def _solve(self, inputs: Array, by_displacement: bool, substeps: int | None) -> Trial | None:
         self.count += 1
-        time = self._objective.target.time
-        step = self._trials.step(inputs, by_displacement, self._label, time, substeps)
+        moment = self._objective.target.time
+        step = self._trials.step(inputs, by_displacement, self._label, moment, substeps)
         return self._trials.solve(self._start, step)
 
     def _moved(self, trial: Trial, step: Array) -> Trial | None:

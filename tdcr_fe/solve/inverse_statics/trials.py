@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +10,7 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.elements.drives import TendonDrives
-from tdcr_fe.model.loading import Actuation, LoadStep, Model, SolverSettings, resolve
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.loading import Actuation, LoadStep
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.load_steps.load_path import LoadStepReport, StepFailed
 from tdcr_fe.solve.sensitivities.parameters import parameters
@@ -49,26 +47,21 @@ class TrialSteps:
 
     Parameters
     ----------
-    robot, model
-        Description; the mesh is that of the model.
-    before
-        Load steps before the first trial; their loads go on acting.
-    settings
-        Numerics.
+    simulation
+        Of the robot; it need not be at its beginning.
+    experiment
+        What it is a simulation of, with all loads.
 
     Attributes
     ----------
     simulation : Simulation
     """
 
-    def __init__(
-        self, robot: Robot, model: Model, before: Sequence[LoadStep], settings: SolverSettings
-    ) -> None:
-        self.robot, self.before = robot, tuple(before)
-        self.simulation = Simulation(robot, model, resolve(robot, self.before), settings)
-        experiment = Experiment(robot, model, (*self.before, LoadStep()))
+    def __init__(self, simulation: Simulation, experiment: Experiment) -> None:
+        self.robot, self.simulation = experiment.robot, simulation
+        robot = self.robot
         chosen = parameters(experiment, [f"inputs.{name}" for name in robot.tendon_names])
-        self._history = SensitivityHistory.of(self.simulation, experiment, chosen)
+        self._history = SensitivityHistory.of(simulation, experiment, chosen)
         count = len(robot.tendons)
         self._last = Actuation(TendonDrives.by_tension(count), np.zeros(count))
 

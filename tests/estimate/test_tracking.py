@@ -1,0 +1,93 @@
+"""Tracking: the tip follows a path with reversals in bounded steps, by the inputs that are measured."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import tdcr_fe as tdcr
+from tdcr_fe.model.tendon import Spool
+
+LENGTH, NAMES, DRUM = 0.25, ("a", "b", "c"), 8e-3
+LIMITS = tdcr.TensionLimits(largest=4.0, pretension=0.3)
+#: There and back, so that slips reverse: 25 to 45 mm off the axis.
+PATH = [(x, 0.0, None) for x in (0.025, 0.03, 0.035, 0.04, 0.045, 0.04, 0.035, 0.03)]
+
+
+def robot(friction=0.3, **of_tendons):
+    tendons = [
+        tdcr.Tendon(n, tdcr.ParallelRouting(5e-3, 120.0 * k), friction_coefficient=friction, **of_tendons)
+        for k, n in enumerate(NAMES)
+    ]
+    return tdcr.Robot(
+        tdcr.Backbone(LENGTH, 0.5e-3, 85e9, 0.3), tdcr.Disks.equally_spaced(6, LENGTH), tuple(tendons)
+    )
+
+
+def tracker(of, friction="per-hole", **options):
+    model = tdcr.Model(elements_per_bay=1, friction=friction)
+    load = tdcr.LoadPrior(sigma=1e-4, random_walk=1e-3)
+    return tdcr.Tracker(
+        tdcr.Estimator(of, model, load, tdcr.InputPrior(sigma=1e-4, correlation_time=0.0)), LIMITS, **options
+    )
+
+
+def tracked(own, of, begin):
+    """Samples of a controller that sees the inputs alone, and positions of the tip that it reaches [m]."""
+    step, samples, tips = begin, [], []
+    played = [begin]
+    for k, target in enumerate(PATH):
+        samples.append(own.step(replace(step, time=0.1 * k), [], target))
+        step = samples[-1].command
+        played.append(step)
+    result = tdcr.simulate(of, tdcr.Model(elements_per_bay=1), played).raise_if_failed()
+    tips = result.tips[1:]
+    return samples, np.linalg.norm(tips[:, :2] - np.array(PATH, dtype=float)[:, :2], axis=1)
+
+
+BEGIN = tdcr.LoadStep(tensions=dict.fromkeys(NAMES, 0.3) | {"a": 0.8})
+
+
+def test_friction_in_the_model_is_compensated_through_reversals():
+    """What is left is the tolerance, and the path of the friction within a step."""
+    of = robot()
+    samples, errors = tracked(tracker(of, tolerance=1e-4), of, BEGIN)
+    assert not any(s.message for s in samples)
+    assert errors.max() < 1.5e-4
+    _, without = tracked(tracker(robot(0.0), "none", tolerance=1e-4), of, BEGIN)
+    assert without.max() > 10.0 * errors.max()
+
+
+@pytest.mark.parametrize("drive", ["displacements", "motor_angles"])
+def test_commands_are_of_the_kind_that_is_measured(drive):
+    spool = Spool(radius=DRUM) if drive == "motor_angles" else None
+    of = robot(axial_stiffness=2000.0, spool=spool)
+    model = tdcr.Model(elements_per_bay=1)
+    wound = tdcr.simulate(of, model, [BEGIN]).steps[0].displacements / (DRUM if spool else 1.0)
+    begin = tdcr.LoadStep(**{drive: dict(zip(NAMES, wound.tolist(), strict=True))})
+    samples, errors = tracked(tracker(of, tolerance=1e-4), of, begin)
+    assert all(set(getattr(s.command, drive)) == set(NAMES) and not s.command.tensions for s in samples)
+    assert errors.max() < 5e-4
+
+
+def test_a_step_is_bounded():
+    own = tracker(robot(), largest_change=0.05)
+    found = own.step(replace(BEGIN, time=0.0), [], PATH[4])
+    change = np.array([found.command.tensions[n] - BEGIN.tensions[n] for n in NAMES])
+    assert np.abs(change).max() == pytest.approx(0.05, rel=1e-6)
+    assert found.error > 5e-3
+
+
+def test_after_the_deadline_the_last_good_command_is_kept():
+    own = tracker(robot())
+    first = own.step(replace(BEGIN, time=0.0), [], PATH[0])
+    assert not first.message
+    own.deadline = 0.0
+    late = own.step(replace(first.command, time=0.1), [], PATH[1])
+    assert late.command == first.command
+    assert late.message == "no load step towards the target was solved in time"
+    own.deadline = np.inf
+    again = own.step(replace(late.command, time=0.2), [], PATH[1])
+    assert not again.message and again.command != first.command
