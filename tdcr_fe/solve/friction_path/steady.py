@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.solve.equations.configuration import SolverState
-from tdcr_fe.solve.equations.linearization import Linearization
+from tdcr_fe.solve.equations.linearization import Linearization, input_changes
 from tdcr_fe.solve.friction_path.reversal_search import SMALL
 from tdcr_fe.solve.newton.newton import NewtonResult
+from tdcr_fe.solve.newton.steps import slip_changes
 
 Array = NDArray[np.float64]
 
@@ -73,35 +74,15 @@ def _rates_agree(
     none: float,
 ) -> bool:
     """Whether all slip rates at both ends of the substep have the direction of the friction."""
-    after, forces, target = result.state, result.forces, result.target
-    numbering, driven = linear.numbering, linear.numbering.any_driven
-    right = np.zeros(numbering.linear)
-    starts = before.inputs if driven else before.base_tension
-    pulled: list[Array] = []
-    for part in numbering.robots:
-        tension = target.inputs[part.robot] - starts[part.robot]
-        if driven:
-            change = tension[part.driven]
-            right[part.tensions] = np.where(linear.slack[part.robot], 0.0, change)
-            tension[part.driven] = 0.0
-        right[part.nodes] = -(forces[part.robot].base_tension_columns() @ tension)
-        pulled.append(tension)
-    for base in clamped:
-        right[base] = 0.0
-    moved = linear.factorisation.solve(right)
-    for part, tension in zip(numbering.robots, pulled, strict=True):
-        if not part.has_friction:
-            continue
-        i = part.robot
-        if driven:
-            tension[part.driven] = moved[part.tensions]
-        rate = forces[i].slip_change(moved[part.nodes], tension)
-        first = 2.0 * (after.friction[i].slip - before.friction[i].slip) - rate
-        side = after.mobilisation[i] * part.frictional
-        side *= part.may_be_tense(after.base_tension[i])[:, None]
-        if min((side * rate).min(), (side * first).min()) < -none:
-            return False
-    return True
+    after, numbering = result.state, linear.numbering
+    changes = input_changes(before, result.target)
+    rate = slip_changes(numbering, result.forces, linear.response(changes, clamped), changes)
+    pick = numbering.at_frictional_holes
+    slips = pick([new.slip - old.slip for new, old in zip(after.friction, before.friction, strict=True)])
+    tense = [p.may_be_tense(t)[:, None] for p, t in zip(numbering.robots, after.base_tension, strict=True)]
+    side = pick([s * own for s, own in zip(after.mobilisation, tense, strict=True)])
+    first = 2.0 * slips - rate
+    return bool(min((side * rate).min(), (side * first).min()) >= -none)
 
 
 def _any_changes(before: SolverState, after: SolverState, linear: Linearization) -> bool:

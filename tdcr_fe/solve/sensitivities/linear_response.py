@@ -19,7 +19,7 @@ no large parts have to cancel each other in ``x``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
@@ -37,6 +37,7 @@ from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import Numbering, RobotUnknowns, zero_bases
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.newton.steps import FrictionCoupling
 from tdcr_fe.solve.sensitivities.explicit import ForceChange
 from tdcr_fe.solve.sensitivities.robot_model import RobotPoint, TendonStack
 
@@ -215,7 +216,7 @@ class SolvedPoint:
     linearization: Linearization
     solve: Solve  # Solves the linearised equilibrium at fixed friction for several right sides
     sticking: tuple[NDArray[np.bool_], ...]  # (m, g): By robot, whose mobilisations follow their slips
-    hystereses: tuple[HoleFlexibility, ...]  # By robot
+    holes: tuple[HoleFlexibility, ...]  # By robot
 
     @classmethod
     def of(
@@ -316,17 +317,24 @@ class SolvedPoint:
         for clamped in self.system.layout.clamped:
             right[clamped] = 0.0
         unknowns = self.solve(right)
-        stuck = [
-            x if part.has_friction else np.zeros_like(x)
-            for part, x in zip(numbering.robots, self.sticking, strict=True)
-        ]
-        total = sum(int(np.count_nonzero(x)) for x in stuck)
-        changes = [np.zeros((*x.shape, count)) for x in stuck]
-        if total:
-            unknowns = self._with_sticking(unknowns, disturbances, known, stuck, changes, total)
+        changes = [np.zeros((*x.shape, count)) for x in self.sticking]
+        found = self._tendons(unknowns, disturbances, known, changes)
+        if numbering.has_friction and numbering.at_frictional_holes(self.sticking).any():
+            unknowns, changes = self._with_sticking(unknowns, found, disturbances)
+            found = self._tendons(unknowns, disturbances, known, changes)
+        return Response(unknowns, tuple(found))
+
+    def _tendons(
+        self,
+        unknowns: Array,
+        disturbances: tuple[Disturbance, ...],
+        known: Sequence[Array],
+        changes: Sequence[Array],
+    ) -> list[TendonChange]:
+        """Changes of the tendons of all robots with the unknowns, the known tensions at the base and mobilisations."""
         found = []
         for part, own, change, tension, disturbance in zip(
-            numbering.robots, self.forces, changes, known, disturbances, strict=True
+            self.numbering.robots, self.forces, changes, known, disturbances, strict=True
         ):
             base = tension.copy()
             base[part.driven] = unknowns[part.tensions]
@@ -336,7 +344,7 @@ class SolvedPoint:
                     base, change, by_motion[0] + disturbance.tension, by_motion[1] + disturbance.released
                 )
             )
-        return Response(unknowns, tuple(found))
+        return found
 
     def _right_side(self, right: Array, part: RobotUnknowns, disturbance: Disturbance) -> Array:
         """Enter a robot's disturbance; returns the known changes of its tensions at the base, shape (m, P)."""
@@ -354,54 +362,32 @@ class SolvedPoint:
         return known
 
     def _with_sticking(
-        self,
-        fixed: Array,
-        disturbances: tuple[Disturbance, ...],
-        known: list[Array],
-        stuck: list[NDArray[np.bool_]],
-        changes: list[Array],
-        total: int,
-    ) -> Array:
-        """Unknowns with the mobilisations of sticking holes, whose changes are entered into ``changes``."""
-        numbering = self.numbering
-        columns = np.zeros((numbering.linear, total), order="F")
-        rows, own = np.zeros((total, numbering.linear)), np.zeros((total, total))
-        excess = np.zeros((total, fixed.shape[1]))
-        start, places = 0, []
-        flexibility = np.concatenate(
-            [own.end[sticks] for own, sticks in zip(self.hystereses, stuck, strict=True)]
+        self, fixed: Array, tendons: Sequence[TendonChange], disturbances: tuple[Disturbance, ...]
+    ) -> tuple[Array, list[Array]]:
+        """Unknowns, and mobilisations of all holes, where those that stick follow their slips.
+
+        Without them the unknowns are ``fixed``, and the tendons change as given.
+        """
+        numbering, pick = self.numbering, self.numbering.at_frictional_holes
+        excess = pick(
+            [
+                own.model.law.slip_operator @ change.released
+                - disturbance.slip
+                + holes.start[..., None] * disturbance.mobilisation
+                for own, change, disturbance, holes in zip(
+                    self.forces, tendons, disturbances, self.holes, strict=True
+                )
+            ]
         )
-        for part, sticks, disturbance, tension in zip(
-            numbering.robots, stuck, disturbances, known, strict=True
-        ):
-            which = sticks[part.frictional]
-            here = slice(start, start + int(np.count_nonzero(which)))
-            start = here.stop
-            places.append(here)
-            if here.stop == here.start:
-                continue
-            at = self.forces[part.robot]
-            columns[part.nodes, here] = at.mobilisation_columns()[:, which]
-            by_nodes, by_tension, by_mobilisation = at.slip_rows()
-            rows[here, part.nodes] = by_nodes[which]
-            own[here, here] = by_mobilisation[np.ix_(which, which)]
-            excess[here] = by_tension[which] @ tension
-            if part.driven.size:
-                by_base = at.base_slip_by_mobilisation()[part.driven][:, which]
-                by_base[self.linearization.slack[part.robot]] = 0.0
-                columns[part.tensions, here] = by_base
-                rows[here, part.tensions] = by_tension[which][:, part.driven]
-            slips = at.model.law.slip_operator @ disturbance.released
-            elastic = self.hystereses[part.robot].start[..., None] * disturbance.mobilisation
-            excess[here] += (slips - disturbance.slip + elastic)[sticks]
-        for base in self.system.layout.clamped:
-            columns[base] = 0.0
-        response = -self.solve(columns)
-        matrix = np.diag(flexibility) - rows @ response - own
-        found = lu_solve(lu_factor(matrix), rows @ fixed + excess)
-        for here, sticks, change in zip(places, stuck, changes, strict=True):
-            change[sticks] = found[here]
-        return np.asarray(fixed + response @ found)
+        clamped, slack = self.system.layout.clamped, self.linearization.slack
+        coupling = FrictionCoupling.of(numbering, self.forces, clamped, slack)
+        which = np.flatnonzero(pick(self.sticking))
+        response = coupling.response(self.solve, which, pick([holes.end for holes in self.holes]))
+        change = np.zeros(excess.shape)
+        change[which] = np.linalg.solve(response.matrix[which], excess[which])
+        none = [np.zeros(own.mobilisation.shape) for own in disturbances]
+        changes = numbering.with_frictional_holes(none, change)
+        return fixed + response.columns @ change[which], list(changes)
 
 
 def _pushed(own: TendonForces, point: RobotPoint, places: NDArray[np.bool_]) -> ForceChange:
