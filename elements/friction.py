@@ -414,18 +414,7 @@ class TendonLaw:
                 field.by_mobilisation,
             )
 
-        return TensionField(
-            field.tension,
-            field.released_length,
-            field.slip,
-            field.mobilisation,
-            field.released_d_length,
-            field.released_d_tension,
-            field.slip_rate,
-            field.time,
-            True,
-            derive,
-        )
+        return replace(field, depends_on_length=True, derive=derive, at_holes=None)
 
     def commit(self, field: TensionField) -> FrictionState:
         """History after a converged (sub)step."""

@@ -13,8 +13,9 @@ Adding a law takes its class here, its entry in `HYSTERESES` and its name in `Hy
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, Protocol
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,26 +40,30 @@ class FrictionState:
     time: float = 0.0  # Time at which it was committed [s]
 
 
-class Hysteresis(Protocol):
-    """A law of the mobilisation. Arrays are of any one shape, hole by hole."""
+@dataclass(frozen=True)
+class Hysteresis(ABC):
+    """A law of the mobilisation. Arrays are of any one shape, hole by hole.
 
-    @property
-    def presliding(self) -> float:
-        """Slip from rest to full friction, or the scale of it [m]."""
-        ...
+    Attributes
+    ----------
+    presliding : float
+        Slip from rest to full friction, or the scale of it [m].
+    kind : str
+        Name in ``scenario.toml``.
+    linear : bool
+        Whether the mobilisation is linear in the slip up to full friction. Then only reversals at full friction count,
+        and the path of a step is followed (`tdcr_fe.solve.friction_path`).
+    """
 
-    @property
-    def linear(self) -> bool:
-        """Whether the mobilisation is linear in the slip up to full friction.
+    presliding: float = 1e-6
+    kind: ClassVar[HysteresisKind]
+    linear: ClassVar[bool] = False
 
-        Then only reversals at full friction count, and the path of a step is followed (`tdcr_fe.solve.friction_path`).
-        """
-        ...
-
+    @abstractmethod
     def trial(self, slip: Array, before: FrictionState) -> Array:
         """The mobilisation at a slip [m] that goes one way from a history, without its limits -1 and 1 [1]."""
-        ...
 
+    @abstractmethod
     def line(
         self, slip: Array, mobilisation: Array, before: FrictionState, ahead: Array
     ) -> tuple[Array, Array]:
@@ -78,22 +83,20 @@ class Hysteresis(Protocol):
         slip, flexibility : ndarray
             On the line at this mobilisation, since the history [m], and its slope by the mobilisation [m].
         """
-        ...
 
+    @abstractmethod
     def flexibility(self, mobilisation: Array, direction: Array) -> Array:
         """Slope of the slip by the mobilisation in a direction of the slip, -1 or 1, 0 is the mean of both [m]."""
-        ...
 
     def softened(self, factor: float) -> Hysteresis:
-        """The same law with another presliding distance, larger by a factor."""
-        ...
+        """The same law with a presliding distance that is larger by a factor."""
+        return self if factor == 1.0 else replace(self, presliding=factor * self.presliding)
 
 
 @dataclass(frozen=True)
-class ElasticPlastic:
+class ElasticPlastic(Hysteresis):
     """A spring in series with a slider."""
 
-    presliding: float = 1e-6  # [m]
     kind: ClassVar[HysteresisKind] = "elastic-plastic"
     linear: ClassVar[bool] = True
 
@@ -112,18 +115,12 @@ class ElasticPlastic:
         """See `Hysteresis.flexibility`."""
         return np.full_like(mobilisation, self.presliding)
 
-    def softened(self, factor: float) -> ElasticPlastic:
-        """See `Hysteresis.softened`."""
-        return replace(self, presliding=factor * self.presliding)
-
 
 @dataclass(frozen=True)
-class Dahl:
+class Dahl(Hysteresis):
     """Friction that grows the more slowly the nearer it is to full friction."""
 
-    presliding: float = 1e-6  # Full friction over the stiffness at rest [m]
     kind: ClassVar[HysteresisKind] = "dahl"
-    linear: ClassVar[bool] = False
 
     def trial(self, slip: Array, before: FrictionState) -> Array:
         """See `Hysteresis.trial`."""
@@ -156,10 +153,6 @@ class Dahl:
         """See `Hysteresis.flexibility`; the mean is that of the stiffness."""
         return self.presliding / (1.0 + np.abs(direction) * BEYOND_FULL - direction * mobilisation)
 
-    def softened(self, factor: float) -> Dahl:
-        """See `Hysteresis.softened`."""
-        return replace(self, presliding=factor * self.presliding)
-
 
 #: Every law, by its name in ``scenario.toml``.
-HYSTERESES: dict[str, type[ElasticPlastic] | type[Dahl]] = {law.kind: law for law in (ElasticPlastic, Dahl)}
+HYSTERESES: dict[str, type[Hysteresis]] = {law.kind: law for law in (ElasticPlastic, Dahl)}

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,6 +138,45 @@ def _windows(increments: Array, width: int, count: int) -> Array:
     """View of increments (6 N,): from each of the first nodes on, ``width`` of them, shape (count, width)."""
     one = increments.strides[0]
     return np.ndarray((count, width), increments.dtype, increments, 0, (6 * one, one))
+
+
+class Segments(NamedTuple):
+    """Straight segments between holes; segment or hole first, then tendon, or the other way round."""
+
+    lengths: Array  # (n, m): [m], and one over them [1/m]; zero where padded
+    inverse: Array  # as `lengths`
+    directions: Array  # (n, m, 3): Unit vectors from base to anchor, zero where padded
+    bend: Array  # (n-1, m, 3): Differences of neighbouring directions
+    chord: Array  # (n-1, m): Their squared lengths
+    angles: Array  # (n-1, m): By which the tendons turn at the holes [rad]
+
+    @classmethod
+    def between(cls, holes: Array, exists: Array | None) -> Segments:
+        """Between holes (n+1, m, 3) [m]; ``exists`` is one or zero for every segment, None where there are all."""
+        d = holes[1:] - holes[:-1]
+        lengths = np.sqrt((d * d).dot(_ONES))
+        if exists is None:
+            inverse = 1.0 / lengths
+        else:
+            inverse = exists / (lengths + (1.0 - exists))
+            lengths *= exists
+        d *= inverse[:, :, None]
+        # Half the chord between unit vectors is the sine of half the angle: exact down to the smallest turn.
+        bend = d[1:] - d[:-1]
+        chord = (bend * bend).dot(_ONES)
+        if exists is not None:
+            chord *= exists[1:]
+        return cls(lengths, inverse, d, bend, chord, 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(chord), 1.0)))
+
+    def turns_by_directions(self) -> tuple[Array, Array]:
+        """Derivatives of the angles by the vectors along the segments before and behind it, (n-1, m, 3) [rad/m]."""
+        square = self.chord * (1.0 - 0.25 * self.chord)
+        # One over the sine; a straight tendon turns in no defined direction, so its derivative is set to zero.
+        weight = np.sqrt(np.abs(square)) / (square + 1e-24)
+        versed = (0.5 * self.chord)[:, :, None]
+        before = -(weight * self.inverse[:-1])[:, :, None] * (self.bend + versed * self.directions[:-1])
+        after = (weight * self.inverse[1:])[:, :, None] * (self.bend - versed * self.directions[1:])
+        return before, after
 
 
 class CableLines:
@@ -280,10 +321,7 @@ class CableGeometry:
         self.node_count = node_count
         if not np.array_equal(nodes, np.minimum(np.arange(mask.shape[1] + 1), mask.sum(axis=1)[:, None])):
             raise ValueError("every tendon must run through all nodes from the base plate to its anchor")
-        turns = mask[:, 1:]
-        self._exists = mask.astype(float)
-        self._turns = turns.astype(float)
-        self._padded = not bool(np.all(mask))
+        self._exists = None if bool(np.all(mask)) else mask.astype(float)
         self._width = 6 * node_count
         self._lever = self._levers()
 
@@ -353,66 +391,40 @@ class CableGeometry:
         """
         count = self.nodes.shape[1]
         frames, at = rotations[:count], positions[:count]
-        lengths, inverse, e, bend, chord, angles = self._shape(frames, at)
-        lines = CableLines(frames, self.offsets, self._lever, e, inverse)
-        return CableShape(
-            lengths,
-            angles,
-            self._derivatives,
-            lines,
-            lambda: _turns(lines, inverse, bend, chord),
-            self._width,
-        )
+        found = self._segments(frames, at)
+        lines = CableLines(frames, self.offsets, self._lever, found.directions, found.inverse)
+        turns = partial(_turns, lines, found)
+        return CableShape(found.lengths, found.angles, self._derivatives, lines, turns, self._width)
 
-    def _shape(self, frames: Array, positions: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """Lengths, one over them, directions, their differences at the holes and these squared, and the angles."""
+    def _segments(self, frames: Array, positions: Array) -> Segments:
+        """The straight segments, tendon first."""
         holes = (frames @ self.offsets[..., None])[..., 0]
         holes += positions
-        d = holes[:, 1:] - holes[:, :-1]
-        lengths = np.sqrt((d * d).dot(_ONES))
-        if self._padded:
-            inverse = self._exists / (lengths + (1.0 - self._exists))
-            lengths *= self._exists
-        else:
-            inverse = 1.0 / lengths
-        e = d * inverse[..., None]
-
-        # Half the chord between unit vectors is the sine of half the angle: exact down to the smallest turn.
-        bend = e[:, 1:] - e[:, :-1]
-        chord = (bend * bend).dot(_ONES)
-        if self._padded:
-            chord *= self._turns
-        angles = 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(chord), 1.0))
-        return lengths, inverse, e, bend, chord, angles
+        found = Segments.between(holes.swapaxes(0, 1), None if self._exists is None else self._exists.T)
+        return Segments(*(x.swapaxes(0, 1) for x in found))
 
     def _derivatives(self, shape: CableShape) -> tuple[Array, Array]:
         """Derivatives of lengths and angles by all nodes that carry holes."""
         (m, n), width = self.mask.shape, self._width
         d_lengths, d_angles = np.zeros((m, n, width)), np.zeros((m, n - 1, width))
-        _along_nodes(d_lengths, 12)[...] = shape.lines.segments[:, :, 3].transpose(1, 0, 2)
+        along_nodes(d_lengths, 12)[...] = shape.lines.segments[:, :, 3].transpose(1, 0, 2)
         if n > 1:
-            _along_nodes(d_angles, 18)[...] = shape.turns.transpose(1, 0, 2)
+            along_nodes(d_angles, 18)[...] = shape.turns.transpose(1, 0, 2)
         return d_lengths, d_angles
 
 
-def _turns(lines: CableLines, inverse: Array, bend: Array, chord: Array) -> Array:
+def _turns(lines: CableLines, found: Segments) -> Array:
     """Derivatives of the angles, see `CableShape.turns`."""
-    square = chord * (1.0 - 0.25 * chord)
-    # One over the sine; a straight tendon turns in no defined direction, so its derivative is set to zero.
-    weight = np.sqrt(np.abs(square)) / (square + 1e-24)
-    versed = (0.5 * chord)[..., None]
-    e, motions = lines.directions, lines.segments[:, :, :3]
-    # Of each turn by the directions of the segments before and after it.
-    before = -(weight * inverse[:, :-1])[..., None] * (bend + versed * e[:, :-1])
-    after = (weight * inverse[:, 1:])[..., None] * (bend - versed * e[:, 1:])
-    turns = np.zeros((len(motions) - 1, len(weight), 18))
-    turns[:, :, :12] = (before.transpose(1, 0, 2)[:, :, None] @ motions[:-1])[:, :, 0]
-    turns[:, :, 6:] += (after.transpose(1, 0, 2)[:, :, None] @ motions[1:])[:, :, 0]
+    before, after = Segments(*(x.swapaxes(0, 1) for x in found)).turns_by_directions()
+    motions = lines.segments[:, :, :3]
+    turns = np.zeros((*before.shape[:2], 18))
+    turns[:, :, :12] = (before[:, :, None] @ motions[:-1])[:, :, 0]
+    turns[:, :, 6:] += (after[:, :, None] @ motions[1:])[:, :, 0]
     return turns
 
 
-def _along_nodes(rows: Array, width: int) -> Array:
-    """View of a contiguous array (m, r, 6 N): of row ``k`` the ``width`` entries from node ``k`` on, (m, r, width)."""
+def along_nodes(rows: Array, width: int, size: int = 6) -> Array:
+    """View of contiguous (m, r, size N): of row ``k`` the ``width`` entries from node ``k`` on, (m, r, width)."""
     m, r, _ = rows.shape
     per_tendon, per_row, one = rows.strides
-    return np.ndarray((m, r, width), rows.dtype, rows, 0, (per_tendon, per_row + 6 * one, one))
+    return np.ndarray((m, r, width), rows.dtype, rows, 0, (per_tendon, per_row + size * one, one))

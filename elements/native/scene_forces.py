@@ -125,7 +125,7 @@ class SceneForces:
             values = values_at(inputs, t)
             reference, state = self._coordinates.reference, tendons.history.friction
             friction, base_slip, pull = self._straight.step_end(coordinates, reference, t, state, values)
-            return StepEnd(friction, values, values, pull.tension.T, pull.lengths.T, base_slip, None)
+            return StepEnd(friction, values, values, pull.tension.T, pull.straight.lengths.T, base_slip, None)
         found = self.matching(coordinates, t, inputs, tendons)
         forces, field = found.forces, found.forces.field
         measured = forces.measured

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.poses import EULER_RATE, EULER_ROTATION, skew
+from tdcr_fe.elements.tendons import Segments, along_nodes
 
 Array = NDArray[np.float64]
 _EYE3 = np.eye(3)
@@ -57,14 +58,7 @@ class Pull(NamedTuple):
 
     rate: Array  # (n+1, 4, 3): From moments in the frames of the nodes to forces on their Euler parameters
     frames: Array  # (n+1, 3, 3): Transposed rotations of the nodes
-    directions: Array  # (n, m, 3): Unit vectors of the segments from base to anchor, zero where padded
-    lengths: Array  # (n, m): Of the segments [m], and one over them [1/m]; zero where padded
-    inverse: Array  # as `lengths`
-    bend: Array  # (n-1, m, 3) and (n-1, m): Differences of neighbouring directions, and their squared lengths
-    chord: (
-        Array  # (n-1, m, 3) and (n-1, m): Differences of neighbouring directions, and their squared lengths
-    )
-    angles: Array  # (n-1, m): By which the tendons turn at the holes [rad]
+    straight: Segments
     trial: Array  # (g, m): Mobilisations before they are limited to [-1, 1]
     mobilisation: Array  # (n-1, m): Of the holes
     tension: Array  # (n, m): At these mobilisations [N]
@@ -140,13 +134,13 @@ class StraightTendons:
 
     def friction(self, pull: Pull, time: float) -> FrictionState:
         """History of friction if a step ends in a configuration at a time [s]."""
-        slip = self._slip_operator @ (self._lengths - pull.lengths)
+        slip = self._slip_operator @ (self._lengths - pull.straight.lengths)
         limited = np.minimum(np.maximum(pull.trial, -1.0), 1.0)
         return FrictionState(slip.T, limited.T, None, time)
 
     def base_slip(self, pull: Pull) -> Array:
         """Tendon pulled in at the base plate [m], shape (m,)."""
-        return np.asarray((self._lengths - pull.lengths).sum(axis=0))
+        return np.asarray((self._lengths - pull.straight.lengths).sum(axis=0))
 
     def tangent(self, pull: Pull, before: Pull | None = None) -> Array:
         """Derivative of `forces` by the coordinates, shape (7 N, 7 N); ``before`` as in `Pull.slopes`."""
@@ -154,7 +148,7 @@ class StraightTendons:
         segments = self._segments(pull)
         turns = _turns(pull, segments)
         along = np.zeros((m, n, 7 * (n + 1)))
-        _windows(along, 14)[...] = segments[:, :, 3].swapaxes(0, 1)
+        along_nodes(along, 14, 7)[...] = segments[:, :, 3].swapaxes(0, 1)
         # Change of the logarithm of the tension from hole to hole.
         sliding = (self._coefficients * pull.mobilisation).T[:, :, None]
         change, slopes = np.empty((m, n - 1, along.shape[2])), pull.slopes(before).T[:, :, None]
@@ -163,8 +157,8 @@ class StraightTendons:
             np.multiply(along[:, :0:-1].cumsum(axis=1)[:, ::-1], slopes, out=change)
         else:
             np.matmul(self._incidence, self._slip_operator @ along * slopes, out=change)
-        change *= (self._coefficients * pull.angles / -self._presliding).T[:, :, None]
-        _windows(change, 21)[...] += sliding * turns.swapaxes(0, 1)
+        change *= (self._coefficients * pull.straight.angles / -self._presliding).T[:, :, None]
+        along_nodes(change, 21, 7)[...] += sliding * turns.swapaxes(0, 1)
         change = change.cumsum(axis=1)
         change *= pull.tension[1:].T[:, :, None]
         # The first segment has the tension at the base. Each other one pulls on the two nodes at its ends.
@@ -209,19 +203,8 @@ class StraightTendons:
         frames = frames.reshape(-1, 3, 3)
         holes = self._offsets @ frames
         holes += nodes[:, None, :3]
-        directions = holes[1:] - holes[:-1]
-        lengths = np.sqrt((directions * directions).dot(_ONES))
-        if self._exists is None:
-            inverse = 1.0 / lengths
-        else:
-            inverse = self._exists / (lengths + (1.0 - self._exists))
-            lengths *= self._exists
-        directions *= inverse[:, :, None]
-        bend = directions[1:] - directions[:-1]
-        chord = (bend * bend).dot(_ONES)
-        if self._exists is not None:
-            chord *= self._exists[1:]
-        angles = 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(chord), 1.0))
+        straight = Segments.between(holes, self._exists)
+        lengths, directions, angles = straight.lengths, straight.directions, straight.angles
         trial = (self._slip_operator @ (self._lengths - lengths) - state.slip.T) / self._presliding
         trial += state.mobilisation.T
         mobilisation = np.minimum(np.maximum(trial, -1.0), 1.0)
@@ -248,9 +231,8 @@ class StraightTendons:
         force.sum(axis=1, out=found[:, :3])
         found[:, 3:] = (rate @ moments)[:, :, 0]
         return Pull(
-            rate, frames, directions, lengths, inverse, bend, chord, angles, trial, mobilisation, tension,
-            local, moments[:, :, 0], found, prediction,
-        )  # fmt: skip
+            rate, frames, straight, trial, mobilisation, tension, local, moments[:, :, 0], found, prediction
+        )
 
     def _predicted(
         self, prediction: HolePrediction, trial: Array, limited: Array, change: Array
@@ -279,13 +261,13 @@ class StraightTendons:
         rows[:, :, :3, :3], rows[:, :, :3, 7:10] = -_EYE3, _EYE3
         np.negative(holes[:-1], out=rows[:, :, :3, 3:7])
         rows[:, :, :3, 10:] = holes[1:]
-        np.matmul(pull.directions[:, :, None], rows[:, :, :3], out=rows[:, :, 3:])
+        np.matmul(pull.straight.directions[:, :, None], rows[:, :, :3], out=rows[:, :, 3:])
         return rows
 
     def _add_geometric(self, blocks: Array, pull: Pull, segments: Array) -> None:
         """Add the derivative at fixed tensions, see `tdcr_fe.elements.tendons.CableLines.stiffness`."""
         n, m = pull.tension.shape
-        weighted = segments * (pull.tension * pull.inverse)[:, :, None, None]
+        weighted = segments * (pull.tension * pull.straight.inverse)[:, :, None, None]
         np.negative(weighted[:, :, :3], out=weighted[:, :, :3])
         pair = segments.reshape(n, 4 * m, 14).swapaxes(1, 2) @ weighted.reshape(n, 4 * m, 14)
         own: Array = np.zeros((n + 1, 7, 7))
@@ -306,23 +288,11 @@ class StraightTendons:
 
 def _turns(pull: Pull, segments: Array) -> Array:
     """Derivatives of the angles by the nodes before, at and behind each hole, shape (n-1, m, 21)."""
-    square = pull.chord * (1.0 - 0.25 * pull.chord)
-    # One over the sine; a straight tendon turns in no defined direction, so its derivative is set to zero.
-    weight = np.sqrt(np.abs(square)) / (square + 1e-24)
-    versed = (0.5 * pull.chord)[:, :, None]
-    before = -(weight * pull.inverse[:-1])[:, :, None] * (pull.bend + versed * pull.directions[:-1])
-    after = (weight * pull.inverse[1:])[:, :, None] * (pull.bend - versed * pull.directions[1:])
-    turns = np.zeros((*weight.shape, 21))
+    before, after = pull.straight.turns_by_directions()
+    turns = np.zeros((*before.shape[:2], 21))
     turns[:, :, :14] = (before[:, :, None] @ segments[:-1, :, :3])[:, :, 0]
     turns[:, :, 7:] += (after[:, :, None] @ segments[1:, :, :3])[:, :, 0]
     return turns
-
-
-def _windows(rows: Array, width: int) -> Array:
-    """View of a contiguous array (m, r, 7 N): of row ``k`` the ``width`` entries from node ``k`` on, (m, r, width)."""
-    m, r, _ = rows.shape
-    per_tendon, per_row, one = rows.strides
-    return np.ndarray((m, r, width), rows.dtype, rows, 0, (per_tendon, per_row + 7 * one, one))
 
 
 def _diagonal(blocks: Array, row: int, column: int, count: int) -> Array:

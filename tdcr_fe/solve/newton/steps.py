@@ -106,9 +106,7 @@ def slip_residual(
     for own, slip, before, mobilisation in zip(
         forces, slips_after(numbering, forces, step), state.friction, state.mobilisation, strict=True
     ):
-        hysteresis = own.model.law.hysteresis
-        if softening != 1.0:
-            hysteresis = hysteresis.softened(softening)
+        hysteresis = own.model.law.hysteresis.softened(softening)
         on_line, slope = hysteresis.line(own.field.slip, mobilisation, before, slip)
         excess.append(slip - before.slip - on_line)
         flexibility.append(slope)
