@@ -198,7 +198,7 @@ class Numbering(NamedTuple):
         """Whether friction acts anywhere."""
         return self.total > self.linear
 
-    def at_frictional_holes(self, by_robot: Sequence[Array]) -> Array:
+    def at_frictional_holes(self, by_robot: Sequence[NDArray[Any]]) -> NDArray[Any]:
         """Values at the holes whose mobilisations are unknowns, of all robots one after the other, shape (k,).
 
         Parameters
