@@ -1,9 +1,10 @@
-"""Broken input files: a named error and nothing written, or a valid run."""
+"""Broken input files and data with one fault each: a named error and nothing written, or a valid run."""
 
 from __future__ import annotations
 
 import hashlib
 import itertools
+import json
 import signal
 import time
 
@@ -14,6 +15,8 @@ from tdcr_fe.validation.broken_files.mutations import MUTATIONS
 from tdcr_fe.validation.broken_files.toml_mutations import paths, to_toml
 from tdcr_fe.validation.campaigns import broken_files
 from tdcr_fe.validation.campaigns.broken_files import Ran, draw, judge, run_case
+from tdcr_fe.validation.campaigns.faulty_data import judge as judge_data
+from tdcr_fe.validation.faulty_data import FAULTS
 
 
 @pytest.mark.integration
@@ -92,3 +95,42 @@ def test_a_long_value_is_shortened_in_its_message():
     text = str(Problem("robot.toml", "name", 100_000 * "x", "must be shorter"))
     assert len(text) < 2 * LONGEST and text.startswith("robot.toml: name = xxx")
     assert text.endswith("xxx: must be shorter")
+
+
+# ------------------------------------------------------------ faulty data
+
+
+def test_there_are_forty_different_faults():
+    assert len(FAULTS) == 40 == len({f.name for f in FAULTS})
+
+
+@pytest.mark.parametrize(
+    ("verdict", "effects", "said", "outcome"),
+    [
+        ("cannot tell", [], "The readings of a marker at s = 0.1 m jump.", "named"),
+        ("cannot tell", [], "nothing", "cannot tell"),
+        ("explained", ["gravity"], "nothing", "explained otherwise"),
+        ("unexplained", [], "nothing", "not explained"),
+        ("nothing missing", [], "a marker at s = 0.1 m", "nothing missing"),
+    ],
+)
+def test_a_fault_must_be_named_or_left_open(tmp_path, verdict, effects, said, outcome):
+    fault = next(f for f in FAULTS if f.name == "marker slips in the middle")
+    result = {"verdict": verdict, "effects": [{"effect": e} for e in effects]}
+    (tmp_path / "result.json").write_text(json.dumps(result))
+    found = judge_data(fault, 0, "", said, tmp_path)
+    assert found.outcome == outcome
+    assert found.passed == (outcome in ("named", "cannot tell"))
+
+
+def test_an_error_must_name_the_fault():
+    fault = FAULTS[0]
+    assert judge_data(fault, 2, "values in mm?", "", None).passed
+    assert judge_data(fault, 2, "wrong", "", None).outcome == "refused without naming it"
+
+
+def test_an_effect_counts_as_named_by_the_effect_only(tmp_path):
+    """The advice of a report may name effects that are not concluded."""
+    fault = next(f for f in FAULTS if f.name == "camera turned by 14 degrees")
+    (tmp_path / "result.json").write_text(json.dumps({"verdict": "unexplained", "effects": []}))
+    assert judge_data(fault, 0, "", "perhaps frame_misalignment", tmp_path).outcome == "not explained"

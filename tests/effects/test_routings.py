@@ -1,12 +1,17 @@
-"""Channels of a soft body that run elsewhere than declared."""
+"""Effects that are other routings: misplaced channels, and tilted disks as a user would write them."""
+
+from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+import exudyn as exu
 import numpy as np
 import pytest
+from robots import paper, scene
 
 from tdcr_fe.effects import Experiment, effect, with_effect
+from tdcr_fe.effects.base import Effect, Parameter
 from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import FitProblem
@@ -15,7 +20,7 @@ from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
+from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, Routing
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.simulate import simulate
 
@@ -80,3 +85,57 @@ def test_derivatives_of_all_forms_are_those_of_whole_simulations():
             ]
             (up, down), _ = problem.residuals((form,), points)
             assert (down - up) / 2e-4 == pytest.approx(column, rel=1e-5, abs=1e-7)
+
+
+# ------------------------------------------------------------ tilted disks
+
+
+@dataclass(frozen=True)
+class TiltedDisks(Routing):
+    """Another routing through disks that are turned about their x and y axes by small angles [rad]."""
+
+    base: Routing
+    tilt_x: float
+    tilt_y: float
+
+    def position(self, s, end, derivative=0):
+        return self.base.position(s, end, derivative)
+
+    def axial(self, s, end):
+        x, y = self.base.position(s, end).T
+        return np.where(np.asarray(s) > 0.0, self.tilt_x * y - self.tilt_y * x, 0.0)  # not the base plate
+
+
+class DiskTilt(Effect):
+    name = "disk_tilt"
+    parameters = (
+        Parameter("tilt_x", "rad", -0.5, 0.5, 0.0, 0.02, "about the x axis of the section"),
+        Parameter("tilt_y", "rad", -0.5, 0.5, 0.0, 0.02, "about the y axis of the section"),
+    )
+
+    def apply(self, experiment, values):
+        tendons = tuple(
+            replace(t, routing=TiltedDisks(t.routing, values["tilt_x"], values["tilt_y"]))
+            for t in experiment.robot.tendons
+        )
+        return experiment.with_robot(tendons=tendons)
+
+
+PULLS = tuple(LoadStep("", {"t1": x}) for x in (0.5, 1.5, 0.5))
+
+
+def tilted(tilt_x, tilt_y, model=None):
+    given = Experiment(paper(0.3, 30.0), model or Model(friction="per-hole", elements_per_bay=2), PULLS)
+    return DiskTilt().apply(given, {"tilt_x": tilt_x, "tilt_y": tilt_y})
+
+
+def test_holes_of_tilted_disks_lie_in_the_plane_of_the_disk():
+    """The normal of a tilted disk is (tilt_y, -tilt_x, 1) to first order; the base plate stays upright."""
+    robot = tilted(0.1, -0.2).robot
+    points = robot.hole_points(robot.tendons[0])
+    assert points[1:] @ [-0.2, -0.1, 1.0] == pytest.approx(0.0, abs=1e-15)
+    assert points[0, 2] == 0.0 and np.all(np.abs(points[1:, 2]) > 1e-4)
+    _keep, mbs, handle = scene(robot)
+    markers = [np.array(mbs.GetMarkerOutput(m, exu.OutputVariableType.Position)) for m in handle.mHoles[0]]
+    expected = points + np.outer(robot.hole_arc_lengths(robot.tendons[0]), [0.0, 0.0, 1.0])
+    assert np.array(markers) == pytest.approx(expected, abs=1e-12)
