@@ -75,7 +75,7 @@ ROUND_OFF = 1e-16
 
 
 @pytest.mark.parametrize("compliance", [0.0, 1.0 / 400.0])
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(
     base=st.just(0.0) | st.floats(1e-3, 5.0),
     changes=st.lists(st.lists(st.floats(-3e-6, 3e-6), min_size=4, max_size=4), min_size=1, max_size=5),

@@ -23,7 +23,7 @@ def matrix(xi: np.ndarray) -> np.ndarray:
     return m
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(VECTOR)
 def test_euler_parameters_are_scipys_quaternions(w):
     r = Rotation.from_rotvec(w)
@@ -34,7 +34,7 @@ def test_euler_parameters_are_scipys_quaternions(w):
     assert poses.rotation_of_euler_parameters(e) == pytest.approx(r.as_matrix(), abs=1e-14)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(VECTOR, VECTOR)
 def test_rate_of_euler_parameters_against_differences(a, w):
     h = 1e-6
@@ -47,7 +47,7 @@ def test_rate_of_euler_parameters_against_differences(a, w):
     assert poses.euler_rate_matrix(e[1]) @ w == pytest.approx((e[2] - e[0]) / (2 * h), abs=1e-9)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(TWIST, st.sampled_from([1.0, 1e-2, 1e-4, 1e-9]))
 def test_exponential_is_the_matrix_exponential(xi, scale):
     """For angles on both sides of the switch between series and closed form."""
@@ -57,13 +57,13 @@ def test_exponential_is_the_matrix_exponential(xi, scale):
     assert p == pytest.approx(whole[:3, 3], abs=1e-14 * scale + 1e-16)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(TWIST, st.sampled_from([1.0, 1e-2, 1e-4, 1e-9]))
 def test_logarithm_undoes_the_exponential(xi, scale):
     assert poses.log_se3(*poses.exp_se3(scale * xi)) == pytest.approx(scale * xi, abs=1e-13)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(TWIST, TWIST, st.sampled_from([(0.28, 1e-9), (0.85, 1e-6)]))
 def test_inverse_tangent_against_differences(xi, change, case):
     """``d log(h exp(dx)) = T dx``; rotations up to half a radian, and up to one and a half."""

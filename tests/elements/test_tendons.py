@@ -44,7 +44,7 @@ def test_quarter_circle_of_holes():
     assert shape.angles == pytest.approx(np.full((1, count - 1), a), rel=1e-12)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.integers(0, 10**6))
 def test_derivatives_against_differences(seed):
     cable, (p, r) = geometry(seed), random_poses(seed + 1)
@@ -65,7 +65,7 @@ def test_derivatives_against_differences(seed):
         assert shape.d_angles[..., column] == pytest.approx(d_angle, rel=1e-5, abs=1e-4)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.integers(0, 10**6))
 def test_moving_the_whole_robot_changes_nothing(seed):
     p, r = random_poses(seed + 1)

@@ -307,7 +307,7 @@ leaf = st.one_of(
 )
 
 
-@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(st.data())
 def test_no_value_of_any_key_raises_an_unexpected_error(tmp_path_factory, data):
     """Any value of any key is accepted or refused; no other error occurs."""
@@ -399,7 +399,7 @@ def robots(draw):
     return Robot(backbone, disks, tuple(tendons), draw(name), draw(st.floats(0.0, 1.0)))
 
 
-@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(robots())
 def test_robot_with_any_field_written_and_read_is_the_same(tmp_path_factory, robot):
     """In 0.1 the creep rate was dropped; precurvature, patches, clearance, adhesion, tip mass were refused."""
@@ -451,7 +451,7 @@ steps_of_t1 = st.builds(
 )
 
 
-@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.builds(
         Model,

@@ -57,7 +57,7 @@ def loaded_result() -> SequenceResult:
     return replace(result, steps=solved, model=Model(gravity=(0.0, 0.0, -9.81)))
 
 
-@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(
     arrays(float, st.tuples(st.integers(0, 5), st.integers(1, 4), st.integers(1, 3)),
            elements=st.floats(-1e6, 1e6) | st.just(np.nan))

@@ -38,7 +38,7 @@ def by_trying(matrix, right):
     return found
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(st.integers(1, 5), st.integers(0, 10**6), st.sampled_from([0.05, 0.3, 1.0]))
 def test_solution_is_that_of_exhaustive_search(k, seed, skewness):
     """Positive definite, unsymmetric matrices (every such one is a P-matrix), any first guess."""
