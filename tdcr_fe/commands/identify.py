@@ -14,7 +14,7 @@ from tdcr_fe.identify.statistics import summary
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.io.measured import MeasuredData, join_measured, read_measured
 from tdcr_fe.io.user_effects import read_own_effects
-from tdcr_fe.model.messages import count
+from tdcr_fe.model.messages import count, warnings_to
 
 #: Keys of result.json that `--json` prints.
 FIGURES = ("verdict", "observations", "held_out_steps", "before", "effects", "after", "law", "ceiling")
@@ -54,9 +54,10 @@ def run(args: argparse.Namespace) -> int:
         args.noted.message = str(error)
         complain(str(error))
         return Exit.FAILED
-    result, names, interrupted = write_result(
-        result, out, begun + (1.0 + GRACE_OF_TABLES) * settings.time_limit
-    )
+    with warnings_to():  # the same were issued for the measured data
+        result, names, interrupted = write_result(
+            result, out, begun + (1.0 + GRACE_OF_TABLES) * settings.time_limit
+        )
     document = result.to_json()
     args.noted.figures = {name: document[name] for name in FIGURES if name in document}
     args.noted.files += [out / name for name in names]

@@ -66,11 +66,11 @@ def _steps(result: SequenceResult, head: list[str], tendons: Callable[[StepResul
             *tendons(s),
             *(f"{1e3 * x + 0.0:.2f}" for x in s.tip.round(9)),
             f"{math.degrees(s.bending_angle):.3f}",
-            str(s.iterations) if s.converged else f"{s.iterations} (failed)",
+            str(s.substeps) if s.converged else f"{s.substeps} (failed)",
         ]
         for s in result.steps
     ]
-    tip = ["tip x", "y", "z [mm]", "bending [deg]", "iterations"]
+    tip = ["tip x", "y", "z [mm]", "bending [deg]", "substeps"]
     return _aligned(["step", "label", *head, *tip], rows, left=1)
 
 
