@@ -270,7 +270,7 @@ def api() -> str:
     """Directives of autodoc for every public name, in sections."""
     text = []
     for title in dict.fromkeys(SECTIONS.values()):
-        text.append(f"## {title}\n\n```{{eval-rst}}")
+        text.append(f"### {title}\n\n```{{eval-rst}}")
         for path in public_names():
             if SECTIONS[re.match(r"tdcr_fe\.\w+", path)[0]] == title:  # type: ignore[index]
                 module, _, name = path.rpartition(".")
