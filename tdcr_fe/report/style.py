@@ -95,6 +95,11 @@ def panels(figure: Figure) -> list[tuple[str, float]]:
             start = first.setdefault(spec.rowspan, ax)
             ax.tick_params(labelleft=True)
             ax.set_ylabel(ax.get_ylabel() or start.get_ylabel())
+    for legend in figure.legends[:]:  # in a row they would be too small to read on a narrow page
+        legend.remove()
+        with styled():
+            handles: Any = legend.legend_handles
+            figure.legend(handles, [t.get_text() for t in legend.get_texts()], ncols=2)
     parts = [*columns.values(), *([legend] for legend in figure.legends)]
     with styled():
         figure.draw_without_rendering()

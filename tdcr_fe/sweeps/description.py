@@ -174,7 +174,7 @@ class Variation(Checked):
     def label(self) -> str:
         """Its column with the unit of the value, for people."""
         unit = "factor" if self.mode == "factor" else unit_of(self.places[0])
-        text = f"{self.column} ({self.mode})" if self.mode == "offset" else self.column
+        text = f"change of {self.column}" if self.mode == "offset" else self.column
         return f"{text} [{unit}]" if has_unit(unit) else text
 
     @cached_property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pandas as pd
@@ -56,7 +57,7 @@ def test_long_run_is_announced_by_what_it_has_solved(tmp_path, capsys, monkeypat
     arguments = ["-o", str(tmp_path / "out"), "--no-pictures", "--minutes", "0.05"]
     assert cli.main(["run", str(path), *arguments]) == 1
     said = capsys.readouterr().err
-    assert "of 8002 load steps solved in 0 s: " in said and "--minutes keeps what is solved" in said
+    assert re.search(r"of 8002 load steps solved in \d s: .*--minutes keeps what is solved", said)
     assert "stopped at the time limit of 0.05 minutes in step" in said
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert not summary["converged"] and len(summary["steps"]) >= 1

@@ -80,3 +80,14 @@ def test_sections_are_linked_and_folded_as_they_say():
     )
     assert re.search(r'<details class="section" id="more">', text)
     assert re.search(r'<section class="section" id="open">', text)
+
+
+def test_a_legend_of_many_entries_can_be_read_on_a_phone():
+    """In one row it was 800 pixels wide, so that its letters had 4 pixels on a narrow page."""
+    figure = Figure(layout="constrained")
+    axes = figure.add_subplot()
+    for k in range(4):
+        axes.plot([0.0, 1.0], [0.0, k], label=f"measured, held out, branch {k}")
+    figure.legend(loc="outside lower center", ncols=4)
+    _, (_, width) = style.panels(figure)
+    assert width < 500.0

@@ -80,7 +80,7 @@ def _card(requirement: Record) -> Card:
     unit = requirement["unit"]
     value = f"{requirement['found']}{' %' if unit.startswith('%') else ''}"
     return Card(
-        value, f"{unit.removeprefix('% ')}: {requirement['what']} (must be {requirement['required']})"
+        value, f"{requirement['what']}, {unit.removeprefix('% ')} (must be {requirement['required']})"
     )
 
 
