@@ -61,12 +61,15 @@ class Answer:
         Why the change could not be made, or a warning; empty where there is nothing to say.
     balanced : bool
         Whether the spring of a pull is in balance; if not, the same pull asked for once more comes nearer.
+    made : bool
+        Whether the change was made; if not, the result is that of the change before.
     """
 
     result: SequenceResult
     seconds: float
     message: str = ""
     balanced: bool = True
+    made: bool = True
 
 
 @dataclass(frozen=True)
@@ -161,10 +164,20 @@ class PlayedRobot:
         return self._sequence.steps
 
     def switch_friction(self, friction: bool) -> Answer:
-        """Reach all that acts now anew, in one load step from the unloaded robot, with friction or without."""
+        """Reach all that acts now anew, in one load step from the unloaded robot, with friction or without.
+
+        Where that fails, the robot stays where it was.
+        """
+        before = self.model, self._sequence, self.last
         acting = self._sequence.acting
-        self.restart(friction)
-        return self._take(acting.as_step(f"friction {'on' if friction else 'off'}"))
+        answers = (
+            self.restart(friction),
+            self._take(acting.as_step(f"friction {'on' if friction else 'off'}")),
+        )
+        if not all(answer.made for answer in answers):
+            self.model, self._sequence, self.last = before
+            self.last = replace(self.last, message=answers[-1].message, made=False)
+        return self.last
 
     def drive(self, tensions: Mapping[str, float], displacements: Mapping[str, float]) -> Answer:
         """Change tensions [N] or displacements [m] at the base, by tendon.
@@ -201,7 +214,7 @@ class PlayedRobot:
         move = float(np.linalg.norm(compliance @ change))
         change *= min(1.0, LARGEST_MOVE * length / max(move, 1e-300))
         answer = self._load(pull.place, force + change)
-        if answer.message:
+        if not answer.made:
             return answer
         left = stiffness * (np.asarray(pull.to) - self.position(pull.place)) - self._force(pull.place)
         return replace(answer, balanced=float(np.linalg.norm(left)) < BALANCED * stiffness * length)
@@ -241,7 +254,7 @@ class PlayedRobot:
         except StepFailed as failure:
             self._sequence.simulation.return_to(before)
             message = f"This change was not made, since its load step did not converge: {failure}"
-            self.last = replace(self.last, seconds=time.perf_counter() - begun, message=message)
+            self.last = replace(self.last, seconds=time.perf_counter() - begun, message=message, made=False)
             return self.last
         self._sequence.acting, number = acting, len(self.steps) + 1
         self.steps.append(step)

@@ -82,6 +82,20 @@ def test_a_step_that_fails_leaves_the_robot_where_it_was(monkeypatch):
     assert np.allclose(robot.last.result.steps[-1].tip, tip, atol=1e-7)
 
 
+def test_a_switch_of_the_friction_that_fails_leaves_sequence_and_friction_as_they_were():
+    robot = played()
+    robot.drive({"t1": 2.0, "t2": 0.5}, {})
+    steps, model, tip = list(robot.steps), robot.model, robot.last.result.steps[-1].tip
+    settings, robot.settings = robot.settings, replace(robot.settings, max_iterations=1, min_substep=1.0)
+    answer = robot.switch_friction(False)
+    assert "did not converge" in answer.message and not answer.made
+    assert robot.steps == steps and robot.model == model
+    robot.settings = settings
+    robot.drive({"t1": 2.0}, {})
+    assert np.allclose(robot.last.result.steps[-1].tip, tip, atol=1e-7)
+    assert robot.switch_friction(False).made and robot.model.friction == "none"
+
+
 @pytest.mark.parametrize(
     "change",
     [
