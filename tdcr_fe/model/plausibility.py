@@ -114,14 +114,15 @@ def _common_cause(b: Backbone, beyond: Sequence[Value]) -> Value | None:
 
 
 def understood(robot: Robot, model: Model, steps: Sequence[LoadStep] = ()) -> list[str]:
-    """What the description says in other words, in at most two lines: stiffness, weight, and what tensions do.
+    """What the description says in other words, in at most three lines: stiffness, weight, and what inputs do.
 
     Parameters
     ----------
     robot, model, steps
         Description.
     """
-    b, courses = robot.backbone, Description.of(robot, model, steps).courses
+    b, d = robot.backbone, Description.of(robot, model, steps)
+    courses = d.courses
     name, factor = nearest_material(b.youngs_modulus, b.density)
     like = f", like {name}" if b.density > 0.0 and factor <= limits()["material" + REMARK].high else ""
     lines = [f"bending stiffness {b.EI:.3g} N m^2{like}"]
@@ -143,6 +144,15 @@ def understood(robot: Robot, model: Model, steps: Sequence[LoadStep] = ()) -> li
         asked, tendon_name, needed = max(pulls, key=lambda x: (x[0], -x[2]))
         largest = f"; the largest tension is {asked:.4g} N" if asked else ""
         lines.append(f"without friction, {needed:.3g} N in {tendon_name} bend it by 90 degrees{largest}")
+    if (moved := d.inputs("displacements")).any():
+        # To first order a tendon takes in its lever times the bend; least squares where there are more than two.
+        levers = np.array([c.by_displacement * c.offset**2 for c in courses.values()])
+        bends = {k: np.linalg.lstsq(levers[u != 0.0], u[u != 0.0])[0] for k, u in enumerate(moved) if u.any()}
+        k = max(bends, key=lambda k: float(np.linalg.norm(bends[k])))
+        angle, towards = math.degrees(math.hypot(*bends[k])), math.degrees(math.atan2(*bends[k][::-1]))
+        lines.append(
+            f"its displacements bend it by about {angle:.3g} degrees, towards {round(towards)} degrees from +x"
+        )
     return lines
 
 

@@ -411,6 +411,14 @@ def test_the_tension_that_is_said_to_bend_by_a_right_angle_does():
     assert math.degrees(result.steps[0].bending_angle) == pytest.approx(90.0, rel=5e-3)
 
 
+def test_displacements_that_are_said_to_bend_do():
+    """A bend a towards x takes in r a cos(phi) of a tendon at the angle phi (closed form)."""
+    for sign, towards in ((1.0, 0), (-1.0, 180)):
+        far = sign * 0.5 * 6.5e-3
+        line = understood(WIRE, GRAVITY, drawn(t1=far, t2=-0.5 * far, t3=-0.5 * far))[-1]
+        assert f"{math.degrees(0.5):.3g} degrees, towards {towards} degrees" in line
+
+
 def test_a_weight_that_is_said_to_sag_does():
     """A cantilever under its own weight sags by W L^3 / 8 EI (closed form)."""
     described = Robot(STEEL, Disks.equally_spaced(10, 0.2))
