@@ -24,7 +24,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 3129,
+    "elements": 3157,
     "tdcr_fe": 269,
     "tdcr_fe/commands": 1056,
     "tdcr_fe/effects": 1302,
@@ -35,7 +35,7 @@ BUDGET = {
     "tdcr_fe/model": 2698,
     "tdcr_fe/report": 1215,
     "tdcr_fe/scene": 1488,
-    "tdcr_fe/solve": 7794,
+    "tdcr_fe/solve": 7793,
     "tdcr_fe/sweeps": 1581,
     "validation": 7007,
     "tests": 16107,

@@ -28,6 +28,7 @@ class LinearSlips:
 
     def __init__(self, by_load, matrix, start, presliding, holes=None, slack=()):
         self.presliding, self.breakpoints, self.compilable = presliding, np.ones(1), False
+        self.transfer = self
         # ``C`` changes the rates by more than the cube of the load factor does.
         self.cubic_coefficient = np.inf
         self._load, self._matrix, self._start = np.array(by_load), np.array(matrix), np.array(start)
@@ -68,7 +69,7 @@ class LinearSlips:
 
     @staticmethod
     def branches(z, tension):
-        """As of `tdcr_fe.solve.friction_path.slips.InterpolatedSlips`: derivatives do not jump."""
+        """As of `tdcr_fe.solve.friction_path.transfer.LawTransfer`: derivatives do not jump."""
         return np.zeros(0, dtype=bool)
 
     @staticmethod

@@ -27,8 +27,6 @@ from tdcr_fe.elements.native.items import Clamp, Connectors, SystemReference, sh
 from tdcr_fe.elements.native.iterated import IteratedBackbone
 from tdcr_fe.elements.native.motors import Motor, wound
 from tdcr_fe.elements.native.scene_forces import Holes, Inputs, SceneForces, values_at
-from tdcr_fe.elements.section import SectionForces
-from tdcr_fe.elements.tendons import CableGeometry
 
 Array = NDArray[np.float64]
 
@@ -119,19 +117,9 @@ class TendonActuation:
         return self.model.mesh
 
     @property
-    def geometry(self) -> CableGeometry | None:
-        """The tendons as cables; None where they follow the backbone."""
-        return self.model.geometry
-
-    @property
     def law(self) -> TendonLaw:
         """How tension passes along the tendons."""
         return self.model.law
-
-    @property
-    def section(self) -> SectionForces | None:
-        """Forces inside the section; None where there are none."""
-        return self.model.section
 
     # ------------------------------------------------------------------ configuration
 
@@ -168,11 +156,6 @@ class TendonActuation:
         """Tension at the base in the last solved state [N], shape (m,)."""
         return self.history.base_tension
 
-    @property
-    def prescribed(self) -> Array:
-        """Displacement prescribed in the last solved state [m], nan of tendons driven by tension; shape (m,)."""
-        return self.history.prescribed
-
     def store(
         self, friction: FrictionState, prescribed: Array, forces: TendonForces, everything: Array
     ) -> None:
@@ -183,7 +166,7 @@ class TendonActuation:
         friction
             Its friction history.
         prescribed
-            See `prescribed`.
+            See `RobotHistory.prescribed`.
         forces
             Its forces.
         everything
@@ -257,7 +240,7 @@ class TendonActuation:
 
         For a tendon driven by displacement this is the prescribed value, which a slack tendon does not follow.
         """
-        prescribed = self.prescribed
+        prescribed = self.history.prescribed
         return np.where(np.isnan(prescribed), self.current_forces().field.base_slip, prescribed)
 
     # ------------------------------------------------------------------ Exudyn's own solvers

@@ -224,7 +224,7 @@ class AssembledRobot:
 
     def hole_states(self) -> dict[str, tuple[str, ...]]:
         """By tendon, state of the hole at the distal end of every segment: stick, pull, release, anchor."""
-        if self.actuation.geometry is None:  # the continuous path has one tension and no friction
+        if self.actuation.model.geometry is None:  # the continuous path has one tension and no friction
             holes = np.zeros((len(self.robot.tendons), max(1, len(self.robot.disks.positions))))
         else:
             holes = self.actuation.law.at_holes(self._field().mobilisation)
@@ -251,6 +251,6 @@ class AssembledRobot:
         return len(self.robot.hole_arc_lengths(self.robot.tendons[i])) - 1
 
     def _segments(self, i: int, values: Array) -> Array:
-        if self.actuation.geometry is None:
+        if self.actuation.model.geometry is None:
             return np.full(self._count(i), values[0])
         return values[: self._count(i)].copy()

@@ -132,7 +132,7 @@ def elastic_energy(
     forces, law
         Forces of the tendons in this configuration, and how tension passes along them.
     """
-    mesh, section, springs = actuation.mesh, actuation.section, actuation.model.springs
+    mesh, section, springs = actuation.mesh, actuation.model.section, actuation.model.springs
     twists = relative_twists(motion.positions, motion.rotations)
     away = twists - mesh.reference_twists
     found = 0.5 * float(np.sum(mesh.twist_stiffness * away**2))

@@ -209,7 +209,7 @@ class TDCR(AssembledRobot):
             made |= maker.of_node(f"disk_position_{k}", self.nNodes[self.mesh.node_at(s)], variable.Position)
         history = self.actuation.history_nodes
         for i, (tendon, node) in enumerate(zip(self.robot.tendons, history.nodes, strict=True)):
-            segments = 1 if self.actuation.geometry is None else self._count(i)
+            segments = 1 if self.actuation.model.geometry is None else self._count(i)
             made |= maker.of_tendon(tendon.name, node, history.sensed(segments))
         self.sensors.update(made)
         return made

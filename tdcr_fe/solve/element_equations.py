@@ -77,7 +77,7 @@ class ElementModel:
             stiffness,
             mesh.reference_twists / mesh.lengths[:, None],
             ~handle.rigid,
-            handle.actuation.section,
+            handle.actuation.model.section,
             mesh.mass_per_length[:, None] * np.asarray(handle.model.gravity, dtype=float),
             bays,
             free,

@@ -341,7 +341,7 @@ class MeshMonitor:
 def error_order(handle: TDCR) -> int:
     """Order of the error of the mesh: 4 for straight tendons on an elastic backbone without weight, else 2."""
     heavy = handle.robot.backbone.density > 0.0 and any(handle.model.gravity)
-    return 2 if heavy or handle.actuation.section is not None else 4
+    return 2 if heavy or handle.actuation.model.section is not None else 4
 
 
 def refined(

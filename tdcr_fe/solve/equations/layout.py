@@ -34,7 +34,8 @@ def buckling_shortening(robot: TendonActuation) -> Array:
         Assembled in a scene.
     """
     mesh = robot.mesh
-    if robot.section is not None and robot.section.tendons is not None:
+    section = robot.model.section
+    if section is not None and section.tendons is not None:
         return np.full(len(mesh.lengths), np.inf)
     ends = robot.model.hole_nodes[1:]
     bays = np.searchsorted(ends, np.arange(len(mesh.lengths)), side="right")

@@ -207,10 +207,6 @@ class BodyFrameReduction:
         at_nodes = (r.take(self.beam)[:, None, :] @ frames).reshape(-1)
         return np.concatenate((at_nodes, r[self.other])) if self.other.size else at_nodes
 
-    def node_rows(self, j: Array, frames: Array, node: int, multipliers: Index) -> Array:
-        """Derivative of the wrench on one node, in its own frame, by algebraic unknowns, shape (6, k)."""
-        return np.asarray(frames[node].T @ j[np.ix_(self.beam[node], self.n2 + multipliers)])
-
     def tangent(self, j: Array, frames: Array, search_couplings: bool) -> SceneTangent:
         """Exudyn's Jacobian in the same terms.
 

@@ -103,7 +103,7 @@ class SceneSystem:
             tuple(r.base_tension for r in self.robots),
             tuple(r.state.mobilisation for r in self.robots),
             tuple(replace(r.friction_without_stretch(), time=time) for r in self.robots),
-            tuple(r.prescribed for r in self.robots),
+            tuple(r.history.prescribed for r in self.robots),
             tuple(load.applied for load in self.hooks.point_loads),
             time,
         )

@@ -55,6 +55,7 @@ from tdcr_fe.solve.friction_path.rates import (
     with_changed,
 )
 from tdcr_fe.solve.friction_path.slips import InterpolatedSlips, complement_rates, slips_at
+from tdcr_fe.solve.friction_path.transfer import branches_at, distance_to_branch_change
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -289,7 +290,7 @@ def _integrated(
         count += 1
         reused = not curved and factor < breakpoints[passed] - ROUND_OFF
         known = reused and _is_near(evaluation, factor, tension, 1.0)
-        known = known and not left_branch(state.derivatives, branches_of(slips, z, tension))
+        known = known and not left_branch(state.derivatives, branches_at(slips.transfer, z, tension))
         if known:
             state = extrapolated(state, segment.length, tension, rates.rate, rates.complement)
             unclipped = no_free_unknowns()
@@ -327,7 +328,7 @@ def _next_segment(
             longest = min(longest, CONSTANT_RATES_SEGMENT)
     if slack.size:
         event = min(event, distance_to_tautness(linear, slack, holes))
-    event = min(event, distance_to_branch_change(slips, z, linear.rate, state.tension, tension_rate))
+    event = min(event, distance_to_branch_change(slips.transfer, z, linear.rate, state.tension, tension_rate))
     length = min(longest, max(SHORTEST_SEGMENT, event))
     return finite, curved, PathSegment(here.factor, length, z, linear, state.tension, tension_rate)
 
@@ -404,17 +405,3 @@ def complement_rates_of(
 ) -> tuple[bool, Array]:
     """See `InterpolatedSlips.complement_rates`."""
     return slips.complement_rates(factor, z, tension, rate, near)
-
-
-@compiled_as(lambda slips, z, tension: np.zeros(0, dtype=np.bool_))
-def branches_of(slips: InterpolatedSlips, z: Array, tension: Array) -> Flags:
-    """See `InterpolatedSlips.branches`."""
-    return slips.branches(z, tension)
-
-
-@compiled_as(lambda slips, z, rate, tension, tension_rate: np.inf)
-def distance_to_branch_change(
-    slips: InterpolatedSlips, z: Array, rate: Array, tension: Array, tension_rate: Array
-) -> float:
-    """See `InterpolatedSlips.distance_to_branch_change`."""
-    return slips.distance_to_branch_change(z, rate, tension, tension_rate)

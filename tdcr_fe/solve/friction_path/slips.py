@@ -23,7 +23,6 @@ from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState, factor
 from tdcr_fe.solve.friction_path.transfer import CapstanTransfer, LawTransfer, branches_at, tensions_at
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 #: Newton's method for tensions and turning angles that agree ends with the correction of an error below this fraction
 #: of the largest tension: what it leaves is about the square of that [1].
@@ -198,14 +197,6 @@ class InterpolatedSlips(NamedTuple):
     ) -> tuple[bool, Array]:
         """See `complement_rates`."""
         return complement_rates(self, factor, z, tension, rate, near)
-
-    def branches(self, z: Array, tension: Array) -> Flags:
-        """Flags that change where the derivatives of the tensions jump; none where they never do."""
-        return self.transfer.branches(z, tension)
-
-    def distance_to_branch_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
-        """Load factor from here to where these flags change at constant rates [1]; see `LawTransfer`."""
-        return self.transfer.distance_to_branch_change(z, rate, tension, tension_rate)
 
 
 @compilable

@@ -76,8 +76,8 @@ def _rates_agree(
     """Whether all slip rates at both ends of the substep have the direction of the friction."""
     after, numbering = result.state, linear.numbering
     changes = input_changes(before, result.target)
-    rate = slip_changes(numbering, result.forces, linear.response(changes, clamped), changes)
-    pick = numbering.at_frictional_holes
+    pick, moved = numbering.at_frictional_holes, linear.response(changes, clamped)
+    rate = pick(slip_changes(numbering, result.forces, moved, changes))
     slips = pick([new.slip - old.slip for new, old in zip(after.friction, before.friction, strict=True)])
     tense = [p.may_be_tense(t)[:, None] for p, t in zip(numbering.robots, after.base_tension, strict=True)]
     side = pick([s * own for s, own in zip(after.mobilisation, tense, strict=True)])

@@ -112,8 +112,8 @@ class CapstanTransfer(NamedTuple):
         return capstan_tensions(self, factor, z, angles)
 
     def branches(self, z: Array, tension: Array) -> Flags:
-        """See `LawTransfer.branches`."""
-        return no_branches(self, z, tension)
+        """See `LawTransfer.branches`: none, Capstan's equation is smooth."""
+        return np.zeros(0, dtype=np.bool_)
 
     def distance_to_branch_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
         """See `LawTransfer.distance_to_branch_change`."""
@@ -158,22 +158,24 @@ def capstan_tensions(transfer: CapstanTransfer, factor: float, z: Array, angles:
     return Tensions(tension, by_angle, by_unknown, ratio * transfer.base_change)
 
 
-@compilable
-def no_branches(transfer: CapstanTransfer, z: Array, tension: Array) -> Flags:
-    """Flags that change where derivatives jump: none, Capstan's equation is smooth."""
-    return np.zeros(0, dtype=np.bool_)
-
-
 @compiled_as(capstan_tensions)
 def tensions_at(transfer: CapstanTransfer | LawTransfer, factor: float, z: Array, angles: Array) -> Tensions:
     """As `capstan_tensions`, by any law; compiled functions know Capstan's equation only."""
     return transfer.at(factor, z, angles)
 
 
-@compiled_as(no_branches)
+@compiled_as(lambda transfer, z, tension: np.zeros(0, dtype=np.bool_))
 def branches_at(transfer: CapstanTransfer | LawTransfer, z: Array, tension: Array) -> Flags:
-    """As `no_branches`, by any law."""
+    """See `LawTransfer.branches`."""
     return transfer.branches(z, tension)
+
+
+@compiled_as(lambda transfer, z, rate, tension, tension_rate: np.inf)
+def distance_to_branch_change(
+    transfer: CapstanTransfer | LawTransfer, z: Array, rate: Array, tension: Array, tension_rate: Array
+) -> float:
+    """See `LawTransfer.distance_to_branch_change`."""
+    return transfer.distance_to_branch_change(z, rate, tension, tension_rate)
 
 
 class LawTransfer:

@@ -85,15 +85,16 @@ def predict(
     step = linear.response(changes, system.layout.clamped)
     slips = np.zeros(0)
     if numbering.has_friction:
-        slips = slip_changes(numbering, linear.forces, step, changes)
+        moved = slip_changes(numbering, linear.forces, step, changes)
+        slips = numbering.at_frictional_holes(moved)
         if not _all_keep_slipping(state, slips, numbering):
             return None
     slope = _slope(linear, step)
     bend = last.curvature(length, slope)
     if float(np.abs(bend).max()) > MOST_CURVED * float(np.abs(slope).max()):
         return None
-    moved = _moved(system, state, slope + bend, settings.max_turn)
-    return None if moved is None else Prediction(moved, slope, slips)
+    there = _moved(system, state, slope + bend, settings.max_turn)
+    return None if there is None else Prediction(there, slope, slips)
 
 
 def _length_of(last: SolvedStep, loading: Array) -> float | None:

@@ -38,39 +38,24 @@ def mobilisations(numbering: Numbering, state: SolverState) -> Array:
     return numbering.at_frictional_holes(state.mobilisation)
 
 
-def slips_after(numbering: Numbering, forces: Sequence[TendonForces], step: Array) -> list[Array]:
-    """By robot, slips after a step at fixed friction, linearised [m], shape (m, g); arguments as in `slip_residual`."""
-    slips = []
-    for part in numbering.robots:
-        own, base = forces[part.robot], None
-        slip = own.field.slip
-        if part.has_friction:
-            if part.driven.size:
-                base = np.zeros(len(part.frictional))
-                base[part.driven] = step[part.tensions]
-            slip = slip + own.slip_change(step[part.nodes], base)
-        slips.append(slip)
-    return slips
-
-
 def slip_changes(
-    numbering: Numbering, forces: Sequence[TendonForces], step: Array, inputs: Sequence[Array]
-) -> Array:
-    """Linear changes of the slips with a step at fixed friction [m], shape (k,).
+    numbering: Numbering, forces: Sequence[TendonForces], step: Array, inputs: Sequence[Array] | None = None
+) -> list[Array]:
+    """By robot, linear changes of the slips with a step at fixed friction [m], shape (m, g).
 
     Parameters
     ----------
     numbering, forces, step
         As in `slip_residual`.
     inputs
-        By robot, changes of the inputs in the step, shape (m,).
+        By robot, changes of the inputs in the step, shape (m,); None where there are none.
     """
     found = []
     for part in numbering.robots:
-        base = inputs[part.robot].copy()
+        base = np.zeros(len(part.frictional)) if inputs is None else inputs[part.robot].copy()
         base[part.driven] = step[part.tensions]
         found.append(forces[part.robot].slip_change(step[part.nodes], base))
-    return numbering.at_frictional_holes(found)
+    return found
 
 
 class SlipResidual(NamedTuple):
@@ -103,9 +88,11 @@ def slip_residual(
         Factor on the presliding distance [1].
     """
     excess, flexibility = [], []
-    for own, slip, before, mobilisation in zip(
-        forces, slips_after(numbering, forces, step), state.friction, state.mobilisation, strict=True
+    changes = slip_changes(numbering, forces, step)
+    for own, change, before, mobilisation in zip(
+        forces, changes, state.friction, state.mobilisation, strict=True
     ):
+        slip = own.field.slip + change
         hysteresis = own.model.law.hysteresis.softened(softening)
         on_line, slope = hysteresis.line(own.field.slip, mobilisation, before, slip)
         excess.append(slip - before.slip - on_line)
