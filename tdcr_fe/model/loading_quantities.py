@@ -39,7 +39,7 @@ def _tendons(d: Description) -> Iterator[Value]:
         if tendon.pretension > force:
             force, key = tendon.pretension, f"tendons[{i}].pretension"
         # A parallel tendon bends the backbone to the curvature T a / EI (pure moment).
-        yield _strain(d, key, force, force * offset / b.EI)
+        yield strain(d, key, force, force * offset / b.EI)
         if (ea := tendon.axial_stiffness or 0.0) >= limits()["tendon_stiffness"].low:
             yield Value("tendon_strain", key, force, "N", force / ea)
         k = int(np.argmax(np.abs(moved[:, i])))
@@ -53,7 +53,7 @@ def _tendons(d: Description) -> Iterator[Value]:
         yield from _let_out(d)
 
 
-def _strain(d: Description, key: str, force: float, curvature: float) -> Value:
+def strain(d: Description, key: str, force: float, curvature: float) -> Value:
     """Larger strain of the backbone by a force [N], along its axis or at the surface by a curvature [1/m]."""
     b = d.robot.backbone
     strains = (force / b.EA, "along its axis"), (curvature * b.radius, "at the surface, by bending")
@@ -85,10 +85,10 @@ def _loads(d: Description) -> Iterator[Value]:
             across = bending(load.force)
             yield Value("force", f"{key}.force", force, "N", across * load.at**2 / b.EI)
             # A force cannot bend the elastica more than that, however long it is.
-            yield _strain(
+            yield strain(
                 d, f"{key}.force", force, min(across * load.at / b.EI, math.sqrt(2.0 * across / b.EI))
             )
-            by_moment = _strain(d, f"{key}.moment", 0.0, moment / b.EI)
+            by_moment = strain(d, f"{key}.moment", 0.0, moment / b.EI)
             yield by_moment._replace(value=moment, unit="N m")
             yield Value("moment", f"{key}.moment", moment, "N m", moment * load.at / b.EI)
             if "tip" in name.lower():

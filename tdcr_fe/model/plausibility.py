@@ -15,7 +15,7 @@ import numpy as np
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.limits import REMARK, Value, kind_of_material, limits, nearest_material, sentences
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.loading_quantities import loading_values
+from tdcr_fe.model.loading_quantities import loading_values, strain
 from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, issue
 from tdcr_fe.model.quantities import Description, masses, robot_values, sag
 from tdcr_fe.model.results import StepResult
@@ -31,7 +31,11 @@ class Findings(NamedTuple):
 
 
 def plausibility(
-    robot: Robot, model: Model, steps: Sequence[LoadStep], targets: Iterable[Sequence[float | None]] = ()
+    robot: Robot,
+    model: Model,
+    steps: Sequence[LoadStep],
+    targets: Iterable[Sequence[float | None]] = (),
+    largest: Sequence[float] = (),
 ) -> Findings:
     """What is unusual about a scenario, or does not fit together, known before solving.
 
@@ -41,6 +45,8 @@ def plausibility(
         Description.
     targets
         Positions that the tip is to reach [m]; None is an open coordinate.
+    largest
+        Tensions that the tendons may have on the way there [N].
 
     Raises
     ------
@@ -52,6 +58,10 @@ def plausibility(
     for k, target in enumerate(targets):
         far = math.hypot(*(x for x in target if x is not None))
         values.append(Value("target", f"targets[{k}].position", far, "m", far / robot.backbone.length))
+    for force, (name, course) in zip(largest, d.courses.items(), strict=False):
+        values.append(
+            strain(d, f"largest tension of {name}", force, force * course.offset / robot.backbone.EI)
+        )
     beyond = [v for value in values if (v := value.beyond) is not None]
     warnings = _warnings(robot.backbone, [v for v in beyond if not v.row.remark])
     remarks = [v for v in beyond if v.row.remark and not any(v.key in text for text in warnings)]
@@ -62,10 +72,14 @@ def plausibility(
 
 
 def warn_of_implausible(
-    robot: Robot, model: Model, steps: Sequence[LoadStep], targets: Iterable[Sequence[float | None]] = ()
+    robot: Robot,
+    model: Model,
+    steps: Sequence[LoadStep],
+    targets: Iterable[Sequence[float | None]] = (),
+    largest: Sequence[float] = (),
 ) -> Findings:
     """Hand what `plausibility` finds to the caller of the function that calls this one, as warnings, and return it."""
-    found = plausibility(robot, model, steps, targets)
+    found = plausibility(robot, model, steps, targets, largest)
     issue(found.warnings, PlausibilityWarning, depth=4)
     issue(found.remarks, PlausibilityRemark, depth=4)
     return found

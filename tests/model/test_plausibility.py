@@ -194,6 +194,13 @@ def test_a_target_in_millimetres_is_refused():
         tdcr_fe.follow_path(WIRE, Model(), [[40.0, 0.0, 192.0]], TensionLimits(10.0))
 
 
+def test_largest_tensions_in_grams_are_warned_of():
+    """The search among them took minutes without a word."""
+    (found,) = plausibility(WIRE, Model(), [], [], [510.0, 510.0, 510.0]).warnings
+    assert found.startswith("largest tension of t1 = 510 N: strains the backbone by") and "gf?" in found
+    assert plausibility(WIRE, Model(), [], [], [5.0, 5.0, 5.0]) == ([], [])
+
+
 def test_a_clearance_wider_than_the_disk_is_refused():
     with pytest.raises(ValueError, match=r"tendons\[0\].clearance: 0.1; .*radius 0.008 m"):
         wire(clearance=0.1)

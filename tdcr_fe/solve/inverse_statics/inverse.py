@@ -126,7 +126,7 @@ def follow_path(
     task = _Task(robot, model, tip_targets(targets), lower, upper, drive_by, effort, tuple(before), tolerance)
     begun = time.perf_counter()
     positions = [target.position for target in task.targets]
-    implausible, remarks = warn_of_implausible(robot, model, task.before, positions)
+    implausible, remarks = warn_of_implausible(robot, model, task.before, positions, upper.tolist())
     with one_thread(), warnings_to():
         run, stop = _refined_runs(task, settings or SolverSettings(), progress)
     result = run.result(time.perf_counter() - begun, implausible, remarks)
