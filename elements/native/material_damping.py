@@ -4,7 +4,9 @@ The wrench of a section grows by the retardation time ``tau`` times its stiffnes
 acts in the middle of its element, on points that both nodes carry with them, in the frame halfway between both. The
 relative velocity of these points and frames is the rate of the element's twist, up to the square of the angle by which
 the element turns over twelve, and it is zero in rigid motion. Stretching is not damped: in bending the points part at
-second order, which the large axial stiffness would make a force of. Exudyn 1.13.6 drops the damping matrix of
+second order, which the large axial stiffness would make a force of. Points a sixth of the length from the nodes part at
+fourth order only, but dampers between them took Newton's method 1.5 times the iterations, and moved the tip of a robot
+pulled within 50 ms by 3e-6 of its length. Exudyn 1.13.6 drops the damping matrix of
 `BeamSection` for `ObjectBeamGeometricallyExact`, which is why there are dampers.
 """
 
