@@ -103,9 +103,9 @@ def begun(data):
     return _declared(prepared.searched, prepared.run)
 
 
-def searching(deadline=np.inf, laws=False, **settings):
+def searching(deadline=np.inf, **settings):
     """A search that reports nothing."""
-    return Search(IdentifySettings(**settings), lambda text, share: None, deadline, laws)
+    return Search(IdentifySettings(**settings), lambda text, share: None, deadline)
 
 
 def with_model(state, values):

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import chdtri
 
-from tdcr_fe.effects import EFFECTS, Effect
+from tdcr_fe.effects import EFFECTS, Effect, EffectAtPlace
+from tdcr_fe.identify.causes import Cause
 from tdcr_fe.identify.noise import chi_square_z_score, is_noise, lag1_autocorrelation, series, structure
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.model.robot import Robot
+
+#: A cause without a name is a priori by this factor less probable than one of the list, as a logarithm.
+UNNAMED = 2.0
+
+#: Price of a gravity of another magnitude than on Earth: the declared masses would have to be wrong, too [1]. From this
+#: deviation on [m/s^2].
+OTHER_GRAVITY, EARTH, EARTH_TOLERANCE = 8.0, 9.81, 0.3
 
 #: Smallest difference of BIC that separates two models (odds of about 20 to 1).
 BIC_DIFFERENCE = 6.0
@@ -25,9 +35,31 @@ HELD_OUT_DROP = 4.0
 NOISE_Z_SCORE = 4.0
 
 
+def price(effects: Sequence[Effect], robot: Robot) -> float:
+    """Twice the negative logarithm of the prior probability of causes, but for a constant.
+
+    A place is one of all places of its kind; causes without a name have a price of their own.
+    """
+    total = 0.0
+    for e in effects:
+        if isinstance(e, EffectAtPlace):
+            total += 2.0 * math.log(max(1, len(e.general.places(robot))))
+        elif isinstance(e, Cause):
+            total += 2.0 * (UNNAMED + e.price)
+    return total
+
+
 def bic(problem: FitProblem, fit: Fit) -> float:
-    """Bayesian information criterion over all readings: sum of squares plus log(n) per parameter; smaller is better."""
-    return fit.cost + fit.held_cost + len(fit.free) * math.log(problem.count)
+    """Bayesian information criterion over all readings; smaller is better.
+
+    The sum of squares plus log(n) per parameter, and the prior of the causes.
+    """
+    own = price(fit.effects, problem.data.robot)
+    if "gravity" in fit.values:
+        size = math.sqrt(sum(x * x for x in fit.values["gravity"].values()))
+        known = abs(size - EARTH) <= EARTH_TOLERANCE  # only its direction is fitted then
+        own += -math.log(problem.count) if known else OTHER_GRAVITY
+    return fit.cost + fit.held_cost + len(fit.free) * math.log(problem.count) + own
 
 
 def at_bound(problem: FitProblem, fit: Fit, effect: Effect | None = None) -> bool:
@@ -79,12 +111,6 @@ def residual_is_noise(problem: FitProblem, fit: Fit, significance: float) -> boo
     if np.any(held_out) and chi_square_z_score(r[held_out]) > NOISE_Z_SCORE:
         return False
     return is_noise(structure(problem.data, r, len(fit.free)), significance)
-
-
-def noise_cost(problem: FitProblem) -> float:
-    """Sum of squares of the fitted readings up to which it is that of noise."""
-    count = int(np.count_nonzero(problem.fitted))
-    return count + NOISE_Z_SCORE * math.sqrt(2.0 * count)
 
 
 def chi_square_threshold(parameters: int, significance: float) -> float:

@@ -4,6 +4,7 @@ How a derivative is taken follows from what the parameter changes:
 
 - the observation only (a turned instrument, markers off the backbone): central differences of the reading of one run;
 - robot, model or loading sequence: the solver's sensitivities, exact along the history, all in one run;
+- a load that depends on the state: the exact response of readings and bays to loads in every bay, of the same run;
 - where there are none (the mesh or the division of the load steps changes, or the effect declares so): the difference
   of two runs, named in `Linear.differenced`.
 """
@@ -20,9 +21,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, Experiment
+from tdcr_fe.identify.bay_state import (
+    COMPONENTS,
+    LOAD,
+    Action,
+    BayState,
+    Response,
+    action_inputs,
+    loads_of_action,
+    state_change,
+    with_action,
+)
+from tdcr_fe.identify.causes import ReadingCause, StateLoad
 from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.problem import FitProblem, Point
-from tdcr_fe.identify.run import Run
+from tdcr_fe.identify.run import Acted, Run, RunDerivatives
 from tdcr_fe.solve.sensitivities.differences import RELATIVE_STEP, Tabulated, same_structure, tabulated
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter
 
@@ -30,9 +43,6 @@ Array = NDArray[np.float64]
 
 #: Difference step of parameters of the observation, over their typical change [1].
 OBSERVATION_STEP = 1e-2
-
-#: One model is divided among processes where it has at least so many columns.
-FEWEST_DIVIDED = 12
 
 
 class Column(NamedTuple):
@@ -71,62 +81,20 @@ class Linear(NamedTuple):
 
 
 def linearize(problem: FitProblem, requests: Sequence[Request]) -> list[Linear]:
-    """Linearise several models, all runs at a time."""
+    """Linearise several models, all at a time."""
     return linearize_each([(problem, request) for request in requests])
 
 
 def linearize_each(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear]:
-    """Linearise several models, each of a problem of its own.
+    """Linearise several models, each of a problem of its own; with several processes each in one of them.
 
-    Forward model, path tolerance and deadline are those of the first. With several processes each model is linearised
-    in one of them. A single one with many columns is divided where its run follows another one, so that to repeat the
-    run costs little.
+    Forward model, path tolerance and deadline are those of the first.
     """
-    if not pairs:
-        return []
-    forward = pairs[0][0].forward
-    problem, request = pairs[0]
-    along = request.reference is not None and len(request.columns) >= FEWEST_DIVIDED
-    if forward.parallel and len(pairs) == 1 and along:
-        parts = [request.columns[k :: forward.processes] for k in range(forward.processes)]
-        found = _in_processes([(problem, request._replace(columns=part)) for part in parts])
-        if found is not None:
-            return [_joined(found)]
-    if forward.parallel and len(pairs) > 1:
+    if len(pairs) > 1 and pairs[0][0].forward.parallel:
         found = _in_processes(pairs)
         if found is not None:
             return found
-    return _linearize_here(pairs)
-
-
-def _linearize_here(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear]:
-    """Linearise models; only their runs are shared among processes."""
-    first = pairs[0][0]
-    given = [_part_or_impossible(problem, request) for problem, request in pairs]
-    parts = [x for x in given if isinstance(x, _Part)]
-    runs = first.run([p.job for p in parts])
-    beside = [p.differences(run) for p, run in zip(parts, runs, strict=True)]
-    found = iter(first.run([job for jobs in beside for job in jobs]))
-    solved = iter(
-        [
-            part.linear(run, [next(found) for _ in jobs])
-            for part, run, jobs in zip(parts, runs, beside, strict=True)
-        ]
-    )
-    return [next(solved) if isinstance(x, _Part) else x for x in given]
-
-
-def _part_or_impossible(problem: FitProblem, request: Request) -> _Part | Linear:
-    """A model to be simulated; or what an impossible robot gives, as two laws of the material that exclude each other.
-
-    Such a model counts as not solved, with the reason as its message.
-    """
-    try:
-        return _Part(problem, request)
-    except ValueError as error:
-        run = Run.of((), len(problem.data.steps), problem.experiment, str(error))
-        nothing = np.full(problem.count, np.nan)
-        return Linear(nothing, np.zeros((problem.count, len(request.columns))), run, {})
+    return [_linearized(problem, request) for problem, request in pairs]
 
 
 def _in_processes(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear] | None:
@@ -143,43 +111,145 @@ def _in_processes(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear] |
     for _, runs, iterations in found:
         forward.runs += runs
         forward.iterations += iterations
-    for (problem, request), (linear, *_) in zip(pairs, found, strict=True):
-        if request.reference is None and linear.run.solved:
-            forward.keep(problem.with_effects(request.effects, request.values), request.record, linear.run)
     return [linear for linear, *_ in found]
 
 
 def _linearize_sent(text: bytes) -> tuple[Linear, int, int]:
     """A model that was sent to this process, linearised; and the numbers of runs and of iterations that took."""
     problem, request = pickle.loads(text)
-    (linear,) = _linearize_here([(problem, request)])
+    linear = _linearized(problem, request)
     return linear, problem.forward.runs, problem.forward.iterations
 
 
-def _joined(parts: Sequence[Linear]) -> Linear:
-    """One model from parts that have every n-th of its columns each."""
-    n = len(parts)
-    matrix = np.zeros((parts[0].residual.size, sum(p.matrix.shape[1] for p in parts)))
-    differenced: dict[int, str] = {}
-    for k, part in enumerate(parts):
-        matrix[:, k::n] = part.matrix
-        differenced |= {n * j + k: why for j, why in part.differenced.items()}
-    return parts[0]._replace(matrix=matrix, differenced=dict(sorted(differenced.items())))
+def _linearized(problem: FitProblem, request: Request) -> Linear:
+    """One model.
+
+    An impossible robot, as two laws of the material that exclude each other, counts as not solved, and so does a load
+    that does not balance with the state it depends on.
+    """
+    try:
+        action, reference = balanced(problem, request)
+        part = _Part(problem, request._replace(reference=reference), action)
+        (run,) = problem.run([part.job])
+        return part.linear(run, problem.run(part.differences(run)))
+    except ValueError as error:
+        run = Run.of((), len(problem.data.steps), problem.experiment, str(error))
+        nothing = np.full(problem.count, np.nan)
+        return Linear(nothing, np.zeros((problem.count, len(request.columns))), run, {})
+
+
+#: Iterations of a load and the state it depends on at most, and the change that ends them: moments over EI/L, forces
+#: over EI/L^2 [1].
+ITERATIONS, TOLERANCE = 12, 1e-5
+
+
+def balanced(problem: FitProblem, request: Request) -> tuple[Action | None, Run | None]:
+    """The action at which the loads of a model agree with the state that they depend on, and a run with it.
+
+    Both agree where ``a = F(x(a))``. That is solved by Newton's method with the exact response ``H`` of the state to an
+    action, evaluated once: ``(I - F' H) da = F(x) - a``.
+
+    Returns
+    -------
+    action
+        None where neither the model nor a column has loads that depend on the state.
+    run
+        The reference of the request where the model has no such loads.
+
+    Raises
+    ------
+    ValueError
+        It does not converge.
+    """
+    loads = [e for e in request.effects if isinstance(e, StateLoad)]
+    if not loads and not any(isinstance(c.effect, StateLoad) for c in request.columns):
+        return None, request.reference
+    experiment = problem.with_effects(request.effects, request.values)
+    steps, bays = experiment.step_ends[-1][0] + 1, len(experiment.robot.bay_edges) - 1
+    none, reference = Action.none(steps, bays), request.reference
+    if not loads:
+        return none, reference
+
+    def missing(run: Run, acted: Acted) -> tuple[Array, Array]:
+        """What the loads give beyond the action, and the Newton step."""
+        assert run.bays is not None
+        gap = -acted.action.values
+        for e in loads:
+            gap = gap + e.action(run.bays, request.values[e.name])
+        matrix = _coupling(loads, request.values, run.bays, acted.response)
+        return gap, np.asarray(np.linalg.solve(matrix, gap.reshape(steps, -1, 1))).reshape(gap.shape)
+
+    if reference is None or reference.acted is None or reference.bays is None:
+        plain = Request((), {}, (), reference)
+        effects = tuple(e for e in request.effects if not isinstance(e, StateLoad))
+        part = _Part(problem, plain._replace(effects=effects, values=request.values), none)
+        (run,) = problem.run([part.job])
+        run = part.linear(run, []).run
+        if run.solved < steps or run.acted is None:
+            raise ValueError(run.message or "not solved")
+        reference = run
+    assert reference.acted is not None
+    backbone = experiment.robot.backbone
+    scale = np.array([backbone.EI / backbone.length] * 2 + [backbone.EI / backbone.length**2] * 3)
+    acted, run = reference.acted, reference
+    smallest = np.inf
+    for _ in range(ITERATIONS):
+        _, step = missing(run, acted)
+        assert run.bays is not None
+        action = Action(acted.action.values + step, run.bays.rotation)
+        (run,) = problem.run([Job(with_action(experiment, action), run, True, states=True)])
+        if run.solved < steps:
+            raise ValueError(run.message or "not solved")
+        acted = Acted(action, acted.response)
+        gap, _ = missing(run, acted)
+        size = float(np.max(np.abs(gap) / scale))
+        if size <= TOLERANCE:
+            return action, replace(run, acted=acted)
+        if not size < 4.0 * smallest:
+            break
+        smallest = min(size, smallest)
+    raise ValueError("the load does not balance with the state it depends on")
+
+
+def _coupling(loads: Sequence[StateLoad], values: Point, state: BayState, response: Response) -> Array:
+    """The matrix ``I - F' H`` of every step, shape (K, 5 n_bays, 5 n_bays)."""
+    steps, bays = state.shape
+    slope = sum(
+        (e.slope(state, values[e.name]) for e in loads), np.zeros((steps, bays, COMPONENTS, COMPONENTS))
+    )
+    rows = response.state.reshape(steps, bays, COMPONENTS, -1)
+    through = np.einsum("kbij,kbjp->kbip", slope, rows).reshape(steps, bays * COMPONENTS, -1)
+    return np.asarray(np.eye(bays * COMPONENTS) - through)
+
+
+def of_readings(problem: FitProblem, actions: Array, response: Response) -> Array:
+    """Change of the predictions over sigma by actions of shape (K, 5 n_bays, q) to first order, shape (n, q)."""
+    out = np.zeros((problem.count, actions.shape[-1]))
+    steps = problem.readings.reader.step
+    for k in np.unique(steps):
+        mine = steps == k
+        out[mine] = response.readings[mine] @ actions[k]
+    return out
 
 
 class _Part:
     """One model: what is simulated for it, and what follows."""
 
-    def __init__(self, problem: FitProblem, request: Request) -> None:
-        self.problem, self.request = problem, request
+    def __init__(self, problem: FitProblem, request: Request, action: Action | None = None) -> None:
+        self.problem, self.request, self.action = problem, request, action
         self.effects, self.values = self._at_null()
-        self.experiment = problem.with_effects(self.effects, self.values)
+        bare = problem.with_effects(self.effects, self.values)
+        self._bare: Experiment | None = None  # without the action, once that is there
+        self.experiment = self._acted(bare)
+        self._bare = bare
         self.observed: dict[int, Tabulated] = {}
         self.differenced: dict[int, str] = {}
         self.exact: dict[str, int] = {}
         self.beside: dict[int, Experiment] = {}
         tables = []
         for number, column in enumerate(request.columns):
+            if isinstance(column.effect, StateLoad | ReadingCause):
+                continue
             if not column.effect.exact_derivatives:
                 self.differenced[number] = "it declares no exact derivatives"
                 continue
@@ -195,7 +265,22 @@ class _Part:
                 tables.append(
                     ModelParameter(name, table.value, table.step / RELATIVE_STEP, table, approximate=True)
                 )
-        self.job = Job(self.experiment, request.reference, request.record, tuple(tables))
+        inputs = () if action is None else action_inputs(action.values.shape[1])
+        self.job = Job(
+            self.experiment, request.reference, request.record, (*tables, *inputs), action is not None
+        )
+
+    def _acted(self, experiment: Experiment) -> Experiment:
+        """The experiment with the action."""
+        if self.action is None:
+            return experiment
+        if (
+            self._bare is not None
+            and experiment.steps is self._bare.steps
+            and experiment.ends == self._bare.ends
+        ):
+            return replace(experiment, steps=self.experiment.steps)
+        return with_action(experiment, self.action)
 
     def _at_null(self) -> tuple[tuple[Effect, ...], Point]:
         """The model with those effects of the columns whose null values add inputs that act nowhere, such as loads."""
@@ -228,7 +313,7 @@ class _Part:
             raise ValueError(f"{e.name}.{column.parameter} must be from {low:g} to {high:g}")
         effects = [x for x in self.effects if x.name != e.name]
         own = {**column.values, column.parameter: parameter.value(coordinate)}
-        return self.problem.with_effects([*effects, e], {**self.values, e.name: own})
+        return self._acted(self.problem.with_effects([*effects, e], {**self.values, e.name: own}))
 
     def _table(self, number: int, relative_step: float | None = None) -> Tabulated:
         """Neighbours of the experiment by a column's parameter."""
@@ -280,19 +365,76 @@ class _Part:
     def linear(self, run: Run, beside: Sequence[Run]) -> Linear:
         """What follows from the runs."""
         problem, read = self.problem, partial(self.problem.readings.reader.read, run)
-        residual = problem.residual(self.experiment, run)
+        residual = problem.residual(self.experiment, run) - problem.shift(self.effects, self.values)
         matrix = np.zeros((residual.size, len(self.request.columns)))
-        if run.derivatives is not None and run.derivatives.names:
-            found = problem.readings.reader.derivatives(run, self.experiment)
-            for name, column in zip(run.derivatives.names, found.T, strict=True):
-                matrix[:, self.exact[name]] = column / problem.sigma
+        by, acted = run.derivatives, None
+        if by is not None and by.names:
+            exact = [j for j, name in enumerate(by.names) if name in self.exact]
+            numbers = [self.exact[by.names[j]] for j in exact]
+            if exact:
+                matrix[:, numbers] = self._of(run, by.part(exact))
+            if self.action is not None:
+                acted = Acted(self.action, self._response(run, by))
+                self._add_loads(matrix, run, acted.response, numbers, state_change(run, by.part(exact)))
         for number, table in self.observed.items():
             values = {k: read(e) for k, e in table.experiments.items()}
             matrix[:, number] = _difference(values, read(self.experiment), table.step) / problem.sigma
         for (number, moved), other in zip(self.beside.items(), beside, strict=True):
-            matrix[:, number] = (residual - problem.residual(moved, other)) / self._step(number)
+            plain = problem.residual(moved, other) - problem.shift(self.effects, self.values)
+            matrix[:, number] = (residual - plain) / self._step(number)
+        for number, column in enumerate(self.request.columns):
+            if isinstance(column.effect, ReadingCause):
+                unit = {p.name: 0.0 for p in column.effect.parameters} | {column.parameter: 1.0}
+                matrix[:, number] = column.effect.shift(problem, unit) / problem.sigma
         matrix = np.where(np.isfinite(matrix), matrix, 0.0)
-        return Linear(residual, matrix, replace(run, derivatives=None), self.differenced)
+        return Linear(residual, matrix, replace(run, derivatives=None, acted=acted), self.differenced)
+
+    def _of(self, run: Run, by: RunDerivatives) -> Array:
+        """Derivatives of the predictions over sigma, shape (n, P)."""
+        found = self.problem.readings.reader.derivatives(replace(run, derivatives=by), self.experiment)
+        return np.asarray(found / self.problem.sigma[:, None])
+
+    def _response(self, run: Run, by: RunDerivatives) -> Response:
+        """Of readings and bays to actions."""
+        assert run.bays is not None
+        named = [j for j, name in enumerate(by.names) if name.startswith(f"{LOAD} ")]
+        actions = by.part(named).times(loads_of_action(run.bays.rotation))
+        rows = self._of(run, actions)
+        return Response(np.where(np.isfinite(rows), rows, 0.0), state_change(run, actions))
+
+    def _add_loads(
+        self, matrix: Array, run: Run, response: Response, numbers: Sequence[int], moved: Array
+    ) -> None:
+        """Columns of loads that depend on the state; and what those of the model add to the other columns."""
+        assert run.bays is not None
+        state, problem = run.bays, self.problem
+        steps, bays = state.shape
+        loads = [e for e in self.effects if isinstance(e, StateLoad)]
+        own = [
+            (n, c.effect, c.parameter, c.values)
+            for n, c in enumerate(self.request.columns)
+            if isinstance(c.effect, StateLoad)
+        ]
+        actions = [e.by_value(state, values, name).reshape(steps, -1) for _, e, name, values in own]
+        columns = [n for n, *_ in own]
+        if loads:
+            slope = sum(
+                (e.slope(state, self.values[e.name]) for e in loads),
+                np.zeros((steps, bays, COMPONENTS, COMPONENTS)),
+            )
+            by_state = np.einsum(
+                "kbij,kbjp->kbip", slope, moved.reshape(steps, bays, COMPONENTS, -1)
+            ).reshape(steps, bays * COMPONENTS, -1)
+            actions += list(np.moveaxis(by_state, 2, 0))
+            columns += list(numbers)
+        if not actions:
+            return
+        stacked = np.stack(actions, axis=-1)
+        if loads:
+            solved = np.all(np.isfinite(stacked), axis=(1, 2))
+            coupling = _coupling(loads, self.values, state, response)
+            stacked[solved] = np.linalg.solve(coupling[solved], stacked[solved])
+        matrix[:, columns] += of_readings(problem, stacked, response)
 
 
 def _difference(values: Mapping[int, Array], present: Array, step: float) -> Array:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.identify.bay_state import bay_state
 from tdcr_fe.identify.run import Run, RunDerivatives, Trajectory, mesh_nodes
 from tdcr_fe.identify.settings import ending_at
 from tdcr_fe.io.processes import worker_pool
@@ -48,6 +49,7 @@ class Task(NamedTuple):
     parameters: tuple[Parameter, ...] = ()
     # reading of `tdcr_fe.identify.settings.clock` at which the simulation ends [s]
     deadline: float = math.inf
+    states: bool = False  # whether the run gives the states of the bays
 
 
 def run_settings(declared: SolverSettings, path_tolerance: float) -> SolverSettings:
@@ -102,6 +104,8 @@ def simulate_experiment(task: Task) -> Run:
     for step, (k, _) in zip(result.steps, ends, strict=False):
         errors[k] = max(errors[k], float(step.details.get("refinement_error", 0.0)))
     run = replace(run, refinement_errors=errors, iterations=sum(s.iterations for s in result.steps))
+    if task.states:
+        run = replace(run, bays=bay_state(experiment, result.steps, last))
     if task.parameters and ended:
         run = replace(run, derivatives=RunDerivatives.of(result.sensitivities, ended, len(last), refused))
     return run if path is None else replace(run, trajectory=Trajectory(path, ends, run.s))
@@ -228,11 +232,14 @@ class Job(NamedTuple):
     reference: Run | None = None  # a neighbouring run with its trajectory, used as reference path: fast
     record: bool = False  # record the trajectory
     parameters: tuple[Parameter, ...] = ()  # by which the run is differentiated
+    states: bool = False  # whether the run gives the states of the bays
 
     def task(self, settings: SolverSettings, deadline: float) -> Task:
         """What the process is given."""
         trajectory = None if self.reference is None else self.reference.trajectory
-        return Task(self.experiment, settings, trajectory, self.record, self.parameters, deadline)
+        return Task(
+            self.experiment, settings, trajectory, self.record, self.parameters, deadline, self.states
+        )
 
 
 class ForwardModel:
@@ -301,7 +308,7 @@ class ForwardModel:
             keys.append(key)
         todo: dict[int | str, Job] = {}
         for number, (key, job) in enumerate(zip(keys, jobs, strict=True)):
-            if job.parameters or job.reference is not None:
+            if job.parameters or job.states or job.reference is not None:
                 todo[number] = job
             elif key not in self._cache:
                 todo[key] = job
@@ -314,7 +321,7 @@ class ForwardModel:
         for number, (key, job) in enumerate(zip(keys, jobs, strict=True)):
             run = made.get(number, made.get(key))
             if run is not None and job.reference is None:
-                self._cache[key] = replace(run, derivatives=None)
+                self._cache[key] = replace(run, derivatives=None, bays=None)
             found.append(self._cache[key] if run is None else run)
         while len(self._cache) > CACHE:
             self._cache.pop(next(iter(self._cache)))
@@ -328,10 +335,6 @@ class ForwardModel:
     def alone(self) -> ForwardModel:
         """One without processes and memory, which can be sent to a process."""
         return ForwardModel(1, self.settings)
-
-    def keep(self, experiment: Experiment, record: bool, run: Run) -> None:
-        """Keep a run without a reference path that was made elsewhere."""
-        self._cache[_key(experiment, record)] = replace(run, derivatives=None)
 
     def map(self, function: Callable[[Given], Found], given: Sequence[Given]) -> list[Found]:
         """Values of a function, in the processes where there are several values; in this one if the processes end."""

@@ -12,7 +12,6 @@ from tdcr_fe.identify.criteria import robust_threshold, unusable_data
 from tdcr_fe.identify.data_faults import data_fault, other_sign_solves
 from tdcr_fe.identify.first_checks import first_checks
 from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.law_search import LEAST_ITERATIONS, find_law
 from tdcr_fe.identify.load_steps import choose_held_out, held_out_branches
 from tdcr_fe.identify.long_data import (
     RowChoice,
@@ -26,12 +25,11 @@ from tdcr_fe.identify.long_data import (
 from tdcr_fe.identify.next_experiment import choose_next
 from tdcr_fe.identify.noise import estimate_sigma, find_input_noise
 from tdcr_fe.identify.problem import FitProblem, evaluate, fit_of_run, refine
-from tdcr_fe.identify.result import FoundLaw, IdentificationResult, InputNoise, NextExperiment
+from tdcr_fe.identify.result import IdentificationResult, InputNoise, NextExperiment
 from tdcr_fe.identify.run import Run
-from tdcr_fe.identify.search import search_effects, with_intermediate_models
+from tdcr_fe.identify.search import search_causes
 from tdcr_fe.identify.search_state import Progress, Search, SearchState, cut_short, in_time
 from tdcr_fe.identify.settings import (
-    A_LAW,
     FAULTS,
     FRICTION,
     FURTHER_EFFECTS,
@@ -147,8 +145,6 @@ def _search(
 
     A search on some of the load steps ends with a fit to all of them.
     """
-    forward = prepared.problem.forward
-    begun = forward.iterations
     latest = schedule.end + schedule.grace
     try:
         if unusable_data(state.problem, state.declared):
@@ -157,16 +153,12 @@ def _search(
         if state.data_fault:
             return state, Found()
         state = state.ending_at(schedule.search + schedule.grace)
-        listed = replace(search, deadline=schedule.search, laws=prepared.rows is None)
-        for latest_state in search_effects(listed, state):
+        listed = replace(search, deadline=schedule.search)
+        for latest_state in search_causes(listed, state):
             state = latest_state
-        state = cut_short(listed, with_intermediate_models(state), FURTHER_EFFECTS)
+        state = cut_short(listed, state, FURTHER_EFFECTS)
         whole = replace(search, deadline=schedule.end)
-        law = None
         if prepared.rows is None:
-            # A law may take as many iterations to find as the listed effects took.
-            most = max(LEAST_ITERATIONS, forward.iterations - begun)
-            law, state = _law(whole, state.ending_at(latest), most)
             planned, state = _planned(whole, state)
         else:
             planned, state = _planned(whole, state.ending_at(schedule.friction + schedule.grace))
@@ -177,7 +169,7 @@ def _search(
                     state = latest_state
             state = fit_to_all_rows(whole, state, replace(prepared.problem, deadline=latest))
         noise, state = _input_noise(whole, state)
-        return state, Found(law, planned, noise)
+        return state, Found(planned, noise)
     except KeyboardInterrupt:
         last = replace(state, interrupted=True)
         last = last.with_history("interrupted; what was found until then is reported")
@@ -190,15 +182,6 @@ def _with_data_fault(state: SearchState) -> SearchState:
         return replace(state, data_fault=data_fault(state.problem, state.declared))
     except OutOfTime:
         return state.without_trying(FAULTS)
-
-
-def _law(search: Search, state: SearchState, iterations: int) -> tuple[FoundLaw | None, SearchState]:
-    """An unlisted law, if the time suffices."""
-    try:
-        law, state = find_law(search, state, iterations)
-    except OutOfTime:
-        return None, state.without_trying(A_LAW)
-    return law, cut_short(search, state if law is None else with_intermediate_models(state), A_LAW)
 
 
 def _planned(search: Search, state: SearchState) -> tuple[NextExperiment | None, SearchState]:

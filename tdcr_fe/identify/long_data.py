@@ -25,7 +25,7 @@ from tdcr_fe.identify.criteria import robust_threshold
 from tdcr_fe.identify.load_steps import blocks, inputs
 from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate, with_elements
 from tdcr_fe.identify.result import SearchedSteps
-from tdcr_fe.identify.search import forward_selection
+from tdcr_fe.identify.search import grow
 from tdcr_fe.identify.search_state import Search, SearchState, Stage, mean_cost
 from tdcr_fe.identify.settings import ALL_STEPS, SMALLER_MODELS, OutOfTime, clock
 from tdcr_fe.io.measured import MeasuredData
@@ -378,7 +378,7 @@ def restore_friction(search: Search, state: SearchState, problem: FitProblem) ->
     )
     yield again
     settings = replace(search.settings, max_effects=len(best.effects) + ROUNDS)
-    again = yield from forward_selection(replace(search, settings=settings), again, locate=False)
+    again = yield from grow(replace(search, settings=settings), again)
     again = replace(again, refused=state.refused)
     yield again
     return again

@@ -16,6 +16,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.identify.causes import ReadingCause, StateLoad
 from tdcr_fe.identify.criteria import BIC_DIFFERENCE, bic, effective_noise
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize_each
 from tdcr_fe.identify.fitting import covariance
@@ -59,7 +60,7 @@ def choose_next(search: Search, state: SearchState) -> NextExperiment | None:
         The time limit has passed.
     """
     problem, best = state.problem, state.best
-    if not best.effects or not best.solved or any(name == "law" for name, _ in best.free):
+    if not best.effects or not best.solved or not _described(best):
         return None
     if search.out_of_time:
         raise OutOfTime
@@ -97,11 +98,17 @@ def leading_rivals(search: Search, state: SearchState) -> list[Fit]:
         for key, f in state.fits.items()
         if f.solved
         and f.effects
+        and _described(f)
         and not (mine <= key or key <= mine)
         and f.jacobian.shape[1] == len(f.free)
         and bic(problem, f) - bic(problem, best) < BIC_DIFFERENCE * noise
     ]
     return [f for _, f in sorted(near, key=lambda p: p[0])[:RIVALS]]
+
+
+def _described(fit: Fit) -> bool:
+    """Whether all causes of a model are in its description."""
+    return not any(isinstance(e, StateLoad | ReadingCause) for e in fit.effects)
 
 
 # ------------------------------------------------------------------------------------------------ candidates

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
-from scipy.special import chdtrc, chdtri, ndtr, ndtri
+from scipy.special import chdtrc, chdtri, fdtrc, ndtr, ndtri
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.forward import Job, last_parts
@@ -184,6 +184,9 @@ LARGEST = 0.25
 #: Largest mean of the errors over the standard error of a mean; beyond, the errors are systematic [1].
 LARGEST_MEAN = 3.5
 
+#: Chance of calling errors systematic that follow nothing [1].
+FOLLOWS = 1e-3
+
 #: Range of the ratio of the variances that is searched, as exponents of ten, over that at which both matter alike.
 EXPONENTS = (-6.0, 6.0)
 
@@ -191,7 +194,9 @@ EXPONENTS = (-6.0, 6.0)
 class _Block(NamedTuple):
     """One step: its readings, the residual in the directions of its inputs, and how strong these are."""
 
+    step: int
     readings: NDArray[np.int_]  # shape (r,)
+    active: NDArray[np.int_]  # tendons whose input moves the readings, shape (q,)
     # Singular vectors of the derivatives, shape (r, q), (q, q)
     left: Array
     strength: Array  # singular values, shape (q,)
@@ -227,11 +232,11 @@ def find_input_noise(problem: FitProblem, fit: Fit) -> InputNoise | None:
     by_input = _input_response(problem, fit, experiment)
     values, displaced = _inputs(experiment)
     steps = problem.readings.reader.step
-    found = [_likeliest(problem, fit, by_input * values[steps], "1")]
+    found = [_likeliest(problem, fit, by_input * values[steps], "1", values)]
     driven = np.any(values != 0.0, axis=0)
     if len(set(displaced[driven].tolist())) == 1:
         unit = "m" if displaced[driven][0] else "N"
-        found.append(_likeliest(problem, fit, by_input * (values[steps] != 0.0), unit))
+        found.append(_likeliest(problem, fit, by_input * (values[steps] != 0.0), unit, values))
     best = max(found, key=lambda x: x.likelihood)
     if best.likelihood < 0.5 * chdtri(1, SIGNIFICANCE) or best.systematic:
         return None
@@ -251,7 +256,7 @@ class _Candidate(NamedTuple):
     systematic: bool
 
 
-def _likeliest(problem: FitProblem, fit: Fit, derivatives: Array, unit: str) -> _Candidate:
+def _likeliest(problem: FitProblem, fit: Fit, derivatives: Array, unit: str, values: Array) -> _Candidate:
     """The variances of the largest likelihood, for inputs whose errors change the readings over sigma by these."""
     blocks = _blocks(problem, fit.residual, derivatives)
     usual = float(np.median(np.concatenate([b.strength for b in blocks]) ** 2)) if blocks else 0.0
@@ -271,16 +276,41 @@ def _likeliest(problem: FitProblem, fit: Fit, derivatives: Array, unit: str) -> 
     size = float(np.sqrt(ratio * _noise_variance(blocks, ratio)))
     noise = InputNoise("relative" if unit == "1" else "absolute", size, unit, before, after)
     gain = _log_likelihood(blocks, ratio) - _log_likelihood(blocks, 0.0)
-    return _Candidate(noise, gain, _is_systematic(errors))
+    return _Candidate(noise, gain, _is_systematic(errors, blocks, values))
 
 
-def _is_systematic(errors: Sequence[Array]) -> bool:
-    """Whether the errors have a mean that differs from zero: then a listed effect of the actuation is meant."""
+def _is_systematic(errors: Sequence[Array], blocks: Sequence[_Block], values: Array) -> bool:
+    """Whether the errors follow anything: then another cause is meant, and no scatter.
+
+    A mean that differs from zero, or a dependence on the input, its square, the direction in which it has changed, the
+    row, or the error in the step before.
+    """
     each = np.concatenate(errors) if errors else np.zeros(0)
     each = each[each != 0.0]
     if each.size < 2:
         return True
-    return bool(abs(np.mean(each)) > LARGEST_MEAN * np.std(each) / np.sqrt(each.size))
+    if abs(np.mean(each)) > LARGEST_MEAN * np.std(each) / np.sqrt(each.size):
+        return True
+    largest = max(float(np.max(np.abs(values))), 1e-300)
+    before = np.zeros(values.shape[1])
+    rows, goal = [], []
+    for block, own in zip(blocks, errors, strict=True):
+        last = values[block.step - 1] if block.step else np.zeros(values.shape[1])
+        for i, error in zip(block.active, own, strict=True):
+            x = values[block.step, i] / largest
+            rows.append((1.0, x, x * x, np.sign(values[block.step, i] - last[i]), block.step, before[i]))
+            goal.append(error)
+            before[i] = error
+    a, y = np.array(rows, dtype=float), np.array(goal)
+    a = a[:, np.ptp(a, axis=0) > 0.0] - np.mean(a[:, np.ptp(a, axis=0) > 0.0], axis=0)
+    y = y - np.mean(y)
+    rank = int(np.linalg.matrix_rank(a)) if a.size else 0
+    spare = len(y) - rank - 1
+    if rank == 0 or spare < 3:
+        return False
+    left = float(np.sum((y - a @ np.linalg.lstsq(a, y, rcond=None)[0]) ** 2))
+    ratio = (float(y @ y) - left) / rank / max(left / spare, 1e-300)
+    return bool(fdtrc(rank, spare, ratio) < FOLLOWS)
 
 
 def _blocks(problem: FitProblem, residual: Array, derivatives: Array) -> list[_Block]:
@@ -289,11 +319,20 @@ def _blocks(problem: FitProblem, residual: Array, derivatives: Array) -> list[_B
     found = []
     for k in np.unique(steps):
         own = np.flatnonzero(steps == k)
-        active = np.any(derivatives[own] != 0.0, axis=0)
+        active = np.flatnonzero(np.any(derivatives[own] != 0.0, axis=0))
         left, strength, right = np.linalg.svd(derivatives[np.ix_(own, active)], full_matrices=False)
         along = left.T @ residual[own]
         found.append(
-            _Block(own, left, strength, right, along, float(residual[own] @ residual[own] - along @ along))
+            _Block(
+                int(k),
+                own,
+                active,
+                left,
+                strength,
+                right,
+                along,
+                float(residual[own] @ residual[own] - along @ along),
+            )
         )
     return found
 

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import EFFECTS, Effect, ExcitationRange, Experiment
+from tdcr_fe.identify.bay_state import with_action
+from tdcr_fe.identify.causes import ReadingCause
 from tdcr_fe.identify.forward import ForwardModel, Job
 from tdcr_fe.identify.load_steps import divide_steps, join_steps
 from tdcr_fe.identify.reader import Reader
@@ -50,6 +52,7 @@ class Readings:
     # shape (n,)
     is_position: NDArray[np.bool_]
     is_angle: NDArray[np.bool_]
+    axes: NDArray[np.int_]  # of a coordinate, its axis; -1 of other quantities, shape (n,)
     markers: NDArray[np.int_]  # which marker in which step a reading belongs to, shape (n,)
     reader: Reader
 
@@ -62,6 +65,9 @@ class Readings:
             np.array([r.quantity for r in data.readings]),
             np.array([r.channel.family == "position" for r in data.readings]),
             np.array([r.unit == "rad" for r in data.readings]),
+            np.array(
+                ["xyz".index(r.quantity[-1]) if r.channel.family == "position" else -1 for r in data.readings]
+            ),
             np.array([locations.setdefault((r.step, r.location), len(locations)) for r in data.readings]),
             Reader(data.readings, data.step_ids, data.robot.tendon_names),
         )
@@ -160,6 +166,14 @@ class FitProblem:
         """Reading less prediction over sigma, shape (n,)."""
         predicted = self.readings.reader.read(run, experiment)
         return (self.readings.values - predicted) / self.sigma + self.correction
+
+    def shift(self, effects: Sequence[Effect], values: Point) -> Array:
+        """What causes in the readings themselves add to the predictions over sigma, shape (n,)."""
+        found = np.zeros(self.count)
+        for e in effects:
+            if isinstance(e, ReadingCause):
+                found = found + e.shift(self, values[e.name])
+        return found / self.sigma
 
     # ------------------------------------------------------------------ measures
 
@@ -288,7 +302,7 @@ def evaluate(problem: FitProblem, effects: Sequence[Effect], values: Point) -> F
 
 def fit_of_run(problem: FitProblem, effects: Sequence[Effect], values: Point, run: Run) -> Fit:
     """A model at given values, nothing fitted, of which there is a run."""
-    r = problem.residual(problem.with_effects(effects, values), run)
+    r = problem.residual(problem.with_effects(effects, values), run) - problem.shift(effects, values)
     return Fit(tuple(effects), values, r, *problem.cost(r), np.zeros((r.size, 0)), (), run)
 
 
@@ -322,15 +336,20 @@ def refine(
     problem = replace(problem, correction=np.zeros(problem.count))
     if run is None:
         _, (run,) = problem.residuals(effects, [values], record=True)
-    observed = problem.with_effects(effects, values)
+    action = None if run.acted is None else run.acted.action
+
+    def with_model(experiment: Experiment) -> Experiment:
+        """A declared experiment with the model and the loads of its run."""
+        found = replace(problem, experiment=experiment).with_effects(effects, values)
+        return found if action is None else with_action(found, action)
+
+    observed = with_model(problem.experiment)
     here = problem.residual(observed, run)
     experiment = problem.experiment
     n = experiment.model.starting_elements_per_bay
 
     def change_with(other: Experiment, reference: Run | None) -> Array:
-        (found,) = problem.solve(
-            [replace(problem, experiment=other).with_effects(effects, values)], reference
-        )
+        (found,) = problem.solve([with_model(other)], reference)
         return _known(problem.residual(observed, found) - here)
 
     change = change_with(with_elements(experiment, n + 1), run)
@@ -352,8 +371,9 @@ def refine(
         correction = change / share if mesh_error <= MESH else problem.correction
         return replace(problem, mesh_error=mesh_error, correction=correction), run
     problem = replace(problem, mesh_error=mesh_error, experiment=refined)
-    _, (again,) = problem.residuals(effects, [values], run if divided is experiment else None, record=True)
-    return problem, again
+    along = run if divided is experiment else None
+    (again,) = problem.run([Job(with_model(refined), along, True, states=action is not None)])
+    return problem, replace(again, acted=run.acted)
 
 
 def with_elements(experiment: Experiment, count: int) -> Experiment:

@@ -81,56 +81,28 @@ class Structure:
 
 
 @dataclass(frozen=True)
-class LawTerm:
-    """One term of a law."""
-
-    product: str  # factors and direction, such as ``"|kappa| kappa"``
-    coefficient: Estimate
-    where: str  # "all bays", or one bay or disk
-    is_force: bool = False  # A force on a disk; else a bending moment
-
-
-@dataclass(frozen=True)
 class FoundLaw:
-    """An unlisted law: what acts besides the declared model, as a function of the state."""
+    """What acts besides the declared model and is no listed effect."""
 
-    terms: tuple[LawTerm, ...]  # their sum is the law
-    sentence: str  # the law in words
+    formula: str  # with numbers, 95 % half-widths and units
+    sentence: str  # in words
+    where: str
+    terms: tuple[str, ...]  # names of the causes
     # With the law
     after_fit: Misfit
     after_held_out: Misfit
-    alternatives: tuple[str, ...]  # other single terms that explain these data as well
-    # the simulated loading sequence, with the moments and forces of the law as concentrated loads
+    alternatives: tuple[str, ...]  # other causes that explain these data as well
+    # the simulated loading sequence, with the loads of the law as concentrated loads
     steps: tuple[LoadStep, ...]
-
-    @property
-    def formula(self) -> str:
-        """With numbers, 95 % half-widths and units."""
-        parts = []
-        for t in self.terms:
-            c = t.coefficient
-            width = "" if c.std_error is None else f" +- {1.96 * c.std_error:.2g}"
-            place = "" if t.where == "all bays" else f" [{t.where}]"
-            parts.append(f"({c.value:.4g}{width}) {c.unit} {t.product}{place}")
-        return ("F = " if all(t.is_force for t in self.terms) else "m = ") + " + ".join(parts)
 
     def to_json(self) -> dict[str, Any]:
         """As in ``result.json``."""
         return {
             "formula": self.formula,
-            "where": "; ".join(dict.fromkeys(t.where for t in self.terms)),
+            "where": self.where,
             "after": errors(self.after_fit, self.after_held_out),
             "sentence": self.sentence,
-            "terms": [
-                {
-                    "product": t.product,
-                    "coefficient": t.coefficient.value,
-                    "std_error": t.coefficient.std_error,
-                    "unit": t.coefficient.unit,
-                    "where": t.where,
-                }
-                for t in self.terms
-            ],
+            "terms": list(self.terms),
             "alternatives": list(self.alternatives),
         }
 
@@ -165,6 +137,29 @@ class AddedEffect:
     evidence: Mapping[str, Any]
     indistinguishable_from: tuple[str, ...] = ()  # effects that explain these data as well
     separating_experiment: str = ""  # experiment that separates them
+    # whether it is found: it has a name, no other explains the data as well, and only noise is left
+    found: bool = True
+
+
+@dataclass(frozen=True)
+class FoundCause:
+    """What kind of cause acts."""
+
+    name: str  # of the cause of this kind in the final model
+    perturbs: str
+    depends_on: tuple[str, ...]
+    where: str
+    probability: float  # that a cause of this kind acts, among all that were fitted [1]
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``result.json``."""
+        return {
+            "perturbs": self.perturbs,
+            "depends_on": list(self.depends_on),
+            "where": self.where,
+            "probability": self.probability,
+            "cause": self.name,
+        }
 
 
 @dataclass(frozen=True)
@@ -362,7 +357,9 @@ class IdentificationResult:
     solver : SolverSettings
     catalogue : tuple of Effect
     law : FoundLaw or None
-        An unlisted law that is part of the final model.
+        What is part of the final model and on no list.
+    causes : tuple of FoundCause
+        Kinds of the causes that act, the listed effects included.
     ceiling : Misfit or None
         Held-out misfit that a flexible regression of the residual leaves at best; None where it was not tried.
     next_experiment : NextExperiment or None
@@ -410,6 +407,7 @@ class IdentificationResult:
     history: tuple[str, ...] = ()
     catalogue: tuple[Effect, ...] = EFFECTS
     law: FoundLaw | None = None
+    causes: tuple[FoundCause, ...] = ()
     ceiling: Misfit | None = None
     next_experiment: NextExperiment | None = None
     input_noise: InputNoise | None = None
@@ -463,7 +461,10 @@ class IdentificationResult:
                 }
                 | ({"separating_experiment": e.separating_experiment} if e.separating_experiment else {})
                 for e in self.effects
+                if e.found
             ],
+            "causes": [c.to_json() for c in self.causes],
+            "stand_ins": {e.name: self.effects_table[e.name] for e in self.effects if not e.found},
             "after": errors(self.after_fit, self.after_held_out),
             "verdict": self.verdict,
             **({"datasets": [s.to_json() for s in self.by_set]} if self.by_set else {}),

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.identify.bay_state import Action, BayState, Response
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.scene.mesh import build_mesh
 
@@ -146,6 +147,7 @@ class RunDerivatives:
     names: tuple[str, ...]  # of the parameters
     # parameters asked for by which there is no derivative, with the reason
     refused: Mapping[str, str] = field(default_factory=dict)
+    _TABLES: ClassVar[tuple[str, ...]] = ("positions", "rotations", "displacements", "distal_tensions")
 
     @classmethod
     def of(
@@ -181,10 +183,23 @@ class RunDerivatives:
 
         tables: dict[str, Any] = {
             field: np.concatenate([chosen(part, getattr(part, field)) for part in parts])
-            for field in ("positions", "rotations", "displacements", "distal_tensions")
+            for field in cls._TABLES
         }
         lengths = chosen(parts[0], parts[0].arc_lengths)
         return cls(**tables, arc_lengths=lengths, names=names, refused=refused)
+
+    def part(self, which: Sequence[int]) -> RunDerivatives:
+        """By some of the parameters."""
+        tables = {n: getattr(self, n)[..., list(which)] for n in self._TABLES}
+        names = tuple(self.names[j] for j in which)
+        return replace(self, **tables, arc_lengths=self.arc_lengths[:, list(which)], names=names)
+
+    def times(self, matrices: Array) -> RunDerivatives:
+        """By combinations of the parameters, another one in every step, shape (n_steps, P, q)."""
+        tables = {n: np.einsum("k...p,kpq->k...q", getattr(self, n), matrices) for n in self._TABLES}
+        count = matrices.shape[2]
+        none = np.zeros((len(self.arc_lengths), count))
+        return replace(self, **tables, arc_lengths=none, names=("",) * count)
 
 
 #: Fields of `Run` with one entry for every step.
@@ -194,6 +209,13 @@ _BY_STEP = ("positions", "rotations", "displacements", "base_tensions", "distal_
 def _padded(values: Array, steps: int) -> Array:
     """One value for each of so many steps, zero where there is none."""
     return np.concatenate((values[:steps], np.zeros(max(0, steps - len(values)))))
+
+
+class Acted(NamedTuple):
+    """The action that a run carries, and the response of readings and bays to actions there."""
+
+    action: Action
+    response: Response
 
 
 @dataclass(frozen=True)
@@ -215,6 +237,8 @@ class Run:
     # resolve it, else zero [1], shape (n_steps,)
     refinement_errors: Array = field(default_factory=lambda: np.zeros(0))
     iterations: int = 0  # Newton iterations that it took
+    bays: BayState | None = None  # where it was asked for
+    acted: Acted | None = None  # action that it carries, with the response there
 
     @classmethod
     def of(cls, steps: Sequence[StepResult], count: int, experiment: Experiment, message: str) -> Run:
@@ -258,6 +282,7 @@ class Run:
         trajectories = [r.trajectory for r in runs if r.trajectory is not None]
         whole = len(trajectories) == len(lengths)
         derivatives = [r.derivatives for r in runs if r.derivatives is not None]
+        bays = [r.bays for r in runs if r.bays is not None]
         tables: dict[str, Any] = {n: np.concatenate([getattr(r, n) for r in full]) for n in _BY_STEP}
         errors = [_padded(r.refinement_errors, n) for r, n in zip(full, lengths, strict=True)]
         return cls(
@@ -269,6 +294,7 @@ class Run:
             derivatives=RunDerivatives.joined(derivatives) if len(derivatives) == len(lengths) else None,
             refinement_errors=np.concatenate(errors),
             iterations=sum(r.iterations for r in runs),
+            bays=BayState.joined(bays) if len(bays) == len(lengths) else None,
         )
 
     @classmethod

@@ -1,8 +1,9 @@
-"""Score test: how much would the misfit fall, to first order, if an effect were switched on."""
+"""The columns of all candidate causes beside a model, and how much of the misfit they would remove, to first order."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,17 +17,25 @@ from tdcr_fe.identify.problem import Fit, FitProblem, Point
 
 Array = NDArray[np.float64]
 
+#: Columns of two causes with a larger cosine than this cannot be told apart.
+PARALLEL = 0.995
+
+
+#: A direction of a candidate whose change is smaller than this share of its largest one does not count.
+SEEN = 1e-6
+
 
 @dataclass(frozen=True)
 class Score:
-    """One candidate beside one fitted model."""
+    """One candidate, or several together, beside one fitted model."""
 
-    effect: Effect
+    effects: tuple[Effect, ...]
     drop: float  # fall of the sum of squares over the fitted readings, to first order
     starts: list[Point]  # where a fit may begin
     predicted: Array  # residual over sigma that it would leave, to first order, shape (n,)
     signature: Array  # change of the predictions over sigma, by direction, shape (n, k)
     note: str = ""  # reason of refusal; empty where it is not refused
+    probe: _ProbeSet | None = None  # to which the signature belongs
     # typical steps of its parameters in their fitted coordinates
     scales: Mapping[tuple[str, str], float] = field(default_factory=dict)
     # parameters whose part of the signature is a difference of two runs, with the reason
@@ -38,19 +47,32 @@ class Score:
     ) -> Score:
         """Of an effect that is not tried beside a model."""
         nothing = np.zeros((fit.residual.size, 0))
-        return cls(effect, 0.0, [], fit.residual, nothing, note, scales or {})
+        return cls((effect,), 0.0, [], fit.residual, nothing, note, None, scales or {})
+
+    @property
+    def effect(self) -> Effect:
+        """The candidate; the last of several."""
+        return self.effects[-1]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the candidates."""
+        return tuple(e.name for e in self.effects)
 
     @property
     def count(self) -> int:
-        """Parameters of the effect."""
-        return len(self.effect.parameters)
+        """Parameters of the candidates that change anything: the rank of the signature."""
+        if not self.signature.size:
+            return sum(len(e.parameters) for e in self.effects)
+        size = np.linalg.norm(self.signature, axis=0)
+        return int(np.count_nonzero(size > SEEN * np.max(size)))
 
     def cost(self, problem: FitProblem) -> float:
         """Robust sum of squares over the fitted readings that it would leave, to first order."""
         return problem.cost(self.predicted)[0]
 
 
-def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> list[Score]:
+def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> tuple[list[Score], Fit]:
     """Score candidates beside a fitted model, largest fall first.
 
     One run along the path of the fitted model gives the derivatives of all readings by the parameters of all
@@ -67,6 +89,12 @@ def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> list[Sco
         The model.
     effects
         Candidates that are not in it.
+
+    Returns
+    -------
+    scores : list of Score
+    fit : Fit
+        The model with the run from which the derivatives are, as a reference for fits of the candidates.
     """
     experiment = problem.with_effects(fit.effects, fit.values)
     excitation = problem.excitation_range(fit.run)
@@ -79,14 +107,16 @@ def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> list[Sco
             note = "the robot cannot be combined with it" if probes else "these data cannot show it"
             scores.append(Score.refused(e, fit, note))
         sets += [_ProbeSet.of(e, points, experiment) for points in alternatives]
-    signatures, differenced = _signatures(problem, fit, sets)
-    for e in effects:
-        own = [(x, y) for x, y in zip(sets, signatures, strict=True) if x.effect is e]
-        if own:
-            score = _score(problem, fit, own)
-            why = {name: reason for (effect, name), reason in differenced.items() if effect == e.name}
-            scores.append(replace(score, differenced=why))
-    return sorted(scores, key=lambda s: -s.drop)
+    signatures, differenced, fit = _signatures(problem, fit, sets)
+    space = _Space.of(problem, fit)
+    by_effect: dict[str, list[tuple[_ProbeSet, Array]]] = {}
+    for one, signature in zip(sets, signatures, strict=True):
+        by_effect.setdefault(one.effect.name, []).append((one, signature))
+    for name, own in by_effect.items():
+        score = _score(problem, fit, space, own)
+        why = {parameter: reason for (effect, parameter), reason in differenced.items() if effect == name}
+        scores.append(replace(score, differenced=why))
+    return sorted(scores, key=lambda s: -s.drop), fit
 
 
 def _possible(problem: FitProblem, fit: Fit, e: Effect, points: Sequence[dict[str, float]]) -> bool:
@@ -137,6 +167,13 @@ class _ProbeSet:
                     found.setdefault(name, Column(self.differentiated, name, self.start, change))
         return found
 
+    def change(self, point: Mapping[str, float], name: str) -> float:
+        """Of a coordinate, from its null value to a point; zero of one that is held."""
+        p = next(p for p in self.effect.parameters if p.name == name)
+        if all(d[name] == 0.0 for d in self.directions):
+            return 0.0
+        return p.coordinate(point[name]) - p.coordinate(self.null[name])
+
     def key(self, name: str) -> _ColumnKey:
         """Of the column of a parameter; the same where the derivative is the same."""
         return _column_key(Column(self.effect, name, self.start, 0.0))
@@ -154,7 +191,7 @@ class _ProbeSet:
 
 def _signatures(
     problem: FitProblem, fit: Fit, sets: Sequence[_ProbeSet]
-) -> tuple[list[Array], dict[tuple[str, str], str]]:
+) -> tuple[list[Array], dict[tuple[str, str], str], Fit]:
     """Signatures of all probe sets from one run, and the parameters whose column is a difference of two runs.
 
     Alternatives that begin at the same values share a derivative; those that need differences each have their own.
@@ -185,45 +222,171 @@ def _signatures(
     for one in sets:
         own = {n: extra.get((one.key(n), c.step), by_key[one.key(n)]) for n, c in one.columns.items()}
         found.append(one.signature(own, count))
-    return found, differenced
+    reference = (
+        fit if linear.run.trajectory is None or not linear.run.solved else replace(fit, run=linear.run)
+    )
+    return found, differenced, reference
 
 
-def _score(problem: FitProblem, fit: Fit, sets: Sequence[tuple[_ProbeSet, Array]]) -> Score:
+@dataclass(frozen=True)
+class _Space:
+    """Weighted readings that are fitted, less what the parameters of a model can bring."""
+
+    problem: FitProblem
+    fit: Fit
+    which: NDArray[np.bool_]  # the fitted readings, shape (n,)
+    weights: Array  # square roots, shape (n,)
+    basis: Array  # of what the parameters can bring, shape (m, p)
+    rest: Array  # the residual, shape (m,)
+
+    @classmethod
+    def of(cls, problem: FitProblem, fit: Fit) -> _Space:
+        """Of a model."""
+        which, weights = problem.fitted, problem.root_weights(fit.residual)
+        known = fit.jacobian[which] * weights[which, None]
+        basis = np.linalg.qr(known / np.maximum(np.linalg.norm(known, axis=0), 1e-300))[0]
+        r = fit.residual[which] * weights[which]
+        return cls(problem, fit, which, weights, basis, r - basis @ (basis.T @ r))
+
+    def free(self, signature: Array) -> Array:
+        """Columns less what the parameters of the model can bring, shape (m, k)."""
+        x = signature[self.which] * self.weights[self.which, None]
+        return np.asarray(x - self.basis @ (self.basis.T @ x))
+
+    def amplitudes(self, signature: Array, low: Array, high: Array) -> tuple[Array, float]:
+        """The best within bounds, and the fall of the sum of squares."""
+        x = self.free(signature)
+        norm = np.maximum(np.linalg.norm(x, axis=0), 1e-300)
+        found = np.linalg.lstsq(x / norm, self.rest, rcond=1e-10)[0]
+        low, high = np.minimum(low, -1e-9) * norm, np.maximum(high, 1e-9) * norm
+        if np.any(found < low) or np.any(found > high):
+            found = lsq_linear(x / norm, self.rest, (low, high)).x
+        left = self.rest - x / norm @ found
+        return found / norm, float(self.rest @ self.rest - left @ left)
+
+    def adapted(self, change: Array) -> tuple[Point, Array]:
+        """Values and residual over sigma with a change of the predictions, to which the model's parameters adapt."""
+        fit, w, problem = self.fit, self.weights, self.problem
+        left = fit.residual - change
+        if not fit.jacobian.shape[1]:
+            return fit.values, left
+        known = fit.jacobian * w[:, None]
+        own = np.linalg.lstsq(known[self.which], (left * w)[self.which], rcond=1e-10)[0]
+        by_name = {e.name: e for e in fit.effects}
+        limits = np.array([problem.bounds(by_name[e], name) for e, name in fit.free])
+        z = np.clip(problem.coordinates(fit.effects, fit.values, fit.free) + own, *limits.T)
+        return problem.point(fit.effects, fit.values, fit.free, z), np.asarray(left - fit.jacobian @ own)
+
+
+def _score(problem: FitProblem, fit: Fit, space: _Space, sets: Sequence[tuple[_ProbeSet, Array]]) -> Score:
     """The best of the alternatives of one candidate."""
-    fitted = problem.fitted
     e = sets[0][0].effect
-    best: Score | None = None
-    others: list[Point] = []
+    found: list[tuple[float, Array, _ProbeSet, Array]] = []
     scales: dict[tuple[str, str], float] = {}
     for one, signature in sets:
         low, high = np.array([_amplitude_range(problem, e, one.null, d) for d in one.directions]).T
         if not np.any(can_be_seen(signature, np.maximum(np.abs(low), np.abs(high)))):
             continue
-        k = fit.jacobian.shape[1]
-        a = np.concatenate((fit.jacobian, signature), axis=1)
-        w = problem.root_weights(fit.residual)
-        norm = np.maximum(np.linalg.norm(a[fitted] * w[fitted, None], axis=0), 1e-300)
-        bounds = (
-            np.concatenate((np.full(k, -np.inf), np.minimum(low, -1e-9) * norm[k:])),
-            np.concatenate((np.full(k, np.inf), np.maximum(high, 1e-9) * norm[k:])),
-        )
-        solution = lsq_linear(a[fitted] * w[fitted, None] / norm, fit.residual[fitted] * w[fitted], bounds)
-        amplitude = solution.x / norm
-        left = (fit.residual - a @ amplitude) * w
-        weighted = fit.residual * w
-        drop = float(np.sum(weighted[fitted] ** 2) - np.sum(left[fitted] ** 2))
+        amplitude, drop = space.amplitudes(signature, low, high)
         for name, j in ((n, j) for d in one.directions for n, j in d.items()):
             if j != 0.0:
                 scales[(e.name, name)] = abs(j)
-        starts = [{**fit.values, e.name: _mix(problem, one, factor * amplitude[k:])} for factor in (1.0, 0.5)]
-        others.append(starts[0])
-        if best is None or drop > best.drop:
-            points = [*starts, {**fit.values, e.name: one.points[0]}]
-            best = Score(e, drop, points, fit.residual - a @ amplitude, signature)
-    if best is None:
+        found.append((drop, amplitude, one, signature))
+    if not found:
         return Score.refused(e, fit, "it changes nothing on these data", scales)
-    starts = best.starts + [o for o in others if o is not best.starts[0]]
-    return replace(best, starts=starts, scales=scales)
+    found.sort(key=lambda x: -x[0])
+    drop, amplitude, one, signature = found[0]
+    points = [_mix(problem, one, factor * amplitude) for factor in (1.0, 0.5)]
+    points += [one.points[0], *(_mix(problem, x[2], x[1]) for x in found[1:3])]
+    values, predicted = space.adapted(signature @ amplitude)
+    starts = [{**values, e.name: points[0]}, *({**fit.values, e.name: point} for point in points)]
+    return Score((e,), drop, starts, predicted, signature, "", one, scales)
+
+
+def rescored(problem: FitProblem, fit: Fit, score: Score) -> Score:
+    """A candidate beside another model, with the columns that it has."""
+    one = score.probe
+    assert one is not None
+    space = _Space.of(problem, fit)
+    low, high = np.array([_amplitude_range(problem, one.effect, one.null, d) for d in one.directions]).T
+    amplitude, drop = space.amplitudes(score.signature, low, high)
+    values, predicted = space.adapted(score.signature @ amplitude)
+    start = {**values, one.effect.name: _mix(problem, one, amplitude)}
+    return replace(score, drop=drop, starts=[start], predicted=predicted)
+
+
+def apart(problem: FitProblem, fit: Fit, change: Array, score: Score) -> tuple[float, float]:
+    """How far a candidate is from making a change of the predictions over sigma, beside a fitted model.
+
+    Parameters
+    ----------
+    problem, fit, score
+        The candidate beside the model.
+    change
+        Of the predictions over sigma, shape (n,).
+
+    Returns
+    -------
+    left, whole : float
+        Sums of squares over the fitted readings that are left of the change, at best and without the candidate.
+    """
+    space = _Space.of(problem, fit)
+    goal, x = space.free(change[:, None])[:, 0], space.free(score.signature)
+    found = np.linalg.lstsq(x / np.maximum(np.linalg.norm(x, axis=0), 1e-300), goal, rcond=1e-10)
+    left = goal - x / np.maximum(np.linalg.norm(x, axis=0), 1e-300) @ found[0]
+    return float(left @ left), float(goal @ goal)
+
+
+def best_pairs(
+    problem: FitProblem,
+    fit: Fit,
+    scores: Sequence[Score],
+    most: int,
+    criterion: Callable[[float, tuple[Score, ...]], float] = lambda drop, _: -drop,
+) -> list[Score]:
+    """The pairs of causes that together promise most, to first order, from their Gram matrix.
+
+    ``criterion``: of the fall of the sum of squares and the causes, smaller is better.
+    """
+    space = _Space.of(problem, fit)
+    bases, right = [], []
+    for x in scores:
+        u, size, _ = np.linalg.svd(space.free(x.signature), full_matrices=False)
+        bases.append(u[:, size > 1e-6 * max(float(np.max(size, initial=0.0)), 1e-300)])
+        right.append(bases[-1].T @ space.rest)
+    drops: list[tuple[float, int, int]] = []
+    for i, j in itertools.combinations(range(len(scores)), 2):
+        if scores[i].effect.listed == scores[j].effect.listed:
+            continue
+        cross = bases[i].T @ bases[j]
+        if not cross.size or float(np.max(np.abs(cross))) > PARALLEL:
+            continue
+        gap = right[j] - cross.T @ right[i]
+        matrix = np.eye(cross.shape[1]) - cross.T @ cross
+        more = float(gap @ np.linalg.lstsq(matrix, gap, rcond=1e-6)[0])
+        drop = float(right[i] @ right[i]) + more
+        drops.append((criterion(drop, (scores[i], scores[j])), i, j))
+    found = [_pair(problem, space, scores[i], scores[j]) for _, i, j in sorted(drops)[: 4 * most]]
+    return sorted(found, key=lambda s: criterion(s.drop, (s,)))[:most]
+
+
+def _pair(problem: FitProblem, space: _Space, a: Score, b: Score) -> Score:
+    """Two causes together, within the bounds of their parameters."""
+    signature = np.concatenate((a.signature, b.signature), axis=1)
+    ranges = []
+    for x in (a, b):
+        assert x.probe is not None
+        ranges += [_amplitude_range(problem, x.effect, x.probe.null, d) for d in x.probe.directions]
+    amplitude, drop = space.amplitudes(signature, *np.array(ranges).T)
+    k = a.signature.shape[1]
+    values, predicted = space.adapted(signature @ amplitude)
+    values = dict(values)
+    for x, own in ((a, amplitude[:k]), (b, amplitude[k:])):
+        assert x.probe is not None
+        values[x.effect.name] = _mix(problem, x.probe, own)
+    return Score(
+        (a.effect, b.effect), drop, [values], predicted, signature, "", None, {**a.scales, **b.scales}
+    )
 
 
 def _direction(

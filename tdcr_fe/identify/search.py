@@ -1,369 +1,685 @@
-"""The search for effects: forward and backward selection, exchanges, and the order of these stages.
+"""The search for causes over one dictionary: a small beam of models, extended, exchanged and reduced.
 
-Every function takes a `SearchState` and gives a new one. The stages are generators of states, so that an interruption
-keeps the last one that was complete.
+One run of a model linearises it by all causes of the dictionary (`tdcr_fe.identify.screening`). Single causes, and all
+pairs from their Gram matrix, are ordered by the evidence that they promise; the first are fitted. Two models are
+extended: the best of all, and the best with listed effects alone, unless it cannot become better than the best of all.
+At the end causes of the best model are exchanged for others, and those dropped that the others make unnecessary.
+
+The functions are generators of states, so that an interruption keeps the last one that was complete.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, EffectAtPlace
+from tdcr_fe.effects.base import Points
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.candidates import (
-    Contest,
-    Extended,
-    Round,
-    fit_and_rank,
-    fit_proposals,
-    identifiable,
-    propose,
-    scores_beside,
-)
+from tdcr_fe.identify.causes import is_named
 from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
-    BOUND_PENALTY,
     at_bound,
     bic,
     effective_noise,
     is_improvement,
     lacks_test,
+    price,
     rank,
     reduced_chi_square,
+    required_drop,
 )
-from tdcr_fe.identify.law_search import LEAST_ITERATIONS, law_ahead
-from tdcr_fe.identify.places import local_search, place_ahead, saturated_pairs, search_places
-from tdcr_fe.identify.problem import Fit, Point
-from tdcr_fe.identify.screening import Score
+from tdcr_fe.identify.dictionary import dictionary
+from tdcr_fe.identify.forward import Job
+from tdcr_fe.identify.noise import chi_square_z_score
+from tdcr_fe.identify.problem import Fit, FitProblem, Point
+from tdcr_fe.identify.result import Candidate
+from tdcr_fe.identify.screening import Score, apart, best_pairs, rescored, screen
 from tdcr_fe.identify.search_state import (
     Search,
     SearchState,
     Stage,
-    cut_short,
-    fitted_model,
     in_time,
     listed_names,
     mean_cost,
     parent_of,
     refined,
+    with_note_on_differences,
     with_rival,
-    without,
 )
-from tdcr_fe.identify.settings import EXCHANGES, FURTHER_EFFECTS, PLACES, SMALLER_MODELS, OutOfTime
+from tdcr_fe.identify.settings import EXCHANGES, FURTHER_EFFECTS
+from tdcr_fe.model.loading import resolve
+
+#: Share of a change of the predictions, as a sum of squares, by which first-order columns may be wrong [1].
+FIRST_ORDER = 0.02
+
+#: So many models of listed effects are extended besides the best one.
+BEAM = 2
+
+#: A cause without a name is evaluated where it promises at most so many times the criterion of the best listed one.
+MORE = 1.2
+
+#: A fit ends where it cannot come below so many times the lowest cost of its kind, plus a constant [1].
+BEHIND = (4.0, 60.0)
+
+#: A model that leaves noise is still extended where its sum of squares has at least this z-score.
+SURELY_NOISE = 2.0
+
+#: The mesh is refined beside models that leave less than so many times the noise, as a sum of squares.
+NEAR_NOISE = 10.0
+
+#: Causes from which pairs are formed, the most promising first.
+IN_PAIRS = 60
+
+#: A cause beyond so many is added only where it removes at least so much of the misfit on held-out steps [1].
+MANY, WORTHWHILE = 4, 0.1
+
+#: Candidates of a round that the report shows.
+SHOWN = 40
+
+#: The first of two effects that show only together is tried so many times as strong as its probe points.
+STRENGTHS = (1.0, 8.0, 64.0)
+
+
+def search_causes(search: Search, state: SearchState) -> Stage:
+    """The whole search."""
+    problem = state.problem
+    search.report("the dictionary of causes", 0.03)
+    (run,) = problem.run([Job(problem.experiment, state.declared.run, states=True)])
+    assert run.bays is not None
+    state = replace(state, dictionary=dictionary(problem, run.bays))
+    for _ in range(3):
+        before = state.best
+        state = yield from in_time(state, grow(search, state), FURTHER_EFFECTS)
+        if not state.best.effects:
+            break
+        if search.out_of_time:
+            state = state.without_trying(EXCHANGES)
+            break
+        search.report("exchanges", 0.75)
+        grown = state.best
+        state = yield from in_time(state, exchange(search, state), EXCHANGES)
+        if state.best is grown or state.best is before:
+            break
+    state = with_rivals(search, state)
+    yield state
+    return state
+
+
+# -------------------------------------------------------------------------------------------------- candidates
+
+
+def scores_beside(state: SearchState, fit: Fit, named: bool = False) -> tuple[SearchState, list[Score], Fit]:
+    """Scores of all causes of the dictionary beside a fitted model, computed once; and the model as a reference.
+
+    ``named``: of the listed effects alone.
+    """
+    key = frozenset(fit.names)
+    done, reference = state.scores.get(key, ([], fit))
+    seen = {x.effect.name for x in done} | state.refused.keys()
+    known = {e.listed for e in fit.effects}
+    others = [
+        e
+        for e in state.dictionary
+        if e.listed not in known and e.name not in seen and (is_named(e) or not named)
+    ]
+    if others:
+        scores, reference = screen(state.problem, fit, others)
+        done = sorted([*done, *scores], key=lambda x: -x.drop)
+        state = replace(state, scores={**state.scores, key: (done, reference)})
+        state = with_screened(state, scores)
+        if not fit.effects:
+            refused = {x.effect.name: x.note for x in scores if x.note and not x.effect.after}
+            state = replace(state, refused={**state.refused, **refused})
+    return state, done, reference
+
+
+def with_screened(state: SearchState, scores: Sequence[Score]) -> SearchState:
+    """Typical steps of parameters, as the scores found them; and what had no derivative."""
+    scales = dict(state.problem.scales)
+    for score in scores:
+        scales |= score.scales
+        why = {(score.effect.name, name): reason for name, reason in score.differenced.items()}
+        state = with_note_on_differences(state, why)
+    return replace(state, problem=replace(state.problem, scales=scales))
+
+
+def own_price(problem: FitProblem, scores: Sequence[Score]) -> float:
+    """What candidates cost by themselves: their parameters and their prior, as in the criterion."""
+    prior = sum(price(x.effects, problem.data.robot) for x in scores)
+    return sum(x.count for x in scores) * math.log(problem.count) + prior
+
+
+def promised(problem: FitProblem, fit: Fit, drop: float, scores: Sequence[Score]) -> float:
+    """Criterion over the fitted readings that a candidate promises to first order, with its prior.
+
+    What is left below the noise and the error of the first order does not count: there, simpler candidates come first.
+    """
+    least = float(np.count_nonzero(problem.fitted)) + FIRST_ORDER * fit.cost
+    return max(fit.cost - drop, least) + own_price(problem, scores)
+
+
+def worth_fitting(search: Search, problem: FitProblem, fit: Fit, scores: Sequence[Score]) -> list[Score]:
+    """Candidates that promise more than chance and leave degrees of freedom, the most promising first."""
+    noise = reduced_chi_square(problem, fit)
+    spare = int(np.count_nonzero(problem.fitted)) - len(fit.free)
+    found = [
+        x
+        for x in scores
+        if x.starts and x.count < spare and x.drop > required_drop(x.count, search.significance, noise)
+    ]
+    return sorted(found, key=lambda x: promised(problem, fit, x.drop, (x,)))
+
+
+def distinct(scores: Iterable[Score], most: int) -> list[Score]:
+    """The first of those whose predictions differ, at most so many."""
+    found: list[Score] = []
+    for x in scores:
+        if len(found) >= most:
+            break
+        size = max(float(np.linalg.norm(x.predicted)), 1e-300)
+        if not any(
+            y.names == x.names and np.linalg.norm(x.predicted - y.predicted) < 1e-6 * size for y in found
+        ):
+            found.append(x)
+    return found
+
+
+class Proposal(NamedTuple):
+    """A candidate, or several, beside a model."""
+
+    parent: Fit
+    score: Score
+    criterion: float  # that the model with it promises
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Of all causes together."""
+        return frozenset({*self.parent.names, *self.score.names})
+
+    @property
+    def named(self) -> bool:
+        """Whether all causes are listed effects."""
+        return all(map(is_named, (*self.parent.effects, *self.score.effects)))
+
+
+def singles(
+    search: Search, state: SearchState, parent: Fit, named: bool
+) -> tuple[SearchState, list[Proposal]]:
+    """Single causes beside a model that are worth a fit; ``named``: listed effects alone."""
+    state, scores, reference = scores_beside(state, parent, named)
+    found = [x for x in scores if is_named(x.effect) or not named]
+    found = [x for x in found if not _saturates(x.effect)]
+    found = worth_fitting(search, state.problem, parent, found)
+    found = distinct(found, len(found))
+    return state, [_proposal(state.problem, parent, x, reference) for x in found]
+
+
+def pairs(search: Search, state: SearchState, parent: Fit, named: bool) -> tuple[SearchState, list[Proposal]]:
+    """Pairs of causes beside a model that are worth a fit, and effects that show only together.
+
+    Far from noise the first order tells too little about pairs: they are found by extending single causes that are
+    fitted.
+    """
+    state, scores, reference = scores_beside(state, parent, named)
+    problem, most = state.problem, search.settings.candidates
+    if len(parent.effects) + 2 > search.settings.max_effects or lacks_test(problem, parent):
+        return state, []
+    criterion = partial(promised, problem, parent)
+    usable = [x for x in scores if x.starts and (is_named(x.effect) or not named)]
+    usable.sort(key=lambda x: criterion(x.drop, (x,)))
+    listed = [x for x in usable if is_named(x.effect)]
+    found = together(state, reference)
+    if FIRST_ORDER * parent.cost < np.count_nonzero(problem.fitted):
+        found += best_pairs(problem, parent, listed[:IN_PAIRS], most, criterion)
+        if not named:
+            found += best_pairs(problem, parent, usable[:IN_PAIRS], 2, criterion)
+    found = worth_fitting(search, problem, parent, found)
+    found = distinct(found, len(found))
+    return state, [_proposal(problem, parent, x, reference) for x in found]
+
+
+def _proposal(problem: FitProblem, parent: Fit, score: Score, reference: Fit | None = None) -> Proposal:
+    """A candidate beside a model; with the model as a reference for its fit, where there is another one."""
+    criterion = parent_price(problem, parent) + promised(problem, parent, score.drop, (score,))
+    return Proposal(reference or parent, score, criterion)
+
+
+# ------------------------------------------------------------------------------------------------------- fits
+
+
+def fit_proposals(
+    search: Search, state: SearchState, pool: Sequence[Proposal], ahead: Fit | None = None
+) -> tuple[SearchState, list[Fit]]:
+    """Fit the models that promise most, of listed effects and of others.
+
+    The first is fitted at once. The others are evaluated at their predicted values, and the best of them fitted. Where
+    one leaves noise, or one is given, those are not tried that cannot become as probable.
+    """
+    problem, most = state.problem, search.settings.candidates
+    half = (most + 1) // 2
+    races = {named: fitting.Race(_lowest(state, named), search.deadline, BEHIND) for named in (True, False)}
+    begun: dict[frozenset[str], tuple[float, Fit, Proposal]] = {}
+    left = {True: most + half, False: most}
+
+    listed = min((x.criterion for x in pool if x.named), default=math.inf)
+
+    def skipped(x: Proposal, least: float) -> bool:
+        """Whether it was tried, others were in its place, or it cannot be as probable as the one that leaves noise."""
+        late = search.out_of_time and bool(state.best.effects)
+        beaten = False
+        if ahead is not None:
+            n = float(np.count_nonzero(problem.fitted))
+            gain = max(0.0, ahead.cost - n - SURELY_NOISE * math.sqrt(2.0 * n))
+            beaten = least > parent_price(problem, ahead) + gain + BIC_DIFFERENCE
+        return x.names in state.fits or left[x.named] == 0 or late or beaten
+
+    def chosen() -> Iterator[Proposal]:
+        """Those to evaluate, by what they promise."""
+        for x in sorted(pool, key=lambda x: x.criterion):
+            own = parent_price(problem, x.parent) + own_price(problem, (x.score,))
+            worthy = x.named or x.criterion <= MORE * listed
+            if (
+                worthy
+                and x.names not in begun
+                and not skipped(x, own)
+                and (ahead is None or could_match(problem, ahead, x))
+            ):
+                left[x.named] -= 1
+                yield x
+
+    first = next(chosen(), None) if ahead is None else None
+    if first is not None:
+        (now,) = _begun(problem, [first])
+        if now.solved:
+            state, now = _fitted(state, first.score, now, races[first.named])
+            if search.is_noise(problem, now):
+                ahead, left = now, {True: most - 1, False: half - 1}
+        begun[first.names] = now.cost, now, first
+    others = list({x.names: x for x in chosen()}.values())
+    for x, now in zip(others, _begun(problem, others), strict=True):
+        if now.solved:
+            begun[x.names] = fitting.reachable_cost(problem, now), now, x
+    left = {True: half, False: max(1, half - 1)}
+    for reach, now, x in sorted(begun.values(), key=lambda b: b[0] + parent_price(problem, b[1])):
+        least = reach - FIRST_ORDER * now.cost + parent_price(problem, now)
+        if skipped(x, least - (0.0 if ahead is None else ahead.cost)):
+            continue
+        if not x.named and reach > _lowest(state, True):
+            continue
+        left[x.named] -= 1
+        state, now = _fitted(state, x.score, now, races[x.named])
+        if search.is_noise(problem, now) and (ahead is None or rank(problem, now) < rank(problem, ahead)):
+            ahead = now
+    keys = {x.names for x in pool}
+    return state, [f for k, f in state.fits.items() if k in keys and f.solved]
+
+
+def _all_named(fit: Fit) -> bool:
+    return all(map(is_named, fit.effects))
+
+
+def _lowest(state: SearchState, named: bool) -> float:
+    """Lowest cost of the models so far, of listed effects or of any."""
+    return min(f.cost for f in state.fits.values() if not named or _all_named(f))
+
+
+def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal, noise: float = 1.0) -> bool:
+    """Whether a candidate may become about as probable as another model, or explain about the same, to first order."""
+    parent, x, _ = proposal
+    if not x.signature.size:
+        return True
+    own = parent_price(problem, parent) + own_price(problem, (x,))
+    limit = ahead.cost + parent_price(problem, ahead) + BIC_DIFFERENCE * noise
+    if parent.cost - x.drop + own < limit:
+        return True
+    left, whole = apart(problem, parent, parent.residual - ahead.residual, x)
+    return ahead.cost + max(0.0, left - FIRST_ORDER * whole) + own < limit
+
+
+def parent_price(problem: FitProblem, fit: Fit) -> float:
+    """What the causes of a model cost by themselves, in the criterion."""
+    return bic(problem, fit) - fit.cost - fit.held_cost
+
+
+def _begun(problem: FitProblem, found: Sequence[Proposal]) -> list[Fit]:
+    """Models with candidates at their predicted values; at other starts where these are worse than without."""
+
+    def evaluated(x: Proposal, starts: Sequence[Point]) -> fitting.Fitting:
+        return fitting.begin(problem, (*x.parent.effects, *x.score.effects), starts, fitting.Race(), x.parent)
+
+    fits = fitting.run_fits(problem, [evaluated(x, x.score.starts[:1]) for x in found])
+    again = [
+        k
+        for k, (x, now) in enumerate(zip(found, fits, strict=True))
+        if not now.cost < x.parent.cost and len(x.score.starts) > 1
+    ]
+    more = fitting.run_fits(problem, [evaluated(found[k], found[k].score.starts[1:3]) for k in again])
+    for k, other in zip(again, more, strict=True):
+        fits[k] = min(fits[k], other, key=lambda f: f.cost)
+    return fits
+
+
+def _fitted(state: SearchState, x: Score, now: Fit, race: fitting.Race) -> tuple[SearchState, Fit]:
+    """A model with candidates fitted, to the end where it comes near the best."""
+    problem = state.problem
+    (now,) = fitting.run_fits(problem, [fitting.descend(problem, now, race, 8, x.predicted)])
+    race.reached(now.cost)
+    if now.cost <= race.limit:
+        (now,) = fitting.run_fits(problem, [fitting.finish(problem, replace(now, pruned=False), race)])
+    return with_note_on_differences(state.with_fit(now), now.differenced), now
+
+
+def refitted(state: SearchState, effects: Sequence[Effect]) -> tuple[SearchState, Fit]:
+    """A part of the best model, fitted from its values; or as it was fitted before, where that is better."""
+    key = frozenset(e.name for e in effects)
+    if not effects:
+        return state, state.fits.get(key, state.declared)
+    problem, best, known = state.problem, state.best, state.fits.get(key)
+    if known is None or known.pruned or known.cost > best.cost:
+        start = {e.name: best.values[e.name] for e in effects}
+        try:
+            problem.with_effects(effects, start)
+        except ValueError:
+            return state, replace(best, cost=math.inf, held_cost=math.inf)
+        (new,) = fitting.run_fits(problem, [fitting.smaller(problem, effects, [start], best, fitting.Race())])
+        if known is None or known.pruned or new.cost < known.cost:
+            state = state.with_fit(new)
+    return state, state.fits[key]
+
+
+# --------------------------------------------------------------------------------------------------- selection
+
+
+def grow(search: Search, state: SearchState) -> Stage:
+    """Extend the best model, and the best of listed effects, by a cause or a pair as long as the evidence grows."""
+    settings = search.settings
+    most_effects = 1 if lacks_test(state.problem, state.declared) else settings.max_effects
+    for number in itertools.count(1):
+        heads = [f for f in _heads(search, state) if frozenset(f.names) not in state.extended]
+        heads = [f for f in heads if len(f.effects) < most_effects]
+        if not heads:
+            break
+        # In turn: those of listed effects, and the best one.
+        listed = [f for f in heads if _all_named(f)]
+        heads = listed if listed and (number % 2 == 0 or heads == listed) else heads[:1]
+        if number > 1 and search.out_of_time:
+            state = state.without_trying(FURTHER_EFFECTS)
+            break
+        state = replace(state, extended=state.extended | {frozenset(f.names) for f in heads})
+        progress = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
+        names = [listed_names(f.names) or "the declared model" for f in heads]
+        search.report(f"round {number}: candidates beside {', or '.join(names)}", progress)
+        pool: list[Proposal] = []
+        fits: list[Fit] = []
+        ahead: Fit | None = None
+        for propose in (singles, at_full_strength, pairs):
+            if ahead is not None and _all_named(ahead):
+                break
+            new: list[Proposal] = []
+            for head in heads:
+                state, more = propose(search, state, head, head is not state.best)
+                new += [x for x in more if len(x.names) <= most_effects]
+            new.sort(key=lambda x: x.criterion)
+            search.report(f"fitting {listed_names([x.score.names[-1] for x in new[:5]])}", progress)
+            state, more_fits = fit_proposals(search, state, new, ahead)
+            pool, fits = [*pool, *new], [*fits, *more_fits]
+            noise = [f for f in fits if search.is_noise(state.problem, f)]
+            ahead = min(noise, key=lambda f: rank(state.problem, f), default=None)
+        entries = [_entry(state, number, x) for x in pool[:SHOWN]]
+        state = replace(state, candidates=(*state.candidates, *entries))
+        best = min([state.best, *_accepted(search, state, fits)], key=lambda f: rank(state.problem, f))
+        if best is state.best:
+            reason = "improves fitted and held-out steps" if pool else "is significant"
+            state = state.with_history(f"round {number}: no candidate {reason}")
+            continue
+        state = replace(state, best=best)
+        if best.cost < NEAR_NOISE * np.count_nonzero(state.problem.fitted):
+            state = refined(state)
+        state = yield from backward_selection(search, state)
+        best = state.best
+        state = state.with_history(
+            f"round {number}: {listed_names(best.names)}, misfit per reading "
+            f"{mean_cost(best.cost, state.problem.fitted):.3g} on fitted and "
+            f"{mean_cost(best.held_cost, state.problem.held_out):.3g} on held-out steps"
+        )
+        yield state
+    return state
+
+
+def _heads(search: Search, state: SearchState) -> list[Fit]:
+    """Models to extend: the best one, and the best of listed effects where they may become better than that."""
+    problem, best = state.problem, state.best
+    explained = search.explained(state)
+    misfit = chi_square_z_score(best.residual[problem.fitted], len(best.free))
+    heads = [] if explained and misfit < SURELY_NOISE else [best]
+    least = min(best.cost + best.held_cost, float(problem.count)) + math.log(problem.count)
+    listed = [
+        f
+        for f in state.fits.values()
+        if _all_named(f)
+        and f.solved
+        and f.effects
+        and not (explained and least + parent_price(problem, f) > rank(problem, best))
+        and _admissible(search, state, f)
+    ]
+    listed.sort(key=lambda f: rank(problem, f))
+    return [*heads, *(f for f in listed[:BEAM] if f is not best)]
+
+
+def _admissible(search: Search, state: SearchState, fit: Fit) -> bool:
+    """Whether a model improves on those that it contains."""
+    if not fit.effects:
+        return True
+    return is_improvement(state.problem, fit, parent_of(state, fit), search.significance)
+
+
+def _entry(state: SearchState, number: int, proposal: Proposal) -> Candidate:
+    """A candidate for the report, with what its fit gave."""
+    problem, (parent, score, _) = state.problem, proposal
+    drop = score.drop / reduced_chi_square(problem, parent)
+    entry = Candidate(number, parent.names, " + ".join(score.names), drop, note=score.note)
+    fit = state.fits.get(proposal.names)
+    if fit is None:
+        return entry
+    held_out = mean_cost(fit.held_cost, problem.held_out) if np.any(problem.held_out) else None
+    note = "" if fit.solved else "the model did not converge there"
+    return replace(
+        entry, fitted=True, chi2_fit=mean_cost(fit.cost, problem.fitted), chi2_held_out=held_out, note=note
+    )
+
+
+def _accepted(search: Search, state: SearchState, fits: Sequence[Fit]) -> list[Fit]:
+    """Models that improve on those that they contain and on the best one, the best first."""
+    problem = state.problem
+    found = [
+        f
+        for f in fits
+        if _admissible(search, state, f)
+        and rank(problem, f) < rank(problem, state.best) - BIC_DIFFERENCE
+        and _worthwhile(state, f)
+    ]
+    return sorted(found, key=lambda f: rank(problem, f))
+
+
+def _worthwhile(state: SearchState, fit: Fit) -> bool:
+    """Whether a model with many causes removes enough of the misfit that the best one leaves, on held-out steps."""
+    if len(fit.effects) <= MANY:
+        return True
+    before, after = (f.held_cost if np.any(state.problem.held_out) else f.cost for f in (state.best, fit))
+    return after <= (1.0 - WORTHWHILE) * before
+
+
+def together(state: SearchState, fit: Fit) -> list[Score]:
+    """Effects that data show only beside another one (`Effect.after`), each with that one, which is made strong."""
+    problem = state.problem
+    experiment = problem.with_effects(fit.effects, fit.values)
+    excitation, present = problem.excitation_range(fit.run), {e.listed for e in fit.effects}
+    found = []
+    for later in problem.catalogue:
+        firsts = [e for e in problem.catalogue if e.name in later.after and e.name not in present]
+        if later.name in present or not firsts or later.probe_points(experiment, excitation):
+            continue
+        for first in (form for e in firsts for form in e.forms(problem.experiment)):
+            scores = []
+            for strength in STRENGTHS:
+                values = _probe_values(problem, first, strength, first.probe_points(experiment, excitation))
+                if not values or not later.probe_points(first.apply(experiment, values), excitation):
+                    continue
+                free = (*fit.free, *((first.name, name) for name in values))
+                point = {**fit.values, first.name: values}
+                (base,) = fitting.run_fits(
+                    problem, [fitting.evaluated(problem, (*fit.effects, first), point, free, fit)]
+                )
+                if base.solved:
+                    own, _ = screen(problem, base, later.forms(problem.experiment))
+                    scores += [
+                        replace(x, effects=(first, x.effect), drop=fit.cost - base.cost + x.drop)
+                        for x in own
+                        if x.starts
+                    ]
+            found += sorted(scores, key=lambda x: -x.drop)[:1]
+    return found
+
+
+def _probe_values(problem: FitProblem, effect: Effect, strength: float, probes: Points) -> dict[str, float]:
+    """Values of an effect, all parameters moved from their null values by so many times the way to the probe points."""
+    if not probes:
+        return {}
+    null = effect.null_values(problem.experiment)
+    values = dict(null)
+    for point in probes[0]:
+        values |= {name: x for name, x in point.items() if x != null[name]}
+    for p in effect.parameters:
+        low, high = problem.bounds(effect, p.name)
+        start = p.coordinate(null[p.name])
+        z = start + strength * (p.coordinate(values[p.name]) - start)
+        values[p.name] = p.value(min(max(z, low), high))
+    return values
+
+
+def _saturates(effect: Effect) -> bool:
+    return isinstance(effect, EffectAtPlace) and effect.general.saturates
+
+
+def at_full_strength(
+    search: Search, state: SearchState, parent: Fit, named: bool
+) -> tuple[SearchState, list[Proposal]]:
+    """Causes that saturate, simulated at full strength beside the best model: their derivatives tell the direction."""
+    problem, data = state.problem, state.problem.data
+    if parent is not state.best:
+        return state, []
+    driven = np.ptp([a.values for a in resolve(data.robot, data.steps)], axis=0) > 0.0
+    causes = [
+        e
+        for e in state.dictionary
+        if isinstance(e, EffectAtPlace)
+        and _saturates(e)
+        and e.listed not in {x.listed for x in parent.effects}
+        and driven[round(e.place.get("tendon", 1.0)) - 1]
+    ]
+    state, known, _ = scores_beside(state, parent)
+    drops = {x.effect.name: x.drop for x in known}
+    scores = []
+    for e in sorted(causes, key=lambda e: -drops.get(e.name, 0.0))[: search.settings.candidates]:
+        point = {**parent.values, e.name: e.full_strength(problem.experiment)}
+        fits = [fitting.evaluated(problem, (*parent.effects, e), point, parent.free, parent)]
+        (new,) = fitting.run_fits(problem, fits)
+        if new.solved:
+            start, left = fitting.linear_optimum(problem, new)
+            drop = parent.cost - problem.cost(left)[0]
+            starts = [start, new.values] if new.free else [start]
+            scores.append(Score((e,), drop, starts, left, np.zeros((problem.count, 0))))
+    found = [_proposal(problem, parent, x) for x in worth_fitting(search, problem, parent, scores)[:2]]
+    # those that were fitted from small values begin anew
+    kept = {k: f for k, f in state.fits.items() if k not in {x.names for x in found}}
+    return replace(state, fits=kept), found
 
 
 def backward_selection(search: Search, state: SearchState) -> Stage:
-    """Backward selection: drop effects that the others make unnecessary."""
+    """Drop causes that the others make unnecessary."""
     while len(state.best.effects) > 1:
         unnecessary: list[tuple[Effect, Fit]] = []
         for e in state.best.effects:
-            state, smaller = without(state, e)
-            if smaller.solved and not is_improvement(state.problem, state.best, smaller, search.significance):
+            state, smaller = refitted(state, tuple(x for x in state.best.effects if x is not e))
+            worse = is_improvement(state.problem, state.best, smaller, search.significance)
+            if smaller.solved and not (
+                worse and bic(state.problem, smaller) > bic(state.problem, state.best)
+            ):
                 unnecessary.append((e, smaller))
         if not unnecessary:
             break
-        problem = state.problem
-        e, best = min(unnecessary, key=lambda p: bic(problem, p[1]))
+        e, best = min(unnecessary, key=lambda p: bic(state.problem, p[1]))
         state = replace(state, best=best).with_history(f"{e.name} dropped: the others suffice")
         yield state
     return state
 
 
-Array = NDArray[np.float64]
+def exchange(search: Search, state: SearchState) -> Stage:
+    """Exchange every cause, and every two, of the best model for one other; the best of all is taken.
 
-#: Repetitions of swapping, at most.
-REPETITIONS = 3
-
-
-def swap_effects(search: Search, state: SearchState) -> Stage:
-    """Replace each effect by others; name those that explain as much, take those that explain more."""
-    for _ in range(REPETITIONS):
-        state, swapped = _swap_one(search, replace(state, rivals={}))
+    What a cause explains is the difference of the models with and without it. Which others may explain it is told by
+    their columns beside the best model.
+    """
+    best, problem = state.best, state.problem
+    noise = effective_noise(problem, best, search.significance)
+    fits: list[Fit] = []
+    for gone in [(e,) for e in best.effects] + list(itertools.combinations(best.effects, 2)):
+        if search.out_of_time:
+            return state.without_trying(EXCHANGES)
+        rest = tuple(e for e in best.effects if e not in gone)
+        if len(gone) == 1 or not rest:
+            state, base = refitted(state, rest)
+        else:
+            free = [k for k in best.free if k[0] in {e.name for e in rest}]
+            values = {e.name: best.values[e.name] for e in rest}
+            (base,) = fitting.run_fits(problem, [fitting.evaluated(problem, rest, values, free, best)])
+        if not base.solved:
+            continue
+        if frozenset(base.names) in state.extended and search.is_noise(problem, best):
+            continue  # its extensions were tried
+        state, scores, _ = scores_beside(state, best)
+        problem, names = state.problem, {e.listed for e in (*gone, *rest)}
+        others = [x for x in scores if x.starts and x.effect.listed not in names and x.signature.size]
+        others = [rescored(problem, base, x) for x in others]
+        others = worth_fitting(search, problem, base, others)
+        near = [_proposal(problem, base, x) for x in distinct(others, len(others))]
+        near = [x for x in near if could_match(problem, best, x, noise)]
+        state, more = fit_proposals(search, state, near, best)
+        fits += more
+    better = [f for f in fits if rank(problem, f) < rank(problem, best) and _admissible(search, state, f)]
+    if better:
+        new = min(better, key=lambda f: rank(problem, f))
+        state = replace(state, best=new).with_history(
+            f"{listed_names(new.names)} in place of {listed_names(best.names)}: it explains more"
+        )
+        state = refined(state)
         yield state
-        if not swapped:
-            break
-        # A better effect may make others unnecessary that were added beside the one it replaces.
         state = yield from backward_selection(search, state)
-    state = _with_rival_sets(search, state)
-    yield state
     return state
 
 
-def _swap_one(search: Search, state: SearchState) -> tuple[SearchState, bool]:
-    """Try others in place of each effect until one explains more; indistinguishable rivals found so far are kept."""
-    for e in state.best.effects:
-        if search.out_of_time:
-            return state.without_trying(EXCHANGES), False
-        state, rest = without(state, e)
-        state, every = scores_beside(state, rest)
-        scores = [x for x in every if x.effect.name != e.name and x.starts]
-        margin = state.best.cost * 1.5 + 60.0
-        chosen = [x for i, x in enumerate(scores) if i < 3 or x.cost(state.problem) < margin]
-        most = rest.cost - 0.3 * max(1e-9, rest.cost - state.best.cost)
-        worth = [x for x in chosen[: search.settings.candidates] if x.cost(state.problem) <= most]
-        if at_bound(state.problem, state.best, e):
-            worth += [x for x in scores if x not in worth and _as_good_alone(state, x.effect.name, e.name)]
-        worth = [x for x in worth if identifiable(state.problem, rest, x)]
-        # Fitted alone, the rest may have moved far away: the fits may begin beside its values in the best model, too.
-        beside = {x.name: state.best.values[x.name] for x in rest.effects}
-        more = {x.effect.name: _starts_beside(state, x, beside) for x in worth if beside}
-        noise = effective_noise(state.problem, state.best, search.significance)
-        contest = Contest(state.best.cost, 0.75, more, margin=2.0 * BIC_DIFFERENCE * noise)
-        state, fits = fit_and_rank(search, state, [Extended(rest, x) for x in worth], contest)
-        problem, best = state.problem, state.best
-        for (_, x), other in fits:
-            if not other.solved:
-                continue
-            difference = rank(problem, other) - rank(problem, best)
-            if difference / reduced_chi_square(problem, best) < -BIC_DIFFERENCE and is_improvement(
-                problem, other, rest, search.significance
-            ):
-                yields = at_bound(problem, best) and bic(problem, other) > bic(problem, best)
-                why = "nearly as good, and not at a bound" if yields else "it explains more"
-                state = state.with_history(f"{x.effect.name} in place of {e.name}: {why}")
-                return replace(state, best=other), True
-            alike = bic(problem, other) - bic(problem, best) < BIC_DIFFERENCE * noise
-            if alike and at_bound(problem, best, e) and not at_bound(problem, other):
-                sentence = f"{x.effect.name} in place of {e.name}: as good within noise, and not at a bound"
-                return replace(state.with_history(sentence), best=other), True
-            if alike:
-                state = with_rival(state, e.name, x.effect.name)
-    return state, False
-
-
-def _as_good_alone(state: SearchState, name: str, other: str) -> bool:
-    """Whether one effect alone was fitted and explains nearly as much as another one alone."""
-    a, b = (state.fits.get(frozenset({n})) for n in (name, other))
-    return a is not None and b is not None and a.solved and a.cost <= (1.0 + BOUND_PENALTY) * b.cost
-
-
-def _starts_beside(state: SearchState, score: Score, values: Point) -> list[Point]:
-    """Where a fit may begin beside other effects at these values: as predicted, and as alone where that is known."""
-    name = score.effect.name
-    alone = state.fits.get(frozenset({name}))
-    found = [{**values, name: score.starts[0][name]}]
-    return found if alone is None else [*found, {**values, name: alone.values[name]}]
-
-
-def _with_rival_sets(search: Search, state: SearchState) -> SearchState:
-    """Name effects of other models of the same size that explain as much, each beside the effect it resembles."""
-    state, scores = scores_beside(state, state.declared)
-    signatures = {x.effect.name: x.signature for x in scores}
+def with_rivals(search: Search, state: SearchState) -> SearchState:
+    """Name causes of other models that explain as much, each beside the cause that it replaces."""
     problem, best = state.problem, state.best
     noise = effective_noise(problem, best, search.significance)
-    mine = set(best.names)
-    for key, other in state.fits.items():
-        if not other.solved or len(key) != len(mine) or len(key & mine) > len(mine) - 2:
+    state, mine = replace(state, rivals={}), set(best.names)
+    for other in state.fits.values():
+        if (
+            not other.solved
+            or other is best
+            or bic(problem, other) - bic(problem, best) >= BIC_DIFFERENCE * noise
+        ):
             continue
-        if bic(problem, other) - bic(problem, best) >= BIC_DIFFERENCE * noise:
+        theirs = set(other.names)
+        if len(theirs - mine) != 1 or at_bound(problem, other):
             continue
-        for name in key - mine:
-            likeness = {e: _similarity(signatures.get(e), signatures.get(name)) for e in mine - key}
-            like = max(likeness, key=lambda e: likeness[e])
-            state = with_rival(state, like, name)
+        for name in mine - theirs:
+            state = with_rival(state, name, next(iter(theirs - mine)))
     return state
-
-
-def _similarity(a: Array | None, b: Array | None) -> float:
-    """Largest cosine between the sensitivities of two effects; zero where one is not known."""
-    if a is None or b is None or not a.size or not b.size:
-        return 0.0
-    first, second = np.linalg.qr(a)[0], np.linalg.qr(b)[0]
-    return float(np.linalg.svd(first.T @ second, compute_uv=False)[0])
-
-
-#: A local cause that leaves less than so much of the misfit of the best effect along the whole robot is kept [1].
-FAR_AHEAD = 0.1
-
-#: An effect beyond so many is added only where it removes at least so much of the misfit on held-out steps [1].
-MANY_EFFECTS, WORTHWHILE = 4, 0.1
-
-
-def search_effects(search: Search, state: SearchState) -> Stage:
-    """The whole search."""
-    search.report("forward selection", 0.05)
-    if lacks_test(state.problem, state.declared):
-        # Too few readings to separate several effects, or to locate a cause: one effect, at most.
-        single = replace(search, settings=replace(search.settings, max_effects=1))
-        one = forward_selection(single, state, locate=False)
-        return (yield from in_time(state, one, FURTHER_EFFECTS))
-    state = yield from in_time(state, forward_selection(search, state), FURTHER_EFFECTS)
-    if _law_is_ahead(search, state):
-        return state
-    if state.best.effects and search.out_of_time:
-        state = state.without_trying(EXCHANGES)
-    elif state.best.effects:
-        search.report("backward selection and swaps", 0.75)
-        state = yield from in_time(state, backward_selection(search, state), EXCHANGES)
-        state = yield from in_time(state, swap_effects(search, state), EXCHANGES)
-    if search.out_of_time:
-        state = state.without_trying(PLACES)
-        yield state
-    elif state.best.effects or not search.explained(state):
-        search.report("local causes along the backbone", 0.85)
-        before = state.best
-        state = yield from in_time(state, local_search(search, state), PLACES)
-        if state.best is not before:
-            state = yield from _beside_local_cause(search, state)
-        if not (search.out_of_time or search.explained(state)):
-            before = state.best
-            state = yield from in_time(state, saturated_pairs(search, state), PLACES)
-            if state.best is not before:
-                state = yield from _beside_local_cause(search, state)
-                state = yield from in_time(state, swap_effects(search, state), EXCHANGES)
-        state = cut_short(search, state, PLACES)
-        yield state
-    return state
-
-
-def _law_is_ahead(search: Search, state: SearchState) -> bool:
-    """Whether an unlisted law leaves noise, and the best listed effects do not."""
-    return state.law_ahead is not None and not search.explained(state)
-
-
-def _beside_local_cause(search: Search, state: SearchState) -> Stage:
-    """What is left beside a local cause may be an effect along the whole robot; others may be unnecessary then."""
-    if not search.explained(state):
-        beside = forward_selection(search, state, locate=False)
-        state = yield from in_time(state, beside, FURTHER_EFFECTS)
-    return (yield from in_time(state, backward_selection(search, state), EXCHANGES))
-
-
-def forward_selection(search: Search, state: SearchState, locate: bool = True) -> Stage:
-    """Forward selection: add one effect at a time, several models in parallel (beam search).
-
-    An effect that data show only beside another one comes with that one, as one step.
-
-    ``locate``: after the first round, see whether a single local cause explains everything.
-    """
-    level, begun = [state.best], state.problem.forward.iterations
-    for number in range(1, search.settings.max_effects + 1):
-        if len(state.best.effects) >= search.settings.max_effects:
-            break
-        if number > 1 and search.out_of_time and not search.explained(state):
-            state = state.without_trying(FURTHER_EFFECTS)
-            break
-        progress = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
-        located: SearchState | None = None
-        if locate and not state.best.effects:
-            state, located = place_ahead(search, state)
-        if located is not None:
-            state = replace(located, best=located.declared, rivals={})
-            level = [state.declared]
-        this = Round(number, progress, _ahead(state, located))
-        state, proposals = propose(search, state, this, level)
-        yield state
-        state, fits = fit_proposals(search, state, this, proposals)
-        accepted = _accepted(search, state, fits)
-        explaining = any(search.is_noise(state.problem, f) for f in accepted)
-        if located is not None and not explaining:
-            state = replace(state, best=located.best).with_history(
-                "no effect along the whole robot explains as much"
-            )
-            break
-        if not explaining and _law_is_ahead(search, state):
-            state = state.with_history("no further listed effect explains as much")
-            break
-        if not accepted:
-            reason = "improves fitted and held-out steps" if proposals else "is significant"
-            state = state.with_history(f"round {number}: no candidate {reason}")
-            break
-        state = refined(replace(state, best=accepted[0]))
-        problem, best = state.problem, state.best
-        state = state.with_history(
-            f"round {number}: {listed_names(best.names)}, misfit per reading "
-            f"{mean_cost(best.cost, problem.fitted):.3g} on fitted and "
-            f"{mean_cost(best.held_cost, problem.held_out):.3g} on held-out steps"
-        )
-        yield state
-        others = [state.fits[frozenset(f.names)] for f in accepted[1 : search.settings.beam]]
-        explained = search.is_noise(problem, best)
-        if not explained and number == 1:
-            again = [fitting.descend(problem, f, fitting.Race(), 5) for f in others]
-            others = fitting.run_fits(problem, again)
-        level = [best] if explained or number > 1 else [best, *others]
-        if explained or not locate or search.out_of_time:
-            continue
-        before = state.best
-        state = yield from _causes_ahead(search, state, number, state.problem.forward.iterations - begun)
-        if state.best is not before:
-            level = [state.best]
-            if search.explained(state):
-                break
-    yield state
-    return state
-
-
-def _accepted(search: Search, state: SearchState, fits: Sequence[Fit]) -> list[Fit]:
-    """Models that improve on those that they contain and on the best one, in their order."""
-    return [
-        f
-        for f in fits
-        if is_improvement(state.problem, f, parent_of(state, f), search.significance)
-        and _better(state, f)
-        and _worthwhile(state, f)
-    ]
-
-
-def _causes_ahead(search: Search, state: SearchState, number: int, iterations: int) -> Stage:
-    """After a round that leaves more than noise: a single local cause as the best model, or an unlisted law ahead."""
-    if number == 1:
-        state = _with_local_cause(search, state)
-        yield state
-    if not any(isinstance(e, EffectAtPlace) for e in state.best.effects):
-        state = law_ahead(search, state, max(LEAST_ITERATIONS, iterations))
-    yield state
-    return state
-
-
-def _ahead(state: SearchState, located: SearchState | None) -> Fit | None:
-    """A model that leaves noise, which further effects must come near: a local cause, or an unlisted law."""
-    if located is not None:
-        return located.best
-    return None if state.law_ahead is None else state.law_ahead.fit.as_fit()
-
-
-def _with_local_cause(search: Search, state: SearchState) -> SearchState:
-    """A single local cause in place of the best effect along the whole robot, if it explains everything or nearly so.
-
-    The search for several effects that mimic it is then skipped.
-    """
-    located = search_places(search, state, [state.declared])
-    if located.best is not state.best:
-        explains = search.explained(located)
-        if explains or located.best.cost < FAR_AHEAD * state.best.cost:
-            return located
-    problem = replace(state.problem, scales=located.problem.scales)
-    return replace(state, local_scores=located.local_scores, problem=problem)
-
-
-def with_intermediate_models(state: SearchState) -> SearchState:
-    """Fit the models between the declared and the best one where a swap has skipped them, as far as time suffices."""
-    effects = state.best.effects
-    for i in range(1, len(effects)):
-        part = effects[:i]
-        known = state.fits.get(frozenset(e.name for e in part))
-        if known is None or not known.solved or known.pruned:
-            values = state.best.values if known is None or not known.solved else known.values
-            try:
-                state, _ = fitted_model(state, part, [{e.name: values[e.name] for e in part}], whole=True)
-            except OutOfTime:
-                return state.without_trying(SMALLER_MODELS)
-    return state
-
-
-def _better(state: SearchState, fit: Fit) -> bool:
-    """Whether a model is better than the best so far, which need not be contained in it."""
-    return rank(state.problem, fit) < rank(state.problem, state.best) - BIC_DIFFERENCE
-
-
-def _worthwhile(state: SearchState, fit: Fit) -> bool:
-    """Whether a model with many effects removes enough of the misfit that the best one leaves, on held-out steps."""
-    if len(fit.effects) <= MANY_EFFECTS:
-        return True
-    before, after = (f.held_cost if np.any(state.problem.held_out) else f.cost for f in (state.best, fit))
-    return after <= (1.0 - WORTHWHILE) * before

@@ -5,21 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.criteria import residual_is_noise, robust_threshold
-from tdcr_fe.identify.problem import Fit, FitProblem, Point, fit_of_run, refine
+from tdcr_fe.identify.criteria import bic, effective_noise, residual_is_noise, robust_threshold
+from tdcr_fe.identify.problem import Fit, FitProblem, fit_of_run, refine
 from tdcr_fe.identify.result import Candidate
 from tdcr_fe.identify.screening import Score
 from tdcr_fe.identify.settings import MAY_EXPLAIN, IdentifySettings, OutOfTime, clock
-
-if TYPE_CHECKING:
-    from tdcr_fe.identify.law_search import LawAhead
 
 Array = NDArray[np.float64]
 Names = frozenset[str]
@@ -43,7 +39,6 @@ class Search:
     # reading of `tdcr_fe.identify.settings.clock` after which nothing further of the search begins, and fits
     # end where they are [s]
     deadline: float = math.inf
-    laws: bool = False  # whether an unlisted law is looked for besides the listed effects
 
     @property
     def out_of_time(self) -> bool:
@@ -73,11 +68,9 @@ class SearchState:
     declared: Fit
     best: Fit
     fits: Mapping[Names, Fit]  # every model that was fitted, by the names of its effects
-    # Scores of candidates, and of local causes, beside a model
-    scores: Mapping[Names, Sequence[Score]] = field(default_factory=dict)
-    local_scores: Mapping[Names, Sequence[Score]] = field(default_factory=dict)
-    # scores of local causes beside a model without those that were simulated
-    first_order_local_scores: Mapping[Names, Sequence[Score]] = field(default_factory=dict)
+    # Scores of candidates beside a model, and that model as a reference for fits
+    scores: Mapping[Names, tuple[list[Score], Fit]] = field(default_factory=dict)
+    extended: frozenset[Names] = frozenset()  # models to which further causes were added
     candidates: tuple[Candidate, ...] = ()  # result of each, for the report
     refused: Mapping[str, str] = field(default_factory=dict)  # effects that are not tried, with the reason
     # by effect of the best model, those that explain the data as well
@@ -87,9 +80,7 @@ class SearchState:
     interrupted: bool = False
     # the fault of the data that explains the misfit of the declared model; empty where there is none
     data_fault: str = ""
-    # An unlisted law that leaves noise where the effects found before it do not
-    law_ahead: LawAhead | None = None
-    law_sought: bool = False  # whether such a law was looked for
+    dictionary: tuple[Effect, ...] = ()  # all candidate causes
 
     @classmethod
     def start(cls, problem: FitProblem, declared: Fit) -> SearchState:
@@ -106,8 +97,7 @@ class SearchState:
             best=best,
             fits=fits,
             scores={},
-            local_scores={},
-            first_order_local_scores={},
+            extended=frozenset(),
         )
 
     def with_fit(self, fit: Fit) -> SearchState:
@@ -161,35 +151,6 @@ def cut_short(search: Search, state: SearchState, part: str) -> SearchState:
     return state.without_trying(part) if MAY_EXPLAIN.isdisjoint(state.not_tried) else state
 
 
-def fitted_model(
-    state: SearchState, effects: Sequence[Effect], starts: Sequence[Point], whole: bool = False
-) -> tuple[SearchState, Fit]:
-    """Fit a model on the path of the best one, or return the fit made before.
-
-    ``whole``: to its best values, even where it cannot come near the best model; else it ends where that is seen.
-    """
-    key = frozenset(e.name for e in effects)
-    if key not in state.fits or (whole and state.fits[key].pruned):
-        race = fitting.Race() if whole else fitting.Race(state.best.cost)
-        fitted = fitting.smaller(state.problem, effects, starts, state.best, race)
-        (new,) = fitting.run_fits(state.problem, [fitted])
-        state = state.with_fit(new)
-    return state, state.fits[key]
-
-
-def without(state: SearchState, effect: Effect) -> tuple[SearchState, Fit]:
-    """The best model less one effect, and less those that cannot be without it, fitted anew."""
-    best = state.best
-    rest = tuple(e for e in best.effects if e is not effect)
-    try:
-        state.problem.with_effects(rest, best.values)
-    except ValueError:
-        rest = tuple(e for e in rest if effect.listed not in e.after)
-    if not rest:
-        return state, state.declared
-    return fitted_model(state, rest, [{e.name: best.values[e.name] for e in rest}])
-
-
 def parent_of(state: SearchState, fit: Fit) -> Fit:
     """The best smaller model that was fitted and is contained in a model."""
     inside = [f for k, f in state.fits.items() if k < frozenset(fit.names) and f.solved]
@@ -215,6 +176,8 @@ def refined(state: SearchState) -> SearchState:
         (again,) = fitting.run_fits(problem, [fitted])
     else:
         again = _recounted(problem, before, problem.correction - correction)
+    if not again.solved:
+        return state.with_history("on a finer mesh the best model is not solved; it stays as it was")
     shift = again.residual - before.residual
     fits = {key: _recounted(problem, old, shift) for key, old in state.fits.items()}
     (best,) = fitting.run_fits(problem, [fitting.finish(problem, again, fitting.Race())])
@@ -259,3 +222,14 @@ def mean_cost(cost: float, which: NDArray[np.bool_]) -> float:
 def listed_names(names: Sequence[str]) -> str:
     """Names of effects, joined by plus signs."""
     return " + ".join(names)
+
+
+def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
+    """Probabilities of all models that were fitted, from their evidence; those below one in a million are left out."""
+    problem = state.problem
+    noise = effective_noise(problem, state.best, search.significance)
+    solved = [f for f in state.fits.values() if f.solved] or [state.best]
+    logarithms = np.array([-0.5 * bic(problem, f) / noise for f in solved])
+    weights = np.exp(logarithms - np.max(logarithms))
+    weights /= np.sum(weights)
+    return [(f, float(w)) for f, w in zip(solved, weights, strict=True) if w > 1e-6]

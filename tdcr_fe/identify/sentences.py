@@ -23,7 +23,6 @@ from tdcr_fe.identify.result import (
     Verdict,
     tip_force,
 )
-from tdcr_fe.identify.settings import A_LAW
 from tdcr_fe.report.environment import SPACE, estimate, quantity, significant, words
 
 #: Half-width of a 95 % interval over the standard error [1].
@@ -136,8 +135,8 @@ HEADLINES: dict[Verdict, dict[str, str]] = {
     Verdict.PARTLY_EXPLAINED: {
         NOT_KNOWN: "Partly explained: {names} may explain the measurements, but there are too few readings to test "
         "that.",
-        A_LAW: "Partly explained: a discovered law{beside}; part of the error remains.",
-        "": "Partly explained: {names} {removes} part of the error; no listed effect explains the rest.",
+        "": "Partly explained: a model with {names} {removes} part of the error. More than noise is left, so that "
+        "nothing of it is found.",
     },
     Verdict.UNEXPLAINED: {"": "Unexplained: the model is missing something that no listed effect explains."},
     Verdict.CANNOT_TELL: {
@@ -152,12 +151,14 @@ HEADLINES: dict[Verdict, dict[str, str]] = {
 
 def headline(result: IdentificationResult) -> str:
     """The verdict in one sentence."""
-    names = _joined([words(e.name) for e in result.effects]) if result.effects else ""
+    unnamed = () if result.law is None or result.verdict != Verdict.LAW_FOUND else result.law.terms
+    named = [words(e.name) for e in result.effects if e.name not in unnamed]
+    names = _joined(named) if named else ""
     by_place = HEADLINES[result.verdict]
-    where = A_LAW if result.law is not None else result.remaining.where
+    where = result.remaining.where
     return by_place.get(where, by_place[""]).format(
         names=names,
-        removes="remove" if len(result.effects) > 1 else "removes",
+        removes="removes",
         beside=f" together with {names}" if names else "",
         found=f" Found so far: {names}." if names else "",
         stopped="was interrupted" if result.interrupted else "ran out of time",
@@ -204,6 +205,7 @@ def sentences(result: IdentificationResult) -> list[str]:
     parts = (
         _reason,
         _law,
+        _causes,
         _errors,
         _held_out,
         _search,
@@ -227,7 +229,22 @@ def _reason(result: IdentificationResult) -> list[str]:
 
 def _law(result: IdentificationResult) -> list[str]:
     """The law found, in words and as a formula."""
-    return [] if result.law is None else [result.law.sentence, f"{result.law.formula}."]
+    if result.law is None or result.verdict != Verdict.LAW_FOUND:
+        return []
+    return [result.law.sentence, f"{result.law.formula}."]
+
+
+def _causes(result: IdentificationResult) -> list[str]:
+    """What kind of cause acts, where that is all that can be said, or where others explain the data as well."""
+    found = []
+    for cause in result.causes:
+        depends = " and ".join(cause.depends_on)
+        on = "" if depends == "nothing" else f", depending on {depends}"
+        found.append(
+            f"{cause.perturbs} ({cause.where}{on}): probability {significant(cause.probability, 2)} among all that was "
+            "tried"
+        )
+    return [f"Kinds of causes: {'; '.join(found)}."] if found else []
 
 
 def _errors(result: IdentificationResult) -> list[str]:

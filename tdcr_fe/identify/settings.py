@@ -10,12 +10,9 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from tdcr_fe.effects import EFFECTS, Effect
-
-if TYPE_CHECKING:
-    from tdcr_fe.identify.forward import ForwardModel
 
 
 @dataclass(frozen=True)
@@ -29,9 +26,7 @@ class IdentifySettings:
     significance : float
         Chance of adding an effect to data that miss nothing, over all candidates [1].
     candidates : int
-        How many of the best candidates of a round are fitted.
-    beam : int
-        How many models of a round are carried to the next.
+        How many of the best candidates of a round are evaluated, about; half of them are fitted.
     max_effects : int
         At most so many effects are added; beyond four, only while each takes away a tenth of the misfit on held-out
         steps.
@@ -51,7 +46,6 @@ class IdentifySettings:
     processes: int = 1
     significance: float = 1e-3
     candidates: int = 5
-    beam: int = 2
     max_effects: int = 12
     time_limit: float = 900.0
     hold_out: float = 0.3
@@ -72,11 +66,7 @@ FURTHER_EFFECTS = "further effects"
 
 EXCHANGES = "exchanges of effects"
 
-PLACES = "places along the backbone"
-
 FRICTION = "the best model with friction"
-
-A_LAW = "an unlisted law"
 
 NEXT_EXPERIMENT = "the next experiment"
 
@@ -91,7 +81,7 @@ CEILING = "the explainable part of the error"
 TABLES = "the tables of the corrected robot"
 
 #: Parts that may explain what is left: where one was not tried, and more than noise is left, the verdict is open.
-MAY_EXPLAIN = frozenset({FURTHER_EFFECTS, EXCHANGES, PLACES, FRICTION, A_LAW})
+MAY_EXPLAIN = frozenset({FURTHER_EFFECTS, EXCHANGES, FRICTION})
 
 #: From the first deadline of a part to the second, and from the time limit to the end of the simulation that the tables
 #: of the corrected robot take, over the time limit [1].
@@ -163,20 +153,3 @@ def ending_at(deadline: float) -> Callable[[Any], None] | None:
             raise OutOfTime
 
     return check
-
-
-@dataclass(frozen=True)
-class Budget:
-    """What a search may cost."""
-
-    forward: ForwardModel  # which counts the runs
-    # Counts at which the budget is spent
-    runs: int
-    iterations: int
-    deadline: float  # reading of `tdcr_fe.identify.settings.clock` at which it is spent [s]
-
-    @property
-    def spent(self) -> bool:
-        """Whether nothing further may begin."""
-        forward = self.forward
-        return forward.runs >= self.runs or forward.iterations >= self.iterations or clock() > self.deadline

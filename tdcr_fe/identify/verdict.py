@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, EffectAtPlace
+from tdcr_fe.identify.bay_state import with_action
+from tdcr_fe.identify.causes import Cause, is_named, kind_of
 from tdcr_fe.identify.criteria import (
     chi_square_threshold,
     insufficient_data,
@@ -32,6 +34,7 @@ from tdcr_fe.identify.result import (
     THE_NOISE,
     AddedEffect,
     Estimate,
+    FoundCause,
     FoundLaw,
     IdentificationResult,
     InputNoise,
@@ -44,7 +47,7 @@ from tdcr_fe.identify.result import (
     Verdict,
     tip_force,
 )
-from tdcr_fe.identify.search_state import Search, SearchState
+from tdcr_fe.identify.search_state import Search, SearchState, posterior
 from tdcr_fe.identify.settings import CEILING, MAY_EXPLAIN, clock
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import LoadStep
@@ -61,7 +64,6 @@ ONLY_NOISE = "what is left has the size and the structure of the noise"
 class Found(NamedTuple):
     """What an identification has found besides the last state of its search."""
 
-    law: FoundLaw | None = None  # unlisted, and part of the state's best model
     next_experiment: NextExperiment | None = None
     input_noise: InputNoise | None = None
     rows: RowChoice | None = None  # load steps that the search used; None for all
@@ -81,6 +83,8 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
         state, ceiling = _with_ceiling(search, state)
     else:
         ceiling = None
+    law = found_law(state)
+    verdict = _verdict(state, judged, law)
     tests = structure(data, best.residual, len(best.free))
     spread = covariance(problem, best)
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
@@ -89,8 +93,9 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
     declared_mesh = replace(corrected.model, elements_per_bay=data.model.elements_per_bay)
     return IdentificationResult(
         data=data,
-        verdict=_verdict(state, judged, found.law),
-        effects=added_effects(search, state, deviation),
+        verdict=verdict,
+        effects=added_effects(search, state, deviation, judged.explained),
+        causes=found_causes(search, state),
         before_fit=problem.misfit(declared.residual, fitted),
         before_held_out=problem.misfit(declared.residual, held_out),
         after_fit=problem.misfit(best.residual, fitted, len(best.free)),
@@ -118,8 +123,8 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
         not_tried=state.not_tried,
         interrupted=state.interrupted,
         history=state.history,
-        catalogue=problem.catalogue,
-        law=found.law,
+        catalogue=(*problem.catalogue, *(e for e in best.effects if isinstance(e, Cause))),
+        law=law,
         next_experiment=found.next_experiment,
         input_noise=found.input_noise,
         jump=None if judged.explained or judged.faulty else jump_of_residual(problem, best),
@@ -153,7 +158,7 @@ def _judged(search: Search, state: SearchState, found: Found) -> _Judgement:
     problem, best = state.problem, state.best
     explained = search.is_noise(problem, best)
     insufficient = insufficient_data(problem, state.declared, best, explained)
-    alone = not (insufficient or best.effects or found.law)
+    alone = not (insufficient or best.effects)
     inputs_explain = alone and found.input_noise is not None and found.input_noise.explains_all
     faulty = state.data_fault or (wrong_sigma(problem, best) if alone and not inputs_explain else "")
     unknown_noise = mostly_estimated_noise(problem.data) if explained and alone and not faulty else ""
@@ -251,14 +256,61 @@ def _remaining(state: SearchState, judged: _Judgement, tests: Sequence[Structure
     return Remainder(where, text, moment, edges)
 
 
-def added_effects(search: Search, state: SearchState, deviation: Array) -> tuple[AddedEffect, ...]:
+def found_law(state: SearchState) -> FoundLaw | None:
+    """The causes without a name in the best model, with their numbers and in words; None where there are none."""
+    problem, best = state.problem, state.best
+    causes = [e for e in best.effects if isinstance(e, Cause)]
+    if not causes:
+        return None
+    deviation = np.sqrt(np.maximum(np.diag(covariance(problem, best)), 0.0))
+    formulas = []
+    for e in causes:
+        numbers = []
+        for p in e.parameters:
+            width = ""
+            if (e.name, p.name) in best.free:
+                width = f" +- {1.96 * deviation[best.free.index((e.name, p.name))]:.2g}"
+            unit = "" if p.unit == "1" else f" {p.unit}"
+            numbers.append(f"{p.name} = {best.values[e.name][p.name]:.4g}{width}{unit}")
+        formulas.append(f"{e.name} ({', '.join(numbers)})")
+    experiment = problem.with_effects(best.effects, best.values)
+    if best.run.acted is not None:
+        experiment = with_action(experiment, best.run.acted.action)
+    others = dict.fromkeys(n for e in causes for n in state.rivals.get(e.name, ()))
+    sentence = "; ".join(e.sentence for e in causes)
+    return FoundLaw(
+        formula=" + ".join(formulas),
+        sentence=f"{sentence[:1].upper()}{sentence[1:]}: the declared model does not have it.",
+        where="; ".join(dict.fromkeys(e.kind.where for e in causes)),
+        terms=tuple(e.name for e in causes),
+        after_fit=problem.misfit(best.residual, problem.fitted, len(best.free)),
+        after_held_out=problem.misfit(best.residual, problem.held_out),
+        alternatives=tuple(others),
+        steps=experiment.steps,
+    )
+
+
+def found_causes(search: Search, state: SearchState) -> tuple[FoundCause, ...]:
+    """The kinds of the causes in the best model, with their probabilities among all models that were fitted."""
+    weights = posterior(search, state)
+    found = []
+    for e in state.best.effects:
+        kind = kind_of(e)
+        same = sum(w for f, w in weights if any(kind_of(x) == kind for x in f.effects))
+        found.append(FoundCause(e.name, kind.perturbs, kind.depends_on, kind.where, same))
+    return tuple(found)
+
+
+def added_effects(
+    search: Search, state: SearchState, deviation: Array, explained: bool
+) -> tuple[AddedEffect, ...]:
     """Effects in the order of adding, with the evidence for each."""
     problem, best = state.problem, state.best
     added = []
     before: Fit | None = state.declared
     for i, e in enumerate(best.effects):
         after: Fit | None = best
-        if i < len(best.effects) - 1 or ("law" in {k for k, _ in best.free}):
+        if i < len(best.effects) - 1:
             after = state.fits.get(frozenset(x.name for x in best.effects[: i + 1]))
         rivals = tuple(state.rivals.get(e.name, ()))
         threshold = chi_square_threshold(len(e.parameters), search.significance)
@@ -282,6 +334,7 @@ def added_effects(search: Search, state: SearchState, deviation: Array) -> tuple
                 evidence,
                 rivals,
                 separating_experiments(e, rivals, problem.catalogue),
+                explained and is_named(e),
             )
         )
         before = after

@@ -10,7 +10,6 @@ from identify_data import problem_of
 from robots import BACKBONE, LENGTH, tendon
 
 from tdcr_fe.effects import EFFECTS, Effect, PlaceEffect, effect
-from tdcr_fe.identify.candidates import local_candidates
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import FitProblem, evaluate
@@ -214,7 +213,7 @@ def test_all_candidates_are_screened_in_one_run() -> None:
     about = replace(about, sigma=np.full(about.count, 1e-4))
     fit = evaluate(about, (), {})
     before = about.forward.runs
-    scores = screen(about, fit, EFFECTS)
+    scores, _ = screen(about, fit, EFFECTS)
     assert about.forward.runs == before + 2
     assert {x.effect.name for x in scores if x.differenced} == {"base_compliance"}
     signatures = [x.effect.name for x in scores if x.signature.size]
@@ -223,13 +222,19 @@ def test_all_candidates_are_screened_in_one_run() -> None:
     )
 
 
+def at_places(about):
+    """Effects at every place, by kind."""
+    robot = about.experiment.robot
+    return [[e.at(x) for x in e.places(robot)] for e in EFFECTS if isinstance(e, PlaceEffect)]
+
+
 def test_effects_at_places_are_screened_in_one_run() -> None:
     """Version 0.1 simulated the history once for every place."""
     about = problem("tension")
     fit = evaluate(about, (), {})
-    causes = [e for family in local_candidates(about, fit) for e in family]
+    causes = [e for family in at_places(about) for e in family]
     before = about.forward.runs
-    scores = screen(about, fit, causes)
+    scores, _ = screen(about, fit, causes)
     assert len(scores) == len(causes) > 12 and not any(x.differenced for x in scores)
     assert about.forward.runs == before + 1
 
@@ -239,7 +244,7 @@ def test_derivatives_at_null_of_effects_at_places_are_those_of_whole_simulations
     """One-sided where the null value is a bound."""
     about = problem("tension")
     fit = evaluate(about, (), {})
-    families = [f for f in local_candidates(about, fit) if f[0].listed == name]
+    families = [f for f in at_places(about) if f[0].listed == name]
     e = families[0][len(families[0]) // 2]
     null = e.null_values(about.experiment)
     families_of = np.array([r.channel.family for r in about.data.readings])

@@ -39,7 +39,7 @@ def test_the_offset_of_one_marker_is_found_below_a_noise_of_fifty_typical_steps(
     """A typical step, 0.2 mm, changes one of six readings of a step by 0.05 sigma: rms 0.02, which was left out."""
     declared = evaluate(noisy, (), {})
     (each,) = [f for f in effect("marker_offset").forms(noisy.experiment) if f.name.endswith("(each)")]
-    (score,) = screen(noisy, declared, [each])
+    (score,), _ = screen(noisy, declared, [each])
     assert score.note == "" and score.drop > 50.0
     found = fit(noisy, [each], score.starts)
     value = found.values[each.name]["offset_x_marker_2"]

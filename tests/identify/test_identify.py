@@ -22,7 +22,6 @@ from identify_data import (
 from tdcr_fe.cli import main
 from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.identify import NotSolved, fitting, identification, identify
-from tdcr_fe.identify.candidates import FIRST
 from tdcr_fe.identify.criteria import residual_is_noise
 from tdcr_fe.identify.forward import ForwardModel, Job, run_settings
 from tdcr_fe.identify.load_steps import blocks, choose_held_out
@@ -183,7 +182,7 @@ def test_a_missing_effect_is_named_with_its_numbers():
     assert result.after_held_out.chi2_per_dof < 1.5 < result.before_held_out.chi2_per_dof
     # Those that promise far less are not simulated beside one that leaves noise.
     first = [c for c in result.candidates if c.round == 1]
-    assert sum(c.fitted for c in first) <= FIRST < 6 < len(first) and result.runs < 36
+    assert sum(c.fitted for c in first) <= 3 < 6 < len(first) and result.runs < 36
 
 
 @pytest.mark.integration
@@ -241,7 +240,7 @@ def test_an_interruption_keeps_what_was_found(monkeypatch):
         yield with_model(state, GRAVITY)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(identification, "search_effects", stopped)
+    monkeypatch.setattr(identification, "search_causes", stopped)
     result = identify(measured(GRAVITY))
     assert result.interrupted and [e.name for e in result.effects] == ["gravity"]
     assert result.verdict == "unfinished" and "interrupted" in result.history[-1]

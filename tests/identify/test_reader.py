@@ -55,4 +55,4 @@ def test_markers_are_read_as_the_channels_predict_them(share):
         known = channel(r.quantity)
         np.testing.assert_allclose(values[i], known.predict(step, [r.location])[0], rtol=1e-12, atol=1e-15)
         expected = known.derivatives(step, change, [r.location])[0]
-        np.testing.assert_allclose(derivatives[i], expected, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(derivatives[i], expected, rtol=1e-9, atol=1e-11)

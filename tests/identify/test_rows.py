@@ -20,6 +20,7 @@ from identify_data import (
 
 from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.identify import identify
+from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.load_steps import blocks, inputs
 from tdcr_fe.identify.long_data import (
@@ -34,7 +35,6 @@ from tdcr_fe.identify.long_data import (
     problem_of_rows,
 )
 from tdcr_fe.identify.report import write_report
-from tdcr_fe.identify.search_state import fitted_model
 from tdcr_fe.identify.sentences import sentences
 from tdcr_fe.identify.settings import ALL_STEPS, CEILING, SMALLER_MODELS, IdentifySettings
 from tdcr_fe.io.readings import Reading
@@ -181,7 +181,7 @@ def test_friction_has_the_same_history_on_the_chosen_steps_of_a_branch():
 @pytest.mark.integration
 def test_the_final_fit_and_all_errors_are_of_all_rows():
     """220 load steps, of which the search uses at most 72; the errors are those of all readings, and near the noise."""
-    truth = {"gravity": {"g_x": 0.0, "g_y": -6.0, "g_z": -7.0}}
+    truth = {"gravity": {"g_x": 0.0, "g_y": -6.0, "g_z": -7.76}}
     data = long_data(11, truth=truth)
     result = identify(data, IdentifySettings(max_effects=1, candidates=2))
     assert [e.name for e in result.effects] == ["gravity"] and result.verdict == "explained"
@@ -202,7 +202,7 @@ def test_the_final_fit_and_all_errors_are_of_all_rows():
 def searched():
     """All load steps, the choice of them, and a search that has found two effects on these."""
     truth = {
-        "gravity": {"g_x": 0.0, "g_y": -6.0, "g_z": -7.0},
+        "gravity": {"g_x": 0.0, "g_y": -6.0, "g_z": -7.76},
         "precurvature": {"kappa_x": 0.9, "kappa_y": 0.0},
     }
     data = long_data(11, truth=truth)
@@ -212,7 +212,8 @@ def searched():
     state = state_of(problem_of_rows(problem, chosen))
     effects = tuple(effect(name) for name in truth)
     for some in (effects[:1], effects):
-        state, best = fitted_model(state, some, [{e.name: truth[e.name] for e in some}])
+        best = fit(state.problem, some, [{e.name: truth[e.name] for e in some}])
+        state = state.with_fit(best)
     return problem, chosen, replace(state, best=best)
 
 

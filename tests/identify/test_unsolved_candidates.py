@@ -45,9 +45,8 @@ def test_laws_of_the_material_that_exclude_each_other_are_not_tried_together():
     problem = hardening()
     declared = evaluate(problem, (), {})
     assert declared.solved
-    scores = {
-        s.effect.name: s for s in screen(problem, declared, [effect("superelastic"), effect("actuator_gain")])
-    }
+    both = [effect("superelastic"), effect("actuator_gain")]
+    scores = {s.effect.name: s for s in screen(problem, declared, both)[0]}
     assert scores["superelastic"].note == "the robot cannot be combined with it"
     assert scores["actuator_gain"].note == "" and scores["actuator_gain"].starts
 

@@ -216,7 +216,7 @@ def test_the_replay_has_a_law_that_was_found_as_loads():
     steps = tuple(
         replace(s, loads={**s.loads, "law 1": Load(LENGTH, moment=(0.0, 2e-3, 0.0))}) for s in STEPS
     )
-    law = FoundLaw((), "A moment.", misfit, misfit, (), steps)
+    law = FoundLaw("m(s)", "A moment.", "everywhere", (), misfit, misfit, (), steps)
     model = Model(friction="none", elements_per_bay=1)
     experiment = Experiment(ROBOT, model, STEPS)
     found = replay(result(corrected=experiment, commanded=experiment, law=law))

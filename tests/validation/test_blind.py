@@ -146,6 +146,7 @@ def outcome(made, verdict="explained", named=(("precurvature", ()),), off=1.0, a
     effects = [
         SimpleNamespace(
             name=n,
+            found=True,
             indistinguishable_from=rivals,
             parameters={
                 p: SimpleNamespace(value=(at or {}).get(p, v + off * 0.01), std_error=0.01)

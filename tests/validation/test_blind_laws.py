@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from tdcr_fe.effects import EFFECTS
-from tdcr_fe.identify.law_search import where
-from tdcr_fe.identify.law_terms import BENDING, CURVATURE, DEFLECTION, DISPLACED, Term
-from tdcr_fe.identify.result import Estimate, LawTerm
+from tdcr_fe.identify.result import FoundCause
+from tdcr_fe.identify.terms import BENDING, CURVATURE, DEFLECTION, DISPLACED, Term, where
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
@@ -74,24 +73,24 @@ def test_a_blind_set_of_a_law_differs_from_the_declared_robot_far_above_the_nois
 
 def judged(name, *terms, effects=(), alternatives=(), after=0.0005):
     """The outcome of a set where these terms, as (product, where), were found."""
-    found = tuple(LawTerm(p, Estimate(1.0, 0.1, "N m"), w) for p, w in terms)
-    law = SimpleNamespace(terms=found, formula="m", alternatives=alternatives) if found else None
+    found = tuple(FoundCause(p, "stiffness", ("curvature",), w, 1.0) for p, w in (*terms, *effects))
+    law = SimpleNamespace(formula="m", alternatives=alternatives) if terms else None
     errors = [SimpleNamespace(rms_position=x) for x in (0.001, after)]
     result = SimpleNamespace(
-        verdict="explained by a law found", law=law, effects=effects, data=SimpleNamespace(robot=ROBOT),
+        verdict="explained by a law found", law=law, effects=(), causes=found, data=SimpleNamespace(robot=ROBOT),
         before_held_out=errors[0], after_held_out=errors[1], noise=errors[0],
     )  # fmt: skip
     return judge(next(r for r in LAWS if r.name == name), result, 1.0)
 
 
 def test_a_formula_is_right_with_the_product_of_its_recipe_and_nothing_else():
-    hardening = ("|kappa| kappa", "all bays")
+    hardening = ("|kappa| kappa", "everywhere")
     assert judged("hardening", hardening).right
-    assert not judged("hardening", ("|kappa|^2 kappa", "all bays")).right
-    assert not judged("hardening", hardening, ("t e_x", "all bays")).right
-    assert not judged("hardening", hardening, effects=(SimpleNamespace(name="gravity"),)).right
+    assert not judged("hardening", ("|kappa|^2 kappa", "everywhere")).right
+    assert not judged("hardening", hardening, ("t e_x", "everywhere")).right
+    assert not judged("hardening", hardening, effects=(("gravity", "everywhere"),)).right
     assert not judged("hardening").right
-    assert judged("hardening", ("T kappa", "all bays"), alternatives=("|kappa| kappa",)).among_others
+    assert judged("hardening", ("T kappa", "everywhere"), alternatives=("|kappa| kappa",)).among_others
 
 
 def test_a_formula_at_one_place_is_right_at_that_place_only():
@@ -103,7 +102,7 @@ def test_a_formula_at_one_place_is_right_at_that_place_only():
     ):
         assert judged(name, (term.product, where(term, edges))).right
         assert not judged(name, (term.product, where(replace(term, bay=bay - 1), edges))).right
-        assert not judged(name, (term.product, "all bays")).right
+        assert not judged(name, (term.product, "everywhere")).right
 
 
 def test_half_of_the_error_is_the_mark():

@@ -56,7 +56,8 @@ class Score:
 def score(answer: Answer, result: IdentificationResult, seconds: float = 0.0) -> Score:
     """Score one result; errors are over held-out positions."""
     recipe, data, held = answer.recipe, result.data, set(result.held_out_steps)
-    rivals = {e.name: list(e.indistinguishable_from) for e in result.effects}
+    effects = [e for e in result.effects if e.found]
+    rivals = {e.name: list(e.indistinguishable_from) for e in effects}
     use = [i for i, r in enumerate(data.readings) if r.step in held and r.quantity.startswith("position_")]
     noise = np.array([data.readings[i].value - answer.noise_free[i] for i in use])
     rms = [
@@ -64,7 +65,7 @@ def score(answer: Answer, result: IdentificationResult, seconds: float = 0.0) ->
         for p in (noise, result.residual_before[use], result.residual_after[use])
     ]
     inside: dict[bool, list[str]] = {True: [], False: []}
-    for e in result.effects:
+    for e in effects:
         for parameter, p in e.parameters.items():
             true = answer.effects.get(e.name, {}).get(parameter)
             if true is not None and p.std_error is not None and not recipe.at_a_place:
@@ -86,7 +87,7 @@ def score(answer: Answer, result: IdentificationResult, seconds: float = 0.0) ->
         after=rms[2],
         intervals_hit=inside[True],
         intervals_missed=inside[False],
-        found={e.name: {n: [p.value, p.std_error] for n, p in e.parameters.items()} for e in result.effects},
+        found={e.name: {n: [p.value, p.std_error] for n, p in e.parameters.items()} for e in effects},
         remaining=result.remaining.where,
         seconds=seconds,
     )

@@ -53,14 +53,14 @@ class Outcome:
 def judge(recipe: LawRecipe, result: IdentificationResult, seconds: float) -> Outcome:
     """What was found, beside what the recipe hides."""
     law = result.law
-    terms = () if law is None else law.terms
+    found = [(c.name.split(" in bay ")[0], c.where) for c in result.causes]
     where = where_it_acts(recipe, result.data.robot)
     return Outcome(
         law=recipe.name,
         verdict=result.verdict,
-        effects=[e.name for e in result.effects],
+        effects=[e.name for e in result.effects if e.found],
         formula="" if law is None else law.formula,
-        right=not result.effects and [(t.product, t.where) for t in terms] == [(recipe.product, where)],
+        right=found == [(recipe.product, where)],
         among_others=law is not None
         and any(other.split(" in bay ")[0] == recipe.product for other in law.alternatives),
         before=result.before_held_out.rms_position,
@@ -78,7 +78,7 @@ def where_it_acts(recipe: LawRecipe, robot: Robot) -> str:
     if recipe.name == "hardening in one bay":
         bay = round(0.4 * len(disks))
         return f"bay {bay + 1} (s = {edges[bay]:.4g} to {edges[bay + 1]:.4g} m)"
-    return "all bays"
+    return "everywhere"
 
 
 class BlindLaws(Campaign):

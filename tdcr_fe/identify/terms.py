@@ -9,7 +9,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.identify.law_state import COMPONENTS, BayState
+from tdcr_fe.identify.bay_state import COMPONENTS, BayState
 
 Array = NDArray[np.float64]
 
@@ -22,6 +22,7 @@ class Factor:
     symbol: str  # in formulas
     powers: tuple[int, int, int]  # of metre, newton and second
     value: Callable[[BayState], Array]  # from a `BayState` to shape (K, n_bays)
+    kind: str  # what a cause with this factor depends on
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,8 @@ class Direction:
     symbol: str
     powers: tuple[int, int, int]  # of metre, newton and second
     value: Callable[[BayState], Array]  # from a `BayState` to an action of shape (K, n_bays, 5)
+    perturbs: str = "stiffness"  # what a cause with this direction perturbs
+    depends_on: str = ""  # what that depends on by the direction alone; empty where on nothing
     is_force: bool = False
 
 
@@ -61,21 +64,32 @@ def _across(b: BayState) -> Array:
 
 
 CURVATURE = Factor(
-    "the curvature", "|kappa|", (-1, 0, 0), lambda b: np.linalg.norm(b.curvature[..., :2], axis=2)
+    "the curvature",
+    "|kappa|",
+    (-1, 0, 0),
+    lambda b: np.linalg.norm(b.curvature[..., :2], axis=2),
+    "curvature",
 )
 POSITION = Factor(
-    "the position along the backbone", "s", (1, 0, 0), lambda b: np.broadcast_to(b.middles, b.shape)
+    "the position along the backbone", "s", (1, 0, 0), lambda b: np.broadcast_to(b.middles, b.shape), "place"
 )
-TENSION = Factor("the sum of the tensions", "T", (0, 1, 0), lambda b: b.tension.sum(axis=2))
-TIME = Factor("time", "t", (0, 0, 1), lambda b: np.broadcast_to(b.time[:, None], b.shape))
-TWIST = Factor("the twist", "tau", (-1, 0, 0), lambda b: b.curvature[..., 2])
+TENSION = Factor("the sum of the tensions", "T", (0, 1, 0), lambda b: b.tension.sum(axis=2), "tension")
+TIME = Factor("time", "t", (0, 0, 1), lambda b: np.broadcast_to(b.time[:, None], b.shape), "time")
+ROW = Factor(
+    "the number of the row", "row", (0, 0, 0),
+    lambda b: np.broadcast_to(np.arange(1.0, b.shape[0] + 1.0)[:, None], b.shape), "row",
+)  # fmt: skip
+TWIST = Factor("the twist", "tau", (-1, 0, 0), lambda b: b.curvature[..., 2], "curvature")
 LOADING = Factor(
     "the direction of the last command",
     "sign",
     (0, 0, 0),
     lambda b: np.broadcast_to(_overall_direction(b)[:, None], b.shape),
+    "direction of loading",
 )
-DEFLECTION = Factor("the displacement", "|u|", (1, 0, 0), lambda b: np.linalg.norm(_across(b), axis=2))
+DEFLECTION = Factor(
+    "the displacement", "|u|", (1, 0, 0), lambda b: np.linalg.norm(_across(b), axis=2), "position"
+)
 
 
 def _overall_direction(b: BayState) -> Array:
@@ -98,46 +112,64 @@ BENDING_X = Direction(
     "kappa_x e_x",
     (-1, 0, 0),
     lambda b: _moment(b.curvature[..., 0], 0.0 * b.curvature[..., 0]),
+    "stiffness",
+    "direction of bending",
 )
 BENDING_Y = Direction(
     "about the section's y axis, with the curvature there",
     "kappa_y e_y",
     (-1, 0, 0),
     lambda b: _moment(0.0 * b.curvature[..., 0], b.curvature[..., 1]),
+    "stiffness",
+    "direction of bending",
 )
 CROSSED = Direction(
     "across the curvature",
     "e_z x kappa",
     (-1, 0, 0),
     lambda b: _moment(-b.curvature[..., 1], b.curvature[..., 0]),
+    "stiffness",
+    "direction of bending",
 )
-ABOUT_X = Direction("about the section's x axis", "e_x", (0, 0, 0), _constant(1.0, 0.0))
-ABOUT_Y = Direction("about the section's y axis", "e_y", (0, 0, 0), _constant(0.0, 1.0))
-TENDONS = Direction("along the moment of the tendons", "m_T", (1, 1, 0), lambda b: _tendon(b, b.tension))
+ABOUT_X = Direction("about the section's x axis", "e_x", (0, 0, 0), _constant(1.0, 0.0), "precurvature")
+ABOUT_Y = Direction("about the section's y axis", "e_y", (0, 0, 0), _constant(0.0, 1.0), "precurvature")
+TENDONS = Direction(
+    "along the moment of the tendons", "m_T", (1, 1, 0), lambda b: _tendon(b, b.tension), "routing"
+)
 TENDON_SIGN = Direction(
     "along the moment of each tendon, by the sign of its last motion",
     "sum(sign_i m_Ti)",
     (1, 1, 0),
     lambda b: _tendon(b, b.tension * b.direction[:, None, :]),
+    "transmission",
+    "direction of loading",
 )
 TENDON_LEVER = Direction(
     "along the lever of each tendon, by the sign of its last motion",
     "sum(sign_i r_i)",
     (1, 0, 0),
     lambda b: _tendon(b, np.broadcast_to(b.direction[:, None, :], b.tension.shape) * (b.tension > 0.0)),
+    "transmission",
+    "direction of loading",
 )
 LOADS = Direction(
     "along the bending moment of the loads",
     "m_F",
     (1, 1, 0),
     lambda b: _moment(b.load_moment[..., 0], b.load_moment[..., 1]),
+    "load",
 )
 DISPLACED = Direction(
-    "along the displacement across the axis", "u", (1, 0, 0), lambda b: _force(_across(b)), True
+    "along the displacement across the axis",
+    "u",
+    (1, 0, 0),
+    lambda b: _force(_across(b)),
+    "force",
+    "position",
+    True,
 )
 
-#: Factors of which products of up to two are formed, and the directions they go with.
-_FACTORS = (CURVATURE, POSITION, TENSION, TIME, TWIST, LOADING)
+#: Directions with which products of up to two factors are formed.
 _DIRECTIONS = (
     BENDING, BENDING_X, BENDING_Y, CROSSED, ABOUT_X, ABOUT_Y, TENDONS, TENDON_SIGN, TENDON_LEVER, LOADS,
 )  # fmt: skip
@@ -188,41 +220,86 @@ class Term:
             value = value * (np.arange(value.shape[1]) == self.bay)[None, :, None]
         return np.asarray(value)
 
-    def slope(self, state: BayState) -> Array:
-        """Derivative of the action by curvatures and displacements of the same bay, shape (K, n_bays, 5, 5)."""
-        here = self.action(state)
-        columns = []
-        length = float(state.edges[-1])
-        for c in range(COMPONENTS):
-            h = 1e-6 / length if c < 2 else 1e-6 * length
-            change = np.zeros(here.shape)
-            change[..., c] = h
-            columns.append((self.action(state.corrected(change)) - here) / h)
-        return np.stack(columns, axis=-1)
+    @property
+    def kind(self) -> tuple[str, tuple[str, ...]]:
+        """What it perturbs, and what that depends on."""
+        own = (self.direction.depends_on, *(f.kind for f in self.factors))
+        depends = tuple(dict.fromkeys(x for x in own if x)) or ("nothing",)
+        perturbs = self.direction.perturbs
+        if self.direction is TENDONS and not {"place", "curvature"} & set(depends):
+            perturbs = "input"  # the same factor on the tension of every tendon, in all bays
+        local = self.bay is not None and not self.direction.is_force and "place" not in depends
+        return perturbs, (*depends, "place") if local else depends
 
 
-def library(state: BayState) -> list[Term]:
-    """Candidate terms on the data: those that are not zero everywhere.
+def library(bays: int, clock: Factor) -> list[Term]:
+    """Candidate terms: products of up to two factors along every direction in all bays; of one factor in single bays.
 
-    Products of up to two factors along every direction in all bays; of one factor in single bays; forces on single
-    disks that grow with the second or third power of the displacement. Products that a listed effect has are left out.
+    And forces on single disks that grow with the second or third power of the displacement. Products that a listed
+    effect has are left out.
+
+    Parameters
+    ----------
+    bays
+        How many there are.
+    clock
+        `TIME`, or `ROW` where the steps have no times.
     """
-    products = [p for n in (0, 1, 2) for p in combinations_with_replacement(_FACTORS, n)]
+    factors = (CURVATURE, POSITION, TENSION, clock, TWIST, LOADING)
+    products = [p for n in (0, 1, 2) for p in combinations_with_replacement(factors, n)]
     terms = [
         Term(p, d)
         for d in _DIRECTIONS
         for p in products
         if (p, d) not in _LISTED and not _repeated_sign(p, d)
     ]
-    bays = state.shape[1]
     for b in range(bays):
-        terms += [Term((f,), BENDING, b) for f in (CURVATURE, TENSION, TIME, LOADING)]
-        terms += [Term((f,), d, b) for f in (TIME, TENSION) for d in (ABOUT_X, ABOUT_Y)]
+        terms += [Term((f,), BENDING, b) for f in (CURVATURE, TENSION, clock, LOADING)]
+        terms += [Term((f,), d, b) for f in (clock, TENSION) for d in (ABOUT_X, ABOUT_Y)]
         terms += [Term((DEFLECTION,) * n, DISPLACED, b) for n in (1, 2)]
-    return [t for t in terms if float(np.nanmax(np.abs(t.action(state)), initial=0.0)) > 0.0]
+    return terms
 
 
 def _repeated_sign(factors: tuple[Factor, ...], direction: Direction) -> bool:
     """Whether a sign stands twice: its square is one."""
     count = factors.count(LOADING) + (direction in (TENDON_SIGN, TENDON_LEVER))
     return count > 1
+
+
+def where(term: Term, edges: Array) -> str:
+    """Where a term acts."""
+    if term.bay is None:
+        return "everywhere"
+    if term.direction.is_force:
+        return f"disk at s = {edges[term.bay + 1]:.4g} m"
+    return f"bay {term.bay + 1} (s = {edges[term.bay]:.4g} to {edges[term.bay + 1]:.4g} m)"
+
+
+_POWERS = {1: "", 2: "the square of ", 3: "the third power of "}
+
+#: What the size of a direction is, in words.
+_SIZES = {
+    "kappa": CURVATURE.name,
+    "kappa_x e_x": "the curvature about x",
+    "kappa_y e_y": "the curvature about y",
+    "e_z x kappa": CURVATURE.name,
+    "m_T": "the moment of the tendons",
+    "sum(sign_i m_Ti)": "the moment of each tendon",
+    "sum(sign_i r_i)": "the lever of each tendon",
+    "m_F": "the bending moment of the loads",
+    "u": "the displacement",
+}
+
+
+def sentence(term: Term) -> str:
+    """What a term says, in words."""
+    names = [f.name for f in term.factors]
+    own = _SIZES.get(term.direction.symbol)
+    names += [own] if own else []
+    parts = []
+    for name in dict.fromkeys(names):
+        power = names.count(name)
+        parts.append(f"{_POWERS.get(power, f'power {power} of ')}{name}")
+    size = " times ".join(parts) or "a constant"
+    what = "a force" if term.direction.is_force else "a bending moment"
+    return f"{what} {term.direction.name}, proportional to {size}"

@@ -1,0 +1,215 @@
+"""What the robot knows in every bay at every load step, loads that act there, and the response to them.
+
+An action is a bending moment in every bay, about the x and y axes of its middle section [N m], and a force on the disk
+at its end, in the world frame [N]: shape (K, n_bays, 5) over K commanded load steps. A moment acts as a couple at both
+ends of its bay, so that it is internal to the backbone; actions grow linearly over a load step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tdcr_fe.effects import Experiment
+from tdcr_fe.model.interpolation import interpolate_positions
+from tdcr_fe.model.loading import Load, resolve
+from tdcr_fe.model.results import StepResult
+
+if TYPE_CHECKING:
+    from tdcr_fe.identify.run import Run, RunDerivatives
+    from tdcr_fe.solve.sensitivities.parameters import StepInput
+
+Array = NDArray[np.float64]
+
+#: Components of an action in a bay: moments about x and y, forces along x, y and z.
+COMPONENTS = 5
+
+#: Names of the loads that carry an action begin with this.
+LOAD = "law"
+
+
+@dataclass(frozen=True)
+class BayState:
+    """State of all bays at the end of every commanded load step; NaN where a step was not solved."""
+
+    edges: Array  # arc lengths of base plate, disks and tip [m], shape (n_bays + 1,)
+    curvature: Array  # mean curvatures about x and y and twist, section frame [1/m], shape (K, n_bays, 3)
+    rotation: Array  # of the middle section of every bay, shape (K, n_bays, 3, 3)
+    # displacement of the distal end of every bay since the unloaded state [m], shape (K, n_bays, 3)
+    moved: Array
+    # of the tendon segment that passes a bay, zero beyond a tendon's end [N], shape (K, n_bays, n_tendons)
+    tension: Array
+    lever: Array  # bending moment of a unit tension about x and y [m], shape (n_bays, n_tendons, 2)
+    direction: Array  # sign of the last change of every tendon's command [1], shape (K, n_tendons)
+    time: Array  # [s], shape (K,)
+    # bending moment of the concentrated loads in the middle section [N m], shape (K, n_bays, 2)
+    load_moment: Array
+
+    @property
+    def middles(self) -> Array:
+        """Of the bays [m]."""
+        return 0.5 * (self.edges[1:] + self.edges[:-1])
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Steps, bays."""
+        return self.curvature.shape[0], self.curvature.shape[1]
+
+    def corrected(self, change: Array) -> BayState:
+        """With curvatures and displacements changed, shape (K, n_bays, 5): about x and y, along x, y and z."""
+        curvature = self.curvature.copy()
+        curvature[..., :2] += change[..., :2]
+        return replace(self, curvature=curvature, moved=self.moved + change[..., 2:])
+
+    @classmethod
+    def joined(cls, parts: Sequence[BayState]) -> BayState:
+        """Of several loading sequences, one after another."""
+        by_step = ("curvature", "rotation", "moved", "tension", "direction", "time", "load_moment")
+        return replace(parts[0], **{n: np.concatenate([getattr(p, n) for p in parts]) for n in by_step})
+
+
+class Action(NamedTuple):
+    """What acts on the bays in every commanded step."""
+
+    values: Array  # shape (K, n_bays, 5)
+    rotation: Array  # of the middle sections, to which the moments belong, shape (K, n_bays, 3, 3)
+
+    @classmethod
+    def none(cls, steps: int, bays: int) -> Action:
+        """No action."""
+        upright = np.broadcast_to(np.eye(3), (steps, bays, 3, 3))
+        return cls(np.zeros((steps, bays, COMPONENTS)), upright)
+
+
+def with_action(experiment: Experiment, action: Action) -> Experiment:
+    """The experiment, possibly with divided steps, with an action as concentrated loads."""
+    edges = experiment.robot.bay_edges
+    couple = np.einsum("kbij,kbj->kbi", action.rotation[..., :2], action.values[..., :2])
+    couple[:, :-1] -= couple[:, 1:]
+    wrench = np.concatenate((action.values[..., 2:], couple), axis=-1)
+    firsts = {0, *experiment.restarts}
+    steps = []
+    for step, (k, factor) in zip(experiment.steps, experiment.step_ends, strict=True):
+        before = np.zeros_like(wrench[0]) if k in firsts else wrench[k - 1]
+        here = before + factor * (wrench[k] - before)
+        loads = {
+            f"{LOAD} {j + 1}": Load(float(edges[j + 1]), _triple(w[:3]), _triple(w[3:]))
+            for j, w in enumerate(here)
+        }
+        steps.append(replace(step, loads={**step.loads, **loads}))
+    return replace(experiment, steps=tuple(steps))
+
+
+def _triple(x: Array) -> tuple[float, float, float]:
+    return float(x[0]), float(x[1]), float(x[2])
+
+
+def action_inputs(bays: int) -> tuple[StepInput, ...]:
+    """Inputs by which a run with an action is differentiated."""
+    from tdcr_fe.solve.sensitivities.parameters import LOAD_COMPONENTS, StepInput
+
+    names = [(f"{LOAD} {j + 1}", c) for j in range(bays) for c in range(6)]
+    return tuple(StepInput(f"{name} {LOAD_COMPONENTS[c]}", load=name, component=c) for name, c in names)
+
+
+def bay_state(experiment: Experiment, steps: Sequence[StepResult], last: Sequence[int]) -> BayState:
+    """State of the bays at the ends of commanded steps.
+
+    Parameters
+    ----------
+    experiment
+        What was simulated.
+    steps
+        What was solved of it.
+    last
+        Of every commanded step, the index of its last part.
+    """
+    robot, edges = experiment.robot, experiment.robot.bay_edges
+    count, bays, m = len(last), len(edges) - 1, len(robot.tendons)
+    middles, widths = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
+    curvature = np.full((count, bays, 3), np.nan)
+    rotation = np.full((count, bays, 3, 3), np.nan)
+    moved = np.full((count, bays, 3), np.nan)
+    tension = np.zeros((count, bays, m))
+    load_moment = np.zeros((count, bays, 2))
+    actions = resolve(robot, experiment.steps)
+    holes = [robot.hole_arc_lengths(t) for t in robot.tendons]
+    for k, j in enumerate(last):
+        if j >= len(steps):
+            continue
+        step = steps[j]
+        nodes = [int(np.argmin(np.abs(step.s - e))) for e in edges]
+        frames = step.rotations[nodes]
+        turn = Rotation.from_matrix(np.swapaxes(frames[:-1], 1, 2) @ frames[1:])
+        curvature[k] = turn.as_rotvec() / widths[:, None]
+        half = Rotation.from_rotvec(0.5 * turn.as_rotvec()).as_matrix()
+        rotation[k] = frames[:-1] @ half
+        moved[k] = step.positions[nodes[1:]] - np.array([0.0, 0.0, 1.0]) * edges[1:, None]
+        for i in range(m):
+            at = np.searchsorted(holes[i], middles) - 1
+            inside = middles < robot.end(robot.tendons[i])
+            tension[k, inside, i] = step.tensions[i][np.minimum(at[inside], len(step.tensions[i]) - 1)]
+        x = interpolate_positions(step.s, step.positions, step.rotations, middles)
+        for name, load in actions[j].loads.items():
+            if name.startswith(f"{LOAD} ") or not any((*load.force, *load.moment)) or load.frame != "world":
+                continue
+            node = step.positions[int(np.argmin(np.abs(step.s - load.at)))]
+            about = np.cross(node - x, np.array(load.force)) + np.array(load.moment)
+            about[middles > load.at] = 0.0
+            load_moment[k] += np.einsum("bij,bi->bj", rotation[k], about)[:, :2]
+    lever = np.zeros((bays, m, 2))
+    for i, tendon in enumerate(robot.tendons):
+        end = robot.end(tendon)
+        hole = tendon.routing.position(np.minimum(middles, end), end)
+        lever[:, i] = np.stack((-hole[:, 1], hole[:, 0]), axis=1)
+    whole = [actions[j] for j in last]
+    time = np.array([a.time for a in whole])
+    direction = last_direction(np.array([a.values for a in whole]).reshape(count, m))
+    return BayState(edges, curvature, rotation, moved, tension, lever, direction, time, load_moment)
+
+
+def last_direction(commands: Array) -> Array:
+    """Sign of the last change of every command, from zero on, shape (K, n_tendons)."""
+    change = np.sign(np.diff(commands, axis=0, prepend=np.zeros((1, commands.shape[1]))))
+    found = np.zeros_like(commands)
+    for k in range(len(commands)):
+        found[k] = np.where(change[k] != 0.0, change[k], found[k - 1] if k else 0.0)
+    return found
+
+
+class Response(NamedTuple):
+    """Derivatives by the action of the same load step, everything before the step unchanged."""
+
+    readings: Array  # of the predictions over sigma, shape (n, 5 n_bays)
+    # of curvatures about x and y and displacements of the bays, in the order of an action, shape (K, 5
+    # n_bays, 5 n_bays)
+    state: Array
+
+
+def state_change(run: Run, by: RunDerivatives) -> Array:
+    """Derivatives of curvatures about x and y and displacements of the bays, shape (K, 5 n_bays, P)."""
+    assert run.bays is not None
+    state, steps = run.bays, len(run.positions)
+    nodes = [int(np.argmin(np.abs(run.s - e))) for e in state.edges]
+    turned = by.rotations[:, nodes]
+    local = np.einsum("kbij,kbip->kbjp", state.rotation, turned[:, 1:] - turned[:, :-1])
+    rates = local[:, :, :2] / np.diff(state.edges)[:, None, None]
+    both = np.concatenate((rates, by.positions[:, nodes[1:]]), axis=2)
+    return np.asarray(both.reshape(steps, COMPONENTS * state.shape[1], -1))
+
+
+def loads_of_action(rotation: Array) -> Array:
+    """From an action to the loads at the ends of the bays (force, moment), shape (K, 6 n_bays, 5 n_bays)."""
+    steps, bays = rotation.shape[:2]
+    matrix = np.zeros((steps, bays, 6, bays, COMPONENTS))
+    for b in range(bays):
+        matrix[:, b, 3:, b, :2] = rotation[:, b][:, :, :2]
+        if b:
+            matrix[:, b - 1, 3:, b, :2] = -rotation[:, b][:, :, :2]
+        matrix[:, b, :3, b, 2:] = np.eye(3)
+    return matrix.reshape(steps, 6 * bays, COMPONENTS * bays)

@@ -1,0 +1,441 @@
+"""The dictionary of small causes: the listed effects in all their forms and places, and causes without a name.
+
+Each is a column, or a few, of the derivatives of all readings (`tdcr_fe.identify.screening`). What is perturbed, what
+that depends on and where it acts is the kind of a cause (`tdcr_fe.identify.causes`).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdcr_fe.effects import Effect, Experiment, Parameter, PlaceEffect
+from tdcr_fe.effects.base import Bounds, ExcitationRange, Points, Values
+from tdcr_fe.identify.bay_state import COMPONENTS, BayState
+from tdcr_fe.identify.causes import (
+    Attraction,
+    Cause,
+    ChangedDescription,
+    Kind,
+    ReadingCause,
+    StateLoad,
+)
+from tdcr_fe.identify.terms import ROW, TIME, Factor, library, sentence, where
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.model.backbone import StiffnessPatch
+from tdcr_fe.model.loading import LoadStep, resolve
+from tdcr_fe.model.routing import MisplacedRouting
+
+if TYPE_CHECKING:
+    from tdcr_fe.identify.problem import FitProblem
+
+Array = NDArray[np.float64]
+
+#: Largest size of a moment or force that a typical step of its coefficient gives, over EI/L or EI/L^2 [1].
+TYPICAL = 0.02
+
+#: Coefficients are at most so many typical steps.
+FARTHEST = 2000.0
+
+
+def dictionary(problem: FitProblem, state: BayState) -> tuple[Effect, ...]:
+    """All candidate causes of a problem.
+
+    Parameters
+    ----------
+    problem
+        With the listed effects in its catalogue.
+    state
+        Of the declared model.
+    """
+    experiment = problem.experiment
+    listed = [form for e in problem.catalogue for form in e.forms(experiment)]
+    robot = experiment.robot
+    places = [
+        e.at(place) for e in problem.catalogue if isinstance(e, PlaceEffect) for place in e.places(robot)
+    ]
+    return (*listed, *places, *unnamed(problem, state))
+
+
+def unnamed(problem: FitProblem, state: BayState) -> list[Cause]:
+    """Causes on no list."""
+    found: list[Cause] = [*_stiffness(), *_inputs(problem), *_readings(problem)]
+    if not problem.experiment.robot.without_disks:
+        found += _routings(problem)
+    return [*found, *_loads(problem, state)]
+
+
+def has_times(problem: FitProblem) -> bool:
+    """Whether every load step has a time, and these differ."""
+    times = [s.time for s in problem.data.steps]
+    return all(t is not None for t in times) and len(set(times)) > 1
+
+
+def _clock(problem: FitProblem) -> str:
+    """What a drift depends on: time, else the row; empty where there are no times and rows are left out."""
+    if has_times(problem):
+        return "time"
+    ids = problem.data.step_ids
+    return "row" if ids == tuple(range(ids[0], ids[0] + len(ids))) else ""
+
+
+def _progress(steps: Sequence[LoadStep]) -> Array:
+    """From near zero to one along steps, by time or, without times, by their number, shape (n,)."""
+    times = [s.time for s in steps]
+    known = np.array([t for t in times if t is not None], dtype=float)
+    if known.size == len(times) and np.ptp(known) > 0.0:
+        return known / max(float(np.max(known)), 1e-300)
+    return np.arange(1.0, len(times) + 1.0) / len(times)
+
+
+# ------------------------------------------------------------------------------------------------ descriptions
+
+
+def _number(name: str, unit: str, span: tuple[float, float], null: float, scale: float) -> Parameter:
+    return Parameter(name, unit, span[0], span[1], null, scale, name.replace("_", " "))
+
+
+def _stiffness() -> list[Cause]:
+    """A taper: the radius changes linearly along the backbone."""
+
+    def tapered(experiment: Experiment, values: Values) -> Experiment:
+        edges, length = experiment.robot.bay_edges, experiment.robot.backbone.length
+        base, tip = values["radius_base"], values["radius_tip"]
+        if base == tip == 1.0:
+            return experiment
+        patches = []
+        for a, b in itertools.pairwise(edges.tolist()):
+            # mean of the compliance over the bay, by Gauss's rule
+            s = 0.5 * (a + b) + 0.5 * (b - a) * np.array([-1.0, 1.0]) / math.sqrt(3.0)
+            factor = 1.0 / float(np.mean((base + (tip - base) * s / length) ** -4.0))
+            patches.append(StiffnessPatch(a, b, factor, factor))
+        backbone = experiment.robot.backbone
+        return experiment.with_backbone(patches=(*backbone.patches, *patches))
+
+    numbers = tuple(_number(n, "1", (0.4, 2.5), 1.0, 0.02) for n in ("radius_base", "radius_tip"))
+    text = "the stiffness changes along the backbone, as that of a taper"
+    return [ChangedDescription("taper", Kind("stiffness", ("place",)), numbers, tapered, text)]
+
+
+def _routings(problem: FitProblem) -> list[Cause]:
+    """The holes of one tendon elsewhere: at another angle and distance, the same along the backbone or not."""
+    found: list[Cause] = []
+    for tendon in problem.experiment.robot.tendon_names:
+
+        def same(experiment: Experiment, values: Values, tendon: str = tendon) -> Experiment:
+            both = {"factor": values["factor"], "angle": values["angle"]}
+            return _moved(
+                experiment, tendon, {f"{n}_{end}": x for n, x in both.items() for end in ("base", "end")}
+            )
+
+        def along(experiment: Experiment, values: Values, tendon: str = tendon) -> Experiment:
+            return _moved(experiment, tendon, values)
+
+        factor, angle = (0.3, 3.0), (-1.5, 1.5)
+        numbers = (_number("factor", "1", factor, 1.0, 0.02), _number("angle", "rad", angle, 0.0, 0.02))
+        four = tuple(
+            replace(p, name=f"{p.name}_{end}", meaning=f"{p.meaning} at the {end}")
+            for p in numbers
+            for end in ("base", "end")
+        )
+        where_ = f"tendon {tendon}"
+        text = f"the holes of tendon {tendon} are elsewhere, at another angle or distance"
+        found.append(
+            ChangedDescription(
+                f"routing of {tendon}", Kind("routing", ("nothing",), where_), numbers, same, text
+            )
+        )
+        found.append(
+            ChangedDescription(
+                f"routing of {tendon} along s", Kind("routing", ("place",), where_), four, along, text
+            )
+        )
+    return found
+
+
+def _moved(experiment: Experiment, tendon: str, values: Values) -> Experiment:
+    """The experiment with the holes of one tendon elsewhere."""
+    if (
+        values["factor_base"] == values["factor_end"] == 1.0
+        and values["angle_base"] == values["angle_end"] == 0.0
+    ):
+        return experiment
+    tendons = tuple(
+        replace(t, routing=MisplacedRouting(t.routing, **values)) if t.name == tendon else t
+        for t in experiment.robot.tendons
+    )
+    return experiment.with_robot(tendons=tendons)
+
+
+def _inputs(problem: FitProblem) -> list[Cause]:
+    """Inputs other than commanded: by a constant, by a part that grows with them, or that changes along the rows."""
+    names = problem.experiment.robot.tendon_names
+    actions = resolve(problem.data.robot, problem.data.steps)
+    commands = np.array([a.values for a in actions]).reshape(len(actions), -1)
+    largest = np.max(np.abs(commands), axis=0, initial=0.0)
+    driven = [i for i in range(len(names)) if np.ptp(commands[:, i]) > 0.0]
+    if not driven:
+        return []
+    most = float(max(largest))
+    clock = _clock(problem)
+    displaced = bool(actions[0].by_displacement[driven[0]])
+    unit = "m" if displaced else "N"
+
+    def law(
+        change: Callable[[float, float, float, float], float],
+    ) -> Callable[[Experiment, Values], Experiment]:
+        """An experiment whose inputs are changed: input, its largest value, progress and number to the new input."""
+
+        def changed(experiment: Experiment, values: Values) -> Experiment:
+            if not any(values.values()):
+                return experiment
+            steps: list[LoadStep] = []
+            ends = [(k, x == 1.0) for k, x in experiment.step_ends]
+            progress = _progress([s for s, (_, whole) in zip(experiment.steps, ends, strict=True) if whole])
+            for step, (k, _) in zip(experiment.steps, ends, strict=True):
+
+                def new(name: str, x: float, p: float = float(progress[k])) -> float:
+                    number = values.get(name, values.get("all", 0.0))
+                    y = change(x, most, p, number)
+                    return y if displaced else max(y, 0.0)
+
+                steps.append(
+                    replace(
+                        step,
+                        tensions={n: new(n, x) for n, x in step.tensions.items()},
+                        displacements={n: new(n, x) for n, x in step.displacements.items()},
+                    )
+                )
+            return replace(experiment, steps=tuple(steps))
+
+        return changed
+
+    def constant(x: float, top: float, p: float, a: float) -> float:
+        return x + a
+
+    def growing(x: float, top: float, p: float, a: float) -> float:
+        return x * (1.0 + a * abs(x) / top)
+
+    def drifting_gain(x: float, top: float, p: float, a: float) -> float:
+        return x * (1.0 + a * p)
+
+    def drifting(x: float, top: float, p: float, a: float) -> float:
+        return x + a * p
+
+    laws = [
+        ("offset of the input", "nothing", unit, most, constant, "the inputs are off by a constant"),
+        ("gain that grows", "tension", "1", 1.0, growing, "the gain of the inputs depends on their size"),
+        ("gain that drifts", clock, "1", 1.0, drifting_gain, "the gain of the inputs drifts"),
+        ("offset that drifts", clock, unit, most, drifting, "the inputs drift"),
+    ]
+    found: list[Cause] = []
+    for name, depends, own, size, change, text in laws:
+        if not depends:
+            continue
+        kind = Kind("input", (depends,))
+        one = _number("all", own, (-0.9 * size, 3.0 * size), 0.0, 0.01 * size)
+        if name.startswith("gain"):
+            found.append(ChangedDescription(f"{name} (all)", kind, (one,), law(change), text))
+        each = tuple(replace(one, name=names[i]) for i in driven)
+        if len(each) > 1:
+            found.append(ChangedDescription(f"{name} (each)", kind, each, law(change), text))
+        for p in each:
+            at = kind._replace(where=f"tendon {p.name}")
+            found.append(ChangedDescription(f"{name} ({p.name})", at, (p,), law(change), f"{text}: {p.name}"))
+    return found
+
+
+# ---------------------------------------------------------------------------------------------------- readings
+
+
+def _readings(problem: FitProblem) -> list[Cause]:
+    """Readings that are shifted or turned along the rows, from some row on, or of another scale."""
+    readings, data = problem.readings, problem.data
+    if not np.any(readings.is_position):
+        return []
+    length, clock = data.robot.backbone.length, _clock(problem)
+
+    def along(axis: int, weight: Callable[[MeasuredData], Array]) -> Callable[[FitProblem], Array]:
+        return lambda p: (p.readings.axes == axis) * weight(p.data)[p.readings.reader.step]
+
+    def shift(name: str, kind: Kind, weight: Callable[[MeasuredData], Array], text: str) -> ReadingCause:
+        numbers = tuple(_number(a, "m", (-length, length), 0.0, 2e-3 * length) for a in "xyz")
+        return ReadingCause(name, kind, numbers, tuple(along(i, weight) for i in range(3)), text)
+
+    def after(number: int) -> Callable[[MeasuredData], Array]:
+        return lambda d: (np.array(d.step_ids) >= number).astype(float)
+
+    found: list[Cause] = []
+    if clock:
+        kind, text = Kind("reading", (clock,)), "the measuring frame drifts"
+        found.append(shift("drift of the measuring frame", kind, lambda d: _progress(d.steps), text))
+    numbers = (_number("scale", "1", (-0.5, 0.5), 0.0, 0.01),)
+    scale = ReadingCause("scale of the positions", Kind("reading", ("position",)), numbers,
+                         (lambda p: np.where(p.readings.is_position, p.readings.values, 0.0),),
+                         "positions are read too large or too small by a factor")  # fmt: skip
+    found.append(scale)
+    count = len(data.steps)
+    for k in range(3, count - 2):
+        number = data.step_ids[k]
+        kind = Kind("reading", ("row",), f"from row {number} on")
+        text = "all markers are shifted from some row on"
+        cause = shift(f"jump of the frame from row {number} on", kind, after(number), text)
+        cause.price = math.log(count)
+        found.append(cause)
+    return found
+
+
+# ------------------------------------------------------------------------------------------------------- loads
+
+
+def _loads(problem: FitProblem, state: BayState) -> list[Cause]:
+    """Moments and forces on the backbone that depend on the state."""
+    backbone = problem.experiment.robot.backbone
+    length = backbone.length
+    size = np.array([backbone.EI / length] * 2 + [backbone.EI / length**2] * 3)
+    clock = TIME if has_times(problem) else ROW
+    bays = state.shape[1]
+    found: list[Cause] = []
+
+    def add(
+        name: str,
+        kind: Kind,
+        terms: Sequence[tuple[str, str, Callable[[BayState], Array]]],
+        text: str,
+        price: float,
+    ) -> None:
+        numbers = []
+        for label, unit, term in terms:
+            most = float(np.nanmax(np.abs(term(state)) / size, initial=0.0))
+            if most <= 0.0:
+                return
+            scale = TYPICAL / most
+            numbers.append(Parameter(label, unit, -FARTHEST * scale, FARTHEST * scale, 0.0, scale, label))
+        cause = StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text)
+        cause.price = price
+        found.append(cause)
+
+    rows_left_out = not _clock(problem)
+    for term in library(bays, clock):
+        if rows_left_out and ROW in term.factors:
+            continue
+        perturbs, depends = term.kind
+        price = math.log(10.0) + 1.5 * len(term.factors) + (math.log(bays) if term.bay is not None else 0.0)
+        kind = Kind(perturbs, depends, where(term, state.edges))
+        add(term.key, kind, [("coefficient", term.unit, term.action)], sentence(term), price)
+    for text, varies, unit, factor in _free_forces(clock):
+        if varies == "row" and rows_left_out:
+            continue
+        for bay in range(bays):
+            at = "tip" if bay == bays - 1 else f"disk at s = {state.edges[bay + 1]:.4g} m"
+            add(f"force {text} ({at})", Kind("force", (varies,), at),
+                [(a, unit, _at(bay, i, factor)) for i, a in enumerate("xyz")],
+                f"a force of fixed direction, {text}", 1.5 + (0.0 if bay == bays - 1 else math.log(bays)))  # fmt: skip
+    matrix = [
+        (f"{a}{b}", "N/m", _linear(bays - 1, i, j)) for i, a in enumerate("xyz") for j, b in enumerate("xyz")
+    ]
+    add("force linear in the displacement (tip)", Kind("force", ("position",), "tip"), matrix,
+        "a force that grows linearly with the displacement", 1.5)  # fmt: skip
+    spread = [(a, "N/m", _spread(i)) for i, a in enumerate("xyz")]
+    add("force along the backbone", Kind("force", ("nothing",), "along the backbone"), spread,
+        "a constant force along the whole backbone", 3.0)  # fmt: skip
+    found.append(OneSide(TYPICAL * backbone.EI))
+    tip = float(state.edges[-1])
+    found += [Attraction(tip, -1, power, 0.5 * length, TYPICAL * float(size[2])) for power in (2, 1, 3)]
+    return found
+
+
+#: A force of free direction: in words, what it depends on, the unit of its coefficient, and its factor.
+_FreeForce = tuple[str, str, str, Callable[[BayState], Array] | None]
+
+
+def _free_forces(clock: Factor) -> list[_FreeForce]:
+    timed = clock.kind == "time"
+    return [
+        ("constant", "nothing", "N", None),
+        ("in proportion to the displacement", "position", "N/m", lambda b: np.linalg.norm(b.moved, axis=2)),
+        (f"in proportion to {clock.name}", clock.kind, "N/s" if timed else "N", clock.value),
+    ]
+
+
+def _at(bay: int, axis: int, factor: Callable[[BayState], Array] | None) -> Callable[[BayState], Array]:
+    """A force on one disk along an axis of the world."""
+
+    def term(state: BayState) -> Array:
+        found = np.zeros((*state.shape, COMPONENTS))
+        found[:, bay, 2 + axis] = 1.0 if factor is None else factor(state)[:, bay]
+        return found
+
+    return term
+
+
+def _linear(bay: int, axis: int, by: int) -> Callable[[BayState], Array]:
+    """A force on one disk along an axis in proportion to a component of its displacement."""
+
+    def term(state: BayState) -> Array:
+        found = np.zeros((*state.shape, COMPONENTS))
+        found[:, bay, 2 + axis] = state.moved[:, bay, by]
+        return found
+
+    return term
+
+
+def _spread(axis: int) -> Callable[[BayState], Array]:
+    """A constant force per length along an axis of the world."""
+
+    def term(state: BayState) -> Array:
+        found = np.zeros((*state.shape, COMPONENTS))
+        found[..., 2 + axis] = np.diff(state.edges)
+        return found
+
+    return term
+
+
+class OneSide(StateLoad):
+    """Another bending stiffness where the backbone bends to one side."""
+
+    name = "stiffness of one side"
+    kind = Kind("stiffness", ("curvature",))
+    sentence = "the stiffness is another one where the backbone bends to one side"
+
+    def __init__(self, scale: float) -> None:
+        most = 50.0 * scale
+        self.parameters = (
+            Parameter("EI", "N m^2", -most, most, 0.0, scale, "bending stiffness that is added on that side"),
+            Parameter("side", "rad", -7.0, 7.0, 0.0, 0.1, "direction of the curvature on that side"),
+        )
+
+    def action(self, state: BayState, values: Values) -> Array:
+        """See `StateLoad.action`."""
+        along = np.array([math.cos(values["side"]), math.sin(values["side"])])
+        found = np.zeros((*state.shape, COMPONENTS))
+        bent = np.maximum(state.curvature[..., :2] @ along, 0.0)
+        found[..., :2] = -values["EI"] * bent[..., None] * along
+        return found
+
+    def by_value(self, state: BayState, values: Values, name: str) -> Array:
+        """See `StateLoad.by_value`."""
+        if name == "EI":
+            return self.action(state, {**values, "EI": 1.0})
+        h = 1e-6
+        return (self.action(state, {**values, name: values[name] + h}) - self.action(state, values)) / h
+
+    def unidentifiable_at_null(self, experiment: Experiment) -> tuple[str, ...]:
+        """The side."""
+        return ("side",)
+
+    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
+        """Twelve sides."""
+        return [
+            [{"EI": self.parameters[0].scale, "side": float(side)}] for side in np.arange(-6, 6) * np.pi / 6.0
+        ]
+
+    def bounds(self, experiment: Experiment) -> Bounds:
+        """Of the parameters."""
+        return {p.name: (p.lower, p.upper) for p in self.parameters}

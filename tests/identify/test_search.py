@@ -1,0 +1,133 @@
+"""The search: causes at a place, that saturate, in pairs; exchanges; and its end."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from identify_data import FRICTIONAL, GRAVITY, MODEL, ROBOT, begun, measured, problem_of, searching, state_of
+
+from tdcr_fe.effects import Experiment, effect
+from tdcr_fe.identify import identify
+from tdcr_fe.identify.causes import LISTED, is_named, kind_of
+from tdcr_fe.identify.criteria import UNNAMED, price
+from tdcr_fe.identify.dictionary import dictionary
+from tdcr_fe.identify.fitting import fit
+from tdcr_fe.identify.forward import Job
+from tdcr_fe.identify.problem import evaluate
+from tdcr_fe.identify.screening import best_pairs, screen
+from tdcr_fe.identify.search import exchange, search_causes
+from tdcr_fe.model.routing import MisplacedRouting
+
+
+def whole_dictionary(problem):
+    """All causes of a problem."""
+    (run,) = problem.run([Job(problem.experiment, states=True)])
+    return dictionary(problem, run.bays)
+
+
+def test_every_listed_effect_has_a_kind_and_names_are_unique():
+    problem = problem_of(measured())
+    names = [e.name for e in whole_dictionary(problem)]
+    assert len(names) == len(set(names)) > 100
+    assert set(LISTED) == {e.name for e in problem.catalogue}
+    assert kind_of(effect("soft_bay").at({"s": 0.025})).where == "s = 0.025 m"
+
+
+def test_causes_change_nothing_at_their_null_values():
+    problem = problem_of(measured())
+    for e in (x for x in whole_dictionary(problem) if not is_named(x)):
+        null = e.null_values(problem.experiment)
+        same = problem.with_effects((e,), {e.name: null})
+        plain = problem.experiment
+        assert (same.robot, same.model, same.observation) == (plain.robot, plain.model, plain.observation), (
+            e.name
+        )
+
+
+def test_a_cause_at_a_place_and_one_without_a_name_have_a_price():
+    bay, taper = effect("soft_bay").at({"s": 0.025}), whole_dictionary(problem_of(measured()))
+    (taper,) = [e for e in taper if e.name == "taper"]
+    assert price((effect("gravity"),), ROBOT) == 0.0
+    assert price((bay,), ROBOT) == pytest.approx(2.0 * np.log(4))
+    assert price((taper,), ROBOT) == 2.0 * UNNAMED
+
+
+def test_the_best_pair_removes_what_a_fit_of_both_columns_removes():
+    truth = {**GRAVITY, "precurvature": {"kappa_x": 0.3, "kappa_y": -0.2}}
+    problem = problem_of(measured(truth))
+    declared = evaluate(problem, (), {})
+    scores, _ = screen(problem, declared, [effect(n) for n in ("gravity", "precurvature", "marker_offset")])
+    pair = best_pairs(problem, declared, scores, 1)[0]
+    assert len(pair.effects) == 2 and pair.drop >= max(x.drop for x in scores)
+    w = problem.root_weights(declared.residual)
+    a, r = pair.signature * w[:, None], declared.residual * w
+    left = r - a @ np.linalg.lstsq(a, r, rcond=None)[0]
+    assert pair.drop == pytest.approx(float(r @ r - left @ left), rel=1e-6)
+
+
+def test_a_hole_that_holds_fast_is_found_although_its_derivative_is_that_of_a_small_drop():
+    """A blind set with a stuck hole, 170 sigma from the declared robot, ended with `gravity`, partly explained."""
+    own = problem_of(measured({"stuck_hole": {"tendon": 2.0, "s": 0.05}}, robot=ROBOT, model=FRICTIONAL))
+    *_, state = search_causes(searching(), state_of(own))
+    assert state.best.names == ("stuck_hole (tendon = 2, s = 0.05)",)
+    assert state.best.cost < 2.0 * own.count < 0.1 * state.declared.cost
+
+
+@pytest.mark.integration
+def test_a_soft_bay_is_found_at_its_place():
+    result = identify(measured({"soft_bay": {"s": 0.125, "factor": 0.4}}, robot=ROBOT, model=FRICTIONAL))
+    (added,) = result.effects
+    assert (result.verdict, added.name) == ("explained", "soft_bay")
+    assert added.parameters["s"].value == 0.125
+    assert abs(added.parameters["factor"].value - 0.4) < 3.0 * added.parameters["factor"].std_error
+
+
+def test_causes_that_an_exchange_makes_unnecessary_are_dropped():
+    """A blind set (precurvature and stiffness) ended with five effects, three of them of no size."""
+    own = problem_of(measured({"precurvature": {"kappa_x": 0.8, "kappa_y": -0.5}}), held=(3, 7, 9))
+    effects = tuple(effect(n) for n in ("gravity", "marker_offset"))
+    start = {e.name: dict(e.null_values(own.experiment)) for e in effects}
+    wrong = fit(own, effects, [start])
+    state = replace(state_of(own).with_fit(wrong), best=wrong, dictionary=whole_dictionary(own))
+    *_, last = exchange(searching(), state)
+    assert last.best.names == ("precurvature",)
+
+
+@pytest.mark.integration
+def test_a_misplaced_tendon_is_told_by_its_kind_and_place():
+    """On no list: gravity and a tilted frame were named."""
+    moved = [
+        replace(t, routing=MisplacedRouting(t.routing, angle_base=0.1, angle_end=0.1))
+        for t in ROBOT.tendons[:1]
+    ]
+    true = Experiment(replace(ROBOT, tendons=(*moved, *ROBOT.tendons[1:])), MODEL, measured().steps)
+    data = measured(robot=true.robot)
+    result = identify(data)
+    (cause,) = result.causes
+    assert (cause.perturbs, cause.depends_on, cause.where) == ("routing", ("nothing",), "tendon t1")
+    assert result.effects[0].parameters["angle"].value == pytest.approx(0.1, abs=0.02)
+    assert not [e for e in result.effects if e.found]
+
+
+def test_a_search_that_is_late_keeps_its_model_and_notes_what_it_has_not_tried():
+    state = begun(measured({**GRAVITY, "precurvature": {"kappa_x": 0.9, "kappa_y": -0.7}}))
+    for latest in search_causes(searching(deadline=0.0), state):
+        state = latest
+    assert len(state.best.effects) >= 1 and state.not_tried
+
+
+def test_a_cause_found_on_some_of_the_rows_is_the_same_on_all():
+    """Long data are searched on chosen rows; a jump from a row on then holds for the rows of that number."""
+    whole = problem_of(measured())
+    few = [n for n in whole.data.step_ids if n not in (2, 5)]
+    data = replace(whole.data, step_ids=tuple(few), steps=tuple(whole.data.steps[n - 1] for n in few),
+                   branches=tuple(whole.data.branches[n - 1] for n in few),
+                   readings=tuple(r for r in whole.data.readings if r.step in few))  # fmt: skip
+    part = problem_of(data)
+    causes = {e.name: e for e in whole_dictionary(part)}
+    assert not any("row " in name and "jump" not in name for name in causes)
+    jump = causes["jump of the frame from row 7 on"]
+    for problem in (part, whole):
+        steps = np.array([r.step for r in problem.data.readings])
+        expected = np.where((steps >= 7) & (problem.readings.axes == 0), 1e-3, 0.0)
+        np.testing.assert_array_equal(jump.shift(problem, {"x": 1e-3, "y": 0.0, "z": 0.0}), expected)

@@ -1,0 +1,206 @@
+"""Loads that depend on the solved state: exact response, balance with the state, and what a search makes of them."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from identify_data import LENGTH, MODEL, ROBOT, measured, problem_of
+
+from tdcr_fe.cli import main
+from tdcr_fe.effects import Parameter
+from tdcr_fe.identify import identify
+from tdcr_fe.identify.bay_state import Action, last_direction, with_action
+from tdcr_fe.identify.causes import Attraction, Kind, StateLoad
+from tdcr_fe.identify.corrected import corrected_files
+from tdcr_fe.identify.derivatives import TOLERANCE, Column, Request, balanced, linearize
+from tdcr_fe.identify.forward import Job
+from tdcr_fe.identify.problem import with_elements
+from tdcr_fe.identify.report import render
+from tdcr_fe.identify.sentences import headline
+from tdcr_fe.identify.statistics import summary
+from tdcr_fe.identify.terms import (
+    ABOUT_X,
+    BENDING,
+    CURVATURE,
+    DEFLECTION,
+    DISPLACED,
+    POSITION,
+    ROW,
+    TENDONS,
+    TIME,
+    Term,
+    library,
+    sentence,
+)
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.loading import Load, LoadStep
+from tdcr_fe.model.robot import Robot
+
+HARDENING = Term((CURVATURE,), BENDING)
+
+
+def load_of(term, most=1.0):
+    """A cause of one term."""
+    number = Parameter("coefficient", term.unit, -most, most, 0.0, 1e-3 * most, "")
+    return StateLoad(term.key, Kind(*term.kind), (number,), (term.action,))
+
+
+def started(problem, load):
+    """The declared model with loads at every disk, and its response."""
+    null = {p.name: 0.0 for p in load.parameters}
+    (linear,) = linearize(problem, [Request((), {}, (Column(load, load.parameters[0].name, null, 1.0),))])
+    return linear.run
+
+
+def test_the_response_to_an_action_is_exact():
+    """Against central differences of whole runs: readings, curvatures and displacements."""
+    problem = problem_of(measured())
+    run = started(problem, load_of(HARDENING))
+    rng = np.random.default_rng(0)
+    step = rng.normal(size=run.acted.action.values.shape) * np.array([1e-5, 1e-5, 1e-4, 1e-4, 1e-4])
+    # The response is that of one step: only step 4 gets the action.
+    step[np.arange(len(step)) != 3] = 0.0
+    acted = [with_action(problem.experiment, Action(x * step, run.bays.rotation)) for x in (1.0, -1.0)]
+    ends = problem.run([Job(e, run, states=True) for e in acted])
+    residuals = [problem.residual(e, r) for e, r in zip(acted, ends, strict=True)]
+    mine = problem.readings.reader.step == 3
+    predicted = run.acted.response.readings[mine] @ step[3].ravel()
+    change = -(residuals[0] - residuals[1])[mine] / 2.0
+    np.testing.assert_allclose(change, predicted, atol=2e-4 * np.abs(predicted).max())
+    bays = run.acted.response.state[3] @ step[3].ravel()
+    a, b = (r.bays for r in ends)
+    parts = (a.curvature[3, :, :2] - b.curvature[3, :, :2], a.moved[3] - b.moved[3])
+    moved = np.concatenate(parts, axis=1) / 2.0
+    np.testing.assert_allclose(moved.ravel(), bays, atol=2e-3 * np.abs(bays).max())
+
+
+def test_a_hardening_law_holds_in_the_arc_that_a_moment_gives():
+    """EI kappa + c kappa^2 = M in every bay: the closed form of the quadratic equation."""
+    rod = Robot(ROBOT.backbone, ROBOT.disks, ())
+    moment = 4.0 * rod.backbone.EI
+    steps = tuple(LoadStep(loads={"tip": Load(LENGTH, moment=(0.0, x * moment, 0.0))}) for x in (0.5, 1.0))
+    readings = (Reading(1, "position_x", LENGTH, 0.0, 1e-4), Reading(2, "position_x", LENGTH, 0.0, 1e-4))
+    problem = problem_of(MeasuredData("rod", rod, MODEL, (1, 2), steps, ("", ""), readings))
+    load, c = load_of(HARDENING), 0.25 * rod.backbone.EI / 4.0
+    values = {load.name: {"coefficient": -c}}
+    action, run = balanced(problem, Request((load,), values, ()))
+    gap = load.action(run.bays, values[load.name]) - action.values
+    assert np.abs(gap).max() <= TOLERANCE * rod.backbone.EI / LENGTH
+    for k, share in enumerate((0.5, 1.0)):
+        kappa = (-rod.backbone.EI + np.sqrt(rod.backbone.EI**2 + 4.0 * c * share * moment)) / (2.0 * c)
+        np.testing.assert_allclose(run.bays.curvature[k, :, 1], kappa, rtol=1e-4)
+
+
+def test_derivatives_with_a_load_that_depends_on_the_state_are_those_of_differences():
+    """An attraction of the tip to a point, and the stiffness of the backbone beside it."""
+    from tdcr_fe.effects import effect
+
+    problem = problem_of(measured())
+    pull, stiffness = Attraction(LENGTH, -1, 2, 0.1, 1e-3), effect("stiffness_scale")
+    values = {
+        pull.name: {"x": -0.15, "y": -0.1, "z": 0.2, "k": 5e-5},
+        stiffness.name: {"bending": 1.0, "torsion": 1.0},
+    }
+    free = [(pull, "k", 1e-6), (pull, "x", 1e-3), (stiffness, "bending", 1e-3)]
+
+    def at(changed=None, by=0.0):
+        own = {n: dict(v) for n, v in values.items()}
+        if changed:
+            own[changed[0].name][changed[1]] += by
+        columns = tuple(Column(e, n, own[e.name], h) for e, n, h in free)
+        return linearize(problem, [Request((pull, stiffness), own, columns)])[0]
+
+    matrix = at().matrix
+    for j, (e, name, h) in enumerate(free):
+        difference = (at((e, name), -h).residual - at((e, name), h).residual) / (2.0 * h)
+        np.testing.assert_allclose(matrix[:, j], difference, atol=2e-3 * np.abs(difference).max())
+
+
+@pytest.mark.parametrize(
+    ("term", "unit", "product", "kind"),
+    [
+        (HARDENING, "N m^3", "|kappa| kappa", ("stiffness", ("curvature",))),
+        (Term((TIME,), BENDING), "N m^2 s^-1", "t kappa", ("stiffness", ("time",))),
+        (Term((POSITION,), TENDONS), "m^-1", "s m_T", ("routing", ("place",))),
+        (Term((TIME,), TENDONS), "s^-1", "t m_T", ("input", ("time",))),
+        (Term((DEFLECTION, DEFLECTION), DISPLACED, 2), "N m^-3", "|u|^2 u", ("force", ("position",))),
+    ],
+)
+def test_a_term_has_its_unit_and_its_kind(term, unit, product, kind):
+    assert (term.unit, term.product, term.kind) == (unit, product, kind)
+
+
+def test_products_that_a_listed_effect_has_are_no_terms():
+    keys = {t.key for t in library(4, ROW)}
+    assert not keys & {"kappa", "e_x", "e_y", "m_T"} and {"|kappa| kappa", "row kappa"} <= keys
+
+
+def test_the_sign_of_the_last_command_stays_while_a_tendon_rests():
+    commands = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.5], [0.2, 0.5]])
+    assert last_direction(commands).tolist() == [[0, 1], [1, 1], [1, -1], [-1, -1]]
+
+
+def test_a_term_in_words():
+    assert (
+        sentence(HARDENING)
+        == "a bending moment along the curvature, proportional to the square of the curvature"
+    )
+
+
+# ----------------------------------------------------------------------------------------------- identification
+
+
+@pytest.fixture(scope="module")
+def found():
+    """What is found where a moment about x grows with time, which no listed effect has."""
+    data = measured(sigma=1e-9)
+    data = replace(data, steps=tuple(replace(s, time=float(k)) for k, s in enumerate(data.steps, 1)))
+    true = problem_of(data)
+    true = replace(true, experiment=with_elements(true.experiment, 4))
+    load, drift = load_of(Term((TIME,), ABOUT_X)), 0.01 * ROBOT.backbone.EI / LENGTH
+    (linear,) = linearize(true, [Request((load,), {load.name: {"coefficient": drift}}, ())])
+    values = true.readings.values - linear.residual * true.sigma
+    values = values + np.random.default_rng(0).normal(0.0, 1e-4, values.size)
+    read = tuple(replace(r, value=float(v), sigma=1e-4) for r, v in zip(data.readings, values, strict=True))
+    return identify(replace(data, readings=read)), drift
+
+
+def test_result_and_report_have_the_law(found):
+    result, drift = found
+    assert result.verdict == "explained by a law found"
+    (cause,) = result.causes
+    assert (cause.name, cause.perturbs, cause.depends_on) == ("t e_x", "precurvature", ("time",))
+    assert cause.probability > 0.9
+    assert result.effects[0].parameters["coefficient"].value == pytest.approx(drift, rel=0.05)
+    assert result.after_held_out.chi2_per_dof < 1.5 < 0.1 * result.before_held_out.chi2_per_dof
+    document = json.loads(json.dumps(result.to_json()))
+    assert document["effects"] == [] and document["causes"][0]["perturbs"] == "precurvature"
+    assert document["law"]["formula"].startswith("t e_x (coefficient = ")
+    assert headline(result) == "Explained by a discovered law."
+    assert result.law.sentence in summary(result) and result.law.formula in render(result)
+
+
+def test_a_run_of_the_corrected_robot_has_the_law_as_loads(found, tmp_path):
+    result, _ = found
+    for name, text in corrected_files(result).items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    command = ["run", str(tmp_path / "effects.toml"), "-o", str(tmp_path / "out"), "--no-pictures", "-q"]
+    assert main(command) == 0
+    table = pd.read_csv(tmp_path / "out" / "steps.csv", dtype={"label": str}).set_index("label")
+    tips = table.loc[[str(n) for n in result.data.step_ids], ["tip_x", "tip_y", "tip_z"]].to_numpy()
+    np.testing.assert_allclose(tips, result.shapes.backbone_after[:, -1], rtol=0.0, atol=1e-6)
+
+
+def test_angles_are_read_with_a_load_that_depends_on_the_state():
+    """Without a column of the description beside it, the derivatives of an angle ended in a ValueError."""
+    data = measured()
+    tips = tuple(Reading(r.step, "bending_angle", None, 0.5, 1e-3) for r in data.readings[::6])
+    problem, load = problem_of(replace(data, readings=(*data.readings, *tips))), load_of(HARDENING)
+    values = {load.name: {"coefficient": -1e-6}}
+    (linear,) = linearize(
+        problem, [Request((load,), values, (Column(load, "coefficient", values[load.name], 1.0),))]
+    )
+    assert np.isfinite(linear.residual).all() and np.all(linear.matrix[-len(tips) + 1 :] != 0.0)
