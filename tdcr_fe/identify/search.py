@@ -331,9 +331,13 @@ def _lowest(state: SearchState, named: bool) -> float:
 
 
 def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal, noise: float = 1.0) -> bool:
-    """Whether a candidate may become about as probable as another model, or explain about the same, to first order."""
+    """Whether a candidate may become about as probable as another model, or explain about the same, to first order.
+
+    Other forms of the same effects always may.
+    """
     parent, x, _ = proposal
-    if not x.signature.size:
+    forms = {e.listed for e in (*parent.effects, *x.effects)} == {e.listed for e in ahead.effects}
+    if forms or not x.signature.size:
         return True
     own = parent_price(problem, parent) + own_price(problem, (x,))
     limit = ahead.cost + parent_price(problem, ahead) + BIC_DIFFERENCE * noise
@@ -587,7 +591,9 @@ def at_full_strength(
     state, known, _ = scores_beside(state, parent)
     drops = {x.effect.name: x.drop for x in known}
     scores = []
-    for e in sorted(causes, key=lambda e: -drops.get(e.name, 0.0))[: search.settings.candidates]:
+    if parent.effects:  # beside the declared model all are tried
+        causes = sorted(causes, key=lambda e: -drops.get(e.name, 0.0))[: search.settings.candidates]
+    for e in causes:
         point = {**parent.values, e.name: e.full_strength(problem.experiment)}
         fits = [fitting.evaluated(problem, (*parent.effects, e), point, parent.free, parent)]
         (new,) = fitting.run_fits(problem, fits)
