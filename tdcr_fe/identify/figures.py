@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from tdcr_fe.identify.load_steps import directions
-from tdcr_fe.identify.result import IdentificationResult
+from tdcr_fe.identify.result import Estimate, IdentificationResult
 from tdcr_fe.report.environment import shown_unit
 from tdcr_fe.report.style import CORRECTED, DECLARED, HELD_OUT, MEASURED, logarithmic, styled
 
@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 
 #: A run of steps shows a loop where it has at least as many.
 _LOOP_STEPS = 4
+
+#: Pairs of parameters with a correlation above this size are drawn, and so many of them and of the profiles [1].
+HARDLY_SEPARATE, SHOWN = 0.8, 4
 
 
 # --------------------------------------------------------------------------------- measured against predicted
@@ -402,18 +405,52 @@ def over_input(result: IdentificationResult) -> Figure:
     return figure
 
 
-def missing_moment(result: IdentificationResult) -> Figure | None:
-    """Bending moment that the model is missing, by step and arc length; None where it was not computed."""
-    rest = result.remaining
-    if rest.moment is None or rest.bays is None:
+# -------------------------------------------------------------------------------------------------- parameters
+
+
+def parameters(result: IdentificationResult) -> Figure | None:
+    """Profiles of the parameters, and 95 % regions of pairs that the data hardly separate; None without profiles."""
+    estimates = {f"{e.name}.{n}": p for e in result.effects for n, p in e.parameters.items()}
+    pairs = [
+        (float(result.correlation[i, j]), a, b)
+        for j, b in enumerate(result.parameter_names)
+        for i, a in enumerate(result.parameter_names[:j])
+        if abs(result.correlation[i, j]) > HARDLY_SEPARATE
+    ]
+    pairs = sorted(pairs, key=lambda pair: -abs(pair[0]))[:SHOWN]
+    shown = result.profiles[:SHOWN]
+    if not shown:
         return None
     with styled():
-        size = 1e3 * np.sqrt(np.sum(rest.moment**2, axis=2)).T
-        figure = Figure(figsize=(11.6, 3.0), layout="constrained")
-        axes = figure.subplots()
-        axes.grid(False)
-        mesh = axes.pcolormesh(np.arange(size.shape[1] + 1) - 0.5, 1e3 * rest.bays, size, cmap="magma_r")
-        figure.colorbar(mesh, ax=axes, label="missing moment [N mm]")
-        _step_axis(axes, result)
-        axes.set_ylabel("arc length s [mm]")
+        rows = 2 if pairs else 1
+        figure = Figure(figsize=(11.6, 2.8 * rows), layout="constrained")
+        axes = figure.subplots(rows, max(len(shown), len(pairs)), squeeze=False)
+        for ax in axes.ravel():
+            ax.set_visible(False)
+        for ax, profile in zip(axes[0], shown, strict=False):
+            ax.set_visible(True)
+            ax.plot(profile.values, profile.roots**2, "o-", color=CORRECTED, ms=4)
+            for end in profile.interval:
+                ax.axvline(end, color=MEASURED, ls=":", lw=1.0)
+            ax.set_xlabel(_axis(profile.name, estimates))
+            ax.set_title("" if profile.is_normal else "not normally distributed")
+        axes[0, 0].set_ylabel("growth of the misfit")
+        angle = np.linspace(0.0, 2.0 * np.pi, 73)
+        for ax, (correlation, a, b) in zip(axes[-1], pairs, strict=False):
+            ax.set_visible(True)
+            first, second = estimates[a], estimates[b]
+            along = np.array([np.cos(angle), np.cos(angle - np.arccos(correlation))]) * np.sqrt(5.99)
+            ax.plot(
+                first.value + (first.std_error or 0.0) * along[0],
+                second.value + (second.std_error or 0.0) * along[1],
+                color=CORRECTED,
+            )
+            ax.plot(first.value, second.value, "o", color=CORRECTED, ms=4)
+            ax.set_xlabel(_axis(a, estimates))
+            ax.set_ylabel(_axis(b, estimates))
     return figure
+
+
+def _axis(name: str, estimates: Mapping[str, Estimate]) -> str:
+    unit = estimates[name].unit
+    return name.replace("_", " ") if unit == "1" else f"{name.replace('_', ' ')} [{unit}]"

@@ -25,6 +25,7 @@ from tdcr_fe.identify.long_data import (
 from tdcr_fe.identify.next_experiment import choose_next
 from tdcr_fe.identify.noise import estimate_sigma, find_input_noise
 from tdcr_fe.identify.problem import FitProblem, evaluate, fit_of_run, refine
+from tdcr_fe.identify.profiles import profiles
 from tdcr_fe.identify.result import IdentificationResult, InputNoise, NextExperiment
 from tdcr_fe.identify.run import Run
 from tdcr_fe.identify.search import search_causes
@@ -35,6 +36,7 @@ from tdcr_fe.identify.settings import (
     FURTHER_EFFECTS,
     INPUT_NOISE,
     NEXT_EXPERIMENT,
+    PROFILES,
     IdentifySettings,
     OutOfTime,
     Schedule,
@@ -169,7 +171,9 @@ def _search(
                     state = latest_state
             state = fit_to_all_rows(whole, state, replace(prepared.problem, deadline=latest))
         noise, state = _input_noise(whole, state)
-        return state, Found(planned, noise)
+        if whole.out_of_time:
+            return state.without_trying(PROFILES) if state.best.free else state, Found(planned, noise)
+        return state, Found(planned, noise, profiles(state.problem, state.best))
     except KeyboardInterrupt:
         last = replace(state, interrupted=True)
         last = last.with_history("interrupted; what was found until then is reported")

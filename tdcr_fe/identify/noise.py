@@ -22,6 +22,9 @@ from tdcr_fe.model.loading import resolve
 
 Array = NDArray[np.float64]
 
+#: The group of all readings in `structure`.
+ALL_READINGS = "all readings"
+
 #: Residuals are clipped at this many sigma in tests of noise, so that a few outliers do not dominate.
 CLIP = 4.0
 
@@ -126,7 +129,7 @@ def structure(data: MeasuredData, r: Array, parameters: int = 0) -> tuple[Struct
             p = float(chdtrc(share, float(np.sum(c[mask] ** 2))))
             tests.append(Structure(group, float(-ndtri(max(p, 1e-300))), p))
 
-    size("all readings", np.ones(r.size, dtype=bool))
+    size(ALL_READINGS, np.ones(r.size, dtype=bool))
     for q in dict.fromkeys(x.quantity for x in readings):
         size(f"quantity {q}", np.array([x.quantity == q for x in readings]))
     for location in sorted({x.location for x in readings if isinstance(x.location, float)}):

@@ -63,11 +63,17 @@ def _evidence_section(result: IdentificationResult) -> Section:
     described = [
         (e, effect(e.name, result.catalogue).description, noted.get(e.name, [])) for e in result.effects
     ]
+    caption = (
+        "How chi-square grows as one parameter is moved and the others follow, with the ends of the 95 % interval; "
+        "below, 95 % regions of pairs of parameters that these data hardly separate."
+    )
+    drawn = figures.parameters(result)
     context = {
         "result": result,
         "effects": described,
         "size": size,
         "correlations": correlations(result),
+        "picture": None if drawn is None else Picture(drawn, "Profiles of the parameters", caption),
     }
     return Section("effects", "Effects added, and the evidence", "effects.html.j2", context)
 
@@ -87,16 +93,8 @@ def _error_section(result: IdentificationResult) -> Section:
 
 def _rest_section(result: IdentificationResult) -> Section:
     text = result.remaining.description
-    missing = (
-        figures.missing_moment(result) if result.verdict in ("unexplained", "partly explained") else None
-    )
-    caption = (
-        "Bending moment that the model is missing, computed from the measured shapes, by arc length and step."
-    )
-    what = "Missing bending moment by step and arc length"
     context = {
         "text": f"{text[:1].upper()}{text[1:]}.",
-        "picture": None if missing is None else Picture(missing, what, caption),
         "tests": result.structure,
     }
     return Section("rest", "What remains, and whether it is noise", "rest.html.j2", context)

@@ -186,11 +186,8 @@ THE_DATA, THE_INPUTS, THE_NOISE, NOT_KNOWN = "the data", "the inputs", "the nois
 class Remainder:
     """What is left."""
 
-    where: str
+    where: str  # the group of readings in which it is largest, or what accounts for it
     description: str
-    # missing bending moment about the section's x and y axes, shape (n_steps, n_bays, 2) [N m]
-    moment: Array | None = None
-    bays: Array | None = None  # edges of the bays [m], shape (n_bays + 1,)
 
 
 @dataclass(frozen=True)
@@ -274,6 +271,47 @@ class InputNoise:
         """As in ``result.json``."""
         own = {"kind": self.kind, "size": self.size, "unit": self.unit}
         return own | {"before": self.before.to_json(), "after": self.after.to_json()}
+
+
+#: A parameter is not normally distributed where its profile is off by so many standard errors at one of these [1].
+NOT_NORMAL = 0.25
+#: Distance of the ends of a 95 % interval [standard errors].
+NORMAL_95 = 1.96
+
+
+@dataclass(frozen=True)
+class Profile:
+    """How the misfit grows as one fitted parameter is moved and the others follow."""
+
+    name: str  # EFFECT.PARAMETER
+    values: Array  # of the parameter, ascending, shape (5,); fewer where it meets a bound or is not solved
+    # signed root of the growth of the misfit, over that by one standard error in a linear model, shape as `values` [1]
+    roots: Array
+
+    @property
+    def is_normal(self) -> bool:
+        """Whether it is that of a normal distribution."""
+        middle = int(np.argmin(np.abs(self.roots)))
+        if len(self.roots) < 3 or middle in (0, len(self.roots) - 1):
+            return False
+        expected = np.arange(len(self.roots)) - middle
+        return bool(np.max(np.abs(self.roots - expected)) < NOT_NORMAL)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Ends of the 95 % interval, in the parameter's unit; the last value computed where the profile stays below."""
+        order = np.argsort(self.roots)
+        ends = np.interp([-NORMAL_95, NORMAL_95], self.roots[order], self.values[order])
+        return float(min(ends)), float(max(ends))
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``result.json``."""
+        return {
+            "values": self.values.tolist(),
+            "roots": self.roots.tolist(),
+            "interval_95": list(self.interval),
+            "normal": self.is_normal,
+        }
 
 
 @dataclass(frozen=True)
@@ -366,6 +404,8 @@ class IdentificationResult:
         None where nothing is to be separated or refined.
     input_noise : InputNoise or None
         Errors of the inputs that would account for a part of what is left; None where there are none such.
+    profiles : tuple of Profile
+        How the misfit grows as one fitted parameter is moved, of those for which the time sufficed.
     jump : Jump or None
         The clearest jump of the residual that is left; None where there is none.
     by_set : tuple of SetErrors
@@ -411,6 +451,7 @@ class IdentificationResult:
     ceiling: Misfit | None = None
     next_experiment: NextExperiment | None = None
     input_noise: InputNoise | None = None
+    profiles: tuple[Profile, ...] = ()
     jump: Jump | None = None
     by_set: tuple[SetErrors, ...] = ()
     searched: SearchedSteps | None = None
@@ -472,6 +513,7 @@ class IdentificationResult:
             **({} if self.ceiling is None else {"ceiling": {"held_out": self.ceiling.to_json()}}),
             **({} if self.next_experiment is None else {"next_experiment": self.next_experiment.to_json()}),
             **({} if self.input_noise is None else {"input_scatter": self.input_noise.to_json()}),
+            "profiles": {p.name: p.to_json() for p in self.profiles},
             **({} if self.jump is None else {"jump": jump_sentence(self)[0]}),
             "remaining": {"where": self.remaining.where, "description": self.remaining.description},
             "left_out": [str(b) for b in self.data.left_out],

@@ -331,11 +331,7 @@ def _remaining(result: IdentificationResult) -> list[str]:
     """Where the error is that no effect explains."""
     if result.verdict not in (Verdict.PARTLY_EXPLAINED, Verdict.UNEXPLAINED):
         return []
-    # What is known of the location; the size of the moment and the tests are in the section on the rest.
-    where = result.remaining.where
-    first = result.remaining.description.split("; ")[0]
-    where = f"largest in {where}" if where.startswith("bay") else first
-    return [f"Remaining error: {where}.", *_never_driven(result)]
+    return [f"Remaining error: {result.remaining.description}.", *_never_driven(result)]
 
 
 def _readings(result: IdentificationResult) -> list[str]:

@@ -72,6 +72,8 @@ NEXT_EXPERIMENT = "the next experiment"
 
 INPUT_NOISE = "the noise of the inputs"
 
+PROFILES = "the profiles of the parameters"
+
 ALL_STEPS = "the fit to all load steps"
 
 SMALLER_MODELS = "the errors after each effect"

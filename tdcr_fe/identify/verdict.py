@@ -24,7 +24,7 @@ from tdcr_fe.identify.explainable_variance import held_out_ceiling
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.forward import run_settings
 from tdcr_fe.identify.long_data import RowChoice
-from tdcr_fe.identify.noise import outliers, structure
+from tdcr_fe.identify.noise import ALL_READINGS, outliers, structure
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import (
     NOT_EVALUATED,
@@ -40,17 +40,15 @@ from tdcr_fe.identify.result import (
     InputNoise,
     Misfit,
     NextExperiment,
+    Profile,
     Remainder,
     SetErrors,
     Shapes,
     Structure,
     Verdict,
-    tip_force,
 )
 from tdcr_fe.identify.search_state import Search, SearchState, posterior
 from tdcr_fe.identify.settings import CEILING, MAY_EXPLAIN, clock
-from tdcr_fe.model.interpolation import interpolate_positions
-from tdcr_fe.model.loading import LoadStep
 
 Array = NDArray[np.float64]
 
@@ -60,12 +58,16 @@ INPUTS_EXPLAIN = (
 )
 ONLY_NOISE = "what is left has the size and the structure of the noise"
 
+#: A group of readings is named where chance gives it so large a residual this rarely [1].
+SIGNIFICANT = 1e-4
+
 
 class Found(NamedTuple):
     """What an identification has found besides the last state of its search."""
 
     next_experiment: NextExperiment | None = None
     input_noise: InputNoise | None = None
+    profiles: tuple[Profile, ...] = ()  # of the fitted parameters
     rows: RowChoice | None = None  # load steps that the search used; None for all
     sigma_estimated: bool = False  # whether any sigma was not given
 
@@ -127,6 +129,7 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
         law=law,
         next_experiment=found.next_experiment,
         input_noise=found.input_noise,
+        profiles=found.profiles,
         jump=None if judged.explained or judged.faulty else jump_of_residual(problem, best),
         searched=None if found.rows is None else found.rows.described(data),
         by_set=_by_set(problem, declared, best),
@@ -236,24 +239,22 @@ def _shapes(problem: FitProblem, base: Fit, best: Fit, held_out: set[int]) -> Sh
 
 def _remaining(state: SearchState, judged: _Judgement, tests: Sequence[Structure]) -> Remainder:
     """Location and kind of the remaining error, as texts."""
-    problem = state.problem
-    moment, edges = missing_moment(problem, state.best)
     if judged.faulty:
-        where, text = THE_DATA, judged.faulty
-    elif judged.insufficient:
-        where, text = NOT_KNOWN, judged.insufficient
-    elif judged.inputs_explain:
-        where, text = THE_INPUTS, INPUTS_EXPLAIN
-    elif judged.unknown_noise:
-        where, text = THE_NOISE, judged.unknown_noise
-    elif judged.explained:
-        where, text = "nowhere", ONLY_NOISE
-    else:
-        where, text = describe_moment(problem, moment, edges)
-        significant = [t.group for t in tests if t.p_value < 1e-4][:3]
-        if significant:
-            text += "; the residual is largest in: " + ", ".join(significant)
-    return Remainder(where, text, moment, edges)
+        return Remainder(THE_DATA, judged.faulty)
+    if judged.insufficient:
+        return Remainder(NOT_KNOWN, judged.insufficient)
+    if judged.inputs_explain:
+        return Remainder(THE_INPUTS, INPUTS_EXPLAIN)
+    if judged.unknown_noise:
+        return Remainder(THE_NOISE, judged.unknown_noise)
+    if judged.explained:
+        return Remainder("nowhere", ONLY_NOISE)
+    groups = [t.group for t in tests if t.p_value < SIGNIFICANT and t.group != ALL_READINGS]
+    if not groups:
+        return Remainder(ALL_READINGS, "more than noise is left, in no group of readings more than in others")
+    return Remainder(
+        groups[0], f"the residual is largest in these groups of readings: {', '.join(groups[:3])}"
+    )
 
 
 def found_law(state: SearchState) -> FoundLaw | None:
@@ -378,97 +379,3 @@ def _estimates(problem: FitProblem, best: Fit, e: Effect, deviation: Array) -> d
                 note = "at its bound"
         numbers[p.name] = Estimate(float(value), error, p.unit, note)
     return numbers
-
-
-def missing_moment(problem: FitProblem, fit: Fit) -> tuple[Array, Array]:
-    """Bending moment missing in the model, per load step and bay, from the measured shape.
-
-    An extra curvature in a bay turns everything beyond it; the extra curvatures that turn the model's shape into
-    the measured one, as smooth along the backbone as the noise allows, times the bending stiffness, are the
-    missing moment.
-
-    Returns
-    -------
-    moment : ndarray, shape (n_steps, n_bays, 2)
-        About the section's x and y axes [N m].
-    edges : ndarray, shape (n_bays + 1,)
-        Of the bays [m].
-    """
-    edges = problem.data.robot.bay_edges
-    bays = len(edges) - 1
-    moment = np.zeros((len(problem.data.steps), bays, 2))
-    stiffness = problem.with_effects(fit.effects, fit.values).robot.backbone.EI
-    smooth = np.kron(np.diff(np.eye(bays), n=1, axis=0), np.eye(2))
-    prior = 1e-3 * np.eye(2 * bays)
-    for k in range(fit.run.solved):
-        a, b = _by_curvature(problem, fit, k, edges)
-        if not len(a):
-            continue
-        # The weight of smoothness: the largest at which the residual is noise.
-        best = np.zeros(2 * bays)
-        for weight in np.logspace(4, -4, 17) * np.mean(a**2):
-            whole = np.concatenate((a, np.sqrt(weight) * smooth, np.sqrt(weight) * 1e-2 * prior))
-            best = np.linalg.lstsq(whole, np.concatenate((b, np.zeros(len(whole) - len(b)))), rcond=None)[0]
-            if np.sum((b - a @ best) ** 2) <= len(b):
-                break
-        moment[k] = stiffness * best.reshape(bays, 2)
-    return moment, edges
-
-
-def _by_curvature(problem: FitProblem, fit: Fit, k: int, edges: Array) -> tuple[Array, Array]:
-    """Readings of a step over sigma by the curvatures of the bays, shape (r, 2 n_bays), and their residual."""
-    data, run = problem.data, fit.run
-    width, middle = np.diff(edges), 0.5 * (edges[1:] + edges[:-1])
-    p, rot = run.positions[k], run.rotations[k]
-    centres = interpolate_positions(run.s, p, rot, middle)
-    node = [int(np.argmin(np.abs(run.s - m))) for m in middle]
-    axes = rot[node][:, :, :2]
-    rows, right = [], []
-    for i in np.flatnonzero((problem.readings.reader.step == k) & np.isfinite(fit.residual)):
-        r = data.readings[i]
-        row = np.zeros((len(width), 2))
-        if r.quantity.startswith("position_") and isinstance(r.location, float):
-            x = interpolate_positions(run.s, p, rot, np.array([r.location]))[0]
-            axis = "xyz".index(r.quantity[-1])
-            share = np.clip((r.location - edges[:-1]) / width, 0.0, 1.0)
-            arm = np.cross(np.swapaxes(axes, 1, 2), (x - centres)[:, None, :])[:, :, axis]
-            row = arm * (share * width)[:, None]
-        elif r.quantity == "bending_angle":
-            t = rot[-1][:, 2]
-            out = np.array([t[0], t[1], 0.0])
-            if np.linalg.norm(out) < 1e-6:
-                continue
-            hinge = np.cross(np.array([0.0, 0.0, 1.0]), out / np.linalg.norm(out))
-            row = np.einsum("bij,i->bj", axes, hinge) * width[:, None]
-        elif r.quantity.startswith("curvature_") and isinstance(r.location, float):
-            bay = int(np.clip(np.searchsorted(edges, r.location) - 1, 0, len(width) - 1))
-            row[bay, "xy".index(r.quantity[-1])] = 1.0
-        else:
-            continue
-        rows.append(row.ravel() / problem.sigma[i])
-        right.append(fit.residual[i])
-    return np.array(rows), np.array(right)
-
-
-def describe_moment(problem: FitProblem, moment: Array, edges: Array) -> tuple[str, str]:
-    """Where along the backbone and at which loads the missing moment acts, as texts."""
-    size = np.sqrt(np.sum(moment**2, axis=2))
-    by_bay = np.sqrt(np.mean(size**2, axis=0))
-    if not np.any(by_bay > 0.0):
-        return "nowhere", "no missing moment"
-    b = int(np.argmax(by_bay))
-    order = np.argsort(np.sqrt(np.mean(size**2, axis=1)))[::-1][:3]
-    steps = ", ".join(str(problem.data.step_ids[k]) for k in sorted(order))
-    bay = f"bay {b + 1} (s = {edges[b]:.4g} to {edges[b + 1]:.4g} m)"
-    text = (
-        f"the missing bending moment is largest in {bay}, {1e3 * by_bay[b]:.3g} N mm rms over the steps; it acts most "
-        f"in steps {steps} ({_inputs_text(problem.data.steps[order[0]])})"
-    )
-    return f"{bay}, steps {steps}", text
-
-
-def _inputs_text(step: LoadStep) -> str:
-    parts = [f"{n} = {v:.3g} N" for n, v in step.tensions.items() if v > 0.0]
-    parts += [f"{n} = {1e3 * v:.3g} mm" for n, v in step.displacements.items() if v != 0.0]
-    parts += [tip_force(load.force) for load in step.loads.values() if any(load.force)]
-    return ", ".join(parts) or "no tendon pulled"
