@@ -6,7 +6,7 @@ It is read from a folder with results of campaigns, and of ``tdcr-fe identify FO
 | --- | --- |
 | ``plan7`` | ``blind -n 60 --plan 7`` |
 | ``places`` | ``blind -n 21 --effects stuck_hole kink soft_bay side_spring`` |
-| ``laws``, ``faulty`` | ``blind_laws``, ``faulty_data`` |
+| ``unlisted``, ``faulty`` | ``unlisted``, ``faulty_data`` |
 | ``practice/set1`` to ``set10``, ``helical`` | measured data, ``helical`` with ``--minutes 60`` |
 """
 
