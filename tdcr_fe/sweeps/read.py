@@ -28,8 +28,8 @@ from tdcr_fe.io.toml import (
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
-from tdcr_fe.model.messages import join, meant, quoted, shown
-from tdcr_fe.model.plausibility import warn_of_implausible
+from tdcr_fe.model.messages import PlausibilityWarning, issue, join, meant, quoted, shown
+from tdcr_fe.model.plausibility import plausibility, warn_of_implausible
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import Keys, Mistake, Quantity, keys_of
 from tdcr_fe.model.targets import TensionLimits
@@ -145,12 +145,17 @@ def read_sweep(
         tuple(str(p) for p in effects),
     )
     _check_together(sweep, scenario, report)
-    if not report.problems:
-        _check_values(sweep, user_effects, report)
+    implausible = [] if report.problems else _check_values(sweep, user_effects, report)
     if report.problems:
         raise InputError(report.problems)
+    declared: Sequence[str] = ()
     with suppress(ValueError):  # of a case that is refused the reason is in the table
-        warn_of_implausible(scenario.robot, scenario.model, scenario.steps)
+        declared = warn_of_implausible(scenario.robot, scenario.model, scenario.steps).warnings
+    issue(
+        [text for text in implausible if text.partition(": ")[2] not in declared],
+        PlausibilityWarning,
+        depth=3,
+    )
     return sweep
 
 
@@ -310,18 +315,21 @@ def _check_together(sweep: Sweep, scenario: Scenario, report: Reporter) -> None:
         report("sampling.method", quoted(sampling.method), text)
 
 
-def _check_values(sweep: Sweep, user_effects: Sequence[Effect], report: Reporter) -> None:
-    """Values that the files do not allow.
+def _check_values(sweep: Sweep, user_effects: Sequence[Effect], report: Reporter) -> list[str]:
+    """Report values that the files do not allow; returns warnings of those that are implausible.
 
     A value is refused where it is wrong alone, all others as declared, and in every case tried that has it as well.
     Other contradictions, which only some combinations have, become the status of their cases.
     """
-    design, random = sweep.design(), np.random.default_rng(0)
+    design, random, implausible = sweep.design(), np.random.default_rng(0), list[str]()
 
-    def mistakes(changes: Sequence[Change]) -> list[Problem]:
+    def mistakes(changes: Sequence[Change], where: str = "") -> list[Problem]:
         """Of the files with some changes; a key that names nothing is one without a key."""
         try:
-            build_scenario(tables_with(sweep, changes), user_effects)
+            scenario = build_scenario(tables_with(sweep, changes), user_effects)
+            with suppress(ValueError):
+                found = plausibility(scenario.robot, scenario.model, scenario.steps) if where else None
+                implausible.extend(f"{where}: {text}" for text in (found.warnings if found else ()))
         except KeyProblem as error:
             return [Problem("", "", "", str(error))]
         except InputError as error:
@@ -332,12 +340,13 @@ def _check_values(sweep: Sweep, user_effects: Sequence[Effect], report: Reporter
         where = "workspace" if sweep.workspace and v.column.startswith("pull_") else f"vary[{i}]"
         reports: dict[tuple[str, str, str], None] = {}
         for value, same in _checked(v, values):
-            if problems := mistakes([(key, v.mode, value) for key in v.places]):
+            if problems := mistakes([(key, v.mode, value) for key in v.places], where):
                 tried = random.choice(same, min(len(same), MOST_TRIED), replace=False)
                 if all(mistakes(sweep.changes(design, k)) for k in tried):
                     reports |= dict.fromkeys(_said(where, v, value, p) for p in problems)
         for text in reports:
             report(*text)
+    return list(dict.fromkeys(implausible))
 
 
 def _checked(v: Variation, values: list[Any]) -> Iterator[tuple[Any, list[int]]]:

@@ -214,6 +214,12 @@ def test_what_is_implausible_is_warned_of_before_any_case_is_solved(tmp_path):
         tdcr.read_sweep(write_files(tmp_path, robot=robot))
 
 
+def test_a_factor_given_as_a_value_is_warned_of_with_its_variation(tmp_path):
+    text = HEAD + '[[vary]]\nkey = "backbone.youngs_modulus"\nvalues = [0.8, 1.2]\n'
+    with pytest.warns(tdcr.PlausibilityWarning, match=r"vary\[0\]: backbone.youngs_modulus = 0.8 Pa"):
+        tdcr.read_sweep(write_files(tmp_path, text))
+
+
 # ------------------------------------------------------------ keys
 
 
