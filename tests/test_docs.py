@@ -20,6 +20,8 @@ ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
 SCRIPTS = sorted((DOCS / "examples").rglob("*.py"))
+#: Examples that take minutes; the others run with the integration tests.
+LONG = {"tracking"}
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -115,8 +117,13 @@ def test_example_asserts_a_number_and_has_its_place_in_the_gallery(script):
     assert re.findall(r'"(\w+)"', order[1]).count(script.stem) == 1
 
 
-@pytest.mark.integration
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "script",
+    [
+        pytest.param(p, marks=pytest.mark.campaign if p.stem in LONG else pytest.mark.integration, id=p.stem)
+        for p in SCRIPTS
+    ],
+)
 def test_example_runs(script, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(script), run_name="__main__")
