@@ -154,6 +154,8 @@ def digest(cases):
         text for c in cases for text in (robot_to_toml(c.robot), scenario_to_toml(c.model, list(c.steps)))
     ]
     tables = [tomllib.loads(text, parse_float=lambda number: f"{float(number):.9g}") for text in texts]
+    for table in tables:
+        table.get("model", {}).pop("hysteresis", None)  # a key younger than the digests
     data = json.dumps(tables, sort_keys=True)
     return hashlib.sha256(data.encode()).hexdigest()[:16]
 
