@@ -54,7 +54,6 @@ from tdcr_fe.identify.search_state import (
     with_rival,
 )
 from tdcr_fe.identify.settings import EXCHANGES, FURTHER_EFFECTS
-from tdcr_fe.model.loading import resolve
 
 #: Share of a change of the predictions, as a sum of squares, by which first-order columns may be wrong [1].
 FIRST_ORDER = 0.02
@@ -576,17 +575,15 @@ def at_full_strength(
     search: Search, state: SearchState, parent: Fit, named: bool
 ) -> tuple[SearchState, list[Proposal]]:
     """Causes that saturate, simulated at full strength beside the best model: their derivatives tell the direction."""
-    problem, data = state.problem, state.problem.data
+    problem = state.problem
     if parent is not state.best:
         return state, []
-    driven = np.ptp([a.values for a in resolve(data.robot, data.steps)], axis=0) > 0.0
     causes = [
         e
         for e in state.dictionary
         if isinstance(e, EffectAtPlace)
         and _saturates(e)
         and e.listed not in {x.listed for x in parent.effects}
-        and driven[round(e.place.get("tendon", 1.0)) - 1]
     ]
     state, known, _ = scores_beside(state, parent)
     drops = {x.effect.name: x.drop for x in known}
