@@ -139,6 +139,7 @@ class AddedEffect:
     separating_experiment: str = ""  # experiment that separates them
     # whether it is found: it has a name, no other explains the data as well, and only noise is left
     found: bool = True
+    probability: float = 1.0  # that it acts, among all models that were fitted [1]
 
 
 @dataclass(frozen=True)
@@ -498,6 +499,7 @@ class IdentificationResult:
                     },
                     "after": errors(e.after_fit, e.after_held_out),
                     "evidence": dict(e.evidence),
+                    "probability": e.probability,
                     "indistinguishable_from": list(e.indistinguishable_from),
                 }
                 | ({"separating_experiment": e.separating_experiment} if e.separating_experiment else {})

@@ -306,7 +306,7 @@ def added_effects(
     search: Search, state: SearchState, deviation: Array, explained: bool
 ) -> tuple[AddedEffect, ...]:
     """Effects in the order of adding, with the evidence for each."""
-    problem, best = state.problem, state.best
+    problem, best, weights = state.problem, state.best, posterior(search, state)
     added = []
     before: Fit | None = state.declared
     for i, e in enumerate(best.effects):
@@ -316,6 +316,7 @@ def added_effects(
         rivals = tuple(state.rivals.get(e.name, ()))
         threshold = chi_square_threshold(len(e.parameters), search.significance)
         after_fit = after_held_out = NOT_EVALUATED
+        probability = sum(w for f, w in weights if any(x.listed == e.listed for x in f.effects))
         evidence: dict[str, float] = {}
         if after is not None:
             after_fit = problem.misfit(after.residual, problem.fitted, len(after.free))
@@ -336,6 +337,7 @@ def added_effects(
                 rivals,
                 separating_experiments(e, rivals, problem.catalogue),
                 explained and is_named(e),
+                probability,
             )
         )
         before = after
