@@ -29,7 +29,7 @@ BUDGET = {
     "tdcr_fe/commands": 1056,
     "tdcr_fe/effects": 1302,
     "tdcr_fe/estimate": 915,
-    "tdcr_fe/identify": 6720,
+    "tdcr_fe/identify": 6725,
     "tdcr_fe/io": 2074,
     "tdcr_fe/live": 374,
     "tdcr_fe/model": 2720,

@@ -429,12 +429,14 @@ def parameters(result: IdentificationResult) -> Figure | None:
             ax.set_visible(False)
         for ax, profile in zip(axes[0], shown, strict=False):
             ax.set_visible(True)
-            ax.plot(profile.values, profile.roots**2, "o-", color=CORRECTED, ms=4)
+            fine = np.linspace(profile.values[0], profile.values[-1], 81)
+            ax.plot(fine, np.interp(fine, profile.values, profile.roots) ** 2, color=CORRECTED)
+            ax.plot(profile.values, profile.roots**2, "o", color=CORRECTED, ms=4)
             for end in profile.interval:
                 ax.axvline(end, color=MEASURED, ls=":", lw=1.0)
             ax.set_xlabel(_axis(profile.name, estimates))
             ax.set_title("" if profile.is_normal else "not normally distributed")
-        axes[0, 0].set_ylabel("growth of the misfit")
+        axes[0, 0].set_ylabel("growth of chi-square")
         angle = np.linspace(0.0, 2.0 * np.pi, 73)
         for ax, (correlation, a, b) in zip(axes[-1], pairs, strict=False):
             ax.set_visible(True)
@@ -452,5 +454,5 @@ def parameters(result: IdentificationResult) -> Figure | None:
 
 
 def _axis(name: str, estimates: Mapping[str, Estimate]) -> str:
-    unit = estimates[name].unit
-    return name.replace("_", " ") if unit == "1" else f"{name.replace('_', ' ')} [{unit}]"
+    _, symbol = shown_unit(estimates[name].unit, 0.0)
+    return name.replace("_", " ") if symbol == "1" else f"{name.replace('_', ' ')} [{symbol}]"
