@@ -410,7 +410,6 @@ def over_input(result: IdentificationResult) -> Figure:
 
 def parameters(result: IdentificationResult) -> Figure | None:
     """Profiles of the parameters, and 95 % regions of pairs that the data hardly separate; None without profiles."""
-    estimates = {f"{e.name}.{n}": p for e in result.effects for n, p in e.parameters.items()}
     pairs = [
         (float(result.correlation[i, j]), a, b)
         for j, b in enumerate(result.parameter_names)
@@ -421,6 +420,7 @@ def parameters(result: IdentificationResult) -> Figure | None:
     shown = result.profiles[:SHOWN]
     if not shown:
         return None
+    estimates = _estimates(result)
     with styled():
         rows = 2 if pairs else 1
         figure = Figure(figsize=(11.6, 2.8 * rows), layout="constrained")
@@ -451,6 +451,17 @@ def parameters(result: IdentificationResult) -> Figure | None:
             ax.set_xlabel(_axis(a, estimates))
             ax.set_ylabel(_axis(b, estimates))
     return figure
+
+
+def _estimates(result: IdentificationResult) -> dict[str, Estimate]:
+    """The fitted numbers by the names of the parameters, which are those of the forms of effects."""
+    known = {(e.name, n): p for e in result.effects for n, p in e.parameters.items()}
+    found = {}
+    for name in result.parameter_names:
+        effect, _, parameter = name.rpartition(".")
+        listed = effect if (effect, parameter) in known else effect.partition(" (")[0]
+        found[name] = known[listed, parameter]
+    return found
 
 
 def _axis(name: str, estimates: Mapping[str, Estimate]) -> str:

@@ -32,7 +32,7 @@ def test_beside_a_bound_there_is_no_normal_distribution():
 def test_pairs_that_the_data_hardly_separate_are_drawn_by_their_region():
     """Points of the region are at a distance of 5.99, the 95 % quantile of chi-square, by the covariance."""
     correlation = np.array([[1.0, 0.9, 0.1], [0.9, 1.0, 0.2], [0.1, 0.2, 1.0]])
-    names = ("gravity.g_x", "gravity.g_y", "gravity.g_z")
+    names = ("gravity (a form of it).g_x", "gravity (a form of it).g_y", "gravity (a form of it).g_z")
     found = tuple(Profile(name, 0.1 * DISTANCES, DISTANCES) for name in names)
     drawn = figures.parameters(
         result(GRAVITY, profiles=found, parameter_names=names, correlation=correlation)
