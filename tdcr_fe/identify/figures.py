@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.identify.load_steps import directions
 from tdcr_fe.identify.result import Estimate, IdentificationResult
+from tdcr_fe.identify.statistics import correlated
 from tdcr_fe.report.environment import shown_unit
 from tdcr_fe.report.style import CORRECTED, DECLARED, HELD_OUT, MEASURED, logarithmic, styled
 
@@ -410,17 +411,11 @@ def over_input(result: IdentificationResult) -> Figure:
 
 def parameters(result: IdentificationResult) -> Figure | None:
     """Profiles of the parameters, and 95 % regions of pairs that the data hardly separate; None without profiles."""
-    pairs = [
-        (float(result.correlation[i, j]), a, b)
-        for j, b in enumerate(result.parameter_names)
-        for i, a in enumerate(result.parameter_names[:j])
-        if abs(result.correlation[i, j]) > HARDLY_SEPARATE
-    ]
-    pairs = sorted(pairs, key=lambda pair: -abs(pair[0]))[:SHOWN]
     shown = result.profiles[:SHOWN]
     if not shown:
         return None
-    estimates = _estimates(result)
+    estimates = {f"{e.form or e.name}.{n}": p for e in result.effects for n, p in e.parameters.items()}
+    pairs = correlated(result, HARDLY_SEPARATE)[:SHOWN]
     with styled():
         rows = 2 if pairs else 1
         figure = Figure(figsize=(11.6, 2.8 * rows), layout="constrained")
@@ -451,17 +446,6 @@ def parameters(result: IdentificationResult) -> Figure | None:
             ax.set_xlabel(_axis(a, estimates))
             ax.set_ylabel(_axis(b, estimates))
     return figure
-
-
-def _estimates(result: IdentificationResult) -> dict[str, Estimate]:
-    """The fitted numbers by the names of the parameters, which are those of the forms of effects."""
-    known = {(e.name, n): p for e in result.effects for n, p in e.parameters.items()}
-    found = {}
-    for name in result.parameter_names:
-        effect, _, parameter = name.rpartition(".")
-        listed = effect if (effect, parameter) in known else effect.partition(" (")[0]
-        found[name] = known[listed, parameter]
-    return found
 
 
 def _axis(name: str, estimates: Mapping[str, Estimate]) -> str:

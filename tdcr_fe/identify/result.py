@@ -140,6 +140,7 @@ class AddedEffect:
     # whether it is found: it has a name, no other explains the data as well, and only noise is left
     found: bool = True
     probability: float = 1.0  # that it acts, among all models that were fitted [1]
+    form: str = ""  # name of the form that was fitted; empty: that of the effect
 
 
 @dataclass(frozen=True)
@@ -276,8 +277,8 @@ class InputNoise:
 
 #: A parameter is not normally distributed where its profile is off by so many standard errors at one of these [1].
 NOT_NORMAL = 0.25
-#: Distance of the ends of a 95 % interval [standard errors].
-NORMAL_95 = 1.96
+#: Half-width of a 95 % interval over the standard error [1].
+HALF_WIDTH = 1.96
 
 
 @dataclass(frozen=True)
@@ -302,7 +303,7 @@ class Profile:
     def interval(self) -> tuple[float, float]:
         """Ends of the 95 % interval, in the parameter's unit; the last value computed where the profile stays below."""
         order = np.argsort(self.roots)
-        ends = np.interp([-NORMAL_95, NORMAL_95], self.roots[order], self.values[order])
+        ends = np.interp([-HALF_WIDTH, HALF_WIDTH], self.roots[order], self.values[order])
         return float(min(ends)), float(max(ends))
 
     def to_json(self) -> dict[str, Any]:

@@ -627,7 +627,7 @@ def backward_selection(search: Search, state: SearchState) -> Stage:
 def exchange(search: Search, state: SearchState) -> Stage:
     """Exchange every cause, and every two, of the best model for one other; the best of all is taken.
 
-    What a cause explains is the difference of the models with and without it. Which others may explain it is told by
+    What a cause explains is the difference of the models with and without it. Which others may explain it follows from
     their columns beside the best model.
     """
     best, problem = state.best, state.problem

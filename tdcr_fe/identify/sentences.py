@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import effect
 from tdcr_fe.identify.result import (
+    HALF_WIDTH,
     NOT_KNOWN,
     THE_DATA,
     THE_INPUTS,
@@ -24,9 +25,6 @@ from tdcr_fe.identify.result import (
     tip_force,
 )
 from tdcr_fe.report.environment import SPACE, estimate, quantity, significant, words
-
-#: Half-width of a 95 % interval over the standard error [1].
-HALF_WIDTH = 1.96
 
 #: Least strain at which a backbone softens: nickel-titanium transforms near 1 %, polymers yield above it [1].
 LEAST_THRESHOLD = 3e-3

@@ -85,16 +85,21 @@ def fitted_numbers(result: IdentificationResult) -> list[FittedNumber]:
     return found
 
 
-def correlations(result: IdentificationResult) -> list[tuple[str, str, str]]:
-    """Pairs of fitted parameters and their correlation, the largest first; those of a size below 0.1 are left out."""
+def correlated(result: IdentificationResult, least: float) -> list[tuple[float, str, str]]:
+    """Correlations of fitted parameters of more than a size, with both names, the largest first."""
     names, found = result.parameter_names, result.correlation
     pairs = [
-        (abs(found[i, j]), names[i], names[j], fixed(float(found[i, j]), 2))
+        (float(found[i, j]), names[i], names[j])
         for j in range(len(names))
         for i in range(j)
-        if abs(found[i, j]) > LEAST_CORRELATION
+        if abs(found[i, j]) > least
     ]
-    return [pair[1:] for pair in sorted(pairs, key=lambda pair: -pair[0])]
+    return sorted(pairs, key=lambda pair: -abs(pair[0]))
+
+
+def correlations(result: IdentificationResult) -> list[tuple[str, str, str]]:
+    """Pairs of fitted parameters and their correlation as a text; those of a size below 0.1 are left out."""
+    return [(a, b, fixed(value, 2)) for value, a, b in correlated(result, LEAST_CORRELATION)]
 
 
 def _aligned(*rows: Sequence[str]) -> list[str]:

@@ -27,6 +27,7 @@ from tdcr_fe.identify.long_data import RowChoice
 from tdcr_fe.identify.noise import ALL_READINGS, outliers, structure
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import (
+    HALF_WIDTH,
     NOT_EVALUATED,
     NOT_KNOWN,
     THE_DATA,
@@ -270,7 +271,7 @@ def found_law(state: SearchState) -> FoundLaw | None:
         for p in e.parameters:
             width = ""
             if (e.name, p.name) in best.free:
-                width = f" +- {1.96 * deviation[best.free.index((e.name, p.name))]:.2g}"
+                width = f" +- {HALF_WIDTH * deviation[best.free.index((e.name, p.name))]:.2g}"
             unit = "" if p.unit == "1" else f" {p.unit}"
             numbers.append(f"{p.name} = {best.values[e.name][p.name]:.4g}{width}{unit}")
         formulas.append(f"{e.name} ({', '.join(numbers)})")
@@ -338,6 +339,7 @@ def added_effects(
                 separating_experiments(e, rivals, problem.catalogue),
                 explained and is_named(e),
                 probability,
+                e.name,
             )
         )
         before = after

@@ -1,5 +1,7 @@
 """Profiles of fitted parameters: normal where the model is linear, and the interval where it is not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from identify_result import GRAVITY, result
@@ -35,7 +37,12 @@ def test_pairs_that_the_data_hardly_separate_are_drawn_by_their_region():
     names = ("gravity (a form of it).g_x", "gravity (a form of it).g_y", "gravity (a form of it).g_z")
     found = tuple(Profile(name, 0.1 * DISTANCES, DISTANCES) for name in names)
     drawn = figures.parameters(
-        result(GRAVITY, profiles=found, parameter_names=names, correlation=correlation)
+        result(
+            replace(GRAVITY, form="gravity (a form of it)"),
+            profiles=found,
+            parameter_names=names,
+            correlation=correlation,
+        )
     )
     region = [ax for ax in drawn.axes if ax.get_visible()][3:]
     assert len(region) == 1
