@@ -237,8 +237,8 @@ COMMANDS = {
         --processes N       worker processes, at most as many as there are cores [%(default)s]
         --hold-out PATTERN  hold out the branches of loading.csv that match a shell pattern, such as 'pair*';
                             may be repeated [about a third of the branches, chosen automatically]
-        --minutes           time limit of the whole identification; the report says what was left out
-                            [%(default)s]
+        --minutes           limit of the processor time of the whole identification, all processes together;
+                            the report says what was left out [%(default)s]
         --strict            refuse bad rows (exit status 2) instead of leaving them out by name
         and effects, json, quiet""",
         ("identify measured -o report", "identify monday tuesday -o report --minutes 5"),

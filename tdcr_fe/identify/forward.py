@@ -6,11 +6,13 @@ import hashlib
 import itertools
 import math
 import pickle
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from types import TracebackType
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
@@ -20,7 +22,7 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.bay_state import bay_state
 from tdcr_fe.identify.run import Run, RunDerivatives, Trajectory, mesh_nodes
-from tdcr_fe.identify.settings import ending_at
+from tdcr_fe.identify.settings import OutOfTime, clock, ending_at, keep_time, spend
 from tdcr_fe.io.processes import worker_pool
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.model.results import SequenceResult
@@ -263,6 +265,7 @@ class ForwardModel:
         self.processes = max(1, processes)
         self.settings = settings or SolverSettings()
         self.runs = self.iterations = 0
+        self.lists = 0  # of tasks that were given to the processes
         self._cache: dict[str, Run] = {}
         self._pool: ProcessPoolExecutor | None = None
         self._stack = ExitStack()
@@ -340,11 +343,30 @@ class ForwardModel:
         """Values of a function, in the processes where there are several values; in this one if the processes end."""
         if self._pool is None or len(given) < 2:
             return [function(x) for x in given]
+        self.lists += 1
+        timed = partial(_timed, function, self.lists, clock(), min(self.processes, len(given)))
         try:
-            return list(self._pool.map(function, given))
+            found = list(self._pool.map(timed, given))
         except BrokenProcessPool:
             self._pool = None
             return [function(x) for x in given]
+        spend(sum(seconds for _, seconds in found))
+        if not all(value for value, _ in found):
+            raise OutOfTime
+        return [x for value, _ in found for x in value]
+
+
+def _timed(
+    function: Callable[[Given], Found], task: int, reading: float, working: int, given: Given
+) -> tuple[tuple[Found, ...], float]:
+    """In a worker: the value of a function, none where the time is over; and the processor time that it took [s]."""
+    keep_time(task, reading, working)
+    begun = time.process_time()
+    try:
+        found = (function(given),)
+    except OutOfTime:
+        return (), time.process_time() - begun
+    return found, time.process_time() - begun
 
 
 def _key(experiment: Experiment, record: bool) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -100,7 +101,7 @@ def identify(
 
 def _identified(data: MeasuredData, settings: IdentifySettings, search: Search) -> IdentificationResult:
     """See `identify`."""
-    begun = clock()
+    begun, started = clock(), time.perf_counter()
     search.report("the declared model", 0.0)
     try:
         with ForwardModel(settings.processes, data.settings) as forward:
@@ -112,7 +113,7 @@ def _identified(data: MeasuredData, settings: IdentifySettings, search: Search) 
     except _Interrupted as interruption:  # the workers have ended
         state, found, prepared = interruption.state, Found(), interruption.prepared
     found = found._replace(rows=prepared.rows, sigma_estimated=prepared.sigma_estimated)
-    return conclude(replace(search, deadline=begun + settings.time_limit), state, found, begun)
+    return conclude(replace(search, deadline=begun + settings.time_limit), state, found, started)
 
 
 class _Prepared(NamedTuple):

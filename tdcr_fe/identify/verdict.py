@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -49,7 +50,7 @@ from tdcr_fe.identify.result import (
     Verdict,
 )
 from tdcr_fe.identify.search_state import Search, SearchState, posterior
-from tdcr_fe.identify.settings import CEILING, MAY_EXPLAIN, clock
+from tdcr_fe.identify.settings import CEILING, MAY_EXPLAIN
 
 Array = NDArray[np.float64]
 
@@ -76,9 +77,9 @@ class Found(NamedTuple):
 def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.0) -> IdentificationResult:
     """What a search has found.
 
-    ``search``: with the deadline of these conclusions; ``begun``: reading of the clock when the identification began.
+    ``search``: with the deadline of these conclusions; ``begun``: reading of `time.perf_counter` at the beginning.
     """
-    wall_time = clock() - begun
+    wall_time = time.perf_counter() - begun
     problem, best, declared = state.problem, state.best, state.declared
     data, held_out, fitted = problem.data, problem.held_out, problem.fitted
     judged = _judged(search, state, found)

@@ -1,5 +1,6 @@
 """A search ends in its time, with the best model so far; several processes give what one gives."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -54,7 +55,7 @@ class Watch:
 def identified(monkeypatch, data, jumps, **given):
     """What is found where the clock jumps."""
     watch = Watch(jumps)
-    monkeypatch.setattr(settings.time, "perf_counter", watch)
+    monkeypatch.setattr(settings.time, "process_time", watch)
     return identify(data, IdentifySettings(time_limit=watch.LIMIT, **given), watch.report)
 
 
@@ -149,3 +150,23 @@ def test_two_processes_give_the_scores_and_derivatives_of_one(forms):
     for x, y in zip(linear, linear_again, strict=True):
         np.testing.assert_array_equal(x.matrix, y.matrix)
         np.testing.assert_array_equal(x.residual, y.residual)
+
+
+def _working(seconds):
+    """Keep a process busy for some processor time."""
+    begun = time.process_time()
+    while time.process_time() < begun + seconds:
+        pass
+    return settings.clock()
+
+
+@pytest.mark.integration
+def test_the_clock_counts_the_processor_time_of_all_processes_and_no_pause():
+    begun = settings.clock()
+    time.sleep(0.3)
+    assert settings.clock() - begun < 0.1
+    with ForwardModel(2) as forward:
+        readings = forward.map(_working, [0.4, 0.4])
+    assert 0.8 <= settings.clock() - begun < 1.4
+    for reading in readings:  # a worker sees the time of both
+        assert 0.8 <= reading - begun < 1.4
