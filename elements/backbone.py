@@ -93,7 +93,8 @@ def add_residual_flexibility(stiffness: Array, lengths: Array, share: float = 1.
     """Give the shear of every element the residual flexibility of bending, ``h^2 / (12 EI)``.
 
     A constant strain cannot follow a moment that changes with the shear force; this makes up for it (R. H. MacNeal, A
-    simple quadrilateral shell element, Computers & Structures 8 (1978) 175-183; documentation, page "Theory").
+    simple quadrilateral shell element, Computers & Structures 8 (1978) 175-183; docs/theory.md, section "The beam
+    element").
 
     Parameters
     ----------
@@ -287,8 +288,8 @@ class ElementChain:
         """Tangent of the elastic forces, with the geometric terms of all other wrenches.
 
         In the elements' twists ``xi`` the elastic energy is quadratic, so its second derivative is the stiffness;
-        everything else that depends on the poses acts through their second derivatives (derivation: documentation,
-        page "Theory").
+        everything else that depends on the poses acts through their second derivatives (derivation:
+        docs/algorithms.md, section "Newton's method in strain space").
 
         Parameters
         ----------
@@ -322,7 +323,7 @@ class ElementChain:
 
         Away from equilibrium the tangent depends on the unknowns it is taken in. With the elements' twists, whose
         poses follow by exponentials, it has besides the derivatives of the wrenches the second derivatives of the
-        poses times the wrenches (derivation: documentation, page "Theory").
+        poses times the wrenches (derivation: docs/algorithms.md, section "Newton's method in strain space").
 
         Parameters
         ----------

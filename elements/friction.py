@@ -13,7 +13,7 @@ pulled, -1 where it is released, between where it sticks. It follows the slip (`
 
 which is the Capstan equation (paper, Eqs. 28-31) where the hole slips, with an adhesion ``a`` beside it. The
 coefficient ``mu`` is a number, or depends on slip rate and normal force (`tdcr_fe.elements.coefficients`). The
-derivation is in the documentation, pages "Theory" and "Friction laws".
+derivation is in docs/theory.md, section "Friction".
 """
 
 from __future__ import annotations

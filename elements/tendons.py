@@ -262,7 +262,7 @@ class CableLines:
         A segment of length ``l`` and direction ``e`` resists with ``T / l`` across ``e``. At a hole with offset ``o``
         the lever turns with the node, which adds ``(f o^T + o f^T) / 2 - (f . o) 1`` by the rotation, with the force
         ``f`` in the frame of the node; the half is that of increments of Euler parameters, as in Exudyn's Jacobian
-        (derivation: documentation, page "Theory").
+        (derivation: docs/algorithms.md, section "Tendons in the tangent").
         """
         m, n = tension.shape
         weight = (tension * self._inverse).T[:, :, None] * _ACROSS

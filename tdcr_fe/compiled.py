@@ -6,7 +6,7 @@ written in another way; `run_compiled` calls one from outside. Only the friction
 integrates in many small steps, which numpy's overhead dominates.
 
 numba is imported at the first call, not before. What it has compiled is kept in a folder of the user's cache that
-belongs to these sources, so that it is compiled once. Documentation: page "Benchmarks", section "Compiled functions".
+belongs to these sources, so that it is compiled once. Times: docs/validation.md, section "Time".
 """
 
 from __future__ import annotations

@@ -57,11 +57,14 @@ def test_links_lead_to_pages_and_headings_that_are_there(page):
         assert not anchor or anchor in anchors(linked), (target, anchor)
 
 
-def test_messages_and_docstrings_name_pages_that_are_there():
+def test_messages_and_docstrings_name_pages_and_sections_that_are_there():
     for folder in ("elements", "tdcr_fe", "validation", "tests"):
         for source in (ROOT / folder).rglob("*.py"):
-            for name in re.findall(r"docs/(\w+\.md)", text_of(source)):
+            text = re.sub(r"\s+", " ", text_of(source)).replace('\\"', '"')
+            for name, section in re.findall(r'docs/(\w+\.md)(?:, section "([^"]+)")?', text):
                 assert (DOCS / name).exists(), (source.name, name)
+                assert not section or f"# {section}\n" in text_of(DOCS / name), (source.name, section)
+            assert not re.search(r'pages? ["\'][A-Z]\w+["\']', text) or folder == "tests", source.name
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)

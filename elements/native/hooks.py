@@ -90,7 +90,7 @@ class StepSizes:
             raise RuntimeError(
                 f"robot {actuation.name!r}: at {t:g} s no tensions satisfy the law of friction. A tendon has no "
                 "inertia: where its friction falls with the slip rate it jumps, and shorter steps do not help. Take a "
-                "law that falls less, or steps longer than the bound on the page Theory of the documentation"
+                "law that falls less, or steps longer than the bound in docs/theory.md"
             )
 
     def _is_tiny(self, mbs: exu.MainSystem, t: float) -> bool:

@@ -250,7 +250,7 @@ class Effect:
         Experiment that separates it from effects with similar traces.
     parameters : tuple of Parameter
     exact_derivatives : bool
-        Whether the derivatives by its parameters come out of the run (see the page "Sensitivities"), or from the
+        Whether the derivatives by its parameters come out of the run (docs/sensitivities.md), or from the
         observation map. False: `identify` takes them as differences of two runs, and says so. It does the same where it
         finds none, as where a parameter changes the mesh.
     """

@@ -1,7 +1,7 @@
 """Coefficients of friction at the holes: constant, Stribeck, dependent on the normal force.
 
 The annotated fields of a law are the keys of its table in ``robot.toml``. Adding one takes a class here and its name in
-`FRICTION_COEFFICIENTS`; the page "Friction laws" shows how.
+`FRICTION_COEFFICIENTS`; docs/architecture.md, section "Nine extension points", has an example.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ elements, fixed in the solved configuration, would load the nodes with
 with the element's strain matrix ``B``, its stiffness ``K`` (that of the wrench's direction included), and the moment
 ``r_w`` by which own weight along a bent element differs from own weight lumped at its nodes. The tangent of the solved
 state takes ``r`` to the displacement of all nodes: the error of the configuration to first order, amplified near
-buckling as it must be (documentation, page "Theory").
+buckling as it must be (docs/algorithms.md, section "Error of the mesh").
 """
 
 from __future__ import annotations

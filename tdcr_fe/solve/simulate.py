@@ -73,8 +73,8 @@ def simulate(
     record_path
         An empty list to fill, as a later reference path.
     sensitivities
-        Parameters by which the results are differentiated, such as ``"backbone.youngs_modulus"``; names: documentation,
-        page "Sensitivities".
+        Parameters by which the results are differentiated, such as ``"backbone.youngs_modulus"``; names:
+        docs/sensitivities.md.
     responses
         Compute compliance, tendon Jacobians and the stiffness seen by the motors at the tip, in every step.
 

@@ -19,8 +19,9 @@ addition, so the robot at rest is stiffer than this tangent.
 
 A load step that passes the load at which a straight or nearly straight robot buckles can end in the equilibrium beyond
 it, which is unstable. The sign of the tangent's determinant does not show this for a round backbone, of which two
-eigenvalues change sign together (documentation, page "Theory"). The definiteness of the tangent in strain coordinates
-shows it. It is computed only where loads and weight compress the backbone by a considerable part of Euler's load.
+eigenvalues change sign together (docs/theory.md, section "Stability"). The definiteness of the tangent in strain
+coordinates shows it. It is computed only where loads and weight compress the backbone by a considerable part of
+Euler's load.
 """
 
 from __future__ import annotations

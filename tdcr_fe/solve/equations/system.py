@@ -4,7 +4,8 @@ Residual and Jacobian come from Exudyn, except for tendons and section forces: t
 the item that applies them is switched off while this solver works. Where nothing but robots is in the scene, the
 tangent follows from the stiffness of the elements. Every beam node is taken in body-frame increments; an increment of
 the nodes becomes an increment of the elements' strains, and the poses are rebuilt from the base by exact exponentials.
-Everything else in the scene keeps its ordinary additive update. Derivation: documentation, page "Theory".
+Everything else in the scene keeps its ordinary additive update. Derivation: docs/algorithms.md,
+section "Newton's method in strain space".
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@ rates are integrated segment by segment. A path segment ends at an event: a hole
 tendon driven by displacement becomes slack or taut; or where the rates are no longer linear. Complements that should be
 constant drift by the errors of the path segments. Wherever the slips are evaluated anew, one Newton step on the free
 unknowns takes the drift away (the projection of a constrained integration; E. Hairer, G. Wanner, Solving Ordinary
-Differential Equations II (1996), sec. VII.2). Documentation: page "Theory", section "Finding reversals", which also has
-a table of what the constants below change.
+Differential Equations II (1996), sec. VII.2). Documentation: docs/algorithms.md, section "Slip reversals within a
+substep".
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ CONSTANT_RATES_SEGMENT = 0.02
 #: of the load factor of `CONSTANT_RATES_SEGMENT`.
 REUSED_TENSION_CHANGE = 0.02
 #: Fraction of these two limits within which derivatives may still show that a slip reverses [1]. With all of them, the
-#: largest error of twenty random robots was twice as large (documentation, page "Theory").
+#: largest error of twenty random robots was twice as large.
 REUSED_FOR_REVERSAL = 0.25
 #: Shortest path segment: events nearer to each other are taken one after the other over it [1].
 SHORTEST_SEGMENT = 1e-5

@@ -4,7 +4,7 @@ The unknowns ``z`` are the mobilisations of holes [1], in [-1, 1], and the tensi
 displacement [N], from 0 on. To each belongs a complement ``w`` [m]: of a hole its plastic slip, which is the slip less
 its elastic part (presliding distance times mobilisation); of a tendon minus its slack. Inside the bounds of ``z`` the
 complement is constant, at the upper bound it can only grow, at the lower one only fall. Its derivative by the load
-factor is ``load - matrix z'``. Documentation: page "Theory", section "Finding reversals".
+factor is ``load - matrix z'`` (docs/algorithms.md, section "Slip reversals within a substep").
 
 Small systems of equations are solved by LAPACK. Compiled functions (`tdcr_fe.compiled`) cannot call it one part at a
 time and take the inverse.

@@ -27,7 +27,7 @@ Tendons = Sequence[NDArray[np.int_]]
 Index = NDArray[np.int_]
 
 #: Largest turn of an element since the last linearisation with which that is as good as a new one [rad]. With four
-#: times as much, one of twenty random robots ended 1.5e-5 of the length off (documentation, page "Theory").
+#: times as much, one of twenty random robots ended 1.5e-5 of the length off.
 EXACT_TURN = 1e-5
 #: Relative residual below which forces balance [1].
 BALANCED = 1e-3

@@ -49,7 +49,7 @@ FULL_RANGE = 2.0
 #: end: a fraction of what they change [1].
 CORRECTION_ERROR = 0.03
 #: Error of reversals located through twice as many states within the substep as before, over what they changed [1].
-#: With a quarter of it, one of twenty random robots ended 2.2e-5 of the length off (documentation, page "Theory").
+#: With a quarter of it, one of twenty random robots ended 2.2e-5 of the length off.
 REFINED_ERROR = 0.5
 #: Largest difference between the tensions of solved states and those of the followed path, over the largest tension,
 #: up to which a path through every other state shows the error [1]: farther off the path the interpolation is linear in

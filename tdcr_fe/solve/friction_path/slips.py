@@ -5,7 +5,7 @@ They are interpolated between the ends of the substep or states solved within it
 tensions of two states they are cubic (Hermite's polynomial through values and rates), and beside it linear in the
 tensions, with derivatives that change linearly from one state to the other. How the tensions follow from mobilisations
 and angles is not interpolated: it is the law of friction itself (`tdcr_fe.solve.friction_path.transfer`).
-Documentation: page "Theory", section "Slips as functions of the tensions".
+Documentation: docs/algorithms.md, section "Slip reversals within a substep".
 """
 
 from __future__ import annotations

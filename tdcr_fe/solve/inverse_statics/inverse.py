@@ -2,7 +2,7 @@
 
 The step to a target is solved by Gauss-Newton iterations on the exact derivatives of trial steps. Every trial begins
 in the state that the last target was left in, so that the loading sequence, solved again, ends where the trials ended.
-Derivation: documentation, page "Inverse statics".
+Derivation: docs/algorithms.md, section "Derivatives along the history".
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Search for the tensions that take the tip to one target, from one state: Gauss-Newton in a trust region.
 
 The distance from the target plus a price of the tensions is made smallest, within bounds. The price keeps tensions
-small that would gain less than the tolerance. Derivation: documentation, page "Algorithms".
+small that would gain less than the tolerance. Derivation: docs/algorithms.md, section
+"Derivatives along the history".
 """
 
 from __future__ import annotations

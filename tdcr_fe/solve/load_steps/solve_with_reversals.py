@@ -1,7 +1,7 @@
 """Slip reversals within a substep: states solved within it, and what is done with the reversals found.
 
-Through states within a substep the slips are interpolated better than between both ends alone. Documentation: page
-"Theory", sections "Finding reversals" and "Solving with reversals".
+Through states within a substep the slips are interpolated better than between both ends alone. Documentation:
+docs/algorithms.md, section "Slip reversals within a substep".
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 With friction the solution depends on the path, but only through slips that reverse: a substep in which every slip is
 monotone is exact, however many holes change between stick and slip in it. So the rest of a load step is proposed as a
-whole. Documentation: page "Algorithms", section "Substeps, jumps, snap-through".
+whole. Documentation: docs/algorithms.md, section "Substeps, jumps, snap-through".
 """
 
 from __future__ import annotations

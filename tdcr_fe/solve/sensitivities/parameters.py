@@ -1,7 +1,7 @@
 """Parameters by which results can be differentiated, named as in the files.
 
-A parameter takes an `Experiment` (robot, model, steps) to one with another value. Names: documentation, page
-"Sensitivities".
+A parameter takes an `Experiment` (robot, model, steps) to one with another value. Names:
+docs/sensitivities.md.
 """
 
 from __future__ import annotations

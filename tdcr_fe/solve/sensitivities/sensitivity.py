@@ -3,7 +3,7 @@
 At the end of every substep the equations are satisfied, so their total derivative vanishes: the tangent at the solved
 state times the derivative of the unknowns, plus the explicit derivative by the parameter, plus what the substep
 inherits (slips and mobilisations at its beginning, inputs and loads from which it is ramped). Derivation:
-documentation, page "Sensitivities".
+docs/algorithms.md, section "Derivatives along the history".
 """
 
 from __future__ import annotations
