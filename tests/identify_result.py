@@ -2,14 +2,20 @@
 
 import numpy as np
 
-from tdcr_fe.effects import Experiment, with_effects
+from tdcr_fe.effects import Experiment
+from tdcr_fe.identify.causes import LISTED, Kind
 from tdcr_fe.identify.result import (
     AddedEffect,
+    Errors,
     Estimate,
     IdentificationResult,
     Misfit,
+    Parameters,
     Remainder,
+    Residuals,
+    SearchLog,
     Shapes,
+    Simulated,
     Structure,
 )
 from tdcr_fe.io.measured import MeasuredData
@@ -35,6 +41,10 @@ STEPS = (
     ),
     LoadStep(tensions={"t1": 1.0, "t2": 0.5}, loads={"tip": Load(LENGTH, (0.0, 0.02, 0.0))}),
 )
+
+
+#: Errors of the corrected model.
+AFTER = Errors(Misfit(1.8e-4, None, 4e-4, 1.05), Misfit(1.87e-4, None, 4e-4, 1.1))
 
 
 def arc(angle, n=9):
@@ -66,27 +76,28 @@ def result(*effects, angles=(0.1, 0.5, 1.0, 0.6, 0.2, 1.1), **rest):
         "data": MeasuredData("made up", ROBOT, Model(), ids, STEPS, ("",) * len(ids), readings),
         "verdict": "explained" if effects else "nothing missing",
         "effects": effects,
-        "before_fit": Misfit(0.0188, None, 0.02, 900.0), "before_held_out": Misfit(0.0174, None, 0.02, 800.0),
-        "after_fit": Misfit(1.8e-4, None, 4e-4, 1.05), "after_held_out": Misfit(1.87e-4, None, 4e-4, 1.1),
+        "before": Errors(Misfit(0.0188, None, 0.02, 900.0), Misfit(0.0174, None, 0.02, 800.0)),
+        "after": AFTER,
         "held_out_steps": (6,),
         "remaining": Remainder("", "what is left has the size of the noise"),
-        "candidates": (), "structure": (Structure("step 3", 2.0, 0.02),),
-        "residual_before": residual, "residual_after": 0.0 * residual + 1e-4,
-        "sigma": np.full(len(readings), 1e-4), "sigma_estimated": False, "outliers": (),
-        "correlation": np.eye(2), "parameter_names": ("a", "b"), "mesh_error": 0.01,
         "noise": Misfit(1.73e-4, None, None, 1.0, rms_by_quantity={"position_x": 1e-4}),
         "shapes": shapes,
-        "corrected": with_effects(experiment, {}), "commanded": experiment, "solver": SolverSettings(),
+        "residuals": Residuals(
+            residual, 0.0 * residual + 1e-4, np.full(len(readings), 1e-4), tests=(Structure("step 3", 2.0, 0.02),)
+        ),
+        "parameters": Parameters(("a", "b"), np.eye(2)),
+        "log": SearchLog(),
+        "simulated": Simulated(experiment, experiment, SolverSettings(), mesh_error=0.01),
     }  # fmt: skip
     return IdentificationResult(**{**fields, **rest})
 
 
 def added(name, others=(), **parameters):
     """An effect with value, standard error and unit of each parameter."""
-    misfit = Misfit(1.8e-4, None, 4e-4, 1.05)
     evidence = {"chi2_drop_fit": 1e5, "chi2_drop_held_out": 5e4, "needed_drop": 23.5}
     estimates = {n: Estimate(*p) for n, p in parameters.items()}
-    return AddedEffect(name, estimates, misfit, misfit, evidence, others, "bend the bare backbone")
+    kind = LISTED.get(name, Kind("force", ("time",)))
+    return AddedEffect(name, estimates, AFTER, evidence, kind, others, "bend the bare backbone")
 
 
 GRAVITY = added("gravity", g_x=(0.0, 0.01, "m/s^2"), g_y=(6.95, 0.007, "m/s^2"), g_z=(-6.91, 0.03, "m/s^2"))

@@ -9,8 +9,8 @@ from tdcr_fe.commands.common import Exit, complain, cores, print_understood, pro
 from tdcr_fe.identify.identification import NotSolved, identify
 from tdcr_fe.identify.report import write_result
 from tdcr_fe.identify.result import IdentificationResult
+from tdcr_fe.identify.sentences import summary
 from tdcr_fe.identify.settings import GRACE_OF_TABLES, IdentifySettings, clock
-from tdcr_fe.identify.statistics import summary
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.io.measured import MeasuredData, join_measured, read_measured
 from tdcr_fe.io.user_effects import read_own_effects

@@ -25,7 +25,7 @@ Table = Mapping[str, Mapping[str, float]]
 
 def observation_effects(result: IdentificationResult) -> list[str]:
     """Effects that act on the measurement only; a scenario cannot have them."""
-    changes = _changes(result.commanded, result.effects_table, result.catalogue)
+    changes = _changes(result.simulated.commanded, result.effects_table, result.simulated.catalogue)
     found = {name for name, before, after in changes if after.observation != before.observation}
     return [name for name in result.effects_table if name in found]
 
@@ -69,15 +69,15 @@ def corrected_files(result: IdentificationResult) -> dict[str, str]:
     Effects that act on the measurement only are comments. Where a robot cannot be written (an effect of the
     user's own with a routing of its own), ``robot.toml`` is as declared, and all effects are in ``effects.toml``.
     """
-    if result.commanded.restarts:
+    commanded = result.simulated.commanded
+    if commanded.restarts:
         return _files_of_sets(result)
-    commanded = result.commanded
     skipped = observation_effects(result)
     table: Table = {name: values for name, values in result.effects_table.items() if name not in skipped}
-    final = with_effects(commanded, table, result.catalogue)
+    final = with_effects(commanded, table, result.simulated.catalogue)
     base, inside = _beside_robot(result, final, table)
     if result.law is not None:
-        base, inside = replace(final, steps=result.law.steps), {}
+        base, inside = replace(final, steps=result.simulated.corrected.steps), {}
     try:
         robot_text = robot_to_toml(base.robot)
     except ValueError:
@@ -93,7 +93,7 @@ def corrected_files(result: IdentificationResult) -> dict[str, str]:
             "# on the loading below it gives the loads named law 1, law 2, ...; on another loading it gives others",
         ]
     scenario = scenario_to_toml(
-        base.model, _labelled(result, base), settings=result.solver, effects=inside or None
+        base.model, _labelled(result, base), settings=result.simulated.solver, effects=inside or None
     )
     return {"robot.toml": robot_text, "effects.toml": "\n".join([*remarks, "", scenario])}
 
@@ -106,14 +106,18 @@ def scenario_names(result: IdentificationResult) -> list[str]:
 def _files_of_sets(result: IdentificationResult) -> dict[str, str]:
     """`corrected_files` of several data sets: one robot, and a scenario for each."""
     files: dict[str, str] = {}
-    for part, (name, count) in zip(result.commanded.sequences, result.data.parts, strict=True):
+    simulated = result.simulated
+    sequences = zip(
+        simulated.commanded.sequences, simulated.corrected.sequences, result.data.parts, strict=True
+    )
+    for part, corrected, (name, count) in sequences:
         ids = tuple(range(1, count + 1))
         data = replace(
             result.data, name=name, step_ids=ids, steps=part.steps[:count], branches=("",) * count,
             readings=(), parts=(),
         )  # fmt: skip
-        alone = replace(part, folder=1, folders=1)
-        own = corrected_files(replace(result, data=data, commanded=alone, effects=_alone(result, part)))
+        alone = replace(simulated, commanded=replace(part, folder=1, folders=1), corrected=corrected)
+        own = corrected_files(replace(result, data=data, simulated=alone, effects=_alone(result, part)))
         robot = (
             "robot.toml"
             if files.get("robot.toml", own["robot.toml"]) == own["robot.toml"]
@@ -130,7 +134,7 @@ def _files_of_sets(result: IdentificationResult) -> dict[str, str]:
 
 def _alone(result: IdentificationResult, part: Experiment) -> tuple[AddedEffect, ...]:
     """The effects with the values that they have for one of several data sets."""
-    by_name = {e.name: e for e in result.catalogue}
+    by_name = {e.name: e for e in result.simulated.catalogue}
     found = []
     for added in result.effects:
         values = {n: p.value for n, p in added.parameters.items()}
@@ -144,13 +148,14 @@ def _alone(result: IdentificationResult, part: Experiment) -> tuple[AddedEffect,
 
 def _beside_robot(result: IdentificationResult, final: Experiment, table: Table) -> tuple[Experiment, Table]:
     """Experiment and effects that give the final one, with all that acts on the robot alone in the robot."""
-    base = replace(result.commanded, robot=final.robot)
+    simulated = result.simulated
+    base = replace(simulated.commanded, robot=final.robot)
     inside = {
         name: table[name]
-        for name, before, after in _changes(result.commanded, table, result.catalogue)
+        for name, before, after in _changes(simulated.commanded, table, simulated.catalogue)
         if (after.model, after.steps) != (before.model, before.steps)
     }
-    again = with_effects(base, inside, result.catalogue)
+    again = with_effects(base, inside, simulated.catalogue)
     if (again.robot, again.model, again.steps) == (final.robot, final.model, final.steps):
         return base, inside
     return final, {}  # an effect acts on the robot and on more: model and steps stand as they become
@@ -205,12 +210,11 @@ def replay(result: IdentificationResult, deadline: float = math.inf) -> Sequence
     OutOfTime
         The deadline has passed.
     """
-    mesh = result.commanded.model.elements_per_bay
-    experiment = replace(result.corrected, model=replace(result.corrected.model, elements_per_bay=mesh))
-    path = result.path
-    if result.law is not None:
-        experiment, path = replace(experiment, steps=result.law.steps), None
-    solved = solve_commanded_steps(experiment, result.solver, deadline, path)
+    simulated = result.simulated
+    model = replace(simulated.corrected.model, elements_per_bay=simulated.commanded.model.elements_per_bay)
+    path = simulated.path if result.law is None else None
+    experiment = replace(simulated.corrected, model=model)
+    solved = solve_commanded_steps(experiment, simulated.solver, deadline, path)
     named = zip(solved.steps, result.data.step_ids, result.data.branches, strict=False)
     return replace(solved, steps=tuple(replace(s, step=n, label=branch) for s, n, branch in named))
 
@@ -221,7 +225,7 @@ def markers(result: IdentificationResult, steps: int) -> Markers:
     An identified misalignment of the measuring frame moves what was measured, not the robot.
     """
     shapes = result.shapes
-    observation = result.corrected.observation
+    observation = result.simulated.corrected.observation
     points = spread(shapes.backbone_before.shape[1], DECLARED_POINTS)
     return Markers(
         shapes.arc_lengths,

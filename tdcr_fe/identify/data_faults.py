@@ -1,11 +1,13 @@
-"""Faults of measured data: what is seen in the readings, and what would make the declared model fit them."""
+"""Faults of measured data: seen before anything is solved, seen in the readings, or mended so that the model fits."""
 
 from __future__ import annotations
 
 import itertools
+import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +18,18 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.forward import last_parts
 from tdcr_fe.identify.noise import series
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber
-from tdcr_fe.identify.result import Jump
 from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.spreadsheet import number
 from tdcr_fe.model.loading import LoadStep
+from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, TDCRWarning
+from tdcr_fe.model.plausibility import plausibility
+from tdcr_fe.model.quantities import Description
 
 Array = NDArray[np.float64]
 
+#: Inputs that bend the robot more or less than this many times as much as the readings say are in another unit [1].
+OTHER_UNIT = 4.0
 #: A fault explains the data where their mean square over sigma falls to this, from `MISFIT` times as much or more [1].
 #: A positional residual of pure noise has 1; a robust sum is a little less.
 EXPLAINED, MISFIT = 1.5, 4.0
@@ -30,25 +37,110 @@ EXPLAINED, MISFIT = 1.5, 4.0
 PRICE = 2.0
 #: Equal readings in so many successive steps are a fault where the model moves by so many sigma meanwhile.
 EQUAL_STEPS, MOVES = 4, 10.0
-#: A noise of sigma changes every reading where the readings differ by less than this share of sigma.
-RESOLVED = 0.2
-#: Readings are rounded where they are multiples of more than so many sigma.
-ROUNDED = 3.0
+#: A noise of sigma changes every reading where the readings differ by less than this share of sigma, and readings are
+#: rounded where they are multiples of more than so many sigma.
+RESOLVED, ROUNDED = 0.2, 3.0
 #: Sigma is wrong where the scatter of the residual is larger or smaller by this factor [1].
 WRONG_SIGMA = 3.0
-#: A location beyond the declared length, up to so many times that length, is that of a marker, not of another unit [1].
-FARTHEST = 2.0
-#: A jump of the residual that is left is reported where it is this many times the scatter before and after it, and
-#: sigma [1], there are so many steps on both sides, and it leaves at most this share of what a line leaves [1].
-CLEAR_JUMP, LEAST_PART, BESIDE_TREND = 4.0, 4, 0.7
-#: A marker is elsewhere where it is read farther from the base than its arc length by this share of the length [1].
-ELSEWHERE = 0.25
-#: Other drives are simulated with friction where they leave less than this share of the residual without it [1].
-LIKELY = 0.5
-#: Share of the readings that must be predicted without friction to say whether drives are likely [1].
-SOLVED_SHARE = 0.25
+#: A location beyond the declared length, up to so many times that length, is that of a marker, not of another unit; a
+#: marker is elsewhere where it is read farther from the base than its arc length by this share of the length [1].
+FARTHEST, ELSEWHERE = 2.0, 0.25
 #: Largest number of load steps that are simulated to try exchanged tendons.
 MOST_STEPS = 1500
+
+
+# ------------------------------------------------------------------------------------ before anything is solved
+
+
+def first_checks(data: MeasuredData) -> dict[type[TDCRWarning], list[str]]:
+    """Warnings and remarks on a data set, by category.
+
+    Raises
+    ------
+    InputError
+        A load is far beyond what the robot can carry.
+    """
+    try:
+        warned, remarks = plausibility(data.robot, data.model, data.steps)
+    except ValueError as error:
+        raise InputError([Problem(data.name, "", "", _columns(str(error), data))]) from error
+    if not warned:
+        remarks.append(_other_bend(data))
+    found = {PlausibilityWarning: [*warned, impossible_place(data)], PlausibilityRemark: remarks}
+    return {category: [_columns(x, data) for x in texts if x] for category, texts in found.items()}
+
+
+def _columns(text: str, data: MeasuredData) -> str:
+    """A sentence with the columns of loading.csv in place of keys of a scenario."""
+
+    def column(found: re.Match[str]) -> str:
+        step = data.step_ids[int(found[1])]
+        name = found[2].replace("tensions.", "tension_").replace("displacements.", "displacement_")
+        return f"loading.csv, step {step}: " + re.sub(r"^loads\.\w+\.", "", name)
+
+    return re.sub(r"steps\[(\d+)\]\.([\w.]+)", column, text)
+
+
+def _other_bend(data: MeasuredData) -> str:
+    """Inputs that bend the robot far more or less than the readings say, as a sentence; of steps without a force."""
+    d = Description.of(data.robot, data.model, data.steps)
+    free = [not any(any(x.force) for x in step.loads.values()) for step in data.steps]
+    read = _bends_read(data)
+    measured = max((read.get(i, 0.0) for i, f in zip(data.step_ids, free, strict=True) if f), default=0.0)
+    for kind in ("tensions", "displacements"):
+        angles = np.linalg.norm(d.bends(kind).sum(axis=2), axis=1)[free]
+        largest = float(np.max(angles, initial=0.0))
+        if measured and largest and not 1.0 / OTHER_UNIT < largest / measured < OTHER_UNIT:
+            return (
+                f"loading.csv: its {kind} would bend the robot without friction by up to {largest:.2g} rad, the "
+                f"readings say {measured:.2g} rad; check the unit of the {kind}, the modulus and the radius"
+            )
+    return ""
+
+
+def _bends_read(data: MeasuredData) -> Mapping[int, float]:
+    """Angle between the tangents of base and tip by step, as far as readings tell it [rad]."""
+    found = {r.step: abs(r.value) for r in data.readings if r.quantity == "bending_angle"}
+    found |= {r.step: 2.0 * abs(r.value) for r in data.readings if r.quantity == "chord_angle"}
+    heights = [r for r in data.readings if r.quantity == "position_z" and isinstance(r.location, float)]
+    farthest = max((r.location for r in heights if isinstance(r.location, float)), default=0.0)
+    turns = np.linspace(0.0, 4.4, 441)
+    for r in heights:
+        if r.location == farthest and r.step not in found:
+            # An arc of the turn a and length s is s sin(a) / a high.
+            turn = float(np.interp(-r.value / farthest, -np.sinc(turns / np.pi), turns))
+            found[r.step] = turn * data.robot.backbone.length / farthest
+    return found
+
+
+def impossible_place(data: MeasuredData) -> str:
+    """A marker that most readings place farther from the base than the backbone is long up to it, as a sentence."""
+    squares: dict[float, dict[int, float]] = {}
+    for r in data.readings:
+        if r.channel.family == "position" and isinstance(r.location, float):
+            own = squares.setdefault(r.location, {})
+            own[r.step] = own.get(r.step, 0.0) + r.value**2
+    for s, by_step in sorted(squares.items()):
+        far = float(np.sqrt(np.median(list(by_step.values()))))
+        if far > s + ELSEWHERE * data.robot.backbone.length:
+            return (
+                f"the marker at s = {s:g} m is read {far:.4g} m from the base, where no backbone reaches that has this "
+                f"length: it sits at s = {far:.3g} m or beyond"
+            )
+    return ""
+
+
+# ------------------------------------------------------------------------------------------------ the judgement
+
+
+class _Fault(NamedTuple):
+    """What would mend the data."""
+
+    residual: (
+        Array  # of the mended readings over sigma, shape (n_steps, n_markers, 3); NaN where there is none
+    )
+    text: str  # with ``{since}`` for the row from which on it holds
+    chosen: float = 1.0  # how many numbers were chosen for it
 
 
 @dataclass(frozen=True)
@@ -61,53 +153,71 @@ class _Grid:
     sigma: Array
     steps: tuple[int, ...]  # numbers of the steps
     markers: tuple[float, ...]  # arc lengths [m]
+    which: NDArray[np.int_]  # indices of the readings, shape (n,)
+    at: tuple[NDArray[np.int_], ...]  # where they are
 
     @classmethod
     def of(cls, problem: FitProblem, declared: Fit) -> _Grid:
         """Of the problem's readings and the declared model's predictions."""
         readings = problem.data.readings
-        chosen = [
-            i
-            for i, r in enumerate(readings)
-            if r.channel.family == "position" and isinstance(r.location, float)
-        ]
-        read = {readings[i].step for i in chosen}
+        which = np.array([i for i in np.flatnonzero(problem.readings.is_position)
+                          if isinstance(readings[i].location, float)], dtype=int)  # fmt: skip
+        places = [float(readings[i].location or 0.0) for i in which]
+        read, markers = {readings[i].step for i in which}, tuple(sorted(set(places)))
         steps = tuple(n for n in problem.data.step_ids if n in read)
-        markers = tuple(sorted({float(readings[i].location or 0.0) for i in chosen}))
-        row, column = {n: k for k, n in enumerate(steps)}, {s: k for k, s in enumerate(markers)}
-        grids = np.full((3, len(steps), len(markers), 3), np.nan)
+        row = {n: k for k, n in enumerate(steps)}
+        at = (
+            np.array([row[readings[i].step] for i in which], dtype=int),
+            np.searchsorted(markers, places),
+            problem.readings.axes[which],
+        )
         predicted = problem.readings.values - declared.residual * problem.sigma
-        for i in chosen:
-            r = readings[i]
-            at = row[r.step], column[float(r.location or 0.0)], "xyz".index(r.quantity[-1])
-            grids[(slice(None), *at)] = r.value, predicted[i], problem.sigma[i]
-        return cls(grids[0], grids[1], grids[2], steps, markers)
+        none = np.zeros((len(steps), len(markers), 3))
+        grid = cls(none, none, none, steps, markers, which, at)
+        measured, predicted, sigma = map(grid.table, (problem.readings.values, predicted, problem.sigma))
+        return replace(grid, measured=measured, predicted=predicted, sigma=sigma)
 
-    @property
-    def count(self) -> int:
-        """Number of readings."""
-        return int(np.count_nonzero(np.isfinite(self.measured)))
+    def table(self, values: Array) -> Array:
+        """Values of all readings by step, marker and axis."""
+        found = np.full((len(self.steps), len(self.markers), 3), np.nan)
+        found[self.at] = values[self.which]
+        return found
 
-    def cost(self, measured: Array) -> float:
-        """Robust mean square over sigma of readings that were changed; infinite where few are left."""
-        r = (measured - self.predicted) / self.sigma
-        known = np.isfinite(r)
-        if np.count_nonzero(known) < 0.8 * self.count:
-            return float("inf")
-        return _mean_square(r[known])
+    def mended(self, measured: Array, text: str, chosen: float = 1.0) -> _Fault:
+        """A fault with the readings as they should be."""
+        return _Fault((measured - self.predicted) / self.sigma, text, chosen)
 
+    def judged(self, fault: _Fault) -> tuple[float, str, int]:
+        """Robust mean square over sigma with a fault mended from some row on, its sentence, and that row from 0.
 
-def _mean_square(r: Array) -> float:
-    """Robust mean square of residuals over sigma; infinite where one is missing."""
-    return float(np.mean(huber(r, ROBUST))) if np.all(np.isfinite(r)) else float("inf")
+        With a price for every number that was chosen; infinite where few readings are left.
+        """
+        now = (self.measured - self.predicted) / self.sigma
+        squares, counts = [], []
+        for r in (now, fault.residual):
+            known = np.isfinite(r)
+            squares.append(np.sum(huber(np.where(known, r, 0.0), ROBUST), axis=(1, 2)))
+            counts.append(np.sum(known, axis=(1, 2)))
+
+        def since(values: list[Array]) -> Array:
+            before = np.concatenate(([0.0], np.cumsum(values[0])[:-1]))
+            return before + np.cumsum(values[1][::-1])[::-1]
+
+        left, total = since(counts), float(counts[0].sum())
+        price = PRICE * np.log(total) / total * (fault.chosen + (np.arange(len(left)) > 0))
+        cost = np.where(left < 0.8 * total, np.inf, since(squares) / np.maximum(left, 1.0) + price)
+        k = int(np.argmin(cost))
+        text = f"from step {self.steps[k]} on " if k else ""
+        return float(cost[k]), fault.text.format(since=text), k
 
 
 def data_fault(problem: FitProblem, declared: Fit) -> str:
     """The fault of the data that explains the declared model's misfit, as a sentence; empty where there is none.
 
-    Tried are axes exchanged or counted the other way, markers exchanged, readings that belong to other steps, a jump or
-    a drift of one coordinate, tendons exchanged or driven the other way. Reported is only what leaves no more than
-    noise, where the declared model does not; and sensors that stand still while the robot moves.
+    Tried are axes exchanged or counted the other way, markers exchanged, readings that belong to other steps, tendons
+    exchanged or driven the other way; each from some row on. Reported is only what leaves no more than noise, where the
+    declared model does not; and sensors that stand still while the robot moves. Readings that jump or drift are causes
+    of the dictionary.
 
     Parameters
     ----------
@@ -123,23 +233,24 @@ def data_fault(problem: FitProblem, declared: Fit) -> str:
     if len(grid.steps) < EQUAL_STEPS or not grid.markers:
         return ""
     seen = _rounded(grid) or _standing_still(problem, declared)
-    if seen:
+    now = _mean_square(declared.residual[grid.which])
+    if seen or now < MISFIT:
         return seen
-    now = grid.cost(grid.measured)
-    if now < MISFIT:
-        return ""
     limit = min(EXPLAINED, now / MISFIT)
-    price = PRICE * np.log(grid.count) / grid.count
-    found = [(grid.cost(m) + count * price, text) for m, count, text in _mended(grid)]
-    best = min(found, default=(float("inf"), ""))
-    if best[0] > limit:
-        best = min(_other_drives(problem, declared), default=best)
+    cost, text, _ = min(map(grid.judged, (*_axes(grid), *_markers(grid), *_steps(grid))))
+    if cost > limit:
+        cost, text = _other_drives(problem, declared, grid)
     elif (
-        "relabelled" in best[1]
+        "relabelled" in text
     ):  # a symmetric robot turns or mirrors its motion where its tendons are exchanged
-        others = [text for cost, text in _other_drives(problem, declared) if cost <= limit]
-        best = best[0], ", or if ".join([best[1], *(text.partition(" if ")[2] for text in others)])
-    return best[1] if best[0] <= limit else impossible_place(problem.data)
+        other, drives = _other_drives(problem, declared, grid)
+        text += f", or if {drives.partition(' if ')[2]}" if other <= limit else ""
+    return text if cost <= limit else impossible_place(problem.data)
+
+
+def _mean_square(r: Array) -> float:
+    """Robust mean square of residuals over sigma; infinite where one is missing."""
+    return float(np.mean(huber(r, ROBUST))) if np.all(np.isfinite(r)) else float("inf")
 
 
 def wrong_sigma(problem: FitProblem, best: Fit) -> str:
@@ -171,38 +282,6 @@ def wrong_sigma(problem: FitProblem, best: Fit) -> str:
     )
 
 
-def jump_of_residual(problem: FitProblem, best: Fit) -> Jump | None:
-    """The clearest jump of the residual that the best model leaves.
-
-    Measurements on several days have markers that were glued on again, or a camera that was moved. One coordinate of a
-    marker is then off by a constant from a step on, whatever effects the model has.
-    """
-    grid = _Grid.of(problem, best)
-    residual, found, clearest = grid.measured - grid.predicted, None, CLEAR_JUMP
-    for column, axis in itertools.product(range(len(grid.markers)), range(3)):
-        read = np.flatnonzero(np.isfinite(residual[:, column, axis]))
-        r = residual[read, column, axis]
-        if len(read) < 2 * LEAST_PART:
-            continue
-        k, size, left = _division(r)
-        sigma = float(np.median(grid.sigma[read, column, axis]))
-        clear = abs(size) / max(1.4826 * float(np.median(np.abs(left))), sigma)
-        trend = r - np.polyval(np.polyfit(read, r, 1), read)
-        if clear > clearest and np.sum(np.abs(left)) < BESIDE_TREND * np.sum(np.abs(trend)):
-            clearest = clear
-            found = Jump(grid.steps[read[k]], grid.markers[column], "xyz"[axis], size)
-    return found
-
-
-def _division(r: Array) -> tuple[int, float, Array]:
-    """Where two constants leave the least of a series: the index, their difference, and what is left, shape (n,)."""
-    found = []
-    for k in range(LEAST_PART, r.size - LEAST_PART + 1):
-        before, after = float(np.median(r[:k])), float(np.median(r[k:]))
-        found.append((k, after - before, np.concatenate((r[:k] - before, r[k:] - after))))
-    return min(found, key=lambda division: float(np.sum(np.abs(division[2]))))
-
-
 # --------------------------------------------------------------------------------------- seen in the readings
 
 
@@ -221,22 +300,6 @@ def _declared_length(data: MeasuredData) -> str:
     )
 
 
-def impossible_place(data: MeasuredData) -> str:
-    """A marker that most readings place farther from the base than the backbone is long up to it, as a sentence."""
-    squares: dict[tuple[float, int], float] = {}
-    for r in data.readings:
-        if r.channel.family == "position" and isinstance(r.location, float):
-            squares[r.location, r.step] = squares.get((r.location, r.step), 0.0) + r.value**2
-    for s in sorted({s for s, _ in squares}):
-        far = float(np.sqrt(np.median([x for (at, _), x in squares.items() if at == s])))
-        if far > s + ELSEWHERE * data.robot.backbone.length:
-            return (
-                f"the marker at s = {s:g} m is read {far:.4g} m from the base, where no backbone reaches that has this "
-                f"length: it sits at s = {far:.3g} m or beyond"
-            )
-    return ""
-
-
 def _opposite_sign(problem: FitProblem, declared: Fit) -> str:
     """Displacements of tendons that were read with the other sign, as a sentence."""
     read = problem.readings.quantities == "tendon_displacement"
@@ -252,7 +315,7 @@ def _opposite_sign(problem: FitProblem, declared: Fit) -> str:
 def _rounded(grid: _Grid) -> str:
     """Readings in steps that are coarser than sigma."""
     values = np.unique(np.round(grid.measured[np.isfinite(grid.measured)], 9))
-    if values.size < 5 or grid.count < 20:
+    if values.size < 5 or grid.which.size < 20:
         return ""
     step = float(np.min(np.diff(values)))
     whole = np.abs(values / step - np.round(values / step)).max() < 1e-3
@@ -284,7 +347,8 @@ def _standing_still(problem: FitProblem, declared: Fit) -> str:
             moves = float(np.ptp(predicted[run]))
             if run.size >= EQUAL_STEPS and moves > MOVES:
                 first, last = readings[run[0]], readings[run[-1]]
-                at = "" if first.location is None else f" at {_place(first.location)}"
+                place = first.location if isinstance(first.location, str) else f"s = {first.location:g} m"
+                at = "" if first.location is None else f" at {place}"
                 text = (
                     f"{first.quantity}{at} is constant at {first.value:.6g} {first.unit} from step {first.step} to "
                     f"{last.step}, where the model moves by {moves:.0f} sigma: the sensor is stuck or saturated"
@@ -296,162 +360,85 @@ def _standing_still(problem: FitProblem, declared: Fit) -> str:
     return max(found)[1] + more
 
 
-def _place(location: float | str) -> str:
-    return location if isinstance(location, str) else f"s = {location:g} m"
-
-
 # --------------------------------------------------------------------------------------- what would mend them
 
 
-def _mended(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
-    """Readings with a fault mended, how many numbers were chosen for it, and what it says."""
-    yield from _axes(grid)
-    yield from _markers(grid)
-    yield from _steps(grid)
-    yield from _jumps(grid)
-    yield from _drifts(grid)
-
-
-def _axes(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
+def _axes(grid: _Grid) -> Iterator[_Fault]:
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):
-            if order == (0, 1, 2) and min(signs) > 0.0:
-                continue
             read = ", ".join(
                 f"{'xyz'[a]} = {'-' if sign < 0.0 else ''}position_{'xyz'[b]}"
                 for a, b, sign in zip(range(3), order, signs, strict=True)
                 if a != b or sign < 0.0
             )
-            text = f"the readings fit if the axes are relabelled: {read}"
-            yield grid.measured[..., order] * np.array(signs), 1, text
+            if read:
+                text = f"the readings fit if {{since}}the axes are relabelled: {read}"
+                yield grid.mended(grid.measured[..., order] * np.array(signs), text)
 
 
-def _markers(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
+def _markers(grid: _Grid) -> Iterator[_Fault]:
     for a, b in itertools.combinations(range(len(grid.markers)), 2):
         order = np.arange(len(grid.markers))
         order[[a, b]] = b, a
         text = f"the markers at s = {grid.markers[a]:g} m and s = {grid.markers[b]:g} m are exchanged"
-        yield grid.measured[:, order], 1, f"the readings fit if {text}"
+        yield grid.mended(grid.measured[:, order], f"the readings fit if {{since}}{text}")
 
 
-def _steps(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
-    """The assignment of readings to predicted steps that fits best."""
+def _steps(grid: _Grid) -> Iterator[_Fault]:
+    """Readings of one or two steps before or after, and the assignment to predicted steps that fits best."""
     n = len(grid.steps)
+    for late in (-2, -1, 1, 2):
+        moved = np.full_like(grid.measured, np.nan)
+        here, there = slice(max(late, 0), n + min(late, 0)), slice(max(-late, 0), n - max(late, 0))
+        moved[there] = grid.measured[here]
+        count, way = "one step" if abs(late) == 1 else "two steps", "later" if late > 0 else "earlier"
+        text = (
+            f"the readings are shifted: {{since}}each step has those of {count} {way} in the loading sequence"
+        )
+        yield grid.mended(moved, text)
     r = (grid.measured[:, None] - grid.predicted[None, :]) / grid.sigma[:, None]
     both = np.isfinite(r)
     cost = np.sum(huber(np.where(both, r, 0.0), ROBUST) + np.where(both, 0.0, ROBUST), axis=(2, 3))
-    for late in (-2, -1, 1, 2):
-        moved = np.full_like(grid.measured, np.nan)
-        here, there = (
-            (slice(late, n), slice(0, n - late)) if late > 0 else (slice(0, n + late), slice(-late, n))
-        )
-        moved[there] = grid.measured[here]
-        count = "one step" if abs(late) == 1 else "two steps"
-        way = "later" if late > 0 else "earlier"
-        yield (
-            moved,
-            1,
-            f"the readings are shifted: each step has those of {count} {way} in the loading sequence",
-        )
     rows, columns = linear_sum_assignment(cost)
-    if np.any(columns != rows):
+    others = int(np.count_nonzero(columns != rows))
+    if others:
         moved = np.empty_like(grid.measured)
         moved[columns] = grid.measured
-        others = int(np.count_nonzero(columns != rows))
         text = f"the readings of {others} of {n} steps fit other steps: their order is not that of the loading sequence"
-        yield moved, float(gammaln(others + 1)) / np.log(grid.count), text
+        yield grid.mended(moved, text, float(gammaln(others + 1)) / np.log(grid.which.size))
 
 
-def _jumps(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
-    """One coordinate of one marker, or of all, off by a constant from a step on."""
-    difference = grid.measured - grid.predicted
-    groups: list[tuple[slice | int, str]] = [(slice(None), "all markers")]
-    if len(grid.markers) > 1:
-        groups += [(k, f"the marker at s = {s:g} m") for k, s in enumerate(grid.markers)]
-    for (where, name), axis in itertools.product(groups, range(3)):
-        part = difference[:, where, axis].reshape(len(grid.steps), -1)
-        best, at, by = float("inf"), 0, 0.0
-        for k in range(2, len(grid.steps) - 2):
-            if np.isnan(part[k:]).all():  # nothing was read there any more
-                break
-            size = float(np.nanmedian(part[k:]))
-            left = np.nansum(np.abs(part[:k])) + np.nansum(np.abs(part[k:] - size))
-            if left < best:
-                best, at, by = float(left), k, size
-        moved = grid.measured.copy()
-        moved[at:, where, axis] -= by
-        text = (
-            f"the readings jump: from step {grid.steps[at]} on, those of {name} are off by {1e3 * by:.3g} mm along "
-            f"{'xyz'[axis]}"
-        )
-        yield moved, 2, text
+def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[float, str]:
+    """Mean square with two tendons exchanged or all displacements counted the other way, and its sentence.
 
-
-def _drifts(grid: _Grid) -> Iterator[tuple[Array, float, str]]:
-    """One coordinate of all markers that drifts in proportion to the number of the step."""
-    number = np.arange(len(grid.steps), dtype=float)
-    for axis in range(3):
-        difference = grid.measured[..., axis] - grid.predicted[..., axis]
-        if np.isnan(difference).all(axis=1).any():
-            continue
-        level = np.nanmedian(difference, axis=1)
-        slope, start = np.polyfit(number, level, 1)
-        moved = grid.measured.copy()
-        moved[..., axis] -= (start + slope * number)[:, None]
-        text = f"the readings drift along {'xyz'[axis]} by {1e3 * slope:.3g} mm per step, in the order of the steps"
-        yield moved, 2, text
-
-
-def _other_drives(problem: FitProblem, declared: Fit) -> Iterator[tuple[float, str]]:
-    """Mean squares with two tendons exchanged, or all displacements counted the other way, where that may be."""
-    robot, steps = problem.data.robot, problem.experiment.steps
-    changes: list[tuple[Mapping[str, str], float, str]] = []
-    for a, b in itertools.combinations(robot.tendons, 2):
-        if robot.end(a) == robot.end(b):
-            changes.append(
-                ({a.name: b.name, b.name: a.name}, 1.0, f"tendons {a.name} and {b.name} are exchanged")
-            )
+    Runs without friction, which cost a tenth, show which change promises most; that one is simulated with friction.
+    """
+    robot, declared_drive = problem.data.robot, problem.experiment
+    pairs = [p for p in itertools.combinations(robot.tendons, 2) if robot.end(p[0]) == robot.end(p[1])]
+    changes: list[tuple[Mapping[str, str], float, str]] = [
+        ({a.name: b.name, b.name: a.name}, 1.0, f"tendons {a.name} and {b.name} are exchanged")
+        for a, b in pairs
+    ]
     if problem.data.driven_by_displacement:
         changes.append(({}, -1.0, "displacements have the opposite sign"))
-    changes = changes[: MOST_STEPS // max(1, len(steps))]
-    experiments = [
-        replace(problem.experiment, steps=_driven(steps, names, sign)) for names, sign, _ in changes
-    ]
-    likely = _likely_without_friction(problem, declared, experiments)
-    tried = [(e, text) for e, (_, _, text), ok in zip(experiments, changes, likely, strict=True) if ok]
-    runs = problem.solve([e for e, _ in tried])
-    for (experiment, text), run in zip(tried, runs, strict=True):
-        r = problem.residual(experiment, run)[problem.readings.is_position]
-        yield _mean_square(r), f"the readings fit if {text}"
-
-
-def _likely_without_friction(
-    problem: FitProblem, declared: Fit, experiments: Sequence[Experiment]
-) -> list[bool]:
-    """Whether other drives would remove most of the residual, by the change of the predictions without friction.
-
-    A run without friction costs a tenth of one with it. The exchange of two tendons moves the robot by as much as they
-    do; friction changes a part of that. Where other drives are not solved to the end, the steps before that decide, if
-    they are `SOLVED_SHARE` of all; fewer say nothing, and the drives are tried with friction.
-    """
-    if problem.experiment.model.friction == "none":
-        return [True] * len(experiments)
+    changes = changes[: MOST_STEPS // max(1, len(declared_drive.steps))]
+    drives = [declared_drive, *(_driven(declared_drive, names, sign) for names, sign, _ in changes)]
     free = [
-        replace(e, model=replace(e.model, friction="none"), ends=None, steps=_commanded(e))
-        for e in (problem.experiment, *experiments)
+        replace(d, model=replace(d.model, friction="none"), ends=None, steps=_commanded(d)) for d in drives
     ]
-    here, *others = [
-        problem.residual(e, run)[problem.readings.is_position]
-        for e, run in zip(free, problem.solve(free), strict=True)
-    ]
-    r = declared.residual[problem.readings.is_position]
-    found = []
-    for other in others:
-        left = np.abs(r + other - here)
-        known = np.isfinite(left)
-        enough = np.count_nonzero(known) >= SOLVED_SHARE * r.size
-        found.append(not enough or bool(np.mean(left[known]) <= LIKELY * np.mean(np.abs(r[known]))))
-    return found
+    here, *others = [problem.residual(e, run) for e, run in zip(free, problem.solve(free), strict=True)]
+    judged = []
+    for other, change in zip(others, changes, strict=True):
+        fault = _Fault(
+            grid.table(declared.residual + other - here), f"the readings fit if {{since}}{change[2]}"
+        )
+        judged.append((*grid.judged(fault), *change[:2]))
+    cost, text, first, names, sign = min(judged, key=lambda x: x[0], default=(np.inf, "", 0, {}, 1.0))
+    if cost > 0.5 * _mean_square(declared.residual[grid.which]):
+        return np.inf, ""
+    drive = _driven(declared_drive, names, sign, problem.data.step_ids.index(grid.steps[first]))
+    (run,) = problem.solve([drive])
+    return _mean_square(problem.residual(drive, run)[grid.which]), text
 
 
 def _commanded(experiment: Experiment) -> tuple[LoadStep, ...]:
@@ -459,27 +446,29 @@ def _commanded(experiment: Experiment) -> tuple[LoadStep, ...]:
     return tuple(experiment.steps[j] for j in last_parts(experiment))
 
 
+def _driven(experiment: Experiment, names: Mapping[str, str], sign: float, since: int = 0) -> Experiment:
+    """With the inputs of some tendons given to others, and displacements times a sign, from a commanded step on."""
+    steps = [
+        step
+        if k < since
+        else replace(
+            step,
+            tensions={names.get(n, n): x for n, x in step.tensions.items()},
+            displacements={names.get(n, n): sign * x for n, x in step.displacements.items()},
+        )
+        for step, (k, _) in zip(experiment.steps, experiment.step_ends, strict=True)
+    ]
+    return replace(experiment, steps=tuple(steps))
+
+
 def other_sign_solves(problem: FitProblem) -> str:
     """A sentence where the declared model, which is not solved, is solved with displacements of the other sign."""
     if not problem.data.driven_by_displacement:
         return ""
-    steps = _driven(problem.experiment.steps, {}, -1.0)
-    (run,) = problem.solve([replace(problem.experiment, steps=steps)])
+    (run,) = problem.solve([_driven(problem.experiment, {}, -1.0)])
     if run.solved < len(problem.data.steps):
         return ""
     return (
         "With the opposite sign of all displacements it does: they are positive where a tendon is pulled in, negative "
         "where it is let out."
-    )
-
-
-def _driven(steps: tuple[LoadStep, ...], names: Mapping[str, str], sign: float) -> tuple[LoadStep, ...]:
-    """The steps with the inputs of some tendons given to others, and displacements times a sign."""
-    return tuple(
-        replace(
-            s,
-            tensions={names.get(n, n): t for n, t in s.tensions.items()},
-            displacements={names.get(n, n): sign * d for n, d in s.displacements.items()},
-        )
-        for s in steps
     )

@@ -254,6 +254,10 @@ def _inputs(problem: FitProblem) -> list[Cause]:
 # ---------------------------------------------------------------------------------------------------- readings
 
 
+#: How much of a shift each load step has [1].
+Weight = Callable[[MeasuredData], Array]
+
+
 def _readings(problem: FitProblem) -> list[Cause]:
     """Readings that are shifted or turned along the rows, from some row on, or of another scale."""
     readings, data = problem.readings, problem.data
@@ -261,14 +265,18 @@ def _readings(problem: FitProblem) -> list[Cause]:
         return []
     length, clock = data.robot.backbone.length, _clock(problem)
 
-    def along(axis: int, weight: Callable[[MeasuredData], Array]) -> Callable[[FitProblem], Array]:
-        return lambda p: (p.readings.axes == axis) * weight(p.data)[p.readings.reader.step]
+    def along(axis: int, weight: Weight, marker: float | None) -> Callable[[FitProblem], Array]:
+        def shape(p: FitProblem) -> Array:
+            own = np.array([marker is None or r.location == marker for r in p.data.readings])
+            return (p.readings.axes == axis) * own * weight(p.data)[p.readings.reader.step]
 
-    def shift(name: str, kind: Kind, weight: Callable[[MeasuredData], Array], text: str) -> ReadingCause:
+        return shape
+
+    def shift(name: str, kind: Kind, weight: Weight, text: str, marker: float | None = None) -> ReadingCause:
         numbers = tuple(_number(a, "m", (-length, length), 0.0, 2e-3 * length) for a in "xyz")
-        return ReadingCause(name, kind, numbers, tuple(along(i, weight) for i in range(3)), text)
+        return ReadingCause(name, kind, numbers, tuple(along(i, weight, marker) for i in range(3)), text)
 
-    def after(number: int) -> Callable[[MeasuredData], Array]:
+    def after(number: int) -> Weight:
         return lambda d: (np.array(d.step_ids) >= number).astype(float)
 
     found: list[Cause] = []
@@ -280,13 +288,16 @@ def _readings(problem: FitProblem) -> list[Cause]:
                          (lambda p: np.where(p.readings.is_position, p.readings.values, 0.0),),
                          "positions are read too large or too small by a factor")  # fmt: skip
     found.append(scale)
-    count = len(data.steps)
-    for k in range(3, count - 2):
-        number = data.step_ids[k]
-        kind = Kind("reading", ("row",), f"from row {number} on")
-        text = "all markers are shifted from some row on"
-        cause = shift(f"jump of the frame from row {number} on", kind, after(number), text)
-        cause.price = math.log(count)
+    markers = sorted({float(data.readings[i].location or 0.0) for i in np.flatnonzero(readings.is_position)})
+    groups: dict[float | None, str] = {None: "all markers"}
+    if len(markers) > 1:
+        groups |= {s: f"the marker at s = {s:.4g} m" for s in markers}
+    for (marker, who), number in itertools.product(groups.items(), data.step_ids[3:-2]):
+        where_ = f"{who}, from row {number} on"
+        text = f"the readings of {who} jump from row {number} on"
+        name = f"jump of {who} from row {number} on"
+        cause = shift(name, Kind("reading", ("row",), where_), after(number), text, marker)
+        cause.price = math.log(len(data.steps) * (1 if marker is None else len(markers)))
         found.append(cause)
     return found
 

@@ -1,8 +1,8 @@
-"""Pictures of the report on an identification: measured against predicted, and where the error lies."""
+"""Pictures of the report on an identification: measured against predicted, where the error lies, parameters."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from tdcr_fe.identify.load_steps import directions
 from tdcr_fe.identify.result import Estimate, IdentificationResult
 from tdcr_fe.identify.statistics import correlated
 from tdcr_fe.report.environment import shown_unit
@@ -21,10 +20,16 @@ from tdcr_fe.report.style import CORRECTED, DECLARED, HELD_OUT, MEASURED, logari
 Array = NDArray[np.float64]
 
 #: A run of steps shows a loop where it has at least as many.
-_LOOP_STEPS = 4
-
+LOOP_STEPS = 4
 #: Pairs of parameters with a correlation above this size are drawn, and so many of them and of the profiles [1].
 HARDLY_SEPARATE, SHOWN = 0.8, 4
+
+
+def _drawn(result: IdentificationResult, before: Array, after: Array) -> list[tuple[Array, str, str]]:
+    """What is drawn of the declared and of the corrected model, with colour and label; of one where they coincide."""
+    if not result.effects:
+        return [(before, DECLARED, "declared model; nothing was added")]
+    return [(before, DECLARED, "declared model"), (after, CORRECTED, "corrected model")]
 
 
 # --------------------------------------------------------------------------------- measured against predicted
@@ -40,19 +45,19 @@ def comparison(result: IdentificationResult) -> Figure:
         figure = Figure(figsize=(11.6, 3.7), layout="constrained")
         axes = figure.subplots(1, len(drawers), squeeze=False)[0]
         for ax, draw in zip(axes, drawers, strict=True):
-            if not draw(ax, result):
-                ax.set_visible(False)
-        handles = [
-            Line2D([], [], color=MEASURED, marker="o", ms=4, ls="none", label="measured"),
-            Line2D(
-                [], [], color=MEASURED, marker="o", ms=4, mfc="white", ls="none", label="measured, held out"
-            ),
-            *(Line2D([], [], color=c, lw=1.5, label=text) for _, c, text in _models(result)),
-        ]
+            ax.set_visible(draw(ax, result))
+        fills = {"measured": MEASURED, "measured, held out": "white"}
         if not result.held_out_steps:
-            del handles[1]
+            del fills["measured, held out"]
+        handles = [
+            *(Line2D([], [], color=MEASURED, marker="o", ms=4, mfc=c, ls="none", label=t) for t, c in fills.items()),
+            *(Line2D([], [], color=c, lw=1.5, label=t) for _, c, t in _drawn(result, _NONE, _NONE)),
+        ]  # fmt: skip
         figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
+
+
+_NONE = np.zeros(0)
 
 
 def _tip(result: IdentificationResult) -> tuple[Array, Array, Array]:
@@ -62,9 +67,10 @@ def _tip(result: IdentificationResult) -> tuple[Array, Array, Array]:
     return 1e3 * s.measured[:, last], 1e3 * s.before[:, last], 1e3 * s.after[:, last]
 
 
-def _dots(axes: Axes, x: Array, y: Array, held_out: NDArray[np.bool_]) -> None:
+def _dots(axes: Axes, points: Array, held_out: NDArray[np.bool_]) -> None:
+    """Measured points, shape (n, 2)."""
     for chosen, fill in ((~held_out, MEASURED), (held_out, "white")):
-        axes.plot(x[chosen], y[chosen], "o", ms=3.8, mec=MEASURED, mfc=fill, mew=0.9, zorder=4)
+        axes.plot(*points[chosen].T, "o", ms=3.8, mec=MEASURED, mfc=fill, mew=0.9, zorder=4)
 
 
 def _tip_path(axes: Axes, result: IdentificationResult) -> bool:
@@ -77,51 +83,22 @@ def _tip_path(axes: Axes, result: IdentificationResult) -> bool:
     spread = np.ptp(known[:, :2] @ across.T, axis=0)
     flat = spread[1] < 0.08 * spread[0]
     towards = across[0] * (np.sign(across[0][int(np.argmax(np.abs(across[0])))]) or 1.0)
-    if flat:
-        project = np.array([[*towards, 0.0], [0.0, 0.0, 1.0]])
-        angle = float(np.degrees(np.arctan2(towards[1], towards[0])))
-        axes.set_xlabel(f"horizontal, at {angle:.0f} deg from x [mm]")
-    else:
-        project = np.eye(3)[:2]
-        axes.set_xlabel("x [mm]")
-    for path, colour in _drawn(result, before, after):
-        for steps in _runs(result):
-            axes.plot(
-                *(path[steps] @ project.T).T,
-                "-" if len(steps) > 1 else "x",
-                color=colour,
-                lw=1.1,
-                ms=4,
-                alpha=0.9,
-            )
-    if all(len(steps) == 1 for steps in _runs(result)):
-        _connect(axes, measured @ project.T, after @ project.T)
-    x, y = (measured @ project.T).T
-    _dots(axes, x, y, result.shapes.held_out)
+    project = np.array([[*towards, 0.0], [0.0, 0.0, 1.0]]) if flat else np.eye(3)[:2]
+    for path, colour, _ in _drawn(result, before, after):
+        axes.plot(*(path @ project.T).T, "x-", color=colour, lw=0.8, ms=3)
+    _dots(axes, measured @ project.T, result.shapes.held_out)
     axes.set_aspect("equal", adjustable="datalim")
+    angle = float(np.degrees(np.arctan2(towards[1], towards[0])))
     axes.set_title("Path of the tip, from the side" if flat else "Path of the tip, from above")
+    axes.set_xlabel(f"horizontal, at {angle:.0f} deg from x [mm]" if flat else "x [mm]")
     axes.set_ylabel("z [mm]" if flat else "y [mm]")
     return True
 
 
-def _runs(result: IdentificationResult) -> list[list[int]]:
-    """Positions of the steps of each branch; all of them where branches have no names."""
-    found: dict[str, list[int]] = {}
-    for k, name in enumerate(result.data.branches):
-        found.setdefault(name, []).append(k)
-    return list(found.values()) or [list(range(len(result.data.step_ids)))]
-
-
-def _connect(axes: Axes, measured: Array, predicted: Array) -> None:
-    """Thin lines from measured points to predicted ones, shape (n, 2) each."""
-    ends = np.stack((measured, predicted, np.full_like(measured, np.nan)), axis=1).reshape(-1, 2)
-    axes.plot(*ends.T, color="0.6", lw=0.7, zorder=1)
-
-
 def _shape_lines(axes: Axes, result: IdentificationResult) -> bool:
     """The shape in the step that bends most, and in the held-out step that bends most, each in its own plane."""
-    s = result.shapes
-    offset = np.linalg.norm(_tip(result)[0][:, :2], axis=1)
+    s, tips = result.shapes, _tip(result)[0]
+    offset = np.linalg.norm(tips[:, :2], axis=1)
     if not np.isfinite(offset).any():
         return False
     steps = [int(np.nanargmax(offset))]
@@ -129,20 +106,17 @@ def _shape_lines(axes: Axes, result: IdentificationResult) -> bool:
     if np.isfinite(other).any():
         steps.append(int(np.nanargmax(other)))
     for side, k in zip((1.0, -1.0), steps, strict=False):
-        tip = _tip(result)[0][k, :2]
-        across = tip / max(float(np.linalg.norm(tip)), 1e-9)
-        for backbone, colour in _drawn(result, s.backbone_before[k], s.backbone_after[k]):
-            axes.plot(side * 1e3 * backbone[:, :2] @ across, 1e3 * backbone[:, 2], color=colour, lw=1.4)
-        measured, before, after = (
-            np.column_stack((side * 1e3 * x[k][:, :2] @ across, 1e3 * x[k][:, 2]))
-            for x in (s.measured, s.before, s.after)
-        )
-        if _beside_backbone(result):  # then the lines do not pass through the markers
-            for markers, colour in _drawn(result, before, after):
-                axes.plot(*markers.T, "x", color=colour, ms=4)
-            _connect(axes, measured, after)
-        _dots(axes, measured[:, 0], measured[:, 1], np.full(len(measured), s.held_out[k]))
-        axes.annotate(f"step {result.data.step_ids[k]}", (side * float(tip @ across), float(_tip(result)[0][k, 2])),
+        across = side * tips[k, :2] / max(float(offset[k]), 1e-9)
+
+        def seen(points: Array, across: Array = across) -> Array:
+            return 1e3 * np.column_stack((points[:, :2] @ across, points[:, 2]))
+
+        for backbone, colour, _ in _drawn(result, s.backbone_before[k], s.backbone_after[k]):
+            axes.plot(*seen(backbone).T, color=colour, lw=1.4)
+        for markers, colour, _ in _drawn(result, s.before[k], s.after[k]):  # they may be off the backbone
+            axes.plot(*seen(markers).T, "x", color=colour, ms=4)
+        _dots(axes, seen(s.measured[k]), np.full(len(s.arc_lengths), s.held_out[k]))
+        axes.annotate(f"step {result.data.step_ids[k]}", (side * float(offset[k]), float(tips[k, 2])),
                       xytext=(0, 7), textcoords="offset points", ha="center", fontsize=8)  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(y=0.1)
@@ -150,17 +124,6 @@ def _shape_lines(axes: Axes, result: IdentificationResult) -> bool:
     axes.set_xlabel("distance from the z axis [mm]" if len(steps) == 1 else "distance, to either side [mm]")
     axes.set_ylabel("z [mm]")
     return True
-
-
-def _beside_backbone(result: IdentificationResult) -> bool:
-    """Whether predicted markers are off the predicted backbone, by more than a hundredth of its length."""
-    s = result.shapes
-    far = 0.0
-    for markers, backbone in zip(s.after, s.backbone_after, strict=True):
-        gap = np.linalg.norm(markers[:, None] - backbone[None], axis=2).min(axis=1)
-        far = max(far, float(np.max(gap, initial=0.0, where=np.isfinite(gap))))
-    spacing = result.data.robot.backbone.length / max(1, s.backbone_after.shape[1] - 1)
-    return far > 0.01 * result.data.robot.backbone.length + 0.5 * spacing
 
 
 def _inputs(result: IdentificationResult) -> tuple[Array, str]:
@@ -174,145 +137,77 @@ def _inputs(result: IdentificationResult) -> tuple[Array, str]:
     return np.array(values).reshape(len(data.steps), -1) * (1e3 if driven else 1.0), "mm" if driven else "N"
 
 
-def loops(result: IdentificationResult) -> list[tuple[int, range]]:
-    """Runs of steps in which the inputs go along one line and back under the same loads, the longest first.
+def loop(result: IdentificationResult) -> tuple[int, range] | None:
+    """The longest run of steps in which the inputs go along one line and back under the same loads.
 
     Returns
     -------
-    list of (int, range)
+    (int, range) or None
         Number of the tendon whose input changes most, and the steps.
     """
     values, _ = _inputs(result)
     loads = [tuple(load.force for load in s.loads.values()) for s in result.data.steps]
     same = 0.02 * max(float(np.ptp(values)) if values.size else 0.0, 1e-12)
-    found: list[tuple[int, range]] = []
+    found: tuple[int, range] | None = None
     begin = 0
     while begin < len(values) - 1:
         end = begin + 2
-        while (
-            end < len(values) and loads[end] == loads[begin] and _off_a_line(values[begin : end + 1]) <= same
-        ):
+        while end < len(values) and loads[end] == loads[begin]:
+            path = values[begin : end + 1] - values[begin]
+            if np.any(np.linalg.svd(path, compute_uv=False)[1:] > same):
+                break
             end += 1
         j = int(np.argmax(np.ptp(values[begin:end], axis=0)))
         change = np.diff(values[begin:end, j])
-        if end - begin >= _LOOP_STEPS and np.any(change > same) and np.any(change < -same):
-            found.append((j, range(begin, end)))
+        longest = LOOP_STEPS - 1 if found is None else len(found[1])
+        if end - begin > longest and np.any(change > same) and np.any(change < -same):
+            found = j, range(begin, end)
         begin = end - 1
-    return sorted(found, key=lambda x: -len(x[1]))
-
-
-def _off_a_line(points: Array) -> float:
-    """Largest distance of points from the line through the first and the farthest, shape (n, k)."""
-    path = points - points[0]
-    far = path[int(np.argmax(np.linalg.norm(path, axis=1)))]
-    length = float(np.linalg.norm(far))
-    if length == 0.0:
-        return 0.0
-    return float(np.max(np.linalg.norm(path - np.outer(path @ far, far) / length**2, axis=1)))
+    return found
 
 
 def _loop(axes: Axes, result: IdentificationResult) -> bool:
     """Travel of the tip over the input of one tendon that is pulled and released."""
-    measured, before, after = _tip(result)
-    for j, steps in loops(result):
-        chosen = np.array(steps)
-        points = measured[chosen]
-        if np.isfinite(points).all(axis=1).sum() < _LOOP_STEPS:
-            continue
-        start = points[np.isfinite(points).all(axis=1)][0]
-        path = np.nan_to_num(points - start)
-        along = np.linalg.svd(path, full_matrices=False)[2][0]
-        along = along * np.sign(path[int(np.argmax(np.linalg.norm(path, axis=1)))] @ along)
-        values, unit = _inputs(result)
-        x = values[chosen, j]
-        for tips, colour in _drawn(result, before, after):
-            axes.plot(x, (tips[chosen] - start) @ along, color=colour, lw=1.3)
-        _dots(axes, x, (points - start) @ along, result.shapes.held_out[chosen])
-        name = result.data.robot.tendon_names[j]
-        ids = result.data.step_ids
-        axes.set_title(f"Loading and unloading, steps {ids[steps[0]]} to {ids[steps[-1]]}")
-        axes.set_xlabel(f"{'displacement' if unit == 'mm' else 'tension'} of {name} [{unit}]")
-        axes.set_ylabel("travel of the tip [mm]")
-        return True
-    return False
+    longest = loop(result)
+    if longest is None:
+        return False
+    j, steps = longest[0], np.array(longest[1])
+    measured, before, after = (tips[steps] for tips in _tip(result))
+    known = np.isfinite(measured).all(axis=1)
+    if np.count_nonzero(known) < LOOP_STEPS:
+        return False
+    start = measured[known][0]
+    path = measured[known] - start
+    along = np.linalg.svd(path, full_matrices=False)[2][0]
+    along = along * np.sign(path[int(np.argmax(np.linalg.norm(path, axis=1)))] @ along)
+    values, unit = _inputs(result)
+    x = values[steps, j]
+    for tips, colour, _ in _drawn(result, before, after):
+        axes.plot(x, (tips - start) @ along, color=colour, lw=1.3)
+    _dots(axes, np.column_stack((x, (measured - start) @ along)), result.shapes.held_out[steps])
+    ids, name = result.data.step_ids, result.data.robot.tendon_names[j]
+    axes.set_title(f"Loading and unloading, steps {ids[steps[0]]} to {ids[steps[-1]]}")
+    axes.set_xlabel(f"{'displacement' if unit == 'mm' else 'tension'} of {name} [{unit}]")
+    axes.set_ylabel("travel of the tip [mm]")
+    return True
 
 
 def _readings(axes: Axes, result: IdentificationResult) -> bool:
     """Readings of the most frequent quantity over the steps."""
     keys = [(r.quantity, r.location) for r in result.data.readings]
     key = max(dict.fromkeys(keys), key=keys.count)
-    mask = np.array([k == key for k in keys])
-    value = np.array([r.value for r in result.data.readings])
-    unit = next(r.unit for r, m in zip(result.data.readings, mask, strict=True) if m)
-    factor, symbol = shown_unit(unit, float(np.max(np.abs(value[mask]))))
-    position = {n: k for k, n in enumerate(result.data.step_ids)}
-    k = np.array([position[r.step] for r, m in zip(result.data.readings, mask, strict=True) if m])
-    for residual, colour in _drawn(result, result.residual_before, result.residual_after):
-        axes.plot(k, factor * (value - residual)[mask], color=colour, lw=1.3)
-    _dots(axes, k, factor * value[mask], result.shapes.held_out[k])
+    chosen = [i for i, k in enumerate(keys) if k == key]
+    readings = [result.data.readings[i] for i in chosen]
+    value = np.array([r.value for r in readings])
+    factor, symbol = shown_unit(readings[0].unit, float(np.max(np.abs(value))))
+    k = np.array([result.data.step_ids.index(r.step) for r in readings])
+    for residual, colour, _ in _drawn(result, result.residuals.before, result.residuals.after):
+        axes.plot(k, factor * (value - residual[chosen]), color=colour, lw=1.3)
+    _dots(axes, np.column_stack((k, factor * value)), result.shapes.held_out[k])
     _step_axis(axes, result)
     where = "" if key[1] is None else f", {key[1]}"
     axes.set_ylabel(f"{key[0].replace('_', ' ')}{where} [{symbol}]")
     return True
-
-
-# ----------------------------------------------------------------------------------------- where the error lies
-
-
-def _errors(result: IdentificationResult, residual: Array) -> tuple[list[int], Array, str]:
-    """Readings by marker and step: index of a reading of each, its error, and the unit.
-
-    The error of a marker is the distance in space where positions were measured [mm]; without positions it is the
-    error of a reading of the most frequent unit.
-    """
-    readings = result.data.readings
-    space = [i for i, r in enumerate(readings) if r.quantity.startswith("position_")]
-    if space:
-        groups: dict[Any, list[int]] = {}
-        for i in space:
-            groups.setdefault((readings[i].step, readings[i].location), []).append(i)
-        size = np.array([np.sqrt(np.sum(residual[g] ** 2)) for g in groups.values()])
-        return [g[0] for g in groups.values()], size * 1e3, "mm"
-    units = [r.unit for r in readings]
-    unit = max(dict.fromkeys(units), key=units.count)
-    chosen = [i for i, u in enumerate(units) if u == unit]
-    factor, symbol = shown_unit(unit, float(np.max(np.abs(residual[chosen]), initial=0.0)) or 1.0)
-    return chosen, np.abs(residual[chosen]) * factor, symbol
-
-
-def _noise(result: IdentificationResult) -> float:
-    """Noise in the measure of `_errors` of the declared model."""
-    if result.noise.rms_position is not None:
-        return 1e3 * result.noise.rms_position
-    chosen, _, _ = _errors(result, result.residual_before)
-    unit = result.data.readings[chosen[0]].unit
-    factor, _ = shown_unit(unit, float(np.max(np.abs(result.residual_before[chosen]), initial=0.0)) or 1.0)
-    return float(np.sqrt(np.mean(result.sigma[chosen] ** 2))) * factor
-
-
-def _rms_by(groups: Sequence[Any], values: Array) -> tuple[list[Any], Array]:
-    keys = list(dict.fromkeys(groups))
-    g = np.array([keys.index(x) for x in groups])
-    return keys, np.sqrt(np.bincount(g, values**2) / np.bincount(g))
-
-
-def _label(result: IdentificationResult, unit: str) -> str:
-    return (
-        f"rms distance in space [{unit}]" if result.noise.rms_position is not None else f"rms error [{unit}]"
-    )
-
-
-def _models(result: IdentificationResult) -> list[tuple[Array, str, str]]:
-    """Residual, colour and label of the declared and of the corrected model; of one where nothing was added."""
-    both = _drawn(result, result.residual_before, result.residual_after)
-    labels = ["declared model", "corrected model"] if len(both) > 1 else ["declared model; nothing was added"]
-    return [(residual, colour, text) for (residual, colour), text in zip(both, labels, strict=True)]
-
-
-def _drawn(result: IdentificationResult, before: Array, after: Array) -> list[tuple[Array, str]]:
-    """What is drawn of the declared and the corrected model, with its colour; the former alone where they coincide."""
-    changed = bool(result.effects) or result.law is not None
-    return [(before, DECLARED), (after, CORRECTED)] if changed else [(before, DECLARED)]
 
 
 def _step_axis(axes: Axes, result: IdentificationResult) -> None:
@@ -322,87 +217,53 @@ def _step_axis(axes: Axes, result: IdentificationResult) -> None:
     axes.set_xlabel("load step")
 
 
-def by_step(result: IdentificationResult) -> Figure:
-    """Error in every load step, before and after."""
-    position = {n: k for k, n in enumerate(result.data.step_ids)}
+# ----------------------------------------------------------------------------------------- where the error lies
+
+
+def where_error_is(result: IdentificationResult) -> Figure:
+    """Error in every load step and, where two places on the backbone were measured, along it; before and after.
+
+    The error of a marker is the distance in space where positions were measured [mm]; without positions it is the error
+    of a reading of the most frequent unit.
+    """
+    readings, left = result.data.readings, result.residuals
+    space = [i for i, r in enumerate(readings) if r.quantity.startswith("position_")]
+    units = [r.unit for r in readings]
+    unit = max(dict.fromkeys(units), key=units.count)
+    chosen = np.array(space or [i for i, u in enumerate(units) if u == unit])
+    factor, symbol = (1e3, "mm") if space else shown_unit(unit, float(np.max(np.abs(left.before[chosen]))))
+    groups: dict[str, list[float]] = {
+        "load step": [result.data.step_ids.index(readings[i].step) for i in chosen]
+    }
+    # the squares of the coordinates of a marker add up to that of its distance
+    coordinates = len({readings[i].quantity for i in space}) or 1
+    places = [readings[i].location for i in chosen]
+    if all(isinstance(x, float) for x in places) and len(set(places)) > 1:
+        groups["arc length s [mm]"] = [1e3 * float(x or 0.0) for x in places]
     with styled():
         figure = Figure(figsize=(11.6, 2.9), layout="constrained")
-        axes = figure.subplots()
+        axes = figure.subplots(1, len(groups), squeeze=False, width_ratios=(2, 1)[: len(groups)])[0]
         for n in result.held_out_steps:
-            axes.axvspan(position[n] - 0.5, position[n] + 0.5, color=HELD_OUT, linewidth=0)
-        unit = ""
-        for residual, colour, label in _models(result):
-            chosen, size, unit = _errors(result, residual)
-            keys, rms = _rms_by([result.data.readings[i].step for i in chosen], size)
-            axes.plot([position[k] for k in keys], rms, "o-", color=colour, ms=3.5, lw=1.2, label=label)
-        axes.axhline(_noise(result), color=MEASURED, ls=":", lw=1.0, label="noise")
-        logarithmic(axes)
-        _step_axis(axes, result)
-        axes.set_ylabel(_label(result, unit))
-        handles, labels = axes.get_legend_handles_labels()
+            k = result.data.step_ids.index(n)
+            axes[0].axvspan(k - 0.5, k + 0.5, color=HELD_OUT, linewidth=0)
+        for ax, (label, group) in zip(axes, groups.items(), strict=True):
+            x, number = np.unique(group, return_inverse=True)
+            each = np.bincount(number) / coordinates
+            for residual, colour, text in (
+                *_drawn(result, left.before, left.after),
+                (left.sigma, MEASURED, "noise"),
+            ):
+                rms = np.sqrt(np.bincount(number, residual[chosen] ** 2) / each)
+                style = ":" if text == "noise" else "o-"
+                ax.plot(x, factor * rms, style, color=colour, ms=3.5, lw=1.2, label=text)
+            logarithmic(ax)
+            ax.set_xlabel(label)
+        _step_axis(axes[0], result)
+        axes[0].set_ylabel(f"rms {'distance in space' if space else 'error'} [{symbol}]")
+        handles, labels = axes[0].get_legend_handles_labels()
         if result.held_out_steps:
             handles, labels = [*handles, Patch(color=HELD_OUT)], [*labels, "held out"]
         figure.legend(handles, labels, loc="outside upper center", ncols=4)
-    return figure
-
-
-def along(result: IdentificationResult) -> Figure | None:
-    """Error over the arc length; None where fewer than two locations on the backbone were measured."""
-    chosen, _, _ = _errors(result, result.residual_before)
-    s = [result.data.readings[i].location for i in chosen]
-    if not all(isinstance(x, float) for x in s) or len(set(s)) < 2:
-        return None
-    with styled():
-        figure = Figure(figsize=(5.4, 2.9), layout="constrained")
-        axes = figure.subplots()
-        unit = ""
-        for residual, colour, label in _models(result):
-            _, size, unit = _errors(result, residual)
-            keys, rms = _rms_by(s, size)
-            order = np.argsort(keys)
-            axes.plot(1e3 * np.array(keys)[order], rms[order], "o-", color=colour, ms=4, label=label)
-        axes.axhline(_noise(result), color=MEASURED, ls=":", lw=1.0, label="noise")
-        logarithmic(axes)
-        axes.set_xlabel("arc length s [mm]")
-        axes.set_ylabel(_label(result, unit))
-        figure.legend(loc="outside upper center", ncols=3)
-    return figure
-
-
-def over_input(result: IdentificationResult) -> Figure:
-    """Error over the largest input: loading and unloading, tip loaded or not."""
-    data = result.data
-    position = {n: k for k, n in enumerate(data.step_ids)}
-    values, unit_in = _inputs(result)
-    size_in = np.max(np.abs(values), axis=1, initial=0.0)
-    moves = directions(data)[:, : len(data.robot.tendons)]
-    main = np.argmax(np.abs(moves) if data.driven_by_displacement else values, axis=1)
-    leading = np.sign(moves[np.arange(len(main)), main])
-    loaded = np.array([any(any(x.force) for x in s.loads.values()) for s in data.steps])
-    with styled():
-        figure = Figure(figsize=(11.6, 3.1), layout="constrained")
-        models = _models(result)
-        axes = figure.subplots(1, len(models), sharey=True, squeeze=False)[0]
-        unit = ""
-        for ax, (residual, colour, title) in zip(axes, models, strict=True):
-            chosen, size, unit = _errors(result, residual)
-            keys, rms = _rms_by([position[data.readings[i].step] for i in chosen], size)
-            for sign, marker in ((1, "^"), (-1, "v"), (0, "s")):
-                for tip, fill in ((False, colour), (True, "white")):
-                    at = [i for i, q in enumerate(keys) if leading[q] == sign and loaded[q] == tip]
-                    ax.plot(
-                        size_in[[keys[i] for i in at]], rms[at], marker, color=colour, mfc=fill, ms=5, ls=""
-                    )
-            ax.set_title(title)
-            ax.set_xlabel(f"largest {'displacement' if unit_in == 'mm' else 'tension'} [{unit_in}]")
-        logarithmic(axes[0])
-        axes[0].set_ylabel(_label(result, unit))
-        texts = {"^": "loading", "v": "unloading", "s": "tendons constant"}
-        handles = [Line2D([], [], color=MEASURED, marker=m, ms=5, ls="", label=t) for m, t in texts.items()]
-        handles.append(
-            Line2D([], [], color=MEASURED, marker="o", mfc="white", ms=5, ls="", label="open: tip loaded")
-        )
-        figure.legend(handles=handles, loc="outside lower center", ncols=4)
     return figure
 
 
@@ -411,7 +272,7 @@ def over_input(result: IdentificationResult) -> Figure:
 
 def parameters(result: IdentificationResult) -> Figure | None:
     """Profiles of the parameters, and 95 % regions of pairs that the data hardly separate; None without profiles."""
-    shown = result.profiles[:SHOWN]
+    shown = result.parameters.profiles[:SHOWN]
     if not shown:
         return None
     estimates = {f"{e.form or e.name}.{n}": p for e in result.effects for n, p in e.parameters.items()}
@@ -419,7 +280,7 @@ def parameters(result: IdentificationResult) -> Figure | None:
     with styled():
         rows = 2 if pairs else 1
         figure = Figure(figsize=(11.6, 2.8 * rows), layout="constrained")
-        axes = figure.subplots(rows, max(len(shown), len(pairs)), squeeze=False)
+        axes: Any = figure.subplots(rows, max(len(shown), len(pairs)), squeeze=False)
         for ax in axes.ravel():
             ax.set_visible(False)
         for ax, profile in zip(axes[0], shown, strict=False):
@@ -435,14 +296,11 @@ def parameters(result: IdentificationResult) -> Figure | None:
         angle = np.linspace(0.0, 2.0 * np.pi, 73)
         for ax, (correlation, a, b) in zip(axes[-1], pairs, strict=False):
             ax.set_visible(True)
-            first, second = estimates[a], estimates[b]
-            along = np.array([np.cos(angle), np.cos(angle - np.arccos(correlation))]) * np.sqrt(5.99)
-            ax.plot(
-                first.value + (first.std_error or 0.0) * along[0],
-                second.value + (second.std_error or 0.0) * along[1],
-                color=CORRECTED,
-            )
-            ax.plot(first.value, second.value, "o", color=CORRECTED, ms=4)
+            turned = np.array([np.cos(angle), np.cos(angle - np.arccos(correlation))]) * np.sqrt(5.99)
+            both = [estimates[name] for name in (a, b)]
+            region = [p.value + (p.std_error or 0.0) * t for p, t in zip(both, turned, strict=True)]
+            ax.plot(*region, color=CORRECTED)
+            ax.plot(both[0].value, both[1].value, "o", color=CORRECTED, ms=4)
             ax.set_xlabel(_axis(a, estimates))
             ax.set_ylabel(_axis(b, estimates))
     return figure

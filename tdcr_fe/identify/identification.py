@@ -10,8 +10,7 @@ import numpy as np
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.criteria import robust_threshold, unusable_data
-from tdcr_fe.identify.data_faults import data_fault, other_sign_solves
-from tdcr_fe.identify.first_checks import first_checks
+from tdcr_fe.identify.data_faults import data_fault, first_checks, other_sign_solves
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.load_steps import choose_held_out, held_out_branches
 from tdcr_fe.identify.long_data import (
@@ -26,7 +25,6 @@ from tdcr_fe.identify.long_data import (
 from tdcr_fe.identify.next_experiment import choose_next
 from tdcr_fe.identify.noise import estimate_sigma, find_input_noise
 from tdcr_fe.identify.problem import FitProblem, evaluate, fit_of_run, refine
-from tdcr_fe.identify.profiles import profiles
 from tdcr_fe.identify.result import IdentificationResult, InputNoise, NextExperiment
 from tdcr_fe.identify.run import Run
 from tdcr_fe.identify.search import search_causes
@@ -43,6 +41,7 @@ from tdcr_fe.identify.settings import (
     Schedule,
     clock,
 )
+from tdcr_fe.identify.statistics import profiles
 from tdcr_fe.identify.verdict import Found, conclude
 from tdcr_fe.io.measured import MeasuredData, without_unread_steps
 from tdcr_fe.io.user_effects import check_on
@@ -172,6 +171,8 @@ def _search(
                     state = latest_state
             state = fit_to_all_rows(whole, state, replace(prepared.problem, deadline=latest))
         noise, state = _input_noise(whole, state)
+        if not whole.explained(state):  # parameters of a model that leaves more than noise mean nothing
+            return state, Found(planned, noise)
         if whole.out_of_time:
             return state.without_trying(PROFILES) if state.best.free else state, Found(planned, noise)
         return state, Found(planned, noise, profiles(state.problem, state.best))

@@ -239,14 +239,9 @@ def _parting(models: Sequence[_Model], planned: FitProblem) -> NextExperiment | 
     (values,) = _separations(models, [planned])
     if not np.all(values > 0.0):
         return None
-    names = [m.name for m in models[1:]]
-    listed = ", ".join(f"{name} ({v:.1f} sigma)" for name, v in zip(names, values, strict=True))
-    return NextExperiment(
-        steps=planned.data.steps,
-        purpose=f"separates {models[0].name} from {listed}",
-        separated=tuple(names),
-        separation=tuple(float(v) for v in values),
-    )
+    separation = {m.name: float(v) for m, v in zip(models[1:], values, strict=True)}
+    listed = ", ".join(f"{name} ({v:.1f} sigma)" for name, v in separation.items())
+    return NextExperiment(planned.data.steps, f"separates {models[0].name} from {listed}", separation)
 
 
 def _known_worst(model: _Model, planned: FitProblem) -> tuple[int, float]:

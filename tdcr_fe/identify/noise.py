@@ -175,20 +175,12 @@ def outliers(r: Array) -> tuple[tuple[int, float], ...]:
     return tuple((int(i), float(r[i])) for i in np.flatnonzero(np.abs(r) > OUTLIER * scale))
 
 
-#: Chance of reporting noise of the inputs that is not there [1].
-SIGNIFICANCE = 1e-4
+#: Chance of reporting noise of the inputs that is not there, and of calling errors systematic that follow nothing [1].
+SIGNIFICANCE, FOLLOWS = 1e-4, 1e-3
 
-#: The rms residual over sigma must fall at least to this share of it [1].
-MOST_REMAINING = 0.8
-
-#: Largest relative error of an input that is called noise [1]; beyond, something else is wrong.
-LARGEST = 0.25
-
-#: Largest mean of the errors over the standard error of a mean; beyond, the errors are systematic [1].
-LARGEST_MEAN = 3.5
-
-#: Chance of calling errors systematic that follow nothing [1].
-FOLLOWS = 1e-3
+#: The rms residual over sigma must fall at least to this share of it, and the relative error of an input be at most so
+#: large; beyond, something else is wrong [1].
+MOST_REMAINING, LARGEST = 0.8, 0.25
 
 #: Range of the ratio of the variances that is searched, as exponents of ten, over that at which both matter alike.
 EXPONENTS = (-6.0, 6.0)
@@ -234,33 +226,26 @@ def find_input_noise(problem: FitProblem, fit: Fit) -> InputNoise | None:
     experiment = problem.with_effects(fit.effects, fit.values)
     by_input = _input_response(problem, fit, experiment)
     values, displaced = _inputs(experiment)
-    steps = problem.readings.reader.step
-    found = [_likeliest(problem, fit, by_input * values[steps], "1", values)]
+    each = values[problem.readings.reader.step]
+    found = [_likeliest(problem, fit, by_input * each, "1", values)]
     driven = np.any(values != 0.0, axis=0)
     if len(set(displaced[driven].tolist())) == 1:
         unit = "m" if displaced[driven][0] else "N"
-        found.append(_likeliest(problem, fit, by_input * (values[steps] != 0.0), unit, values))
-    best = max(found, key=lambda x: x.likelihood)
-    if best.likelihood < 0.5 * chdtri(1, SIGNIFICANCE) or best.systematic:
-        return None
-    size = best.noise.size
-    relative = size if best.noise.kind == "relative" else size / float(np.max(np.abs(values)))
-    before, after = best.noise.before.chi2_per_dof, best.noise.after.chi2_per_dof
-    if relative > LARGEST or after > MOST_REMAINING**2 * before:
-        return None
-    return best.noise
+        found.append(_likeliest(problem, fit, by_input * (each != 0.0), unit, values))
+    gain, systematic, noise = max(found, key=lambda x: x[0])
+    relative = noise.size if noise.unit == "1" else noise.size / float(np.max(np.abs(values)))
+    accounts = noise.after.chi2_per_dof <= MOST_REMAINING**2 * noise.before.chi2_per_dof
+    certain = gain >= 0.5 * chdtri(1, SIGNIFICANCE)
+    return noise if certain and accounts and relative <= LARGEST and not systematic else None
 
 
-class _Candidate(NamedTuple):
-    """Noise of one kind, the gain of its logarithmic likelihood, and whether its errors have a mean."""
+def _likeliest(
+    problem: FitProblem, fit: Fit, derivatives: Array, unit: str, values: Array
+) -> tuple[float, bool, InputNoise]:
+    """Noise of the largest likelihood, for inputs whose errors change the readings over sigma by these derivatives.
 
-    noise: InputNoise
-    likelihood: float
-    systematic: bool
-
-
-def _likeliest(problem: FitProblem, fit: Fit, derivatives: Array, unit: str, values: Array) -> _Candidate:
-    """The variances of the largest likelihood, for inputs whose errors change the readings over sigma by these."""
+    With the gain of the logarithmic likelihood, and whether its errors are systematic.
+    """
     blocks = _blocks(problem, fit.residual, derivatives)
     usual = float(np.median(np.concatenate([b.strength for b in blocks]) ** 2)) if blocks else 0.0
     usual = max(usual, 1e-300)
@@ -277,40 +262,31 @@ def _likeliest(problem: FitProblem, fit: Fit, derivatives: Array, unit: str, val
     everything = np.ones(left.size, dtype=bool)
     before, after = problem.misfit(fit.residual, everything), problem.misfit(left, everything)
     size = float(np.sqrt(ratio * _noise_variance(blocks, ratio)))
-    noise = InputNoise("relative" if unit == "1" else "absolute", size, unit, before, after)
     gain = _log_likelihood(blocks, ratio) - _log_likelihood(blocks, 0.0)
-    return _Candidate(noise, gain, _is_systematic(errors, blocks, values))
+    return gain, _is_systematic(errors, blocks, values), InputNoise(size, unit, before, after)
 
 
 def _is_systematic(errors: Sequence[Array], blocks: Sequence[_Block], values: Array) -> bool:
     """Whether the errors follow anything: then another cause is meant, and no scatter.
 
-    A mean that differs from zero, or a dependence on the input, its square, the direction in which it has changed, the
-    row, or the error in the step before.
+    A mean of a tendon that differs from zero, or a dependence on the input, its square, the direction in which it has
+    changed, the row, or the error in the step before, by the F test.
     """
-    each = np.concatenate(errors) if errors else np.zeros(0)
-    each = each[each != 0.0]
-    if each.size < 2:
-        return True
-    if abs(np.mean(each)) > LARGEST_MEAN * np.std(each) / np.sqrt(each.size):
-        return True
-    largest = max(float(np.max(np.abs(values))), 1e-300)
-    before = np.zeros(values.shape[1])
+    largest, count = max(float(np.max(np.abs(values))), 1e-300), values.shape[1]
+    before = np.zeros(count)
     rows, goal = [], []
     for block, own in zip(blocks, errors, strict=True):
-        last = values[block.step - 1] if block.step else np.zeros(values.shape[1])
+        last = values[block.step - 1] if block.step else np.zeros(count)
         for i, error in zip(block.active, own, strict=True):
-            x = values[block.step, i] / largest
-            rows.append((1.0, x, x * x, np.sign(values[block.step, i] - last[i]), block.step, before[i]))
+            x, changed = values[block.step, i] / largest, np.sign(values[block.step, i] - last[i])
+            rows.append((*np.eye(count)[i], x, x * x, changed, block.step, before[i]))
             goal.append(error)
             before[i] = error
     a, y = np.array(rows, dtype=float), np.array(goal)
-    a = a[:, np.ptp(a, axis=0) > 0.0] - np.mean(a[:, np.ptp(a, axis=0) > 0.0], axis=0)
-    y = y - np.mean(y)
     rank = int(np.linalg.matrix_rank(a)) if a.size else 0
-    spare = len(y) - rank - 1
-    if rank == 0 or spare < 3:
-        return False
+    spare = len(y) - rank
+    if spare < 3:
+        return True
     left = float(np.sum((y - a @ np.linalg.lstsq(a, y, rcond=None)[0]) ** 2))
     ratio = (float(y @ y) - left) / rank / max(left / spare, 1e-300)
     return bool(fdtrc(rank, spare, ratio) < FOLLOWS)
@@ -325,18 +301,8 @@ def _blocks(problem: FitProblem, residual: Array, derivatives: Array) -> list[_B
         active = np.flatnonzero(np.any(derivatives[own] != 0.0, axis=0))
         left, strength, right = np.linalg.svd(derivatives[np.ix_(own, active)], full_matrices=False)
         along = left.T @ residual[own]
-        found.append(
-            _Block(
-                int(k),
-                own,
-                active,
-                left,
-                strength,
-                right,
-                along,
-                float(residual[own] @ residual[own] - along @ along),
-            )
-        )
+        rest = float(residual[own] @ residual[own] - along @ along)
+        found.append(_Block(int(k), own, active, left, strength, right, along, rest))
     return found
 
 

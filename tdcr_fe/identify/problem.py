@@ -203,7 +203,6 @@ class FitProblem:
             float(np.max(distance)) if distance.size else None,
             float(np.sum(r[which] ** 2) / max(1, int(np.count_nonzero(which)) - parameters)),
             int(np.count_nonzero(which)),
-            float(np.sqrt(np.mean(raw[p] ** 2))) if np.any(p) else None,
             {
                 q: float(np.sqrt(np.mean(raw[which & (self.readings.quantities == q)] ** 2)))
                 for q in dict.fromkeys(self.readings.quantities[which].tolist())

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, Literal
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import EFFECTS, Effect, Experiment
+from tdcr_fe.identify.causes import Kind
 from tdcr_fe.identify.run import Trajectory
 from tdcr_fe.io.atomic import plain
 from tdcr_fe.io.loading_table import loading_text
@@ -20,6 +21,27 @@ from tdcr_fe.io.result_files import versions
 from tdcr_fe.model.loading import LoadStep, SolverSettings
 
 Array = NDArray[np.float64]
+
+#: Half-width of a 95 % interval over the standard error [1].
+HALF_WIDTH = 1.96
+#: A parameter is not normally distributed where its profile is off by so many standard errors at one of these [1].
+NOT_NORMAL = 0.25
+#: An experiment helps if it separates explanations by so many sigma, or leaves so much of a standard error at most.
+LEAST_SEPARATION, MOST_REMAINING = 2.0, 0.9
+#: Squares over sigma squared per reading that count as noise, at most [1].
+MOST_NOISE = 2.0
+
+
+class Verdict(StrEnum):
+    """The verdict; `tdcr_fe.identify.sentences.HEADLINES` has the sentence of each."""
+
+    EXPLAINED = "explained"
+    LAW_FOUND = "explained by a law found"
+    PARTLY_EXPLAINED = "partly explained"
+    UNEXPLAINED = "unexplained"
+    NOTHING_MISSING = "nothing missing"
+    CANNOT_TELL = "cannot tell"
+    UNFINISHED = "unfinished"
 
 
 @dataclass(frozen=True)
@@ -31,6 +53,11 @@ class Estimate:
     std_error: float | None
     unit: str
     note: str = ""  # such as "at its bound"
+
+    @property
+    def half_width(self) -> float | None:
+        """Half-width of the 95 % interval; None without a standard error."""
+        return None if self.std_error is None else HALF_WIDTH * self.std_error
 
 
 @dataclass(frozen=True)
@@ -45,9 +72,6 @@ class Misfit:
     # sum of squares in units of sigma over the number of readings less fitted parameters [1]
     chi2_per_dof: float
     count: int = 0  # readings
-    # of single position coordinates, over all markers, axes and steps [m]; `rms_position` over the square
-    # root of three where all three coordinates were measured
-    rms_coordinate: float | None = None
     # root mean square by measured quantity, in the unit of the quantity, such as "position_x" [m]
     rms_by_quantity: Mapping[str, float] = field(default_factory=dict)
 
@@ -57,18 +81,104 @@ class Misfit:
         return {name: getattr(self, name) for name in names}
 
 
-def tip_force(force: Sequence[float]) -> str:
-    """A force at the tip, in words."""
-    return f"tip force ({', '.join(f'{x:.3g}' for x in force)}) N"
+class Errors(NamedTuple):
+    """Misfits of one model."""
 
+    # On the fitted and on the held-out steps
+    fit: Misfit
+    held_out: Misfit
 
-def errors(fit: Misfit, held_out: Misfit) -> dict[str, Any]:
-    """Errors on fitted and on held-out steps, as in ``result.json``."""
-    return {"fit": fit.to_json(), "held_out": held_out.to_json()}
+    def to_json(self) -> dict[str, Any]:
+        """As in ``result.json``."""
+        return {"fit": self.fit.to_json(), "held_out": self.held_out.to_json()}
 
 
 #: Of a model that was not evaluated, for want of time.
-NOT_EVALUATED = Misfit(None, None, None, math.nan)
+NOT_EVALUATED = Errors(*[Misfit(None, None, None, math.nan)] * 2)
+
+
+@dataclass(frozen=True)
+class AddedEffect:
+    """An effect or a cause without a name that was added."""
+
+    name: str  # of the listed effect
+    parameters: Mapping[str, Estimate]  # from the final model
+    after: Errors  # with it and all before it; `NOT_EVALUATED` where the time did not suffice for that model
+    # evidence for it; empty where the model with it, or that before it, was not evaluated
+    evidence: Mapping[str, Any]
+    kind: Kind
+    indistinguishable_from: tuple[str, ...] = ()  # effects that explain these data as well
+    separating_experiment: str = ""  # experiment that separates them
+    found: bool = True  # whether it has a name, and only noise is left
+    # That it acts, and that any cause of its kind acts, among all models that were fitted [1]
+    probability: float = 1.0
+    kind_probability: float = 1.0
+    form: str = ""  # name of the form that was fitted; empty: that of the effect
+    sentence: str = ""  # what a cause without a name does; empty for effects
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``result.json``, under ``effects``."""
+        document = {
+            "effect": self.name,
+            "parameters": {
+                n: {"value": p.value, "std_error": p.std_error, "unit": p.unit}
+                | ({"note": p.note} if p.note else {})
+                for n, p in self.parameters.items()
+            },
+            "after": self.after.to_json(),
+            "evidence": dict(self.evidence),
+            "probability": self.probability,
+            "indistinguishable_from": list(self.indistinguishable_from),
+        }
+        if self.separating_experiment:
+            document["separating_experiment"] = self.separating_experiment
+        return document
+
+    def cause(self) -> dict[str, Any]:
+        """As in ``result.json``, under ``causes``."""
+        own = {"probability": self.kind_probability, "cause": self.form or self.name}
+        return {**self.kind._asdict(), **own}
+
+    @property
+    def formula(self) -> str:
+        """Its name with its numbers, 95 % half-widths and units."""
+        numbers = []
+        for n, p in self.parameters.items():
+            width = "" if p.half_width is None else f" +- {p.half_width:.2g}"
+            numbers.append(f"{n} = {p.value:.4g}{width}{'' if p.unit == '1' else f' {p.unit}'}")
+        return f"{self.name} ({', '.join(numbers)})"
+
+
+class Law(NamedTuple):
+    """The causes without a name in the final model."""
+
+    causes: tuple[AddedEffect, ...]
+
+    @property
+    def formula(self) -> str:
+        """With numbers."""
+        return " + ".join(c.formula for c in self.causes)
+
+    @property
+    def sentence(self) -> str:
+        """In words."""
+        text = "; ".join(c.sentence for c in self.causes)
+        return f"{text[:1].upper()}{text[1:]}: the declared model does not have it."
+
+    @property
+    def alternatives(self) -> tuple[str, ...]:
+        """Other causes that explain these data as well."""
+        return tuple(dict.fromkeys(n for c in self.causes for n in c.indistinguishable_from))
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``result.json``, but for the errors."""
+        return {
+            "formula": self.formula,
+            "where": "; ".join(dict.fromkeys(c.kind.where for c in self.causes)),
+            "sentence": self.sentence,
+            "terms": [c.name for c in self.causes],
+            "alternatives": list(self.alternatives),
+        }
 
 
 @dataclass(frozen=True)
@@ -78,33 +188,6 @@ class Structure:
     group: str  # which readings, or which kind of pattern
     statistic: float  # in standard deviations of what noise would give [1]
     p_value: float  # chance of as much from noise alone [1]
-
-
-@dataclass(frozen=True)
-class FoundLaw:
-    """What acts besides the declared model and is no listed effect."""
-
-    formula: str  # with numbers, 95 % half-widths and units
-    sentence: str  # in words
-    where: str
-    terms: tuple[str, ...]  # names of the causes
-    # With the law
-    after_fit: Misfit
-    after_held_out: Misfit
-    alternatives: tuple[str, ...]  # other causes that explain these data as well
-    # the simulated loading sequence, with the loads of the law as concentrated loads
-    steps: tuple[LoadStep, ...]
-
-    def to_json(self) -> dict[str, Any]:
-        """As in ``result.json``."""
-        return {
-            "formula": self.formula,
-            "where": self.where,
-            "after": errors(self.after_fit, self.after_held_out),
-            "sentence": self.sentence,
-            "terms": list(self.terms),
-            "alternatives": list(self.alternatives),
-        }
 
 
 @dataclass(frozen=True)
@@ -122,46 +205,6 @@ class Shapes:
     # (n_steps, n_nodes, 3)
     backbone_before: Array
     backbone_after: Array
-
-
-@dataclass(frozen=True)
-class AddedEffect:
-    """An effect that was added."""
-
-    name: str
-    parameters: Mapping[str, Estimate]  # from the final model
-    # With this effect and all before it; `NOT_EVALUATED` where the time did not suffice for that model
-    after_fit: Misfit
-    after_held_out: Misfit
-    # evidence for it; empty where the model with it, or that before it, was not evaluated
-    evidence: Mapping[str, Any]
-    indistinguishable_from: tuple[str, ...] = ()  # effects that explain these data as well
-    separating_experiment: str = ""  # experiment that separates them
-    # whether it is found: it has a name, no other explains the data as well, and only noise is left
-    found: bool = True
-    probability: float = 1.0  # that it acts, among all models that were fitted [1]
-    form: str = ""  # name of the form that was fitted; empty: that of the effect
-
-
-@dataclass(frozen=True)
-class FoundCause:
-    """What kind of cause acts."""
-
-    name: str  # of the cause of this kind in the final model
-    perturbs: str
-    depends_on: tuple[str, ...]
-    where: str
-    probability: float  # that a cause of this kind acts, among all that were fitted [1]
-
-    def to_json(self) -> dict[str, Any]:
-        """As in ``result.json``."""
-        return {
-            "perturbs": self.perturbs,
-            "depends_on": list(self.depends_on),
-            "where": self.where,
-            "probability": self.probability,
-            "cause": self.name,
-        }
 
 
 @dataclass(frozen=True)
@@ -184,39 +227,27 @@ class Candidate:
 THE_DATA, THE_INPUTS, THE_NOISE, NOT_KNOWN = "the data", "the inputs", "the noise", "not known"
 
 
-@dataclass(frozen=True)
-class Remainder:
+class Remainder(NamedTuple):
     """What is left."""
 
     where: str  # the group of readings in which it is largest, or what accounts for it
     description: str
 
 
-@dataclass(frozen=True)
-class SetErrors:
+class SetErrors(NamedTuple):
     """Errors on one of several data sets."""
 
     name: str
     # Its steps in the joined numbering
     first: int
     last: int
-    before_fit: Misfit
-    before_held_out: Misfit
-    after_fit: Misfit
-    after_held_out: Misfit
+    before: Errors
+    after: Errors
 
     def to_json(self) -> dict[str, Any]:
         """As in ``result.json``."""
-        return {
-            "dataset": self.name,
-            "steps": [self.first, self.last],
-            "before": errors(self.before_fit, self.before_held_out),
-            "after": errors(self.after_fit, self.after_held_out),
-        }
-
-
-#: An experiment helps if it separates explanations by so many sigma, or leaves so much of a standard error at most.
-LEAST_SEPARATION, MOST_REMAINING = 2.0, 0.9
+        both = {"before": self.before.to_json(), "after": self.after.to_json()}
+        return {"dataset": self.name, "steps": [self.first, self.last], **both}
 
 
 @dataclass(frozen=True)
@@ -225,44 +256,40 @@ class NextExperiment:
 
     steps: tuple[LoadStep, ...]
     purpose: str  # what it shows, with the expected separation or reduction
-    # explanations that it separates from the result's; empty where it refines a parameter
-    separated: tuple[str, ...] = ()
-    # expected difference from each, over the noise and the uncertainty of the parameters [sigma]
-    separation: tuple[float, ...] = ()
+    # expected difference from each explanation that it separates from the result's, over the noise and the
+    # uncertainty of the parameters [sigma]; empty where it refines a parameter
+    separation: Mapping[str, float] = field(default_factory=dict)
     parameter: str = ""  # whose standard error it reduces; empty where it separates explanations
     remaining_share: float = 1.0  # of that standard error [1]
 
     @property
     def helps(self) -> bool:
         """Whether it is worth measuring."""
-        if self.separated:
-            return min(self.separation) >= LEAST_SEPARATION
+        if self.separation:
+            return min(self.separation.values()) >= LEAST_SEPARATION
         return self.remaining_share <= MOST_REMAINING
 
     def to_json(self) -> dict[str, Any]:
         """As in ``result.json``."""
         aim: dict[str, Any] = {"purpose": self.purpose, "loading": "next/loading.csv"}
-        if self.separated:
-            return aim | {"separation": dict(zip(self.separated, self.separation, strict=True))}
+        if self.separation:
+            return aim | {"separation": dict(self.separation)}
         return aim | {"parameter": self.parameter, "remaining_share": self.remaining_share}
 
 
-#: Squares over sigma squared per reading that count as noise, at most [1].
-MOST_NOISE = 2.0
-
-
-@dataclass(frozen=True)
-class InputNoise:
+class InputNoise(NamedTuple):
     """Noise of the inputs that would account for a part of the residual."""
 
-    kind: Literal[
-        "relative", "absolute"
-    ]  # "relative": in proportion to every input; "absolute": alike for all
     size: float  # standard deviation, over the input [1] or in `unit`
-    unit: str  # "1", "N" or "m"
+    unit: str  # "N" or "m": alike for all inputs; "1": in proportion to every input
     # Of all readings: the final model's, and with the most likely errors of the inputs
     before: Misfit
     after: Misfit
+
+    @property
+    def kind(self) -> str:
+        """In proportion to every input, or alike for all."""
+        return "relative" if self.unit == "1" else "absolute"
 
     @property
     def explains_all(self) -> bool:
@@ -275,14 +302,7 @@ class InputNoise:
         return own | {"before": self.before.to_json(), "after": self.after.to_json()}
 
 
-#: A parameter is not normally distributed where its profile is off by so many standard errors at one of these [1].
-NOT_NORMAL = 0.25
-#: Half-width of a 95 % interval over the standard error [1].
-HALF_WIDTH = 1.96
-
-
-@dataclass(frozen=True)
-class Profile:
+class Profile(NamedTuple):
     """How the misfit grows as one fitted parameter is moved and the others follow."""
 
     name: str  # EFFECT.PARAMETER
@@ -308,22 +328,8 @@ class Profile:
 
     def to_json(self) -> dict[str, Any]:
         """As in ``result.json``."""
-        return {
-            "values": self.values.tolist(),
-            "roots": self.roots.tolist(),
-            "interval_95": list(self.interval),
-            "normal": self.is_normal,
-        }
-
-
-@dataclass(frozen=True)
-class Jump:
-    """A jump of one coordinate of a marker that the final model leaves."""
-
-    step: int  # the first one after it
-    marker: float  # arc length [m]
-    axis: str
-    size: float  # [m]
+        found = {"values": self.values.tolist(), "roots": self.roots.tolist()}
+        return {**found, "interval_95": list(self.interval), "normal": self.is_normal}
 
 
 @dataclass(frozen=True)
@@ -335,16 +341,54 @@ class SearchedSteps:
     fitted_to_all: bool  # whether the final fit and all errors are of all load steps; else they are of these
 
 
-class Verdict(StrEnum):
-    """The verdict; `tdcr_fe.identify.sentences.HEADLINES` has the sentence of each."""
+@dataclass(frozen=True)
+class Residuals:
+    """What the models leave of the readings, in their order."""
 
-    EXPLAINED = "explained"
-    LAW_FOUND = "explained by a law found"
-    PARTLY_EXPLAINED = "partly explained"
-    UNEXPLAINED = "unexplained"
-    NOTHING_MISSING = "nothing missing"
-    CANNOT_TELL = "cannot tell"
-    UNFINISHED = "unfinished"
+    # Reading less model, in the readings' units, shape (n,)
+    before: Array
+    after: Array
+    sigma: Array  # used for every reading, in its unit, shape (n,)
+    sigma_estimated: bool = False  # whether any sigma was not given
+    outliers: tuple[tuple[int, float], ...] = ()  # indices of outliers, and their residual over sigma
+    tests: tuple[Structure, ...] = ()  # of what is left, most significant first
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """The fitted parameters together."""
+
+    names: tuple[str, ...]  # EFFECT.PARAMETER
+    correlation: Array  # shape (p, p)
+    profiles: tuple[Profile, ...] = ()  # of those for which the time sufficed
+
+
+@dataclass(frozen=True)
+class SearchLog:
+    """What the search did."""
+
+    candidates: tuple[Candidate, ...] = ()
+    refused: Mapping[str, str] = field(default_factory=dict)  # effects that were not tried, with the reason
+    history: tuple[str, ...] = ()
+    runs: int = 0  # simulated sequences
+    wall_time: float = 0.0  # [s]
+    not_tried: tuple[str, ...] = ()  # parts of the identification for which the time limit was too short
+    interrupted: bool = False
+    steps: SearchedSteps | None = None  # load steps that the search used; None for all
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """What repeats the run of the final model."""
+
+    # Robot, model, loading sequence and observation: the declared one with the mesh and the divided steps of the fit,
+    # and that with the effects that were added; causes without a name stand there as the loads that they give
+    commanded: Experiment
+    corrected: Experiment
+    solver: SolverSettings
+    catalogue: tuple[Effect, ...] = EFFECTS  # in the order in which several are applied
+    path: Trajectory | None = None  # along which the run costs little
+    mesh_error: float = 0.0  # estimated error of the mesh left in the predictions, rms over sigma [1]
 
 
 @dataclass(frozen=True)
@@ -354,111 +398,49 @@ class IdentificationResult:
     Attributes
     ----------
     data : MeasuredData
-    verdict : str
+    verdict : Verdict
         One of "explained", "explained by a law found", "partly explained", "unexplained", "nothing missing",
         "cannot tell" (too few or too noisy data), "unfinished" (interrupted, or out of time).
     effects : tuple of AddedEffect
-        In the order of adding.
-    before_fit, before_held_out, after_fit, after_held_out : Misfit
-    held_out_steps : tuple of int
-    remaining : Remainder
-    candidates : tuple of Candidate
-    structure : tuple of Structure
-        Tests of the residual that is left, most significant first.
-    residual_before, residual_after : ndarray
-        Reading less model, in the readings' units, in their order.
-    sigma : ndarray
-        Used for every reading, in its unit.
-    sigma_estimated : bool
-        Whether any sigma was not given.
-    outliers : tuple of (int, float)
-        Indices of outliers, and their residual over sigma.
-    correlation : ndarray
-        Of the fitted parameters, in the order of `parameter_names`.
-    parameter_names : tuple of str
-    mesh_error : float
-        Estimated error of mesh left in the predictions, rms over sigma [1].
-    left_out_candidates : mapping of str to str
-        Effects that were not tried, with the reason.
-    runs : int
-        Simulated sequences.
-    wall_time : float [s]
-    not_tried : tuple of str
-        Parts of the identification for which the time limit was too short.
-    interrupted : bool
-    history : tuple of str
+        In the order of adding, causes without a name among them.
+    before, after : Errors
+        Of the declared and of the final model.
     noise : Misfit
         What the noise alone gives, which the misfits are compared with.
+    held_out_steps : tuple of int
+    remaining : Remainder
     shapes : Shapes
-    corrected : Experiment
-        Robot, model, loading sequence and observation with the effects that were added.
-    commanded : Experiment
-        What was simulated, without effects: the declared one with the mesh and the divided steps of the fit.
-    solver : SolverSettings
-    catalogue : tuple of Effect
-    law : FoundLaw or None
-        What is part of the final model and on no list.
-    causes : tuple of FoundCause
-        Kinds of the causes that act, the listed effects included.
+    residuals : Residuals
+    parameters : Parameters
+    log : SearchLog
+    simulated : Simulated
     ceiling : Misfit or None
-        Held-out misfit that a flexible regression of the residual leaves at best; None where it was not tried.
+        Held-out misfit that a flexible regression of the residual leaves; None where it was not tried.
     next_experiment : NextExperiment or None
         None where nothing is to be separated or refined.
     input_noise : InputNoise or None
         Errors of the inputs that would account for a part of what is left; None where there are none such.
-    profiles : tuple of Profile
-        How the misfit grows as one fitted parameter is moved, of those for which the time sufficed.
-    jump : Jump or None
-        The clearest jump of the residual that is left; None where there is none.
     by_set : tuple of SetErrors
         Of every data set, where several were given.
-    searched : SearchedSteps or None
-        Load steps that the search used; None for all.
-    path : Trajectory or None
-        Of the final model's run, which repeats it at a small cost.
     """
 
     data: MeasuredData
     verdict: Verdict
     effects: tuple[AddedEffect, ...]
-    before_fit: Misfit
-    before_held_out: Misfit
-    after_fit: Misfit
-    after_held_out: Misfit
+    before: Errors
+    after: Errors
+    noise: Misfit
     held_out_steps: tuple[int, ...]
     remaining: Remainder
-    candidates: tuple[Candidate, ...]
-    structure: tuple[Structure, ...]
-    residual_before: Array
-    residual_after: Array
-    sigma: Array
-    sigma_estimated: bool
-    outliers: tuple[tuple[int, float], ...]
-    correlation: Array
-    parameter_names: tuple[str, ...]
-    mesh_error: float
-    noise: Misfit
     shapes: Shapes
-    corrected: Experiment
-    commanded: Experiment
-    solver: SolverSettings
-    left_out_candidates: Mapping[str, str] = field(default_factory=dict)
-    runs: int = 0
-    wall_time: float = 0.0
-    interrupted: bool = False
-    history: tuple[str, ...] = ()
-    catalogue: tuple[Effect, ...] = EFFECTS
-    law: FoundLaw | None = None
-    causes: tuple[FoundCause, ...] = ()
+    residuals: Residuals
+    parameters: Parameters
+    log: SearchLog
+    simulated: Simulated
     ceiling: Misfit | None = None
     next_experiment: NextExperiment | None = None
     input_noise: InputNoise | None = None
-    profiles: tuple[Profile, ...] = ()
-    jump: Jump | None = None
     by_set: tuple[SetErrors, ...] = ()
-    searched: SearchedSteps | None = None
-    not_tried: tuple[str, ...] = ()
-    path: Trajectory | None = None
 
     def next_loading(self) -> str | None:
         """The next experiment as the text of a ``loading.csv``; None where there is none."""
@@ -468,9 +450,15 @@ class IdentificationResult:
         return loading_text(self.data.robot, range(1, len(steps) + 1), steps, ["next"] * len(steps))
 
     def __repr__(self) -> str:
-        from tdcr_fe.identify.statistics import summary
+        from tdcr_fe.identify.sentences import summary
 
         return summary(self)
+
+    @property
+    def law(self) -> Law | None:
+        """The causes without a name; None where there are none."""
+        causes = tuple(e for e in self.effects if e.sentence)
+        return Law(causes) if causes else None
 
     @property
     def effects_table(self) -> dict[str, dict[str, float]]:
@@ -482,65 +470,44 @@ class IdentificationResult:
 
     def to_json(self) -> dict[str, Any]:
         """As ``result.json`` has it; numbers that are not finite become null."""
-        from tdcr_fe.identify.sentences import jump_sentence
-
-        readings = self.data.readings
+        readings, log, law = self.data.readings, self.log, self.law
         document = {
             "dataset": self.data.name,
             "observations": len(readings),
             "held_out_steps": list(self.held_out_steps),
-            "before": errors(self.before_fit, self.before_held_out),
-            "effects": [
-                {
-                    "effect": e.name,
-                    "parameters": {
-                        n: {"value": p.value, "std_error": p.std_error, "unit": p.unit}
-                        | ({"note": p.note} if p.note else {})
-                        for n, p in e.parameters.items()
-                    },
-                    "after": errors(e.after_fit, e.after_held_out),
-                    "evidence": dict(e.evidence),
-                    "probability": e.probability,
-                    "indistinguishable_from": list(e.indistinguishable_from),
-                }
-                | ({"separating_experiment": e.separating_experiment} if e.separating_experiment else {})
-                for e in self.effects
-                if e.found
-            ],
-            "causes": [c.to_json() for c in self.causes],
+            "before": self.before.to_json(),
+            "effects": [e.to_json() for e in self.effects if e.found],
+            "causes": [e.cause() for e in self.effects],
             "stand_ins": {e.name: self.effects_table[e.name] for e in self.effects if not e.found},
-            "after": errors(self.after_fit, self.after_held_out),
+            "after": self.after.to_json(),
             "verdict": self.verdict,
-            **({"datasets": [s.to_json() for s in self.by_set]} if self.by_set else {}),
-            **({} if self.law is None else {"law": self.law.to_json()}),
-            **({} if self.ceiling is None else {"ceiling": {"held_out": self.ceiling.to_json()}}),
-            **({} if self.next_experiment is None else {"next_experiment": self.next_experiment.to_json()}),
-            **({} if self.input_noise is None else {"input_scatter": self.input_noise.to_json()}),
-            "profiles": {p.name: p.to_json() for p in self.profiles},
-            **({} if self.jump is None else {"jump": jump_sentence(self)[0]}),
-            "remaining": {"where": self.remaining.where, "description": self.remaining.description},
+            "profiles": {p.name: p.to_json() for p in self.parameters.profiles},
+            "remaining": self.remaining._asdict(),
             "left_out": [str(b) for b in self.data.left_out],
             "outliers": [
-                {
-                    "step": readings[i].step,
-                    "quantity": readings[i].quantity,
-                    "location": readings[i].location,
-                    "value": readings[i].value,
-                    "residual_over_sigma": r,
-                }
-                for i, r in self.outliers
+                {n: getattr(readings[i], n) for n in ("step", "quantity", "location", "value")}
+                | {"residual_over_sigma": r}
+                for i, r in self.residuals.outliers
             ],
-            "sigma_estimated": self.sigma_estimated,
-            "mesh_error_over_sigma": self.mesh_error,
-            "parameters": list(self.parameter_names),
-            "correlation": self.correlation.tolist(),
-            **({} if self.searched is None else {"searched_steps": list(self.searched.steps)}),
-            "simulations": self.runs,
-            "wall_time": self.wall_time,
-            "interrupted": self.interrupted,
-            "not_tried": list(self.not_tried),
+            "sigma_estimated": self.residuals.sigma_estimated,
+            "mesh_error_over_sigma": self.simulated.mesh_error,
+            "parameters": list(self.parameters.names),
+            "correlation": self.parameters.correlation.tolist(),
+            "simulations": log.runs,
+            "wall_time": log.wall_time,
+            "interrupted": log.interrupted,
+            "not_tried": list(log.not_tried),
             "input": dict(self.data.digests or {}),
             "versions": versions(),
         }
+        where_there_are: dict[str, Any] = {
+            "datasets": [s.to_json() for s in self.by_set] or None,
+            "law": law and {**law.to_json(), "after": self.after.to_json()},
+            "ceiling": self.ceiling and {"held_out": self.ceiling.to_json()},
+            "next_experiment": self.next_experiment and self.next_experiment.to_json(),
+            "input_scatter": self.input_noise and self.input_noise.to_json(),
+            "searched_steps": log.steps and list(log.steps.steps),
+        }
+        document |= {name: value for name, value in where_there_are.items() if value is not None}
         clean: dict[str, Any] = plain(document)
         return clean

@@ -1,126 +1,33 @@
-"""What an identification found, in sentences: for the first screen of the report, the command and `print`."""
+"""What an identification found, in sentences and in tables of numbers: for the report, the command and `print`."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from tdcr_fe.effects import effect
+from tdcr_fe.effects.places import PlaceEffect
 from tdcr_fe.identify.result import (
-    HALF_WIDTH,
     NOT_KNOWN,
     THE_DATA,
     THE_INPUTS,
     THE_NOISE,
     AddedEffect,
-    Estimate,
     IdentificationResult,
     Misfit,
     Verdict,
-    tip_force,
 )
-from tdcr_fe.report.environment import SPACE, estimate, quantity, significant, words
+from tdcr_fe.identify.statistics import correlated, goodness
+from tdcr_fe.report.environment import DASH, SPACE, estimate, fixed, quantity, significant, words
 
 #: Least strain at which a backbone softens: nickel-titanium transforms near 1 %, polymers yield above it [1].
 LEAST_THRESHOLD = 3e-3
-
 #: Gravity on earth, and the deviation of a fitted magnitude above which the report warns [m/s^2].
 EARTH, EARTH_TOLERANCE = 9.81, 0.15
-
-
-def half_width(p: Estimate) -> float | None:
-    """Half-width of the 95 % interval of a fitted number; None where it has no standard error."""
-    return None if p.std_error is None else HALF_WIDTH * p.std_error
-
-
-def _contradicts(p: Estimate, declared: float) -> bool:
-    """Whether the interval excludes the declared value; a number that the data do not determine contradicts nothing."""
-    width = half_width(p)
-    return width is not None and abs(p.value - declared) > width
-
-
-def _contradictions(e: AddedEffect, result: IdentificationResult) -> list[str]:
-    """Declared values outside the interval of the fit; what nobody declares has the default as its null value."""
-    of, found = effect(e.name, result.catalogue), []
-    default = {p.name: p for p in of.parameters_of(result.commanded)}
-    for name, p in e.parameters.items():
-        declared = of.null_value(result.commanded, name)
-        if not math.isfinite(declared) or name not in default or declared == default[name].null_value:
-            continue
-        if not _contradicts(p, declared):
-            continue
-        others = " or ".join(words(n) for n in e.indistinguishable_from) or "none of the listed effects"
-        found.append(
-            f"The fit contradicts a declared value: {name} ({default[name].meaning}) is fitted as "
-            f"{estimate(p.value, half_width(p), p.unit)}, declared as {quantity(declared, p.unit, 4)}. If the declared "
-            f"value is certain, the error has another cause: {others}."
-        )
-    return found
-
-
-def largest_strain(result: IdentificationResult) -> float | None:
-    """Largest bending strain of the outer fibre over all steps of the final model [1]; None without shapes.
-
-    From the turning of the predicted backbone between neighbouring nodes: curvature times radius.
-    """
-    nodes: NDArray[np.float64] = result.shapes.backbone_after
-    if nodes.ndim != 3 or nodes.shape[1] < 3:
-        return None
-    chord = np.diff(nodes, axis=1)
-    length = np.linalg.norm(chord, axis=2)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        cosine = np.sum(chord[:, 1:] * chord[:, :-1], axis=2) / (length[:, 1:] * length[:, :-1])
-        curvature = np.arccos(np.clip(cosine, -1.0, 1.0)) / (0.5 * (length[:, 1:] + length[:, :-1]))
-    if not np.isfinite(curvature).any():
-        return None
-    return float(np.nanmax(curvature)) * result.data.robot.backbone.radius
-
-
-def _percent(strain: float) -> str:
-    return f"{significant(100.0 * strain, 2)} %"
-
-
-def _implausible(e: AddedEffect, result: IdentificationResult) -> list[str]:
-    value = {name: p.value for name, p in e.parameters.items()}
-    if e.name == "superelastic" and value["threshold_strain"] < LEAST_THRESHOLD:
-        strain = largest_strain(result)
-        seen = "" if strain is None else f", and the largest strain in these data is about {_percent(strain)}"
-        return [
-            f"A superelastic backbone is not plausible here: the fitted threshold is a strain of "
-            f"{_percent(value['threshold_strain'])}{seen}. Nickel-titanium transforms near 1 %, polymers yield above "
-            "it. The effect probably represents another cause that softens the robot."
-        ]
-    if e.name == "gravity":
-        size = math.sqrt(sum(x * x for x in value.values()))
-        if abs(size - EARTH) <= EARTH_TOLERANCE:
-            return [f"The magnitude of the fitted gravity is {quantity(size, 'm/s^2')}, as on Earth."]
-        if abs(size - EARTH) <= math.hypot(*(half_width(p) or 0.0 for p in e.parameters.values())):
-            return []
-        return [
-            f"The magnitude of the fitted gravity is {quantity(size, 'm/s^2')}, not {EARTH} m/s²: either "
-            "the declared masses are wrong, or the effect represents another cause."
-        ]
-    # One for all tendons, or for each segment or tendon.
-    if e.name == "friction_coefficient" and max(value.values()) > 1.0:
-        largest = significant(max(value.values()))
-        return [f"A friction coefficient of {largest} is above that of common materials."]
-    return []
-
-
-def remarks(result: IdentificationResult) -> dict[str, list[str]]:
-    """Remarks by name of the effect, for effects that have any."""
-    found = {e.name: _contradictions(e, result) + _implausible(e, result) for e in result.effects}
-    return {name: texts for name, texts in found.items() if texts}
-
-
-def _joined(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
-
+#: Correlations of a smaller size are not listed.
+LEAST_CORRELATION = 0.1
 
 #: The verdict in one sentence, by verdict and, where it has several, by where the error remains; the last of a verdict
 #: holds for all other places. ``names``: the effects; ``found``, ``beside``: a sentence and a part of one with them.
@@ -131,10 +38,9 @@ HEADLINES: dict[Verdict, dict[str, str]] = {
     Verdict.EXPLAINED: {"": "Explained: the declared model is missing {names}."},
     Verdict.LAW_FOUND: {"": "Explained by a discovered law{beside}."},
     Verdict.PARTLY_EXPLAINED: {
-        NOT_KNOWN: "Partly explained: {names} may explain the measurements, but there are too few readings to test "
-        "that.",
-        "": "Partly explained: a model with {names} {removes} part of the error. More than noise is left, so that "
-        "nothing of it is found.",
+        NOT_KNOWN: "Partly explained: {names} may explain the measurements, but too few readings test that.",
+        "": "Partly explained: a model with {names} removes part of the error. More than noise is left, so nothing of "
+        "it is found.",
     },
     Verdict.UNEXPLAINED: {"": "Unexplained: the model is missing something that no listed effect explains."},
     Verdict.CANNOT_TELL: {
@@ -149,38 +55,42 @@ HEADLINES: dict[Verdict, dict[str, str]] = {
 
 def headline(result: IdentificationResult) -> str:
     """The verdict in one sentence."""
-    unnamed = () if result.law is None or result.verdict != Verdict.LAW_FOUND else result.law.terms
-    named = [words(e.name) for e in result.effects if e.name not in unnamed]
-    names = _joined(named) if named else ""
-    by_place = HEADLINES[result.verdict]
-    where = result.remaining.where
-    return by_place.get(where, by_place[""]).format(
+    names = _joined(
+        [
+            words(e.name)
+            for e in result.effects
+            if not e.sentence or result.verdict != "explained by a law found"
+        ]
+    )
+    by_place = HEADLINES[Verdict(result.verdict)]
+    return by_place.get(result.remaining.where, by_place[""]).format(
         names=names,
-        removes="removes",
         beside=f" together with {names}" if names else "",
         found=f" Found so far: {names}." if names else "",
-        stopped="was interrupted" if result.interrupted else "ran out of time",
+        stopped="was interrupted" if result.log.interrupted else "ran out of time",
     )
+
+
+def _joined(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+
+
+# ------------------------------------------------------------------------------------------------- sizes
 
 
 def measure(result: IdentificationResult) -> str:
     """Measure of the errors on the first screen, in words."""
-    if result.before_fit.rms_position is not None:
+    if result.before.fit.rms_position is not None:
         return "rms distance in space between measured and predicted markers"
-    if result.before_fit.rms_angle is not None:
+    if result.before.fit.rms_angle is not None:
         return "rms error of the angles"
     return "rms error over the standard uncertainty"
 
 
-def _millimetres(length: float | None) -> str:
-    """Errors before and after have one unit, so that they compare at a glance."""
-    return significant(None if length is None else 1e3 * length) + f"{SPACE}mm"
-
-
 def size(misfit: Misfit) -> str:
-    """The error in the measure of the first screen."""
+    """The error in the measure of the first screen; always in mm, so that errors compare at a glance."""
     if misfit.rms_position is not None:
-        return _millimetres(misfit.rms_position)
+        return f"{significant(1e3 * misfit.rms_position)}{SPACE}mm"
     if misfit.rms_angle is not None:
         return quantity(misfit.rms_angle, "rad")
     return f"{significant(math.sqrt(misfit.chi2_per_dof))} sigma"
@@ -188,130 +98,126 @@ def size(misfit: Misfit) -> str:
 
 def noise_size(result: IdentificationResult) -> str:
     """The noise in the same measure."""
-    noise, before = result.noise, result.before_fit
-    return size(
-        replace(
-            noise,
-            rms_position=None if before.rms_position is None else noise.rms_position,
-            rms_angle=None if before.rms_angle is None else noise.rms_angle,
-        )
-    )
+    noise, before = result.noise, result.before.fit
+    if before.rms_position is None:
+        noise = replace(noise, rms_position=None)
+    return size(replace(noise, rms_angle=None) if before.rms_angle is None else noise)
+
+
+# --------------------------------------------------------------------------------------------- sentences
 
 
 def sentences(result: IdentificationResult) -> list[str]:
     """Further sentences on the first screen."""
     parts = (
-        _reason,
-        _law,
-        _causes,
-        _errors,
-        _held_out,
-        _search,
-        _explainable,
-        _by_set,
-        _indistinguishable,
-        _remaining,
-        _input_noise,
-        jump_sentence,
-        _readings,
-        next_sentence,
-    )
+        _reason, _causes, _errors, _held_out, _noise, _search, _explainable, _by_set, _indistinguishable, _remaining,
+        _input_noise, _readings, next_sentence,
+    )  # fmt: skip
     return [text for part in parts for text in part(result)]
 
 
 def _reason(result: IdentificationResult) -> list[str]:
-    """Why the data do not tell."""
-    reason = result.remaining.description
-    return [f"{reason[:1].upper()}{reason[1:]}."] if result.verdict == Verdict.CANNOT_TELL else []
-
-
-def _law(result: IdentificationResult) -> list[str]:
-    """The law found, in words and as a formula."""
-    if result.law is None or result.verdict != Verdict.LAW_FOUND:
+    """Why the data do not tell, or the law that was found."""
+    if result.verdict == Verdict.CANNOT_TELL:
+        reason = result.remaining.description
+        return [f"{reason[:1].upper()}{reason[1:]}."]
+    law = result.law if result.verdict == Verdict.LAW_FOUND else None
+    if law is None:
         return []
-    return [result.law.sentence, f"{result.law.formula}."]
+    others = f"Another form explains these data equally well: {' or '.join(law.alternatives)}."
+    return [law.sentence, f"{law.formula}.", *([others] if law.alternatives else [])]
 
 
 def _causes(result: IdentificationResult) -> list[str]:
-    """What kind of cause acts, where that is all that can be said, or where others explain the data as well."""
+    """What kind of cause acts."""
     found = []
-    for cause in result.causes:
-        depends = " and ".join(cause.depends_on)
+    for e in result.effects:
+        depends = " and ".join(e.kind.depends_on)
         on = "" if depends == "nothing" else f", depending on {depends}"
         found.append(
-            f"{cause.perturbs} ({cause.where}{on}): probability {significant(cause.probability, 2)} among all that was "
-            "tried"
+            f"{e.kind.perturbs} ({e.kind.where}{on}): probability {significant(e.kind_probability, 2)}"
         )
     return [f"Kinds of causes: {'; '.join(found)}."] if found else []
 
 
 def _errors(result: IdentificationResult) -> list[str]:
-    """Errors on the fitted steps beside the noise; and what else explains them as well."""
-    what = measure(result)
-    if result.effects or result.law:
-        text = f"The {what} falls from {size(result.before_fit)} to {size(result.after_fit)}"
-    else:
-        text = f"The {what} is {size(result.before_fit)}"
-    found = [f"{text}; the noise alone gives {noise_size(result)}.", *_estimated_noise(result)]
-    if result.law is not None and result.law.alternatives:
-        others = " or ".join(result.law.alternatives)
-        found.append(f"Another form of the law explains these data equally well: {others}.")
-    return found
+    """Errors on the fitted steps beside the noise."""
+    text = f"The {measure(result)} is {size(result.before.fit)}"
+    if result.effects:
+        text = f"The {measure(result)} falls from {size(result.before.fit)} to {size(result.after.fit)}"
+    return [f"{text}; the noise alone gives {noise_size(result)}."]
 
 
 def _held_out(result: IdentificationResult) -> list[str]:
     """Errors on the held-out steps."""
-    if not result.held_out_steps or not (result.effects or result.law):
+    if not result.held_out_steps or not result.effects:
         return []
-    before, after = result.before_held_out, result.after_held_out
-    change = f"the error changes from {size(before)} to {size(after)}."
+    before, after = result.before.held_out, result.after.held_out
+    how = "changes"
     if after.chi2_per_dof < min(2.0, 0.5 * before.chi2_per_dof):
-        change = (
-            f"the error drops from {size(before)} to {size(after)}, so the corrected model predicts data it was not "
-            "fitted to."
-        )
-    count = len(result.held_out_steps)
-    held = (
-        f"{count} of {len(result.data.steps)} steps {'was' if count == 1 else 'were'} held out and not used"
-    )
-    return [f"{held} for fitting. On the held-out steps {change}"]
+        how = "drops"
+    count, total = len(result.held_out_steps), len(result.data.steps)
+    predicts = ", so the corrected model predicts data it was not fitted to" if how == "drops" else ""
+    return [
+        f"{count} of {total} steps {'was' if count == 1 else 'were'} held out and not used for fitting. "
+        f"There the error {how} from {size(before)} to {size(after)}{predicts}."
+    ]
+
+
+def _noise(result: IdentificationResult) -> list[str]:
+    """Where sigma is not given: how the noise is known."""
+    if not result.residuals.sigma_estimated:
+        return []
+    without = sorted({r.channel.family for r in result.data.readings if r.sigma is None})
+    return [
+        f"No sigma is given for {_joined(without)}: the noise is estimated from the scatter of the readings about "
+        "smooth curves. An error that changes irregularly from step to step counts as noise."
+    ]
 
 
 def _search(result: IdentificationResult) -> list[str]:
     """What the search used, and what it left out."""
-    found = []
-    if result.searched is not None:
+    found, searched = [], result.log.steps
+    if searched is not None:
         rest = "; the final fit and all errors are of all load steps."
-        if not result.searched.fitted_to_all:
+        if not searched.fitted_to_all:
             rest = ", and all errors are of these: there is no fit to all load steps."
-        found.append(
-            f"The search used {len(result.searched.steps)} of {result.searched.total} load steps{rest}"
-        )
-    if result.not_tried:
-        found.append(f"The time limit (--minutes) was too short for {_joined(result.not_tried)}.")
+        found.append(f"The search used {len(searched.steps)} of {searched.total} load steps{rest}")
+    if result.log.not_tried:
+        found.append(f"The time limit (--minutes) was too short for {_joined(result.log.not_tried)}.")
     return found
+
+
+def _explainable(result: IdentificationResult) -> list[str]:
+    """What a regression leaves of the held-out error; nothing where that is not known."""
+    if result.ceiling is None:
+        return []
+    return [
+        f"On the held-out steps a Gaussian-process regression of the residual, which knows no mechanics, leaves "
+        f"{size(result.ceiling)}: about as much as any effect can explain."
+    ]
 
 
 def _by_set(result: IdentificationResult) -> list[str]:
     """Errors on every one of several data sets."""
     found = []
     for s in result.by_set:
-        parts = (
-            ("fitted steps", s.before_fit, s.after_fit),
-            ("held out", s.before_held_out, s.after_held_out),
-        )
+        parts = zip(("fitted steps", "held out"), s.before, s.after, strict=True)
         changes = [f"{what} {size(before)} to {size(after)}" for what, before, after in parts if after.count]
         found.append(f"{s.name} (steps {s.first} to {s.last}): {', '.join(changes)}.")
     return found
 
 
 def _indistinguishable(result: IdentificationResult) -> list[str]:
-    """Effects that explain the data as well as those that were added."""
-    alike = [
-        f"{words(e.name)} from {' or '.join(_rival(n, e.name) for n in e.indistinguishable_from)}"
-        for e in result.effects
-        if e.indistinguishable_from
-    ]
+    """Effects that explain the data as well as those that were added; a form of one is named as such."""
+
+    def rivals(e: AddedEffect) -> str:
+        plain = (
+            f"{words(n)} in its plain form" if n == e.name else words(n) for n in e.indistinguishable_from
+        )
+        return f"{words(e.name)} from {' or '.join(plain)}"
+
+    alike = [rivals(e) for e in result.effects if e.indistinguishable_from]
     if not alike:
         return []
     return [
@@ -320,42 +226,18 @@ def _indistinguishable(result: IdentificationResult) -> list[str]:
     ]
 
 
-def _rival(name: str, added: str) -> str:
-    """Name of an effect that explains the data as well; the effect that was added may be a form of it."""
-    return f"{words(name)} in its plain form" if name == added else words(name)
-
-
 def _remaining(result: IdentificationResult) -> list[str]:
-    """Where the error is that no effect explains."""
+    """Where the error is that no effect explains; and tendons without an input although others have one."""
     if result.verdict not in (Verdict.PARTLY_EXPLAINED, Verdict.UNEXPLAINED):
         return []
-    return [f"Remaining error: {result.remaining.description}.", *_never_driven(result)]
-
-
-def _readings(result: IdentificationResult) -> list[str]:
-    """Rows that were left out, and outliers."""
-    rows, outliers = len(result.data.left_out), len(result.outliers)
-    found = []
-    if rows:
-        found.append(f"{rows} faulty {'row was' if rows == 1 else 'rows were'} left out; see the list below.")
-    if outliers:
-        found.append(
-            f"{outliers} {'reading is an outlier' if outliers == 1 else 'readings are outliers'}; see below."
-        )
+    found = [f"Remaining error: {result.remaining.description}."]
+    inputs = [x for s in result.data.steps for x in (s.tensions, s.displacements)]
+    driven = {n for x in inputs for n, v in x.items() if v != 0.0}
+    idle = [n for n in result.data.robot.tendon_names if n not in driven]
+    if idle and driven:
+        what, verb = ("Tendon", "has") if len(idle) == 1 else ("Tendons", "have")
+        found.append(f"{what} {_joined(idle)} {verb} no input in any step. Is it missing from loading.csv?")
     return found
-
-
-def _estimated_noise(result: IdentificationResult) -> list[str]:
-    """Where sigma is not given: how the noise is known."""
-    if not result.sigma_estimated:
-        return []
-    if result.remaining.where == THE_NOISE:
-        return ["The noise is estimated from the scatter of the readings about smooth curves."]
-    without = sorted({r.channel.family for r in result.data.readings if r.sigma is None})
-    return [
-        f"No sigma is given for {_joined(without)}: the noise is estimated from the scatter of the readings about "
-        "smooth curves. An error that changes irregularly from step to step counts as noise."
-    ]
 
 
 def _input_noise(result: IdentificationResult) -> list[str]:
@@ -366,40 +248,25 @@ def _input_noise(result: IdentificationResult) -> list[str]:
     how = quantity(noise.size, noise.unit)
     if noise.kind == "relative":
         how = f"{significant(100.0 * noise.size, 2)}{SPACE}% of their values"
-    what, measured = {
-        "m": ("displacements", "the displacements"),
-        "N": ("tensions", "the tensions with load cells"),
-        "1": ("inputs", "tensions and displacements at the base"),
-    }[noise.unit]
+    what = {"m": "displacements", "N": "tensions", "1": "inputs"}[noise.unit]
     return [
         f"Random errors of the {what} with a standard deviation of {how}, independent in every step, would explain "
         f"part of the remaining error: it would fall from {size(noise.before)} to {size(noise.after)} over all steps. "
-        f"No effect predicts such errors; measure {measured}."
+        "No effect predicts such errors; measure tensions or displacements at the base."
     ]
 
 
-def jump_sentence(result: IdentificationResult) -> list[str]:
-    """A jump of the residual that is left."""
-    jump = result.jump
-    if jump is None:
-        return []
-    return [
-        f"From step {jump.step} on, the readings of the marker at s = {jump.marker:.4g} m lie "
-        f"{quantity(abs(jump.size), 'm', 2)} {'higher' if jump.size > 0.0 else 'lower'} in {jump.axis} than before, "
-        "beyond what the model predicts. Did the marker move, or was the setup changed?"
-    ]
-
-
-def _never_driven(result: IdentificationResult) -> list[str]:
-    """Tendons without an input in any step, although others have one."""
-    driven = {
-        n for s in result.data.steps for x in (s.tensions, s.displacements) for n, v in x.items() if v != 0.0
-    }
-    idle = [n for n in result.data.robot.tendon_names if n not in driven]
-    if not idle or not driven:
-        return []
-    what, verb = ("Tendon", "has") if len(idle) == 1 else ("Tendons", "have")
-    return [f"{what} {_joined(idle)} {verb} no input in any step. Is it missing from loading.csv?"]
+def _readings(result: IdentificationResult) -> list[str]:
+    """Rows that were left out, and outliers."""
+    rows, outliers = len(result.data.left_out), len(result.residuals.outliers)
+    found = []
+    if rows:
+        found.append(f"{rows} faulty {'row was' if rows == 1 else 'rows were'} left out; see the list below.")
+    if outliers:
+        found.append(
+            f"{outliers} {'reading is an outlier' if outliers == 1 else 'readings are outliers'}; see below."
+        )
+    return found
 
 
 def next_sentence(result: IdentificationResult) -> list[str]:
@@ -411,7 +278,9 @@ def next_sentence(result: IdentificationResult) -> list[str]:
     for step in planned.steps:
         parts = [f"{n} = {quantity(v, 'N')}" for n, v in step.tensions.items() if v != 0.0]
         parts += [f"{n} = {quantity(v, 'm')}" for n, v in step.displacements.items() if v != 0.0]
-        parts += [tip_force(load.force) for load in step.loads.values() if any(load.force)]
+        for load in step.loads.values():
+            if any(load.force):
+                parts.append(f"tip force ({', '.join(f'{x:.3g}' for x in load.force)}) N")
         commands.append(", ".join(parts) or "all tendons at zero, no force at the tip")
     # a step in which nothing changes is no step of the experiment
     how, purpose = "; then ".join(text for text, _ in itertools.groupby(commands)), words(planned.purpose)
@@ -423,26 +292,134 @@ def next_sentence(result: IdentificationResult) -> list[str]:
     ]
 
 
-def _explainable(result: IdentificationResult) -> list[str]:
-    """How much of the held-out error could be explained, and how much is; nothing where that is not known."""
-    least, before, after = result.ceiling, result.before_held_out, result.after_held_out
-    if least is None:
-        return []
-    text: Callable[[float | None], str]
-    if before.rms_position is not None and least.rms_position is not None and after.rms_position is not None:
-        start, end, low, text = before.rms_position, after.rms_position, least.rms_position, _millimetres
-    else:
-        start, end, low = (math.sqrt(m.chi2_per_dof) for m in (before, after, least))
-        text = _sigmas
-    how = "A Gaussian-process regression of the residual (on the inputs, their history and time)"
-    if start <= low:
-        return [f"{how} explains none of the error of the declared model on the held-out steps."]
-    shows = f"{how} shows that at most {text(start - low)} of the error on the held-out steps is explainable"
-    if not (result.effects or result.law):
-        return [f"{shows}."]
-    what, verb = ("law", "explains") if not result.effects else ("effects", "explain")
-    return [f"{shows}; the {what} above {verb} {text(start - end)}."]
+# ----------------------------------------------------------------------------------------------- remarks
 
 
-def _sigmas(number: float | None) -> str:
-    return f"{significant(number)} sigma"
+def remarks(result: IdentificationResult) -> dict[str, list[str]]:
+    """Remarks by name of the effect, for effects that have any."""
+    found = {e.name: _contradictions(e, result) + _implausible(e) for e in result.effects}
+    return {name: texts for name, texts in found.items() if texts}
+
+
+def _contradictions(e: AddedEffect, result: IdentificationResult) -> list[str]:
+    """Declared values outside the interval of the fit; what nobody declares has the default as its null value."""
+    commanded = result.simulated.commanded
+    of, found = effect(e.name, result.simulated.catalogue), []
+    default = {p.name: p for p in of.parameters_of(commanded)}
+    for name, p in e.parameters.items():
+        declared = of.null_value(commanded, name)
+        if not math.isfinite(declared) or name not in default or declared == default[name].null_value:
+            continue
+        if p.half_width is None or abs(p.value - declared) <= p.half_width:
+            continue
+        found.append(
+            f"The fit contradicts a declared value: {name} ({default[name].meaning}) is fitted as "
+            f"{estimate(p.value, p.half_width, p.unit)}, declared as {quantity(declared, p.unit, 4)}."
+        )
+    if found:
+        others = " or ".join(words(n) for n in e.indistinguishable_from) or "none of the listed effects"
+        found.append(f"If what is declared is certain, the error has another cause: {others}.")
+    return found
+
+
+def _implausible(e: AddedEffect) -> list[str]:
+    """Values that no robot has."""
+    value = {name: p.value for name, p in e.parameters.items()}
+    if e.name == "superelastic" and value["threshold_strain"] < LEAST_THRESHOLD:
+        return [
+            "A superelastic backbone is not plausible here: the fitted threshold is a strain of "
+            f"{significant(100.0 * value['threshold_strain'], 2)} %. Nickel-titanium transforms near 1 %, polymers "
+            "yield above it. The effect probably represents another cause that softens the robot."
+        ]
+    if e.name == "gravity":
+        size, text = math.hypot(*value.values()), "The magnitude of the fitted gravity is"
+        if abs(size - EARTH) <= EARTH_TOLERANCE:
+            return [f"{text} {quantity(size, 'm/s^2')}, as on Earth."]
+        if abs(size - EARTH) > math.hypot(*(p.half_width or 0.0 for p in e.parameters.values())):
+            return [
+                f"{text} {quantity(size, 'm/s^2')}, not {EARTH} m/s²: either the declared masses are wrong, or the "
+                "effect represents another cause."
+            ]
+    # One for all tendons, or for each segment or tendon.
+    if e.name == "friction_coefficient" and max(value.values()) > 1.0:
+        largest = significant(max(value.values()))
+        return [f"A friction coefficient of {largest} is above that of common materials."]
+    return []
+
+
+# ----------------------------------------------------------------------------------------------- numbers
+
+
+def statistics(result: IdentificationResult) -> list[tuple[str, str, str]]:
+    """Rows of name, value of the declared and of the final model, over the fitted readings."""
+    variables = len(result.parameters.names)
+    before, after = goodness(result.before.fit, 0), goodness(result.after.fit, variables)
+    return [
+        ("readings fitted", str(result.before.fit.count), str(result.after.fit.count)),
+        ("parameters", "0", str(variables)),
+        *((name, significant(before[name], 4), significant(after[name], 4)) for name in before),
+    ]
+
+
+@dataclass(frozen=True)
+class FittedNumber:
+    """A parameter of an effect that was added, as text."""
+
+    effect: str
+    parameter: str
+    estimate: str  # with the half-width of its 95 % interval
+    percent: str  # that half-width over the value
+    declared: str  # the value that changes nothing
+    remark: str  # what it means, and notes on the value
+
+
+def fitted_numbers(result: IdentificationResult) -> list[FittedNumber]:
+    """The parameters of all effects that were added."""
+    found, commanded = [], result.simulated.commanded
+    for e in result.effects:
+        of = effect(e.name, result.simulated.catalogue)
+        meanings = {p.name: p.meaning for p in of.parameters_of(commanded)}
+        places = of.place_names if isinstance(of, PlaceEffect) else ()  # a place has no declared value
+        for name, p in e.parameters.items():
+            declared, width = of.null_value(commanded, name), p.half_width
+            known = name not in places
+            same = known and width is not None and abs(p.value - declared) <= width
+            notes = [meanings.get(name, ""), p.note, "not different from the declared value" if same else ""]
+            found.append(
+                FittedNumber(
+                    words(e.name),
+                    name,
+                    estimate(p.value, width, p.unit),
+                    significant(100.0 * width / abs(p.value), 2) if width and p.value else DASH,
+                    quantity(declared, p.unit, 4) if known else DASH,
+                    "; ".join(filter(None, notes)),
+                )
+            )
+    return found
+
+
+def correlations(result: IdentificationResult) -> list[tuple[str, str, str]]:
+    """Pairs of fitted parameters and their correlation as a text; those of a size below 0.1 are left out."""
+    return [(a, b, fixed(value, 2)) for value, a, b in correlated(result, LEAST_CORRELATION)]
+
+
+def _aligned(*rows: Sequence[str]) -> list[str]:
+    """Rows of cells as lines in which columns begin below each other."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "    " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+
+
+def summary(result: IdentificationResult) -> str:
+    """The verdict, the statistics of the fit and the effects with their values, as plain text."""
+    lines = [headline(result), *sentences(result), *_aligned(("", "declared", "fitted"), *statistics(result))]
+    numbers, pairs = fitted_numbers(result), correlations(result)
+    if numbers:
+        head = ("parameter", f"value{SPACE}±{SPACE}95{SPACE}%", "(%)", "declared", "")
+        rows = [(f"{n.effect}: {n.parameter}", n.estimate, n.percent, n.declared, n.remark) for n in numbers]
+        lines += _aligned(head, *rows)
+    if pairs:
+        lines += _aligned((f"correlations above {LEAST_CORRELATION}", "", ""), *pairs)
+    return "\n".join([*lines, *(f"    {text}" for texts in remarks(result).values() for text in texts)])

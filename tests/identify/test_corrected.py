@@ -11,7 +11,7 @@ from tdcr_fe.cli import main
 from tdcr_fe.effects import effect, with_effects
 from tdcr_fe.identify.corrected import corrected_files, corrected_motion, observation_effects
 from tdcr_fe.identify.load_steps import divide_steps
-from tdcr_fe.identify.report import write_report
+from tdcr_fe.identify.report import render
 from tdcr_fe.io.toml import read_robot, read_scenario
 
 ROUGH = replace(ROBOT, tendons=tuple(replace(t, friction_coefficient=0.25) for t in ROBOT.tendons))
@@ -76,8 +76,8 @@ def test_effects_on_the_measurement_are_comments(tmp_path):
 def test_divided_steps_are_written_in_parts_with_the_effects_on_their_commands(tmp_path):
     """Also where an effect divides a step that is divided already."""
     result = found(COMMANDS, rough())
-    commanded = divide_steps(result.commanded, {2, 8}, 4)
-    write(replace(result, commanded=commanded), tmp_path)
+    commanded = divide_steps(result.simulated.commanded, {2, 8}, 4)
+    write(replace(result, simulated=replace(result.simulated, commanded=commanded)), tmp_path)
     scenario = read_scenario(tmp_path / "effects.toml")
     expected = with_effects(commanded, result.effects_table)
     assert [s.tensions for s in scenario.steps] == [s.tensions for s in expected.steps]
@@ -104,6 +104,8 @@ def test_effects_that_need_each_other_are_written_and_drawn(tmp_path):
     write(result, tmp_path)
     tendons = read_robot(tmp_path / "robot.toml").tendons
     assert all(t.axial_stiffness == 500.0 and t.pretension == pytest.approx(0.5) for t in tendons)
-    write_report(result, tmp_path / "report.html", corrected_motion(result, tmp_path))
-    seen = result.corrected.observation.in_base(result.shapes.backbone_after[-1, -1])
+    (tmp_path / "report.html").write_text(
+        render(result, corrected_motion(result, tmp_path)), encoding="utf-8"
+    )
+    seen = result.simulated.corrected.observation.in_base(result.shapes.backbone_after[-1, -1])
     np.testing.assert_allclose(tips_of_run(tmp_path).to_numpy()[-1], seen, rtol=0.0, atol=1e-8)

@@ -28,7 +28,7 @@ from tdcr_fe.identify.load_steps import blocks, choose_held_out
 from tdcr_fe.identify.noise import chi_square_z_score, estimate_sigma, is_noise, outliers, structure
 from tdcr_fe.identify.problem import Fit, refine
 from tdcr_fe.identify.report import render
-from tdcr_fe.identify.statistics import summary
+from tdcr_fe.identify.sentences import summary
 from tdcr_fe.io.measured import MeasuredData, write_measured
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.backbone import StiffnessPatch
@@ -179,10 +179,10 @@ def test_a_missing_effect_is_named_with_its_numbers():
     result = identify(measured({"precurvature": truth}))
     (found,) = result.effects
     assert (result.verdict, found.name) == ("explained", "precurvature") and within_errors(found, truth)
-    assert result.after_held_out.chi2_per_dof < 1.5 < result.before_held_out.chi2_per_dof
+    assert result.after.held_out.chi2_per_dof < 1.5 < result.before.held_out.chi2_per_dof
     # Those that promise far less are not simulated beside one that leaves noise.
-    first = [c for c in result.candidates if c.round == 1]
-    assert sum(c.fitted for c in first) <= 3 < 6 < len(first) and result.runs < 36
+    first = [c for c in result.log.candidates if c.round == 1]
+    assert sum(c.fitted for c in first) <= 3 < 6 < len(first) and result.log.runs < 36
 
 
 @pytest.mark.integration
@@ -242,8 +242,8 @@ def test_an_interruption_keeps_what_was_found(monkeypatch):
 
     monkeypatch.setattr(identification, "search_causes", stopped)
     result = identify(measured(GRAVITY))
-    assert result.interrupted and [e.name for e in result.effects] == ["gravity"]
-    assert result.verdict == "unfinished" and "interrupted" in result.history[-1]
+    assert result.log.interrupted and [e.name for e in result.effects] == ["gravity"]
+    assert result.verdict == "unfinished" and "interrupted" in result.log.history[-1]
 
 
 def test_the_result_carries_what_pictures_and_next_steps_need():
@@ -253,17 +253,16 @@ def test_the_result_carries_what_pictures_and_next_steps_need():
     assert shapes.held_out.sum() == len(result.held_out_steps) > 0
     values = np.array([r.value for r in result.data.readings])
     np.testing.assert_allclose(shapes.measured.ravel(), values)
-    np.testing.assert_allclose((shapes.measured - shapes.after).ravel(), result.residual_after, atol=1e-15)
+    np.testing.assert_allclose((shapes.measured - shapes.after).ravel(), result.residuals.after, atol=1e-15)
     distance = np.linalg.norm(shapes.measured - shapes.after, axis=2)[~shapes.held_out]
-    assert np.sqrt(np.mean(distance**2)) == pytest.approx(result.after_fit.rms_position)
-    assert result.after_fit.rms_position == pytest.approx(np.sqrt(3.0) * result.after_fit.rms_coordinate)
-    assert set(result.after_fit.rms_by_quantity) == {"position_x", "position_y", "position_z"}
+    assert np.sqrt(np.mean(distance**2)) == pytest.approx(result.after.fit.rms_position)
+    assert set(result.after.fit.rms_by_quantity) == {"position_x", "position_y", "position_z"}
     assert result.noise.rms_position == pytest.approx(np.sqrt(3.0) * 1e-4)
     # The corrected robot predicts the tip that the result shows, on a mesh that is fine enough.
-    fine = replace(result.corrected.model, elements_per_bay=4)
-    again = simulate(result.corrected.robot, fine, result.corrected.steps)
+    fine = replace(result.simulated.corrected.model, elements_per_bay=4)
+    again = simulate(result.simulated.corrected.robot, fine, result.simulated.corrected.steps)
     np.testing.assert_allclose(again.tips, shapes.after[:, -1], atol=5e-5)
-    assert result.corrected.model.gravity == tuple(result.effects_table["gravity"].values())
+    assert result.simulated.corrected.model.gravity == tuple(result.effects_table["gravity"].values())
 
 
 # ------------------------------------------------------------------------------------------------ the command

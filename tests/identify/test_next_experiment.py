@@ -44,7 +44,7 @@ def test_an_ambiguity_is_separated_by_the_experiment_that_was_chosen(ambiguous):
     (rival,) = leading_rivals(SEARCH, ambiguous)
     assert rival.names == ("actuator_gain",)
     planned = choose_next(SEARCH, ambiguous)
-    assert planned.separated == ("actuator_gain",) and planned.separation[0] > 5.0
+    assert set(planned.separation) == {"actuator_gain"} and planned.separation["actuator_gain"] > 5.0
     assert any(planned.steps[1].loads["tip"].force)
     data = ambiguous.problem.data
     readings = [
@@ -84,7 +84,7 @@ def test_without_rivals_the_widest_interval_shrinks(ambiguous):
     """The expected share is that of the covariance; more than a hundredth and less than all of it is left."""
     alone = replace(ambiguous, fits={k: f for k, f in ambiguous.fits.items() if "actuator_gain" not in k})
     planned = choose_next(SEARCH, alone)
-    assert planned.separated == () and planned.parameter.startswith("stiffness_scale.")
+    assert not planned.separation and planned.parameter.startswith("stiffness_scale.")
     assert 0.01 < planned.remaining_share < 0.9
 
 
@@ -128,8 +128,6 @@ def test_the_report_says_when_no_experiment_helps(ambiguous):
 
     (text,) = next_sentence(Made())
     assert text.startswith("Next experiment") and "no load" not in text
-    Made.next_experiment = replace(
-        planned, separated=(), separation=(), parameter="a.b", remaining_share=0.97
-    )
+    Made.next_experiment = replace(planned, separation={}, parameter="a.b", remaining_share=0.97)
     (text,) = next_sentence(Made())
     assert text.startswith("No experiment within the measured inputs helps much.")

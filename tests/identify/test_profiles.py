@@ -7,7 +7,7 @@ import pytest
 from identify_result import GRAVITY, result
 
 from tdcr_fe.identify import figures
-from tdcr_fe.identify.result import Profile
+from tdcr_fe.identify.result import Parameters, Profile
 
 DISTANCES = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
 
@@ -39,9 +39,7 @@ def test_pairs_that_the_data_hardly_separate_are_drawn_by_their_region():
     drawn = figures.parameters(
         result(
             replace(GRAVITY, form="gravity (a form of it)"),
-            profiles=found,
-            parameter_names=names,
-            correlation=correlation,
+            parameters=Parameters(names, correlation, found),
         )
     )
     region = [ax for ax in drawn.axes if ax.get_visible()][3:]

@@ -34,7 +34,8 @@ from tdcr_fe.identify.long_data import (
     fit_to_all_rows,
     problem_of_rows,
 )
-from tdcr_fe.identify.report import write_report
+from tdcr_fe.identify.report import render
+from tdcr_fe.identify.result import SearchLog
 from tdcr_fe.identify.sentences import sentences
 from tdcr_fe.identify.settings import ALL_STEPS, CEILING, SMALLER_MODELS, IdentifySettings
 from tdcr_fe.io.readings import Reading
@@ -141,10 +142,10 @@ def test_friction_that_explains_nothing_is_left_out_of_the_search_and_put_back()
     data = replace(free, robot=robot, model=FRICTIONAL)
     result = identify(data, IdentifySettings(candidates=2))
     assert {e.name for e in result.effects} == {"precurvature", "friction_coefficient"}
-    assert any(h.startswith("with the declared friction") for h in result.history)
+    assert any(h.startswith("with the declared friction") for h in result.log.history)
     values = {n: p.value for e in result.effects for n, p in e.parameters.items()}
     assert abs(values["kappa_x"] - 0.6) < 0.01 and values["mu"] < 0.02
-    assert result.searched.fitted_to_all and result.after_held_out.chi2_per_dof < 1.2
+    assert result.log.steps.fitted_to_all and result.after.held_out.chi2_per_dof < 1.2
 
 
 def test_the_report_says_when_all_errors_are_of_the_chosen_rows(chosen):
@@ -153,7 +154,7 @@ def test_the_report_says_when_all_errors_are_of_the_chosen_rows(chosen):
     described = found.described(found.of(data))
     assert not described.fitted_to_all and described.total == len(data.steps)
     assert described.steps == tuple(data.step_ids[k] for k in found.steps) == found.described(data).steps
-    made = identify_result.result(searched=described)
+    made = identify_result.result(log=SearchLog(steps=described))
     assert any("all errors are of these" in text for text in sentences(made))
 
 
@@ -185,16 +186,16 @@ def test_the_final_fit_and_all_errors_are_of_all_rows():
     data = long_data(11, truth=truth)
     result = identify(data, IdentifySettings(max_effects=1, candidates=2))
     assert [e.name for e in result.effects] == ["gravity"] and result.verdict == "explained"
-    assert len(result.searched.steps) <= SEARCHED and result.searched.fitted_to_all
-    assert result.before_fit.count + result.before_held_out.count == len(data.readings)
-    assert result.after_fit.count + result.after_held_out.count == len(data.readings)
-    assert 0.85 < result.after_held_out.chi2_per_dof < 1.15
+    assert len(result.log.steps.steps) <= SEARCHED and result.log.steps.fitted_to_all
+    assert result.before.fit.count + result.before.held_out.count == len(data.readings)
+    assert result.after.fit.count + result.after.held_out.count == len(data.readings)
+    assert 0.85 < result.after.held_out.chi2_per_dof < 1.15
     e = result.effects[0].parameters["g_y"]
     assert abs(e.value + 6.0) < 4.0 * e.std_error
-    assert result.to_json()["searched_steps"] == list(result.searched.steps)
+    assert result.to_json()["searched_steps"] == list(result.log.steps.steps)
     (text,) = [s for s in sentences(result) if s.startswith("The search used")]
     assert text.startswith(
-        f"The search used {len(result.searched.steps)} of 220 load steps; the final fit and all"
+        f"The search used {len(result.log.steps.steps)} of 220 load steps; the final fit and all"
     )
 
 
@@ -227,14 +228,14 @@ def test_a_final_fit_that_the_time_does_not_suffice_for_loses_nothing(searched, 
     state = fit_to_all_rows(search, state, replace(problem, deadline=hard))
     result = concluded(state, search, rows=chosen)
     assert [e.name for e in result.effects] == ["gravity", "precurvature"]
-    assert set(result.not_tried) == missed
-    assert result.searched.fitted_to_all == (ALL_STEPS not in missed)
-    count = len(problem.data.readings) if result.searched.fitted_to_all else 6 * len(chosen.steps)
-    assert result.after_fit.count + result.after_held_out.count == count
-    assert result.after_held_out.chi2_per_dof < 0.1 * result.before_held_out.chi2_per_dof
+    assert set(result.log.not_tried) == missed
+    assert result.log.steps.fitted_to_all == (ALL_STEPS not in missed)
+    count = len(problem.data.readings) if result.log.steps.fitted_to_all else 6 * len(chosen.steps)
+    assert result.after.fit.count + result.after.held_out.count == count
+    assert result.after.held_out.chi2_per_dof < 0.1 * result.before.held_out.chi2_per_dof
     first, second = result.effects
     assert (first.evidence == {}) == (SMALLER_MODELS in missed) and second.parameters
-    assert math.isnan(first.after_fit.chi2_per_dof) == (SMALLER_MODELS in missed)
-    write_report(result, tmp_path / "report.html")
+    assert math.isnan(first.after.fit.chi2_per_dof) == (SMALLER_MODELS in missed)
+    (tmp_path / "report.html").write_text(render(result), encoding="utf-8")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert ("What it adds alone is not known" in page) == (SMALLER_MODELS in missed)

@@ -103,8 +103,8 @@ def test_a_misplaced_tendon_is_told_by_its_kind_and_place():
     true = Experiment(replace(ROBOT, tendons=(*moved, *ROBOT.tendons[1:])), MODEL, measured().steps)
     data = measured(robot=true.robot)
     result = identify(data)
-    (cause,) = result.causes
-    assert (cause.perturbs, cause.depends_on, cause.where) == ("routing", ("nothing",), "tendon t1")
+    (cause,) = result.effects
+    assert cause.kind == ("routing", ("nothing",), "tendon t1")
     assert result.effects[0].parameters["angle"].value == pytest.approx(0.1, abs=0.02)
     assert not [e for e in result.effects if e.found]
 
@@ -126,8 +126,11 @@ def test_a_cause_found_on_some_of_the_rows_is_the_same_on_all():
     part = problem_of(data)
     causes = {e.name: e for e in whole_dictionary(part)}
     assert not any("row " in name and "jump" not in name for name in causes)
-    jump = causes["jump of the frame from row 7 on"]
+    jump, one = (causes[f"jump of {who} from row 7 on"] for who in ("all markers", "the marker at s = 0.1 m"))
     for problem in (part, whole):
         steps = np.array([r.step for r in problem.data.readings])
         expected = np.where((steps >= 7) & (problem.readings.axes == 0), 1e-3, 0.0)
-        np.testing.assert_array_equal(jump.shift(problem, {"x": 1e-3, "y": 0.0, "z": 0.0}), expected)
+        own = np.array([r.location == 0.1 for r in problem.data.readings])
+        values = {"x": 1e-3, "y": 0.0, "z": 0.0}
+        np.testing.assert_array_equal(jump.shift(problem, values), expected)
+        np.testing.assert_array_equal(one.shift(problem, values), own * expected)

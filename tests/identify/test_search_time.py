@@ -63,12 +63,14 @@ def identified(monkeypatch, data, jumps, **given):
 def test_search_without_time_ends_with_the_first_effect_and_says_what_is_not_tried(monkeypatch):
     """Two effects are missing; when the first is fitted the time is over. It used to go on for as long as it took."""
     result = identified(monkeypatch, measured(TWO), {"fitting": 1.05}, candidates=2)
-    assert len(result.effects) == 1 and result.verdict == "unfinished" and not result.interrupted
-    assert result.not_tried[0] == FURTHER_EFFECTS and result.to_json()["not_tried"] == list(result.not_tried)
-    assert {EXCHANGES, CEILING} < set(result.not_tried) and result.ceiling is None
+    assert len(result.effects) == 1 and result.verdict == "unfinished" and not result.log.interrupted
+    assert result.log.not_tried[0] == FURTHER_EFFECTS and result.to_json()["not_tried"] == list(
+        result.log.not_tried
+    )
+    assert {EXCHANGES, CEILING} < set(result.log.not_tried) and result.ceiling is None
     assert headline(result).startswith("Unfinished: the search ran out of time")
     assert any("too short for further effects" in s for s in sentences(result))
-    assert result.after_fit.rms_position < result.before_fit.rms_position
+    assert result.after.fit.rms_position < result.before.fit.rms_position
 
 
 @pytest.mark.parametrize(("deadline", "noted"), [(0.0, (EXCHANGES,)), (float("inf"), ())])
@@ -89,7 +91,7 @@ def test_a_search_whose_fits_end_with_the_time_has_not_tried_everything(deadline
 def test_what_was_found_before_the_time_limit_remains(monkeypatch, stage, missed, truth):
     result = identified(monkeypatch, measured(truth), {stage: 1.2}, candidates=2)
     assert {e.name for e in result.effects} == set(truth) and result.verdict == "explained"
-    assert missed in result.not_tried and NEXT_EXPERIMENT in result.not_tried
+    assert missed in result.log.not_tried and NEXT_EXPERIMENT in result.log.not_tried
 
 
 def test_a_simulation_ends_at_its_deadline():

@@ -18,8 +18,7 @@ from tdcr_fe.identify.derivatives import TOLERANCE, Column, Request, balanced, l
 from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.problem import with_elements
 from tdcr_fe.identify.report import render
-from tdcr_fe.identify.sentences import headline
-from tdcr_fe.identify.statistics import summary
+from tdcr_fe.identify.sentences import headline, summary
 from tdcr_fe.identify.terms import (
     ABOUT_X,
     BENDING,
@@ -171,11 +170,11 @@ def found():
 def test_result_and_report_have_the_law(found):
     result, drift = found
     assert result.verdict == "explained by a law found"
-    (cause,) = result.causes
-    assert (cause.name, cause.perturbs, cause.depends_on) == ("t e_x", "precurvature", ("time",))
-    assert cause.probability > 0.9
+    (cause,) = result.effects
+    assert (cause.form, *cause.kind[:2]) == ("t e_x", "precurvature", ("time",))
+    assert cause.kind_probability > 0.9
     assert result.effects[0].parameters["coefficient"].value == pytest.approx(drift, rel=0.05)
-    assert result.after_held_out.chi2_per_dof < 1.5 < 0.1 * result.before_held_out.chi2_per_dof
+    assert result.after.held_out.chi2_per_dof < 1.5 < 0.1 * result.before.held_out.chi2_per_dof
     document = json.loads(json.dumps(result.to_json()))
     assert document["effects"] == [] and document["causes"][0]["perturbs"] == "precurvature"
     assert document["law"]["formula"].startswith("t e_x (coefficient = ")

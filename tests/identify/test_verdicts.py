@@ -74,8 +74,10 @@ def test_without_sigma_a_model_that_leaves_noise_proves_nothing():
     result = concluded(begun(data), sigma_estimated=True)
     assert (result.verdict, result.remaining.where) == ("cannot tell", "the noise")
     text = render(result)
-    assert "the noise of the sensors is not known" in text and "No sigma is given for position" in text
-    assert "The noise is estimated from the scatter of the readings" in text
+    assert (
+        "the noise of the sensors is not known" in text
+        and "No sigma is given for position: the noise is estimated" in text
+    )
     assert unknown_noise(data) == []
 
 
@@ -108,11 +110,11 @@ def test_few_readings_get_one_effect_with_fewer_parameters_than_readings_at_most
     result = identify(few)
     assert result.verdict in ("cannot tell", "partly explained", "unexplained") and len(result.effects) <= 1
     # Steps after the last reading, several effects and local causes are not simulated.
-    assert len(result.data.steps) == 10 and result.runs < 150
+    assert len(result.data.steps) == 10 and result.log.runs < 150
     declared = Experiment(few.robot, few.model, few.steps)
     sizes = {form.name: len(form.parameters) for e in EFFECTS for form in (e, *e.forms(declared))}
-    assert any(c.fitted for c in result.candidates)
-    named = [n for c in result.candidates if c.fitted for n in c.name.split(" + ") if n in sizes]
+    assert any(c.fitted for c in result.log.candidates)
+    named = [n for c in result.log.candidates if c.fitted for n in c.name.split(" + ") if n in sizes]
     assert named and all(sizes[n] < len(few.readings) for n in named)
 
 

@@ -160,8 +160,7 @@ def outcome(made, verdict="explained", named=(("precurvature", ()),), off=1.0, a
         verdict=verdict,
         effects=effects,
         held_out_steps=(1, 2, 3),
-        residual_before=3.0 * noise,
-        residual_after=noise,
+        residuals=SimpleNamespace(before=3.0 * noise, after=noise),
         remaining=SimpleNamespace(where="nowhere"),
     )
     return score(answer, result)

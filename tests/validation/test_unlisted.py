@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tdcr_fe.identify.result import FoundCause
+from tdcr_fe.identify.causes import LISTED, Kind
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
@@ -86,14 +86,13 @@ def test_a_blind_set_differs_from_the_declared_robot_above_the_noise(name):
 
 def judged(name, *kinds, effects=()):
     """The outcome of a set where causes of these kinds and these effects were found."""
-    causes = tuple(
-        FoundCause("", perturbs, tuple(depends_on), "everywhere", 1.0) for perturbs, *depends_on in kinds
-    )
+    causes = [("", Kind(perturbs, tuple(depends_on))) for perturbs, *depends_on in kinds]
+    causes += [(e, LISTED[e]) for e in effects]
     misfit = SimpleNamespace(rms_position=1e-3)
+    errors = SimpleNamespace(held_out=misfit)
     result = SimpleNamespace(
-        verdict="explained by a law found", effects=tuple(SimpleNamespace(name=e, found=True) for e in effects),
-        causes=causes,
-        before_held_out=misfit, after_held_out=misfit, noise=misfit,
+        verdict="explained by a law found", before=errors, after=errors, noise=misfit,
+        effects=[SimpleNamespace(name=n, found=bool(n), kind=kind, kind_probability=1.0) for n, kind in causes],
     )  # fmt: skip
     return judge(next(r for r in RECIPES if r.name == name), result, 1.0)
 

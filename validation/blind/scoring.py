@@ -62,7 +62,7 @@ def score(answer: Answer, result: IdentificationResult, seconds: float = 0.0) ->
     noise = np.array([data.readings[i].value - answer.noise_free[i] for i in use])
     rms = [
         float(np.sqrt(np.mean(p**2)))
-        for p in (noise, result.residual_before[use], result.residual_after[use])
+        for p in (noise, result.residuals.before[use], result.residuals.after[use])
     ]
     inside: dict[bool, list[str]] = {True: [], False: []}
     for e in effects:

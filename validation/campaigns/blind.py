@@ -124,7 +124,7 @@ class Blind(Campaign):
                 f"{type(error).__name__}: {error}" if isinstance(error, NotMade) else traceback.format_exc()
             )
             return Score(case.seed, case.kind, list(case.effects), "failed", error=text)
-        if result.interrupted:  # it is not the result of this set
+        if result.log.interrupted:  # it is not the result of this set
             raise KeyboardInterrupt
         return score(answer, result, seconds)
 

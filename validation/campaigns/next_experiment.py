@@ -102,13 +102,13 @@ def run_set(which: Ambiguity) -> Outcome:
     if not {which.truth, which.rival} <= _explanations(found):
         return Outcome(name, False)
     chosen = found.next_experiment
-    if chosen is None or not chosen.separated:
+    if chosen is None or not chosen.separation:
         return Outcome(name, True)
     added = carried_out("next", replace(declared, steps=chosen.steps), ["next"] * len(chosen.steps))
     after = identify(join_measured([first, added]))
     named = ", ".join(e.name for e in after.effects)
     separated = named == which.truth and which.rival not in _explanations(after)
-    return Outcome(name, True, min(chosen.separation), named, separated)
+    return Outcome(name, True, min(chosen.separation.values()), named, separated)
 
 
 class NextExperimentSets(Campaign):

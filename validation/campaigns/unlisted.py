@@ -49,18 +49,19 @@ class Outcome:
 
 def judge(recipe: Recipe, result: IdentificationResult, seconds: float) -> Outcome:
     """What was found, beside what the recipe hides."""
-    kinds = {(c.perturbs, c.depends_on) for c in result.causes}
+    kinds = {e.kind[:2] for e in result.effects}
     return Outcome(
         cause=recipe.name,
         truth=f"{recipe.perturbs}: {recipe.depends_on}",
         verdict=result.verdict,
         effects=[e.name for e in result.effects if e.found],
         causes=[
-            f"{c.perturbs}: {', '.join(c.depends_on)}; {c.where} ({c.probability:.2f})" for c in result.causes
+            f"{e.kind.perturbs}: {', '.join(e.kind.depends_on)}; {e.kind.where} ({e.kind_probability:.2f})"
+            for e in result.effects
         ],
         right=kinds == {(recipe.perturbs, (recipe.depends_on,))},
-        before=result.before_held_out.rms_position,
-        after=result.after_held_out.rms_position,
+        before=result.before.held_out.rms_position,
+        after=result.after.held_out.rms_position,
         noise=result.noise.rms_position,
         seconds=seconds,
     )
@@ -84,7 +85,7 @@ class Unlisted(Campaign):
         write_measured(made.data, out / "sets" / str(case))
         begun = time.process_time()
         result = identify(made.data)
-        if result.interrupted:  # it is not the result of this set
+        if result.log.interrupted:  # it is not the result of this set
             raise KeyboardInterrupt
         return judge(recipe, result, time.process_time() - begun)
 

@@ -94,8 +94,8 @@ pd.concat(readings).to_csv(folder / "observations.csv", index=False)
 
 found = tdcr.identify(tdcr.read_measured(folder))
 print(
-    f"{found.verdict}; rms distance {1e3 * found.before_fit.rms_position:.3f} mm before, "
-    f"{1e3 * found.after_fit.rms_position:.3f} mm after"
+    f"{found.verdict}; rms distance {1e3 * found.before.fit.rms_position:.3f} mm before, "
+    f"{1e3 * found.after.fit.rms_position:.3f} mm after"
 )
 assert [effect.name for effect in found.effects] == ["friction_coefficient"]
 friction = found.effects[0].parameters["mu"]
