@@ -8,7 +8,7 @@ from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
 from tdcr_fe.identify.forward import ForwardModel, Task, run_settings, simulate_experiment
 from tdcr_fe.identify.identification import _declared, _prepare
 from tdcr_fe.identify.problem import FitProblem, evaluate
-from tdcr_fe.identify.reader import Reader
+from tdcr_fe.identify.run import Reader
 from tdcr_fe.identify.search_state import Search, SearchState
 from tdcr_fe.identify.settings import IdentifySettings
 from tdcr_fe.identify.verdict import Found, conclude

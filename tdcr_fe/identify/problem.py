@@ -14,9 +14,8 @@ from tdcr_fe.identify.bay_state import with_action
 from tdcr_fe.identify.causes import ReadingCause
 from tdcr_fe.identify.forward import ForwardModel, Job
 from tdcr_fe.identify.load_steps import divide_steps, join_steps
-from tdcr_fe.identify.reader import Reader
 from tdcr_fe.identify.result import Misfit
-from tdcr_fe.identify.run import Run
+from tdcr_fe.identify.run import Reader, Run
 from tdcr_fe.io.measured import MeasuredData
 
 Array = NDArray[np.float64]

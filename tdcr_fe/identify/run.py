@@ -1,4 +1,4 @@
-"""The run of one experiment: what predictions need of it, its derivatives by parameters, and its path."""
+"""The run of one experiment: its path, its derivatives by parameters, and the readings that it predicts."""
 
 from __future__ import annotations
 
@@ -12,6 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.bay_state import Action, BayState, Response
+from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.channels import Channel, Location, arc_lengths, channel
+from tdcr_fe.model.interpolation import ElementChange, elements_at, share_change, within_elements_change
+from tdcr_fe.model.observed_step import AT_NODE, ObservedChange, ObservedStep
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.scene.mesh import build_mesh
 
@@ -316,3 +320,124 @@ class Run:
         turn = np.full((ok.size, 3), np.nan)
         turn[ok] = Rotation.from_matrix(relative.reshape(-1, 3, 3)[ok]).as_rotvec()
         return turn.reshape(*n, 3) / np.diff(self.s)[None, :, None]
+
+
+class Reader:
+    """Predicts readings from a run, by the channels of `tdcr_fe.model.channels`.
+
+    Parameters
+    ----------
+    readings
+        What is measured, where and in which step.
+    step_ids
+        Numbers of the steps in order.
+    tendon_names
+        Of the robot.
+    """
+
+    def __init__(
+        self, readings: Sequence[Reading], step_ids: Sequence[int], tendon_names: Sequence[str]
+    ) -> None:
+        self._made_of = tuple(readings), tuple(step_ids), tuple(tendon_names)
+        index = {n: i for i, n in enumerate(step_ids)}
+        self.count = len(readings)
+        self.step = np.array([index[r.step] for r in readings], dtype=int)
+        #: By channel: which readings, and their locations.
+        self._groups: list[tuple[Channel, NDArray[np.int_], list[Location]]] = []
+        for quantity in dict.fromkeys(r.quantity for r in readings):
+            which = np.array([i for i, r in enumerate(readings) if r.quantity == quantity])
+            self._groups.append((channel(quantity), which, [readings[i].location for i in which]))
+
+    def __reduce__(self) -> tuple[type[Reader], tuple[object, ...]]:
+        """Sent to a process as what it is made of: channels are functions."""
+        return Reader, self._made_of
+
+    def _observed(self, run: Run, experiment: Experiment, steps: slice | int) -> ObservedStep:
+        """What is observed of some of a run's steps."""
+        return experiment.observation.step(
+            np.broadcast_to(run.s, run.positions.shape[:2])[steps],
+            run.positions[steps],
+            run.rotations[steps],
+            run.displacements[steps],
+            run.distal_tensions[steps],
+            self._made_of[2],
+        )
+
+    def read(self, run: Run, experiment: Experiment) -> Array:
+        """What would be read, in the readings' units, shape (n,); NaN for steps that were not solved.
+
+        Parameters
+        ----------
+        run
+            Of the experiment's robot, model and steps.
+        experiment
+            Whose observation map is used.
+        """
+        out, step = np.full(self.count, np.nan), self._observed(run, experiment, slice(run.solved))
+        for known, which, locations in self._groups:
+            places = list(dict.fromkeys(locations))
+            values, at = known.predict(step, places), np.array([places.index(x) for x in locations])
+            ok = self.step[which] < run.solved
+            out[which[ok]] = values[self.step[which][ok], at[ok]]
+        return out
+
+    def derivatives(self, run: Run, experiment: Experiment) -> Array:
+        """Derivatives of what would be read by the parameters of a run, shape (n, P); NaN where not solved.
+
+        Those of markers are exact; those of other channels differences of the channel.
+
+        Parameters
+        ----------
+        run
+            With derivatives.
+        experiment
+            Whose observation map is used.
+        """
+        by = run.derivatives
+        assert by is not None
+        out = np.full((self.count, len(by.names)), np.nan)
+        for known, which, locations in self._groups:
+            ok = self.step[which] < run.solved
+            own, steps = which[ok], self.step[which][ok]
+            places = [x for x, solved in zip(locations, ok, strict=True) if solved]
+            if known.family == "position" and own.size:
+                frame = self._observed(run, experiment, 0)
+                changes = _marker_changes(run, by, steps, arc_lengths(places), frame)
+                out[own] = changes[:, "xyz".index(known.quantity[-1])]
+                continue
+            for k in np.unique(steps).tolist():
+                change = ObservedChange(
+                    by.positions[k],
+                    by.rotations[k],
+                    by.displacements[k],
+                    by.distal_tensions[k],
+                    by.arc_lengths,
+                )
+                mine = [x for x, step in zip(places, steps, strict=True) if step == k]
+                out[own[steps == k]] = known.derivatives(self._observed(run, experiment, k), change, mine)
+        return out
+
+
+def _marker_changes(
+    run: Run, by: RunDerivatives, steps: NDArray[np.int_], s: Array, frame: ObservedStep
+) -> Array:
+    """Derivatives of measured positions of markers at arc lengths in some steps, shape (m, 3, P)."""
+    nearest = np.argmin(np.abs(s[:, None] - run.s), axis=1)
+    levers = np.einsum("nij,nj->ni", run.rotations[steps, nearest], frame.offsets(s))
+    if np.max(np.abs(run.s[nearest] - s), initial=0.0) < AT_NODE and not np.any(by.arc_lengths):
+        moved = by.positions[steps, nearest]
+    else:
+        k = elements_at(run.s, s)
+        length, p, r = run.s[k + 1] - run.s[k], run.positions, run.rotations
+        share = (s - run.s[k]) / length
+        change = ElementChange(
+            by.positions[steps, k],
+            by.rotations[steps, k],
+            by.positions[steps, k + 1],
+            by.rotations[steps, k + 1],
+            share_change(by.arc_lengths[k], by.arc_lengths[k + 1], share, length),
+        )
+        ends = p[steps, k], r[steps, k], p[steps, k + 1], r[steps, k + 1]
+        moved = within_elements_change(*ends, share, change)
+    turned = np.cross(by.rotations[steps, nearest], levers[..., None], axis=1)
+    return np.asarray(frame.frame @ (moved + turned))

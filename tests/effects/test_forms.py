@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.effects import EFFECTS, ExcitationRange, Experiment, Observation, effect, with_effect
 from tdcr_fe.effects.by_tendon import segments
 from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
-from tdcr_fe.identify.reader import Reader
+from tdcr_fe.identify.run import Reader
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import channel
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings

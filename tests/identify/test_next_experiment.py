@@ -11,8 +11,8 @@ from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.next_experiment import candidate_sequences, choose_next, leading_rivals
-from tdcr_fe.identify.reader import Reader
 from tdcr_fe.identify.result import IdentificationResult
+from tdcr_fe.identify.run import Reader
 from tdcr_fe.identify.sentences import next_sentence
 from tdcr_fe.io.loading_table import read_loading
 from tdcr_fe.io.readings import Reading

@@ -12,7 +12,7 @@ from robots import LENGTH, three
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.identify.forward import ForwardModel, Task, run_settings, simulate_experiment
 from tdcr_fe.identify.problem import FitProblem, evaluate
-from tdcr_fe.identify.reader import Reader
+from tdcr_fe.identify.run import Reader
 from tdcr_fe.io.measured import MeasuredData, join_measured, read_measured, write_measured
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.readings import Reading

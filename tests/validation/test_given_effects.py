@@ -9,7 +9,7 @@ from robots import LENGTH, three
 
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
-from tdcr_fe.identify.reader import Reader
+from tdcr_fe.identify.run import Reader
 from tdcr_fe.io.measured import MeasuredData, write_measured
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings

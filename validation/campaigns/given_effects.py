@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 from tdcr_fe.effects import EFFECTS, Effect, Experiment, effect
 from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.load_steps import held_out_branches
-from tdcr_fe.identify.reader import Reader
+from tdcr_fe.identify.run import Reader
 from tdcr_fe.io.measured import MeasuredData, join_measured, read_measured
 from tdcr_fe.validation.runner import Campaign
 
