@@ -101,17 +101,8 @@ class FaultyData(Campaign):
         made, report = out / "sets" / str(case), out / "reports" / str(case)
         tables.write(made)
         shutil.rmtree(report, ignore_errors=True)
-        command = [
-            sys.executable,
-            "-m",
-            "tdcr_fe",
-            "identify",
-            str(made),
-            "-o",
-            str(report),
-            "--processes",
-            "1",
-        ]
+        program = [sys.executable, "-m", "tdcr_fe", "identify"]
+        command = [*program, str(made), "-o", str(report), "--processes", "1"]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         return judge(fault, done.returncode, done.stderr, done.stdout, report)
 
