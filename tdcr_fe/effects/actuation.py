@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Parameter, Points, Values
+from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Kind, Parameter, Points, Values
 from tdcr_fe.effects.by_tendon import NumberForm, SharedNumber, for_each
 from tdcr_fe.model.loading import Load, LoadStep, resolve
 
@@ -155,6 +155,7 @@ class ActuatorBacklash(Effect):
     """
 
     name = "actuator_backlash"
+    kind = Kind("input", ("direction of loading",))
     parameters = (Parameter("backlash", "m", 0.0, 0.05, 0.0, 1e-4, "travel that is lost"),)
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
@@ -189,6 +190,7 @@ class ActuatorLoss(Effect):
     """
 
     name = "actuator_loss"
+    kind = Kind("input", ("direction of loading",))
     parameters = (
         Parameter("dead_band", "N", 0.0, 20.0, 0.0, 0.02, "tension lost whatever the tension is"),
         Parameter("efficiency", "1", 0.3, 1.0, 1.0, 0.02, "fraction of the rest that arrives"),
@@ -276,6 +278,7 @@ class ActuatorGain(CommandNumber):
     """
 
     name = "actuator_gain"
+    kind = Kind("input", ("nothing",))
     parameters = (Parameter("gain", "1", 0.05, 20.0, 1.0, 0.03, "actual over commanded value"),)
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
@@ -302,6 +305,7 @@ class IdleTension(CommandNumber):
     """
 
     name = "idle_tension"
+    kind = Kind("input", ("nothing",))
     parameters = (Parameter("tension", "N", 0.0, 20.0, 0.0, 0.02, "least tension of a tendon"),)
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -237,6 +237,14 @@ class ExcitationRange:
     duration: float = 0.0
 
 
+class Kind(NamedTuple):
+    """Of a cause: what it perturbs, what that depends on, and where it acts; words as in `result.json`."""
+
+    perturbs: str
+    depends_on: tuple[str, ...]
+    where: str = "everywhere"
+
+
 class Effect:
     """A candidate that a model may be missing. Adding one takes a class and an entry of `tdcr_fe.effects.EFFECTS`.
 
@@ -248,6 +256,8 @@ class Effect:
         What it is, and where it comes from in a real robot.
     separating_experiment : str
         Experiment that separates it from effects with similar traces.
+    kind : Kind
+        Without one, an effect perturbs what its name says.
     parameters : tuple of Parameter
     exact_derivatives : bool
         Whether the derivatives by its parameters come out of the run (docs/sensitivities.md), or from the
@@ -258,6 +268,7 @@ class Effect:
     name: str = ""
     description: str = ""
     separating_experiment: str = ""
+    kind: Kind = Kind("", ("nothing",))
     parameters: tuple[Parameter, ...] = ()
     exact_derivatives: bool = True
     #: Whether it acts at disks or at the holes in them.
@@ -270,7 +281,9 @@ class Effect:
     further: ClassVar[Mapping[str, Parameter]] = {}
 
     def __init_subclass__(cls) -> None:
-        """Take description and separating experiment from a docstring that has them as paragraphs."""
+        """Take description and separating experiment from a docstring with these paragraphs, and name the kind."""
+        if not cls.kind.perturbs:
+            cls.kind = Kind(cls.name, ("nothing",))
         paragraphs = [" ".join(text.split()) for text in (cls.__doc__ or "").split("\n\n")]
         for number, text in enumerate(paragraphs):
             if text.startswith(DISTINGUISHED_BY):
@@ -378,7 +391,14 @@ class Form(Effect):
 
     def __init__(self, of: Effect, kind: str, names: Sequence[str], experiment: Experiment) -> None:
         self.of, self.name = of, f"{of.name} ({kind})"
-        for same in ("description", "separating_experiment", "after", "exact_derivatives", "needs_friction"):
+        for same in (
+            "description",
+            "separating_experiment",
+            "kind",
+            "after",
+            "exact_derivatives",
+            "needs_friction",
+        ):
             setattr(self, same, getattr(of, same))
         known = {p.name: p for p in of.parameters_of(experiment)}
         self.parameters = tuple(known[n] for n in names)

@@ -6,7 +6,17 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Form, Parameter, Points, Values
+from tdcr_fe.effects.base import (
+    Bounds,
+    Effect,
+    ExcitationRange,
+    Experiment,
+    Form,
+    Kind,
+    Parameter,
+    Points,
+    Values,
+)
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.tendon import Tendon
@@ -194,6 +204,7 @@ class TendonStretch(TendonNumber):
     """
 
     name = "tendon_stretch"
+    kind = Kind("input", ("tension",))
     parameters = (
         Parameter("axial_stiffness", "N", 1.0, math.inf, math.inf, 1e-3, "EA of the tendons", inverse=True),
     )
@@ -232,6 +243,7 @@ class Pretension(TendonNumber):
     """
 
     name = "pretension"
+    kind = Kind("input", ("nothing",))
     after = ("tendon_stretch",)
     parameters = (
         Parameter("tension", "N", 0.0, 1e3, 0.0, 0.05, "of the tendons in the straight, unloaded robot"),

@@ -13,6 +13,7 @@ from tdcr_fe.effects.base import (
     ExcitationRange,
     Experiment,
     Form,
+    Kind,
     Parameter,
     Points,
     Values,
@@ -32,6 +33,7 @@ class HoleFriction(TendonNumber):
     """
 
     name = "friction_coefficient"
+    kind = Kind("transmission", ("turning angle",))
     needs_disks = needs_friction = True
     parameters = (Parameter("mu", "1", 0.0, 3.0, 0.0, 0.03, "coefficient of friction at the holes"),)
 
@@ -91,6 +93,7 @@ class HoleAdhesion(CommonNumber):
     """
 
     name, field = "hole_adhesion", "adhesion"
+    kind = Kind("transmission", ("slip",))
     needs_disks = needs_friction = True
     parameters = (Parameter("drop", "N", 0.0, 10.0, 0.0, 5e-3, "tension that one hole takes"),)
 
@@ -124,6 +127,7 @@ class RoutingTwist(Effect):
     """
 
     name = "routing_twist"
+    kind = Kind("routing", ("place",))
     parameters = (Parameter("angle_tip", "rad", -6.3, 6.3, 0.0, 0.03, "rotation of the holes at the tip"),)
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
@@ -146,6 +150,7 @@ class HoleClearance(CommonNumber):
     """
 
     name, field = "hole_clearance", "clearance"
+    kind = Kind("routing", ("curvature",))
     needs_disks = True
     parameters = (Parameter("clearance", "m", 0.0, 5e-3, 0.0, 1e-4, "how far the tendon can shift sideways"),)
 
@@ -191,6 +196,7 @@ class MisplacedChannels(Effect):
     """
 
     name = "misplaced_channels"
+    kind = Kind("routing", ("place",))
     parameters = (_parameter("factor_end"),)
     _further = tuple(_parameter(n) for n in AS_DECLARED if n != "factor_end")
     further: ClassVar[Mapping[str, Parameter]] = {

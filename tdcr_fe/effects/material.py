@@ -6,7 +6,7 @@ import itertools
 import math
 from dataclasses import replace
 
-from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Parameter, Points, Values
+from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Kind, Parameter, Points, Values
 from tdcr_fe.model.backbone import NonlinearMaterial, StiffnessPatch, Superelastic
 
 
@@ -20,6 +20,7 @@ class StiffnessScale(Effect):
     """
 
     name = "stiffness_scale"
+    kind = Kind("stiffness", ("nothing",))
     parameters = (
         Parameter("bending", "1", 0.05, 20.0, 1.0, 0.05, "factor on the bending stiffness"),
         Parameter("torsion", "1", 0.05, 20.0, 1.0, 0.1, "factor on the torsional stiffness"),
@@ -42,6 +43,7 @@ class SuperelasticBackbone(Effect):
     """
 
     name = "superelastic"
+    kind = Kind("stiffness", ("curvature",))
     parameters = (
         Parameter("threshold_strain", "1", 1e-5, 0.2, 0.2, 1e-3, "strain of the outer fibre where it begins"),
         Parameter("plateau_ratio", "1", 0.01, 1.0, 1.0, 0.1, "slope beyond it over the slope before it"),
@@ -90,6 +92,7 @@ class Precurvature(Effect):
     """
 
     name = "precurvature"
+    kind = Kind("precurvature", ("nothing",))
     parameters = (
         Parameter("kappa_x", "1/m", -20.0, 20.0, 0.0, 0.05, "turning rate of the section about its x axis"),
         Parameter("kappa_y", "1/m", -20.0, 20.0, 0.0, 0.05, "turning rate of the section about its y axis"),
@@ -114,6 +117,7 @@ class BaseCompliance(Effect):
     """
 
     name = "base_compliance"
+    kind = Kind("base", ("nothing",), "base")
     parameters = (
         Parameter(
             "stiffness",
@@ -153,6 +157,7 @@ class RigidDisks(Effect):
     """
 
     name = "rigid_disks"
+    kind = Kind("stiffness", ("place",), "disks")
     needs_disks = True
     parameters = (
         Parameter("thickness", "m", 0.0, 0.1, 0.0, 1e-3, "length of backbone that each disk makes rigid"),
@@ -216,6 +221,7 @@ class Creep(Effect):
     """
 
     name = "creep"
+    kind = Kind("stiffness", ("time",))
     parameters = (
         Parameter(
             "rate", "1/s", 0.0, 10.0, 0.0, 1e-4, "growth of the compliance per second, over the elastic one"
@@ -265,6 +271,7 @@ class ModulusScale(SoftEffect):
     """
 
     name = "modulus_scale"
+    kind = Kind("stiffness", ("nothing",))
     parameters = (
         Parameter("factor", "1", 0.02, 50.0, 1.0, 0.05, "factor on all stiffnesses of the backbone"),
     )
@@ -287,6 +294,7 @@ class DensityScale(SoftEffect):
     """
 
     name = "density_scale"
+    kind = Kind("force", ("nothing",), "along the backbone")
     parameters = (Parameter("factor", "1", 0.02, 50.0, 1.0, 0.05, "factor on the density of the backbone"),)
 
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
@@ -309,6 +317,7 @@ class NonlinearBackbone(SoftEffect):
     """
 
     name = "nonlinear_material"
+    kind = Kind("stiffness", ("curvature",))
     parameters = (
         Parameter(
             "quadratic", "1", -20.0, 20.0, 0.0, 0.3, "below zero softer in tension than in compression"
@@ -337,6 +346,7 @@ class Gravity(Effect):
     """
 
     name = "gravity"
+    kind = Kind("force", ("nothing",), "along the backbone")
     parameters = tuple(
         Parameter(f"g_{axis}", "m/s^2", -12.0, 12.0, 0.0, 1.0, f"acceleration of gravity along {axis}")
         for axis in "xyz"
@@ -361,6 +371,7 @@ class TipPayload(Effect):
     """
 
     name = "tip_payload"
+    kind = Kind("force", ("nothing",), "tip")
     parameters = (Parameter("mass", "kg", 0.0, 10.0, 0.0, 5e-4, "mass at the tip besides the declared one"),)
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:

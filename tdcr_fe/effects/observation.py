@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.effects.base import Effect, Experiment, Form, Parameter, Values
+from tdcr_fe.effects.base import Effect, Experiment, Form, Kind, Parameter, Values
 from tdcr_fe.effects.by_tendon import for_each
 
 AXES = "xyz"
@@ -24,6 +24,7 @@ class FrameMisalignment(Effect):
     """
 
     name = "frame_misalignment"
+    kind = Kind("reading", ("nothing",))
     parameters = tuple(
         Parameter(f"rot_{axis}", "rad", -0.6, 0.6, 0.0, 5e-3, f"rotation vector, component {axis}")
         for axis in AXES
@@ -68,6 +69,7 @@ class MarkerOffset(Effect):
     """
 
     name = "marker_offset"
+    kind = Kind("reading", ("nothing",))
     parameters = tuple(
         Parameter(f"offset_{axis}", "m", -0.05, 0.05, 0.0, 2e-4, f"along the section's {axis} axis")
         for axis in AXES[:2]

@@ -19,6 +19,7 @@ from tdcr_fe.effects.base import (
     Effect,
     ExcitationRange,
     Experiment,
+    Kind,
     Parameter,
     Points,
     Values,
@@ -120,6 +121,7 @@ class EffectAtPlace(Effect):
         self.name = f"{general.name} ({where})"
         self.description = general.description
         self.separating_experiment = general.separating_experiment
+        self.kind = general.kind._replace(where=self.where)
         self.parameters = tuple(p for p in general.parameters if p.name not in general.place_names)
 
     @property
@@ -183,6 +185,7 @@ class SoftBay(BayEffect):
     """
 
     name = "soft_bay"
+    kind = Kind("stiffness", ("place",))
     parameters = (
         Parameter("s", "m", 0.0, 1e3, 0.0, 1e-3, "middle of the bay"),
         Parameter("factor", "1", 0.02, 50.0, 1.0, 0.2, "factor on the bending stiffness", inverse=True),
@@ -206,6 +209,7 @@ class Kink(BayEffect):
     """
 
     name = "kink"
+    kind = Kind("precurvature", ("place",))
     parameters = (
         Parameter("s", "m", 0.0, 1e3, 0.0, 1e-3, "middle of the bay"),
         Parameter("kappa_x", "1/m", -200.0, 200.0, 0.0, 0.5, "turning rate about the section's x axis"),
@@ -238,6 +242,7 @@ class SpringToGround(PlaceEffect):
     """
 
     name = "side_spring"
+    kind = Kind("force", ("position",))
     parameters = (
         Parameter("s", "m", 0.0, 1e3, 0.0, 1e-3, "arc length"),
         Parameter("stiffness", "N/m", 0.0, 1e6, 0.0, 0.05, "sideways, at rest where the unloaded robot is"),
@@ -271,6 +276,7 @@ class StuckHole(PlaceEffect):
     """
 
     name = "stuck_hole"
+    kind = Kind("transmission", ("place",))
     needs_friction = True
     saturates = True
     place_names = ("tendon", "s")

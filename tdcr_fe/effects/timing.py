@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tdcr_fe.effects.actuation import loads_between
-from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Parameter, Points, Values
+from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Kind, Parameter, Points, Values
 from tdcr_fe.model.loading import Actuation, LoadStep, resolve
 
 
@@ -21,6 +21,7 @@ class TimeLag(Effect):
     """
 
     name = "time_lag"
+    kind = Kind("input", ("time",))
     parameters = (
         Parameter("lag", "s", 0.0, 3600.0, 0.0, 0.02, "time by which a reading is older than its command"),
     )

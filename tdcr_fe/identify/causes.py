@@ -1,19 +1,19 @@
-"""What a cause is: the kind of every effect, and two kinds of causes that no description of a robot can have.
+"""Causes without a name, also those that no description of a robot can have.
 
-A cause perturbs something, depends on something, and acts somewhere. The listed effects are named causes. Loads that
-depend on the solved state, and shifts of the readings, are causes without a name.
+A cause perturbs something, depends on something, and acts somewhere (`Kind`). The listed effects are named causes.
+Loads that depend on the solved state, and shifts of the readings, are causes without a name.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.effects import Effect, EffectAtPlace, Experiment, Parameter
-from tdcr_fe.effects.base import Bounds, ExcitationRange, Points, Values
+from tdcr_fe.effects import Effect, Experiment, Parameter
+from tdcr_fe.effects.base import Bounds, ExcitationRange, Kind, Points, Values
 from tdcr_fe.identify.bay_state import COMPONENTS, BayState
 
 if TYPE_CHECKING:
@@ -22,59 +22,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-class Kind(NamedTuple):
-    """Of a cause: what it perturbs, what that depends on, and where it acts."""
-
-    perturbs: str
-    depends_on: tuple[str, ...]
-    where: str = "everywhere"
-
-
-#: Kinds of the listed effects; those at one place have their place as well.
-LISTED: dict[str, Kind] = {
-    "time_lag": Kind("input", ("time",)),
-    "actuator_gain": Kind("input", ("nothing",)),
-    "actuator_backlash": Kind("input", ("direction of loading",)),
-    "actuator_loss": Kind("input", ("direction of loading",)),
-    "idle_tension": Kind("input", ("nothing",)),
-    "gravity": Kind("force", ("nothing",), "along the backbone"),
-    "tip_payload": Kind("force", ("nothing",), "tip"),
-    "modulus_scale": Kind("stiffness", ("nothing",)),
-    "density_scale": Kind("force", ("nothing",), "along the backbone"),
-    "stiffness_scale": Kind("stiffness", ("nothing",)),
-    "superelastic": Kind("stiffness", ("curvature",)),
-    "nonlinear_material": Kind("stiffness", ("curvature",)),
-    "precurvature": Kind("precurvature", ("nothing",)),
-    "base_compliance": Kind("base", ("nothing",), "base"),
-    "rigid_disks": Kind("stiffness", ("place",), "disks"),
-    "creep": Kind("stiffness", ("time",)),
-    "friction_coefficient": Kind("transmission", ("turning angle",)),
-    "hole_adhesion": Kind("transmission", ("slip",)),
-    "routing_twist": Kind("routing", ("place",)),
-    "misplaced_channels": Kind("routing", ("place",)),
-    "hole_clearance": Kind("routing", ("curvature",)),
-    "tendon_stretch": Kind("input", ("tension",)),
-    "pretension": Kind("input", ("nothing",)),
-    "soft_bay": Kind("stiffness", ("place",)),
-    "kink": Kind("precurvature", ("place",)),
-    "side_spring": Kind("force", ("position",)),
-    "stuck_hole": Kind("transmission", ("place",)),
-    "marker_offset": Kind("reading", ("nothing",)),
-    "frame_misalignment": Kind("reading", ("nothing",)),
-}
-
-
 def is_named(effect: Effect) -> bool:
     """Whether a cause has a name: a listed effect, or one of the user's own."""
     return not isinstance(effect, Cause)
-
-
-def kind_of(effect: Effect) -> Kind:
-    """Kind of a cause; an effect of the user's own perturbs what its name says."""
-    if isinstance(effect, Cause):
-        return effect.kind
-    known = LISTED.get(effect.listed, Kind(effect.listed, ("nothing",)))
-    return known._replace(where=effect.where) if isinstance(effect, EffectAtPlace) else known
 
 
 class Cause(Effect):
@@ -82,14 +32,12 @@ class Cause(Effect):
 
     Attributes
     ----------
-    kind : Kind
     sentence : str
         What acts, in words, without numbers.
     price : float
         What its choice among all of the same kind costs, in natural units of the logarithm of its prior probability.
     """
 
-    kind: Kind
     sentence: str = ""
     price: float = 0.0
 

@@ -16,13 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, Experiment, Parameter, PlaceEffect
-from tdcr_fe.effects.base import Bounds, ExcitationRange, Points, Values
+from tdcr_fe.effects.base import Bounds, ExcitationRange, Kind, Points, Values
 from tdcr_fe.identify.bay_state import COMPONENTS, BayState
 from tdcr_fe.identify.causes import (
     Attraction,
     Cause,
     ChangedDescription,
-    Kind,
     ReadingCause,
     StateLoad,
 )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, EffectAtPlace
 from tdcr_fe.identify.bay_state import with_action
-from tdcr_fe.identify.causes import Cause, is_named, kind_of
+from tdcr_fe.identify.causes import Cause, is_named
 from tdcr_fe.identify.criteria import (
     chi_square_threshold,
     insufficient_data,
@@ -239,7 +239,7 @@ def added_effects(
     added = []
     before: Fit | None = state.declared
     for i, e in enumerate(best.effects):
-        kind, names = kind_of(e), frozenset(x.name for x in best.effects[: i + 1])
+        kind, names = e.kind, frozenset(x.name for x in best.effects[: i + 1])
         after = best if i == len(best.effects) - 1 else state.fits.get(names)
         rivals = tuple(state.rivals.get(e.name, ()))
         evidence: dict[str, float] = {}
@@ -263,7 +263,7 @@ def added_effects(
                 separating_experiment=separating_experiments(e, rivals, problem.catalogue),
                 found=explained and is_named(e),
                 probability=sum(w for f, w in weights if any(x.listed == e.listed for x in f.effects)),
-                kind_probability=sum(w for f, w in weights if any(kind_of(x) == kind for x in f.effects)),
+                kind_probability=sum(w for f, w in weights if any(x.kind == kind for x in f.effects)),
                 form=e.name,
                 sentence=e.sentence if isinstance(e, Cause) else "",
             )

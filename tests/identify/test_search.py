@@ -8,7 +8,7 @@ from identify_data import FRICTIONAL, GRAVITY, MODEL, ROBOT, begun, measured, pr
 
 from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.causes import LISTED, is_named, kind_of
+from tdcr_fe.identify.causes import is_named
 from tdcr_fe.identify.criteria import UNNAMED, price
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.fitting import fit
@@ -29,8 +29,20 @@ def test_every_listed_effect_has_a_kind_and_names_are_unique():
     problem = problem_of(measured())
     names = [e.name for e in whole_dictionary(problem)]
     assert len(names) == len(set(names)) > 100
-    assert set(LISTED) == {e.name for e in problem.catalogue}
-    assert kind_of(effect("soft_bay").at({"s": 0.025})).where == "s = 0.025 m"
+    words = [
+        "force",
+        "moment",
+        "stiffness",
+        "precurvature",
+        "routing",
+        "transmission",
+        "input",
+        "base",
+        "reading",
+        "load",
+    ]
+    assert {e.kind.perturbs for e in problem.catalogue} <= set(words)
+    assert effect("soft_bay").at({"s": 0.025}).kind.where == "s = 0.025 m"
 
 
 def test_causes_change_nothing_at_their_null_values():

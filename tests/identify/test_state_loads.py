@@ -10,9 +10,10 @@ from identify_data import LENGTH, MODEL, ROBOT, measured, problem_of
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import Parameter
+from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.bay_state import Action, last_direction, with_action
-from tdcr_fe.identify.causes import Attraction, Kind, StateLoad
+from tdcr_fe.identify.causes import Attraction, StateLoad
 from tdcr_fe.identify.corrected import corrected_files
 from tdcr_fe.identify.derivatives import TOLERANCE, Column, Request, balanced, linearize
 from tdcr_fe.identify.forward import Job
