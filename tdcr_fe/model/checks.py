@@ -272,9 +272,7 @@ def step_contradictions(
                 there = ", ".join(dict.fromkeys(names)) or "none"
                 text = f"unknown tendon{meant(name, names)}; the robot has {there}"
             elif name in given:
-                text = (
-                    f"tendon {name} has a {given[name]} in the same step; exactly one of the two is allowed"
-                )
+                text = f"tendon {name} has a {given[name]} in the same step; exactly one is allowed"
             elif name in known:
                 text = drive.obstacle(known[name])
             if text:
@@ -305,15 +303,14 @@ def size_contradictions(robot: Robot, model: Model, steps: int = 1) -> list[Cont
             f"{disks + 1} numbers are needed: one for every bay, and one for the stretch beyond the last disk"
         )
         return [Contradiction("model.elements_per_bay", f"{len(given)} numbers", text)]
-    per_bay = model.starting_elements_per_bay
     elements = sum(given) if isinstance(given, tuple) else disks * (1 if given == "auto" else given)
     matrices = MATRICES + MATRICES_OF_A_TENDON * len(robot.tendons)
     most = int(math.sqrt(MEMORY_LIMIT / (8.0 * matrices)) / 6) - 1
     limit = int(MEMORY_LIMIT / (500 * (elements + 1)))
     if elements > most:
         key, value = ("disks", f"{disks} disks") if disks > most else ("model.elements_per_bay", shown(given))
-        count = f"{disks} disks with {per_bay} elements per bay are {elements} elements"
-        return [Contradiction(key, value, f"{count}; at most {most} fit into {memory}")]
+        text = f"the mesh has at least {elements} elements; at most {most} fit into {memory}"
+        return [Contradiction(key, value, text)]
     if steps > limit:
         text = f"at most {limit} steps with {elements + 1} nodes fit into {memory}"
         return [Contradiction("steps", f"{steps} steps", text)]

@@ -22,7 +22,7 @@ Friction = Literal["none", "per-tendon", "per-hole"]
 
 _AT = "an arc length [m], from 0 to the length of the backbone"
 _GRAVITY = "three finite numbers [m/s^2] of at most 1e5, such as [0.0, 0.0, -9.81]"
-#: Beam elements between neighbouring disks that ``elements_per_bay = "auto"`` starts from.
+#: Elements a bay that stand for ``elements_per_bay = "auto"`` where a number is needed, as in differences of meshes.
 STARTING_ELEMENTS_PER_BAY = 2
 
 
@@ -126,7 +126,7 @@ class Model(Checked):
 
     @property
     def starting_elements_per_bay(self) -> int:
-        """Elements a bay of the first mesh: the number given, or that which "auto" starts from."""
+        """Elements a bay: the largest number given, or that which stands for "auto"."""
         if self.elements_per_bay == "auto":
             return STARTING_ELEMENTS_PER_BAY
         if isinstance(self.elements_per_bay, tuple):
