@@ -171,10 +171,12 @@ class _Grid:
             np.searchsorted(markers, places),
             problem.readings.axes[which],
         )
-        predicted = problem.readings.values - declared.residual * problem.sigma
+        predicted = problem.readings.values - problem.lengths(declared.residual)
         none = np.zeros((len(steps), len(markers), 3))
         grid = cls(none, none, none, steps, markers, which, at)
-        measured, predicted, sigma = map(grid.table, (problem.readings.values, predicted, problem.sigma))
+        measured, predicted, sigma = map(
+            grid.table, (problem.readings.values, predicted, problem.whole_sigma)
+        )
         return replace(grid, measured=measured, predicted=predicted, sigma=sigma)
 
     def table(self, values: Array) -> Array:
@@ -331,7 +333,7 @@ def _rounded(grid: _Grid) -> str:
 def _standing_still(problem: FitProblem, declared: Fit) -> str:
     """A sensor that reads the same in several steps in which the model moves."""
     readings = problem.data.readings
-    predicted = problem.readings.values / problem.sigma - declared.residual
+    predicted = (problem.readings.values - problem.lengths(declared.residual)) / problem.sigma
     quantities = problem.readings.quantities
     resolved = {
         q: float(np.min(np.diff(np.unique(problem.readings.values[quantities == q])), initial=np.inf))

@@ -378,21 +378,22 @@ class _Part:
                 self._add_loads(matrix, run, acted.response, numbers, state_change(run, by.part(exact)))
         for number, table in self.observed.items():
             values = {k: read(e) for k, e in table.experiments.items()}
-            matrix[:, number] = _difference(values, read(self.experiment), table.step) / problem.sigma
+            change = _difference(values, read(self.experiment), table.step)
+            matrix[:, number] = problem.whitened(change / problem.sigma)
         for (number, moved), other in zip(self.beside.items(), beside, strict=True):
             plain = problem.residual(moved, other) - problem.shift(self.effects, self.values)
             matrix[:, number] = (residual - plain) / self._step(number)
         for number, column in enumerate(self.request.columns):
             if isinstance(column.effect, ReadingCause):
                 unit = {p.name: 0.0 for p in column.effect.parameters} | {column.parameter: 1.0}
-                matrix[:, number] = column.effect.shift(problem, unit) / problem.sigma
+                matrix[:, number] = problem.whitened(column.effect.shift(problem, unit) / problem.sigma)
         matrix = np.where(np.isfinite(matrix), matrix, 0.0)
         return Linear(residual, matrix, replace(run, derivatives=None, acted=acted), self.differenced)
 
     def _of(self, run: Run, by: RunDerivatives) -> Array:
         """Derivatives of the predictions over sigma, shape (n, P)."""
         found = self.problem.readings.reader.derivatives(replace(run, derivatives=by), self.experiment)
-        return np.asarray(found / self.problem.sigma[:, None])
+        return self.problem.whitened(found / self.problem.sigma[:, None])
 
     def _response(self, run: Run, by: RunDerivatives) -> Response:
         """Of readings and bays to actions."""

@@ -23,7 +23,7 @@ from tdcr_fe.identify.long_data import (
     without_friction,
 )
 from tdcr_fe.identify.next_experiment import choose_next
-from tdcr_fe.identify.noise import estimate_sigma, find_input_noise
+from tdcr_fe.identify.noise import estimate_sigma, find_input_noise, with_input_sigma
 from tdcr_fe.identify.problem import FitProblem, evaluate, fit_of_run, refine
 from tdcr_fe.identify.result import IdentificationResult, InputNoise, NextExperiment
 from tdcr_fe.identify.run import Run
@@ -222,7 +222,7 @@ def _prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardMod
     if any(r.sigma is None for r in data.readings):
         (residual,), _ = problem.residuals((), [{}], record=True)
     sigma, estimated = estimate_sigma(data, residual)
-    problem = replace(problem, sigma=sigma)
+    problem = with_input_sigma(replace(problem, sigma=sigma))
     is_position = problem.readings.is_position
     if np.any(is_position):
         share = PATH_SHARE * float(np.median(sigma[is_position])) / data.robot.backbone.length

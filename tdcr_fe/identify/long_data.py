@@ -192,7 +192,9 @@ def problem_of_rows(problem: FitProblem, rows: RowChoice) -> FitProblem:
     index, data = np.array(rows.readings), rows.of(problem.data)
     sigma, held_out = problem.sigma[index], problem.held_out[index]
     fresh = FitProblem.of(data, sigma, held_out, problem.forward, problem.path_tolerance)
-    return replace(fresh, catalogue=problem.catalogue)
+    at = {i: k for k, i in enumerate(rows.readings)}
+    roots = tuple((np.array([at[i] for i in own]), root) for own, root in problem.roots if own[0] in at)
+    return replace(fresh, catalogue=problem.catalogue, roots=roots)
 
 
 def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> SearchState:

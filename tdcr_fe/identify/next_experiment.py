@@ -184,6 +184,7 @@ def _planned(problem: FitProblem, steps: tuple[LoadStep, ...]) -> FitProblem:
         sigma=np.array([r.sigma for r in readings]),
         held_out=np.zeros(len(readings), dtype=bool),
         correction=np.zeros(len(readings)),
+        roots=(),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from tdcr_fe.identify.forward import Job, last_parts
 from tdcr_fe.identify.load_steps import directions, inputs
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import InputNoise, Structure
+from tdcr_fe.identify.run import Run
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import resolve
@@ -221,10 +223,11 @@ def find_input_noise(problem: FitProblem, fit: Fit) -> InputNoise | None:
     OutOfTime
         The deadline of the problem has passed.
     """
-    if not fit.solved:
+    if not fit.solved or problem.roots:  # errors of the inputs that are declared are in the covariance
         return None
     experiment = problem.with_effects(fit.effects, fit.values)
-    by_input = _input_response(problem, fit, experiment)
+    reference = fit.run if fit.run.trajectory is not None else None
+    by_input = _input_response(problem, experiment, reference)
     values, displaced = _inputs(experiment)
     each = values[problem.readings.reader.step]
     found = [_likeliest(problem, fit, by_input * each, "1", values)]
@@ -326,15 +329,28 @@ def _inputs(experiment: Experiment) -> tuple[Array, NDArray[np.bool_]]:
     return np.array([a.values for a in chosen]), np.any([a.by_displacement for a in chosen], axis=0)
 
 
-def _input_response(problem: FitProblem, fit: Fit, experiment: Experiment) -> Array:
+def with_input_sigma(problem: FitProblem) -> FitProblem:
+    """The problem with the covariance that declared errors of the inputs give the readings of a step.
+
+    They are independent from step to step; what an error does to later steps through friction is left out.
+    """
+    if not problem.data.input_sigma:
+        return problem
+    by_input = _input_response(problem, problem.experiment) * np.array(problem.data.input_sigma)
+    roots, steps = [], problem.readings.reader.step
+    for k in np.unique(steps):
+        own = np.flatnonzero(steps == k)
+        size, along = np.linalg.eigh(np.eye(own.size) + by_input[own] @ by_input[own].T)
+        roots.append((own, np.asarray((along * np.sqrt(size)) @ along.T)))
+    return replace(problem, roots=tuple(roots))
+
+
+def _input_response(problem: FitProblem, experiment: Experiment, reference: Run | None = None) -> Array:
     """Derivatives of the readings over sigma by the inputs of their own step, shape (n, n_tendons)."""
     from tdcr_fe.solve.sensitivities.parameters import StepInput
 
     names = experiment.robot.tendon_names
     inputs = tuple(StepInput(f"inputs.{name}", tendon=i) for i, name in enumerate(names))
-    reference = fit.run if fit.run.trajectory is not None else None
-    job = Job(experiment, reference, False, inputs)
-    (run,) = problem.run([job])
+    (run,) = problem.run([Job(experiment, reference, False, inputs)])
     derivatives = problem.readings.reader.derivatives(run, experiment) / problem.sigma[:, None]
-    found: Array = np.where(np.isfinite(derivatives), derivatives, 0.0)
-    return found
+    return np.where(np.isfinite(derivatives), derivatives, 0.0)

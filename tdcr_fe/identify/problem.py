@@ -89,6 +89,9 @@ class FitProblem:
     # typical step of a parameter in its fitted coordinate, by effect and parameter; from the score tests
     scales: Mapping[tuple[str, str], float] = field(default_factory=dict)
     catalogue: tuple[Effect, ...] = EFFECTS  # the candidates, in the order in which several are applied
+    # of every step with readings, their indices, and the square root of their covariance over sigma: errors of the
+    # inputs move all readings of a step together; empty where they are not known, or none
+    roots: tuple[tuple[NDArray[np.int_], Array], ...] = ()
     # reading of `tdcr_fe.identify.settings.clock` at which simulations end with `OutOfTime` [s]
     deadline: float = math.inf
 
@@ -164,7 +167,29 @@ class FitProblem:
     def residual(self, experiment: Experiment, run: Run) -> Array:
         """Reading less prediction over sigma, shape (n,)."""
         predicted = self.readings.reader.read(run, experiment)
-        return (self.readings.values - predicted) / self.sigma + self.correction
+        return self.whitened((self.readings.values - predicted) / self.sigma) + self.correction
+
+    def whitened(self, x: Array) -> Array:
+        """Readings over sigma, so that their noise is independent and of one sigma, with errors of the inputs."""
+        found = np.array(x) if self.roots else x
+        for own, root in self.roots:
+            found[own] = np.linalg.solve(root, x[own])
+        return found
+
+    def lengths(self, r: Array) -> Array:
+        """A residual over sigma in the units of the readings, shape (n,)."""
+        found = np.array(r)
+        for own, root in self.roots:
+            found[own] = root @ r[own]
+        return found * self.sigma
+
+    @property
+    def whole_sigma(self) -> Array:
+        """Standard deviation of every reading with what the errors of the inputs add, in its unit, shape (n,)."""
+        found = np.ones(self.count)
+        for own, root in self.roots:
+            found[own] = np.linalg.norm(root, axis=1)
+        return found * self.sigma
 
     def shift(self, effects: Sequence[Effect], values: Point) -> Array:
         """What causes in the readings themselves add to the predictions over sigma, shape (n,)."""
@@ -172,7 +197,7 @@ class FitProblem:
         for e in effects:
             if isinstance(e, ReadingCause):
                 found = found + e.shift(self, values[e.name])
-        return found / self.sigma
+        return self.whitened(found / self.sigma)
 
     # ------------------------------------------------------------------ measures
 
@@ -189,7 +214,7 @@ class FitProblem:
 
     def misfit(self, r: Array, which: NDArray[np.bool_], parameters: int = 0) -> Misfit:
         """Misfit of residuals over sigma on some readings."""
-        raw = r * self.sigma
+        raw = self.lengths(r)
         angles = raw[which & self.readings.is_angle]
         p = which & self.readings.is_position
         distance = (

@@ -99,14 +99,14 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
         effects=added_effects(search, state, deviation, explained),
         before=_errors(problem, declared, everything),
         after=_errors(problem, best, everything, len(best.free)),
-        noise=problem.misfit(np.ones(problem.count), everything),
+        noise=problem.misfit(problem.whitened(problem.whole_sigma / problem.sigma), everything),
         held_out_steps=tuple(n for n in data.step_ids if n in held),
         remaining=undecided or _remaining(explained, tests),
         shapes=_shapes(problem, declared, best, held),
         residuals=Residuals(
-            declared.residual * problem.sigma,
-            best.residual * problem.sigma,
-            problem.sigma,
+            problem.lengths(declared.residual),
+            problem.lengths(best.residual),
+            problem.whole_sigma,
             found.sigma_estimated,
             outliers(best.residual),
             tests[:12],
@@ -220,7 +220,7 @@ def _shapes(problem: FitProblem, base: Fit, best: Fit, held_out: set[int]) -> Sh
     table = np.full((3, len(data.steps), locations.size, 3), np.nan)
     at = readings.reader.step[index], np.searchsorted(locations, s), readings.axes[index]
     for part, residual in zip(table, (0.0 * base.residual, base.residual, best.residual), strict=True):
-        part[at] = (readings.values - residual * problem.sigma)[index]
+        part[at] = (readings.values - problem.lengths(residual))[index]
     backbones = []
     for fit in (base, best):
         observation = problem.with_effects(fit.effects, fit.values).observation

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -26,7 +27,7 @@ from tdcr_fe.io.readings import (
 from tdcr_fe.io.spreadsheet import read_table, table_file
 from tdcr_fe.io.toml import digest, read_model_file, read_robot, read_toml
 from tdcr_fe.io.user_effects import apply_effects
-from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml
+from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, value_to_toml
 from tdcr_fe.model.checks import size_contradictions
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, with_displacements
 from tdcr_fe.model.robot import Robot
@@ -60,6 +61,9 @@ class MeasuredData:
     effects : mapping
         Declared effects on commands and on the measurement, by effect and parameter: the table ``[effects]`` of
         ``model.toml``. Those on robot and model are in ``robot`` and ``model`` already.
+    input_sigma : tuple of float
+        Standard deviations of the errors of the inputs, by tendon [N, m or rad]: the table ``[inputs]`` of
+        ``model.toml``; empty where it has none.
     """
 
     name: str
@@ -74,6 +78,7 @@ class MeasuredData:
     settings: SolverSettings = field(default_factory=SolverSettings)
     parts: tuple[tuple[str, int], ...] = ()
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    input_sigma: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not len(self.step_ids) == len(self.steps) == len(self.branches):
@@ -163,8 +168,10 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
         {path.name: digest(path) for path in files},
         settings,
     )
-    table = read_toml(of_model)[0].get("effects") if of_model in files else None
-    return data if table is None else _with_declared_effects(data, table, str(of_model))
+    tables = read_toml(of_model)[0] if of_model in files else {}
+    if "inputs" in tables:
+        data = replace(data, input_sigma=_input_sigma(tables["inputs"], robot, str(of_model)))
+    return _with_declared_effects(data, tables["effects"], str(of_model)) if "effects" in tables else data
 
 
 def _read_declared(folder: Path) -> tuple[Robot, Model, SolverSettings]:
@@ -174,7 +181,7 @@ def _read_declared(folder: Path) -> tuple[Robot, Model, SolverSettings]:
     def read_declared_model() -> tuple[Model, SolverSettings]:
         file = folder / "model.toml"
         robot = found[0] if found else None
-        return read_model_file(file if file.exists() else None, robot, apart=["effects"])
+        return read_model_file(file if file.exists() else None, robot, apart=["effects", "inputs"])
 
     _, (model, settings) = read_all(
         lambda: found.append(read_robot(folder / "robot.toml")), read_declared_model
@@ -218,6 +225,26 @@ def _with_declared_effects(data: MeasuredData, table: object, file: str) -> Meas
     return replace(data, robot=changed.robot, model=changed.model, effects=rest)
 
 
+def _input_sigma(table: object, robot: Robot, file: str) -> tuple[float, ...]:
+    """The key ``sigma`` of the table ``[inputs]``, as `estimate.toml` has it: one number, or one for every tendon.
+
+    Raises
+    ------
+    InputError
+        It is something else.
+    """
+    names = robot.tendon_names
+    given = table.get("sigma") if isinstance(table, dict) and set(table) == {"sigma"} else None
+    by_name: dict[str, Any] = given if isinstance(given, dict) else dict.fromkeys(names, given)
+    sound = (isinstance(x, int | float) and 0.0 < x < float("inf") for x in by_name.values())
+    if set(by_name) != set(names) or not all(sound):
+        allowed = (
+            f"must be sigma = a number above zero [N, m or rad], or a table with one for {', '.join(names)}"
+        )
+        raise refusal(file, allowed, "inputs", str(table))
+    return tuple(float(by_name[n]) for n in names)
+
+
 def _is_of_robot(before: Experiment, after: Experiment) -> bool:
     """Whether an effect leaves commands and measurement as they are."""
     return (before.steps, before.ends, before.observation) == (after.steps, after.ends, after.observation)
@@ -237,7 +264,11 @@ def write_measured(data: MeasuredData, folder: str | os.PathLike[str]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     settings = None if data.settings == SolverSettings() else data.settings
     write_text(robot, folder / "robot.toml")
-    write_text(model_to_toml(data.model, settings, data.effects), folder / "model.toml")
+    text = model_to_toml(data.model, settings, data.effects)
+    if data.input_sigma:
+        own = zip(data.robot.tendon_names, data.input_sigma, strict=True)
+        text += f"\n[inputs]\nsigma = {value_to_toml(dict(own))}\n"
+    write_text(text, folder / "model.toml")
     loading.to_csv(folder / "loading.csv", index=False)
     observations_table(data.readings).to_csv(folder / "observations.csv", index=False)
 
@@ -275,7 +306,7 @@ def join_measured(sets: Sequence[MeasuredData]) -> MeasuredData:
         return sets[0]
     first, names, problems = sets[0], [s.name for s in sets], []
     for other in sets[1:]:
-        for what in ("robot", "model", "settings", "effects"):
+        for what in ("robot", "model", "settings", "effects", "input_sigma"):
             a, b = getattr(first, what), getattr(other, what)
             if a != b:
                 fields_of = fields(a) if is_dataclass(a) else ()

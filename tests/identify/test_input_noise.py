@@ -4,12 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import MODEL, ROBOT, concluded, data_of, positions, problem_of, state_of
+from identify_data import MODEL, ROBOT, begun, concluded, data_of, positions, problem_of, state_of
 
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.identify import identify
+from tdcr_fe.identify.criteria import residual_is_noise
 from tdcr_fe.identify.noise import find_input_noise
 from tdcr_fe.identify.problem import evaluate
+from tdcr_fe.io.measured import read_measured, write_measured
+from tdcr_fe.io.problems import InputError
 from tdcr_fe.model.loading import LoadStep
 
 SIGMA = 1e-4
@@ -85,3 +88,33 @@ def says_so(result):
     assert 0.02 < result.input_noise.size < 0.06
     assert result.to_json()["input_scatter"]["kind"] == "relative"
     assert "% of their values, independent in every step" in str(result)
+
+
+def test_declared_errors_of_the_inputs_make_their_scatter_noise():
+    """Without them the same data are no noise; the residual then has a variance of one, step by step."""
+    own = 0.02 * np.random.default_rng(4).normal(size=(len(PULLS), 2))
+    scattered = data(1.0, own)
+    declared = replace(scattered, input_sigma=(0.02, 0.02))
+    for measured, noise in ((scattered, False), (declared, True)):
+        state = begun(measured)
+        assert residual_is_noise(state.problem, state.declared, 1e-3) == noise
+    r = state.declared.residual
+    assert np.mean(r**2) == pytest.approx(1.0, abs=0.25)
+    problem = state.problem
+    np.testing.assert_allclose(problem.lengths(problem.whitened(r)), problem.sigma * r, atol=1e-12)
+    assert np.all(state.problem.whole_sigma >= SIGMA)
+
+
+def test_errors_of_the_inputs_are_read_and_written(tmp_path):
+    for text, sigma in (("0.03", (0.03, 0.03)), ("{ t1 = 0.02, t2 = 0.01 }", (0.02, 0.01))):
+        write_measured(data(1.0, 0.0), tmp_path / "set")
+        with (tmp_path / "set" / "model.toml").open("a") as file:
+            file.write(f"\n[inputs]\nsigma = {text}\n")
+        found = read_measured(tmp_path / "set")
+        assert found.input_sigma == sigma
+        write_measured(found, tmp_path / "again")
+        assert read_measured(tmp_path / "again").input_sigma == sigma
+    with (tmp_path / "set" / "model.toml").open("a") as file:
+        file.write("sigma_of = 1.0\n")
+    with pytest.raises(InputError, match=r"model\.toml: inputs = .*must be sigma = a number above zero"):
+        read_measured(tmp_path / "set")
