@@ -28,7 +28,7 @@ from tdcr_fe.validation.blind.recipes import (
     plan_of,
 )
 from tdcr_fe.validation.blind.scoring import score
-from tdcr_fe.validation.campaigns.blind import CAMPAIGN, confusion, summary
+from tdcr_fe.validation.campaigns.blind import CAMPAIGN, calibration, summary
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
 
@@ -147,6 +147,7 @@ def outcome(made, verdict="explained", named=(("precurvature", ()),), off=1.0, a
         SimpleNamespace(
             name=n,
             found=True,
+            probability=0.97,
             indistinguishable_from=rivals,
             parameters={
                 p: SimpleNamespace(value=(at or {}).get(p, v + off * 0.01), std_error=0.01)
@@ -178,8 +179,15 @@ def test_errors_are_over_the_noise_and_intervals_of_two_standard_errors(made):
     marks = outcome(made)
     assert marks.after == pytest.approx(marks.noise_floor)
     assert marks.before == pytest.approx(3.0 * marks.noise_floor)
-    assert marks.intervals_hit == ["precurvature.kappa_x", "precurvature.kappa_y"]
-    assert outcome(made, off=2.5).intervals_missed == ["precurvature.kappa_x", "precurvature.kappa_y"]
+    assert marks.deviations == pytest.approx({"precurvature.kappa_x": 1.0, "precurvature.kappa_y": 1.0})
+
+
+def test_calibration_counts_how_often_a_claim_holds(made):
+    """One standard error is outside of the 50 % interval, inside of the others; two are inside of that of 95 %."""
+    right, wrong = outcome(made), outcome(made, named=(("gravity", ()),), off=0.0)
+    far, none = outcome(made, off=1.9), replace(right, deviations={}, probabilities={"precurvature": 0.6})
+    table = calibration([right, far, wrong, none]).set_index("claim")["holds in"].tolist()
+    assert table == ["0 of 4", "2 of 4", "4 of 4", "0 of 0", "1 of 1", "0 of 0", "2 of 3"]
 
 
 def test_an_effect_at_its_place_is_right_by_kind_bay_and_tendon(made):
@@ -207,10 +215,7 @@ def test_scores_are_counted_and_shown(made):
     failed = replace(right, outcome="failed", error="NotMade: no", noise_floor=None, before=None, after=None)
     counts = summary([right, wrong, failed])
     assert counts["one listed effect: right name"] == "1 of 3 (33 %)"
-    assert counts["true parameter inside the 95 % interval"] == "4 of 4"
     assert counts["sets that failed"] == "1"
-    named = confusion([right, right, wrong]).iloc[0].tolist()
-    assert named == ["precurvature", "precurvature 2, gravity"]
     rows = CAMPAIGN.table([right, failed])
     assert rows["outcome"].tolist() == ["right", "failed: NotMade: no"]
     assert rows["after / noise"].tolist() == ["1", ""]

@@ -12,9 +12,7 @@ import numpy as np
 from tdcr_fe.effects.places import bay_at
 from tdcr_fe.identify import IdentificationResult
 from tdcr_fe.validation.blind.maker import Answer
-
-#: Two-sided 95 % of a normal distribution.
-_WIDTH = 1.96
+from tdcr_fe.validation.blind.recipes import FORMS
 
 
 @dataclass(frozen=True)
@@ -41,11 +39,18 @@ class Score:
     noise_floor: float = math.nan  # rms of the noise on held-out positions [m]
     before: float = math.nan  # rms of the declared model's error on them [m]
     after: float = math.nan  # rms of the final model's error on them [m]
-    intervals_hit: list[str] = field(default_factory=list)  # parameters inside of their 95 % interval
-    intervals_missed: list[str] = field(default_factory=list)
+    # by EFFECT.PARAMETER, how far the fitted value is from the truth, over its standard error [1]
+    deviations: dict[str, float] = field(default_factory=dict)
+    # by effect of the final model, its stated probability; found or not
+    probabilities: dict[str, float] = field(default_factory=dict)
     found: dict[str, Any] = field(default_factory=dict)  # by effect and parameter, value and standard error
     remaining: str = ""  # where the rest is
     seconds: float = 0.0  # processor time of the identification [s]
+
+    @property
+    def listed(self) -> list[str]:
+        """Hidden effects by the name that `identify` has for them."""
+        return [FORMS.get(n, n) for n in self.hidden]
 
     @property
     def passed(self) -> bool:
@@ -64,12 +69,12 @@ def score(answer: Answer, result: IdentificationResult, seconds: float = 0.0) ->
         float(np.sqrt(np.mean(p**2)))
         for p in (noise, result.residuals.before[use], result.residuals.after[use])
     ]
-    inside: dict[bool, list[str]] = {True: [], False: []}
+    deviations = {}
     for e in effects:
         for parameter, p in e.parameters.items():
             true = answer.effects.get(e.name, {}).get(parameter)
-            if true is not None and p.std_error is not None and not recipe.at_a_place:
-                inside[abs(p.value - true) <= _WIDTH * p.std_error].append(f"{e.name}.{parameter}")
+            if true is not None and p.std_error and not recipe.at_a_place:
+                deviations[f"{e.name}.{parameter}"] = (p.value - true) / p.std_error
     return Score(
         recipe.seed,
         recipe.kind,
@@ -85,8 +90,8 @@ def score(answer: Answer, result: IdentificationResult, seconds: float = 0.0) ->
         noise_floor=rms[0],
         before=rms[1],
         after=rms[2],
-        intervals_hit=inside[True],
-        intervals_missed=inside[False],
+        deviations=deviations,
+        probabilities={e.name: e.probability for e in result.effects},
         found={e.name: {n: [p.value, p.std_error] for n, p in e.parameters.items()} for e in effects},
         remaining=result.remaining.where,
         seconds=seconds,

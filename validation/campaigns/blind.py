@@ -10,9 +10,9 @@ import argparse
 import json
 import time
 import traceback
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from itertools import pairwise
 from pathlib import Path
 from typing import ClassVar
 
@@ -28,6 +28,9 @@ from tdcr_fe.validation.blind.recipes import Recipe, plan, plan_of
 from tdcr_fe.validation.blind.scoring import Score, score
 from tdcr_fe.validation.runner import Campaign
 
+#: Intervals that are counted [%], and their half-widths over the standard error; bounds of groups of probabilities [1].
+INTERVALS = {50: 0.674, 80: 1.282, 95: 1.960}
+PROBABILITIES = (0.0, 0.5, 0.8, 0.95, 1.01)
 #: Largest ratio of the held-out misfit to that of the true robot that counts as noise level [1].
 NOISE_FLOOR = 1.15
 
@@ -48,7 +51,6 @@ def summary(scores: Sequence[Score]) -> dict[str, str]:
     listed, places = [*kinds["single"], *kinds["pair"]], kinds["place"]
     right = [s for s in [*listed, *places] if s.outcome in ("right", "named together")]
     ratios = [s.after / s.noise_floor for s in right] or [np.nan]
-    hit, missed = (sum(len(getattr(s, f"intervals_{k}")) for s in listed) for k in ("hit", "missed"))
     seconds = [s.seconds for s in scores if s.passed] or [np.nan]
     percent = round(100.0 * (NOISE_FLOOR - 1.0))
     return {
@@ -63,7 +65,6 @@ def summary(scores: Sequence[Score]) -> dict[str, str]:
             f"{sum(r <= NOISE_FLOOR for r in ratios)} of {len(right)}"
         ),
         "held-out error over the noise, median and largest": f"{np.median(ratios):.3g}, {max(ratios):.3g}",
-        "true parameter inside the 95 % interval": f"{hit} of {hit + missed}",
         "effects at a place: kind and place right": _share(places, "right"),
         "... right, or not called explained": _share(places, "right", "honest"),
         "processor time per set, median and largest": f"{np.median(seconds):.0f} s, {max(seconds):.0f} s",
@@ -77,20 +78,23 @@ def _share(sets: Sequence[Score], *outcomes: str) -> str:
     return f"{part} of {len(sets)}" + (f" ({100.0 * part / len(sets):.0f} %)" if sets else "")
 
 
-def confusion(scores: Sequence[Score]) -> pd.DataFrame:
-    """By hidden effects, how often each combination of effects was named, the most frequent first."""
-    found: dict[str, Counter[str]] = {}
-    for s in scores:
-        # The hidden effects come first, others by name.
-        named = " + ".join(sorted(s.named, key=lambda n: (n not in s.hidden, n))) or "nothing"
-        if s.verdict in ("partly explained", "unexplained"):
-            named = f"{named} ({s.verdict})" if s.named else "unexplained"
-        found.setdefault(" + ".join(s.hidden) or "nothing", Counter())[named] += 1
-    rows = [
-        (hidden, ", ".join(f"{n} {k}" if k > 1 else n for n, k in counts.most_common()))
-        for hidden, counts in sorted(found.items())
+def calibration(scores: Sequence[Score]) -> pd.DataFrame:
+    """How often what is claimed holds: intervals contain the truth, effects of stated probabilities are hidden ones."""
+    off = np.abs([x for s in scores for x in s.deviations.values()])
+    claims = [
+        (f"{percent} % intervals contain the true parameter", [(0.01 * percent, x <= width) for x in off])
+        for percent, width in INTERVALS.items()
     ]
-    return pd.DataFrame(rows, columns=["hidden", "named, how often"])
+    stated = [(p, name in s.listed) for s in scores for name, p in s.probabilities.items()]
+    for low, high in pairwise(PROBABILITIES):
+        text = f"effects with a stated probability from {low:g} to {min(high, 1.0):g} are right"
+        claims.append((text, [x for x in stated if low <= x[0] < high]))
+    rows = []
+    for text, own in claims:
+        claimed, held = np.array(own, dtype=float).reshape(-1, 2).T
+        shares = [f"{np.mean(x):.2f}" if x.size else "-" for x in (claimed, held)]
+        rows.append((text, f"{int(held.sum())} of {held.size}", *shares))
+    return pd.DataFrame(rows, columns=["claim", "holds in", "claimed", "seen"])
 
 
 class Blind(Campaign):
@@ -145,13 +149,15 @@ class Blind(Campaign):
             "outcome": o.outcome if o.passed else f"failed: {o.error.splitlines()[-1]}",
             "held-out before / noise": before,
             "after / noise": after,
-            "missed intervals": ", ".join(o.intervals_missed) or "-",
+            "missed intervals": ", ".join(n for n, x in o.deviations.items() if abs(x) > INTERVALS[95])
+            or "-",
         }
 
     def report(self, outcomes: Sequence[Score]) -> list[str | pd.DataFrame]:
-        """Counts, confusion, and one row for each set."""
+        """Counts, calibration, and one row for each set."""
         counts = pd.DataFrame(summary(outcomes).items(), columns=["what", "found"])
-        return [counts, confusion([o for o in outcomes if o.passed]), self.table(outcomes)]
+        made = [o for o in outcomes if o.passed]
+        return [counts, calibration(made), self.table(outcomes)]
 
 
 CAMPAIGN = Blind()
