@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from functools import partial
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -25,7 +27,7 @@ from tdcr_fe.identify.long_data import (
 from tdcr_fe.identify.next_experiment import choose_next
 from tdcr_fe.identify.noise import estimate_sigma, find_input_noise, with_input_sigma
 from tdcr_fe.identify.problem import FitProblem, evaluate, fit_of_run, refine
-from tdcr_fe.identify.result import IdentificationResult, InputNoise, NextExperiment
+from tdcr_fe.identify.result import IdentificationResult
 from tdcr_fe.identify.run import Run
 from tdcr_fe.identify.search import search_causes
 from tdcr_fe.identify.search_state import Progress, Search, SearchState, cut_short, in_time
@@ -50,6 +52,9 @@ from tdcr_fe.model.messages import issue, warnings_to
 
 #: Tolerance of the loading path as a fraction of the noise of a position (a third of it is left), and its limit.
 PATH_SHARE, LOOSEST = 0.6, 3e-4
+
+
+T = TypeVar("T")
 
 
 class NotSolved(Exception):
@@ -151,61 +156,42 @@ def _search(
     try:
         if unusable_data(state.problem, state.declared):
             return state, Found()
-        state = _with_data_fault(state.ending_at(latest))
-        if state.data_fault:
-            return state, Found()
+        fault, state = _in_time(lambda x: data_fault(x.problem, x.declared), state.ending_at(latest), FAULTS)
+        if fault:
+            return replace(state, data_fault=fault), Found()
         state = state.ending_at(schedule.search + schedule.grace)
         listed = replace(search, deadline=schedule.search)
         for latest_state in search_causes(listed, state):
             state = latest_state
         state = cut_short(listed, state, FURTHER_EFFECTS)
         whole = replace(search, deadline=schedule.end)
-        if prepared.rows is None:
-            planned, state = _planned(whole, state)
-        else:
-            planned, state = _planned(whole, state.ending_at(schedule.friction + schedule.grace))
+        end = latest if prepared.rows is None else schedule.friction + schedule.grace
+        planned, state = _in_time(partial(choose_next, whole), state.ending_at(end), NEXT_EXPERIMENT)
+        if prepared.rows is not None:
             if prepared.frictional is not None:
-                frictional = replace(prepared.frictional, deadline=schedule.friction + schedule.grace)
+                frictional = replace(prepared.frictional, deadline=end)
                 own = replace(search, deadline=schedule.friction)
                 for latest_state in in_time(state, restore_friction(own, state, frictional), FRICTION):
                     state = latest_state
             state = fit_to_all_rows(whole, state, replace(prepared.problem, deadline=latest))
-        noise, state = _input_noise(whole, state)
-        if not whole.explained(state):  # parameters of a model that leaves more than noise mean nothing
+        if not whole.explained(state):  # parameters of a model that leaves more than noise have no profiles
+            noise, state = _in_time(lambda x: find_input_noise(x.problem, x.best), state, INPUT_NOISE)
             return state, Found(planned, noise)
         if whole.out_of_time:
-            return state.without_trying(PROFILES) if state.best.free else state, Found(planned, noise)
-        return state, Found(planned, noise, profiles(state.problem, state.best))
+            return state.without_trying(PROFILES) if state.best.free else state, Found(planned)
+        return state, Found(planned, profiles=profiles(state.problem, state.best))
     except KeyboardInterrupt:
         last = replace(state, interrupted=True)
         last = last.with_history("interrupted; what was found until then is reported")
         raise _Interrupted(last, prepared) from None
 
 
-def _with_data_fault(state: SearchState) -> SearchState:
-    """With the fault of the data, if there is one."""
+def _in_time(make: Callable[[SearchState], T], state: SearchState, what: str) -> tuple[T | None, SearchState]:
+    """What is made of a state; None, with that part noted as not tried, where the time does not suffice."""
     try:
-        return replace(state, data_fault=data_fault(state.problem, state.declared))
+        return make(state), state
     except OutOfTime:
-        return state.without_trying(FAULTS)
-
-
-def _planned(search: Search, state: SearchState) -> tuple[NextExperiment | None, SearchState]:
-    """The next experiment, if the time suffices."""
-    try:
-        return choose_next(search, state), state
-    except OutOfTime:
-        return None, state.without_trying(NEXT_EXPERIMENT)
-
-
-def _input_noise(search: Search, state: SearchState) -> tuple[InputNoise | None, SearchState]:
-    """Scatter of the inputs that would account for what is left, where that is not noise, if the time suffices."""
-    if search.explained(state):
-        return None, state
-    try:
-        return find_input_noise(state.problem, state.best), state
-    except OutOfTime:
-        return None, state.without_trying(INPUT_NOISE)
+        return None, state.without_trying(what)
 
 
 def _prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardModel) -> _Prepared:

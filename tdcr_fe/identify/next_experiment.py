@@ -9,9 +9,10 @@ rivals, the experiment minimises the standard error of the parameter that is kno
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +30,8 @@ from tdcr_fe.model.loading import Load, LoadStep, resolve
 
 Array = NDArray[np.float64]
 
-#: Rivals, tip forces, candidates, and candidates that are looked at with the uncertainty of the parameters, at most.
-RIVALS, FORCES, CANDIDATES, CLOSER = 3, 3, 10, 4
+#: Rivals, tip forces, and candidates, at most.
+RIVALS, FORCES, CANDIDATES = 3, 3, 10
 
 
 @dataclass(frozen=True)
@@ -65,26 +66,14 @@ def choose_next(search: Search, state: SearchState) -> NextExperiment | None:
     if search.out_of_time:
         raise OutOfTime
     search.report("the next experiment", 0.96)
-    rivals = leading_rivals(search, state)
-    models = [_Model(f, covariance(problem, f)) for f in (best, *rivals)]
+    models = [_Model(f, covariance(problem, f)) for f in (best, *leading_rivals(search, state))]
     candidates = candidate_sequences(problem)
-    rough = [_planned(problem, _whole(steps)) for steps in candidates]
-    if rivals:
-        central = [_predictions(rough, m.fit) for m in models]
-        usable = [i for i in range(len(rough)) if all(np.isfinite(c[i]).all() for c in central)]
-        apart = [min(float(np.linalg.norm(central[0][i] - c[i])) for c in central[1:]) for i in usable]
-        near = [usable[int(i)] for i in np.argsort(-np.array(apart))[:CLOSER]]
-        best_first = [
-            near[i] for i in np.argsort(-_separations(models, [rough[i] for i in near]).min(axis=1))
-        ]
-    else:
-        shares = _remaining_shares(models[0], rough)
-        best_first = [int(i) for i in np.argsort(shares) if np.isfinite(shares[i])]
-    for i in best_first:
-        exact = _planned(problem, candidates[i])
-        found = _parting(models, exact) if rivals else _shrinking(models[0], exact)
-        if found is not None:
-            return found
+    judge = _parting if len(models) > 1 else _shrinking
+    rough = judge(models, [_planned(problem, _whole(steps)) for steps in candidates])
+    for i in sorted(rough, key=lambda i: -rough[i].value):
+        exact = judge(models, [_planned(problem, candidates[i])])
+        if exact:
+            return exact[0].experiment
     return None
 
 
@@ -123,7 +112,7 @@ def candidate_sequences(problem: FitProblem) -> list[tuple[LoadStep, ...]]:
     rest = commands[int(np.argmin(np.abs(commands).sum(axis=1)))]
     ends = [*np.argmax(commands, axis=0), *np.argmin(commands, axis=0)[np.min(commands, axis=0) < 0.0]]
     extremes = _distinct([commands[int(k)] for k in ends if not np.array_equal(commands[int(k)], rest)])
-    points = _distinct([*extremes, *(0.5 * (a + b) for a, b in combinations(extremes, 2))])
+    points = _distinct([*extremes, *(0.5 * (a + b) for a, b in itertools.combinations(extremes, 2))])
     measured = np.array([a.loads["tip"].force if "tip" in a.loads else (0.0,) * 3 for a in actions])
     forces = _distinct([f for f in measured if np.linalg.norm(f) > 0.0])
     forces = sorted(forces, key=lambda f: -float(np.linalg.norm(f)))[:FORCES]
@@ -188,97 +177,73 @@ def _planned(problem: FitProblem, steps: tuple[LoadStep, ...]) -> FitProblem:
     )
 
 
-# ----------------------------------------------------------------------------------------------- predictions
+# ------------------------------------------------------------------------------------------------ criteria
 
 
-def _predictions(planned: Sequence[FitProblem], fit: Fit) -> list[Array]:
-    """Predicted readings over sigma of every sequence, each from the unloaded robot."""
-    experiments = [p.with_effects(fit.effects, fit.values) for p in planned]
-    runs = planned[0].solve(experiments) if planned else []
-    return [-p.residual(e, run) for p, e, run in zip(planned, experiments, runs, strict=True)]
+class _Judged(NamedTuple):
+    """A candidate that all models solve."""
+
+    value: float  # how much it helps
+    experiment: NextExperiment
 
 
 def _linearized(planned: Sequence[FitProblem], models: Sequence[_Model]) -> list[list[Linear]]:
-    """Predictions of every sequence and their derivatives by the free numbers of a model, by model."""
+    """Predictions of every sequence and their derivatives by the free numbers of a model, by sequence and model."""
     pairs = []
-    for model in models:
+    for p, model in itertools.product(planned, models):
         fit, half = model.fit, 0.5 * np.sqrt(np.maximum(np.diag(model.spread), 1e-300))
         by_name = {e.name: e for e in fit.effects}
         columns = tuple(
             Column(by_name[effect], name, fit.values[effect], float(h))
             for (effect, name), h in zip(fit.free, half, strict=True)
         )
-        pairs += [(p, Request(fit.effects, fit.values, columns, record=False)) for p in planned]
+        pairs.append((p, Request(fit.effects, fit.values, columns, record=False)))
     found = linearize_each(pairs)
-    return [found[i * len(planned) : (i + 1) * len(planned)] for i in range(len(models))]
+    return [found[i : i + len(models)] for i in range(0, len(found), len(models))]
 
 
-# ------------------------------------------------------------------------------------------------ criteria
+def _solved(planned: Sequence[FitProblem], models: Sequence[_Model]) -> Iterator[tuple[int, list[Linear]]]:
+    """Number and predictions of the sequences that all models solve."""
+    for i, own in enumerate(_linearized(planned, models)):
+        if all(np.isfinite(linear.residual).all() for linear in own):
+            yield i, own
 
 
-def _separations(models: Sequence[_Model], planned: Sequence[FitProblem]) -> Array:
-    """Difference of each rival from the best model, over noise and uncertainty, shape (sequences, rivals) [sigma].
-
-    Zero where a model is not solved.
-    """
-    found = _linearized(planned, models)
-    values = np.zeros((len(planned), len(models) - 1))
-    for n in range(len(planned)):
-        for r in range(1, len(models)):
-            d = found[r][n].residual - found[0][n].residual
-            if not np.isfinite(d).all():
-                continue
-            total = np.eye(len(d))
-            for model, linear in ((models[0], found[0][n]), (models[r], found[r][n])):
-                total += linear.matrix @ model.spread @ linear.matrix.T
-            values[n, r - 1] = np.sqrt(max(float(d @ np.linalg.solve(total, d)), 0.0))
-    return values
-
-
-def _parting(models: Sequence[_Model], planned: FitProblem) -> NextExperiment | None:
-    """A candidate that separates the rivals from the best model; None where one of them is not solved."""
-    (values,) = _separations(models, [planned])
-    if not np.all(values > 0.0):
-        return None
-    separation = {m.name: float(v) for m, v in zip(models[1:], values, strict=True)}
-    listed = ", ".join(f"{name} ({v:.1f} sigma)" for name, v in separation.items())
-    return NextExperiment(planned.data.steps, f"separates {models[0].name} from {listed}", separation)
+def _parting(models: Sequence[_Model], planned: Sequence[FitProblem]) -> dict[int, _Judged]:
+    """Candidates by how far they separate the rivals from the best model, over noise and uncertainty [sigma]."""
+    found = {}
+    for i, (best, *others) in _solved(planned, models):
+        apart = {}
+        for model, other in zip(models[1:], others, strict=True):
+            d, total = other.residual - best.residual, np.eye(best.residual.size)
+            for linear, spread in ((best, models[0].spread), (other, model.spread)):
+                total += linear.matrix @ spread @ linear.matrix.T
+            apart[model.name] = float(np.sqrt(max(float(d @ np.linalg.solve(total, d)), 0.0)))
+        listed = ", ".join(f"{name} ({v:.1f} sigma)" for name, v in apart.items())
+        if min(apart.values()) > 0.0:
+            purpose = f"separates {models[0].name} from {listed}"
+            experiment = NextExperiment(planned[i].data.steps, purpose, apart)
+            found[i] = _Judged(min(apart.values()), experiment)
+    return found
 
 
-def _known_worst(model: _Model, planned: FitProblem) -> tuple[int, float]:
-    """Free number with the largest standard error in proportion to its value, and that standard error."""
+def _shrinking(models: Sequence[_Model], planned: Sequence[FitProblem]) -> dict[int, _Judged]:
+    """Candidates by how much they reduce the standard error of the parameter that is known worst by its value."""
+    (model,) = models
     fit = model.fit
-    z = planned.coordinates(fit.effects, fit.values, fit.free)
-    error = np.sqrt(np.maximum(np.diag(model.spread), 0.0))
+    found: dict[int, _Judged] = {}
+    if not fit.free or not planned:
+        return found
+    z = planned[0].coordinates(fit.effects, fit.values, fit.free)
+    error = np.sqrt(np.maximum(np.diag(model.spread), 1e-300))
     widest = int(np.argmax(error / np.maximum(np.abs(z), 1e-300)))
-    return widest, max(float(error[widest]), 1e-300)
-
-
-def _remaining_shares(model: _Model, planned: Sequence[FitProblem]) -> Array:
-    """Of the standard error of the parameter known worst, after each sequence; infinite where that is not solved."""
-    after = np.full(len(planned), np.inf)
-    if not model.fit.free or not planned:
-        return after
-    widest, error = _known_worst(model, planned[0])
+    effect, parameter = fit.free[widest]
     known = np.linalg.pinv(model.spread, hermitian=True)
-    (found,) = _linearized(planned, [model])
-    for i, linear in enumerate(found):
-        if np.isfinite(linear.residual).all():
-            s = linear.matrix
-            left = np.linalg.pinv(known + s.T @ s, hermitian=True)[widest, widest]
-            after[i] = float(np.sqrt(left)) / error
-    return after
-
-
-def _shrinking(model: _Model, planned: FitProblem) -> NextExperiment | None:
-    """A candidate that reduces the standard error of the parameter known worst; None where it is not solved."""
-    (share,) = _remaining_shares(model, [planned]).tolist()
-    if not np.isfinite(share):
-        return None
-    effect, parameter = model.fit.free[_known_worst(model, planned)[0]]
-    return NextExperiment(
-        steps=planned.data.steps,
-        purpose=f"narrows the interval of {parameter} ({effect}) by {100.0 * (1.0 - share):.0f} %",
-        parameter=f"{effect}.{parameter}",
-        remaining_share=share,
-    )
+    for i, (linear,) in _solved(planned, models):
+        left = np.linalg.pinv(known + linear.matrix.T @ linear.matrix, hermitian=True)[widest, widest]
+        share = float(np.sqrt(left) / error[widest])
+        purpose = f"narrows the interval of {parameter} ({effect}) by {100.0 * (1.0 - share):.0f} %"
+        name = f"{effect}.{parameter}"
+        experiment = NextExperiment(planned[i].data.steps, purpose, parameter=name, remaining_share=share)
+        found[i] = _Judged(-share, experiment)
+    return found

@@ -23,7 +23,6 @@ from tdcr_fe.identify import identify
 from tdcr_fe.io.atomic import write_json
 from tdcr_fe.io.measured import read_measured
 from tdcr_fe.validation.blind.maker import Answer, make_blind
-from tdcr_fe.validation.blind.readings import NotMade
 from tdcr_fe.validation.blind.recipes import Recipe, plan, plan_of
 from tdcr_fe.validation.blind.scoring import Score, score
 from tdcr_fe.validation.runner import Campaign
@@ -123,11 +122,8 @@ class Blind(Campaign):
             begun = time.process_time()
             result = identify(data)
             seconds = time.process_time() - begun
-        except Exception as error:
-            text = (
-                f"{type(error).__name__}: {error}" if isinstance(error, NotMade) else traceback.format_exc()
-            )
-            return Score(case.seed, case.kind, list(case.effects), "failed", error=text)
+        except Exception:
+            return Score(case.seed, case.kind, list(case.effects), "failed", error=traceback.format_exc())
         if result.log.interrupted:  # it is not the result of this set
             raise KeyboardInterrupt
         return score(answer, result, seconds)
