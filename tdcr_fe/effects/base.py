@@ -74,6 +74,7 @@ class Observation:
         positions: Array,
         rotations: Array,
         displacements: Array,
+        base_tensions: Array,
         distal_tensions: Array,
         tendon_names: tuple[str, ...],
     ) -> ObservedStep:
@@ -83,6 +84,7 @@ class Observation:
             positions,
             rotations,
             displacements,
+            base_tensions,
             distal_tensions,
             tendon_names,
             self.frame,

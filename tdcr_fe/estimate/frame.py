@@ -220,12 +220,14 @@ class Solved:
         simulation = self.simulation
         positions, rotations = simulation.state.configuration.poses[0]
         tensions = simulation.handle.tensions()
+        base, distal = np.array([(x[0], x[-1]) for x in tensions.values()]).T
         return self.frame.problem.observation.step(
             self.frame.problem.s,
             positions,
             rotations @ BEAM_TO_SECTION.T,
             simulation.displacement,
-            np.array([x[-1] for x in tensions.values()]),
+            base,
+            distal,
             tuple(tensions),
         )
 

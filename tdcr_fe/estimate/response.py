@@ -117,7 +117,9 @@ class Response:
     def observed(self) -> ObservedChange:
         """As the channels of measurement need it."""
         still = np.zeros((len(self.nodes), self.nodes.shape[-1]))
-        return ObservedChange(self.nodes, self.rotations, self.displacements, self.distal_tensions, still)
+        return ObservedChange(
+            self.nodes, self.rotations, self.displacements, self.base_tensions, self.distal_tensions, still
+        )
 
 
 def _disturbance(own: TendonForces, state: SolverState, loaded: NDArray[np.int_]) -> Disturbance:

@@ -20,7 +20,7 @@ from tdcr_fe.model.results import StepResult
 from tdcr_fe.scene.mesh import build_mesh
 
 if TYPE_CHECKING:
-    from tdcr_fe.model.results import Sensitivities
+    from tdcr_fe.model.results import Sensitivities, Sensitivity
     from tdcr_fe.solve.load_steps.load_path import Increment
     from tdcr_fe.solve.simulate import PathRecord
 
@@ -137,6 +137,10 @@ def _divide(joined: dict[int, list[Increment]], ends: Ends) -> PathRecord:
     return divided
 
 
+#: Fields of `Run` and `RunDerivatives` with one entry for every step.
+_BY_STEP = ("positions", "rotations", "displacements", "base_tensions", "distal_tensions")
+
+
 @dataclass(frozen=True, eq=False)
 class RunDerivatives:
     """Derivatives of a run by parameters, which are the last axis; NaN for steps that were not solved."""
@@ -146,12 +150,13 @@ class RunDerivatives:
     rotations: Array
     # shape (n_steps, n_tendons, P)
     displacements: Array
+    base_tensions: Array
     distal_tensions: Array
     arc_lengths: Array  # of the nodes, shape (n, P)
     names: tuple[str, ...]  # of the parameters
     # parameters asked for by which there is no derivative, with the reason
     refused: Mapping[str, str] = field(default_factory=dict)
-    _TABLES: ClassVar[tuple[str, ...]] = ("positions", "rotations", "displacements", "distal_tensions")
+    _TABLES: ClassVar[tuple[str, ...]] = _BY_STEP
 
     @classmethod
     def of(
@@ -166,11 +171,16 @@ class RunDerivatives:
             stacked = np.stack([v[last] for v in values], axis=-1)
             return np.concatenate((stacked, np.full((count - len(last), *stacked.shape[1:]), np.nan)))
 
+        def ends(by: Sensitivity, k: int) -> Array:
+            """Tensions of the first or the last segments, shape (n_steps, n_tendons)."""
+            return np.array([t[:, k] for t in by.tensions]).T.reshape(by.displacements.shape)
+
         return cls(
             fill([x.positions for x in every]),
             fill([x.rotations for x in every]),
             fill([x.displacements for x in every]),
-            fill([np.array([t[:, -1] for t in x.tensions]).T.reshape(x.displacements.shape) for x in every]),
+            fill([ends(x, 0) for x in every]),
+            fill([ends(x, -1) for x in every]),
             np.stack([x.arc_lengths for x in every], axis=1) if every else np.zeros((0, 0)),
             tuple(found),
             refused,
@@ -204,10 +214,6 @@ class RunDerivatives:
         count = matrices.shape[2]
         none = np.zeros((len(self.arc_lengths), count))
         return replace(self, **tables, arc_lengths=none, names=("",) * count)
-
-
-#: Fields of `Run` with one entry for every step.
-_BY_STEP = ("positions", "rotations", "displacements", "base_tensions", "distal_tensions")
 
 
 def _padded(values: Array, steps: int) -> Array:
@@ -359,6 +365,7 @@ class Reader:
             run.positions[steps],
             run.rotations[steps],
             run.displacements[steps],
+            run.base_tensions[steps],
             run.distal_tensions[steps],
             self._made_of[2],
         )
@@ -410,6 +417,7 @@ class Reader:
                     by.positions[k],
                     by.rotations[k],
                     by.displacements[k],
+                    by.base_tensions[k],
                     by.distal_tensions[k],
                     by.arc_lengths,
                 )

@@ -220,6 +220,13 @@ CHANNELS: tuple[Channel, ...] = (
         **_METRES,
     ),
     Channel(
+        "base_tension",
+        "tendon",
+        "tension of a tendon above the base plate, as from a load cell",
+        _of_tendons(lambda step: step.base_tensions),
+        **_NEWTONS,
+    ),
+    Channel(
         "distal_tension",
         "tendon",
         "tension of a tendon at its anchor",

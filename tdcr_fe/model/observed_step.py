@@ -28,7 +28,7 @@ class ObservedChange:
         Of the nodes in the world.
     rotations : ndarray, shape (n, 3, P)
         Of the sections, as world rotation vectors.
-    displacements, distal_tensions : ndarray, shape (n_tendons, P)
+    displacements, base_tensions, distal_tensions : ndarray, shape (n_tendons, P)
     s : ndarray, shape (n, P)
         Of the arc lengths of the nodes, which move along the backbone where disks do.
     """
@@ -36,6 +36,7 @@ class ObservedChange:
     positions: Array
     rotations: Array
     displacements: Array
+    base_tensions: Array
     distal_tensions: Array
     s: Array
 
@@ -59,8 +60,8 @@ class ObservedStep:
         Of the nodes in the world [m].
     rotations : ndarray, shape (..., n, 3, 3)
         Of the sections; the third column is the tangent.
-    displacements, distal_tensions : ndarray, shape (..., n_tendons)
-        Pulled in at the base [m]; at the anchor [N].
+    displacements, base_tensions, distal_tensions : ndarray, shape (..., n_tendons)
+        Pulled in at the base [m]; tensions above the base plate and at the anchor [N].
     tendon_names : tuple of str
     frame : ndarray, shape (3, 3)
         Rotation of what is measured against the world: measured = shift + frame (p + R offset).
@@ -76,6 +77,7 @@ class ObservedStep:
     positions: Array
     rotations: Array
     displacements: Array
+    base_tensions: Array
     distal_tensions: Array
     tendon_names: tuple[str, ...]
     frame: Array = field(default_factory=lambda: np.eye(3))
@@ -97,6 +99,7 @@ class ObservedStep:
             step.positions,
             step.rotations,
             np.asarray(step.displacements, dtype=float),
+            np.asarray(step.base_tensions, dtype=float),
             np.array([t[-1] for t in step.tensions], dtype=float),
             tendon_names,
             Rotation.from_rotvec(np.array(rotation, dtype=float)).as_matrix(),
@@ -161,5 +164,6 @@ class ObservedStep:
             positions=self.positions + np.tensordot(by, change.positions, (1, 2)),
             rotations=turn.reshape(len(by), -1, 3, 3) @ self.rotations,
             displacements=self.displacements + np.tensordot(by, change.displacements, (1, 1)),
+            base_tensions=self.base_tensions + np.tensordot(by, change.base_tensions, (1, 1)),
             distal_tensions=self.distal_tensions + np.tensordot(by, change.distal_tensions, (1, 1)),
         )

@@ -46,12 +46,11 @@ def test_markers_are_read_as_the_channels_predict_them(share):
             run.positions[k],
             run.rotations[k],
             run.displacements[k],
+            run.base_tensions[k],
             run.distal_tensions[k],
             ("t1", "t2"),
         )
-        change = ObservedChange(
-            by.positions[k], by.rotations[k], by.displacements[k], by.distal_tensions[k], by.arc_lengths
-        )
+        change = ObservedChange(*(getattr(by, name)[k] for name in by._TABLES), by.arc_lengths)
         known = channel(r.quantity)
         np.testing.assert_allclose(values[i], known.predict(step, [r.location])[0], rtol=1e-12, atol=1e-15)
         expected = known.derivatives(step, change, [r.location])[0]

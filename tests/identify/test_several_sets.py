@@ -160,7 +160,7 @@ def test_derivatives_of_joined_sets_are_those_of_each():
         for e in experiment.sequences
     ]
     assert joined.derivatives.names == ("g", "mu")
-    for field in ("positions", "rotations", "displacements", "distal_tensions"):
+    for field in joined.derivatives._TABLES:
         parts = np.concatenate([getattr(r.derivatives, field) for r in own])
         np.testing.assert_allclose(getattr(joined.derivatives, field), parts, rtol=1e-9, atol=1e-12)
     assert np.abs(joined.derivatives.positions[..., 1]).max() > 1e-4

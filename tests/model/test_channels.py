@@ -25,7 +25,9 @@ def arc(kappa=KAPPA, s=NODES, **more):
     angle = kappa * s
     positions = np.stack((1.0 - np.cos(angle), 0.0 * s, np.sin(angle)), axis=1) / kappa
     rotations = Rotation.from_rotvec(np.stack((0.0 * s, angle, 0.0 * s), axis=1)).as_matrix()
-    return ObservedStep(s, positions, rotations, np.array([1e-3]), np.array([0.7]), ("t1",), **more)
+    return ObservedStep(
+        s, positions, rotations, np.array([1e-3]), np.array([0.9]), np.array([0.7]), ("t1",), **more
+    )
 
 
 def predicted(quantity, step, location=None):
@@ -47,6 +49,7 @@ def test_angles_and_offset_of_an_arc():
     assert predicted("chord_angle", step) == pytest.approx(0.5 * KAPPA * LENGTH)
     assert predicted("tip_offset", step) == pytest.approx((1.0 - math.cos(KAPPA * LENGTH)) / KAPPA)
     assert predicted("tendon_displacement", step, "t1") == 1e-3
+    assert predicted("base_tension", step, "t1") == 0.9
     assert predicted("distal_tension", step, "t1") == 0.7
 
 
@@ -81,8 +84,7 @@ def test_the_straight_robot_shows_the_rest_values():
         s,
         np.stack((0.0 * s, 0.0 * s, s), axis=1),
         np.tile(np.eye(3), (5, 1, 1)),
-        np.zeros(1),
-        np.zeros(1),
+        *np.zeros((3, 1)),
         ("t1",),
     )
     for c in CHANNELS:
@@ -113,13 +115,17 @@ def test_derivatives_of_an_arc_are_those_of_whole_arcs(quantity: str) -> None:
     positions[:, :, 1] = step.rotations[:, :, 2] * along[:, None]
     rotations[:, 1, 1] = KAPPA * along
     tendons = np.array([[0.3, 0.0]])
-    change = ObservedChange(positions, rotations, tendons, 2.0 * tendons, np.stack((0.0 * s, along), axis=1))
+    change = ObservedChange(
+        positions, rotations, tendons, 3.0 * tendons, 2.0 * tendons, np.stack((0.0 * s, along), axis=1)
+    )
     locations = {"arc length": (0.033, s[3], s[-1]), "tendon": ("t1",), "": (None,)}[known.location]
     found = known.derivatives(step, change, locations)
     ahead, behind = (known.predict(arc(k, s, frame=frame), locations) for k in (KAPPA + h, KAPPA - h))
     expected = (ahead - behind) / (2.0 * h)
     if known.location == "tendon":
-        expected = np.array([0.3 if quantity == "tendon_displacement" else 0.6])
+        expected = np.array(
+            [{"tendon_displacement": 0.3, "base_tension": 0.9, "distal_tension": 0.6}[quantity]]
+        )
     np.testing.assert_allclose(found[:, 0], expected, atol=1e-8 * max(np.max(np.abs(expected)), 0.1))
     np.testing.assert_allclose(found[:, 1], 0.0, atol=1e-7)
 
@@ -128,7 +134,7 @@ def test_derivatives_of_an_arc_are_those_of_whole_arcs(quantity: str) -> None:
 def test_markers_off_the_backbone_turn_with_their_sections(quantity: str) -> None:
     step = arc(offset=np.array([1e-3, 2e-3, 3e-3]))
     rotations = np.tile(np.array([0.1, 0.2, 0.3])[:, None], (9, 1, 1))
-    change = ObservedChange(0.0 * rotations, rotations, np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((9, 1)))
+    change = ObservedChange(0.0 * rotations, rotations, *np.zeros((3, 1, 1)), np.zeros((9, 1)))
     (found,) = channel(quantity).derivatives(step, change, [step.s[4]])
     expected = np.cross([0.1, 0.2, 0.3], step.rotations[4] @ step.offset)["xyz".index(quantity[-1])]
     assert found == pytest.approx([expected], abs=1e-10)
@@ -138,13 +144,13 @@ def test_derivatives_of_angles_on_the_axis_are_to_one_side() -> None:
     """A straight robot along z: the angle grows by the rotation of the tip, whatever its direction."""
     s = np.linspace(0.0, 0.1, 3)
     straight = ObservedStep(
-        s, np.outer(s, [0.0, 0.0, 1.0]), np.tile(np.eye(3), (3, 1, 1)), np.zeros(1), np.zeros(1), ("t1",)
+        s, np.outer(s, [0.0, 0.0, 1.0]), np.tile(np.eye(3), (3, 1, 1)), *np.zeros((3, 1)), ("t1",)
     )
     rotations = np.zeros((3, 3, 2))
     rotations[2, 0, 0], rotations[2, 1, 1] = 0.3, -0.4
     positions = np.zeros((3, 3, 2))
     positions[2, 1, 0], positions[2, 0, 1] = -0.02, 0.03
-    change = ObservedChange(positions, rotations, np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((3, 2)))
+    change = ObservedChange(positions, rotations, *np.zeros((3, 1, 2)), np.zeros((3, 2)))
     assert channel("bending_angle").derivatives(straight, change, [None]) == pytest.approx(
         np.array([[0.3, 0.4]])
     )

@@ -99,6 +99,7 @@ def read(result: SequenceResult, setup: Experiment, marks: Sequence[Mark]) -> Ar
             x.positions,
             x.rotations,
             np.asarray(x.displacements, dtype=float),
+            np.asarray(x.base_tensions, dtype=float),
             np.array([t[-1] for t in x.tensions], dtype=float),
             names,
         )
