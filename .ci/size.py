@@ -26,10 +26,10 @@ from pathlib import Path
 BUDGET = {
     "elements": 3157,
     "tdcr_fe": 269,
-    "tdcr_fe/commands": 1056,
+    "tdcr_fe/commands": 1087,
     "tdcr_fe/effects": 1302,
     "tdcr_fe/estimate": 915,
-    "tdcr_fe/identify": 6400,
+    "tdcr_fe/identify": 6350,
     "tdcr_fe/io": 2093,
     "tdcr_fe/live": 374,
     "tdcr_fe/model": 2720,

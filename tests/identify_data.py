@@ -6,7 +6,7 @@ import numpy as np
 
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
 from tdcr_fe.identify.forward import ForwardModel, Task, run_settings, simulate_experiment
-from tdcr_fe.identify.identification import _declared, _prepare
+from tdcr_fe.identify.identification import declared_state, prepare
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.run import Reader
 from tdcr_fe.identify.search_state import Search, SearchState
@@ -99,8 +99,8 @@ def state_of(problem):
 
 def begun(data):
     """The state with which the search of `identify` begins: held-out steps chosen, mesh and path fine enough."""
-    prepared = _prepare(data, IdentifySettings(), ForwardModel())
-    return _declared(prepared.searched, prepared.run)
+    prepared = prepare(data, IdentifySettings(), ForwardModel())
+    return declared_state(prepared.searched, prepared.run)
 
 
 def searching(deadline=np.inf, **settings):

@@ -233,6 +233,8 @@ COMMANDS = {
 
         folder...           contains robot.toml, loading.csv, observations.csv and, optionally, model.toml;
                             several folders of one robot share the effects
+        --robots            the folders are of several robots of one design: what their effects have in common,
+                            and the scatter between the robots, in OUT/robots.json; a report of each in OUT/NAME
         -o --out OUT        directory for result.json and report.html
         --processes N       worker processes, at most as many as there are cores [%(default)s]
         --hold-out PATTERN  hold out the branches of loading.csv that match a shell pattern, such as 'pair*';

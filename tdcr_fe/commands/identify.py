@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from pathlib import Path
 from time import monotonic
 
 from tdcr_fe.commands.common import Exit, complain, cores, print_understood, progress_bar
 from tdcr_fe.identify.identification import NotSolved, identify
 from tdcr_fe.identify.report import write_result
 from tdcr_fe.identify.result import IdentificationResult
+from tdcr_fe.identify.robots import identify_robots
 from tdcr_fe.identify.sentences import summary
 from tdcr_fe.identify.settings import GRACE_OF_TABLES, IdentifySettings, clock
-from tdcr_fe.io.atomic import check_output_folder
+from tdcr_fe.io.atomic import check_output_folder, write_json
 from tdcr_fe.io.measured import MeasuredData, join_measured, read_measured
+from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.model.messages import count, warnings_to
 
@@ -36,7 +40,7 @@ def _processes(args: argparse.Namespace) -> int:
 def run(args: argparse.Namespace) -> int:
     """Identify what the model of a folder of measured data is missing."""
     begun = clock()
-    data = join_measured([read_measured(folder, strict=args.strict) for folder in args.folder])
+    sets = [read_measured(folder, strict=args.strict) for folder in args.folder]
     out = check_output_folder(args.out)
     settings = IdentifySettings(
         processes=_processes(args),
@@ -44,9 +48,12 @@ def run(args: argparse.Namespace) -> int:
         hold_out_branches=tuple(args.hold_out),
         own_effects=read_own_effects(args.effects),
     )
-    for row in data.left_out:
+    for row in (row for s in sets for row in s.left_out):
         args.noted.warnings.append(f"left out: {row}")
         complain(f"left out: {row}")
+    if args.robots:
+        return _robots(args, sets, settings, out)
+    data = join_measured(sets)
     print_understood(args, data.robot, data.model, data.steps)
     try:
         result = _identified(args, data, settings)
@@ -67,6 +74,30 @@ def run(args: argparse.Namespace) -> int:
     if interrupted:
         complain("interrupted; what was found until then is written")
         return Exit.INTERRUPTED
+    return Exit.DONE
+
+
+def _robots(
+    args: argparse.Namespace, sets: Sequence[MeasuredData], settings: IdentifySettings, out: Path
+) -> int:
+    """Identify several robots of one design."""
+    names = [s.name for s in sets]
+    if len(set(names)) < max(2, len(names)):
+        raise InputError([Problem("--robots", "", "", "takes two or more folders of different names")])
+    try:
+        found = identify_robots(sets, settings)
+    except NotSolved as error:
+        args.noted.message = str(error)
+        complain(str(error))
+        return Exit.FAILED
+    with warnings_to():
+        for name, result in found.results.items():
+            write_result(result, out / name)
+    write_json(found.to_json(), out / "robots.json")
+    args.noted.figures = found.to_json()
+    args.noted.files += [out / name for name in (*names, "robots.json")]
+    if not args.quiet:
+        print(f"{found}\n\nWritten to {out}: robots.json, {', '.join(names)}")
     return Exit.DONE
 
 

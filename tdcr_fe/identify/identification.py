@@ -109,8 +109,8 @@ def _identified(data: MeasuredData, settings: IdentifySettings, search: Search) 
     search.report("the declared model", 0.0)
     try:
         with ForwardModel(settings.processes, data.settings) as forward:
-            prepared = _prepare(without_unread_steps(data), settings, forward)
-            state = _declared(prepared.searched, prepared.run)
+            prepared = prepare(without_unread_steps(data), settings, forward)
+            state = declared_state(prepared.searched, prepared.run)
             schedule = Schedule.of(begun, settings.time_limit, prepared.all_steps, prepared.with_friction)
             state, found = _search(search, state, prepared, schedule)
             search.report("conclusions", 0.97)
@@ -194,7 +194,7 @@ def _in_time(make: Callable[[SearchState], T], state: SearchState, what: str) ->
         return None, state.without_trying(what)
 
 
-def _prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardModel) -> _Prepared:
+def prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardModel) -> _Prepared:
     """The problem with sigma known and steps held out; and that of the search, with mesh and path fine enough."""
     if settings.hold_out_branches:
         positions = set(held_out_branches(data, settings.hold_out_branches))
@@ -232,7 +232,7 @@ def _prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardMod
     return _Prepared(problem, searched, run, rows, frictional, estimated, all_steps, with_friction)
 
 
-def _declared(problem: FitProblem, run: Run) -> SearchState:
+def declared_state(problem: FitProblem, run: Run) -> SearchState:
     """The state with the declared model alone.
 
     Raises

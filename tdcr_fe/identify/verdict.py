@@ -253,7 +253,7 @@ def added_effects(
         added.append(
             AddedEffect(
                 name=e.listed,
-                parameters=_estimates(problem, best, e, deviation),
+                parameters=estimates(problem, best, e, deviation),
                 after=NOT_EVALUATED
                 if after is None
                 else _errors(problem, after, everything, len(after.free)),
@@ -285,7 +285,7 @@ def separating_experiments(e: Effect, rivals: Sequence[str], catalogue: Sequence
     return "; ".join([*sentences, *(f"for {x.name}: {x.separating_experiment}" for x in others)])
 
 
-def _estimates(problem: FitProblem, best: Fit, e: Effect, deviation: Array) -> dict[str, Estimate]:
+def estimates(problem: FitProblem, best: Fit, e: Effect, deviation: Array) -> dict[str, Estimate]:
     """Values of an effect's parameters with their standard errors; of a place, half the way to the next one."""
     numbers = {}
     if isinstance(e, EffectAtPlace):

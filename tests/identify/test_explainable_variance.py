@@ -82,12 +82,6 @@ def test_noise_has_no_ceiling_below_itself():
     assert 0.8 * np.mean(NOISE[HELD] ** 2) <= least.chi2_per_dof <= np.mean(NOISE[HELD] ** 2)
 
 
-def test_the_ceiling_of_a_good_model_is_its_own_error():
-    declared = by_step(40.0 * TENSION**2 * np.sign(np.sin(37.0 * TIME))) + NOISE
-    least = held_out_ceiling(PROBLEM, fit(declared), fit(0.5 * NOISE))
-    assert least.chi2_per_dof <= np.mean((0.5 * NOISE[HELD]) ** 2)
-
-
 def test_without_held_out_steps_there_is_none():
     nothing = FitProblem.of(DATA, PROBLEM.sigma, np.zeros(HELD.size, dtype=bool), ForwardModel())
     assert held_out_ceiling(nothing, fit(NOISE), fit(NOISE)) is None

@@ -27,10 +27,6 @@ def test_the_interval_of_a_parameter_that_is_not_normal_is_that_of_its_profile()
     assert high - 1.0 > 1.5 * (1.0 - low)
 
 
-def test_beside_a_bound_there_is_no_normal_distribution():
-    assert not Profile("a.b", np.array([0.0, 0.5, 1.0]), np.array([0.0, 1.0, 2.0])).is_normal
-
-
 def test_pairs_that_the_data_hardly_separate_are_drawn_by_their_region():
     """Points of the region are at a distance of 5.99, the 95 % quantile of chi-square, by the covariance."""
     correlation = np.array([[1.0, 0.9, 0.1], [0.9, 1.0, 0.2], [0.1, 0.2, 1.0]])

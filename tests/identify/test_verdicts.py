@@ -214,4 +214,3 @@ def test_forms_of_one_effect_are_separated_by_one_experiment():
     text = separating_experiments(own, ("pretension (each)", "gravity"), EFFECTS)
     assert text == f"for pretension: {own.separating_experiment}; for gravity: {other.separating_experiment}"
     assert separating_experiments(own, ("pretension (each)",), EFFECTS).count(own.separating_experiment) == 1
-    assert separating_experiments(own, (), EFFECTS) == ""
