@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from tdcr_fe.effects import Experiment
-from tdcr_fe.identify.causes import LISTED, Kind
+from tdcr_fe.effects import EFFECTS, Experiment
+from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify.result import (
     AddedEffect,
     Errors,
@@ -96,7 +96,7 @@ def added(name, others=(), **parameters):
     """An effect with value, standard error and unit of each parameter."""
     evidence = {"chi2_drop_fit": 1e5, "chi2_drop_held_out": 5e4, "needed_drop": 23.5}
     estimates = {n: Estimate(*p) for n, p in parameters.items()}
-    kind = LISTED.get(name, Kind("force", ("time",)))
+    kind = {e.name: e.kind for e in EFFECTS}.get(name, Kind("force", ("time",)))
     return AddedEffect(name, estimates, AFTER, evidence, kind, others, "bend the bare backbone")
 
 

@@ -49,9 +49,8 @@ def effects_block(result: IdentificationResult) -> str:
     skipped = observation_effects(result)
     lines = []
     for name, values in result.effects_table.items():
-        table = ", ".join(f"{key} = {_seven_digits(value)}" for key, value in values.items())
         comment = "# acts on the measurement only: " if name in skipped else ""
-        lines.append(f"{comment}{name} = {{ {table} }}")
+        lines.append(f"{comment}{name} = {value_to_toml({n: float(f'{x:.7g}') for n, x in values.items()})}")
     return "\n".join(["[effects]", *lines]) if lines else ""
 
 
@@ -172,12 +171,6 @@ def _labelled(result: IdentificationResult, experiment: Experiment) -> list[Load
         label = str(ids[k]) if part == parts else f"{ids[k]} (part {part} of {parts})"
         steps.append(replace(step, label=label))
     return steps
-
-
-def _seven_digits(value: float) -> str:
-    """A float as TOML has it, to seven digits."""
-    text = f"{value:.7g}"
-    return text if any(c in text for c in ".e") else f"{text}.0"
 
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import EFFECTS, Effect, Experiment
-from tdcr_fe.identify.causes import Kind
+from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify.run import Trajectory
 from tdcr_fe.io.atomic import plain
 from tdcr_fe.io.loading_table import loading_text

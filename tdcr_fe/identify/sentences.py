@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 from tdcr_fe.effects import effect
 from tdcr_fe.effects.places import PlaceEffect
@@ -361,14 +362,12 @@ def statistics(result: IdentificationResult) -> list[tuple[str, str, str]]:
     ]
 
 
-@dataclass(frozen=True)
-class FittedNumber:
+class FittedNumber(NamedTuple):
     """A parameter of an effect that was added, as text."""
 
     effect: str
     parameter: str
     estimate: str  # with the half-width of its 95 % interval
-    percent: str  # that half-width over the value
     declared: str  # the value that changes nothing
     remark: str  # what it means, and notes on the value
 
@@ -390,7 +389,6 @@ def fitted_numbers(result: IdentificationResult) -> list[FittedNumber]:
                     words(e.name),
                     name,
                     estimate(p.value, width, p.unit),
-                    significant(100.0 * width / abs(p.value), 2) if width and p.value else DASH,
                     quantity(declared, p.unit, 4) if known else DASH,
                     "; ".join(filter(None, notes)),
                 )
@@ -417,8 +415,8 @@ def summary(result: IdentificationResult) -> str:
     lines = [headline(result), *sentences(result), *_aligned(("", "declared", "fitted"), *statistics(result))]
     numbers, pairs = fitted_numbers(result), correlations(result)
     if numbers:
-        head = ("parameter", f"value{SPACE}±{SPACE}95{SPACE}%", "(%)", "declared", "")
-        rows = [(f"{n.effect}: {n.parameter}", n.estimate, n.percent, n.declared, n.remark) for n in numbers]
+        head = ("parameter", f"value{SPACE}±{SPACE}95{SPACE}%", "declared", "")
+        rows = [(f"{n.effect}: {n.parameter}", *n[2:]) for n in numbers]
         lines += _aligned(head, *rows)
     if pairs:
         lines += _aligned((f"correlations above {LEAST_CORRELATION}", "", ""), *pairs)

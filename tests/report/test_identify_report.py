@@ -128,7 +128,6 @@ def test_the_printed_result_has_statistics_values_with_intervals_and_correlation
     assert [
         "gravity: g_y",
         "6.950 ± 0.014 m/s²",
-        "0.2",
         "0 m/s²",
         "acceleration of gravity along y",
     ] in values

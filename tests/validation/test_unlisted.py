@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tdcr_fe.identify.causes import LISTED, Kind
+from tdcr_fe.effects import effect
+from tdcr_fe.effects.base import Kind
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
@@ -87,7 +88,7 @@ def test_a_blind_set_differs_from_the_declared_robot_above_the_noise(name):
 def judged(name, *kinds, effects=()):
     """The outcome of a set where causes of these kinds and these effects were found."""
     causes = [("", Kind(perturbs, tuple(depends_on))) for perturbs, *depends_on in kinds]
-    causes += [(e, LISTED[e]) for e in effects]
+    causes += [(e, effect(e).kind) for e in effects]
     misfit = SimpleNamespace(rms_position=1e-3)
     errors = SimpleNamespace(held_out=misfit)
     result = SimpleNamespace(
