@@ -28,7 +28,7 @@ def live(
     model
         Model; None is the default one of the robot. An automatic mesh is not refined.
     settings
-        Numerics.
+        Numerics; None resolves the path to 0.1 % of the length, for quick answers.
     port
         Port on this computer; 0 takes a free one.
 

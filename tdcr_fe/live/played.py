@@ -27,6 +27,11 @@ LARGEST_MOVE = 0.2
 BALANCED = 1e-3
 #: Places that can be pulled on a robot without disks.
 PLACES_WITHOUT_DISKS = 10
+#: Longest time for a load step [s]; what has begun by then is ended.
+LONGEST_STEP = 2.0
+#: Numerics of a picture: a path that is resolved to 0.1 % of the length, and a snap-through that is not approached in
+#: ever smaller substeps, which takes up to half a minute.
+SETTINGS = SolverSettings(path_tolerance=1e-3, min_substep=1.0 / 8.0, max_substeps=8)
 #: The first load step of every sequence.
 UNLOADED = LoadStep("unloaded")
 
@@ -59,8 +64,8 @@ class Answer:
         Time that it took.
     message : str
         Why the change could not be made, or a warning; empty where there is nothing to say.
-    balanced : bool
-        Whether the spring of a pull is in balance; if not, the same pull asked for once more comes nearer.
+    settled : bool
+        Whether a pull ends here; if not, the same pull asked for once more comes nearer to the balance of its spring.
     made : bool
         Whether the change was made; if not, the result is that of the change before.
     """
@@ -68,7 +73,7 @@ class Answer:
     result: SequenceResult
     seconds: float
     message: str = ""
-    balanced: bool = True
+    settled: bool = True
     made: bool = True
 
 
@@ -116,7 +121,7 @@ class PlayedRobot:
     robot, model
         Description.
     settings
-        Numerics.
+        Numerics; None are those of a picture, `SETTINGS`.
 
     Attributes
     ----------
@@ -129,7 +134,7 @@ class PlayedRobot:
     """
 
     def __init__(self, robot: Robot, model: Model, settings: SolverSettings | None = None) -> None:
-        self.robot, self.settings = robot, settings or SolverSettings()
+        self.robot, self.settings = robot, settings or SETTINGS
         length = robot.backbone.length
         disks = robot.disks.positions or np.linspace(0.0, length, PLACES_WITHOUT_DISKS + 1)[1:]
         inner = (float(s) for s in disks if s < length * (1.0 - 1e-9))
@@ -217,7 +222,9 @@ class PlayedRobot:
         if not answer.made:
             return answer
         left = stiffness * (np.asarray(pull.to) - self.position(pull.place)) - self._force(pull.place)
-        return replace(answer, balanced=float(np.linalg.norm(left)) < BALANCED * stiffness * length)
+        # Where the robot snaps through under a force, the spring may have no balance that load steps can reach.
+        nearer = BALANCED * stiffness * length < np.linalg.norm(left) < np.linalg.norm(unbalanced)
+        return replace(answer, settled=not nearer)
 
     def let_go(self) -> Answer:
         """Remove all loads."""
@@ -250,10 +257,10 @@ class PlayedRobot:
         (target,) = resolve(self.robot, [acting.as_step(step.label)])
         before = self._sequence.simulation.position
         try:
-            report = self._sequence.simulation.advance(target)
+            report = self._sequence.simulation.advance(target, deadline=begun + LONGEST_STEP)
         except StepFailed as failure:
             self._sequence.simulation.return_to(before)
-            message = f"This change was not made, since its load step did not converge: {failure}"
+            message = f"This change was not made, since its load step was not solved: {failure}"
             self.last = replace(self.last, seconds=time.perf_counter() - begun, message=message, made=False)
             return self.last
         self._sequence.acting, number = acting, len(self.steps) + 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
@@ -115,6 +116,7 @@ class Simulation:
         substeps: int | None = None,
         near: Sequence[Increment] = (),
         follow: PathObserver | None = None,
+        deadline: float = math.inf,
     ) -> LoadStepReport:
         """Solve one load step.
 
@@ -128,6 +130,8 @@ class Simulation:
             The substeps of a similar run, see `tdcr_fe.solve.load_steps.stepping.LoadStepper.solve`.
         follow
             Called with the solved load step.
+        deadline
+            Time after which no further substep begins, of `time.perf_counter` [s].
 
         Raises
         ------
@@ -144,7 +148,7 @@ class Simulation:
         ramp = Ramp.of(
             self.system, self.state, self.state.time, target.time, self._set_creep if creeps else None
         )
-        solver = SubstepSolver(self.system, ramp, self.settings)
+        solver = SubstepSolver(self.system, ramp, self.settings, deadline)
         try:
             with one_thread():
                 solved = LoadStepper(solver, self.position).solve(substeps, near)

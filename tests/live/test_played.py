@@ -16,19 +16,19 @@ def played() -> PlayedRobot:
     return PlayedRobot(three(), tdcr.Model(elements_per_bay=1))
 
 
-def pull_until_balanced(robot: PlayedRobot, pull: Pull) -> int:
+def pull_until_settled(robot: PlayedRobot, pull: Pull) -> int:
     """Number of load steps that it takes."""
     for count in range(1, 30):
-        if robot.pull(pull).balanced:
+        if robot.pull(pull).settled:
             return count
-    raise AssertionError("not in balance")
+    raise AssertionError("not settled")
 
 
 def test_simulate_repeats_what_was_played():
     """Tension, pulls at a disk and at the tip, displacement, no loads: the saved sequence has the history."""
     robot = played()
     robot.drive({"t1": 1.5}, {})
-    pull_until_balanced(robot, Pull(6, (0.05, 0.03, 0.12)))
+    pull_until_settled(robot, Pull(6, (0.05, 0.03, 0.12)))
     robot.pull(Pull(12, (0.1, 0.05, 0.15)))
     robot.drive({}, {"t2": 2e-3})
     robot.let_go()
@@ -44,13 +44,13 @@ def test_the_force_is_that_of_the_spring():
     """In balance the force leads from the disk to the mouse, and the disk has come most of the way."""
     robot, to = played(), np.array([0.06, 0.0, 0.22])
     start = robot.position(12)
-    pull_until_balanced(robot, Pull(12, tuple(to)))
+    pull_until_settled(robot, Pull(12, tuple(to)))
     force, gap = robot.steps[-1].loads["pull_13"].force, to - robot.position(12)
     assert np.dot(force, gap) / np.linalg.norm(force) / np.linalg.norm(gap) > 0.999
     assert np.linalg.norm(gap) < 0.5 * np.linalg.norm(to - start)
     # The same spring holds at another end: the ratio of force and length stays.
     ratio = np.linalg.norm(force) / np.linalg.norm(gap)
-    pull_until_balanced(robot, Pull(12, (0.03, 0.02, 0.24)))
+    pull_until_settled(robot, Pull(12, (0.03, 0.02, 0.24)))
     force, gap = robot.steps[-1].loads["pull_13"].force, np.array([0.03, 0.02, 0.24]) - robot.position(12)
     assert np.linalg.norm(force) / np.linalg.norm(gap) == pytest.approx(ratio, rel=0.05)
 
@@ -69,14 +69,14 @@ def test_friction_is_switched_at_equal_inputs():
     assert answer.result.steps[-1].bending_angle < 0.9 * released
 
 
-def test_a_step_that_fails_leaves_the_robot_where_it_was(monkeypatch):
+def test_a_step_that_fails_leaves_the_robot_where_it_was():
     robot = played()
     robot.drive({"t1": 1.0}, {})
     steps, tip = list(robot.steps), robot.last.result.steps[-1].tip
     settings = robot._sequence.simulation.settings
     robot._sequence.simulation.settings = replace(settings, max_iterations=1, min_substep=1.0)
     answer = robot.drive({"t1": 1.0, "t2": 60.0}, {})
-    assert "did not converge" in answer.message and robot.steps == steps
+    assert "not solved" in answer.message and robot.steps == steps
     robot._sequence.simulation.settings = settings
     robot.drive({"t1": 1.0}, {})
     assert np.allclose(robot.last.result.steps[-1].tip, tip, atol=1e-7)
@@ -88,7 +88,7 @@ def test_a_switch_of_the_friction_that_fails_leaves_sequence_and_friction_as_the
     steps, model, tip = list(robot.steps), robot.model, robot.last.result.steps[-1].tip
     settings, robot.settings = robot.settings, replace(robot.settings, max_iterations=1, min_substep=1.0)
     answer = robot.switch_friction(False)
-    assert "did not converge" in answer.message and not answer.made
+    assert "not solved" in answer.message and not answer.made
     assert robot.steps == steps and robot.model == model
     robot.settings = settings
     robot.drive({"t1": 2.0}, {})
@@ -126,3 +126,16 @@ def test_robots_without_disks_or_tendons_are_pulled_too():
     stiffness = 3.0 * rod.backbone.EI / 0.2**3
     robot.pull(Pull(9, (1.25 * force / stiffness, 0.0, 0.2)))  # the spring is four times as stiff as the rod
     assert robot.steps[-1].loads["pull_10"].force[0] == pytest.approx(force, rel=1e-2)
+
+
+def test_a_step_ends_at_its_time_limit_with_the_robot_where_it_was(monkeypatch):
+    robot = played()
+    robot.drive({"t1": 1.0}, {})
+    steps, tip = list(robot.steps), robot.last.result.steps[-1].tip
+    monkeypatch.setattr("tdcr_fe.live.played.LONGEST_STEP", 0.0)
+    answer = robot.drive({"t1": 2.0}, {})
+    assert "its time limit was reached at 0% of the load" in answer.message and not answer.made
+    assert robot.steps == steps
+    monkeypatch.undo()
+    robot.drive({"t1": 1.0}, {})
+    assert np.allclose(robot.last.result.steps[-1].tip, tip, atol=1e-7)

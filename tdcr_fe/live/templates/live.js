@@ -71,7 +71,7 @@ class Live {
     if (moved >= 0 && plots.input.value === "step") plots.input.value = `${this.drive} ${moved}`;
     panel.grown();
     if (kind === "restart") this.show();
-    if (this.pulled && !answer.balanced && !this.wish.pull) this.wish.pull = this.pulled;
+    if (this.pulled && !answer.settled && !this.wish.pull) this.wish.pull = this.pulled;
   }
 
   say(text) { this.find("[data-say=message]").textContent = text; }

@@ -9,6 +9,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.linearization import Linearization
@@ -30,6 +32,13 @@ class StepProgress(NamedTuple):
     def with_rejected(self, iterations: int) -> StepProgress:
         """The same after an attempt that was not accepted."""
         return self._replace(path=replace(self.path, rejected=self.path.rejected + iterations))
+
+    def late(self) -> StepFailed:
+        """The error where there is no time for another substep."""
+        message = f"its time limit was reached at {self.load_factor:.0%} of the load"
+        return StepFailed(
+            message, self.load_factor, np.nan, self.path.state, self.path.iterations + self.path.rejected
+        )
 
     def resolved(self, settings: SolverSettings) -> SolvedPath:
         """The path, with its error where that is beyond the tolerance."""
@@ -174,10 +183,12 @@ def take_substeps(
     Raises
     ------
     StepFailed
-        A substep that cannot be any smaller does not converge.
+        A substep that cannot be any smaller does not converge, or the deadline of the solver is over.
     """
     ahead = list(reversed(proposals))
     while ahead:
+        if solver.is_late:
+            raise progress.late()
         trial = solved(solver, progress, ahead.pop(), len(ahead))
         verdict = _judged(trial, judges)
         if isinstance(verdict, Trial):

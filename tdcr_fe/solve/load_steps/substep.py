@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +56,7 @@ class SubstepSolver:
     system: SceneSystem
     ramp: Ramp  # The load step
     settings: SolverSettings
+    deadline: float = math.inf  # No further substep begins after it, see `Simulation.advance` [s]
 
     def solve(
         self, state: SolverState, load_factor: float, linearization: Linearization | None, start: SolverState
@@ -142,6 +145,11 @@ class SubstepSolver:
             min(SMALLEST_PART, self.settings.min_substep) if passed else self.settings.min_substep
         )
 
+    @property
+    def is_late(self) -> bool:
+        """Whether there is no time for another solve."""
+        return perf_counter() > self.deadline
+
     def distance(self, a: SolverState, b: SolverState) -> float:
         """Largest distance of any coordinate of a node between two states over the length [1]."""
         moved = a.configuration.positions - b.configuration.positions
@@ -178,6 +186,8 @@ class SubstepSolver:
         spent = 0
         guess = self._pushed(state, failed) if failed.status is NewtonStatus.UNSTABLE else state
         for factor in RESCUE_FACTORS:
+            if self.is_late:
+                break
             result = newton(
                 self.system,
                 guess,
