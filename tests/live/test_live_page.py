@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from browser import Browser, browser, needs_chromium
+from browser import NO_GL, Browser, browser, needs_chromium
 from robots import three
 
 import tdcr_fe as tdcr
@@ -17,9 +17,9 @@ CONTROL = "document.querySelector('form.live').control"
 
 
 @pytest.fixture
-def opened() -> Iterator[tuple[Browser, LiveRobot]]:
+def opened(request: pytest.FixtureRequest) -> Iterator[tuple[Browser, LiveRobot]]:
     served = tdcr.live(three(), tdcr.Model(elements_per_bay=1))
-    with browser() as page:
+    with browser(*getattr(request, "param", ())) as page:
         page.open(served.url, 1366, 768)
         page.until(f"{CONTROL} !== undefined")
         yield page, served
@@ -98,7 +98,9 @@ def test_the_page_on_a_phone(opened):
 
 @needs_chromium
 @pytest.mark.campaign
+@pytest.mark.parametrize("opened", [NO_GL], indirect=True, ids=["without drawing"])
 def test_a_thousand_random_drags_fail_with_a_message_only(opened):
+    """Without WebGL: in software, one picture takes longer than many load steps."""
     page, served = opened
     draw = random.Random(0)
     for number in range(1000):
