@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Load, resolve
 from tdcr_fe.model.results import StepResult
 
@@ -47,8 +46,6 @@ class BayState:
     lever: Array  # bending moment of a unit tension about x and y [m], shape (n_bays, n_tendons, 2)
     direction: Array  # sign of the last change of every tendon's command [1], shape (K, n_tendons)
     time: Array  # [s], shape (K,)
-    # bending moment of the concentrated loads in the middle section [N m], shape (K, n_bays, 2)
-    load_moment: Array
 
     @property
     def middles(self) -> Array:
@@ -69,7 +66,7 @@ class BayState:
     @classmethod
     def joined(cls, parts: Sequence[BayState]) -> BayState:
         """Of several loading sequences, one after another."""
-        by_step = ("curvature", "rotation", "moved", "tension", "direction", "time", "load_moment")
+        by_step = ("curvature", "rotation", "moved", "tension", "direction", "time")
         return replace(parts[0], **{n: np.concatenate([getattr(p, n) for p in parts]) for n in by_step})
 
 
@@ -136,7 +133,6 @@ def bay_state(experiment: Experiment, steps: Sequence[StepResult], last: Sequenc
     rotation = np.full((count, bays, 3, 3), np.nan)
     moved = np.full((count, bays, 3), np.nan)
     tension = np.zeros((count, bays, m))
-    load_moment = np.zeros((count, bays, 2))
     actions = resolve(robot, experiment.steps)
     holes = [robot.hole_arc_lengths(t) for t in robot.tendons]
     for k, j in enumerate(last):
@@ -154,14 +150,6 @@ def bay_state(experiment: Experiment, steps: Sequence[StepResult], last: Sequenc
             at = np.searchsorted(holes[i], middles) - 1
             inside = middles < robot.end(robot.tendons[i])
             tension[k, inside, i] = step.tensions[i][np.minimum(at[inside], len(step.tensions[i]) - 1)]
-        x = interpolate_positions(step.s, step.positions, step.rotations, middles)
-        for name, load in actions[j].loads.items():
-            if name.startswith(f"{LOAD} ") or not any((*load.force, *load.moment)) or load.frame != "world":
-                continue
-            node = step.positions[int(np.argmin(np.abs(step.s - load.at)))]
-            about = np.cross(node - x, np.array(load.force)) + np.array(load.moment)
-            about[middles > load.at] = 0.0
-            load_moment[k] += np.einsum("bij,bi->bj", rotation[k], about)[:, :2]
     lever = np.zeros((bays, m, 2))
     for i, tendon in enumerate(robot.tendons):
         end = robot.end(tendon)
@@ -170,7 +158,7 @@ def bay_state(experiment: Experiment, steps: Sequence[StepResult], last: Sequenc
     whole = [actions[j] for j in last]
     time = np.array([a.time for a in whole])
     direction = last_direction(np.array([a.values for a in whole]).reshape(count, m))
-    return BayState(edges, curvature, rotation, moved, tension, lever, direction, time, load_moment)
+    return BayState(edges, curvature, rotation, moved, tension, lever, direction, time)
 
 
 def last_direction(commands: Array) -> Array:

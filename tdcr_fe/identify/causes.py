@@ -47,6 +47,10 @@ class Cause(Effect):
         return [[{**null, p.name: null[p.name] + p.scale} for p in self.parameters]]
 
 
+#: From the experiment and the values of a cause to the experiment with it.
+Change = Callable[[Experiment, Values], Experiment]
+
+
 class ChangedDescription(Cause):
     """A cause that changes robot, model or loading.
 
@@ -57,7 +61,9 @@ class ChangedDescription(Cause):
     parameters
         Its numbers.
     change
-        From the experiment and the values to the experiment with the cause.
+        From the experiment and values other than the null values to the experiment with the cause.
+    price
+        See `Cause`.
     """
 
     def __init__(
@@ -65,14 +71,17 @@ class ChangedDescription(Cause):
         name: str,
         kind: Kind,
         parameters: tuple[Parameter, ...],
-        change: Callable[[Experiment, Values], Experiment],
+        change: Change,
         sentence: str = "",
+        price: float = 0.0,
     ) -> None:
         self.name, self.kind, self.parameters, self.change = name, kind, parameters, change
-        self.sentence = sentence
+        self.sentence, self.price = sentence, price
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
+        if values == self.null_values(experiment):
+            return experiment
         return self.change(experiment, values)
 
 

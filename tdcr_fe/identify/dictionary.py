@@ -10,17 +10,18 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, Experiment, Parameter, PlaceEffect
-from tdcr_fe.effects.base import Bounds, ExcitationRange, Kind, Points, Values
+from tdcr_fe.effects.base import Kind, Values
 from tdcr_fe.identify.bay_state import COMPONENTS, BayState
 from tdcr_fe.identify.causes import (
     Attraction,
     Cause,
+    Change,
     ChangedDescription,
     ReadingCause,
     StateLoad,
@@ -28,8 +29,11 @@ from tdcr_fe.identify.causes import (
 from tdcr_fe.identify.terms import ROW, TIME, Factor, library, sentence, where
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.backbone import StiffnessPatch
+from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.loading import LoadStep, resolve
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import MisplacedRouting
+from tdcr_fe.model.tendon import TightHole
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.problem import FitProblem
@@ -64,7 +68,7 @@ def dictionary(problem: FitProblem, state: BayState) -> tuple[Effect, ...]:
 
 def unnamed(problem: FitProblem, state: BayState) -> list[Cause]:
     """Causes on no list."""
-    found: list[Cause] = [*_stiffness(), *_inputs(problem), *_readings(problem)]
+    found: list[Cause] = [*_along(problem), *_inputs(problem), *_readings(problem)]
     if not problem.experiment.robot.without_disks:
         found += _routings(problem)
     return [*found, *_loads(problem, state)]
@@ -100,26 +104,82 @@ def _number(name: str, unit: str, span: tuple[float, float], null: float, scale:
     return Parameter(name, unit, span[0], span[1], null, scale, name.replace("_", " "))
 
 
-def _stiffness() -> list[Cause]:
-    """A taper: the radius changes linearly along the backbone."""
+class _Profile(NamedTuple):
+    """How a quantity may depend on the arc length."""
 
-    def tapered(experiment: Experiment, values: Values) -> Experiment:
-        edges, length = experiment.robot.bay_edges, experiment.robot.backbone.length
-        base, tip = values["radius_base"], values["radius_tip"]
-        if base == tip == 1.0:
-            return experiment
-        patches = []
-        for a, b in itertools.pairwise(edges.tolist()):
-            # mean of the compliance over the bay, by Gauss's rule
-            s = 0.5 * (a + b) + 0.5 * (b - a) * np.array([-1.0, 1.0]) / math.sqrt(3.0)
-            factor = 1.0 / float(np.mean((base + (tip - base) * s / length) ** -4.0))
-            patches.append(StiffnessPatch(a, b, factor, factor))
-        backbone = experiment.robot.backbone
-        return experiment.with_backbone(patches=(*backbone.patches, *patches))
+    name: str  # of a cause with it, after the name of the quantity
+    where: str
+    numbers: tuple[str, ...]
+    value: Callable[[Values, float, Array], Array]  # from the numbers, the null value and arc lengths
+    price: float  # see `Cause.price`
 
-    numbers = tuple(_number(n, "1", (0.4, 2.5), 1.0, 0.02) for n in ("radius_base", "radius_tip"))
-    text = "the stiffness changes along the backbone, as that of a taper"
-    return [ChangedDescription("taper", Kind("stiffness", ("place",)), numbers, tapered, text)]
+
+def _profiles(robot: Robot) -> list[_Profile]:
+    """Linear from the base to the tip, and a step at every disk but the last: beyond it, one bay differs."""
+    length, disks = robot.backbone.length, robot.bay_edges[1:-2].tolist()
+
+    def linear(numbers: Values, null: float, s: Array) -> Array:
+        base, tip = numbers.values()
+        return np.asarray(base + (tip - base) * s / length)
+
+    def step(start: float) -> Callable[[Values, float, Array], Array]:
+        return lambda numbers, null, s: np.where(s < start - ARC_TOLERANCE, null, *numbers.values())
+
+    found = [_Profile("along s", "everywhere", ("base", "tip"), linear, 0.0)]
+    price = math.log(max(1, len(disks)))
+    for s in disks:
+        where = f"from s = {s:.4g} m on"
+        found.append(_Profile(where, where, ("beyond",), step(s), price))
+    return found
+
+
+def _along(problem: FitProblem) -> list[Cause]:
+    """What depends on the arc length: the radius of the backbone, and the friction of the holes."""
+    robot, found = problem.experiment.robot, list[Cause]()
+
+    def add(quantity: str, perturbs: str, profile: _Profile, change: Change, limits: _Limits) -> None:
+        numbers = tuple(
+            _number(f"{quantity}_{n}", "1", (limits.low, limits.high), limits.null, 0.02)
+            for n in profile.numbers
+        )
+        kind = Kind(perturbs, ("place",), profile.where)
+        text = f"the {perturbs} changes along the backbone"
+        name = f"{quantity} {profile.name}"
+        found.append(ChangedDescription(name, kind, numbers, change, text, profile.price))
+
+    for profile in _profiles(robot):
+
+        def tapered(experiment: Experiment, values: Values, profile: _Profile = profile) -> Experiment:
+            patches = []
+            for a, b in itertools.pairwise(experiment.robot.bay_edges.tolist()):
+                # mean of the compliance over the bay, by Gauss's rule
+                s = 0.5 * (a + b) + 0.5 * (b - a) * np.array([-1.0, 1.0]) / math.sqrt(3.0)
+                factor = 1.0 / float(np.mean(profile.value(values, 1.0, s) ** -4.0))
+                patches.append(StiffnessPatch(a, b, factor, factor))
+            backbone = experiment.robot.backbone
+            return experiment.with_backbone(patches=(*backbone.patches, *patches))
+
+        def rougher(experiment: Experiment, values: Values, profile: _Profile = profile) -> Experiment:
+            tendons = []
+            for tendon in experiment.robot.tendons:
+                s = experiment.robot.hole_arc_lengths(tendon)[1:-1]
+                more = np.maximum(tendon.friction_coefficient + profile.value(values, 0.0, s), 0.0)
+                holes = (TightHole(float(x), None, float(mu)) for x, mu in zip(s, more, strict=True))
+                tendons.append(replace(tendon, tight_holes=(*holes, *tendon.tight_holes)))
+            return experiment.with_robot(tendons=tuple(tendons))
+
+        add("radius", "stiffness", profile, tapered, _Limits(0.4, 2.5, 1.0))
+        if problem.experiment.model.friction != "none" and not any(t.friction for t in robot.tendons):
+            add("friction", "transmission", profile, rougher, _Limits(-1.0, 2.0, 0.0))
+    return found
+
+
+class _Limits(NamedTuple):
+    """Of a number of a cause, and the value at which nothing changes."""
+
+    low: float
+    high: float
+    null: float
 
 
 def _routings(problem: FitProblem) -> list[Cause]:
@@ -160,11 +220,6 @@ def _routings(problem: FitProblem) -> list[Cause]:
 
 def _moved(experiment: Experiment, tendon: str, values: Values) -> Experiment:
     """The experiment with the holes of one tendon elsewhere."""
-    if (
-        values["factor_base"] == values["factor_end"] == 1.0
-        and values["angle_base"] == values["angle_end"] == 0.0
-    ):
-        return experiment
     tendons = tuple(
         replace(t, routing=MisplacedRouting(t.routing, **values)) if t.name == tendon else t
         for t in experiment.robot.tendons
@@ -192,8 +247,6 @@ def _inputs(problem: FitProblem) -> list[Cause]:
         """An experiment whose inputs are changed: input, its largest value, progress and number to the new input."""
 
         def changed(experiment: Experiment, values: Values) -> Experiment:
-            if not any(values.values()):
-                return experiment
             steps: list[LoadStep] = []
             ends = [(k, x == 1.0) for k, x in experiment.step_ends]
             progress = _progress([s for s, (_, whole) in zip(experiment.steps, ends, strict=True) if whole])
@@ -355,7 +408,6 @@ def _loads(problem: FitProblem, state: BayState) -> list[Cause]:
     spread = [(a, "N/m", _spread(i)) for i, a in enumerate("xyz")]
     add("force along the backbone", Kind("force", ("nothing",), "along the backbone"), spread,
         "a constant force along the whole backbone", 3.0)  # fmt: skip
-    found.append(OneSide(TYPICAL * backbone.EI))
     tip = float(state.edges[-1])
     found += [Attraction(tip, -1, power, 0.5 * length, TYPICAL * float(size[2])) for power in (2, 1, 3)]
     return found
@@ -405,47 +457,3 @@ def _spread(axis: int) -> Callable[[BayState], Array]:
         return found
 
     return term
-
-
-class OneSide(StateLoad):
-    """Another bending stiffness where the backbone bends to one side."""
-
-    name = "stiffness of one side"
-    kind = Kind("stiffness", ("curvature",))
-    sentence = "the stiffness is another one where the backbone bends to one side"
-
-    def __init__(self, scale: float) -> None:
-        most = 50.0 * scale
-        self.parameters = (
-            Parameter("EI", "N m^2", -most, most, 0.0, scale, "bending stiffness that is added on that side"),
-            Parameter("side", "rad", -7.0, 7.0, 0.0, 0.1, "direction of the curvature on that side"),
-        )
-
-    def action(self, state: BayState, values: Values) -> Array:
-        """See `StateLoad.action`."""
-        along = np.array([math.cos(values["side"]), math.sin(values["side"])])
-        found = np.zeros((*state.shape, COMPONENTS))
-        bent = np.maximum(state.curvature[..., :2] @ along, 0.0)
-        found[..., :2] = -values["EI"] * bent[..., None] * along
-        return found
-
-    def by_value(self, state: BayState, values: Values, name: str) -> Array:
-        """See `StateLoad.by_value`."""
-        if name == "EI":
-            return self.action(state, {**values, "EI": 1.0})
-        h = 1e-6
-        return (self.action(state, {**values, name: values[name] + h}) - self.action(state, values)) / h
-
-    def unidentifiable_at_null(self, experiment: Experiment) -> tuple[str, ...]:
-        """The side."""
-        return ("side",)
-
-    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
-        """Twelve sides."""
-        return [
-            [{"EI": self.parameters[0].scale, "side": float(side)}] for side in np.arange(-6, 6) * np.pi / 6.0
-        ]
-
-    def bounds(self, experiment: Experiment) -> Bounds:
-        """Of the parameters."""
-        return {p.name: (p.lower, p.upper) for p in self.parameters}

@@ -21,7 +21,7 @@ from tdcr_fe.identify.long_data import (
     fit_to_all_rows,
     friction_explains_little,
     problem_of_rows,
-    restore_friction,
+    with_friction,
     without_friction,
 )
 from tdcr_fe.identify.next_experiment import choose_next
@@ -30,7 +30,7 @@ from tdcr_fe.identify.problem import FitProblem, evaluate, fit_of_run, refine
 from tdcr_fe.identify.result import IdentificationResult
 from tdcr_fe.identify.run import Run
 from tdcr_fe.identify.search import search_causes
-from tdcr_fe.identify.search_state import Progress, Search, SearchState, cut_short, in_time
+from tdcr_fe.identify.search_state import Progress, Search, SearchState, cut_short
 from tdcr_fe.identify.settings import (
     FAULTS,
     FRICTION,
@@ -111,7 +111,7 @@ def _identified(data: MeasuredData, settings: IdentifySettings, search: Search) 
         with ForwardModel(settings.processes, data.settings) as forward:
             prepared = prepare(without_unread_steps(data), settings, forward)
             state = declared_state(prepared.searched, prepared.run)
-            schedule = Schedule.of(begun, settings.time_limit, prepared.all_steps, prepared.with_friction)
+            schedule = Schedule.of(begun, settings.time_limit, prepared.all_steps, prepared.frictional_steps)
             state, found = _search(search, state, prepared, schedule)
             search.report("conclusions", 0.97)
     except _Interrupted as interruption:  # the workers have ended
@@ -134,7 +134,7 @@ class _Prepared(NamedTuple):
     all_steps: float = 0.0
     # about how long a run with friction over the chosen load steps takes, where the search runs without; else
     # zero [s]
-    with_friction: float = 0.0
+    frictional_steps: float = 0.0
 
 
 class _Interrupted(KeyboardInterrupt):
@@ -160,7 +160,7 @@ def _search(
         if fault:
             return replace(state, data_fault=fault), Found()
         state = state.ending_at(schedule.search + schedule.grace)
-        listed = replace(search, deadline=schedule.search)
+        listed = replace(search, deadline=schedule.search, listed_first=prepared.rows is not None)
         for latest_state in search_causes(listed, state):
             state = latest_state
         state = cut_short(listed, state, FURTHER_EFFECTS)
@@ -171,8 +171,10 @@ def _search(
             if prepared.frictional is not None:
                 frictional = replace(prepared.frictional, deadline=end)
                 own = replace(search, deadline=schedule.friction)
-                for latest_state in in_time(state, restore_friction(own, state, frictional), FRICTION):
-                    state = latest_state
+                try:
+                    state = with_friction(own, state, frictional)
+                except OutOfTime:
+                    state = state.without_trying(FRICTION)
             state = fit_to_all_rows(whole, state, replace(prepared.problem, deadline=latest))
         if not whole.explained(state):  # parameters of a model that leaves more than noise have no profiles
             noise, state = _in_time(lambda x: find_input_noise(x.problem, x.best), state, INPUT_NOISE)
@@ -215,21 +217,27 @@ def prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardMode
         tolerance = float(np.clip(share, problem.path_tolerance, LOOSEST))
         problem = replace(problem, path_tolerance=tolerance)
     rows, searched, frictional = choose_rows(data, sorted(positions)), problem, None
-    all_steps = with_friction = 0.0
+    all_steps = frictional_steps = 0.0
     if rows is not None:
         searched = problem_of_rows(problem, rows)
-        begun = clock()
-        evaluate(searched, (), {})
-        duration = clock() - begun
-        all_steps = duration * rows.total / len(rows.steps)
+        duration = _duration(searched)
         if friction_explains_little(searched):
-            frictional, with_friction = searched, duration
+            frictional, frictional_steps = searched, duration
             rows = choose_rows(data, sorted(positions), history=False) or rows
             searched = without_friction(problem_of_rows(problem, rows))
+            duration = _duration(searched)
+        all_steps = duration * rows.total / len(rows.steps)
     _, (run,) = searched.residuals((), [{}], record=True)
     if run.solved == len(run.positions):
         searched, run = refine(searched, (), {}, run)
-    return _Prepared(problem, searched, run, rows, frictional, estimated, all_steps, with_friction)
+    return _Prepared(problem, searched, run, rows, frictional, estimated, all_steps, frictional_steps)
+
+
+def _duration(problem: FitProblem) -> float:
+    """Processor time of a run of the declared model [s]."""
+    begun = clock()
+    evaluate(problem, (), {})
+    return clock() - begun
 
 
 def declared_state(problem: FitProblem, run: Run) -> SearchState:

@@ -25,8 +25,7 @@ from tdcr_fe.identify.criteria import robust_threshold
 from tdcr_fe.identify.load_steps import blocks, inputs
 from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate, with_elements
 from tdcr_fe.identify.result import SearchedSteps
-from tdcr_fe.identify.search import grow
-from tdcr_fe.identify.search_state import Search, SearchState, Stage, mean_cost
+from tdcr_fe.identify.search_state import Search, SearchState, mean_cost
 from tdcr_fe.identify.settings import ALL_STEPS, SMALLER_MODELS, OutOfTime, clock
 from tdcr_fe.io.measured import MeasuredData
 
@@ -217,6 +216,8 @@ def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> 
         Of all load steps; the state of the search where a model is not solved on all of them, or not in time.
     """
     search.report("the final fit to all load steps", 0.8)
+    if state.problem.experiment.model.friction == "none":
+        problem = without_friction(problem)
     problem = _on_mesh_of(state.problem, problem)
     begun = clock()
     try:
@@ -314,10 +315,7 @@ def _within(problem: FitProblem, effects: Sequence[Effect], values: Point) -> Po
 WORSE = 0.1
 
 #: Steps of the fit with friction, from the parameters found without.
-ITERATIONS = 4
-
-#: Rounds of forward selection with friction.
-ROUNDS = 2
+ITERATIONS = 2
 
 
 def without_friction(problem: FitProblem) -> FitProblem:
@@ -345,8 +343,8 @@ def friction_explains_little(problem: FitProblem) -> bool:
     return not frictional.solved or cost <= (1.0 + WORSE) * other
 
 
-def restore_friction(search: Search, state: SearchState, problem: FitProblem) -> Stage:
-    """The best model of a search without friction, with friction: fitted anew, and further effects tried.
+def with_friction(search: Search, state: SearchState, problem: FitProblem) -> SearchState:
+    """The best model of a search without friction: with friction where it then fits better, its parameters fitted anew.
 
     Parameters
     ----------
@@ -354,39 +352,19 @@ def restore_friction(search: Search, state: SearchState, problem: FitProblem) ->
         The search and its last state, without friction.
     problem
         With friction.
-
-    Returns
-    -------
-    SearchState
-        With friction; that without where a model is not solved with it.
     """
     search.report("the best model with friction", 0.8)
-    problem = _on_mesh_of(state.problem, problem)
-    declared = evaluate(problem, (), {})
-    problem = replace(problem, robust_threshold=robust_threshold(declared.residual))
-    declared = evaluate(problem, (), {})
-    best = declared
-    if state.best.effects:
-        best = fitting.fit(problem, state.best.effects, [state.best.values], ITERATIONS)
-    if not (declared.solved and best.solved):
-        return state.with_history("with friction the best model is not solved; the search ended without it")
-    problem = replace(
-        problem, robust_threshold=min(problem.robust_threshold, robust_threshold(best.residual))
+    threshold = state.problem.robust_threshold
+    problem = replace(_on_mesh_of(state.problem, problem), robust_threshold=threshold)
+    without = evaluate(without_friction(problem), state.best.effects, state.best.values)
+    best = fitting.fit(problem, state.best.effects, [state.best.values], ITERATIONS)
+    costs = [mean_cost(f.cost + f.held_cost, np.ones(problem.count, bool)) for f in (best, without)]
+    if not costs[0] < costs[1]:
+        return state.with_history(
+            f"the declared friction is left out: with it the misfit per reading is {costs[0]:.3g}, without "
+            f"{costs[1]:.3g}"
+        )
+    state = state.begun_anew(problem, evaluate(problem, (), {}), best)
+    return state.with_history(
+        f"with friction the misfit per reading is {costs[0]:.3g}, without {costs[1]:.3g}"
     )
-    again = replace(state.begun_anew(problem, declared, best), refused=_without_friction(problem))
-    again = again.with_history(
-        f"with the declared friction, misfit per reading {mean_cost(best.cost, problem.fitted):.3g} on fitted and "
-        f"{mean_cost(best.held_cost, problem.held_out):.3g} on held-out steps"
-    )
-    yield again
-    settings = replace(search.settings, max_effects=len(best.effects) + ROUNDS)
-    again = yield from grow(replace(search, settings=settings), again)
-    again = replace(again, refused=state.refused)
-    yield again
-    return again
-
-
-def _without_friction(problem: FitProblem) -> dict[str, str]:
-    """Effects that do not act through friction: they were tried without it."""
-    forms = (form for e in problem.catalogue if not e.needs_friction for form in e.forms(problem.experiment))
-    return {form.name: "tried without friction" for form in forms}

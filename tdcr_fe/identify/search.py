@@ -1,9 +1,10 @@
-"""The search for causes over one dictionary: a small beam of models, extended, exchanged and reduced.
+"""The search for causes over one dictionary: models are extended, the best first, exchanged and reduced.
 
 One run of a model linearises it by all causes of the dictionary (`tdcr_fe.identify.screening`). Single causes, and all
-pairs from their Gram matrix, are ordered by the evidence that they promise; the first are fitted. Two models are
-extended: the best of all, and the best with listed effects alone, unless it cannot become better than the best of all.
-At the end causes of the best model are exchanged for others, and those dropped that the others make unnecessary.
+pairs from their Gram matrix, are ordered by the evidence that they promise; the first are fitted. In every round one
+model is extended: the best of all, or one of the best with listed effects alone, unless it cannot become better than
+the best of all. At the end causes of the best model are exchanged for others, and those dropped that the others make
+unnecessary.
 
 The functions are generators of states, so that an interruption keeps the last one that was complete.
 """
@@ -12,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -37,7 +38,6 @@ from tdcr_fe.identify.criteria import (
 )
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.forward import Job
-from tdcr_fe.identify.noise import chi_square_z_score
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.result import Candidate
 from tdcr_fe.identify.screening import Score, apart, best_pairs, rescored, screen
@@ -53,7 +53,7 @@ from tdcr_fe.identify.search_state import (
     with_note_on_differences,
     with_rival,
 )
-from tdcr_fe.identify.settings import EXCHANGES, FURTHER_EFFECTS
+from tdcr_fe.identify.settings import EXCHANGES, FURTHER_EFFECTS, OutOfTime
 
 #: Share of a change of the predictions, as a sum of squares, by which first-order columns may be wrong [1].
 FIRST_ORDER = 0.02
@@ -61,20 +61,8 @@ FIRST_ORDER = 0.02
 #: So many models of listed effects are extended besides the best one.
 BEAM = 2
 
-#: A cause without a name is evaluated where it promises at most so many times the criterion of the best listed one.
-MORE = 1.2
-
-#: A fit ends where it cannot come below so many times the lowest cost of its kind, plus a constant [1].
-BEHIND = (4.0, 60.0)
-
-#: A model that leaves noise is still extended where its sum of squares has at least this z-score.
-SURELY_NOISE = 2.0
-
 #: The mesh is refined beside models that leave less than so many times the noise, as a sum of squares.
 NEAR_NOISE = 10.0
-
-#: Causes from which pairs are formed, the most promising first.
-IN_PAIRS = 60
 
 #: A cause beyond so many is added only where it removes at least so much of the misfit on held-out steps [1].
 MANY, WORTHWHILE = 4, 0.1
@@ -92,7 +80,12 @@ def search_causes(search: Search, state: SearchState) -> Stage:
     search.report("the dictionary of causes", 0.03)
     (run,) = problem.run([Job(problem.experiment, state.declared.run, states=True)])
     assert run.bays is not None
-    state = replace(state, dictionary=dictionary(problem, run.bays))
+    every = dictionary(problem, run.bays)
+    if search.listed_first:
+        state = replace(state, dictionary=tuple(filter(is_named, every)))
+        state = yield from in_time(state, grow(search, state), FURTHER_EFFECTS)
+        state = replace(state, extended=frozenset())
+    state = replace(state, dictionary=every)
     for _ in range(3):
         before = state.best
         state = yield from in_time(state, grow(search, state), FURTHER_EFFECTS)
@@ -176,20 +169,6 @@ def worth_fitting(search: Search, problem: FitProblem, fit: Fit, scores: Sequenc
     return sorted(found, key=lambda x: promised(problem, fit, x.drop, (x,)))
 
 
-def distinct(scores: Iterable[Score], most: int) -> list[Score]:
-    """The first of those whose predictions differ, at most so many."""
-    found: list[Score] = []
-    for x in scores:
-        if len(found) >= most:
-            break
-        size = max(float(np.linalg.norm(x.predicted)), 1e-300)
-        if not any(
-            y.names == x.names and np.linalg.norm(x.predicted - y.predicted) < 1e-6 * size for y in found
-        ):
-            found.append(x)
-    return found
-
-
 class Proposal(NamedTuple):
     """A candidate, or several, beside a model."""
 
@@ -213,15 +192,13 @@ def singles(
 ) -> tuple[SearchState, list[Proposal]]:
     """Single causes beside a model that are worth a fit; ``named``: listed effects alone."""
     state, scores, reference = scores_beside(state, parent, named)
-    found = [x for x in scores if is_named(x.effect) or not named]
-    found = [x for x in found if not _saturates(x.effect)]
+    found = [x for x in scores if (is_named(x.effect) or not named) and not _saturates(x.effect)]
     found = worth_fitting(search, state.problem, parent, found)
-    found = distinct(found, len(found))
     return state, [_proposal(state.problem, parent, x, reference) for x in found]
 
 
 def pairs(search: Search, state: SearchState, parent: Fit, named: bool) -> tuple[SearchState, list[Proposal]]:
-    """Pairs of causes beside a model that are worth a fit, and effects that show only together.
+    """Pairs of listed effects beside a model that are worth a fit, and effects that show only together.
 
     Far from noise the first order tells too little about pairs: they are found by extending single causes that are
     fitted.
@@ -230,17 +207,11 @@ def pairs(search: Search, state: SearchState, parent: Fit, named: bool) -> tuple
     problem, most = state.problem, search.settings.candidates
     if len(parent.effects) + 2 > search.settings.max_effects or lacks_test(problem, parent):
         return state, []
-    criterion = partial(promised, problem, parent)
-    usable = [x for x in scores if x.starts and (is_named(x.effect) or not named)]
-    usable.sort(key=lambda x: criterion(x.drop, (x,)))
-    listed = [x for x in usable if is_named(x.effect)]
     found = together(state, reference)
     if FIRST_ORDER * parent.cost < np.count_nonzero(problem.fitted):
-        found += best_pairs(problem, parent, listed[:IN_PAIRS], most, criterion)
-        if not named:
-            found += best_pairs(problem, parent, usable[:IN_PAIRS], 2, criterion)
+        listed = [x for x in scores if x.starts and is_named(x.effect)]
+        found += best_pairs(problem, parent, listed, most, partial(promised, problem, parent))
     found = worth_fitting(search, problem, parent, found)
-    found = distinct(found, len(found))
     return state, [_proposal(problem, parent, x, reference) for x in found]
 
 
@@ -259,63 +230,43 @@ def fit_proposals(
     """Fit the models that promise most, of listed effects and of others.
 
     The first is fitted at once. The others are evaluated at their predicted values, and the best of them fitted. Where
-    one leaves noise, or one is given, those are not tried that cannot become as probable.
+    one leaves noise, or one is given, those are not tried that cannot become as probable, to first order.
     """
     problem, most = state.problem, search.settings.candidates
-    half = (most + 1) // 2
-    races = {named: fitting.Race(_lowest(state, named), search.deadline, BEHIND) for named in (True, False)}
-    begun: dict[frozenset[str], tuple[float, Fit, Proposal]] = {}
-    left = {True: most + half, False: most}
-
     listed = min((x.criterion for x in pool if x.named), default=math.inf)
-
-    def skipped(x: Proposal, least: float) -> bool:
-        """Whether it was tried, others were in its place, or it cannot be as probable as the one that leaves noise."""
-        late = search.out_of_time and bool(state.best.effects)
-        beaten = False
-        if ahead is not None:
-            n = float(np.count_nonzero(problem.fitted))
-            gain = max(0.0, ahead.cost - n - SURELY_NOISE * math.sqrt(2.0 * n))
-            beaten = least > parent_price(problem, ahead) + gain + BIC_DIFFERENCE
-        return x.names in state.fits or left[x.named] == 0 or late or beaten
-
-    def chosen() -> Iterator[Proposal]:
-        """Those to evaluate, by what they promise."""
-        for x in sorted(pool, key=lambda x: x.criterion):
-            own = parent_price(problem, x.parent) + own_price(problem, (x.score,))
-            worthy = x.named or x.criterion <= MORE * listed
-            if (
-                worthy
-                and x.names not in begun
-                and not skipped(x, own)
-                and (ahead is None or could_match(problem, ahead, x))
-            ):
-                left[x.named] -= 1
-                yield x
-
-    first = next(chosen(), None) if ahead is None else None
-    if first is not None:
-        (now,) = _begun(problem, [first])
-        if now.solved:
-            state, now = _fitted(state, first.score, now, races[first.named])
-            if search.is_noise(problem, now):
-                ahead, left = now, {True: most - 1, False: half - 1}
-        begun[first.names] = now.cost, now, first
-    others = list({x.names: x for x in chosen()}.values())
-    for x, now in zip(others, _begun(problem, others), strict=True):
-        if now.solved:
-            begun[x.names] = fitting.reachable_cost(problem, now), now, x
-    left = {True: half, False: max(1, half - 1)}
-    for reach, now, x in sorted(begun.values(), key=lambda b: b[0] + parent_price(problem, b[1])):
-        least = reach - FIRST_ORDER * now.cost + parent_price(problem, now)
-        if skipped(x, least - (0.0 if ahead is None else ahead.cost)):
-            continue
-        if not x.named and reach > _lowest(state, True):
-            continue
-        left[x.named] -= 1
-        state, now = _fitted(state, x.score, now, races[x.named])
-        if search.is_noise(problem, now) and (ahead is None or rank(problem, now) < rank(problem, ahead)):
-            ahead = now
+    # Causes without a name are tried where they promise more than any that has one.
+    waiting = [x for x in sorted(pool, key=lambda x: x.criterion) if x.named or x.criterion <= listed]
+    races = {named: fitting.Race(_lowest(state, named), search.deadline) for named in (True, False)}
+    for batch in (waiting[:1], waiting[1:]):
+        chosen: dict[frozenset[str], Proposal] = {}
+        for x in batch:
+            enough = sum(y.named is x.named for y in chosen.values()) >= most
+            late = search.out_of_time and state.best.effects
+            if enough or late or x.names in state.fits or x.names in chosen:
+                continue
+            if ahead is None or could_match(problem, ahead, x):
+                chosen[x.names] = x
+        try:
+            begun = _begun(problem, list(chosen.values()))
+        except OutOfTime:
+            break
+        found = [
+            (
+                fitting.reachable_cost(problem, now) - FIRST_ORDER * now.cost + parent_price(problem, now),
+                now,
+                x,
+            )
+            for now, x in zip(begun, chosen.values(), strict=True)
+            if now.solved
+        ]
+        left = {named: (most + 1) // 2 for named in (True, False)}
+        for least, now, x in sorted(found, key=lambda f: f[0]):
+            if left[x.named] == 0 or (ahead is not None and least > _limit(problem, ahead)):
+                continue
+            left[x.named] -= 1
+            state, now = _fitted(state, x.score, now, races[x.named])
+            if search.is_noise(problem, now) and (ahead is None or rank(problem, now) < rank(problem, ahead)):
+                ahead = now
     keys = {x.names for x in pool}
     return state, [f for k, f in state.fits.items() if k in keys and f.solved]
 
@@ -329,20 +280,24 @@ def _lowest(state: SearchState, named: bool) -> float:
     return min(f.cost for f in state.fits.values() if not named or _all_named(f))
 
 
-def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal, noise: float = 1.0) -> bool:
-    """Whether a candidate may become about as probable as another model, or explain about the same, to first order.
+def _limit(problem: FitProblem, ahead: Fit, noise: float = 1.0) -> float:
+    """Criterion over the fitted readings up to which a model is about as probable as another one."""
+    return ahead.cost + parent_price(problem, ahead) + BIC_DIFFERENCE * noise
 
-    Other forms of the same effects always may.
+
+def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal, noise: float = 1.0) -> bool:
+    """Whether a candidate may become about as probable as another model, to first order.
+
+    It does where it promises as much, or can make the change of the predictions that the other model makes. Other forms
+    of the same effects always may.
     """
-    parent, x, _ = proposal
+    parent, x, criterion = proposal
     forms = {e.listed for e in (*parent.effects, *x.effects)} == {e.listed for e in ahead.effects}
-    if forms or not x.signature.size:
-        return True
-    own = parent_price(problem, parent) + own_price(problem, (x,))
-    limit = ahead.cost + parent_price(problem, ahead) + BIC_DIFFERENCE * noise
-    if parent.cost - x.drop + own < limit:
+    limit = _limit(problem, ahead, noise)
+    if forms or not x.signature.size or criterion < limit:
         return True
     left, whole = apart(problem, parent, parent.residual - ahead.residual, x)
+    own = parent_price(problem, parent) + own_price(problem, (x,))
     return ahead.cost + max(0.0, left - FIRST_ORDER * whole) + own < limit
 
 
@@ -406,43 +361,41 @@ def grow(search: Search, state: SearchState) -> Stage:
     most_effects = 1 if lacks_test(state.problem, state.declared) else settings.max_effects
     for number in itertools.count(1):
         heads = [f for f in _heads(search, state) if frozenset(f.names) not in state.extended]
-        heads = [f for f in heads if len(f.effects) < most_effects]
-        if not heads:
+        head = next((f for f in heads if len(f.effects) < most_effects), None)
+        if head is None:
             break
-        # In turn: those of listed effects, and the best one.
-        listed = [f for f in heads if _all_named(f)]
-        heads = listed if listed and (number % 2 == 0 or heads == listed) else heads[:1]
-        if number > 1 and search.out_of_time:
+        if search.out_of_time and state.best.effects:
             state = state.without_trying(FURTHER_EFFECTS)
             break
-        state = replace(state, extended=state.extended | {frozenset(f.names) for f in heads})
+        state = replace(state, extended=state.extended | {frozenset(head.names)})
         progress = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
-        names = [listed_names(f.names) or "the declared model" for f in heads]
-        search.report(f"round {number}: candidates beside {', or '.join(names)}", progress)
+        search.report(
+            f"round {number}: candidates beside {listed_names(head.names) or 'the declared model'}", progress
+        )
         pool: list[Proposal] = []
-        fits: list[Fit] = []
-        ahead: Fit | None = None
+        before, named = state.best, head is not state.best
         for propose in (singles, at_full_strength, pairs):
-            if ahead is not None and _all_named(ahead):
-                break
-            new: list[Proposal] = []
-            for head in heads:
-                state, more = propose(search, state, head, head is not state.best)
-                new += [x for x in more if len(x.names) <= most_effects]
-            new.sort(key=lambda x: x.criterion)
+            if propose is not singles and head.effects and search.explained(state):
+                break  # what is left is noise: nothing that first order hardly shows
+            state, new = propose(search, state, head, named)
+            new = sorted((x for x in new if len(x.names) <= most_effects), key=lambda x: x.criterion)
+            pool += new
             search.report(f"fitting {listed_names([x.score.names[-1] for x in new[:5]])}", progress)
-            state, more_fits = fit_proposals(search, state, new, ahead)
-            pool, fits = [*pool, *new], [*fits, *more_fits]
-            noise = [f for f in fits if search.is_noise(state.problem, f)]
-            ahead = min(noise, key=lambda f: rank(state.problem, f), default=None)
+            ahead = state.best if search.explained(state) else None
+            state, fits = fit_proposals(search, state, new, ahead)
+            better = _accepted(search, state, fits)
+            if better:
+                state = replace(state, best=better[0])
+                yield state
+                if _all_named(state.best):
+                    break  # what shows less is tried in the next round
         entries = [_entry(state, number, x) for x in pool[:SHOWN]]
         state = replace(state, candidates=(*state.candidates, *entries))
-        best = min([state.best, *_accepted(search, state, fits)], key=lambda f: rank(state.problem, f))
-        if best is state.best:
+        best = state.best
+        if best is before:
             reason = "improves fitted and held-out steps" if pool else "is significant"
             state = state.with_history(f"round {number}: no candidate {reason}")
             continue
-        state = replace(state, best=best)
         if best.cost < NEAR_NOISE * np.count_nonzero(state.problem.fitted):
             state = refined(state)
         state = yield from backward_selection(search, state)
@@ -460,8 +413,6 @@ def _heads(search: Search, state: SearchState) -> list[Fit]:
     """Models to extend: the best one, and the best of listed effects where they may become better than that."""
     problem, best = state.problem, state.best
     explained = search.explained(state)
-    misfit = chi_square_z_score(best.residual[problem.fitted], len(best.free))
-    heads = [] if explained and misfit < SURELY_NOISE else [best]
     least = min(best.cost + best.held_cost, float(problem.count)) + math.log(problem.count)
     listed = [
         f
@@ -473,7 +424,7 @@ def _heads(search: Search, state: SearchState) -> list[Fit]:
         and _admissible(search, state, f)
     ]
     listed.sort(key=lambda f: rank(problem, f))
-    return [*heads, *(f for f in listed[:BEAM] if f is not best)]
+    return [best, *(f for f in listed[:BEAM] if f is not best)]
 
 
 def _admissible(search: Search, state: SearchState, fit: Fit) -> bool:
@@ -576,7 +527,7 @@ def at_full_strength(
 ) -> tuple[SearchState, list[Proposal]]:
     """Causes that saturate, simulated at full strength beside the best model: their derivatives tell the direction."""
     problem = state.problem
-    if parent is not state.best:
+    if named:
         return state, []
     causes = [
         e
@@ -588,7 +539,7 @@ def at_full_strength(
     state, known, _ = scores_beside(state, parent)
     drops = {x.effect.name: x.drop for x in known}
     scores = []
-    if parent.effects:  # beside the declared model all are tried
+    if parent.effects or search.explained(state):  # all are tried where nothing else explains the data
         causes = sorted(causes, key=lambda e: -drops.get(e.name, 0.0))[: search.settings.candidates]
     for e in causes:
         point = {**parent.values, e.name: e.full_strength(problem.experiment)}
@@ -651,8 +602,7 @@ def exchange(search: Search, state: SearchState) -> Stage:
         problem, names = state.problem, {e.listed for e in (*gone, *rest)}
         others = [x for x in scores if x.starts and x.effect.listed not in names and x.signature.size]
         others = [rescored(problem, base, x) for x in others]
-        others = worth_fitting(search, problem, base, others)
-        near = [_proposal(problem, base, x) for x in distinct(others, len(others))]
+        near = [_proposal(problem, base, x) for x in worth_fitting(search, problem, base, others)]
         near = [x for x in near if could_match(problem, best, x, noise)]
         state, more = fit_proposals(search, state, near, best)
         fits += more

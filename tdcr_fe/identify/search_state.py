@@ -26,6 +26,9 @@ Progress = Callable[[str, float], None]
 #: A stage of the search: yields every complete state, and returns the last one.
 Stage = Generator["SearchState", None, "SearchState"]
 
+#: Predictions that differ by less than this in all readings together, as a sum of squares over sigma, are the same [1].
+SAME = 1.0
+
 #: Repetitions of refining the discretisation, at most.
 REPETITIONS = 3
 
@@ -39,6 +42,8 @@ class Search:
     # reading of `tdcr_fe.identify.settings.clock` after which nothing further of the search begins, and fits
     # end where they are [s]
     deadline: float = math.inf
+    # whether causes without a name are tried only once no listed effect improves the model: that is faster
+    listed_first: bool = False
 
     @property
     def out_of_time(self) -> bool:
@@ -225,11 +230,19 @@ def listed_names(names: Sequence[str]) -> str:
 
 
 def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
-    """Probabilities of all models that were fitted, from their evidence; those below one in a million are left out."""
+    """Probabilities of all models that were fitted, from their evidence; those below one in a million are left out.
+
+    Models that make the same predictions as the best one are the same explanation: theirs is its own.
+    """
     problem = state.problem
     noise = effective_noise(problem, state.best, search.significance)
     solved = [f for f in state.fits.values() if f.solved] or [state.best]
     logarithms = np.array([-0.5 * bic(problem, f) / noise for f in solved])
     weights = np.exp(logarithms - np.max(logarithms))
     weights /= np.sum(weights)
-    return [(f, float(w)) for f, w in zip(solved, weights, strict=True) if w > 1e-6]
+    same = [float(np.sum((f.residual - state.best.residual) ** 2)) < SAME for f in solved]
+    return [
+        (state.best if alike else f, float(w))
+        for f, w, alike in zip(solved, weights, same, strict=True)
+        if w > 1e-6
+    ]

@@ -56,9 +56,10 @@ HEADLINES: dict[Verdict, dict[str, str]] = {
 
 def headline(result: IdentificationResult) -> str:
     """The verdict in one sentence."""
+    explained = result.verdict in (Verdict.EXPLAINED, Verdict.LAW_FOUND)
     names = _joined(
         [
-            words(e.name)
+            words(e.name) if e.found or not explained else f"{words(e.name)}, which is not certain,"
             for e in result.effects
             if not e.sentence or result.verdict != "explained by a law found"
         ]

@@ -79,7 +79,6 @@ ROW = Factor(
     "the number of the row", "row", (0, 0, 0),
     lambda b: np.broadcast_to(np.arange(1.0, b.shape[0] + 1.0)[:, None], b.shape), "row",
 )  # fmt: skip
-TWIST = Factor("the twist", "tau", (-1, 0, 0), lambda b: b.curvature[..., 2], "curvature")
 LOADING = Factor(
     "the direction of the last command",
     "sign",
@@ -123,14 +122,6 @@ BENDING_Y = Direction(
     "stiffness",
     "direction of bending",
 )
-CROSSED = Direction(
-    "across the curvature",
-    "e_z x kappa",
-    (-1, 0, 0),
-    lambda b: _moment(-b.curvature[..., 1], b.curvature[..., 0]),
-    "stiffness",
-    "direction of bending",
-)
 ABOUT_X = Direction("about the section's x axis", "e_x", (0, 0, 0), _constant(1.0, 0.0), "precurvature")
 ABOUT_Y = Direction("about the section's y axis", "e_y", (0, 0, 0), _constant(0.0, 1.0), "precurvature")
 TENDONS = Direction(
@@ -144,21 +135,6 @@ TENDON_SIGN = Direction(
     "transmission",
     "direction of loading",
 )
-TENDON_LEVER = Direction(
-    "along the lever of each tendon, by the sign of its last motion",
-    "sum(sign_i r_i)",
-    (1, 0, 0),
-    lambda b: _tendon(b, np.broadcast_to(b.direction[:, None, :], b.tension.shape) * (b.tension > 0.0)),
-    "transmission",
-    "direction of loading",
-)
-LOADS = Direction(
-    "along the bending moment of the loads",
-    "m_F",
-    (1, 1, 0),
-    lambda b: _moment(b.load_moment[..., 0], b.load_moment[..., 1]),
-    "load",
-)
 DISPLACED = Direction(
     "along the displacement across the axis",
     "u",
@@ -171,7 +147,7 @@ DISPLACED = Direction(
 
 #: Directions with which products of up to two factors are formed.
 _DIRECTIONS = (
-    BENDING, BENDING_X, BENDING_Y, CROSSED, ABOUT_X, ABOUT_Y, TENDONS, TENDON_SIGN, TENDON_LEVER, LOADS,
+    BENDING, BENDING_X, BENDING_Y, ABOUT_X, ABOUT_Y, TENDONS, TENDON_SIGN,
 )  # fmt: skip
 
 #: Products that a listed effect has: a stiffness, a precurvature, a gain.
@@ -245,7 +221,7 @@ def library(bays: int, clock: Factor) -> list[Term]:
     clock
         `TIME`, or `ROW` where the steps have no times.
     """
-    factors = (CURVATURE, POSITION, TENSION, clock, TWIST, LOADING)
+    factors = (CURVATURE, POSITION, TENSION, clock, LOADING)
     products = [p for n in (0, 1, 2) for p in combinations_with_replacement(factors, n)]
     terms = [
         Term(p, d)
@@ -262,7 +238,7 @@ def library(bays: int, clock: Factor) -> list[Term]:
 
 def _repeated_sign(factors: tuple[Factor, ...], direction: Direction) -> bool:
     """Whether a sign stands twice: its square is one."""
-    count = factors.count(LOADING) + (direction in (TENDON_SIGN, TENDON_LEVER))
+    count = factors.count(LOADING) + (direction is TENDON_SIGN)
     return count > 1
 
 
@@ -282,11 +258,8 @@ _SIZES = {
     "kappa": CURVATURE.name,
     "kappa_x e_x": "the curvature about x",
     "kappa_y e_y": "the curvature about y",
-    "e_z x kappa": CURVATURE.name,
     "m_T": "the moment of the tendons",
     "sum(sign_i m_Ti)": "the moment of each tendon",
-    "sum(sign_i r_i)": "the lever of each tendon",
-    "m_F": "the bending moment of the loads",
     "u": "the displacement",
 }
 

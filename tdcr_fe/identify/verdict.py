@@ -59,6 +59,10 @@ Array = NDArray[np.float64]
 SIGNIFICANT = 1e-4
 
 
+#: An effect is found where it is more probable than this, among all models that were fitted [1].
+NAMED = 0.9
+
+
 class Found(NamedTuple):
     """What an identification has found besides the last state of its search."""
 
@@ -242,6 +246,7 @@ def added_effects(
         kind, names = e.kind, frozenset(x.name for x in best.effects[: i + 1])
         after = best if i == len(best.effects) - 1 else state.fits.get(names)
         rivals = tuple(state.rivals.get(e.name, ()))
+        probability = sum(w for f, w in weights if any(x.listed == e.listed for x in f.effects))
         evidence: dict[str, float] = {}
         if before is not None and after is not None:
             threshold = chi_square_threshold(len(e.parameters), search.significance)
@@ -261,8 +266,8 @@ def added_effects(
                 kind=kind,
                 indistinguishable_from=rivals,
                 separating_experiment=separating_experiments(e, rivals, problem.catalogue),
-                found=explained and is_named(e),
-                probability=sum(w for f, w in weights if any(x.listed == e.listed for x in f.effects)),
+                found=explained and is_named(e) and probability > NAMED,
+                probability=probability,
                 kind_probability=sum(w for f, w in weights if any(x.kind == kind for x in f.effects)),
                 form=e.name,
                 sentence=e.sentence if isinstance(e, Cause) else "",

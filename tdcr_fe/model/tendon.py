@@ -12,18 +12,22 @@ from tdcr_fe.model.schema import Checked, Quantity
 
 @dataclass(frozen=True)
 class TightHole(Checked):
-    """A hole with an adhesion of its own, in place of its tendon's.
+    """A hole with friction of its own, in place of its tendon's.
 
     Attributes
     ----------
     at : float
         Arc length of a disk between base plate and anchor [m].
     drop : float
-        Tension that it takes at most [N]; a few times the largest tension holds the tendon fast.
+        Tension that it takes at most [N]; a few times the largest tension holds the tendon fast. None is that of the
+        tendon's other holes, its adhesion.
+    friction_coefficient : float or None
+        Coefficient of friction at this hole [1]. None is that of the tendon.
     """
 
     at: Annotated[float, Quantity(unit="m", gt=0.0)]
-    drop: Annotated[float, Quantity(unit="N", ge=0.0)]
+    drop: Annotated[float | None, Quantity(unit="N", ge=0.0)] = None
+    friction_coefficient: Annotated[float | None, Quantity(ge=0.0)] = None
 
 
 @dataclass(frozen=True)

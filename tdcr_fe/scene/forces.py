@@ -109,21 +109,23 @@ def tendon_law(robot: Robot, friction: str, lengths: Array, mask: Mask, hysteres
     """
     tendons = robot.tendons
     m, inner = len(tendons), mask[:, 1:]
-    coefficient = np.array([t.friction_coefficient for t in tendons]).reshape(m, 1)
+    coefficient = np.array([t.friction_coefficient for t in tendons]).reshape(m, 1) * inner
     adhesion = np.array([t.adhesion for t in tendons]).reshape(m, 1) * inner
     for i, tendon in enumerate(tendons):
         # Without the base plate's hole, in which there is no friction, and the anchor.
         holes = robot.hole_arc_lengths(tendon)[1:-1]
         for hole in tendon.tight_holes:
-            adhesion[i, int(np.argmin(np.abs(holes - hole.at)))] = hole.drop
+            at = i, int(np.argmin(np.abs(holes - hole.at)))
+            adhesion[at] = adhesion[at] if hole.drop is None else hole.drop
+            coefficient[at] = (
+                coefficient[at] if hole.friction_coefficient is None else hole.friction_coefficient
+            )
     compliance = np.array([0.0 if t.axial_stiffness is None else 1.0 / t.axial_stiffness for t in tendons])
     pretension = np.array([t.pretension for t in tendons])
     laws = tuple(t.friction for t in tendons)
     spools = [t.spool for t in tendons]
     spring = np.array([0.0 if s is None or s.stiffness is None else 1.0 / s.stiffness for s in spools])
-    parameters = TendonParameters(
-        lengths, mask, coefficient * inner, adhesion, compliance, pretension, spring, laws
-    )
+    parameters = TendonParameters(lengths, mask, coefficient, adhesion, compliance, pretension, spring, laws)
     return TendonLaw(parameters, FRICTION_MODELS[friction], hysteresis)
 
 

@@ -150,8 +150,8 @@ def hole_friction(
         HoleFriction(
             t.name,
             int(np.argmin(np.abs(robot.hole_arc_lengths(t) - tight.at))),
-            t.friction_coefficient,
-            tight.drop,
+            t.friction_coefficient if tight.friction_coefficient is None else tight.friction_coefficient,
+            t.adhesion if tight.drop is None else tight.drop,
         )
         for t in robot.tendons
         for tight in t.tight_holes
