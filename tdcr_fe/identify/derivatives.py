@@ -211,15 +211,19 @@ def balanced(problem: FitProblem, request: Request) -> tuple[Action | None, Run 
     raise ValueError("the load does not balance with the state it depends on")
 
 
+def _through_state(loads: Sequence[StateLoad], values: Point, state: BayState, moved: Array) -> Array:
+    """Change of the action by changes of the state, shape (K, 5 n_bays, P) both."""
+    slope = sum(
+        (e.slope(state, values[e.name]) for e in loads), np.zeros((*state.shape, COMPONENTS, COMPONENTS))
+    )
+    rows = moved.reshape(*state.shape, COMPONENTS, -1)
+    return np.einsum("kbij,kbjp->kbip", slope, rows).reshape(moved.shape)
+
+
 def _coupling(loads: Sequence[StateLoad], values: Point, state: BayState, response: Response) -> Array:
     """The matrix ``I - F' H`` of every step, shape (K, 5 n_bays, 5 n_bays)."""
-    steps, bays = state.shape
-    slope = sum(
-        (e.slope(state, values[e.name]) for e in loads), np.zeros((steps, bays, COMPONENTS, COMPONENTS))
-    )
-    rows = response.state.reshape(steps, bays, COMPONENTS, -1)
-    through = np.einsum("kbij,kbjp->kbip", slope, rows).reshape(steps, bays * COMPONENTS, -1)
-    return np.asarray(np.eye(bays * COMPONENTS) - through)
+    through = _through_state(loads, values, state, response.state)
+    return np.asarray(np.eye(through.shape[1]) - through)
 
 
 def of_readings(problem: FitProblem, actions: Array, response: Response) -> Array:
@@ -409,7 +413,7 @@ class _Part:
         """Columns of loads that depend on the state; and what those of the model add to the other columns."""
         assert run.bays is not None
         state, problem = run.bays, self.problem
-        steps, bays = state.shape
+        steps = len(run.positions)
         loads = [e for e in self.effects if isinstance(e, StateLoad)]
         own = [
             (n, c.effect, c.parameter, c.values)
@@ -419,13 +423,7 @@ class _Part:
         actions = [e.by_value(state, values, name).reshape(steps, -1) for _, e, name, values in own]
         columns = [n for n, *_ in own]
         if loads:
-            slope = sum(
-                (e.slope(state, self.values[e.name]) for e in loads),
-                np.zeros((steps, bays, COMPONENTS, COMPONENTS)),
-            )
-            by_state = np.einsum(
-                "kbij,kbjp->kbip", slope, moved.reshape(steps, bays, COMPONENTS, -1)
-            ).reshape(steps, bays * COMPONENTS, -1)
+            by_state = _through_state(loads, self.values, state, moved)
             actions += list(np.moveaxis(by_state, 2, 0))
             columns += list(numbers)
         if not actions:

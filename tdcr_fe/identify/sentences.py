@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from tdcr_fe.effects import effect
 from tdcr_fe.effects.places import PlaceEffect
+from tdcr_fe.identify.criteria import EARTH, EARTH_TOLERANCE
 from tdcr_fe.identify.result import (
     NOT_KNOWN,
     THE_DATA,
@@ -25,8 +26,6 @@ from tdcr_fe.report.environment import DASH, SPACE, estimate, fixed, quantity, s
 
 #: Least strain at which a backbone softens: nickel-titanium transforms near 1 %, polymers yield above it [1].
 LEAST_THRESHOLD = 3e-3
-#: Gravity on earth, and the deviation of a fitted magnitude above which the report warns [m/s^2].
-EARTH, EARTH_TOLERANCE = 9.81, 0.15
 #: Correlations of a smaller size are not listed.
 LEAST_CORRELATION = 0.1
 
