@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.special import chdtrc, chdtri, fdtrc, ndtr, ndtri
 
-from tdcr_fe.effects import Experiment
+from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.identify.forward import Job, last_parts
 from tdcr_fe.identify.load_steps import directions, inputs
-from tdcr_fe.identify.problem import Fit, FitProblem
+from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.result import InputNoise, Structure
 from tdcr_fe.identify.run import Run
 from tdcr_fe.io.measured import MeasuredData
@@ -329,14 +329,17 @@ def _inputs(experiment: Experiment) -> tuple[Array, NDArray[np.bool_]]:
     return np.array([a.values for a in chosen]), np.any([a.by_displacement for a in chosen], axis=0)
 
 
-def with_input_sigma(problem: FitProblem) -> FitProblem:
-    """The problem with the covariance that declared errors of the inputs give the readings of a step.
+def with_input_sigma(
+    problem: FitProblem, effects: Sequence[Effect] = (), values: Point | None = None
+) -> FitProblem:
+    """The problem with the covariance that declared errors of the inputs give the readings of a model, by step.
 
     They are independent from step to step; what an error does to later steps through friction is left out.
     """
     if not problem.data.input_sigma:
         return problem
-    by_input = _input_response(problem, problem.experiment) * np.array(problem.data.input_sigma)
+    experiment = problem.with_effects(effects, values or {})
+    by_input = _input_response(problem, experiment) * np.array(problem.data.input_sigma)
     roots, steps = [], problem.readings.reader.step
     for k in np.unique(steps):
         own = np.flatnonzero(steps == k)

@@ -177,11 +177,11 @@ class FitProblem:
         return found
 
     def lengths(self, r: Array) -> Array:
-        """A residual over sigma in the units of the readings, shape (n,)."""
+        """Residuals over sigma in the units of the readings, shape (n,) or (n, P)."""
         found = np.array(r)
         for own, root in self.roots:
             found[own] = root @ r[own]
-        return found * self.sigma
+        return (found.T * self.sigma).T
 
     @property
     def whole_sigma(self) -> Array:

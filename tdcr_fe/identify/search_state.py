@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Effect
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import bic, effective_noise, residual_is_noise, robust_threshold
+from tdcr_fe.identify.noise import with_input_sigma
 from tdcr_fe.identify.problem import Fit, FitProblem, fit_of_run, refine
 from tdcr_fe.identify.result import Candidate
 from tdcr_fe.identify.screening import Score
@@ -163,7 +164,8 @@ def parent_of(state: SearchState, fit: Fit) -> Fit:
 
 
 def refined(state: SearchState) -> SearchState:
-    """Refine the discretisation at the best model, and evaluate its fits again."""
+    """Refine the discretisation at the best model, and evaluate its fits again; with its covariance of the readings."""
+    state = _reweighted(state)
     threshold = min(state.problem.robust_threshold, robust_threshold(state.best.residual))
     problem = replace(state.problem, robust_threshold=threshold)
     (before,) = fitting.run_fits(problem, [fitting.finish(problem, state.best, fitting.Race())])
@@ -192,6 +194,28 @@ def refined(state: SearchState) -> SearchState:
         (declared,) = fitting.run_fits(problem, [fitting.evaluated(problem, (), {}, (), state.declared)])
         fits[frozenset()] = declared
     return replace(state, problem=problem, best=best, declared=declared, fits=fits)
+
+
+def _reweighted(state: SearchState) -> SearchState:
+    """With the covariance that declared errors of the inputs give the readings of the best model."""
+    old, best = state.problem, state.best
+    if not old.roots:
+        return state
+    problem = with_input_sigma(old, best.effects, best.values)
+
+    def again(x: Array) -> Array:
+        return problem.whitened((old.lengths(x).T / old.sigma).T)
+
+    problem = replace(problem, correction=again(old.correction))
+
+    def changed(fit: Fit) -> Fit:
+        path = None if fit.path_residual is None else again(fit.path_residual)
+        moved = replace(fit, residual=again(fit.residual), jacobian=again(fit.jacobian), path_residual=path)
+        return _recounted(problem, moved, np.zeros(problem.count))
+
+    fits = {key: changed(fit) for key, fit in state.fits.items()}
+    declared, best = fits[frozenset()], fits[frozenset(best.names)]
+    return replace(state, problem=problem, declared=declared, best=best, fits=fits, scores={})
 
 
 def _recounted(problem: FitProblem, fit: Fit, shift: Array) -> Fit:

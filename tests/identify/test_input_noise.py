@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import MODEL, ROBOT, begun, concluded, data_of, positions, problem_of, state_of
+from identify_data import GRAVITY, MODEL, ROBOT, begun, concluded, data_of, positions, problem_of, state_of
 
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.identify import identify
@@ -118,3 +118,14 @@ def test_errors_of_the_inputs_are_read_and_written(tmp_path):
         file.write("sigma_of = 1.0\n")
     with pytest.raises(InputError, match=r"model\.toml: inputs = .*must be sigma = a number above zero"):
         read_measured(tmp_path / "set")
+
+
+@pytest.mark.integration
+def test_an_effect_is_found_beside_declared_errors_of_the_inputs():
+    """They move a robot with its weight in another way than without: more than noise was left."""
+    own = 0.02 * np.random.default_rng(4).normal(size=(len(PULLS), 2))
+    found = identify(replace(data(1.0, own, truth=GRAVITY), input_sigma=(0.02, 0.02)))
+    assert (found.verdict, [e.name for e in found.effects]) == ("explained", ["gravity"])
+    for name, value in GRAVITY["gravity"].items():
+        estimate = found.effects[0].parameters[name]
+        assert abs(estimate.value - value) < 3.0 * estimate.std_error
