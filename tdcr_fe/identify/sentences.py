@@ -253,7 +253,7 @@ def _input_noise(result: IdentificationResult) -> list[str]:
     return [
         f"Random errors of the {what} with a standard deviation of {how}, independent in every step, would explain "
         f"part of the remaining error: it would fall from {size(noise.before)} to {size(noise.after)} over all steps. "
-        "No effect predicts such errors; measure tensions or displacements at the base."
+        "No effect predicts them: measure the inputs at the base, or declare their sigma ([inputs] in model.toml)."
     ]
 
 

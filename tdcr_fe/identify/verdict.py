@@ -158,7 +158,7 @@ def _undecided(state: SearchState, found: Found, explained: bool) -> Remainder |
     problem, best = state.problem, state.best
     insufficient = insufficient_data(problem, state.declared, best, explained)
     alone = not (insufficient or best.effects)
-    inputs_explain = alone and found.input_noise is not None and found.input_noise.explains_all
+    inputs_explain = not insufficient and found.input_noise is not None and found.input_noise.explains_all
     faulty = state.data_fault or (wrong_sigma(problem, best) if alone and not inputs_explain else "")
     unknown_noise = mostly_estimated_noise(problem.data) if explained and alone else ""
     inputs = (
