@@ -313,14 +313,15 @@ def _contradictions(e: AddedEffect, result: IdentificationResult) -> list[str]:
             continue
         if p.half_width is None or abs(p.value - declared) <= p.half_width:
             continue
-        found.append(
-            f"The fit contradicts a declared value: {name} ({default[name].meaning}) is fitted as "
-            f"{estimate(p.value, p.half_width, p.unit)}, declared as {quantity(declared, p.unit, 4)}."
-        )
-    if found:
-        others = " or ".join(words(n) for n in e.indistinguishable_from) or "none of the listed effects"
-        found.append(f"If what is declared is certain, the error has another cause: {others}.")
-    return found
+        fitted = estimate(p.value, p.half_width, p.unit)
+        found.append(f"{name} is {fitted}, declared {quantity(declared, p.unit, 4)}")
+    if not found:
+        return []
+    others = " or ".join(words(n) for n in e.indistinguishable_from) or "none of the listed effects"
+    return [
+        f"The fit contradicts what is declared: {'; '.join(found)}. If the declared values are certain, the error has "
+        f"another cause: {others}."
+    ]
 
 
 def _implausible(e: AddedEffect) -> list[str]:

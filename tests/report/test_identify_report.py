@@ -78,7 +78,7 @@ def test_a_declared_value_that_the_fit_contradicts_is_named():
     """Tendons of 107 N where 2474 N is declared: 0.1 had no remark."""
     stretch = added("tendon_stretch", ("actuator_gain",), axial_stiffness=(107.0, 5.0, "N"))
     text = " ".join(remarks(result(stretch))["tendon_stretch"]).replace("\N{NO-BREAK SPACE}", " ")
-    assert "is fitted as 107.0 ± 9.8 N, declared as 2.474 kN" in text and "actuator gain" in text
+    assert "axial_stiffness is 107.0 ± 9.8 N, declared 2.474 kN" in text and "actuator gain" in text
     near = added("tendon_stretch", axial_stiffness=(2470.0, 5.0, "N"))
     assert not remarks(result(near))
 
