@@ -97,6 +97,7 @@ class Estimator:
         self._covariance = np.diag(np.concatenate((self._sigmas**2, np.zeros(len(self._problem.slips)))))
         self._commands = LoadStep()
         self._time: float | None = None
+        self._last: Solved | None = None
         self._number = 0
 
     def step(self, step: LoadStep, readings: Sequence[Reading] = ()) -> Estimate:
@@ -144,7 +145,10 @@ class Estimator:
     def _estimated(self, frame: Frame) -> Estimate:
         """The estimate of a frame, which the estimator takes for its state; the last state where there is none."""
         mean, covariance = self._prior(frame)
-        found = frame.most_probable(mean, covariance)
+        start, last = np.zeros(len(mean)), self._last
+        if last is not None and last.frame.commands.drives.kinds == frame.commands.drives.kinds:
+            start = last.start_of(frame, mean, covariance)
+        found = frame.most_probable(mean, covariance, start)
         if found is None or not found.converged:
             message = "no load step towards the frame has a solution"
             if found is not None:
@@ -154,7 +158,7 @@ class Estimator:
             state = Solved(frame, before, frame.commands, UNSOLVED, frame.start)
             return self._estimate(state, self._covariance, np.nan, message)
         state, own = found.point, len(self._sigmas)
-        self._mean, self._time = state.unknowns[:own], frame.commands.time
+        self._mean, self._time, self._last = state.unknowns[:own], frame.commands.time, state
         carried = np.eye(len(mean))
         carried[own:] = state.response.plastic_slips
         after = carried @ found.covariance @ carried.T

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Observation
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
-from tdcr_fe.estimate.most_probable import Found, covariance_after, most_probable
+from tdcr_fe.estimate.most_probable import Found, covariance_after, linear_start, most_probable
 from tdcr_fe.estimate.response import Response, plastic_slips, with_plastic_slips
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import Location, channel
 from tdcr_fe.model.loading import Actuation, Load
 from tdcr_fe.model.observed_step import ObservedStep
-from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Position, StepFailed
+from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, Position, StepFailed
 from tdcr_fe.solve.simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -134,12 +134,15 @@ class Frame:
     readings: Readings
     substeps: int | None
 
-    def most_probable(self, mean: Array, covariance: Array) -> Found[Solved] | None:
-        """The most probable state from a prior; None where no load step to its mean has a solution."""
+    def most_probable(self, mean: Array, covariance: Array, start: Array) -> Found[Solved] | None:
+        """The most probable state from a prior; None where the first load step has no solution.
+
+        ``start`` is that of `most_probable` where the place of the load is known.
+        """
         place = self.problem.place
         variance = covariance[place, place]
         if variance == 0.0 or not len(self.readings.values):
-            return most_probable(self.solved, mean, covariance, np.zeros(len(mean)))
+            return most_probable(self.solved, mean, covariance, start)
         # Among given places, each with all other unknowns conditional on it.
         given = covariance[place] / variance
         held = covariance - variance * np.outer(given, given)
@@ -147,10 +150,12 @@ class Frame:
         for _ in range(MOST_CHOICES):
             if at is None:
                 return None
-            s, start = at.best_place(mean, given, held, variance)
+            s, towards = at.best_place(mean, given, held, variance)
             if abs(s - before) < self.problem.spacing:
                 break
-            begin = np.zeros_like(start) if found is None else start  # far off, the linear model is no guide
+            begin = (
+                np.zeros_like(towards) if found is None else towards
+            )  # far off, the linear model is no guide
             before, shift = s, s - mean[place]
             found = most_probable(self.solved, mean + given * shift, held, begin)
             if found is None:
@@ -160,14 +165,17 @@ class Frame:
             found = replace(found, misfit=misfit, covariance=covariance_after(covariance, at.jacobian))
         return found
 
-    def solved(self, unknowns: Array) -> Solved | None:
-        """The load step to unknowns; None where it has no solution."""
+    def solved(self, unknowns: Array, near: Solved | None = None) -> Solved | None:
+        """The load step to unknowns, begun at a solution for others nearby; None where it has no solution."""
         simulation, state = self.problem.simulation, self.start.state
         change = unknowns[self.problem.place + 1 :] - plastic_slips(simulation, state.friction[0])
         actuation = self.problem.actuation(self.commands, unknowns)
         try:
             simulation.restore(with_plastic_slips(simulation, state, change))
-            report = simulation.advance(actuation, self.substeps)
+            ends = (
+                [] if near is None or self.substeps != 1 else [Increment(1.0, near.position.state.stored())]
+            )
+            report = simulation.advance(actuation, self.substeps, ends)
         except (StepFailed, np.linalg.LinAlgError):
             return None
         return Solved(self, unknowns, actuation, report, simulation.position)
@@ -254,6 +262,15 @@ class Solved:
         for quantity, which, locations in readings.groups:
             found[which] = channel(quantity).differences(moved, h, locations)
         return found / readings.sigmas[:, None]
+
+    def start_of(self, frame: Frame, mean: Array, covariance: Array) -> Array:
+        """``v`` with which the next frame begins from its prior, by the derivatives in this state."""
+        seen, problem = replace(self, frame=frame), frame.problem
+        jacobian, moved = seen._derivatives(self.response), mean - self.unknowns
+        scale = frame.commands.drives.scale
+        moved[: problem.tendons] += (frame.commands.values - self.frame.commands.values) / scale
+        moved[problem.place + 1 :] = 0.0  # the history is that of this state
+        return linear_start(covariance, seen.residual - jacobian @ moved, jacobian)
 
     def best_place(self, mean: Array, given: Array, held: Array, variance: float) -> tuple[float, Array]:
         """Where the load explains the readings best by the linear model.

@@ -69,14 +69,14 @@ class Found(Generic[P]):
 
 
 def most_probable(
-    solve: Callable[[Array], P | None], mean: Array, covariance: Array, start: Array
+    solve: Callable[[Array, P | None], P | None], mean: Array, covariance: Array, start: Array
 ) -> Found[P] | None:
     """Find the most probable unknowns.
 
     Parameters
     ----------
     solve
-        From unknowns to the state; None where there is no solution.
+        From unknowns and a state nearby, if there is one, to the state; None where there is no solution.
     mean, covariance
         Of the prior, shapes (n,) and (n, n).
     start
@@ -88,7 +88,7 @@ def most_probable(
         None where the first state has no solution.
     """
     v = start
-    point = solve(mean + covariance @ v)
+    point = solve(mean + covariance @ v, None)
     if point is None:
         return None
 
@@ -107,7 +107,7 @@ def most_probable(
             while (length := linear.length(step)) > radius:
                 damping = 4.0 * damping or 1.0
                 step = linear.step(damping)
-            at, states = solve(mean + covariance @ (v + step)), states + 1
+            at, states = solve(mean + covariance @ (v + step), point), states + 1
             lowered = -np.inf if at is None else value - misfit(v + step, at)
             expected = linear.gain(step)
             if at is not None and lowered > 0.1 * expected:
@@ -120,6 +120,17 @@ def most_probable(
         point, v = better, v + step
         value = misfit(v, point)
     return Found(point, value, gain, covariance_after(covariance, point.jacobian))
+
+
+def linear_start(covariance: Array, residual: Array, jacobian: Array) -> Array:
+    """``v`` that a linear model promises, where it stays in the first trust region; else that of the prior mean.
+
+    The residual is that of the prior mean.
+    """
+    nowhere = np.zeros(len(covariance))
+    linear = _Linear(nowhere, covariance, residual, jacobian)
+    step = linear.step(0.0)
+    return step if linear.length(step) < FIRST_RADIUS else nowhere
 
 
 def covariance_after(covariance: Array, jacobian: Array) -> Array:

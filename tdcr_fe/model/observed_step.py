@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,6 +126,17 @@ class ObservedStep:
 
     def markers(self, s: Array) -> Array:
         """Measured positions of markers at arc lengths [m], shape (..., n_markers, 3)."""
+        key = s.tobytes()
+        if key not in self._found:  # their three coordinates are channels of their own
+            self._found[key] = self._markers(s)
+        return self._found[key]
+
+    @cached_property
+    def _found(self) -> dict[bytes, Array]:
+        """Markers that were asked for before."""
+        return {}
+
+    def _markers(self, s: Array) -> Array:
         k = elements_at(self.nodes, s)
         share = (s - self.s[..., k]) / (self.s[..., k + 1] - self.s[..., k])
         p, r = self.positions, self.rotations

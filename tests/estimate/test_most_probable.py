@@ -18,7 +18,7 @@ class At:
 
 
 def linear(h, y):
-    return lambda x: At(y - h @ x, h)
+    return lambda x, near: At(y - h @ x, h)
 
 
 def test_a_linear_problem_has_mean_and_covariance_of_the_kalman_filter_also_with_a_singular_prior():
@@ -52,7 +52,7 @@ def test_a_strongly_curved_problem_ends_at_the_least_misfit():
     """A distance of 3 read to 0.01 from a point far off, where the first Gauss-Newton steps overshoot."""
     prior, mean = np.diag([4.0, 1.0]), np.array([0.1, 0.05])
 
-    def solve(x):
+    def solve(x, near=None):
         r = np.hypot(*x)
         return At(np.array([(3.0 - r) / 0.01]), (x / r / 0.01)[None])
 
@@ -69,7 +69,7 @@ def test_a_strongly_curved_problem_ends_at_the_least_misfit():
 def test_steps_without_a_solution_are_shortened():
     tried = []
 
-    def solve(x):
+    def solve(x, near=None):
         tried.append(float(x[0]))
         return (
             None
@@ -79,7 +79,7 @@ def test_steps_without_a_solution_are_shortened():
 
     found = most_probable(solve, np.zeros(1), np.eye(1), np.zeros(1))
     assert abs(found.point.residual[0]) < 1.0
-    assert most_probable(lambda x: None, np.zeros(1), np.eye(1), np.zeros(1)) is None
+    assert most_probable(lambda x, near: None, np.zeros(1), np.eye(1), np.zeros(1)) is None
 
 
 @pytest.mark.parametrize(
