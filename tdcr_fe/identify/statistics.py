@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from tdcr_fe.identify import fitting
+from tdcr_fe.identify.causes import ReadingCause
 from tdcr_fe.identify.load_steps import blocks, directions, inputs
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import IdentificationResult, Misfit, Profile
@@ -70,7 +71,7 @@ def profiles(problem: FitProblem, fit: Fit) -> tuple[Profile, ...]:
     jacobian = fit.jacobian[problem.fitted] * weights[:, None]
     found = []
     for i, key in enumerate(fit.free):
-        if not deviation[i] > 0.0:
+        if not deviation[i] > 0.0 or isinstance(by_name[key[0]], ReadingCause):  # the latter are linear
             continue
         step = spread[:, i] / deviation[i]
         ridge = z + DISTANCES[:, None] * step
