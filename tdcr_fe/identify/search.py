@@ -61,9 +61,6 @@ FIRST_ORDER = 0.02
 #: So many models of listed effects are extended besides the best one.
 BEAM = 2
 
-#: The mesh is refined beside models that leave less than so many times the noise, as a sum of squares.
-NEAR_NOISE = 10.0
-
 #: A cause beyond so many is added only where it removes at least so much of the misfit on held-out steps [1].
 MANY, WORTHWHILE = 4, 0.1
 
@@ -182,6 +179,11 @@ class Proposal(NamedTuple):
         return frozenset({*self.parent.names, *self.score.names})
 
     @property
+    def listed(self) -> frozenset[str]:
+        """Names of the listed effects of which its causes are forms."""
+        return frozenset(e.listed for e in (*self.parent.effects, *self.score.effects))
+
+    @property
     def named(self) -> bool:
         """Whether all causes are listed effects."""
         return all(map(is_named, (*self.parent.effects, *self.score.effects)))
@@ -233,6 +235,7 @@ def fit_proposals(
     one leaves noise, or one is given, those are not tried that cannot become as probable, to first order.
     """
     problem, most = state.problem, search.settings.candidates
+    half = (most + 1) // 2
     listed = min((x.criterion for x in pool if x.named), default=math.inf)
     # Causes without a name are tried where they promise more than any that has one.
     waiting = [x for x in sorted(pool, key=lambda x: x.criterion) if x.named or x.criterion <= listed]
@@ -240,7 +243,8 @@ def fit_proposals(
     for batch in (waiting[:1], waiting[1:]):
         chosen: dict[frozenset[str], Proposal] = {}
         for x in batch:
-            enough = sum(y.named is x.named for y in chosen.values()) >= most
+            same = [y.listed for y in chosen.values() if y.named is x.named]
+            enough = same.count(x.listed) >= half or (x.listed not in same and len(set(same)) >= most)
             late = search.out_of_time and state.best.effects
             if enough or late or x.names in state.fits or x.names in chosen:
                 continue
@@ -259,7 +263,7 @@ def fit_proposals(
             for now, x in zip(begun, chosen.values(), strict=True)
             if now.solved
         ]
-        left = {named: (most + 1) // 2 for named in (True, False)}
+        left = dict.fromkeys((True, False), half)
         for least, now, x in sorted(found, key=lambda f: f[0]):
             if left[x.named] == 0 or (ahead is not None and least > _limit(problem, ahead)):
                 continue
@@ -292,7 +296,7 @@ def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal, noise: floa
     of the same effects always may.
     """
     parent, x, criterion = proposal
-    forms = {e.listed for e in (*parent.effects, *x.effects)} == {e.listed for e in ahead.effects}
+    forms = proposal.listed == {e.listed for e in ahead.effects}
     limit = _limit(problem, ahead, noise)
     if forms or not x.signature.size or criterion < limit:
         return True
@@ -396,8 +400,7 @@ def grow(search: Search, state: SearchState) -> Stage:
             reason = "improves fitted and held-out steps" if pool else "is significant"
             state = state.with_history(f"round {number}: no candidate {reason}")
             continue
-        if best.cost < NEAR_NOISE * np.count_nonzero(state.problem.fitted):
-            state = refined(state)
+        state = refined(state)
         state = yield from backward_selection(search, state)
         best = state.best
         state = state.with_history(

@@ -184,6 +184,8 @@ def _search(result: IdentificationResult) -> list[str]:
         if not searched.fitted_to_all:
             rest = ", and all errors are of these: there is no fit to all load steps."
         found.append(f"The search used {len(searched.steps)} of {searched.total} load steps{rest}")
+    if result.simulated.corrected.model.friction != result.data.model.friction:
+        found.append("The declared friction is left out of all models: it explains nothing.")
     if result.log.not_tried:
         found.append(f"The time limit (--minutes) was too short for {_joined(result.log.not_tried)}.")
     return found

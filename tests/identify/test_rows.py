@@ -33,6 +33,8 @@ from tdcr_fe.identify.long_data import (
     choose_rows,
     fit_to_all_rows,
     problem_of_rows,
+    with_friction,
+    without_friction,
 )
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.result import SearchLog
@@ -130,22 +132,22 @@ def test_without_friction_twice_as_many_rows_are_taken(chosen):
     assert 1.6 * len(found.steps) < len(more.steps) <= 2 * SEARCHED
 
 
-@pytest.mark.campaign
-def test_friction_that_explains_nothing_is_left_out_of_the_search_and_put_back():
-    """The truth has no friction, the declared robot has 0.3 at every hole, and a straight backbone.
-
-    The search finds the bent backbone without friction, and the coefficient once friction is back.
-    """
-    truth = {"precurvature": {"kappa_x": 0.6, "kappa_y": -0.9}}
-    free = long_data(11, truth=truth)
-    robot = replace(ROBOT, tendons=tuple(replace(t, friction_coefficient=0.3) for t in ROBOT.tendons))
-    data = replace(free, robot=robot, model=FRICTIONAL)
-    result = identify(data, IdentifySettings(candidates=2))
-    assert {e.name for e in result.effects} == {"precurvature", "friction_coefficient"}
-    assert any(h.startswith("with the declared friction") for h in result.log.history)
-    values = {n: p.value for e in result.effects for n, p in e.parameters.items()}
-    assert abs(values["kappa_x"] - 0.6) < 0.01 and values["mu"] < 0.02
-    assert result.log.steps.fitted_to_all and result.after.held_out.chi2_per_dof < 1.2
+@pytest.mark.parametrize(("true", "kept"), [(0.0, False), (0.3, True)])
+@pytest.mark.integration
+def test_declared_friction_stays_where_the_model_is_better_with_it(true, kept):
+    """The search runs without friction; the declared robot has 0.3 at every hole."""
+    robot = ROBOT.with_tendons(friction_coefficient=0.3)
+    bend = {"precurvature": {"kappa_x": 0.6, "kappa_y": -0.9}}
+    mu = {"friction_coefficient": {"mu": true}} if true else {}
+    data = replace(long_data(11, FRICTIONAL, {**bend, **mu}), robot=robot)
+    problem = problem_of(data, range(1, 61), SIGMA)
+    problem = problem_of_rows(problem, choose_rows(data, range(60)))
+    search, free = searching(), state_of(without_friction(problem))
+    best = fit(free.problem, (effect("precurvature"),), [bend])
+    state = with_friction(search, replace(free.with_fit(best), best=best), problem)
+    assert (state.problem.experiment.model.friction == "per-hole") is kept
+    assert state.best.names == ("precurvature",) and state.best.cost < 1.5 * np.count_nonzero(problem.fitted)
+    assert ("left out" in state.history[-1]) is not kept
 
 
 def test_the_report_says_when_all_errors_are_of_the_chosen_rows(chosen):
