@@ -162,8 +162,7 @@ class Law(NamedTuple):
     @property
     def sentence(self) -> str:
         """In words."""
-        text = "; ".join(c.sentence for c in self.causes)
-        return f"{text[:1].upper()}{text[1:]}: the declared model does not have it."
+        return "; ".join(c.sentence for c in self.causes)
 
     @property
     def alternatives(self) -> tuple[str, ...]:

@@ -30,13 +30,14 @@ LEAST_THRESHOLD = 3e-3
 LEAST_CORRELATION = 0.1
 
 #: The verdict in one sentence, by verdict and, where it has several, by where the error remains; the last of a verdict
-#: holds for all other places. ``names``: the effects; ``found``, ``beside``: a sentence and a part of one with them.
+#: holds for all other places. ``names``: the effects; ``found``, ``beside``: a sentence and a part of one with them;
+#: ``law``: the causes on no list.
 HEADLINES: dict[Verdict, dict[str, str]] = {
     Verdict.NOTHING_MISSING: {
         "": "Nothing is missing: the declared model explains the measurements down to their noise."
     },
     Verdict.EXPLAINED: {"": "Explained: the declared model is missing {names}."},
-    Verdict.LAW_FOUND: {"": "Explained by a discovered law{beside}."},
+    Verdict.LAW_FOUND: {"": "Explained by a cause on no list{law}{beside}."},
     Verdict.PARTLY_EXPLAINED: {
         NOT_KNOWN: "Partly explained: {names} may explain the measurements, but too few readings test that.",
         "": "Partly explained: a model with {names} removes part of the error. More than noise is left, so nothing of "
@@ -45,7 +46,7 @@ HEADLINES: dict[Verdict, dict[str, str]] = {
     Verdict.UNEXPLAINED: {"": "Unexplained: the model is missing something that no listed effect explains."},
     Verdict.CANNOT_TELL: {
         THE_DATA: "Inconclusive: the data contain an error. Correct the files and run again.",
-        THE_INPUTS: "Inconclusive: the inputs are too noisy to decide what the model is missing.",
+        THE_INPUTS: "Inconclusive: the inputs are too noisy to decide what the model is missing.{found}",
         THE_NOISE: "Inconclusive: no effect is visible, but the noise of the sensors is not known.",
         "": "Inconclusive: these readings are too few or too noisy to decide what the model is missing.{found}",
     },
@@ -66,7 +67,8 @@ def headline(result: IdentificationResult) -> str:
     by_place = HEADLINES[Verdict(result.verdict)]
     return by_place.get(result.remaining.where, by_place[""]).format(
         names=names,
-        beside=f" together with {names}" if names else "",
+        law="" if result.law is None else f": {result.law.sentence}",
+        beside=f", together with {names}" if names else "",
         found=f" Found so far: {names}." if names else "",
         stopped="was interrupted" if result.log.interrupted else "ran out of time",
     )
@@ -126,7 +128,7 @@ def _reason(result: IdentificationResult) -> list[str]:
     if law is None:
         return []
     others = f"Another form explains these data equally well: {' or '.join(law.alternatives)}."
-    return [law.sentence, f"{law.formula}.", *([others] if law.alternatives else [])]
+    return [f"{law.formula}.", *([others] if law.alternatives else [])]
 
 
 def _causes(result: IdentificationResult) -> list[str]:
