@@ -184,47 +184,32 @@ class _Limits(NamedTuple):
 
 def _routings(problem: FitProblem) -> list[Cause]:
     """The holes of one tendon elsewhere: at another angle and distance, the same along the backbone or not."""
-    found: list[Cause] = []
-    for tendon in problem.experiment.robot.tendon_names:
-
-        def same(experiment: Experiment, values: Values, tendon: str = tendon) -> Experiment:
-            both = {"factor": values["factor"], "angle": values["angle"]}
-            return _moved(
-                experiment, tendon, {f"{n}_{end}": x for n, x in both.items() for end in ("base", "end")}
-            )
-
-        def along(experiment: Experiment, values: Values, tendon: str = tendon) -> Experiment:
-            return _moved(experiment, tendon, values)
-
-        factor, angle = (0.3, 3.0), (-1.5, 1.5)
-        numbers = (_number("factor", "1", factor, 1.0, 0.02), _number("angle", "rad", angle, 0.0, 0.02))
-        four = tuple(
-            replace(p, name=f"{p.name}_{end}", meaning=f"{p.meaning} at the {end}")
-            for p in numbers
-            for end in ("base", "end")
-        )
-        where_ = f"tendon {tendon}"
-        text = f"the holes of tendon {tendon} are elsewhere, at another angle or distance"
-        found.append(
-            ChangedDescription(
-                f"routing of {tendon}", Kind("routing", ("nothing",), where_), numbers, same, text
-            )
-        )
-        found.append(
-            ChangedDescription(
-                f"routing of {tendon} along s", Kind("routing", ("place",), where_), four, along, text
-            )
-        )
-    return found
-
-
-def _moved(experiment: Experiment, tendon: str, values: Values) -> Experiment:
-    """The experiment with the holes of one tendon elsewhere."""
-    tendons = tuple(
-        replace(t, routing=MisplacedRouting(t.routing, **values)) if t.name == tendon else t
-        for t in experiment.robot.tendons
+    ends, found = ("base", "end"), list[Cause]()
+    numbers = (
+        _number("factor", "1", (0.3, 3.0), 1.0, 0.02),
+        _number("angle", "rad", (-1.5, 1.5), 0.0, 0.02),
     )
-    return experiment.with_robot(tendons=tendons)
+    along = tuple(
+        replace(p, name=f"{p.name}_{end}", meaning=f"{p.meaning} at the {end}")
+        for p in numbers
+        for end in ends
+    )
+    for name in problem.experiment.robot.tendon_names:
+
+        def moved(experiment: Experiment, values: Values, name: str = name) -> Experiment:
+            if "angle" in values:
+                values = {f"{n}_{end}": x for n, x in values.items() for end in ends}
+            tendons = tuple(
+                replace(t, routing=MisplacedRouting(t.routing, **values)) if t.name == name else t
+                for t in experiment.robot.tendons
+            )
+            return experiment.with_robot(tendons=tendons)
+
+        text = f"the holes of tendon {name} are elsewhere, at another angle or distance"
+        for suffix, depends, own in (("", "nothing", numbers), (" along s", "place", along)):
+            kind = Kind("routing", (depends,), f"tendon {name}")
+            found.append(ChangedDescription(f"routing of {name}{suffix}", kind, own, moved, text))
+    return found
 
 
 def _inputs(problem: FitProblem) -> list[Cause]:
@@ -241,10 +226,8 @@ def _inputs(problem: FitProblem) -> list[Cause]:
     displaced = bool(actions[0].by_displacement[driven[0]])
     unit = "m" if displaced else "N"
 
-    def law(
-        change: Callable[[float, float, float, float], float],
-    ) -> Callable[[Experiment, Values], Experiment]:
-        """An experiment whose inputs are changed: input, its largest value, progress and number to the new input."""
+    def law(shape: Callable[[float, float], float]) -> Change:
+        """A change of all inputs by a number times what follows from the input and from progress along the rows."""
 
         def changed(experiment: Experiment, values: Values) -> Experiment:
             steps: list[LoadStep] = []
@@ -253,8 +236,7 @@ def _inputs(problem: FitProblem) -> list[Cause]:
             for step, (k, _) in zip(experiment.steps, ends, strict=True):
 
                 def new(name: str, x: float, p: float = float(progress[k])) -> float:
-                    number = values.get(name, values.get("all", 0.0))
-                    y = change(x, most, p, number)
+                    y = x + values.get(name, values.get("all", 0.0)) * shape(x, p)
                     return y if displaced else max(y, 0.0)
 
                 steps.append(
@@ -268,23 +250,18 @@ def _inputs(problem: FitProblem) -> list[Cause]:
 
         return changed
 
-    def constant(x: float, top: float, p: float, a: float) -> float:
-        return x + a
-
-    def growing(x: float, top: float, p: float, a: float) -> float:
-        return x * (1.0 + a * abs(x) / top)
-
-    def drifting_gain(x: float, top: float, p: float, a: float) -> float:
-        return x * (1.0 + a * p)
-
-    def drifting(x: float, top: float, p: float, a: float) -> float:
-        return x + a * p
-
     laws = [
-        ("offset of the input", "nothing", unit, most, constant, "the inputs are off by a constant"),
-        ("gain that grows", "tension", "1", 1.0, growing, "the gain of the inputs depends on their size"),
-        ("gain that drifts", clock, "1", 1.0, drifting_gain, "the gain of the inputs drifts"),
-        ("offset that drifts", clock, unit, most, drifting, "the inputs drift"),
+        ("offset of the input", "nothing", unit, most, lambda x, p: 1.0, "the inputs are off by a constant"),
+        (
+            "gain that grows",
+            "tension",
+            "1",
+            1.0,
+            lambda x, p: x * abs(x) / most,
+            "the gain of the inputs depends on their size",
+        ),
+        ("gain that drifts", clock, "1", 1.0, lambda x, p: x * p, "the gain of the inputs drifts"),
+        ("offset that drifts", clock, unit, most, lambda x, p: p, "the inputs drift"),
     ]
     found: list[Cause] = []
     for name, depends, own, size, change, text in laws:

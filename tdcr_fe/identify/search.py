@@ -284,12 +284,12 @@ def _lowest(state: SearchState, named: bool) -> float:
     return min(f.cost for f in state.fits.values() if not named or _all_named(f))
 
 
-def _limit(problem: FitProblem, ahead: Fit, noise: float = 1.0) -> float:
+def _limit(problem: FitProblem, ahead: Fit) -> float:
     """Criterion over the fitted readings up to which a model is about as probable as another one."""
-    return ahead.cost + parent_price(problem, ahead) + BIC_DIFFERENCE * noise
+    return ahead.cost + parent_price(problem, ahead) + BIC_DIFFERENCE
 
 
-def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal, noise: float = 1.0) -> bool:
+def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal) -> bool:
     """Whether a candidate may become about as probable as another model, to first order.
 
     It does where it promises as much, or can make the change of the predictions that the other model makes. Other forms
@@ -297,7 +297,7 @@ def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal, noise: floa
     """
     parent, x, criterion = proposal
     forms = proposal.listed == {e.listed for e in ahead.effects}
-    limit = _limit(problem, ahead, noise)
+    limit = _limit(problem, ahead)
     if forms or not x.signature.size or criterion < limit:
         return True
     left, whole = apart(problem, parent, parent.residual - ahead.residual, x)
@@ -391,8 +391,8 @@ def grow(search: Search, state: SearchState) -> Stage:
             if better:
                 state = replace(state, best=better[0])
                 yield state
-                if _all_named(state.best):
-                    break  # what shows less is tried in the next round
+                if _all_named(state.best) and (search.listed_first or search.explained(state)):
+                    break  # what shows less is tried where nothing else helps
         entries = [_entry(state, number, x) for x in pool[:SHOWN]]
         state = replace(state, candidates=(*state.candidates, *entries))
         best = state.best
@@ -585,7 +585,6 @@ def exchange(search: Search, state: SearchState) -> Stage:
     their columns beside the best model.
     """
     best, problem = state.best, state.problem
-    noise = effective_noise(problem, best, search.significance)
     fits: list[Fit] = []
     for gone in [(e,) for e in best.effects] + list(itertools.combinations(best.effects, 2)):
         if search.out_of_time:
@@ -606,7 +605,6 @@ def exchange(search: Search, state: SearchState) -> Stage:
         others = [x for x in scores if x.starts and x.effect.listed not in names and x.signature.size]
         others = [rescored(problem, base, x) for x in others]
         near = [_proposal(problem, base, x) for x in worth_fitting(search, problem, base, others)]
-        near = [x for x in near if could_match(problem, best, x, noise)]
         state, more = fit_proposals(search, state, near, best)
         fits += more
     better = [f for f in fits if rank(problem, f) < rank(problem, best) and _admissible(search, state, f)]

@@ -89,11 +89,9 @@ MAY_EXPLAIN = frozenset({FURTHER_EFFECTS, EXCHANGES, FRICTION})
 #: of the corrected robot take, over the time limit [1].
 GRACE, GRACE_OF_TABLES = 0.1, 0.15
 
-#: The final fit to all load steps takes about so many runs over all of them, and so much of the time limit at most [1].
-RUNS_OF_FIT, MOST_OF_FIT = 7, 0.4
-
-#: The same for the best model with friction, on the chosen load steps [1].
-RUNS_WITH_FRICTION, MOST_WITH_FRICTION = 12, 0.15
+#: The final fit to all load steps, and the model with friction, take about so many runs of theirs, and so much of the
+#: time limit at most [1].
+RUNS, MOST = 8, 0.3
 
 
 class OutOfTime(Exception):
@@ -124,8 +122,8 @@ class Schedule(NamedTuple):
             About how long a run with friction over the chosen load steps takes, where the search runs without [s].
         """
         end = begun + seconds
-        friction = end - min(RUNS_OF_FIT * all_steps, MOST_OF_FIT * seconds)
-        search = friction - min(RUNS_WITH_FRICTION * with_friction, MOST_WITH_FRICTION * seconds)
+        friction = end - min(RUNS * all_steps, MOST * seconds)
+        search = friction - min(RUNS * with_friction, MOST * seconds)
         return cls(search, friction, end, GRACE * seconds)
 
 
