@@ -130,12 +130,12 @@ class _Clock:
 
     def _watch(self, done: Event) -> None:
         begun, before, announced = time.perf_counter(), 0, False
-        while not done.wait(min(LOOK, self.limit)):
+        while not done.wait(LOOK if self.is_over else min(LOOK, self.limit)):
             elapsed = time.perf_counter() - begun
             if elapsed > self.limit:
                 self.is_over = True
-                _thread.interrupt_main()  # a callback of Exudyn may lose it; then the next step ends the run
-                return
+                _thread.interrupt_main()  # again, until the run has ended: a callback of Exudyn may lose it
+                continue
             left = elapsed * (self.steps / self.solved - 1.0) if self.solved > before else math.inf
             if left > LONG_RUN and not announced:
                 announced = True

@@ -33,9 +33,13 @@ def _tendons(d: Description) -> Iterator[Value]:
     b = d.robot.backbone
     tensions, moved = d.inputs("tensions"), d.inputs("displacements")
     for i, tendon in enumerate(d.robot.tendons if d.steps else ()):
-        _, offset, end, *_ = d.courses[tendon.name]
+        holes, offset, end, *_ = d.courses[tendon.name]
         k = int(np.argmax(tensions[:, i]))
         force, key = float(tensions[k, i]), f"steps[{k}].tensions.{tendon.name}"
+        if force > 0.0:
+            held = tendon.adhesion * max(len(holes) - 2, 0)  # neither at the base plate nor at the anchor
+            detail = f"{held:.3g} N in all, and the largest tension is {force:.3g} N"
+            yield Value("holds_back", f"tendons[{i}].adhesion", tendon.adhesion, "N", held / force, detail)
         if tendon.pretension > force:
             force, key = tendon.pretension, f"tendons[{i}].pretension"
         # A parallel tendon bends the backbone to the curvature T a / EI (pure moment).

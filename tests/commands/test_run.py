@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 
 import numpy as np
 import pandas as pd
@@ -185,3 +186,13 @@ def test_random_scenarios_through_the_command(seed, tmp_path):
     if not result.converged:
         assert result.failed_step == len(result.steps) + 1
         assert f"step {result.failed_step}" in summary["message"]
+
+
+def test_an_interruption_that_is_lost_is_sent_again(monkeypatch):
+    """As where a callback of Exudyn swallows it, in a load step that would take for ever."""
+    sent = []
+    monkeypatch.setattr("tdcr_fe.commands.run.LOOK", 0.02)
+    monkeypatch.setattr("tdcr_fe.commands.run._thread.interrupt_main", lambda: sent.append(1))
+    with command._Clock(1, minutes=1e-4).running():
+        time.sleep(0.5)
+    assert len(sent) > 2

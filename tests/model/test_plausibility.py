@@ -359,6 +359,7 @@ REMARKS = {
     "a disk elsewhere": (robot().with_disks(positions=SHIFTED), HELD, RISE, "disks.positions[4] = 0.095 m", "0.02 m"),
     "one offset": (one(routing=ParallelRouting(5.6e-3)), HELD, RISE, "tendons[0].offset = 0.0056 m", "have 0.0065 m"),
     "one friction": (one(friction_coefficient=0.015), HELD, RISE, "tendons[0].friction_coefficient = 0.015", "0.15"),
+    "adhesion of all holes": (one(adhesion=3.0), HELD, RISE, "tendons[0].adhesion = 3 N", "hold back 27 N in all"),
     "one angle": (robot((0.0, 12.0, 240.0)), HELD, RISE, "tendons.angle_deg: 0, 12, 240 degrees", "balance"),
     "breaking load": (robot().with_tendons(axial_stiffness=80.0), HELD, RISE, "tendons[0].axial_stiffness = 80", "kN?"),
     "x and y of one hole": (
