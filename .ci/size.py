@@ -29,7 +29,7 @@ BUDGET = {
     "tdcr_fe/commands": 1087,
     "tdcr_fe/effects": 1302,
     "tdcr_fe/estimate": 915,
-    "tdcr_fe/identify": 6301,
+    "tdcr_fe/identify": 6295,
     "tdcr_fe/io": 2093,
     "tdcr_fe/live": 374,
     "tdcr_fe/model": 2721,

@@ -21,6 +21,7 @@ from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.spreadsheet import number
+from tdcr_fe.model.channels import arc_lengths
 from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, TDCRWarning
 from tdcr_fe.model.plausibility import plausibility
@@ -159,25 +160,17 @@ class _Grid:
     @classmethod
     def of(cls, problem: FitProblem, declared: Fit) -> _Grid:
         """Of the problem's readings and the declared model's predictions."""
-        readings = problem.data.readings
-        which = np.array([i for i in np.flatnonzero(problem.readings.is_position)
-                          if isinstance(readings[i].location, float)], dtype=int)  # fmt: skip
-        places = [float(readings[i].location or 0.0) for i in which]
-        read, markers = {readings[i].step for i in which}, tuple(sorted(set(places)))
-        steps = tuple(n for n in problem.data.step_ids if n in read)
-        row = {n: k for k, n in enumerate(steps)}
-        at = (
-            np.array([row[readings[i].step] for i in which], dtype=int),
-            np.searchsorted(markers, places),
-            problem.readings.axes[which],
-        )
-        predicted = problem.readings.values - problem.lengths(declared.residual)
-        none = np.zeros((len(steps), len(markers), 3))
-        grid = cls(none, none, none, steps, markers, which, at)
-        measured, predicted, sigma = map(
-            grid.table, (problem.readings.values, predicted, problem.whole_sigma)
-        )
-        return replace(grid, measured=measured, predicted=predicted, sigma=sigma)
+        which = np.flatnonzero(problem.readings.is_position)
+        places = arc_lengths([problem.data.readings[i].location for i in which])
+        markers, column = np.unique(places, return_inverse=True)
+        rows, row = np.unique(problem.readings.reader.step[which], return_inverse=True)
+        at = row, column, problem.readings.axes[which]
+        steps = tuple(problem.data.step_ids[k] for k in rows)
+        measured, predicted, sigma = np.full((3, rows.size, markers.size, 3), np.nan)
+        values = problem.readings.values
+        measured[at], sigma[at] = values[which], problem.whole_sigma[which]
+        predicted[at] = (values - problem.lengths(declared.residual))[which]
+        return cls(measured, predicted, sigma, steps, tuple(markers.tolist()), which, at)
 
     def table(self, values: Array) -> Array:
         """Values of all readings by step, marker and axis."""
