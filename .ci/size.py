@@ -24,7 +24,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 3157,
+    "elements": 3155,
     "tdcr_fe": 269,
     "tdcr_fe/commands": 1087,
     "tdcr_fe/effects": 1302,
@@ -34,10 +34,10 @@ BUDGET = {
     "tdcr_fe/live": 374,
     "tdcr_fe/model": 2721,
     "tdcr_fe/report": 1220,
-    "tdcr_fe/scene": 1488,
-    "tdcr_fe/solve": 7793,
+    "tdcr_fe/scene": 1486,
+    "tdcr_fe/solve": 7670,
     "tdcr_fe/sweeps": 1592,
-    "validation": 7085,
+    "validation": 7091,
     "tests": 16107,
 }
 #: Rooms that are no part of the product.

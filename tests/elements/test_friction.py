@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from two_tendons import ANGLES, HOLES, LENGTHS, MASK, tendon_law
 
+from tdcr_fe.elements.capstan import FULL_ADHESION, capstan
 from tdcr_fe.elements.coefficients import normal_forces
 from tdcr_fe.elements.friction import FRICTION_MODELS, TendonLaw, TendonParameters
 from tdcr_fe.elements.hysteresis import FrictionState
@@ -54,6 +55,20 @@ def test_adhesion_drops_the_tension_by_the_same_at_every_hole():
     assert pulled.tension[0] == pytest.approx([2.0, 1.9, 1.8, 1.7], abs=1e-14)
     released = x.evaluate(np.array([2.0, 1.0]), LENGTHS + 1e-3 * MASK, ANGLES, x.initial_state())
     assert released.tension[0] == pytest.approx([2.0, 2.1, 2.2, 2.3], abs=1e-14)
+
+
+@pytest.mark.parametrize("adhesion", [1e-3, 0.05, 1e3])
+def test_adhesion_takes_no_more_than_there_is_and_pull_and_release_are_inverse(adhesion):
+    """Output tension is zero at zero, grows with the input, and passing the same hole back gives the input."""
+    base = np.concatenate(([0.0], np.geomspace(1e-6, 5.0, 200)))
+    angle, one, mu, a = (np.full((len(base), 1), x) for x in (0.2, 1.0, 0.3, adhesion))
+    pulled = capstan(base, angle, one, mu, a)[0][:, 1]
+    assert pulled[0] == 0.0 and np.all(np.diff(pulled) > 0.0)
+    assert np.all(pulled <= base * np.exp(-0.06))
+    back = capstan(pulled, angle, -one, mu, a)[0][:, 1]
+    assert back == pytest.approx(base, rel=1e-9)
+    full = pulled >= FULL_ADHESION
+    assert pulled[full] == pytest.approx((base * np.exp(-0.06) - adhesion)[full], rel=1e-12)
 
 
 def test_a_reversal_has_to_slide_twice_the_presliding_distance():
