@@ -8,7 +8,7 @@ by ``theta_k`` at hole ``k``. Tendon material that has passed hole ``k`` towards
 The mobilisation ``s_k`` in [-1, 1] is the part of the available friction that acts at a hole: +1 where the tendon is
 pulled, -1 where it is released, between where it sticks. It follows the slip (`tdcr_fe.elements.hysteresis`). How it
 sets the tension behind the hole is in `tdcr_fe.elements.capstan`. The coefficient of friction is a number, or depends
-on slip rate and normal force (`tdcr_fe.elements.coefficients`). The derivation is in docs/theory.md, section "Friction".
+on slip rate and normal force (`tdcr_fe.elements.coefficients`). Derivation: docs/theory.md, section "Friction".
 """
 
 from __future__ import annotations
