@@ -35,7 +35,7 @@ BUDGET = {
     "tdcr_fe/model": 2721,
     "tdcr_fe/report": 1220,
     "tdcr_fe/scene": 1488,
-    "tdcr_fe/solve": 7714,
+    "tdcr_fe/solve": 7656,
     "tdcr_fe/sweeps": 1592,
     "validation": 7091,
     "tests": 16107,

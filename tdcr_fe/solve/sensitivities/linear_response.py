@@ -2,39 +2,24 @@
 
 Every hole keeps its state: one that slips goes on slipping at full friction, the mobilisation of one that sticks
 follows its slip. The linearisation is taken at the state itself.
-
-Rigid inserts are up to 1e5 times stiffer than the backbone. Added to the tangent, their stiffness leaves a round-off
-that is a millionth of the softest modes. Here they are as soft as the backbone in the tangent, and forces make up for
-the difference: with ``B`` from increments of the nodes to twists of the inserts, and the difference of stiffness ``D``,
-
-    (K - B^T D B) x = r   is   K x - B^T f = r,   B x - D^-1 f = 0 .
-
-A change of the inserts' unloaded twists makes ``r`` as large as their stiffness; nearly all of it is ``B^T g`` with
-forces ``g`` in the inserts. With these taken off,
-
-    K x - B^T (f + g) = r - B^T g,   B x - D^-1 (f + g) = -D^-1 g ,
-
-no large parts have to cancel each other in ``x``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lu_factor, lu_solve
 
-from tdcr_fe.elements.backbone import INSERT_FACTORS, BackboneMesh, strain_matrices
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
 from tdcr_fe.elements.poses import skew
 from tdcr_fe.elements.tendons import CableGeometry
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.kernel import Residual
-from tdcr_fe.solve.equations.layout import Numbering, RobotUnknowns, zero_bases
+from tdcr_fe.solve.equations.layout import Numbering, RobotUnknowns
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.steps import FrictionCoupling
@@ -43,100 +28,10 @@ from tdcr_fe.solve.sensitivities.robot_model import RobotPoint, TendonStack
 
 Array = NDArray[np.float64]
 
-#: Elements that bend this many times less than the softest one are stiff [1].
-STIFF = 1e3
 #: Mobilisations this near to their bounds are at them [1].
 AT_BOUND = 1e-7
 #: Difference step of tendons in oversized holes over the length of a segment, and of a node's turn [rad].
 SHIFT_STEP = 1e-6
-
-
-Solve = Callable[[Array], Array]
-
-
-@dataclass(frozen=True)
-class RelaxedMesh(BackboneMesh):
-    """A backbone some of whose elements are softer and transmit the same forces in one configuration."""
-
-    relaxed_stiffness: Array  # (E, 6): By the twists [N/m, N m]
-    relaxed_twists: Array  # (E, 6): Unloaded twists
-
-    @property
-    def twist_stiffness(self) -> Array:
-        """See `BackboneMesh.twist_stiffness`."""
-        return self.relaxed_stiffness
-
-    @property
-    def reference_twists(self) -> Array:
-        """See `BackboneMesh.reference_twists`."""
-        return self.relaxed_twists
-
-
-def linearize(system: SceneSystem, residual: Residual, numbering: Numbering) -> tuple[Linearization, Solve]:
-    """Linearise a solved state; the linearisation, and the solution for several right sides.
-
-    Parameters
-    ----------
-    system, residual, numbering
-        As of `SceneSystem.linearize`.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        The tangent is singular.
-    """
-    stiff = [_stiff(own.model.mesh) for own in residual.forces]
-    if not any(s.any() for s in stiff) or not system.tangent_follows_from_elements():
-        linear = system.linearize(residual, numbering)
-        return linear, linear.factorisation.solve
-    relaxed, rows, differences = [], [], []
-    for i, (own, which) in enumerate(zip(residual.forces, stiff, strict=True)):
-        twists = residual.state.configuration.twists[i]
-        softer, difference = _relaxed(own, which, twists)
-        relaxed.append(softer)
-        differences.append(difference)
-        first = numbering.robots[i].nodes.start
-        for e, block in zip(np.flatnonzero(which), strain_matrices(twists[which]), strict=True):
-            row = np.zeros((6, numbering.linear))
-            row[:, first + 6 * e : first + 6 * e + 12] = block
-            rows.append(row)
-    linear = system.linearize(residual._replace(forces=tuple(relaxed)), numbering)
-    to_twists = np.concatenate(rows)
-    loads = np.asfortranarray(to_twists.T)
-    zero_bases(loads, system.layout.clamped)
-    by_force = linear.factorisation.solve(loads)
-    softness = 1.0 / np.concatenate(differences)
-    factors = lu_factor(np.diag(softness) - to_twists @ by_force)
-    onto_forces = lu_factor(loads.T @ loads)
-
-    def solve(right: Array) -> Array:
-        forces = np.zeros((len(softness), *right.shape[1:]))
-        for _ in range(2):  # the second pass takes off what round-off leaves of the first
-            left = right - loads @ forces
-            forces += lu_solve(onto_forces, loads.T @ left)
-        start = linear.factorisation.solve(right - loads @ forces)
-        twists = to_twists @ start + (softness * forces.T).T
-        return np.asarray(start + by_force @ lu_solve(factors, twists))
-
-    return linear, solve
-
-
-def _stiff(mesh: BackboneMesh) -> NDArray[np.bool_]:
-    """Which elements are stiff, shape (E,)."""
-    bending = mesh.stiffness[:, 4]
-    return np.asarray(bending > STIFF * bending.min())
-
-
-def _relaxed(own: TendonForces, which: NDArray[np.bool_], twists: Array) -> tuple[TendonForces, Array]:
-    """Forces with a relaxed mesh, and the stiffness that is taken off, shape (6 k,)."""
-    mesh = own.model.mesh
-    stiffness, reference = mesh.twist_stiffness.copy(), mesh.reference_twists.copy()
-    whole = stiffness[which]
-    stiffness[which] = whole / INSERT_FACTORS
-    reference[which] = twists[which] - (twists[which] - reference[which]) * INSERT_FACTORS
-    same = {f.name: getattr(mesh, f.name) for f in fields(BackboneMesh)}
-    softer = RelaxedMesh(**same, relaxed_stiffness=stiffness, relaxed_twists=reference)
-    return own._replace(model=replace(own.model, mesh=softer)), (whole - stiffness[which]).ravel()
 
 
 class TendonChange(NamedTuple):
@@ -214,7 +109,6 @@ class SolvedPoint:
     state: SolverState  # With the history at the beginning of its increment
     forces: tuple[TendonForces, ...]  # By robot
     linearization: Linearization
-    solve: Solve  # Solves the linearised equilibrium at fixed friction for several right sides
     sticking: tuple[NDArray[np.bool_], ...]  # (m, g): By robot, whose mobilisations follow their slips
     holes: tuple[HoleFlexibility, ...]  # By robot
 
@@ -251,7 +145,7 @@ class SolvedPoint:
         """
         numbering = system.numbering() if numbering is None else numbering
         residual = _balanced(system, state, target, numbering)
-        linear, solve = linearize(system, residual, numbering)
+        linear = system.linearize(residual, numbering)
         by_robot = list(zip(residual.forces, state.mobilisation, state.friction, strict=True))
         if sticking is None:
             sticking = tuple(
@@ -262,7 +156,7 @@ class SolvedPoint:
             HoleFlexibility.of(own.model.law.hysteresis.softened(softening), s, history, turns=all_stick)
             for own, s, history in by_robot
         )
-        return cls(system, numbering, state, residual.forces, linear, solve, sticking, holes)
+        return cls(system, numbering, state, residual.forces, linear, sticking, holes)
 
     def respond(self, disturbances: tuple[Disturbance, ...], unbalanced: Array | None = None) -> Response:
         """Response to disturbances, one of each robot, and to a residual (reduced,) beside the last of them."""
@@ -316,7 +210,7 @@ class SolvedPoint:
             known.append(self._right_side(right, part, disturbance))
         for clamped in self.system.layout.clamped:
             right[clamped] = 0.0
-        unknowns = self.solve(right)
+        unknowns = self.linearization.factorisation.solve(right)
         changes = [np.zeros((*x.shape, count)) for x in self.sticking]
         found = self._tendons(unknowns, disturbances, known, changes)
         if numbering.has_friction and numbering.at_frictional_holes(self.sticking).any():
@@ -382,7 +276,9 @@ class SolvedPoint:
         clamped, slack = self.system.layout.clamped, self.linearization.slack
         coupling = FrictionCoupling.of(numbering, self.forces, clamped, slack)
         which = np.flatnonzero(pick(self.sticking))
-        response = coupling.response(self.solve, which, pick([holes.end for holes in self.holes]))
+        response = coupling.response(
+            self.linearization.factorisation.solve, which, pick([holes.end for holes in self.holes])
+        )
         change = np.zeros(excess.shape)
         change[which] = np.linalg.solve(response.matrix[which], excess[which])
         none = [np.zeros(own.mobilisation.shape) for own in disturbances]
