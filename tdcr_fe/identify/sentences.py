@@ -132,14 +132,13 @@ def _reason(result: IdentificationResult) -> list[str]:
 
 
 def _causes(result: IdentificationResult) -> list[str]:
-    """What kind of cause acts."""
-    found = []
+    """What kind of cause acts; without a probability where no model that was fitted is right."""
+    found, explained = [], result.verdict.startswith("explained")
     for e in result.effects:
         depends = " and ".join(e.kind.depends_on)
         on = "" if depends == "nothing" else f", depending on {depends}"
-        found.append(
-            f"{e.kind.perturbs} ({e.kind.where}{on}): probability {significant(e.kind_probability, 2)}"
-        )
+        stated = f": probability {significant(e.kind_probability, 2)}" if explained else ""
+        found.append(f"{e.kind.perturbs} ({e.kind.where}{on}){stated}")
     return [f"Kinds of causes: {'; '.join(found)}."] if found else []
 
 
