@@ -87,25 +87,15 @@ def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
         reporter(key, "", allowed)
     untimed = [n for n, step in zip(data.step_ids, data.steps, strict=True) if step.time is None]
     unknown = [r.line for r in data.readings if r.sigma is None]
-    for file, key, found, allowed in (
-        (
-            "loading.csv",
-            "time",
-            untimed,
-            "estimation needs the time of every step [s]; it is missing in step",
-        ),
-        (
-            "observations.csv",
-            "sigma",
-            unknown,
-            "estimation needs every standard deviation; it is missing in line",
-        ),
+    effects = ["actuator_backlash"] if data.experiment.ends is not None else []
+    for file, key, found, needed in (
+        ("loading.csv", "time", untimed, "needs the time of every step [s]; it is missing in step"),
+        ("observations.csv", "sigma", unknown, "needs every standard deviation; it is missing in line"),
+        ("model.toml", "effects", effects, "takes no effects that divide load steps, such as"),
     ):
         if found:
-            reporter.problems.append(Problem(str(folder / file), key, "", f"{allowed} {found[0]}"))
-    if data.experiment.ends is not None:
-        allowed = "estimation takes no effects that divide load steps, such as actuator_backlash"
-        reporter.problems.append(Problem(str(folder / "model.toml"), "effects", "", allowed))
+            text = f"estimation {needed} {found[0]}"
+            reporter.problems.append(Problem(str(folder / file), key, "", text))
     reporter.refuse()
     return Estimation(data, load, inputs)
 

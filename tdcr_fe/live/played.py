@@ -218,7 +218,8 @@ class PlayedRobot:
         change = np.linalg.solve(np.eye(3) + stiffness * compliance, unbalanced)
         move = float(np.linalg.norm(compliance @ change))
         change *= min(1.0, LARGEST_MOVE * length / max(move, 1e-300))
-        answer = self._load(pull.place, force + change)
+        fx, fy, fz = (float(x) for x in force + change)
+        answer = self._take(LoadStep("", loads={self._name(pull.place): Load(s, (fx, fy, fz))}))
         if not answer.made:
             return answer
         left = stiffness * (np.asarray(pull.to) - self.position(pull.place)) - self._force(pull.place)
@@ -245,10 +246,6 @@ class PlayedRobot:
         """With which a place is pulled now [N], shape (3,)."""
         load = self._sequence.acting.loads.get(self._name(place))
         return np.zeros(3) if load is None else np.array(load.force)
-
-    def _load(self, place: int, force: Array) -> Answer:
-        fx, fy, fz = (float(x) for x in force)
-        return self._take(LoadStep("", loads={self._name(place): Load(self.places[place], (fx, fy, fz))}))
 
     def _take(self, step: LoadStep) -> Answer:
         """Solve one load step; where that fails, the robot stays where it was."""

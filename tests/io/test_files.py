@@ -501,14 +501,14 @@ PAGE = Path(__file__).parents[2] / "docs" / "files.md"
 
 
 def test_example_in_the_docs_is_read_without_mistake(tmp_path):
-    robot, scenario, _model = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    robot, scenario, *_ = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
     read = read_scenario(write(tmp_path, robot, scenario))
     assert [len(read.robot.holes(t)) for t in read.robot.tendons] == [11, 6, 11, 3]
     assert [s.label for s in read.steps] == ["pull", "push the tip", "twist and let go"]
 
 
 def test_example_of_mistakes_in_the_docs_is_what_is_printed(tmp_path, monkeypatch):
-    robot, scenario, _model = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    robot, scenario, *_ = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
     (printed,) = re.findall(r"```text\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
     robot = robot.replace("end = 0.125", "end = 0.13").replace("[backbone]", "[backbone]\nlenght = 0.25")
     scenario = scenario.replace("per-hole", "per_hole").replace("free = 0.2", "t2 = 1.5")
