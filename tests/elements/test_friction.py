@@ -15,6 +15,7 @@ from tdcr_fe.elements.coefficients import normal_forces
 from tdcr_fe.elements.friction import FRICTION_MODELS, TendonLaw, TendonParameters
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
+from tdcr_fe.validation.reference.tendons import tension_after
 
 
 def law(kind, mu=0.3, **rest) -> TendonLaw:
@@ -69,6 +70,20 @@ def test_adhesion_takes_no_more_than_there_is_and_pull_and_release_are_inverse(a
     assert back == pytest.approx(base, rel=1e-9)
     full = pulled >= FULL_ADHESION
     assert pulled[full] == pytest.approx((base * np.exp(-0.06) - adhesion)[full], rel=1e-12)
+
+
+def test_law_of_a_hole_and_its_derivatives_against_those_of_the_reference():
+    """Written twice, below and above the tension from which adhesion acts in full; mobilisations of both signs."""
+    rng = np.random.default_rng(0)
+    t, s, angle, mu = (
+        rng.uniform(low, high, (300, 1)) for low, high in ((0, 0.5), (-1, 1), (0, 0.5), (0, 0.5))
+    )
+    a = np.where(np.arange(300) < 50, 0.0, 10.0 ** rng.uniform(-4, 2, 300))[:, None]
+    tension, slopes = capstan(t[:, 0], angle, s, mu, a)
+    by = slopes()
+    found = tension[:, 1:], by.by_tension, by.by_mobilisation, by.by_angle
+    for own, other in zip(found, tension_after(t, s, angle, mu, a), strict=True):
+        np.testing.assert_allclose(own, other, rtol=1e-9, atol=1e-14)
 
 
 def test_a_reversal_has_to_slide_twice_the_presliding_distance():
