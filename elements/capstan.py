@@ -1,14 +1,4 @@
-"""How tension passes the holes of a tendon: Capstan's equation and adhesion, the one place for law and derivatives.
-
-With the mobilisation ``s`` of a hole, its coefficient of friction ``mu``, its adhesion ``a`` and the turning angle
-``theta``, the tension ``T`` before the hole leads to the tension ``T'`` behind it (paper, Eqs. 28-31):
-
-    T' + |s| a h(T')  =  T exp(-s mu theta)              where the tendon is pulled, s >= 0,
-    T'  =  (T + |s| a h(T)) exp(-s mu theta)             where it is released, s < 0.
-
-The lower of both tensions decides about the adhesion: ``h`` grows from zero to 1 at `FULL_ADHESION`, and both ways are
-inverse to each other. So a tension is never negative, grows with the one before it, and is zero where that is.
-"""
+"""Capstan's equation hole by hole, and the tensions along all tendons with their derivatives."""
 
 from __future__ import annotations
 
@@ -20,74 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.compiled import compilable, compiled_as
-
 Array = NDArray[np.float64]
-
-#: Tension from which on a hole's adhesion acts in full [N].
-FULL_ADHESION = 0.1
-
-
-class TensionTransfer(NamedTuple):
-    """Tensions of all segments of m tendons, and their derivatives."""
-
-    tension: Array  # (m, n): [N]
-    by_base: (
-        Array  # (m, n): By the tension at the base; by that of segment j it is ``by_base / by_base_j`` [1]
-    )
-    by_exponent: (
-        Array  # (m, n-1): Of the tension behind a hole by Capstan's exponent there ``-s mu theta`` [N]
-    )
-    by_drop: Array  # (m, n-1): And by ``-s a`` [1]; shape (m, 0) without adhesion
-
-
-@compiled_as(lambda x: x.dot(np.triu(np.ones((x.shape[1], x.shape[1])))))
-def _running_sums(x: Array) -> Array:
-    """Sums of the first columns, shape (m, n-1)."""
-    return x.cumsum(axis=1)
-
-
-@compilable
-def transfer_tension(base: Array, exponent: Array, drop: Array) -> TensionTransfer:
-    """Tensions along tendons.
-
-    Parameters
-    ----------
-    base
-        At the base [N], shape (m,).
-    exponent
-        Capstan's exponents ``-s mu theta`` of the holes, shape (m, n-1).
-    drop
-        ``s a`` of the holes [N], of the same shape, or (m, 0) without adhesion.
-    """
-    m, holes = exponent.shape
-    ratio = np.ones((m, holes + 1))
-    if drop.shape[1] == 0:
-        ratio[:, 1:] = np.exp(_running_sums(exponent))
-        tension = base.reshape(-1, 1) * ratio
-        return TensionTransfer(tension, ratio, tension[:, 1:].copy(), drop)
-    tension, lower = np.empty((m, holes + 1)), np.empty((m, holes))
-    tension[:, 0] = base
-    size, factor = np.abs(drop), np.exp(exponent)
-    for k in range(holes):
-        pulls, c, f = drop[:, k] >= 0.0, size[:, k], factor[:, k]
-        here = tension[:, k]
-        # The lower tension where it follows from the higher one: the root of a parabola, and a straight line beyond.
-        high = np.minimum(here * f, FULL_ADHESION + c)
-        root = FULL_ADHESION + 2.0 * c
-        low = 2.0 * FULL_ADHESION * high / (root + np.sqrt(root * root - 4.0 * c * high)) + (here * f - high)
-        lower[:, k] = np.where(pulls, low, here)
-        part = np.minimum(np.maximum(here / FULL_ADHESION, 0.0), 1.0)
-        tension[:, k + 1] = np.where(pulls, low, (here + c * part * (2.0 - part)) * f)
-    part = np.minimum(np.maximum(lower / FULL_ADHESION, 0.0), 1.0)
-    # Slope of the higher tension by the lower one.
-    steepness = 1.0 + size * (2.0 / FULL_ADHESION) * (1.0 - part)
-    behind, pulled = tension[:, 1:], drop >= 0.0
-    slope = np.where(pulled, 1.0 / steepness, steepness)
-    for k in range(holes):
-        ratio[:, k + 1] = ratio[:, k] * (factor[:, k] * slope[:, k])
-    by_exponent = np.where(pulled, tension[:, :-1] * factor * slope, behind)
-    return TensionTransfer(tension, ratio, by_exponent, part * (2.0 - part) * np.where(pulled, slope, factor))
 
 
 class HoleSlopes(NamedTuple):
@@ -96,14 +19,9 @@ class HoleSlopes(NamedTuple):
     by_tension: Array  # (m, n-1): By the tension ``T_k`` before the hole [1]
     by_mobilisation: Array  # (m, n-1): By ``s_k`` [N]
     by_angle: Array  # (m, n-1): By ``theta_k`` [N/rad]
-    by_coefficient: Array  # (m, n-1): By ``mu_k`` [N]
-    by_base: Array  # (m, n): By the tension at the base: the first column of `chain` [1]
-
-    @property
-    def chain(self) -> Array:
-        """``dT_k / dT_j`` of all pairs of segments, shape (m, n, n)."""
-        lower = _lower(self.by_base.shape[1])
-        return np.asarray(self.by_base[:, :, None] / self.by_base[:, None, :] * lower)
+    by_coefficient: Callable[[], Array]  # Gives the derivative by ``mu_k`` [N], shape (m, n-1)
+    chain: Callable[[], Array]  # Gives ``dT_k / dT_j`` of all pairs of segments, shape (m, n, n)
+    by_base: Array  # (m, n): By the tension at the base: its first column [1]
 
 
 #: Gives the derivatives, which are formed on demand.
@@ -116,10 +34,16 @@ def _lower(n: int) -> Array:
     return np.tri(n)
 
 
+@cache
+def _from(h: int) -> NDArray[np.bool_]:
+    """Whether hole ``i`` comes after segment ``j``, shape (h + 1, h)."""
+    return np.arange(h) >= np.arange(h + 1)[:, None]
+
+
 def capstan(
-    base_tension: Array, angles: Array, mobilisation: Array, coefficient: Array, adhesion: Array | None = None
+    base_tension: Array, angles: Array, mobilisation: Array, coefficient: Array
 ) -> tuple[Array, Slopes]:
-    """Tensions of all segments, see `transfer_tension`.
+    """Tensions of all segments by ``T_k+1 = T_k exp(-s_k mu_k theta_k)`` (paper, Eqs. 28-31).
 
     Parameters
     ----------
@@ -131,8 +55,6 @@ def capstan(
         ``s_k`` of the holes, shape (m, n-1).
     coefficient
         ``mu_k`` of the holes [1], shape (m, n-1).
-    adhesion
-        ``a_k`` of the holes [N], shape (m, n-1); None is none.
 
     Returns
     -------
@@ -141,19 +63,74 @@ def capstan(
     slopes : callable
         Gives the `HoleSlopes`.
     """
+    m, h = angles.shape
     turned = -coefficient * angles
-    drop = turned[:, :0] if adhesion is None else mobilisation * adhesion
-    found = transfer_tension(base_tension, mobilisation * turned, drop)
+    exponent = mobilisation * turned
+    ratio = np.empty((m, h + 1))
+    ratio[:, 0] = 1.0
+    np.exp(exponent.cumsum(axis=1), out=ratio[:, 1:])
+    tension = base_tension[:, None] * ratio
+
+    def chain() -> Array:
+        return ratio[:, :, None] / ratio[:, None, :] * _lower(h + 1)
 
     def slopes() -> HoleSlopes:
-        by_mobilisation = turned * found.by_exponent
-        if adhesion is not None:
-            by_mobilisation = by_mobilisation - adhesion * found.by_drop
-        sliding = -mobilisation * found.by_exponent
-        by_tension = found.by_base[:, 1:] / found.by_base[:, :-1]
-        return HoleSlopes(by_tension, by_mobilisation, coefficient * sliding, angles * sliding, found.by_base)
+        after = tension[:, 1:]
+        return HoleSlopes(
+            np.exp(exponent),
+            turned * after,
+            -coefficient * mobilisation * after,
+            lambda: -angles * mobilisation * after,
+            chain,
+            ratio,
+        )
 
-    return found.tension, slopes
+    return tension, slopes
+
+
+def capstan_with_adhesion(
+    base_tension: Array, angles: Array, mobilisation: Array, coefficient: Array, adhesion: Array
+) -> tuple[Array, Slopes]:
+    """Tensions of all segments where holes also take an adhesion ``a_k`` [N], shape (m, n-1).
+
+    ``T_k+1 = max(0, T_k exp(-s_k mu_k theta_k) - s_k a_k)`` where the tendon is pulled, ``s_k >= 0``, and
+    ``T_k+1 = (T_k + |s_k| a_k) exp(|s_k| mu_k theta_k)`` where it is released. Otherwise as `capstan`.
+    """
+    s, a, mu = mobilisation, adhesion, coefficient
+    m, h = angles.shape
+    pulling = s >= 0.0
+    factor = np.exp(s * (-mu * angles))
+    gained = np.where(pulling, -s * a, -s * a * factor)
+    # By hole first: the recursion along the tendons runs on contiguous rows.
+    along = np.empty((h + 1, m))
+    along[0] = base_tension
+    least = np.where(pulling, 0.0, -np.inf).T.copy()
+    for k, (f, b) in enumerate(zip(factor.T.copy(), gained.T.copy(), strict=True)):
+        np.maximum(along[k] * f + b, least[k], out=along[k + 1])
+    tension = along.T
+
+    def slopes() -> HoleSlopes:
+        before, behind = tension[:, :-1], tension[:, 1:]
+        taut = ~pulling | (behind > 0.0)
+        slope = np.where(taut, factor, 0.0)
+        # What Capstan's factor multiplies: the tension before the hole, and the adhesion too where it is released.
+        multiplied = np.where(pulling, before * slope, behind)
+        by_mobilisation = np.where(taut, -mu * angles * multiplied - a * np.where(pulling, 1.0, factor), 0.0)
+
+        def chain() -> Array:
+            # Factors of the holes from segment j on, one before it; their products reach from j to k.
+            from_segment = np.where(_from(h), slope[:, None, :], 1.0)
+            every = np.ones((m, h + 1, h + 1))
+            from_segment.cumprod(axis=2, out=every[:, :, 1:])
+            return every.swapaxes(1, 2) * _lower(h + 1)
+
+        by_base = np.ones((m, h + 1))
+        slope.cumprod(axis=1, out=by_base[:, 1:])
+        return HoleSlopes(
+            slope, by_mobilisation, -mu * s * multiplied, lambda: -angles * s * multiplied, chain, by_base
+        )
+
+    return tension, slopes
 
 
 class TensionDerivatives(NamedTuple):

@@ -175,7 +175,7 @@ def tension_derivatives(
     n, h, g = tension.shape[1], angles.shape[1], hole_incidence.shape[1]
     # Implicit function theorem: dT = E + B dmu, (I - G B) dmu = G E + ..., with E the change at kept coefficients.
     at_hole = solved.slopes()
-    chain = at_hole.chain
+    chain = at_hole.chain()
     beyond = chain[:, :, 1:]
     by_mobilisation = (beyond * at_hole.by_mobilisation[:, None, :]) @ hole_incidence
     by_angle = beyond * at_hole.by_angle[:, None, :]

@@ -6,9 +6,14 @@ A tendon is pulled at the base plate, runs through holes ``k = 1 .. n-1`` and is
 Segment ``k`` lies between hole ``k-1`` and hole ``k``; it has length ``l_k`` and tension ``T_k``; the tendon turns
 by ``theta_k`` at hole ``k``. Tendon material that has passed hole ``k`` towards the base is the slip ``u_k``.
 The mobilisation ``s_k`` in [-1, 1] is the part of the available friction that acts at a hole: +1 where the tendon is
-pulled, -1 where it is released, between where it sticks. It follows the slip (`tdcr_fe.elements.hysteresis`). How it
-sets the tension behind the hole is in `tdcr_fe.elements.capstan`. The coefficient of friction is a number, or depends
-on slip rate and normal force (`tdcr_fe.elements.coefficients`). Derivation: docs/theory.md, section "Friction".
+pulled, -1 where it is released, between where it sticks. It follows the slip (`tdcr_fe.elements.hysteresis`), and
+
+    T_k+1 = max(0, T_k exp(-s_k mu theta_k) - s_k a)            for s_k >= 0,
+    T_k+1 = (T_k + |s_k| a) exp(|s_k| mu theta_k)               for s_k < 0,
+
+which is the Capstan equation (paper, Eqs. 28-31) where the hole slips, with an adhesion ``a`` beside it. The
+coefficient ``mu`` is a number, or depends on slip rate and normal force (`tdcr_fe.elements.coefficients`). The
+derivation is in docs/theory.md, section "Friction".
 """
 
 from __future__ import annotations
@@ -20,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.capstan import TensionDerivatives, TensionField, capstan
+from tdcr_fe.elements.capstan import Slopes, TensionDerivatives, TensionField, capstan, capstan_with_adhesion
 from tdcr_fe.elements.coefficients import (
     CoefficientLaw,
     Linearisation,
@@ -111,8 +116,6 @@ class TendonLaw:
         Mobilisations per tendon, g.
     coefficients : ndarray, shape (m, n-1)
         Constant coefficients of friction of the holes [1].
-    adhesion : ndarray, shape (m, n-1), or None
-        Of the holes [N]; None where there is none.
     slip_operator : ndarray, shape (g, n)
         From released segment lengths to the slip that drives each mobilisation [1].
     hole_incidence : ndarray, shape (n-1, g)
@@ -139,17 +142,15 @@ class TendonLaw:
         self.shape = (m, n)
         zero = np.zeros_like(parameters.friction)
         self.coefficients = parameters.friction if law.active else zero
-        adhesive = law.active and bool(np.any(parameters.adhesion > 0.0))
-        self.adhesion = parameters.adhesion if adhesive else None
+        self._adhesion = parameters.adhesion if law.active else zero
+        self._has_adhesion = bool(np.any(self._adhesion > 0.0))
         self.slip_operator = law.slip_operator(n)
         self.hole_incidence = law.hole_incidence(n)
         self.groups = self.slip_operator.shape[0]
         #: Laws of the coefficients, by tendon; empty where all are constant.
         self._laws = parameters.laws if law.active and any(x is not None for x in parameters.laws) else ()
         self._holes = parameters.mask[:, 1:]
-        acts = self.coefficients > 0.0
-        if self.adhesion is not None:
-            acts |= self.adhesion > 0.0
+        acts = (self.coefficients > 0.0) | (self._adhesion > 0.0)
         for i, coefficient in enumerate(self._laws):
             if coefficient is not None:
                 acts[i] = self._holes[i]
@@ -159,7 +160,7 @@ class TendonLaw:
         self.elastic = bool(np.any(parameters.compliance > 0.0) or np.any(parameters.spring > 0.0))
         self._masked = parameters.mask.astype(float)
         self.each_hole = self.groups == n - 1 and bool(np.all(self.hole_incidence == np.eye(n - 1)))
-        special = self.elastic or adhesive or self._laws
+        special = self.elastic or self._has_adhesion or self._laws
         self.simple = self.hysteresis.linear and not special
         # Arrays that never change.
         self._negative, self._nothing, self._constant = -self._masked, np.zeros((m, n)), np.zeros((m, n, n))
@@ -221,11 +222,11 @@ class TendonLaw:
             return self._field_with_laws(
                 base_tension, lengths, angles, mobilisation, state or self.initial_state(), time
             )
-        tension, slopes = capstan(base_tension, angles, at_holes, self.coefficients, self.adhesion)
+        tension, slopes = self._transfer(base_tension, angles, at_holes, self.coefficients)
 
         def derive() -> TensionDerivatives:
             at_hole = slopes()
-            chain = at_hole.chain
+            chain = at_hole.chain()
             beyond = chain[:, :, 1:]
             by_mobilisation = beyond * at_hole.by_mobilisation[:, None, :]
             if not self.each_hole:
@@ -238,6 +239,13 @@ class TendonLaw:
         return TensionField(
             tension, released, slip, mobilisation, d_length, d_tension, None, time, False, derive, slopes
         )
+
+    def _transfer(
+        self, base_tension: Array, angles: Array, mobilisation: Array, coefficient: Array
+    ) -> tuple[Array, Slopes]:
+        if self._has_adhesion:
+            return capstan_with_adhesion(base_tension, angles, mobilisation, coefficient, self._adhesion)
+        return capstan(base_tension, angles, mobilisation, coefficient)
 
     def _released(self, tension: Array, lengths: Array) -> tuple[Array, Array, Array]:
         """Released lengths of the segments [m], with derivatives by their own lengths and tensions.
@@ -279,7 +287,7 @@ class TendonLaw:
         )
 
         def linearise(coefficient: Array) -> Linearisation:
-            tension, slopes = capstan(base_tension, angles, at_holes, coefficient, self.adhesion)
+            tension, slopes = self._transfer(base_tension, angles, at_holes, coefficient)
             released, _, released_d_tension = self._released(tension, lengths)
             rate = self.at_holes(self._slip_rate(self.slips(released), state, elapsed))
             law = evaluate_laws(
@@ -291,7 +299,7 @@ class TendonLaw:
             by_tension[:, hole, hole] += by_pull
             by_tension[:, hole, hole + 1] += by_pull
             at_hole = slopes()
-            by_coefficient = at_hole.chain[:, :, 1:] * at_hole.by_coefficient[:, None, :]
+            by_coefficient = at_hole.chain()[:, :, 1:] * at_hole.by_coefficient()[:, None, :]
             return Linearisation(tension, slopes, law, by_tension, by_coefficient)
 
         start = evaluate_laws(

@@ -27,7 +27,8 @@ class LinearSlips:
     """
 
     def __init__(self, by_load, matrix, start, presliding, holes=None, slack=()):
-        self.presliding, self.breakpoints = presliding, np.ones(1)
+        self.presliding, self.breakpoints, self.compilable = presliding, np.ones(1), False
+        self.transfer = self
         # ``C`` changes the rates by more than the cube of the load factor does.
         self.cubic_coefficient = np.inf
         self._load, self._matrix, self._start = np.array(by_load), np.array(matrix), np.array(start)
@@ -51,6 +52,7 @@ class LinearSlips:
         derivatives = SlipDerivatives(
             load,
             self._elastic_slip,
+            self.branches(z, tension),
             still,
             np.zeros((n, len(still))),
             np.zeros((n, len(still))),
@@ -65,6 +67,16 @@ class LinearSlips:
         """Minus the derivatives of the complements by the unknowns."""
         return np.diag(self._elastic_slip) - self._by_unknowns(x)
 
+    @staticmethod
+    def branches(z, tension):
+        """As of `tdcr_fe.solve.friction_path.transfer.LawTransfer`: derivatives do not jump."""
+        return np.zeros(0, dtype=bool)
+
+    @staticmethod
+    def distance_to_branch_change(z, rate, tension, tension_rate):
+        """As of `tdcr_fe.solve.friction_path.slips.InterpolatedSlips`."""
+        return np.inf
+
     def complement_rates(self, x, z, tension, rate, near):
         """As of `tdcr_fe.solve.friction_path.slips.InterpolatedSlips`."""
-        return self.at(x, z, tension).derivatives.by_load - self.matrix(x) @ rate
+        return True, self.at(x, z, tension).derivatives.by_load - self.matrix(x) @ rate

@@ -19,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.capstan import transfer_tension
 from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.poses import EULER_RATE, EULER_ROTATION, skew
@@ -113,7 +112,6 @@ class StraightTendons:
         self._incidence = None if law.each_hole else law.hole_incidence
         self._coefficients: Array = np.ascontiguousarray(-law.coefficients.T)
         mask = geometry.mask.T
-        self._no_drop: Array = np.zeros((law.shape[0], 0))
         self._exists = None if bool(np.all(mask)) else mask.astype(float)
 
     @classmethod
@@ -215,7 +213,10 @@ class StraightTendons:
             prediction, mobilisation, acting = self._predicted(prediction, trial, mobilisation, change)
         if self._incidence is not None:
             mobilisation = self._incidence @ mobilisation
-        tension = transfer_tension(base_tension, (change * mobilisation).T, self._no_drop).tension.T
+        tension = np.empty_like(lengths)
+        tension[0] = base_tension
+        np.exp((change * mobilisation).cumsum(axis=0), out=tension[1:])
+        tension[1:] *= base_tension
 
         along = tension[:, :, None] * directions
         if acting is not None:

@@ -87,8 +87,7 @@ class CommonNumber(Effect):
 class HoleAdhesion(CommonNumber):
     """A tension drop at every hole that does not grow with the tension.
 
-    Every hole takes a fixed piece of tension: a tight fit, dirt, a sheath that pinches, glue that ran. Below 0.1 N it
-    takes less, and nothing from a tendon at 0 N.
+    Every hole takes a fixed piece of tension: a tight fit, dirt, a sheath that pinches, glue that ran.
 
     Distinguished by: measure the tension at the far end of a tendon in the straight robot, at several tensions.
     """

@@ -31,7 +31,7 @@ from tdcr_fe.model.robot import Robot, SideSpring
 from tdcr_fe.model.tendon import TightHole
 
 #: Drop of tension at a hole that holds its tendon fast, over the largest commanded tension [1].
-HOLDS_FAST = 1000.0
+HOLDS_FAST = 4.0
 
 #: Place of an effect: names of its parameters and their values.
 Place = Mapping[str, float]

@@ -19,8 +19,8 @@ class TightHole(Checked):
     at : float
         Arc length of a disk between base plate and anchor [m].
     drop : float
-        Tension that it takes at most [N]; a thousand times the largest tension holds the tendon fast. None is that of
-        the tendon's other holes, its adhesion.
+        Tension that it takes at most [N]; a few times the largest tension holds the tendon fast. None is that of the
+        tendon's other holes, its adhesion.
     friction_coefficient : float or None
         Coefficient of friction at this hole [1]. None is that of the tendon.
     """
@@ -65,7 +65,7 @@ class Tendon(Checked):
     axial_stiffness : float or None
         Axial stiffness EA of the tendon [N]. None is inextensible.
     adhesion : float
-        Tension drop per hole that does not grow with the tension; less where the lower one is below 0.1 N [N].
+        Tension drop per hole that does not grow with the tension [N].
     clearance : float
         How far the tendon can shift sideways in an oversized hole [m].
     pretension : float

@@ -81,7 +81,7 @@ def test_a_stuck_hole_keeps_the_tension_of_the_base_from_the_tip():
     steps = tuple(LoadStep(tensions={"t1": t}) for t in (0.5, 1.0))
     pulled = Experiment(three(0.0), Model(elements_per_bay=1), steps)
     stuck = with_effect(pulled, "stuck_hole", tendon=1, s=S[3])
-    assert stuck.robot.tendons[0].tight_holes == (TightHole(S[3], 1000.0),)
+    assert stuck.robot.tendons[0].tight_holes == (TightHole(S[3], 4.0),)
     last = solve(stuck.robot, list(stuck.steps)).steps[-1]
     assert last.hole_states[0][3] == "stick"
     assert last.tensions[0][2] == pytest.approx(1.0)

@@ -10,12 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from two_tendons import ANGLES, HOLES, LENGTHS, MASK, tendon_law
 
-from tdcr_fe.elements.capstan import FULL_ADHESION, capstan
 from tdcr_fe.elements.coefficients import normal_forces
 from tdcr_fe.elements.friction import FRICTION_MODELS, TendonLaw, TendonParameters
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
-from tdcr_fe.validation.reference.tendons import tension_after
 
 
 def law(kind, mu=0.3, **rest) -> TendonLaw:
@@ -56,34 +54,6 @@ def test_adhesion_drops_the_tension_by_the_same_at_every_hole():
     assert pulled.tension[0] == pytest.approx([2.0, 1.9, 1.8, 1.7], abs=1e-14)
     released = x.evaluate(np.array([2.0, 1.0]), LENGTHS + 1e-3 * MASK, ANGLES, x.initial_state())
     assert released.tension[0] == pytest.approx([2.0, 2.1, 2.2, 2.3], abs=1e-14)
-
-
-@pytest.mark.parametrize("adhesion", [1e-3, 0.05, 1e3])
-def test_adhesion_takes_no_more_than_there_is_and_pull_and_release_are_inverse(adhesion):
-    """Output tension is zero at zero, grows with the input, and passing the same hole back gives the input."""
-    base = np.concatenate(([0.0], np.geomspace(1e-6, 5.0, 200)))
-    angle, one, mu, a = (np.full((len(base), 1), x) for x in (0.2, 1.0, 0.3, adhesion))
-    pulled = capstan(base, angle, one, mu, a)[0][:, 1]
-    assert pulled[0] == 0.0 and np.all(np.diff(pulled) > 0.0)
-    assert np.all(pulled <= base * np.exp(-0.06))
-    back = capstan(pulled, angle, -one, mu, a)[0][:, 1]
-    assert back == pytest.approx(base, rel=1e-9)
-    full = pulled >= FULL_ADHESION
-    assert pulled[full] == pytest.approx((base * np.exp(-0.06) - adhesion)[full], rel=1e-12)
-
-
-def test_law_of_a_hole_and_its_derivatives_against_those_of_the_reference():
-    """Written twice, below and above the tension from which adhesion acts in full; mobilisations of both signs."""
-    rng = np.random.default_rng(0)
-    t, s, angle, mu = (
-        rng.uniform(low, high, (300, 1)) for low, high in ((0, 0.5), (-1, 1), (0, 0.5), (0, 0.5))
-    )
-    a = np.where(np.arange(300) < 50, 0.0, 10.0 ** rng.uniform(-4, 2, 300))[:, None]
-    tension, slopes = capstan(t[:, 0], angle, s, mu, a)
-    by = slopes()
-    found = tension[:, 1:], by.by_tension, by.by_mobilisation, by.by_angle
-    for own, other in zip(found, tension_after(t, s, angle, mu, a), strict=True):
-        np.testing.assert_allclose(own, other, rtol=1e-9, atol=1e-14)
 
 
 def test_a_reversal_has_to_slide_twice_the_presliding_distance():

@@ -98,10 +98,11 @@ def test_steps_in_which_no_tensions_meet_the_linearised_displacements_converge(s
 
 
 @pytest.mark.integration
-def test_a_tendon_with_adhesion_that_becomes_slack_within_a_step():
+def test_slips_of_a_tendon_that_adhesion_holds_while_its_base_is_slack():
     """A force at mid-span slackens and tightens a released tendon within one load step.
 
-    At zero tension its holes hold nothing. Taken whole, the step ends where it does in 100 substeps.
+    Taken whole, the step was 1.6e-4 of the length off the same step in 100 substeps, and nothing was said. Now it is
+    off by less than the path tolerance.
     """
     tendons = tuple(
         Tendon(
@@ -124,5 +125,5 @@ def test_a_tendon_with_adhesion_that_becomes_slack_within_a_step():
     ]
     whole = simulate(robot, model, steps)
     fine = simulate(robot, model, [steps[0], replace(steps[1], substeps=100)])
-    assert not whole.steps[1].tensions[1].any()
+    assert whole.steps[1].tensions[1][0] == 0.0 and whole.steps[1].tensions[1][-1] > 0.1
     assert np.max(np.abs(whole.steps[1].positions - fine.steps[1].positions)) < 2e-5 * 0.24

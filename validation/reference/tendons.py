@@ -17,8 +17,6 @@ from tdcr_fe.validation.reference.settings import HoleFriction
 
 #: Turn of a tendon at which it has shifted by 0.7 of its clearance [rad].
 CLEARANCE_ANGLE = 0.01
-#: Tension from which on the adhesion of a hole acts in full [N].
-ADHESION_GROWS_TO = 0.1
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -51,10 +49,8 @@ def tension_after(
 ) -> tuple[Array, Array, Array, Array]:
     r"""Tension on the far side of holes (Capstan law, paper Eq. 28, with stick and adhesion).
 
-    Without friction the higher of both tensions is :math:`T_+ = T_- + |s| a h(T_-)`, with a share
-    :math:`h = 1 - (1 - T_- / T_a)^2` of the adhesion, which is all of it from :math:`T_a` = `ADHESION_GROWS_TO` on.
-    Pulled through (s >= 0): :math:`T_+ = T e^{-s \mu\theta}` and :math:`T_-` is behind the hole; released (s < 0):
-    :math:`T_- = T` and :math:`T_+ e^{|s| \mu\theta}` is behind it.
+    Pulled through (s >= 0): :math:`\max(0, T e^{-s \mu\theta} - s a)`; released (s < 0):
+    :math:`(T + |s| a) e^{|s| \mu\theta}`.
 
     Parameters
     ----------
@@ -73,20 +69,14 @@ def tension_after(
         The tension [N] and its derivatives with respect to tension, mobilisation and angle, each (n,).
     """
     factor = np.exp(-mobilisation * mu * angle)
-    pull, most = mobilisation >= 0.0, np.abs(mobilisation) * adhesion
-    higher = tension * factor
-    # The positive root of the parabola, by Citardauq's form, which needs no division by the adhesion.
-    half = 0.5 + most / ADHESION_GROWS_TO
-    root = half**2 - most * np.minimum(higher, most + ADHESION_GROWS_TO) / ADHESION_GROWS_TO**2
-    curved = higher / (half + np.sqrt(root))
-    lower = np.where(pull, np.where(higher < most + ADHESION_GROWS_TO, curved, higher - most), tension)
-    missing = np.clip(1.0 - lower / ADHESION_GROWS_TO, 0.0, 1.0)
-    share, steep = 1.0 - missing**2, 1.0 + 2.0 * most * missing / ADHESION_GROWS_TO
-    value = np.where(pull, lower, (tension + most * share) * factor)
-    d_higher = np.where(pull, higher / steep, value)
-    d_tension = factor * np.where(pull, 1.0 / steep, steep)
-    d_s = -mu * angle * d_higher - adhesion * share * np.where(pull, 1.0 / steep, factor)
-    return value, d_tension, d_s, -mobilisation * mu * d_higher
+    pull = mobilisation >= 0.0
+    inner = np.where(pull, tension, tension - mobilisation * adhesion)
+    value = inner * factor - np.where(pull, mobilisation * adhesion, 0.0)
+    d_s = -mu * angle * inner * factor - adhesion * np.where(pull, 1.0, factor)
+    d_angle = -mobilisation * mu * inner * factor
+    lost = pull & (value < 0.0) & (adhesion > 0.0)
+    keep = np.where(lost, 0.0, 1.0)
+    return value * keep, factor * keep, d_s * keep, d_angle * keep
 
 
 @dataclass(frozen=True)

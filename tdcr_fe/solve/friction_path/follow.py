@@ -45,6 +45,7 @@ from tdcr_fe.solve.friction_path.rates import (
     extrapolated,
     factorised,
     fixed_by_slack,
+    left_branch,
     linear_rates,
     sides,
     solve_rates,
@@ -54,6 +55,7 @@ from tdcr_fe.solve.friction_path.rates import (
     with_changed,
 )
 from tdcr_fe.solve.friction_path.slips import InterpolatedSlips, complement_rates, slips_at
+from tdcr_fe.solve.friction_path.transfer import branches_at, distance_to_branch_change
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -224,7 +226,7 @@ def follow_friction(
     z = np.append(mobilisation, base_tension)
     given = slips, unknowns, z, tension, slips.breakpoints, _longest_segment(slips)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        fast = is_compiled() and isinstance(slips, InterpolatedSlips)
+        fast = slips.compilable and is_compiled()
         found = run_compiled(_integrated, *given) if fast else _integrated(*given)
     end, last, path, count, complete = found
     return FrictionPath(
@@ -288,6 +290,7 @@ def _integrated(
         count += 1
         reused = not curved and factor < breakpoints[passed] - ROUND_OFF
         known = reused and _is_near(evaluation, factor, tension, 1.0)
+        known = known and not left_branch(state.derivatives, branches_at(slips.transfer, z, tension))
         if known:
             state = extrapolated(state, segment.length, tension, rates.rate, rates.complement)
             unclipped = no_free_unknowns()
@@ -316,25 +319,34 @@ def _next_segment(
     if free.size:
         tension_rate = tension_rate + rates.rate[free].dot(tension_columns(state.derivatives, free))
     if curved:
-        slope = _slope(slips, here, tension_rate, longest, holes)
-        linear, finite = linear_rates(rates, slope), isfinite(slope.dot(slope))
-        event = distance_to_curved_bound(linear, free, z, bounds)
-        event = min(event, distance_to_reversal(linear, unknowns.tolerance, holes))
+        curved, slope = _slope(slips, here, tension_rate, longest, holes)
+        if curved:
+            linear, finite = linear_rates(rates, slope), isfinite(slope.dot(slope))
+            event = distance_to_curved_bound(linear, free, z, bounds)
+            event = min(event, distance_to_reversal(linear, unknowns.tolerance, holes))
+        else:
+            longest = min(longest, CONSTANT_RATES_SEGMENT)
     if slack.size:
         event = min(event, distance_to_tautness(linear, slack, holes))
+    event = min(event, distance_to_branch_change(slips.transfer, z, linear.rate, state.tension, tension_rate))
     length = min(longest, max(SHORTEST_SEGMENT, event))
     return finite, curved, PathSegment(here.factor, length, z, linear, state.tension, tension_rate)
 
 
 @compilable
-def _slope(slips: InterpolatedSlips, here: _Here, tension_rate: Array, longest: float, holes: int) -> Array:
-    """Derivative by the load factor of the rates of the complements at constant rates of the unknowns [m]."""
+def _slope(
+    slips: InterpolatedSlips, here: _Here, tension_rate: Array, longest: float, holes: int
+) -> tuple[bool, Array]:
+    """Derivative by the load factor of the rates of the complements at constant rates of the unknowns [m].
+
+    And before it, whether there is one: not where the rates jump.
+    """
     state, rates = here.state, here.rates
     fastest = largest_magnitude(rates.rate[:holes])
     length = min(SLOPE_SEGMENT * LONGEST_SEGMENT, longest, SLOPE_CHANGE / max(fastest, SLOPE_CHANGE))
     there, tension = here.z + length * rates.rate, state.tension + length * tension_rate
-    ahead = complement_rates_of(slips, here.factor + length, there, tension, rates.rate, state)
-    return np.asarray((ahead - rates.complement) / length)
+    smooth, ahead = complement_rates_of(slips, here.factor + length, there, tension, rates.rate, state)
+    return smooth, (ahead - rates.complement) / length
 
 
 @compilable
@@ -390,6 +402,6 @@ def evaluated(slips: InterpolatedSlips, factor: float, z: Array, tension: Array)
 @compiled_as(complement_rates)
 def complement_rates_of(
     slips: InterpolatedSlips, factor: float, z: Array, tension: Array, rate: Array, near: SlipState
-) -> Array:
+) -> tuple[bool, Array]:
     """See `InterpolatedSlips.complement_rates`."""
     return slips.complement_rates(factor, z, tension, rate, near)

@@ -197,6 +197,8 @@ class SlipDerivatives(NamedTuple):
     by_load: Array
     # (n,): Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions
     elastic_slip: Array
+    # (i,): Flags that change where the derivatives of the tensions jump; none where they never do
+    branches: Flags
     tension_by_load: Array  # (q,): Derivatives of the tensions of the segments by the load factor [N]
     direct: Array  # (n, q): Derivatives of the tensions by the unknowns at fixed turning angles [N, 1]
     by_tension: Array  # (n, q): Derivatives of the slips by the tensions of the segments [m/N]
@@ -283,6 +285,12 @@ def with_changed(state: SlipState, which: Index, columns: Array, change: Array) 
     slip = state.slip - change.dot(columns)
     slip[which] += by.elastic_slip[which] * change
     return SlipState(state.tension + change.dot(tension_columns(by, which)), slip, by)
+
+
+@compilable
+def left_branch(derivatives: SlipDerivatives, branches: Flags) -> bool:
+    """Whether the derivatives jump between where they were evaluated and a state with these branches of the law."""
+    return branches.size > 0 and bool((derivatives.branches != branches).any())
 
 
 class LinearRates(NamedTuple):

@@ -234,7 +234,7 @@ class TautTendons(NamedTuple):
         for part in end.numbering.robots:
             law = end.forces[part.robot].model.law
             tension = np.array([point.state.base_tension[part.robot] for point in (start, end)])
-            taut = [point.state.base_tension[part.robot] > 0.0 for point in states]
+            taut = [np.any(point.forces[part.robot].field.tension > 0.0, axis=1) for point in states]
             which = np.flatnonzero(np.any(taut, axis=0))
             acting = part.frictional if part.has_friction else np.zeros_like(part.frictional)
             if which.size:

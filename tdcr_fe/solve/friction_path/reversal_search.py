@@ -18,7 +18,7 @@ from tdcr_fe.solve.friction_path.path import FrictionPath
 from tdcr_fe.solve.friction_path.rates import columns_of, tension_columns
 from tdcr_fe.solve.friction_path.response import TautTendons
 from tdcr_fe.solve.friction_path.slips import SlipModel
-from tdcr_fe.solve.friction_path.transfer import Transfer
+from tdcr_fe.solve.friction_path.transfer import tension_transfer
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int_]
@@ -112,7 +112,7 @@ class SubstepSlips(NamedTuple):
         holes, k = taut.holes, len(taut.holes)
         start, end = points[0].state, points[-1].state
         data = [taut.slip_data(point.state, states.targets, point.factor, point.load) for point in points]
-        model = SlipModel(Transfer.of(taut.tendons), data, taut.presliding, taut.unknown)
+        model = SlipModel(tension_transfer(taut.tendons), data, taut.presliding, taut.unknown)
         before, after = start.mobilisation[holes], end.mobilisation[holes]
         base = taut.base_tensions(1)
         last = model.slips.at(1.0, np.append(after, base), data[-1].tension).derivatives

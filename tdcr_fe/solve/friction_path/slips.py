@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from tdcr_fe.compiled import compilable
 from tdcr_fe.elements.complementarity import largest, largest_magnitude
-from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState, factorised, solved
-from tdcr_fe.solve.friction_path.transfer import Transfer, tensions_at
+from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState, factorised, left_branch, solved
+from tdcr_fe.solve.friction_path.transfer import CapstanTransfer, LawTransfer, branches_at, tensions_at
 
 Array = NDArray[np.float64]
 
@@ -163,12 +163,17 @@ def rates_at_fixed_tensions(at: LinePoint, off: Array) -> Array:
 class InterpolatedSlips(NamedTuple):
     """Slips as functions of load factor and unknowns, as arrays."""
 
-    transfer: Transfer  # How tension passes along the tendons
+    transfer: CapstanTransfer | LawTransfer  # How tension passes along the tendons
     intervals: Intervals  # Slips and turning angles between solved states
     # (n,): Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions
     elastic_slip: Array
     identity: Array  # (q, q)
     presliding: float  # The smallest presliding distance [m]
+
+    @property
+    def compilable(self) -> bool:
+        """Whether compiled functions take them."""
+        return isinstance(self.transfer, CapstanTransfer)
 
     @property
     def breakpoints(self) -> Array:
@@ -189,7 +194,7 @@ class InterpolatedSlips(NamedTuple):
 
     def complement_rates(
         self, factor: float, z: Array, tension: Array, rate: Array, near: SlipState
-    ) -> Array:
+    ) -> tuple[bool, Array]:
         """See `complement_rates`."""
         return complement_rates(self, factor, z, tension, rate, near)
 
@@ -226,6 +231,7 @@ def slips_at(slips: InterpolatedSlips, factor: float, z: Array, tension: Array) 
     derivatives = SlipDerivatives(
         rate[:n] + by_tension.dot(tension_by_load),
         slips.elastic_slip,
+        branches_at(slips.transfer, z, passed.tension),
         tension_by_load,
         passed.by_unknown,
         by_tension,
@@ -240,7 +246,7 @@ def slips_at(slips: InterpolatedSlips, factor: float, z: Array, tension: Array) 
 @compilable
 def complement_rates(
     slips: InterpolatedSlips, factor: float, z: Array, tension: Array, rate: Array, near: SlipState
-) -> Array:
+) -> tuple[bool, Array]:
     """Rates of the complements at given rates of the unknowns [m], shape (n,).
 
     Parameters
@@ -251,11 +257,19 @@ def complement_rates(
         Of the unknowns [1, N], shape (n,).
     near
         Slips at a load factor nearby, whose factorised derivatives of the tensions are used.
+
+    Returns
+    -------
+    smooth : bool
+        False where derivatives have jumped since the load factor nearby; the rates then mean nothing.
+    rates : ndarray, shape (n,)
     """
     n, line, factors = len(z), point_on_line(slips.intervals, factor), near.derivatives.turning
     turning = line.by_tension[n:]
     angles = np.maximum(line.values[n:] + turning.dot(tension - line.tension), 0.0)
     passed = tensions_at(slips.transfer, factor, z, angles)
+    if left_branch(near.derivatives, branches_at(slips.transfer, z, passed.tension)):
+        return False, rate
     off = tension + solved(factors, passed.tension - tension) - line.tension
     own = rates_at_fixed_tensions(line, off)
     direct = passed.by_angle.dot(own[n:]) + passed.by_load + rate.dot(passed.by_unknown)
@@ -263,7 +277,7 @@ def complement_rates(
     # The factors are those of the state nearby: one correction with the turning here.
     left = direct - tension_rate + passed.by_angle.dot(turning.dot(tension_rate))
     tension_rate = tension_rate + solved(factors, left)
-    return own[:n] + line.by_tension[:n].dot(tension_rate) - slips.elastic_slip * rate
+    return True, own[:n] + line.by_tension[:n].dot(tension_rate) - slips.elastic_slip * rate
 
 
 class SlipModel:
@@ -290,7 +304,7 @@ class SlipModel:
 
     def __init__(
         self,
-        transfer: Transfer,
+        transfer: CapstanTransfer | LawTransfer,
         states: Sequence[SlipData],
         presliding: Array,
         unknown: int,

@@ -79,7 +79,7 @@ def _rates_agree(
     pick, moved = numbering.at_frictional_holes, linear.response(changes, clamped)
     rate = pick(slip_changes(numbering, result.forces, moved, changes))
     slips = pick([new.slip - old.slip for new, old in zip(after.friction, before.friction, strict=True)])
-    tense = [tension[:, None] > 0.0 for tension in after.base_tension]
+    tense = [p.may_be_tense(t)[:, None] for p, t in zip(numbering.robots, after.base_tension, strict=True)]
     side = pick([s * own for s, own in zip(after.mobilisation, tense, strict=True)])
     first = 2.0 * slips - rate
     return bool(min((side * rate).min(), (side * first).min()) >= -none)
@@ -94,7 +94,7 @@ def _any_changes(before: SolverState, after: SolverState, linear: Linearization)
     for part in linear.numbering.robots:
         i = part.robot
         if part.has_friction:
-            tense = part.frictional & (before.base_tension[i] > 0.0)[:, None]
+            tense = part.frictional & part.may_be_tense(before.base_tension[i])[:, None]
             if (before.mobilisation[i] * after.mobilisation[i])[tense].min(initial=1.0) < 1.0:
                 return True
     return False
@@ -110,7 +110,8 @@ def _all_slip(before: SolverState, after: SolverState, linear: Linearization) ->
         if not part.has_friction:
             continue
         taut = after.base_tension[i] > 0.0
-        if (np.abs(after.mobilisation[i]) < part.frictional & taut[:, None]).any():
+        tense = part.frictional & part.may_be_tense(after.base_tension[i])[:, None]
+        if (np.abs(after.mobilisation[i]) < tense).any():
             return False
         was_taut = before.base_tension[i] > 0.0
         if was_taut[~taut].any() or not was_taut[part.driven][taut[part.driven]].all():

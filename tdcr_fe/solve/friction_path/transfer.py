@@ -1,6 +1,8 @@
-"""Tensions of all segments in a substep, of all tendons one after the other.
+"""How tension passes along all tendons of a substep: by the Capstan equation, or by any other law.
 
-They are functions of mobilisations, turning angles and tensions at the base.
+Tensions of all segments, of all tendons one after the other, as functions of mobilisations, turning angles and tensions
+at the base. `LawTransfer` asks `tdcr_fe.elements.friction.TendonLaw` for them; `CapstanTransfer` writes out the most
+frequent law for flat arrays of all tendons at once, and takes a third of the time.
 """
 
 from __future__ import annotations
@@ -11,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.compiled import compilable
-from tdcr_fe.elements.capstan import transfer_tension
+from tdcr_fe.compiled import compilable, compiled_as
 from tdcr_fe.elements.friction import TendonLaw
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int_]
+Flags = NDArray[np.bool_]
 
 
 class TendonsInSubstep(NamedTuple):
@@ -53,70 +55,74 @@ class Tensions(NamedTuple):
     by_load: Array  # (q,): By the load factor, through the given tensions at the base [N]
 
 
-class Transfer(NamedTuple):
-    """How the tensions follow, by the law of `tdcr_fe.elements.capstan` with constant coefficients."""
+class CapstanTransfer(NamedTuple):
+    """Constant coefficients without adhesion: ``T = T_base exp(-sum of s mu theta)``."""
 
-    holes: int  # Number of mobilisations; unknown tensions at the base follow
+    holes: int  # Numbers of mobilisations and of unknown tensions at the base
+    unknown: int  # as `holes`
     holes_before: Array  # (q, r): Ones where a hole comes before a segment, on the way from the base
     friction: Array  # (r,): Coefficients of friction of the holes [1]
-    adhesion: Array  # (r,): Their adhesion [N]; (0,) where there is none
     incidence: Array  # (k, r): From the mobilisations to the holes
     # (k, q): Ones where the hole of a mobilisation comes before a segment; no rows where any acts at several
     # holes
     behind: Array
     at_hole: Index  # (k,): The hole of each mobilisation; none where any acts at several
-    # (m,): Tension at the base of every tendon at the start of the substep, and its change in it [N]; zero where
-    # they are unknown
+    # (q,): Tension at the base of the segment's tendon at the start of the substep, and its change in it [N];
+    # zero where they are unknown
     base_tension: Array
     base_change: Array  # as `base_tension`
-    base_of_tendon: Array  # (c, m): Ones where an unknown tension is that at the base of a tendon
-    of_segment: Index  # (q,): The tendon of every segment
-    longest: int  # Segments of the longest tendon
-    # Places of the segments (q,) and holes (r,) in arrays for m tendons as long as it
-    segments: Index
-    angles: Index
+    base_of_segment: (
+        Array  # (c, q): Ones where an unknown tension is that at the base of the segment's tendon
+    )
 
     @classmethod
-    def of(cls, tendons: Sequence[TendonsInSubstep]) -> Transfer:
+    def of(cls, tendons: Sequence[TendonsInSubstep]) -> CapstanTransfer:
         """For some tendons, by robot."""
         q, r, k = (sum(getattr(t, name) for t in tendons) for name in ("segments", "angles", "holes"))
-        m, c = sum(len(t.which) for t in tendons), sum(len(t.driven) for t in tendons)
-        longest = max(t.law.shape[1] for t in tendons)
-        holes_before, (friction, adhesion), incidence = np.zeros((q, r)), np.zeros((2, r)), np.zeros((k, r))
-        base_tension, base_of_tendon = np.zeros((2, m)), np.zeros((c, m))
-        of_segment, segments, angles = np.zeros(q, dtype=int), np.zeros(q, dtype=int), np.zeros(r, dtype=int)
-        segment = angle = hole = base = tendon = 0
+        c = sum(len(t.driven) for t in tendons)
+        holes_before, friction, incidence = np.zeros((q, r)), np.zeros(r), np.zeros((k, r))
+        base_tension, base_of_segment = np.zeros((2, q)), np.zeros((c, q))
+        segment = angle = hole = base = 0
         for own in tendons:
             n = own.law.shape[1]
             at_holes, before = own.law.law.hole_incidence(n), np.tri(n, n - 1, -1)
-            for i, number in enumerate(own.which):
-                along, through = slice(segment, segment + n), slice(angle, angle + n - 1)
-                holes_before[along, through] = before
-                friction[through] = own.law.coefficients[number]
-                adhesion[through] = 0.0 if own.law.adhesion is None else own.law.adhesion[number]
+            given = own.tension.copy()
+            given[:, own.driven] = 0.0
+            for i, tendon in enumerate(own.which):
+                segments, angles = slice(segment, segment + n), slice(angle, angle + n - 1)
+                holes_before[segments, angles] = before
+                friction[angles] = own.law.parameters.friction[tendon]
                 rows = at_holes[:, own.frictional[i]].T
-                incidence[hole : hole + len(rows), through] = rows
-                of_segment[along], segments[along] = tendon, tendon * longest + np.arange(n)
-                angles[through] = tendon * (longest - 1) + np.arange(n - 1)
+                incidence[hole : hole + len(rows), angles] = rows
+                base_tension[:, segments] = given[:, i, None]
                 if i in own.driven:
-                    base_of_tendon[base, tendon] = 1.0
+                    base_of_segment[base, segments] = 1.0
                     base += 1
-                else:
-                    base_tension[:, tendon] = own.tension[:, i]
-                segment, angle, hole, tendon = along.stop, through.stop, hole + len(rows), tendon + 1
+                segment, angle, hole = segments.stop, angles.stop, hole + len(rows)
         single = bool(((incidence != 0.0).sum(axis=1) == 1).all())
         at_hole = incidence.argmax(axis=1) if single else np.zeros(0, dtype=int)
         behind = np.ascontiguousarray(holes_before.T[at_hole])
         first, last = base_tension
-        adhesion = adhesion if adhesion.any() else adhesion[:0]
-        along_holes = k, holes_before, friction, adhesion, incidence, behind, at_hole
-        bases = first, last - first, base_of_tendon, of_segment
-        return cls(*along_holes, *bases, longest, segments, angles)
+        return cls(
+            k, c, holes_before, friction, incidence, behind, at_hole, first, last - first, base_of_segment
+        )
+
+    def at(self, factor: float, z: Array, angles: Array) -> Tensions:
+        """See `capstan_tensions`."""
+        return capstan_tensions(self, factor, z, angles)
+
+    def branches(self, z: Array, tension: Array) -> Flags:
+        """See `LawTransfer.branches`: none, Capstan's equation is smooth."""
+        return np.zeros(0, dtype=np.bool_)
+
+    def distance_to_branch_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+        """See `LawTransfer.distance_to_branch_change`."""
+        return np.inf
 
 
 @compilable
-def tensions_at(transfer: Transfer, factor: float, z: Array, angles: Array) -> Tensions:
-    """Tensions of the segments, and their derivatives.
+def capstan_tensions(transfer: CapstanTransfer, factor: float, z: Array, angles: Array) -> Tensions:
+    """Tensions of the segments by Capstan's equation, and their derivatives.
 
     Parameters
     ----------
@@ -129,32 +135,153 @@ def tensions_at(transfer: Transfer, factor: float, z: Array, angles: Array) -> T
     angles
         Turning angles [rad], shape (r,).
     """
-    holes, adhesive = transfer.holes, len(transfer.adhesion) > 0
-    turned, mobilised = transfer.friction * angles, z[:holes].dot(transfer.incidence)
+    holes = transfer.holes
+    # Friction times mobilisation, and Capstan's exponent at full mobilisation.
+    acting = z[:holes].dot(transfer.incidence) * transfer.friction
+    exponent = transfer.friction * angles
+    ratio = np.exp(-transfer.holes_before.dot(acting * angles))
     base = transfer.base_tension + factor * transfer.base_change
-    if len(z) > holes:
-        base = base + z[holes:].dot(transfer.base_of_tendon)
-    exponent = np.zeros((len(base), transfer.longest - 1))
-    exponent.reshape(-1)[transfer.angles] = -mobilised * turned
-    drop = np.zeros((len(base), exponent.shape[1] if adhesive else 0))
-    if adhesive:
-        drop.reshape(-1)[transfer.angles] = mobilised * transfer.adhesion
-    found = transfer_tension(base, exponent, drop)
-    by_base, behind = found.by_base.reshape(-1)[transfer.segments], found.by_base[:, 1:]
-    # By exponents and mobilisations as if they were tensions at the base.
-    by_exponent = (found.by_exponent / behind).reshape(-1)[transfer.angles]
-    by_mobilisation = -turned * by_exponent
-    if adhesive:
-        by_mobilisation -= transfer.adhesion * (found.by_drop / behind).reshape(-1)[transfer.angles]
-    by_angle = (-mobilised * transfer.friction * by_exponent) * transfer.holes_before
-    by_angle *= by_base.reshape(-1, 1)
-    by_unknown = np.empty((len(z), len(by_base)))
+    if transfer.unknown:
+        base = base + z[holes:].dot(transfer.base_of_segment)
+    tension = base * ratio
+    negative = -tension
+    by_angle = acting * transfer.holes_before
+    by_angle *= negative.reshape(-1, 1)
+    by_unknown = np.empty((len(z), len(tension)))
     if transfer.at_hole.size:
-        by_unknown[:holes] = by_mobilisation[transfer.at_hole].reshape(-1, 1) * transfer.behind
+        by_unknown[:holes] = exponent[transfer.at_hole].reshape(-1, 1) * transfer.behind
     else:
-        by_unknown[:holes] = (by_mobilisation * transfer.incidence).dot(transfer.holes_before.T)
-    by_unknown[:holes] *= by_base
-    if len(z) > holes:
-        by_unknown[holes:] = transfer.base_of_tendon[:, transfer.of_segment] * by_base
-    tension = found.tension.reshape(-1)[transfer.segments]
-    return Tensions(tension, by_angle, by_unknown, by_base * transfer.base_change[transfer.of_segment])
+        by_unknown[:holes] = (exponent * transfer.incidence).dot(transfer.holes_before.T)
+    by_unknown[:holes] *= negative
+    if transfer.unknown:
+        by_unknown[holes:] = transfer.base_of_segment * ratio
+    return Tensions(tension, by_angle, by_unknown, ratio * transfer.base_change)
+
+
+@compiled_as(capstan_tensions)
+def tensions_at(transfer: CapstanTransfer | LawTransfer, factor: float, z: Array, angles: Array) -> Tensions:
+    """As `capstan_tensions`, by any law; compiled functions know Capstan's equation only."""
+    return transfer.at(factor, z, angles)
+
+
+@compiled_as(lambda transfer, z, tension: np.zeros(0, dtype=np.bool_))
+def branches_at(transfer: CapstanTransfer | LawTransfer, z: Array, tension: Array) -> Flags:
+    """See `LawTransfer.branches`."""
+    return transfer.branches(z, tension)
+
+
+@compiled_as(lambda transfer, z, rate, tension, tension_rate: np.inf)
+def distance_to_branch_change(
+    transfer: CapstanTransfer | LawTransfer, z: Array, rate: Array, tension: Array, tension_rate: Array
+) -> float:
+    """See `LawTransfer.distance_to_branch_change`."""
+    return transfer.distance_to_branch_change(z, rate, tension, tension_rate)
+
+
+class LawTransfer:
+    """Any law that has no slip rates, as with adhesion.
+
+    Parameters
+    ----------
+    tendons
+        By robot.
+    """
+
+    def __init__(self, tendons: Sequence[TendonsInSubstep]) -> None:
+        self._holes = sum(t.holes for t in tendons)
+        self._unknown = sum(len(t.driven) for t in tendons)
+        self._size = sum(t.segments for t in tendons), sum(t.angles for t in tendons)
+        self._positions: list[_Positions] = []
+        segment = angle = hole = 0
+        base, before = self._holes, []
+        for own in tendons:
+            self._positions.append(_Positions.of(own, segment, angle, hole, base))
+            tendon, group = np.nonzero(own.frictional)
+            before.append(segment + tendon * own.law.shape[1] + (group if own.law.each_hole else 0))
+            segment, angle, hole = segment + own.segments, angle + own.angles, hole + own.holes
+            base += len(own.driven)
+        #: Segment before the hole, or the first one, of every mobilisation.
+        self._before: Index = np.concatenate(before)
+
+    def branches(self, z: Array, tension: Array) -> Flags:
+        """Which holes hold tension back, and which segments are under tension, shape (k + q,).
+
+        Adhesion holds tension behind a hole that is released even where there is none before it, and takes at most
+        what there is where it is pulled: there the derivatives jump.
+        """
+        return np.concatenate((z[: self._holes] < 0.0, tension > 0.0))
+
+    def distance_to_branch_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
+        """Part of the substep to where these change at constant rates; segments that become taut are not foreseen.
+
+        Parameters
+        ----------
+        z, rate
+            Unknowns and their rates, shape (k + c,).
+        tension, tension_rate
+            Of the segments [N], shape (q,).
+        """
+        here, pace = z[: self._holes], rate[: self._holes]
+        crossing = (here * pace < 0.0) & (tension[self._before] <= 0.0)
+        falling = (tension > 0.0) & (tension_rate < 0.0)
+        to_zero = np.concatenate(
+            (-here[crossing] / pace[crossing], -tension[falling] / tension_rate[falling])
+        )
+        return float(to_zero.min(initial=np.inf))
+
+    def at(self, factor: float, z: Array, angles: Array) -> Tensions:
+        """As of `CapstanTransfer`."""
+        q, r = self._size
+        found = Tensions(
+            np.zeros(q), np.zeros((q, r)), np.zeros((self._holes + self._unknown, q)), np.zeros(q)
+        )
+        for at in self._positions:
+            own, which, (m, n) = at.tendons, at.tendons.which, at.tendons.law.shape
+            change = own.tension[1] - own.tension[0]
+            tension = own.tension[0] + factor * change
+            tension[own.driven] = z[at.base]
+            change[own.driven] = 0.0
+            values = np.zeros(m), np.zeros((m, n)), np.zeros((m, n - 1)), np.zeros((m, own.law.groups))
+            mobilisation = np.zeros(own.frictional.shape)
+            mobilisation[own.frictional] = z[at.holes]
+            values[0][which], values[3][which] = tension, mobilisation
+            values[2][which] = angles[at.angles]
+            field = own.law.field(*values)
+            by = field.derivatives
+            by_base = by.d_base[which]
+            found.tension[at.segments] = field.tension[which]
+            found.by_angle[at.segments[:, :, None], at.angles[:, None, :]] = by.d_angle[which]
+            tendon, group = np.nonzero(own.frictional)
+            by_hole = by.by_mobilisation[which][tendon, :, group]
+            found.by_unknown[at.holes[:, None], at.segments[tendon]] = by_hole
+            found.by_unknown[at.base[:, None], at.segments[own.driven]] = by_base[own.driven]
+            found.by_load[at.segments] = by_base * change[:, None]
+        return found
+
+
+class _Positions(NamedTuple):
+    """Where the numbers of one robot's tendons stand in the arrays of a `LawTransfer`."""
+
+    tendons: TendonsInSubstep
+    segments: Index  # (m, n)
+    angles: Index  # (m, n-1)
+    holes: Index  # (k,): Frictional mobilisations
+    base: Index  # (c,): Unknown tensions at the base
+
+    @classmethod
+    def of(cls, tendons: TendonsInSubstep, segment: int, angle: int, hole: int, base: int) -> _Positions:
+        """Those of tendons whose first numbers are given."""
+        m, n = len(tendons.which), tendons.law.shape[1]
+        return cls(
+            tendons,
+            segment + np.arange(m * n).reshape(m, n),
+            angle + np.arange(m * (n - 1)).reshape(m, n - 1),
+            hole + np.arange(tendons.holes),
+            base + np.arange(len(tendons.driven)),
+        )
+
+
+def tension_transfer(tendons: Sequence[TendonsInSubstep]) -> CapstanTransfer | LawTransfer:
+    """The transfer of tension of some tendons."""
+    adhesive = any(np.any(t.law.parameters.adhesion[t.which] > 0.0) and t.law.has_friction for t in tendons)
+    return LawTransfer(tendons) if adhesive else CapstanTransfer.of(tendons)
