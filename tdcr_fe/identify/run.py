@@ -380,7 +380,10 @@ class Reader:
         experiment
             Whose observation map is used.
         """
-        out, step = np.full(self.count, np.nan), self._observed(run, experiment, slice(run.solved))
+        out = np.full(self.count, np.nan)
+        if run.solved == 0:
+            return out
+        step = self._observed(run, experiment, slice(run.solved))
         for known, which, locations in self._groups:
             places = list(dict.fromkeys(locations))
             values, at = known.predict(step, places), np.array([places.index(x) for x in locations])
