@@ -24,21 +24,21 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 3155,
+    "elements": 3157,
     "tdcr_fe": 269,
-    "tdcr_fe/commands": 1087,
-    "tdcr_fe/effects": 1302,
+    "tdcr_fe/commands": 1086,
+    "tdcr_fe/effects": 1360,
     "tdcr_fe/estimate": 930,
-    "tdcr_fe/identify": 6295,
+    "tdcr_fe/identify": 6279,
     "tdcr_fe/io": 2093,
     "tdcr_fe/live": 375,
-    "tdcr_fe/model": 2721,
+    "tdcr_fe/model": 2742,
     "tdcr_fe/report": 1220,
     "tdcr_fe/scene": 1488,
-    "tdcr_fe/solve": 7656,
-    "tdcr_fe/sweeps": 1592,
-    "validation": 7091,
-    "tests": 16107,
+    "tdcr_fe/solve": 7753,
+    "tdcr_fe/sweeps": 1590,
+    "validation": 7085,
+    "tests": 16241,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
