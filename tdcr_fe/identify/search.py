@@ -6,7 +6,8 @@ model is extended: the best of all, or one of the best with listed effects alone
 the best of all. At the end causes of the best model are exchanged for others, and those dropped that the others make
 unnecessary.
 
-The functions are generators of states, so that an interruption keeps the last one that was complete.
+Stages (`search_causes`, `grow`, `backward_selection`, `exchange`) are generators of states, so that an interruption
+keeps the last one that was complete.
 """
 
 from __future__ import annotations
@@ -55,19 +56,19 @@ from tdcr_fe.identify.search_state import (
 )
 from tdcr_fe.identify.settings import EXCHANGES, FURTHER_EFFECTS, OutOfTime
 
-#: Share of a change of the predictions, as a sum of squares, by which first-order columns may be wrong [1].
+#: Relative error of predictions by first-order columns, as a sum of squares [1].
 FIRST_ORDER = 0.02
 
-#: So many models of listed effects are extended besides the best one.
-BEAM = 2
+#: Models of listed effects that are extended besides the best model.
+EXTENDED = 2
 
-#: A cause beyond so many is added only where it removes at least so much of the misfit on held-out steps [1].
+#: Number of causes from which on a further one has to remove at least this part of the misfit on held-out steps [1].
 MANY, WORTHWHILE = 4, 0.1
 
 #: Candidates of a round that the report shows.
 SHOWN = 40
 
-#: The first of two effects that show only together is tried so many times as strong as its probe points.
+#: Factors on the probe points at which the first of two effects that show only together is tried [1].
 STRENGTHS = (1.0, 8.0, 64.0)
 
 
@@ -148,7 +149,8 @@ def own_price(problem: FitProblem, scores: Sequence[Score]) -> float:
 def promised(problem: FitProblem, fit: Fit, drop: float, scores: Sequence[Score]) -> float:
     """Criterion over the fitted readings that a candidate promises to first order, with its prior.
 
-    What is left below the noise and the error of the first order does not count: there, simpler candidates come first.
+    The predicted residual is not taken below the noise and the error of first order: there, simpler candidates come
+    first.
     """
     least = float(np.count_nonzero(problem.fitted)) + FIRST_ORDER * fit.cost
     return max(fit.cost - drop, least) + own_price(problem, scores)
@@ -427,7 +429,7 @@ def _heads(search: Search, state: SearchState) -> list[Fit]:
         and _admissible(search, state, f)
     ]
     listed.sort(key=lambda f: rank(problem, f))
-    return [best, *(f for f in listed[:BEAM] if f is not best)]
+    return [best, *(f for f in listed[:EXTENDED] if f is not best)]
 
 
 def _admissible(search: Search, state: SearchState, fit: Fit) -> bool:
