@@ -483,7 +483,7 @@ def together(state: SearchState, fit: Fit) -> list[Score]:
     found = []
     for later in problem.catalogue:
         firsts = [e for e in problem.catalogue if e.name in later.after and e.name not in present]
-        if later.name in present or not firsts or later.probe_points(experiment, excitation):
+        if later.name in present or not firsts:
             continue
         for first in (form for e in firsts for form in e.forms(problem.experiment)):
             scores = []
