@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import monotonic
+from typing import TypeVar
 
 from tdcr_fe.commands.common import Exit, complain, cores, print_understood, progress_bar
 from tdcr_fe.identify.identification import NotSolved, identify
 from tdcr_fe.identify.report import write_result
-from tdcr_fe.identify.result import IdentificationResult
 from tdcr_fe.identify.robots import identify_robots
+from tdcr_fe.identify.search_state import Progress
 from tdcr_fe.identify.sentences import summary
 from tdcr_fe.identify.settings import GRACE_OF_TABLES, IdentifySettings, clock
 from tdcr_fe.io.atomic import check_output_folder, write_json
@@ -24,6 +25,8 @@ from tdcr_fe.model.messages import count, warnings_to
 FIGURES = ("verdict", "observations", "held_out_steps", "before", "effects", "after", "law", "ceiling")
 #: In a log file the state is printed this often [s].
 LOG_INTERVAL = 30.0
+
+Found = TypeVar("Found")
 
 
 def _processes(args: argparse.Namespace) -> int:
@@ -56,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     data = join_measured(sets)
     print_understood(args, data.robot, data.model, data.steps)
     try:
-        result = _identified(args, data, settings)
+        result = _with_progress(args, lambda progress: identify(data, settings, progress))
     except NotSolved as error:
         args.noted.message = str(error)
         complain(str(error))
@@ -85,7 +88,7 @@ def _robots(
     if len(set(names)) < max(2, len(names)):
         raise InputError([Problem("--robots", "", "", "takes two or more folders of different names")])
     try:
-        found = identify_robots(sets, settings)
+        found = _with_progress(args, lambda progress: identify_robots(sets, settings, progress))
     except NotSolved as error:
         args.noted.message = str(error)
         complain(str(error))
@@ -101,10 +104,8 @@ def _robots(
     return Exit.DONE
 
 
-def _identified(
-    args: argparse.Namespace, data: MeasuredData, settings: IdentifySettings
-) -> IdentificationResult:
-    """The identification, with a progress bar; in a log file, with a line now and then.
+def _with_progress(args: argparse.Namespace, work: Callable[[Progress], Found]) -> Found:
+    """The result of long work, with a progress bar; in a log file, with a line now and then.
 
     Raises
     ------
@@ -122,4 +123,4 @@ def _identified(
                 said = monotonic()
                 complain(f"{100 * share:.0f} % after {said - begun:.0f} s: {text}")
 
-        return identify(data, settings, progress)
+        return work(progress)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,9 +29,6 @@ from tdcr_fe.io.measured import MeasuredData, without_unread_steps
 from tdcr_fe.report.environment import estimate, quantity, words
 
 Array = NDArray[np.float64]
-
-#: Twice the fall of the logarithmic likelihood at the ends of a 95 % interval: chi-square with one degree of freedom.
-CHI_SQUARE = 3.84
 
 
 class Common(NamedTuple):
@@ -55,7 +53,7 @@ class Common(NamedTuple):
         loss = np.sum(np.log(variance), axis=1) + np.log(weight.sum(axis=1))
         loss += np.sum(weight * (values - mean[:, None]) ** 2, axis=1)
         best = int(np.argmin(loss))
-        inside = scatter[loss <= loss[best] + CHI_SQUARE]
+        inside = scatter[loss <= loss[best] + HALF_WIDTH**2]  # likelihood ratio, one degree of freedom
         error = float(1.0 / np.sqrt(weight[best].sum()))
         return cls(float(mean[best]), error, float(scatter[best]), (float(inside[0]), float(inside[-1])))
 
@@ -126,8 +124,9 @@ def identify_robots(
     settings = settings or IdentifySettings()
     settings = replace(settings, time_limit=settings.time_limit / len(sets))
     results: dict[str, IdentificationResult] = {}
-    for data in sets:
-        results[data.name] = identify(data, settings, progress)
+    for number, data in enumerate(sets):
+        of_robot = progress and partial(_share_of, progress, data.name, number, len(sets))
+        results[data.name] = identify(data, settings, of_robot)
         if results[data.name].log.interrupted:
             raise KeyboardInterrupt
     models: dict[tuple[str, ...], Point] = {}
@@ -150,6 +149,13 @@ def identify_robots(
         for name, own in values.items()
     }
     return RobotsResult(results, best, values, common)
+
+
+def _share_of(
+    progress: Callable[[str, float], None], name: str, number: int, count: int, text: str, share: float
+) -> None:
+    """Report the progress of one robot as that of all."""
+    progress(f"{name}: {text}", (number + share) / count)
 
 
 def _fitted(

@@ -39,11 +39,11 @@ def test_there_is_one_process_for_each_core_at_most(tmp_path, capsys, monkeypatc
     """``--processes 99`` was taken as it was, on a machine with two cores."""
     asked = []
 
-    def identified(args, data, settings):
+    def identified(data, settings, progress):
         asked.append(settings.processes)
         raise NotSolved("enough")
 
-    monkeypatch.setattr(command, "_identified", identified)
+    monkeypatch.setattr(command, "identify", identified)
     monkeypatch.setattr(command, "cores", lambda: 2)
     write_measured(measured(), tmp_path / "set")
     for number in ("99", "2", "1"):

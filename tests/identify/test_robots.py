@@ -8,6 +8,7 @@ import pytest
 from identify_data import measured
 
 from tdcr_fe.cli import main
+from tdcr_fe.commands import identify as command
 from tdcr_fe.identify.robots import Common
 from tdcr_fe.io.measured import write_measured
 
@@ -41,14 +42,19 @@ def test_intervals_of_the_scatter_contain_it_as_often_as_they_claim():
 
 
 @pytest.mark.integration
-def test_robots_of_one_design_share_their_effect_and_its_scatter(tmp_path):
+def test_robots_of_one_design_share_their_effect_and_its_scatter(tmp_path, capsys, monkeypatch):
     """Stiffer than declared by 20, 26 and 35 %: by one robot each."""
     truth = {"r1": 1.20, "r2": 1.26, "r3": 1.35}
     for seed, (name, bending) in enumerate(truth.items()):
         data = measured({"stiffness_scale": {"bending": bending, "torsion": 1.0}}, seed=seed)
         write_measured(replace(data, name=name), tmp_path / name)
     folders = [str(tmp_path / name) for name in truth]
+    monkeypatch.setattr(command, "LOG_INTERVAL", -1.0)
     assert main(["identify", *folders, "--robots", "-o", str(tmp_path / "out"), "--processes", "1"]) == 0
+    log = capsys.readouterr().err
+    assert [log.index(f": {name}: the declared model") for name in truth] == sorted(
+        log.index(f": {name}: ") for name in truth
+    )
     found = json.loads((tmp_path / "out" / "robots.json").read_text())
     assert found["effects"] == ["stiffness_scale"] and set(found["robots"].values()) == {"explained"}
     bending = found["parameters"]["stiffness_scale.bending"]
