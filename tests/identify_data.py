@@ -20,6 +20,9 @@ from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 
+#: What a cause may perturb, in the words of `result.json`.
+PERTURBED = {"force", "moment", "stiffness", "precurvature", "routing"}
+PERTURBED |= {"transmission", "input", "base", "reading", "load"}
 LENGTH = 0.2
 ROBOT = Robot(
     Backbone(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0),

@@ -153,9 +153,8 @@ class Frame:
             s, towards = at.best_place(mean, given, held, variance)
             if abs(s - before) < self.problem.spacing:
                 break
-            begin = (
-                np.zeros_like(towards) if found is None else towards
-            )  # far off, the linear model is no guide
+            # At first the state is far off, and the linear model is no guide.
+            begin = np.zeros_like(towards) if found is None else towards
             before, shift = s, s - mean[place]
             found = most_probable(self.solved, mean + given * shift, held, begin)
             if found is None:

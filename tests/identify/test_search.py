@@ -4,7 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import FRICTIONAL, GRAVITY, MODEL, ROBOT, begun, measured, problem_of, searching, state_of
+from identify_data import (
+    FRICTIONAL,
+    GRAVITY,
+    MODEL,
+    PERTURBED,
+    ROBOT,
+    begun,
+    measured,
+    problem_of,
+    searching,
+    state_of,
+)
 
 from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.identify import identify
@@ -29,19 +40,7 @@ def test_every_listed_effect_has_a_kind_and_names_are_unique():
     problem = problem_of(measured())
     names = [e.name for e in whole_dictionary(problem)]
     assert len(names) == len(set(names)) > 100
-    words = [
-        "force",
-        "moment",
-        "stiffness",
-        "precurvature",
-        "routing",
-        "transmission",
-        "input",
-        "base",
-        "reading",
-        "load",
-    ]
-    assert {e.kind.perturbs for e in problem.catalogue} <= set(words)
+    assert {e.kind.perturbs for e in problem.catalogue} <= PERTURBED
     assert effect("soft_bay").at({"s": 0.025}).kind.where == "s = 0.025 m"
 
 
