@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +21,7 @@ from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.forward import ForwardModel, Job
 from tdcr_fe.identify.identification import declared_state, identify, prepare
 from tdcr_fe.identify.problem import Point
-from tdcr_fe.identify.result import HALF_WIDTH, Estimate, IdentificationResult
+from tdcr_fe.identify.result import HALF_WIDTH, Estimate, IdentificationResult, Verdict
 from tdcr_fe.identify.settings import IdentifySettings
 from tdcr_fe.identify.verdict import estimates
 from tdcr_fe.io.measured import MeasuredData, without_unread_steps
@@ -125,13 +124,17 @@ def identify_robots(
     settings = replace(settings, time_limit=settings.time_limit / len(sets))
     results: dict[str, IdentificationResult] = {}
     for number, data in enumerate(sets):
-        of_robot = progress and partial(_share_of, progress, data.name, number, len(sets))
+
+        def of_robot(text: str, share: float, name: str = data.name, number: int = number) -> None:
+            if progress is not None:
+                progress(f"{name}: {text}", (number + share) / len(sets))
+
         results[data.name] = identify(data, settings, of_robot)
         if results[data.name].log.interrupted:
             raise KeyboardInterrupt
     models: dict[tuple[str, ...], Point] = {}
     for r in results.values():
-        if r.verdict.startswith("explained"):
+        if r.verdict in (Verdict.EXPLAINED, Verdict.LAW_FOUND):
             point = {e.form: {n: p.value for n, p in e.parameters.items()} for e in r.effects}
             models.setdefault(tuple(e.form for e in r.effects), point)
     fitted = [_fitted(data, settings, models) for data in sets]
@@ -149,13 +152,6 @@ def identify_robots(
         for name, own in values.items()
     }
     return RobotsResult(results, best, values, common)
-
-
-def _share_of(
-    progress: Callable[[str, float], None], name: str, number: int, count: int, text: str, share: float
-) -> None:
-    """Report the progress of one robot as that of all."""
-    progress(f"{name}: {text}", (number + share) / count)
 
 
 def _fitted(
