@@ -187,7 +187,6 @@ def _parser() -> argparse.ArgumentParser:
         for names, options in command.arguments():
             sub.add_argument(*names, **options)
         sub.set_defaults(parser=sub)
-    parser.set_defaults(program=parser, commands=commands.choices)  # for the completion of shells
     return parser
 
 

@@ -113,11 +113,6 @@ def test_classifiers_name_the_pythons_that_are_tested():
     assert PROJECT["project"]["requires-python"] == f">={min(versions.split())}"
 
 
-def test_extras_that_messages_name_exist():
-    extras = PROJECT["project"]["optional-dependencies"]
-    assert {"xlsx", "dask", "parquet", "completion"} <= set(extras)
-
-
 SOLVE = """
 import tdcr_fe, tdcr_fe.elements.friction, tdcr_fe.validation.reference
 from tdcr_fe import Backbone, Disks, LoadStep, Model, ParallelRouting, Robot, Tendon, simulate

@@ -177,12 +177,10 @@ COMMANDS = {
         Writes one table with a row per case, statistics and a report. Finished cases are kept in OUT/cases.jsonl: the
         same command continues a sweep that was interrupted.
 
-        sweep                  path of a sweep.toml
-        --check                check the files, print the first cases, and solve nothing
-        --dask ADDRESS         address of the scheduler of a dask.distributed cluster that solves the cases
-        --table {csv,parquet}  format of the table of cases [%(default)s]
-        --fresh                start over where OUT has a journal
-        --retry                solve cases in the journal that did not converge again
+        sweep    path of a sweep.toml
+        --check  check the files, print the first cases, and solve nothing
+        --fresh  start over where OUT has a journal
+        --retry  solve cases in the journal that did not converge again
         and out, processes, effects, no-pictures, quiet""",
         ("sweep sweep.toml --check", "sweep sweep.toml -o results --processes 4"),
         "0 all cases converged; 1 a case did not (the table says why); 2 the input is wrong; 130 interrupted (143 by "
@@ -290,18 +288,10 @@ COMMANDS = {
         "0 all cases and requirements pass, 1 one fails, 2 the input is wrong, 130 interrupted.",
     ),
     "schema": Command(
-        "tdcr_fe.commands.editors:schema",
+        "tdcr_fe.commands.new:schema",
         """print the JSON schema of an input file, for editors
 
         file {robot,scenario,model,sweep}  the file""",
         ("schema robot", "schema sweep > sweep.schema.json"),
-    ),
-    "completion": Command(
-        "tdcr_fe.commands.editors:completion",
-        """print a script for the shell that completes commands and options
-        Put eval "$(tdcr-fe completion bash)" into ~/.bashrc, or the same with zsh into ~/.zshrc.
-
-        shell {bash,zsh}  the shell""",
-        ("completion bash", "completion zsh"),
     ),
 }

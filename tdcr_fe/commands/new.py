@@ -1,8 +1,9 @@
-"""The command ``tdcr-fe new``: commented input files to start from."""
+"""The commands ``tdcr-fe new`` and ``schema``: commented input files to start from, and what files may say."""
 
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 
 from tdcr_fe.commands.common import Exit
 from tdcr_fe.io.atomic import check_output_folder, write_folder, write_text
+from tdcr_fe.io.keys import json_schema
 from tdcr_fe.io.loading_table import loading_table
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.readings import Reading, observations_table
@@ -19,6 +21,7 @@ from tdcr_fe.io.toml import read_model_file, read_robot
 from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.solve.simulate import simulate
+from tdcr_fe.sweeps.read import sweep_schema
 
 
 def new(args: argparse.Namespace) -> int:
@@ -48,6 +51,13 @@ def new(args: argparse.Namespace) -> int:
     written = write_folder(out, write)
     if not args.quiet:
         print(f"Written to {out}: {', '.join(p.name for p in written)}\nNext: {next_step}")
+    return Exit.DONE
+
+
+def schema(args: argparse.Namespace) -> int:
+    """Print the JSON schema of an input file."""
+    found = sweep_schema() if args.file == "sweep" else json_schema(args.file)
+    print(json.dumps(found, indent=2, ensure_ascii=False))
     return Exit.DONE
 
 

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import argparse
 import importlib
-from collections.abc import Iterator
-from concurrent.futures import Executor
-from contextlib import contextmanager
 
 import pandas as pd
 
 from tdcr_fe.commands.common import Exit, complain, progress_bar
 from tdcr_fe.io.atomic import check_output_folder
-from tdcr_fe.io.problems import read_all, refusal
+from tdcr_fe.io.problems import read_all
 from tdcr_fe.model.messages import count
 from tdcr_fe.sweeps.description import Sweep
 from tdcr_fe.sweeps.read import read_sweep
@@ -37,7 +34,7 @@ def run_sweep(args: argparse.Namespace) -> int:
 
 def _solve(described: Sweep, args: argparse.Namespace) -> SweepResult:
     """Run the sweep with a progress bar."""
-    with _dask(args.dask) as (executor, in_flight), progress_bar(args, unit="case") as bar:
+    with progress_bar(args, unit="case") as bar:
 
         def progress(finished: int, total: int) -> None:
             if bar.total is None:  # cases of an earlier run are no measure of the speed
@@ -50,42 +47,14 @@ def _solve(described: Sweep, args: argparse.Namespace) -> SweepResult:
             return sweep(
                 described,
                 args.out,
-                executor=executor,
                 processes=args.processes,
-                in_flight=in_flight,
                 fresh=args.fresh,
                 retry=args.retry,
-                table=args.table,
                 report=not args.no_pictures,
                 progress=progress,
             )
         except SweepInterrupted as stop:
             return stop.result
-
-
-@contextmanager
-def _dask(address: str | None) -> Iterator[tuple[Executor | None, int | None]]:
-    """Executor of a cluster, and how many cases it is given at a time; None, None without an address.
-
-    Raises
-    ------
-    InputError
-        dask.distributed is not installed, or no scheduler answers.
-    """
-    if address is None:
-        yield None, None
-        return
-    try:
-        from distributed import Client
-    except ImportError as error:
-        text = "needs dask.distributed, which is not installed: pip install 'tdcr-fe[dask]'"
-        raise refusal("--dask", text, value=address) from error
-    try:
-        client = Client(address, timeout="20s")
-    except (OSError, ValueError, TimeoutError) as error:
-        raise refusal("--dask", f"no scheduler answers there: {error}", value=address) from error
-    with client:
-        yield client.get_executor(), max(8, 4 * sum(client.nthreads().values()))
 
 
 def _report(result: SweepResult, args: argparse.Namespace) -> int:

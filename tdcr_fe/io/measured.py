@@ -24,7 +24,7 @@ from tdcr_fe.io.readings import (
     read_observations,
     refuse_if_doubtful,
 )
-from tdcr_fe.io.spreadsheet import read_table, table_file
+from tdcr_fe.io.spreadsheet import read_table
 from tdcr_fe.io.toml import digest, read_model_file, read_robot, read_toml
 from tdcr_fe.io.user_effects import apply_effects
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, value_to_toml
@@ -119,8 +119,7 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
     Parameters
     ----------
     folder
-        Contains ``robot.toml``, ``loading.csv``, ``observations.csv`` and, optionally, ``model.toml``. Either table may
-        be an Excel workbook (``loading.xlsx``).
+        Contains ``robot.toml``, ``loading.csv``, ``observations.csv`` and, optionally, ``model.toml``.
     strict
         Refuse readings that are not sound, instead of leaving them out by name.
 
@@ -139,7 +138,7 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
     if not folder.is_dir():
         allowed = "no such folder; must hold robot.toml, loading.csv, observations.csv"
         raise refusal(folder, allowed)
-    paths = [table_file(folder / f"{name}.csv") for name in ("loading", "observations")]
+    paths = [folder / "loading.csv", folder / "observations.csv"]
     of_model = folder / "model.toml"
     (robot, model, settings), loading, observed = read_all(
         lambda: _read_declared(folder), *(partial(read_table, path) for path in paths)

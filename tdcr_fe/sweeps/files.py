@@ -21,27 +21,9 @@ from tdcr_fe.sweeps.result import Message, SweepResult
 
 JOURNAL = "cases.jsonl"
 LOCK = ".cases.lock"
-TABLES = {"csv": "cases.csv", "parquet": "cases.parquet"}
-SUMMARY, REPORT = "summary.json", "report.html"
+TABLE, SUMMARY, REPORT = "cases.csv", "summary.json", "report.html"
 #: Every picture that a sweep may have.
 PICTURE_FILES = ("workspace.png", "sobol_indices.png", "distributions.png", "main_effects.png")
-
-
-def check_format(table: str) -> None:
-    """Refuse a format of the table that cannot be written.
-
-    Raises
-    ------
-    InputError
-        There is no such format, or the package that it needs is not installed.
-    """
-    text = ""
-    if table not in TABLES:
-        text = f"must be one of {', '.join(TABLES)}"
-    elif table == "parquet" and importlib.util.find_spec("pyarrow") is None:
-        text = "needs pyarrow, which is not installed: pip install 'tdcr-fe[parquet]'"
-    if text:
-        raise refusal("--table", text, value=table)
 
 
 def head_of(sweep: Sweep, evaluate: Evaluate | None) -> dict[str, Any]:
@@ -145,9 +127,7 @@ def summary_of(result: SweepResult, head: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def write_sweep(
-    result: SweepResult, out: Path, head: Mapping[str, Any], table: str = "csv", report: bool = True
-) -> None:
+def write_sweep(result: SweepResult, out: Path, head: Mapping[str, Any], report: bool = True) -> None:
     """Write the table of cases, the summary, and the report with its pictures.
 
     Parameters
@@ -158,18 +138,15 @@ def write_sweep(
         Directory, which has the journal.
     head
         First line of the journal.
-    table
-        A key of `TABLES`.
     report
         Whether to write pictures and report.
     """
 
     def write_tables(folder: Path) -> None:
-        write: Any = result.cases.to_csv if table == "csv" else result.cases.to_parquet
-        write(folder / TABLES[table], index=False)
+        result.cases.to_csv(folder / TABLE, index=False)
         write_json(summary_of(result, head), folder / SUMMARY)
 
-    write_folder(out, write_tables, ours=(*TABLES.values(), SUMMARY, REPORT, *PICTURE_FILES))
+    write_folder(out, write_tables, ours=(TABLE, SUMMARY, REPORT, *PICTURE_FILES))
     if report:
         from tdcr_fe.sweeps.report import write_report
 

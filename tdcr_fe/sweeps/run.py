@@ -10,14 +10,14 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.io.processes import worker_pool
 from tdcr_fe.io.store import as_completed
 from tdcr_fe.sweeps.cases import Evaluate, Job, Outcome, solve_case
 from tdcr_fe.sweeps.description import Change, Sweep
-from tdcr_fe.sweeps.files import check_format, head_of, journal, recalled, write_sweep
+from tdcr_fe.sweeps.files import head_of, journal, recalled, write_sweep
 from tdcr_fe.sweeps.read import read_sweep
 from tdcr_fe.sweeps.result import Collected, SweepResult
 
@@ -53,7 +53,6 @@ def sweep(
     effects: Sequence[str | os.PathLike[str]] = (),
     fresh: bool = False,
     retry: bool = False,
-    table: Literal["csv", "parquet"] = "csv",
     report: bool = True,
     progress: Progress | None = None,
 ) -> SweepResult:
@@ -81,8 +80,6 @@ def sweep(
         Start over where ``out`` has the journal of any sweep.
     retry
         Solve again the cases in the journal that did not converge.
-    table
-        "csv", or "parquet" where pyarrow is installed.
     report
         Whether to write pictures and `report.html`.
     progress
@@ -102,7 +99,6 @@ def sweep(
     SweepInterrupted
         The user pressed Ctrl-C; its attribute ``result`` has what was finished.
     """
-    check_format(table)
     begun = time.perf_counter()
     described = source if isinstance(source, Sweep) else read_sweep(source, effects)
     job = Job(replace(described, variations=()), evaluate, tuple(v.column for v in described.variations))
@@ -139,7 +135,7 @@ def sweep(
             stop = interruption
         result = collected.result(described, design, time.perf_counter() - begun, solved)
         if folder is not None:
-            write_sweep(result, folder, head, table, report)
+            write_sweep(result, folder, head, report)
     if stop is not None:
         raise SweepInterrupted(result) from stop
     return result

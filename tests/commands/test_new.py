@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 
 import numpy as np
 import pytest
@@ -120,16 +119,3 @@ def test_schema_is_printed_as_json(capsys, file):
     assert cli.main(["schema", file]) == 0
     schema = json.loads(capsys.readouterr().out)
     assert schema["title"] == f"{file}.toml of tdcr_fe" and schema["properties"]
-
-
-def test_the_completion_knows_commands_options_and_values(capsys):
-    pytest.importorskip("shtab")
-    assert cli.main(["completion", "bash"]) == 0
-    script = capsys.readouterr().out
-    assert all(word in script for word in ("identify", "--processes", "parquet", "_shtab_compgen_files"))
-
-
-def test_without_shtab_the_completion_names_its_extra(capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "shtab", None)
-    assert cli.main(["completion", "zsh"]) == 2
-    assert "pip install 'tdcr-fe[completion]'" in capsys.readouterr().err

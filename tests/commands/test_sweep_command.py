@@ -118,20 +118,3 @@ def test_a_sweep_that_was_stopped_continues(tmp_path, number):
     assert result.solved_now <= 60 - kept + 1 and result.converged
     tdcr.sweep(path, tmp_path / "whole", executor=InProcess(), report=False)
     assert (out / "cases.csv").read_bytes() == (tmp_path / "whole" / "cases.csv").read_bytes()
-
-
-def test_a_parquet_table_has_the_same_rows(tmp_path):
-    pytest.importorskip("pyarrow")
-    path = write_files(tmp_path)
-    result = tdcr.sweep(path, tmp_path / "out", executor=InProcess(), table="parquet", report=False)
-    assert {p.name for p in (tmp_path / "out").iterdir()} >= {"cases.parquet", "cases.jsonl", "summary.json"}
-    read = pd.read_parquet(tmp_path / "out" / "cases.parquet")
-    pd.testing.assert_frame_equal(read, result.cases, check_dtype=False)
-
-
-def test_parquet_without_pyarrow_is_refused_before_anything_is_solved(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    path = write_files(tmp_path)
-    assert cli.main(["sweep", str(path), "-o", str(tmp_path / "out"), "--table", "parquet"]) == 2
-    assert "pip install 'tdcr-fe[parquet]'" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()

@@ -250,7 +250,7 @@ def _inverse(key: str) -> Record:
 def _file(key: str) -> Record:
     """Verdict about a broken input file, and the keys that the message names."""
     found = vars(broken_files.run_case(broken_files.draw(int(key))))
-    named = re.findall(r"(\w+\.(?:toml|csv|xlsx|json)): ([\w.\[\]]+) = ", found["text"])
+    named = re.findall(r"(\w+\.(?:toml|csv|json)): ([\w.\[\]]+) = ", found["text"])
     texts = {name: str(found[name]) for name in ("inputs", "file", "mutation", "key", "outcome", "status")}
     if found["outcome"] == "valid, long":
         texts |= {"outcome": "valid", "status": "0"}
