@@ -82,8 +82,7 @@ def schema(file: str) -> dict[str, Any]:
         found = sweep_schema()
     else:
         found = tdcr_fe.json_schema(file)
-    dropped = {"effects", "model", "solver", "steps", "robot"} if file == "sweep" else {"effects"}
-    return {**found, "properties": {k: v for k, v in found["properties"].items() if k not in dropped}}
+    return {**found, "properties": {k: v for k, v in found["properties"].items() if k != "effects"}}
 
 
 def keys_of(file: str) -> str:

@@ -114,19 +114,16 @@ def _own_effects(paths: tuple[str, ...]) -> tuple[Effect, ...]:
 
 
 def tables_with(sweep: Sweep, changes: Iterable[Change]) -> ScenarioTables:
-    """Tables of scenario and robot with some changes; a robot that is exchanged comes first.
+    """Tables of scenario and robot with some changes.
 
     Raises
     ------
     KeyProblem
-        A key names nothing in the robot of this case.
+        A key names nothing.
     """
-    tables, robots = sweep.tables, dict(sweep.robots)
-    for key, mode, value in sorted(changes, key=lambda change: not change[0].names_robot):
-        if key.names_robot:
-            tables = replace(robots[value], scenario={**tables.scenario, "robot": value})
-        else:
-            tables = set_value(tables, key, partial(_changed, key, mode, value))
+    tables = sweep.tables
+    for key, mode, value in changes:
+        tables = set_value(tables, key, partial(_changed, key, mode, value))
     return tables
 
 

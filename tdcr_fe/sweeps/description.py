@@ -12,19 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.io.toml import ScenarioTables
-from tdcr_fe.model.messages import quoted, shown
+from tdcr_fe.model.messages import quoted
 from tdcr_fe.model.schema import Checked, FieldError, Quantity
 from tdcr_fe.model.units import has_unit
 from tdcr_fe.sweeps.keys import Key, KeyProblem, parse_key, unit_of
-from tdcr_fe.sweeps.sampling import (
-    Distribution,
-    LogNormal,
-    LogUniform,
-    Normal,
-    Triangular,
-    Uniform,
-    unit_points,
-)
+from tdcr_fe.sweeps.sampling import Distribution, LogNormal, Normal, Uniform, unit_points
 
 #: Most cases of a sweep.
 MOST_CASES = 1_000_000
@@ -109,8 +101,7 @@ class Sampling(Checked):
 
 
 #: Keys of ``[[vary]]`` that give its values; exactly one is given.
-VALUES = ("values", "range", "uniform", "loguniform", "normal", "lognormal", "triangular")
-_TEXTS = "a list of keys in quotes, at least one"
+VALUES = ("values", "range", "uniform", "normal", "lognormal")
 _LIST = "a list of values, at least one"
 
 
@@ -121,39 +112,32 @@ class Variation(Checked):
     Attributes
     ----------
     key : str
-    keys : tuple of str
-        What gets the value: one key, or several with the same value.
+        Of what gets the value.
     name : str
         Of the column in the table of cases; empty: the key.
     mode : "value", "factor" or "offset"
         The value replaces, multiplies, or is added to what the files declare.
     values, range
         Of a grid or a list, or equally likely ones of a sample.
-    uniform, loguniform, normal, lognormal, triangular
+    uniform, normal, lognormal
         A distribution.
     """
 
-    key: Annotated[str, Quantity("what varies", allowed="the key of a value, in quotes")] = ""
-    keys: Annotated[tuple[str, ...], Quantity("what varies together", allowed=_TEXTS, min_items=1)] = ()
+    key: Annotated[str, Quantity("what varies", allowed="the key of a value, in quotes")]
     name: Annotated[str, Quantity("name of the column", name=True)] = ""
     mode: Annotated[Mode, Quantity("how the value acts on the declared one")] = "value"
     values: Annotated[tuple[Any, ...], Quantity("values of a list or grid", allowed=_LIST, min_items=1)] = ()
     range: Annotated[Range | None, Quantity("values at equal distances")] = None
     uniform: Uniform | None = None
-    loguniform: LogUniform | None = None
     normal: Normal | None = None
     lognormal: LogNormal | None = None
-    triangular: Triangular | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if bool(self.key) == bool(self.keys):
-            text = "key and keys are both given; exactly one is allowed"
-            raise FieldError("key", self.key, text if self.key else "missing; must be the key of a value")
         try:
-            names_robot = self.names_robot
+            _ = self.place
         except KeyProblem as error:
-            raise FieldError("keys" if self.keys else "key", self.key, str(error)) from error
+            raise FieldError("key", self.key, str(error)) from error
         given = [name for name in VALUES if getattr(self, name)]
         if len(given) != 1:
             text = f"must have exactly one of {', '.join(VALUES)}"
@@ -161,31 +145,23 @@ class Variation(Checked):
         numbers = all(isinstance(x, int | float) and not isinstance(x, bool) for x in self.options)
         if self.mode != "value" and not numbers:
             raise FieldError("mode", quoted(self.mode), "only for values that are numbers")
-        if names_robot and not (self.options and all(isinstance(x, str) for x in self.options)):
-            text = 'must be paths of robot.toml files, in quotes, for key = "robot"'
-            raise FieldError("values", shown(self.values), text)
 
     @property
     def column(self) -> str:
         """Name of its column in the table of cases."""
-        return self.name or self.places[0].text
+        return self.name or self.key
 
     @property
     def label(self) -> str:
         """Its column with the unit of the value, for people."""
-        unit = "factor" if self.mode == "factor" else unit_of(self.places[0])
+        unit = "factor" if self.mode == "factor" else unit_of(self.place)
         text = f"change of {self.column}" if self.mode == "offset" else self.column
         return f"{text} [{unit}]" if has_unit(unit) else text
 
     @cached_property
-    def places(self) -> tuple[Key, ...]:
+    def place(self) -> Key:
         """Where the value stands."""
-        return tuple(parse_key(text) for text in self.keys or (self.key,))
-
-    @property
-    def names_robot(self) -> bool:
-        """Whether the robot as a whole is exchanged."""
-        return any(place.names_robot for place in self.places)
+        return parse_key(self.key)
 
     @cached_property
     def options(self) -> tuple[Any, ...]:
@@ -270,8 +246,6 @@ class Sweep:
     variations : tuple of Variation
     sampling : Sampling
     output : Output
-    robots : tuple of (str, ScenarioTables)
-        Where robots are varied: their paths, and the tables with each robot.
     workspace : bool
         Whether the tensions are varied to find the workspace.
     digests : tuple of (str, str)
@@ -286,7 +260,6 @@ class Sweep:
     variations: tuple[Variation, ...] = ()
     sampling: Sampling = Sampling()
     output: Output = Output()
-    robots: tuple[tuple[str, ScenarioTables], ...] = ()
     workspace: bool = False
     digests: tuple[tuple[str, str], ...] = ()
     path: str = ""
@@ -302,7 +275,7 @@ class Sweep:
 
     def changes(self, design: Design, case: int) -> list[Change]:
         """What changes in a case, counted from 0."""
-        return [(key, v.mode, design[v.column][case]) for v in self.variations for key in v.places]
+        return [(v.place, v.mode, design[v.column][case]) for v in self.variations]
 
     def design(self) -> Design:
         """The cases; the same ones for the same sweep. The last variation of a grid changes fastest."""

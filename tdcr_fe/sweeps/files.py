@@ -28,12 +28,11 @@ PICTURE_FILES = ("workspace.png", "sobol_indices.png", "distributions.png", "mai
 
 def head_of(sweep: Sweep, evaluate: Evaluate | None) -> dict[str, Any]:
     """First line of the journal: all that the outcomes depend on."""
-    tables = to_json([[t.scenario, t.robot] for t in (sweep.tables, *(tables for _, tables in sweep.robots))])
+    tables = to_json([sweep.tables.scenario, sweep.tables.robot])
     variations = []
     for v in sweep.variations:
         kind, values = v.described()
-        keys = [key.text for key in v.places]
-        variations.append({"name": v.column, "keys": keys, "mode": v.mode, kind: values})
+        variations.append({"name": v.column, "key": v.key, "mode": v.mode, kind: values})
     return {
         "input": {name: sha256 for name, sha256 in sweep.digests if name in sweep.effects},
         "tables": hashlib.sha256(tables.encode()).hexdigest(),

@@ -13,7 +13,7 @@ from tdcr_fe.io.toml import ScenarioTables
 from tdcr_fe.model.messages import join, meant, quoted
 
 #: Tables and keys at the top of the two files.
-IN_SCENARIO = (*SCENARIO, "effects")
+IN_SCENARIO = (*(name for name in SCENARIO if name != "robot"), "effects")
 IN_ROBOT = (*ROBOT,)
 
 _PART = re.compile(r'\.(?:"((?:[^"\\]|\\.)*)"|([A-Za-z0-9_-]+))|\[(-?\d+)\]')
@@ -45,11 +45,6 @@ class Key:
     def in_robot(self) -> bool:
         """Whether it stands in `robot.toml`, not in `scenario.toml`."""
         return self.path[0] in IN_ROBOT
-
-    @property
-    def names_robot(self) -> bool:
-        """Whether its value is the path of a `robot.toml`."""
-        return self.path == ("robot",)
 
 
 def parse_key(text: str) -> Key:
@@ -106,7 +101,7 @@ def set_value(tables: ScenarioTables, key: Key, change: Change) -> ScenarioTable
     tables
         Of scenario and robot.
     key
-        Any but the path of the robot.
+        Of the value.
     change
         From the present value to the new one.
 

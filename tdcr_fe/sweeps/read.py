@@ -7,7 +7,6 @@ import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,23 +14,14 @@ import numpy as np
 
 from tdcr_fe.effects import Effect
 from tdcr_fe.io.keys import json_schema
-from tdcr_fe.io.problems import InputError, Problem, Reporter, refusal
-from tdcr_fe.io.toml import (
-    Scenario,
-    ScenarioTables,
-    build_scenario,
-    digest,
-    read_scenario_tables,
-    read_toml,
-    with_robot_table,
-)
+from tdcr_fe.io.problems import InputError, Problem, Reporter
+from tdcr_fe.io.toml import Scenario, ScenarioTables, build_scenario, digest, read_scenario_tables, read_toml
 from tdcr_fe.io.user_effects import read_own_effects
-from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
-from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
+from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
+from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.messages import PlausibilityWarning, issue, join, meant, quoted, shown
 from tdcr_fe.model.plausibility import plausibility, warn_of_implausible
-from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.schema import Keys, Mistake, Quantity, keys_of
+from tdcr_fe.model.schema import Keys, Mistake, Quantity
 from tdcr_fe.model.targets import TensionLimits
 from tdcr_fe.model.units import number_or_none, with_units
 from tdcr_fe.sweeps.cases import ABOUT_CASE, columns_of_steps, tables_with
@@ -47,19 +37,16 @@ from tdcr_fe.sweeps.description import (
     Variation,
     Workspace,
 )
-from tdcr_fe.sweeps.keys import IN_SCENARIO, KeyProblem, parse_key, unit_of
+from tdcr_fe.sweeps.keys import KeyProblem, parse_key, unit_of
 from tdcr_fe.sweeps.sampling import Uniform
 
 #: Most values of one variation that are checked (of more, as many at equal distances), and most cases that are tried
 #: with a value that is wrong alone.
 MOST_CHECKED, MOST_TRIED = 200, 30
-#: What stands in the scenario for a robot that has no file.
-OBJECT = "(robot given in Python)"
-
 
 _PATH = "the path of a scenario.toml, in quotes, relative to this file"
 _TABLES = "tables [[vary]], one for each variation"
-#: Keys at the top of ``sweep.toml``; without ``scenario`` also those of a scenario.
+#: Keys at the top of ``sweep.toml``.
 TOP = Keys(
     {
         "scenario": Annotated[str, Quantity("path of the scenario", allowed=_PATH)],
@@ -68,24 +55,19 @@ TOP = Keys(
         "workspace": Annotated[Workspace, Quantity("a table [workspace] with largest")],
         "output": Annotated[Output, Quantity("a table [output] with steps, quantities")],
     },
-    {"scenario": None, "sampling": Sampling(), "vary": (), "workspace": None, "output": Output()},
+    {"sampling": Sampling(), "vary": (), "workspace": None, "output": Output()},
 )
+#: Objects that a sweep in Python may have in place of the path of a scenario.
+OBJECTS = ("robot", "model", "steps", "solver")
 
 
 def sweep_schema() -> dict[str, Any]:
     """JSON schema (draft 2020-12) of ``sweep.toml``; `json_schema` has those of the other files."""
-    scenario, top = json_schema("scenario"), TOP.json_schema["properties"]
-    table = Keys(keys_of(Variation), {**dict.fromkeys(keys_of(Variation)), "mode": "value"}).json_schema
-    one_key = [{"required": ["key"]}, {"required": ["keys"]}]
-    table |= {"oneOf": one_key, "anyOf": [{"required": [name]} for name in VALUES]}
-    return {
-        "$schema": scenario["$schema"],
-        "title": "sweep.toml of tdcr_fe",
-        "type": "object",
-        "properties": {**top, "vary": {**top["vary"], "items": table}, **scenario["properties"]},
-        "additionalProperties": False,
-        "anyOf": [{"required": ["scenario"]}, {"required": ["robot"]}],
-    }
+    schema = TOP.json_schema
+    vary = schema["properties"]["vary"]
+    table = {**vary["items"], "anyOf": [{"required": [name]} for name in VALUES]}
+    head = {"$schema": json_schema("scenario")["$schema"], "title": "sweep.toml of tdcr_fe"}
+    return {**schema, **head, "properties": {**schema["properties"], "vary": {**vary, "items": table}}}
 
 
 def read_sweep(
@@ -96,8 +78,8 @@ def read_sweep(
     Parameters
     ----------
     source
-        Path of a `sweep.toml`, or its contents. There ``robot``, ``model`` and ``steps`` may be objects, and paths are
-        relative to the working directory.
+        Path of a `sweep.toml`, or its contents. There ``robot``, ``model``, ``steps`` and ``solver`` may be objects in
+        place of the path of a scenario, and paths are relative to the working directory.
     effects
         Python files with effects of your own.
 
@@ -107,10 +89,14 @@ def read_sweep(
         With every mistake in the sweep and the files that it names.
     """
     if isinstance(source, Mapping):
-        (data, robot), path, sha256 = _as_tables(source), Path("sweep"), ""
+        path, digests = Path("sweep"), {}
+        objects = {name: x for name, x in source.items() if name in OBJECTS}
+        data = {name: x for name, x in source.items() if name not in OBJECTS}
+        data |= {"scenario": "(objects)"} if objects else {}
     else:
-        path = Path(source)
-        (data, sha256), robot = read_toml(path), None
+        path, objects = Path(source), {}
+        data, sha256 = read_toml(path)
+        digests = {str(path): sha256}
     report = Reporter(str(path))
 
     def sound(read: Callable[[], Any]) -> Any:
@@ -121,46 +107,42 @@ def read_sweep(
             report.problems.extend(error.problems)
 
     user_effects: Sequence[Effect] = sound(lambda: read_own_effects(effects)) or ()
-    top, bad = _top(data, report)
-    tables: Any = None if "scenario" in bad else sound(lambda: _base_tables(data, robot, path))
+    top = _top(data, report)
+    tables: Any = None
+    if objects:
+        tables = _tables_of(objects, path)
+    elif "scenario" in top:
+        tables = sound(lambda: read_scenario_tables(path.parent / top["scenario"]))
     scenario: Any = tables and sound(lambda: build_scenario(tables, user_effects))
-    if report.problems:
-        raise InputError(report.problems)
+    report.refuse()
     sampling, output, workspace = top["sampling"], top["output"], top["workspace"]
     variations = (*top["vary"], *(_workspace(workspace, scenario, sampling, report) if workspace else ()))
     _check_output(output, scenario, report)
-    robots = _robots(variations, tables, report)
-    files = [tables, *robots.values()]
-    digests = {str(path): sha256} | {k: v for t in files for k, v in t.digests.items()}
-    digests |= {str(p): digest(p) for p in effects}
+    digests |= {**tables.digests, **{str(p): digest(p) for p in effects}}
     sweep = Sweep(
         tables,
         variations,
         sampling,
         output,
-        tuple(robots.items()),
         workspace is not None,
-        tuple(sorted((k, v) for k, v in digests.items() if v)),
+        tuple(sorted((name, sha256) for name, sha256 in digests.items() if sha256)),
         str(path),
         tuple(str(p) for p in effects),
     )
     _check_together(sweep, scenario, report)
-    implausible = [] if report.problems else _check_values(sweep, user_effects, report)
-    if report.problems:
-        raise InputError(report.problems)
+    report.refuse()
+    implausible = _check_values(sweep, user_effects, report)
+    report.refuse()
     declared: Sequence[str] = ()
     with suppress(ValueError):  # of a case that is refused the reason is in the table
         declared = warn_of_implausible(scenario.robot, scenario.model, scenario.steps).warnings
-    issue(
-        [text for text in implausible if text.partition(": ")[2] not in declared],
-        PlausibilityWarning,
-        depth=3,
-    )
+    new = [text for text in implausible if text.partition(": ")[2] not in declared]
+    issue(new, PlausibilityWarning, depth=3)
     return sweep
 
 
-def _top(data: dict[str, Any], report: Reporter) -> tuple[dict[str, Any], set[str]]:
-    """Tables of the sweep, and the names of those that are wrong; values of variations may be texts with a unit."""
+def _top(data: dict[str, Any], report: Reporter) -> dict[str, Any]:
+    """Tables of the sweep but those that are wrong; values of variations may be texts with a unit."""
     given = data.get("vary")
     units = [_unit(table) for table in given] if isinstance(given, list) else []
     if units:
@@ -173,15 +155,14 @@ def _top(data: dict[str, Any], report: Reporter) -> tuple[dict[str, Any], set[st
             mistake = mistake._replace(allowed=text)
         report.mistake(mistake)
 
-    return TOP.read(data, "", note, [k for k in IN_SCENARIO if "scenario" not in data])
+    return TOP.read(data, "", note)[0]
 
 
 def _unit(table: Any) -> str:
     """Unit of the values of a variation; empty for factors, and where its key is wrong."""
     try:
-        keys = [table["key"]] if "key" in table else table["keys"]
-        return "" if table.get("mode") == "factor" else unit_of(parse_key(keys[0]))
-    except (AttributeError, IndexError, KeyError, TypeError, KeyProblem):
+        return "" if table.get("mode") == "factor" else unit_of(parse_key(table["key"]))
+    except (AttributeError, KeyError, TypeError, KeyProblem):
         return ""
 
 
@@ -195,46 +176,18 @@ def _with_numbers(values: Any, unit: str) -> Any:
     return values if number is None else number
 
 
-def _as_tables(source: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any] | None]:
-    """Contents given in Python as `sweep.toml` would have them, and the tables of the robot where it is an object.
+def _tables_of(objects: Mapping[str, Any], path: Path) -> ScenarioTables:
+    """Tables of a scenario that is given by objects.
 
     Raises
     ------
     ValueError
         The robot has what the file format cannot express.
     """
-    data, robot = dict(source), None
-    if isinstance(data.get("robot"), Robot):
-        robot, data["robot"] = tomllib.loads(robot_to_toml(data["robot"])), OBJECT
-    if isinstance(model := data.get("model"), Model):
-        data["model"] = tomllib.loads(model_to_toml(model))["model"]
-    if isinstance(solver := data.get("solver"), SolverSettings):
-        data["solver"] = tomllib.loads(model_to_toml(Model(), solver))["solver"]
-    if "steps" in data:
-        data["steps"] = [
-            tomllib.loads(scenario_to_toml(Model(), [s]))["steps"][0] if isinstance(s, LoadStep) else s
-            for s in data["steps"]
-        ]
-    return data, robot
-
-
-def _base_tables(data: Mapping[str, Any], robot: dict[str, Any] | None, path: Path) -> ScenarioTables:
-    """Tables that are varied, from the file that the sweep names or from the sweep itself.
-
-    Raises
-    ------
-    InputError
-        There are none, or the file cannot be read.
-    """
-    if "scenario" in data:
-        return read_scenario_tables(path.parent / data["scenario"])
-    if "robot" not in data:
-        text = "missing; must be the path of a scenario.toml, or robot that of a robot.toml"
-        raise refusal(path, text, "scenario")
-    scenario = {k: data[k] for k in IN_SCENARIO if k in data}
-    if "workspace" in data:
-        scenario.setdefault("steps", [{"label": "workspace"}])
-    return with_robot_table(scenario, path) if robot is None else ScenarioTables(scenario, robot, path, path)
+    model, steps = objects.get("model", Model()), objects.get("steps", [LoadStep("workspace")])
+    scenario = scenario_to_toml(model, steps, settings=objects.get("solver"))
+    robot = robot_to_toml(objects["robot"])
+    return ScenarioTables(tomllib.loads(scenario), tomllib.loads(robot), path, path)
 
 
 def _workspace(table: Workspace, scenario: Scenario, sampling: Sampling, report: Reporter) -> list[Variation]:
@@ -277,18 +230,6 @@ def _check_output(output: Output, scenario: Scenario, report: Reporter) -> None:
             report(f"output.quantities[{i}]", shown(name), text)
 
 
-def _robots(
-    variations: Sequence[Variation], tables: ScenarioTables, report: Reporter
-) -> dict[str, ScenarioTables]:
-    """Tables with every robot that a variation names, by its path."""
-    by_path: dict[str, ScenarioTables] = {}
-    for v in variations:
-        for name in v.options if v.names_robot else ():
-            by_path[name] = with_robot_table({**tables.scenario, "robot": name}, tables.path)
-            report.problems.extend(replace(p, file=report.file) for p in by_path[name].problems)
-    return by_path
-
-
 def _check_together(sweep: Sweep, scenario: Scenario, report: Reporter) -> None:
     """Contradictions between the variations."""
     variations, sampling = sweep.variations, sweep.sampling
@@ -321,53 +262,50 @@ def _check_values(sweep: Sweep, user_effects: Sequence[Effect], report: Reporter
     A value is refused where it is wrong alone, all others as declared, and in every case tried that has it as well.
     Other contradictions, which only some combinations have, become the status of their cases.
     """
-    design, random, implausible = sweep.design(), np.random.default_rng(0), list[str]()
+    design, implausible, found = sweep.design(), dict[str, None](), dict[tuple[str, str, str], None]()
 
-    def mistakes(changes: Sequence[Change], where: str = "") -> list[Problem]:
-        """Of the files with some changes; a key that names nothing is one without a key."""
+    def build(changes: Sequence[Change]) -> tuple[Scenario | None, Sequence[Problem]]:
+        """The scenario with some changes, or its mistakes; a key that names nothing is one without a key."""
         try:
-            scenario = build_scenario(tables_with(sweep, changes), user_effects)
-            with suppress(ValueError):
-                found = plausibility(scenario.robot, scenario.model, scenario.steps) if where else None
-                implausible.extend(f"{where}: {text}" for text in (found.warnings if found else ()))
+            return build_scenario(tables_with(sweep, changes), user_effects), ()
         except KeyProblem as error:
-            return [Problem("", "", "", str(error))]
+            return None, [Problem("", "", "", str(error))]
         except InputError as error:
-            return list(error.problems)
-        return []
+            return None, error.problems
 
-    for i, (v, values) in enumerate(zip(sweep.variations, design.values(), strict=True)):
+    for i, v in enumerate(sweep.variations):
         where = "workspace" if sweep.workspace and v.column.startswith("pull_") else f"vary[{i}]"
-        reports: dict[tuple[str, str, str], None] = {}
-        for value, same in _checked(v, values):
-            if problems := mistakes([(key, v.mode, value) for key in v.places], where):
-                tried = random.choice(same, min(len(same), MOST_TRIED), replace=False)
-                if all(mistakes(sweep.changes(design, k)) for k in tried):
-                    reports |= dict.fromkeys(_said(where, v, value, p) for p in problems)
-        for text in reports:
-            report(*text)
-    return list(dict.fromkeys(implausible))
+        for value, cases in _checked(v, design[v.column]):
+            scenario, problems = build([(v.place, v.mode, value)])
+            if scenario is not None:
+                with suppress(ValueError):
+                    warnings = plausibility(scenario.robot, scenario.model, scenario.steps).warnings
+                    implausible |= dict.fromkeys(f"{where}: {text}" for text in warnings)
+            elif not any(build(sweep.changes(design, case))[0] for case in cases):
+                found |= dict.fromkeys(_said(where, v, value, p) for p in problems)
+    for text in found:
+        report(*text)
+    return list(implausible)
 
 
 def _checked(v: Variation, values: list[Any]) -> Iterator[tuple[Any, list[int]]]:
-    """Values that are checked, options or the smallest and the largest number, and the cases that have them."""
+    """Values that are checked, options or the smallest and the largest number, and some cases that have them."""
     cases: dict[str, list[int]] = {}
     for case, value in enumerate(values):
         cases.setdefault(repr(value), []).append(case)
     every = v.options or (min(values), max(values))
     for k in np.linspace(0, len(every) - 1, min(len(every), MOST_CHECKED)).astype(int):
         if same := cases.get(repr(every[k])):
-            yield every[k], same
+            yield every[k], same[:: max(1, len(same) // MOST_TRIED)]
 
 
 def _said(where: str, v: Variation, value: Any, problem: Problem) -> tuple[str, str, str]:
     """Key, value and what is allowed of a mistake of the files, said of the variation that made it."""
-    texts = [place.text for place in v.places]
     if not problem.key or problem.allowed.startswith("unknown"):
-        return f"{where}.key", ", ".join(map(quoted, texts)), problem.allowed
-    about = problem.allowed if problem.key in texts else f"{problem.key} = {problem.value}: {problem.allowed}"
+        return f"{where}.key", quoted(v.key), problem.allowed
+    about = problem.allowed if problem.key == v.key else f"{problem.key} = {problem.value}: {problem.allowed}"
     kind, _ = v.described()
     if v.distribution is None:
-        return f"{where}.{kind}", shown(value), f"{', '.join(texts)}: {about}"
-    text = f"the sample has this value of {texts[0]}: {about}; bounds (lower, upper) leave such values out"
+        return f"{where}.{kind}", shown(value), f"{v.key}: {about}"
+    text = f"the sample has this value of {v.key}: {about}; bounds (lower, upper) leave such values out"
     return f"{where}.{kind}", f"{value:.6g}", text

@@ -58,7 +58,7 @@ def _page(result: SweepResult, figures: dict[str, Figure]) -> Page:
         sections.append(Section(anchor, PICTURES[name].title, "picture.html.j2", context, folded=folded))
     note = "A factor multiplies the declared value, an offset is added to it."
     inputs = [_input(v) for v in result.sweep.variations]
-    sections.append(_table("inputs", "What was varied", ("column", "keys", "mode", "values"), inputs, note))
+    sections.append(_table("inputs", "What was varied", ("column", "key", "mode", "values"), inputs, note))
     if result.warnings:
         warned = [(m.count, m.case, m.example) for m in result.warnings[:MOST_WARNINGS]]
         columns = ("times", "first case", "warning of that case")
@@ -185,8 +185,7 @@ def _input(v: Variation) -> tuple[object, ...]:
         what = ", ".join(map(value_text, v.options))
     else:
         what = f"{len(v.options)} values from {value_text(v.options[0])} to {value_text(v.options[-1])}"
-    keys = ", ".join(place.text for place in v.places)
-    return v.label, "" if keys == v.column else keys, v.mode, what
+    return v.label, "" if v.key == v.column else v.key, v.mode, what
 
 
 def _left_out(name: str, result: SweepResult) -> str:

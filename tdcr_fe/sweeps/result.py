@@ -91,8 +91,7 @@ class Collected:
 
     def _order(self, sweep: Sweep) -> dict[str, int]:
         """Columns of the results: those of the load steps, step by step, then others by name."""
-        robots = [sweep.tables.robot, *(tables.robot for _, tables in sweep.robots)]
-        tendons = dict.fromkeys(str(t["name"]) for robot in robots if robot for t in robot.get("tendons", ()))
+        tendons = [str(t["name"]) for t in (sweep.tables.robot or {}).get("tendons", ())]
         suffixes = sweep.output.suffixes(len(sweep.tables.scenario["steps"]))
         names = [f"{name}{suffix}" for suffix in suffixes for name in columns_of_steps(tendons)]
         return {name: k for k, name in enumerate(dict.fromkeys([*names, *sorted(self._numbers)]))}

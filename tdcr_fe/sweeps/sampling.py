@@ -63,24 +63,6 @@ class Uniform(Distribution):
 
 
 @dataclass(frozen=True)
-class LogUniform(Distribution):
-    """The logarithm is uniform.
-
-    Attributes
-    ----------
-    lower, upper : float
-        Of the value itself, above zero.
-    """
-
-    lower: Annotated[float, Quantity("smallest value", gt=0.0)]
-    upper: Annotated[float, Quantity("largest value", gt=0.0)]
-
-    def frozen(self) -> Any:
-        """See `Distribution.frozen`."""
-        return stats.loguniform(self.lower, self.upper)
-
-
-@dataclass(frozen=True)
 class Normal(Distribution):
     """Gaussian, truncated where bounds are given.
 
@@ -145,27 +127,6 @@ def _truncated(mean: float, std: float, lower: float | None, upper: float | None
     if whole.cdf(high) - whole.cdf(low) < _LEAST:
         raise ValueError("the bounds lower and upper leave out the whole distribution")
     return stats.truncnorm((low - mean) / std, (high - mean) / std, mean, std)
-
-
-@dataclass(frozen=True)
-class Triangular(Distribution):
-    """Density that rises linearly to the mode and falls linearly from there.
-
-    Attributes
-    ----------
-    lower, mode, upper : float
-    """
-
-    lower: Annotated[float, Quantity("smallest value")]
-    mode: Annotated[float, Quantity("most likely value")]
-    upper: Annotated[float, Quantity("largest value")]
-
-    def frozen(self) -> Any:
-        """See `Distribution.frozen`."""
-        if not self.lower <= self.mode <= self.upper:
-            raise ValueError(f"mode = {self.mode:g}; must lie between lower and upper")
-        width = self.upper - self.lower
-        return stats.triang((self.mode - self.lower) / width, self.lower, width)
 
 
 def unit_points(method: str, samples: int, dimensions: int, seed: int) -> Array:

@@ -209,18 +209,6 @@ def test_chosen_steps_and_quantities(tmp_path):
     assert result.cases["tension_t1_step2"].tolist() == [0.5, 0.5, 1.0, 1.0, 1.5, 1.5]
 
 
-def test_robots_are_exchanged_by_their_files(tmp_path):
-    text = (
-        'scenario = "scenario.toml"\n[[vary]]\nkey = "robot"\nvalues = ["robot.toml", "long.toml"]\n'
-        '[[vary]]\nkey = "tip_mass"\nvalues = [0.0, 0.1]\n'
-    )
-    path = write_files(tmp_path, text, scenario=SCENARIO.replace("1.0", "0.1"))
-    (tmp_path / "long.toml").write_text((tmp_path / "robot.toml").read_text().replace("0.2\n", "0.3\n"))
-    cases = tdcr.sweep(path, executor=InProcess()).cases
-    assert cases["robot"].tolist() == ["robot.toml"] * 2 + ["long.toml"] * 2
-    assert (cases["tip_z"][2:] > cases["tip_z"][:2].max() + 0.05).all()
-
-
 def test_a_sweep_from_objects(tmp_path):
     path = write_files(tmp_path)
     from_files = tdcr.sweep(path, executor=InProcess()).cases

@@ -54,7 +54,12 @@ INPUTS: tuple[Inputs, ...] = (
         {**_ROBOT, "scenario.toml": "scenario.toml", "sweep.toml": "sweep.toml"},
         weight=3,
     ),
-    Inputs("sweep, grid", "sweep {}/sweep.toml --check", {**_PLAIN, "sweep.toml": "grid.toml"}, weight=2),
+    Inputs(
+        "sweep, grid",
+        "sweep {}/sweep.toml --check",
+        {**_ROBOT, "scenario.toml": "scenario.toml", "sweep.toml": "grid.toml"},
+        weight=2,
+    ),
     Inputs("view", "view {}", {}, weight=2),
 )
 
