@@ -12,7 +12,7 @@ import os
 import re
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from tdcr_fe import __version__
 from tdcr_fe.commands.catalogue import COMMANDS
@@ -153,17 +153,6 @@ def _print_json(noted: Noted, command: str, status: int) -> None:
     sys.stdout.flush()
 
 
-class _Version(argparse.Action):
-    """Prints the version, and by what the friction path is computed."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *rest: Any) -> None:
-        from tdcr_fe.compiled import numba_version  # imports numpy
-
-        numba = numba_version()
-        print(f"tdcr-fe {__version__} " + (f"(compiled by numba {numba})" if numba else "(not compiled)"))
-        parser.exit()
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="tdcr-fe",
@@ -171,7 +160,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Exit status: 0 done, 1 the model did not converge or nothing could be written, 2 the input is wrong, "
         "130 interrupted (143 by SIGTERM).",
     )
-    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
+    parser.add_argument("--version", action="version", version=f"tdcr-fe {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
     for name, command in COMMANDS.items():
         epilog = "\n  ".join(["Examples:", *(f"tdcr-fe {example}" for example in command.examples)])

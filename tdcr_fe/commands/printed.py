@@ -2,123 +2,70 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
+
+import numpy as np
+import pandas as pd
 
 from tdcr_fe.model.messages import count
+from tdcr_fe.model.results import SequenceResult
 
-if TYPE_CHECKING:
-    from tdcr_fe.model.results import SequenceResult, StepResult
-
-#: More tendons than this are printed in tables of their own.
-MOST_IN_ROW = 3
-#: Most tendons in one table.
-MOST_IN_TABLE = 9
+#: Columns of a terminal; wider tables are printed in blocks.
+WIDTH = 110
+#: Longest label that is printed in full [characters].
+LONGEST_LABEL = 24
 
 
 def print_result(result: SequenceResult, out: Path, written: Sequence[Path]) -> None:
     """Print the tables of a result and the names of the files."""
     if result.steps:
-        print(
-            "\n\n".join(
-                filter(None, [step_tables(result), sensitivity_table(result), *response_tables(result)])
-            )
-        )
-        print()
+        print("\n\n".join([step_table(result), *derivative_tables(result)]), end="\n\n")
     print(f"{count(len(result.steps), 'step')} in {result.wall_time:.2f} s. Written to {out}:")
     print("    " + ", ".join(p.name for p in written))
 
 
-def step_tables(result: SequenceResult) -> str:
-    """The steps of a result; tensions and displacements of many tendons are tables of their own below."""
-    names = result.robot.tendon_names
-    if len(names) <= MOST_IN_ROW:
-        head = [*(f"{n} [N]" for n in names), *(f"{n} [mm]" for n in names)]
-        return _steps(result, head, lambda s: [*_tensions(s), *_displacements(s)])
-    parts = [_steps(result, [], lambda s: [])]
-    for title, values in (
-        ("tension at the base [N]", _tensions),
-        ("pulled in at the base [mm]", _displacements),
-    ):
-        for some in _groups(names):
-            head = ["step", *names[some]]
-            rows = [[str(s.step), *values(s)[some]] for s in result.steps]
-            parts.append(f"{title}\n{_aligned(head, rows)}")
-    return "\n\n".join(parts)
+def step_table(result: SequenceResult) -> str:
+    """One row per load step, with tensions and displacements of the tendons, tip, angle and substeps."""
+    frame, names = result.to_frame().set_index("step"), result.robot.tendon_names
+    labels = [s.label if len(s.label) <= LONGEST_LABEL else f"{s.label[:21]}..." for s in result.steps]
+    width = max(map(len, ["label", *labels]))
+    columns: dict[str, Any] = {"label".ljust(width): [text.ljust(width) for text in labels]}
+    columns |= {f"{n} [N]": frame[f"tension_{n}"].map("{:.4g}".format) for n in names}
+    columns |= {f"{n} [mm]": _fixed(1e3 * frame[f"displacement_{n}"], 3) for n in names}
+    tip = {"tip x": "x", "y": "y", "z [mm]": "z"}
+    columns |= {title: _fixed(1e3 * frame[f"tip_{axis}"], 2) for title, axis in tip.items()}
+    columns["bending [deg]"] = _fixed(frame["bending_angle_deg"], 3)
+    columns["substeps"] = [f"{s.substeps}" + " (failed)" * (not s.converged) for s in result.steps]
+    return _text(pd.DataFrame(columns, frame.index).rename_axis(index=None, columns="step"))
 
 
-def _tensions(step: StepResult) -> list[str]:
-    return [f"{t:.4g}" for t in step.base_tensions]
-
-
-def _displacements(step: StepResult) -> list[str]:
-    return [f"{1e3 * d + 0.0:.3f}" for d in step.displacements.round(9)]
-
-
-def _steps(result: SequenceResult, head: list[str], tendons: Callable[[StepResult], list[str]]) -> str:
-    """One row a step, with columns of the tendons."""
-    rows = [
-        [
-            str(s.step),
-            s.label if len(s.label) <= 24 else s.label[:21] + "...",
-            *tendons(s),
-            *(f"{1e3 * x + 0.0:.2f}" for x in s.tip.round(9)),
-            f"{math.degrees(s.bending_angle):.3f}",
-            str(s.substeps) if s.converged else f"{s.substeps} (failed)",
-        ]
-        for s in result.steps
-    ]
-    tip = ["tip x", "y", "z [mm]", "bending [deg]", "substeps"]
-    return _aligned(["step", "label", *head, *tip], rows, left=1)
-
-
-def sensitivity_table(result: SequenceResult) -> str:
-    """Derivatives at the end of the last step; empty where there are none."""
-    if not result.sensitivities:
-        return ""
-    head = ["last step, derivative by", "at", "tip x", "y", "z [m]", "rotation x", "y", "z [rad]"]
-    rows = [
-        [
-            p.parameter,
-            "" if math.isnan(p.value) else f"{p.value:.6g}",  # an input has a value of its own in every step
-            *(f"{x:.4g}" for x in (*p.positions[-1, -1], *p.rotations[-1, -1])),
-        ]
-        for p in result.sensitivities.values()
-    ]
-    return _aligned(head, rows, left=0)
-
-
-def response_tables(result: SequenceResult) -> Iterator[str]:
-    """Compliance of the tip and stiffness of the motors after the last step, where they were computed."""
-    names = result.robot.tendon_names
-    for each in result.steps[-1].responses:
+def derivative_tables(result: SequenceResult) -> Iterator[str]:
+    """Derivatives, compliance of the tip and stiffness of the motors after the last step, where they were asked for."""
+    last, names = result.steps[-1], list(result.robot.tendon_names)
+    if result.sensitivities:
+        rows = {
+            p.parameter: [*p.positions[-1, -1], *p.rotations[-1, -1]] for p in result.sensitivities.values()
+        }
+        head = ["tip x", "y", "z [m]", "rotation x", "y", "z [rad]"]
+        yield "last step, derivative by\n" + _text(pd.DataFrame(rows, head).T)
+    for each in last.responses:
         holes = "all holes stick (reversal)" if each.reversal else "holes as they are"
         tip = f"tip after the last step, {holes}: displacement by"
-        for title, rows, columns, values in (
-            (f"{tip} force [mm/N]", "xyz", ("x", "y", "z"), 1e3 * each.compliance[:3, :3]),
-            (f"{tip} tension [mm/N]", "xyz", names, 1e3 * each.by_tension[:3]),
-            (f"tension by displacement, {holes} [N/mm]", names, names, 1e-3 * each.motor_stiffness),
-        ):
-            for some in _groups(columns):
-                body = [[row, *(f"{x:.4g}" for x in v[some])] for row, v in zip(rows, values, strict=True)]
-                yield f"{title}\n{_aligned(['', *columns[some]], body)}"
+        force = pd.DataFrame(1e3 * each.compliance[:3, :3], list("xyz"), list("xyz"))
+        yield f"{tip} force [mm/N]\n{_text(force)}"
+        if names:
+            tension = pd.DataFrame(1e3 * each.by_tension[:3], list("xyz"), names)
+            yield f"{tip} tension [mm/N]\n{_text(tension)}"
+            stiffness = pd.DataFrame(1e-3 * each.motor_stiffness, names, names)
+            yield f"tension by displacement, {holes} [N/mm]\n{_text(stiffness)}"
 
 
-def _groups(names: Sequence[str]) -> Iterator[slice]:
-    """Slices of the tendons that have one table each."""
-    for start in range(0, len(names), MOST_IN_TABLE):
-        yield slice(start, start + MOST_IN_TABLE)
+def _fixed(values: pd.Series, digits: int) -> pd.Series:
+    """Numbers with so many digits, without a negative zero."""
+    return (values.round(9) + np.float64(0.0)).map(f"{{:.{digits}f}}".format)
 
 
-def _aligned(head: list[str], rows: list[list[str]], left: int | None = None) -> str:
-    """A table with all columns but one aligned to the right."""
-    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
-    return "\n".join(
-        "  ".join(
-            text.ljust(w) if i == left else text.rjust(w)
-            for i, (text, w) in enumerate(zip(row, widths, strict=True))
-        )
-        for row in [head, ["-" * w for w in widths], *rows]
-    )
+def _text(table: pd.DataFrame) -> str:
+    return table.to_string(float_format="{:.4g}".format, line_width=WIDTH)

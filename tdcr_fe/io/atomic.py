@@ -7,7 +7,6 @@ import math
 import os
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +42,7 @@ def write_text(text: str, path: str | os.PathLike[str]) -> None:
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}-{os.getpid()}.partial")
+    partial = path.with_name(f".{path.name}.partial")
     try:
         # names of files may contain any byte
         partial.write_text(text, encoding="utf-8", errors="backslashreplace", newline="")
@@ -108,8 +107,8 @@ def write_folder(
     out = check_output_folder(out)
     existed = out.is_dir()
     out.parent.mkdir(parents=True, exist_ok=True)
-    staging = (out if existed else out.parent) / f".{out.name or 'out'}-{os.getpid()}.partial"
-    shutil.rmtree(staging, ignore_errors=True)
+    staging = (out if existed else out.parent) / f".{out.name or 'out'}.partial"
+    shutil.rmtree(staging, ignore_errors=True)  # of a run that was killed
     staging.mkdir()
     try:
         write(staging)
@@ -126,20 +125,4 @@ def write_folder(
         raise
     finally:
         shutil.rmtree(staging, ignore_errors=True)
-    for left in (*out.glob(".*.partial"), *out.parent.glob(f".{escape(out.name)}-*.partial")):
-        if _ended(left.stem.rpartition("-")[2]):
-            shutil.rmtree(left) if left.is_dir() else left.unlink()
     return [out / name for name in names]
-
-
-def _ended(process: str) -> bool:
-    """Whether the process that left something behind, by its number, was killed."""
-    if os.name != "posix" or not process.isdecimal():
-        return False
-    try:
-        os.kill(int(process), 0)
-    except ProcessLookupError:
-        return True
-    except OSError:  # it belongs to someone else
-        pass
-    return False

@@ -5,20 +5,19 @@ The columns of the tables are in `tdcr_fe.model.columns`.
 
 from __future__ import annotations
 
-import dataclasses
 import importlib.metadata
 import os
 import platform
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from tdcr_fe import __version__
 from tdcr_fe.compiled import is_compiled, numba_version
 from tdcr_fe.io.atomic import write_folder, write_json, write_text
-from tdcr_fe.io.loading_table import loading_table, without_columns
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
-from tdcr_fe.model.loading import SolverSettings, resolve
+from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.model.plausibility import understood
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.targets import FollowResult
@@ -56,11 +55,7 @@ def _inputs(result: SequenceResult, step: StepResult) -> dict[str, Any]:
     state = step.actuation
     if state is None:
         return {}
-    loads = {
-        name: {"at": x.at, "force": list(x.force), "moment": list(x.moment), "frame": x.frame}
-        for name, x in state.loads.items()
-        if any(x.force) or any(x.moment)
-    }
+    loads = {name: asdict(x) for name, x in state.loads.items() if any(x.force) or any(x.moment)}
     names = result.robot.tendon_names
     driven = [n for n, driven in zip(names, state.by_displacement, strict=True) if driven]
     return {**({"loads": loads} if loads else {}), **({"displacement_controlled": driven} if driven else {})}
@@ -91,7 +86,7 @@ def summary(
         "versions": versions(),
         "input": {name: {"sha256": sha256} for name, sha256 in (digests or {}).items()},
         "robot": {"name": result.robot.name, "tendons": list(result.robot.tendon_names)},
-        "model": {f.name: getattr(model, f.name) for f in dataclasses.fields(model)},
+        "model": asdict(model),
         "geometry": geometry(result),
         "mesh": {"elements_per_bay": list(result.elements_per_bay)},
         "settings": dict(result.settings),
@@ -219,10 +214,6 @@ def write_follow(
         scenario = scenario_to_toml(sequence.model, result.steps, settings=settings)
         (folder / "robot.toml").write_text(robot_to_toml(result.robot), encoding="utf-8")
         (folder / "scenario.toml").write_text(scenario, encoding="utf-8")
-        numbers = range(1, len(result.steps) + 1)
-        if not without_columns(result.robot, resolve(result.robot, result.steps)):
-            table = loading_table(result.robot, list(numbers), result.steps, [""] * len(result.steps))
-            table.to_csv(folder / "loading.csv", index=False)
 
     asked = len(result.targets) if targets_asked is None else targets_asked
     steps_asked = len(result.steps) - len(result.targets) + asked

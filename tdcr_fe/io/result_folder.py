@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import os
 from collections.abc import Iterable, Sequence
@@ -49,13 +48,12 @@ def _table(path: Path, numbers: Sequence[str], texts: Sequence[str] = ()) -> pd.
         raise refusal(path, f"not a table of results: {str(error).splitlines()[0]}") from error
 
 
-def _by_step(rows: pd.DataFrame, path: Path, steps: Sequence[int], tendon: str = "") -> Array:
-    """The numbers of a table that has the same rows in every step, shape (n_steps, n_rows, n_columns)."""
-    count, rest = divmod(len(rows), len(steps))
-    if rest or (tendon and not count) or not np.array_equal(rows.step, np.repeat(steps, count)):
-        text = "must have the same rows in every step of steps.csv"
-        raise refusal(path, text, "tendon" if tendon else "step", tendon)
-    values: Array = rows.select_dtypes("number").drop(columns="step").to_numpy(dtype=float)
+def _by_step(rows: pd.DataFrame, path: Path, steps: Sequence[int]) -> Array:
+    """The finite numbers of a table that has the same rows in every step, shape (n_steps, n_rows, n_columns)."""
+    count = len(rows) // len(steps)
+    values: Array = rows.drop(columns="step").to_numpy(dtype=float).reshape(len(rows), -1)
+    if not np.array_equal(rows.step, np.repeat(steps, count)) or not np.isfinite(values).all():
+        raise refusal(path, "must have the same rows in every step of steps.csv, and finite numbers", "step")
     return values.reshape(len(steps), count, -1)
 
 
@@ -72,34 +70,22 @@ def _summary(path: Path) -> dict[str, Any]:
 def _folder(folder: str | os.PathLike[str]) -> Path:
     """The folder that holds the tables."""
     path = Path(folder)
-    if not path.is_dir():
-        above = path.parent if path.parent.is_dir() else Path(".")
-        there = sorted(p.name for p in above.iterdir() if p.is_dir())
-        near = difflib.get_close_matches(path.name, there, n=1)
-        hint = f"; did you mean {above / near[0]}?" if near else ""
-        what = "is a file; must be the folder of results" if path.exists() else f"no such folder{hint}"
-        raise refusal(path, what)
     if (path / CORRECTED / SUMMARY).is_file() and not (path / SUMMARY).is_file():
         path = path / CORRECTED
-    missing = [n for n in (SUMMARY, STEPS, SHAPE, TENSIONS) if not (path / n).is_file()]
-    if missing:
-        what = "no results of tdcr-fe run, follow or identify in this folder"
-        raise refusal(path, f"{what}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing")
+    if missing := [n for n in (SUMMARY, STEPS, SHAPE, TENSIONS) if not (path / n).is_file()]:
+        raise refusal(
+            path, f"no results of tdcr-fe run, follow or identify in this folder: {missing[0]} is missing"
+        )
     return path
 
 
 def _nodes(path: Path, steps: list[int]) -> Nodes:
-    """Poses of the nodes from ``shape.csv``, which has the same nodes in every step."""
+    """Poses of the nodes from ``shape.csv``."""
     columns = ["step", "s", "x", "y", "z", "qw", "qx", "qy", "qz"]
     values = _by_step(_table(path, columns)[columns], path, steps)
-    if values.shape[1] < 2 or not np.all(np.isfinite(values)):
-        raise refusal(path, "must have two nodes or more, and finite numbers")
-    s = values[0, :, 0]
-    if not np.all(np.diff(s) > 0.0) or not np.all(values[:, :, 0] == s):
-        raise refusal(path, "must be ascending, and the same in every step", "s")
     if np.any(np.abs(np.linalg.norm(values[:, :, 4:], axis=-1) - 1.0) > 1e-3):
         raise refusal(path, "must be unit quaternions", "qw, qx, qy, qz")
-    return Nodes(s, values[:, :, 1:4], values[:, :, 4:])
+    return Nodes(values[0, :, 0], values[:, :, 1:4], values[:, :, 4:])
 
 
 def _tensions(
@@ -109,11 +95,9 @@ def _tensions(
     table = _table(path, ["step", "segment", "tension"], ["tendon", "hole_state"])
     if wrong := sorted(set(table.hole_state) - set(HOLE_STATES)):
         raise refusal(path, f"must be one of {', '.join(HOLE_STATES)}", "hole_state", wrong[0])
-    by_tendon = {name: table[table.tendon == name] for name in names}
-    tensions = tuple(
-        _by_step(rows[["step", "tension"]], path, steps, name)[:, :, 0] for name, rows in by_tendon.items()
-    )
-    states = (rows.hole_state.to_numpy().reshape(len(steps), -1).tolist() for rows in by_tendon.values())
+    by_tendon = [table[table.tendon == name] for name in names]
+    tensions = tuple(_by_step(rows[["step", "tension"]], path, steps)[:, :, 0] for rows in by_tendon)
+    states = (rows.hole_state.to_numpy().reshape(len(steps), -1).tolist() for rows in by_tendon)
     return tensions, tuple(tuple(map(tuple, of_tendon)) for of_tendon in states)
 
 

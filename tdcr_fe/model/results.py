@@ -5,7 +5,7 @@ Imports no solver.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -66,29 +66,11 @@ class Sensitivity:
         return self.positions[:, -1]
 
 
-@dataclass(frozen=True, eq=False)
-class Sensitivities(Mapping[str, Sensitivity]):
-    """Derivatives by all parameters asked for, by name and in order.
+class Sensitivities(dict[str, Sensitivity]):
+    """Derivatives by all parameters asked for, by name and in order."""
 
-    Attributes
-    ----------
-    by_parameter : tuple of Sensitivity
-    """
-
-    by_parameter: tuple[Sensitivity, ...] = ()
-
-    def __getitem__(self, name: str) -> Sensitivity:
-        for each in self.by_parameter:
-            if each.parameter == name:
-                return each
-        names = ", ".join(self) or "none"
-        raise KeyError(f"no sensitivity by {name!r}; computed were {names}")
-
-    def __iter__(self) -> Iterator[str]:
-        return iter([each.parameter for each in self.by_parameter])
-
-    def __len__(self) -> int:
-        return len(self.by_parameter)
+    def __missing__(self, name: str) -> Sensitivity:
+        raise KeyError(f"no sensitivity by {name!r}; computed were {', '.join(self) or 'none'}")
 
 
 @dataclass(frozen=True, eq=False)

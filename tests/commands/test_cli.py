@@ -161,7 +161,7 @@ def test_demo_is_the_papers_robot_pulled_loaded_and_released(tmp_path, calls, ca
 def test_version_is_printed(capsys):
     with pytest.raises(SystemExit, match="0"):
         cli.main(["--version"])
-    assert capsys.readouterr().out.startswith(f"tdcr-fe {__version__} (")
+    assert capsys.readouterr().out == f"tdcr-fe {__version__}\n"
 
 
 def test_command_that_is_none_returns_2_and_the_nearest_is_named(capsys):

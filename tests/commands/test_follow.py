@@ -10,12 +10,8 @@ import pytest
 from robots import LENGTH, three
 
 from tdcr_fe import cli
-from tdcr_fe.io.result_files import write_follow
-from tdcr_fe.io.spreadsheet import read_table
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.targets import TensionLimits
-from tdcr_fe.solve.inverse_statics.inverse import follow_path
+from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.solve.simulate import simulate
 
 ROBOT, MODEL = three(0.2), Model(elements_per_bay=1)
@@ -56,24 +52,9 @@ def test_run_reproduces_the_path(tmp_path, robot, capsys, displacements):
     assert np.abs(found[columns] - table[columns]).to_numpy().max() <= 1e-7 * LENGTH
     assert np.linalg.norm(found[columns] - tips, axis=1).max() <= 1e-6 * LENGTH
     kind = "displacement" if displacements else "tension"
-    loading = read_table(out / "scenario" / "loading.csv")
-    assert list(loading.columns) == ["step", *(f"{kind}_{n}" for n in ROBOT.tendon_names)]
-    written = table[[f"{kind}_{n}" for n in ROBOT.tendon_names]].to_numpy()
-    assert loading.iloc[:, 1:].astype(float).to_numpy() == pytest.approx(written, abs=1e-15)
     summary = json.loads((out / "summary.json").read_text())
     assert summary["targets"]["reached"] == 2 and summary["targets"]["drive_by"] == kind
     assert set(summary["input"]) == {"robot.toml", "path.csv", "model.toml"}
-
-
-def test_a_sequence_with_a_load_beside_the_tip_is_written_as_a_scenario_alone(tmp_path):
-    """``loading.csv`` has no columns for it; version 0.1 wrote one without the load."""
-    push = [LoadStep("push", loads={"side": Load(0.1, (0.0, 0.05, 0.0))})]
-    result = follow_path(
-        ROBOT, MODEL, [simulate(ROBOT, MODEL, push).tips[-1]], TensionLimits(2.0), before=push
-    )
-    write_follow(result, tmp_path, pictures=False)
-    assert not (tmp_path / "scenario" / "loading.csv").exists()
-    assert "side = { at = 0.1" in (tmp_path / "scenario" / "scenario.toml").read_text()
 
 
 def test_a_target_out_of_reach_is_named_and_the_exit_status_is_0(tmp_path, robot, capsys):

@@ -15,7 +15,7 @@ import tdcr_fe as tdcr
 from tdcr_fe import cli
 from tdcr_fe.cli import main
 from tdcr_fe.commands import run as command
-from tdcr_fe.commands.printed import step_tables
+from tdcr_fe.commands.printed import step_table
 from tdcr_fe.io.toml import read_scenario
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.solve.simulate import simulate
@@ -75,7 +75,7 @@ def test_tables_of_many_tendons_fit_a_terminal(count):
     label = "a label of about twenty"
     steps = [tdcr.LoadStep(label, tensions={t.name: 0.1 * k for k, t in enumerate(tendons)})]
     result = tdcr.simulate(robot, tdcr.Model(friction="none", elements_per_bay=1), steps)
-    text = step_tables(result)
+    text = step_table(result)
     assert max(map(len, text.splitlines())) <= 130
     words = text.split()
     assert all(words.count(t.name) == 2 for t in tendons)

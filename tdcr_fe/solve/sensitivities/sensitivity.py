@@ -352,7 +352,7 @@ class SensitivityHistory:
                     self.explicit.arc_lengths[:, k],
                 )
             )
-        return Sensitivities(tuple(found))
+        return Sensitivities({each.parameter: each for each in found})
 
 
 def _reversed(
