@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import re
 from pathlib import Path
 from typing import Any
 
 from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.io.loading_table import read_path
-from tdcr_fe.io.problems import read_all, refusal
+from tdcr_fe.io.problems import InputError, Problem, read_all, refusal
 from tdcr_fe.io.result_files import TARGETS, write_follow
 from tdcr_fe.io.toml import digest, read_model_file, read_robot
 from tdcr_fe.model.messages import count
+from tdcr_fe.model.plausibility import Implausible
 from tdcr_fe.model.results import Interrupted
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.targets import FollowResult, ReachedTarget, ReachStatus, TensionLimits
@@ -50,6 +52,11 @@ def follow(args: argparse.Namespace) -> int:
         except Interrupted as stop:
             assert isinstance(stop.result, FollowResult)
             result = stop.result
+        except Implausible as error:
+            files = {"targets": args.path, "largest": "--largest", "model": args.model or "model"}
+            raise InputError(
+                Problem(files.get(re.split(r"\W", c.key)[0], args.robot), *c) for c in error.contradictions
+            ) from error
         except ValueError as error:  # a contradiction between bounds, model and robot
             raise refusal(args.robot, str(error)) from error
     written = write_follow(

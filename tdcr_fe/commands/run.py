@@ -19,11 +19,12 @@ from typing import Any
 from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar
 from tdcr_fe.commands.printed import print_result
 from tdcr_fe.io.atomic import check_output_folder, write_folder
-from tdcr_fe.io.problems import read_all, refusal
+from tdcr_fe.io.problems import InputError, Problem, read_all, refusal
 from tdcr_fe.io.result_files import summary, write_results
 from tdcr_fe.io.toml import Scenario, read_scenario
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.model.messages import count
+from tdcr_fe.model.plausibility import Implausible
 from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
 from tdcr_fe.solve.simulate import simulate
 
@@ -106,6 +107,12 @@ def _solve(scenario: Scenario, args: argparse.Namespace, bar: Any) -> SequenceRe
         assert isinstance(stop.result, SequenceResult)
         limit = f"stopped at the time limit of {args.minutes:g} minutes" if clock.is_over else ""
         return replace(stop.result, message=limit or stop.result.message)
+    except Implausible as error:
+        in_scenario = ("steps", "model")
+        raise InputError(
+            Problem(str(scenario.path if c.key.startswith(in_scenario) else scenario.robot_path), *c)
+            for c in error.contradictions
+        ) from error
     except ValueError as error:
         text = str(error).removeprefix("sensitivities: ")
         raise refusal(scenario.path if text == str(error) else "--sensitivities", text) from error

@@ -14,6 +14,7 @@ from functools import lru_cache
 from importlib.resources import files
 from typing import NamedTuple
 
+from tdcr_fe.model.checks import Contradiction
 from tdcr_fe.model.units import mistaken
 
 REMARK = ".remark"
@@ -81,19 +82,38 @@ class Value(NamedTuple):
         return next((v for v in levels if v.is_beyond), None)
 
     @property
-    def sentence(self) -> str:
-        """What is wrong with it, with key, value, and the units in which it would be usual."""
-        row, unit = self.row, self.unit if self.unit != "turns" else ""
-        given = "" if math.isnan(self.value) else f" = {self.value:g} {unit}".rstrip()
+    def is_refused(self) -> bool:
+        """Whether it is so far beyond its limit that a solution would mean nothing."""
+        return self.ratio > self.row.refused_from * self.row.high
+
+    @property
+    def given(self) -> str:
+        """The value with its unit; empty where there is none."""
+        unit = self.unit if self.unit != "turns" else ""
+        return "" if math.isnan(self.value) else f"{self.value:g} {unit}".rstrip()
+
+    @property
+    def says(self) -> str:
+        """What is wrong with it, and the units in which it would be usual."""
+        row = self.row
         says = row.says.format(
             ratio=self.ratio, percent=100.0 * self.ratio, low=row.low, high=row.high, detail=self.detail
         )
-        has_units = not math.isnan(self.value) and (row.usual or not row.remark)
-        units = mistaken(self.unit) if has_units else {}
+        units = mistaken(self.unit) if self.given and (row.usual or not row.remark) else {}
         fitting = [u for u, size in units.items() if row.is_usual(self.ratio * size)]
-        return f"{self.key}{given}: {says}" + (
-            f"; was it meant in {' or '.join(fitting)}?" if fitting else ""
-        )
+        return says + (f"; was it meant in {' or '.join(fitting)}?" if fitting else "")
+
+    @property
+    def sentence(self) -> str:
+        """Key, value, and what is wrong with it."""
+        return f"{self.key}{' = ' * bool(self.given)}{self.given}: {self.says}"
+
+    @property
+    def refusal(self) -> Contradiction:
+        """The same, with the value up to which there is a solution."""
+        most = self.value * self.row.refused_from * self.row.high / self.ratio
+        text = f"{self.says}; must be at most {most:.3g} {self.unit}, beyond which a solution means nothing"
+        return Contradiction(self.key, self.given, text)
 
 
 def sentences(found: Iterable[Value]) -> list[str]:

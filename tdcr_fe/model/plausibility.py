@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.checks import Contradiction
 from tdcr_fe.model.limits import REMARK, Value, kind_of_material, limits, nearest_material, sentences
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.loading_quantities import loading_values, strain
@@ -21,6 +22,20 @@ from tdcr_fe.model.quantities import Description, masses, robot_values, sag
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.units import mistaken
+
+
+class Implausible(ValueError):
+    """Values so far beyond their limits that a solution would mean nothing.
+
+    Attributes
+    ----------
+    contradictions : tuple of Contradiction
+        Key, value and what is allowed of each.
+    """
+
+    def __init__(self, contradictions: Iterable[Contradiction]) -> None:
+        self.contradictions = tuple(contradictions)
+        super().__init__("\n".join(f"{c.key} = {c.value}: {c.allowed}" for c in self.contradictions))
 
 
 class Findings(NamedTuple):
@@ -50,8 +65,8 @@ def plausibility(
 
     Raises
     ------
-    ValueError
-        A load or a target is so far beyond its limit that a solution would have no meaning.
+    Implausible
+        A load or a target is so far beyond its limit that a solution would mean nothing.
     """
     d = Description.of(robot, model, steps)
     values = [*robot_values(d), *loading_values(d)]
@@ -96,9 +111,8 @@ def _warnings(backbone: Backbone, beyond: list[Value]) -> list[str]:
     cause = _common_cause(backbone, [v for v in beyond if v.row.by_stiffness])
     if cause is not None:
         beyond = [*found, cause]
-    refused = [v for v in beyond if v.ratio > v.row.refused_from * v.row.high]
-    if refused:
-        raise ValueError("\n".join([*sentences(refused), "Nothing was solved"]))
+    if refused := {v.limit: v for v in sorted(beyond, key=lambda v: v.ratio) if v.is_refused}:
+        raise Implausible(v.refusal for v in refused.values())
     return sentences(beyond)
 
 
