@@ -18,6 +18,7 @@ from .io.keys import json_schema as json_schema
 from .io.measured import read_measured as read_measured
 from .io.problems import InputError as InputError
 from .io.readings import Reading as Reading
+from .io.result_files import view as view
 from .io.result_files import write_results as write_results
 from .io.toml import read_model as read_model
 from .io.toml import read_robot as read_robot
@@ -79,8 +80,8 @@ from .solve.stability import stability as stability
 from .solve.statics import SolveTDCR as SolveTDCR
 from .solve.statics import track_sensitivities as track_sensitivities
 from .sweeps.cases import parameter_function as parameter_function
+from .sweeps.execution import sweep as sweep
 from .sweeps.read import read_sweep as read_sweep
 from .sweeps.result import SweepResult as SweepResult
-from .sweeps.run import sweep as sweep
 
 __version__: str

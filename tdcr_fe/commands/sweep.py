@@ -12,9 +12,9 @@ from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.io.problems import read_all
 from tdcr_fe.model.messages import count
 from tdcr_fe.sweeps.description import Sweep
+from tdcr_fe.sweeps.execution import SweepInterrupted, sweep
 from tdcr_fe.sweeps.read import read_sweep
 from tdcr_fe.sweeps.result import SweepResult
-from tdcr_fe.sweeps.run import SweepInterrupted, sweep
 
 
 def run_sweep(args: argparse.Namespace) -> int:

@@ -5,6 +5,7 @@ The columns of the tables are in `tdcr_fe.model.columns`.
 
 from __future__ import annotations
 
+import html
 import importlib.metadata
 import os
 import platform
@@ -169,6 +170,32 @@ def write_results(
     return (
         written + write_folder(out, draw) if pictures else written
     )  # an interruption while drawing leaves the tables
+
+
+class View:
+    """The robot in 3D, which a notebook shows where it is the last value of a cell."""
+
+    def __init__(self, page: str) -> None:
+        self.page = page  # HTML
+
+    def _repr_html_(self) -> str:
+        frame = 'width="100%" height="900" style="border: 0"'
+        return f'<iframe srcdoc="{html.escape(self.page)}" {frame}></iframe>'
+
+
+def view(result: SequenceResult | FollowResult) -> View:
+    """The 3D page of a result for a notebook: the page ``view.html`` of `write_results`.
+
+    Parameters
+    ----------
+    result
+        With at least one solved step.
+    """
+    from tdcr_fe.report.motion import motion_of
+    from tdcr_fe.report.viewer import view_page
+
+    sequence = result.simulation if isinstance(result, FollowResult) else result
+    return View(view_page(motion_of(sequence)))
 
 
 #: Folder with the loading sequence, and the table of targets.

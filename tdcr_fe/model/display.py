@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from tdcr_fe.model.results import SequenceResult, StepResult
 
 #: Tendons, and load steps of the HTML table, that are shown before "and ... more".
-SHOWN_TENDONS, SHOWN_STEPS = 6, 12
+MOST_TENDONS, MOST_STEPS = 6, 12
 
 
 def summary_rows(result: SequenceResult) -> list[tuple[str, str]]:
@@ -50,7 +50,7 @@ def as_html(result: SequenceResult) -> str:
         for name, text in summary_rows(result)
     )
     table: str = result.to_frame().to_html(
-        index=False, max_rows=SHOWN_STEPS, float_format=lambda x: f"{x:.6g}", escape=True
+        index=False, max_rows=MOST_STEPS, float_format=lambda x: f"{x:.6g}", escape=True
     )
     return f"<table>{rows}</table>\n{table}"
 
@@ -58,8 +58,8 @@ def as_html(result: SequenceResult) -> str:
 def _last_step(names: Sequence[str], step: StepResult) -> list[tuple[str, str]]:
     def listed(values: Iterable[str]) -> str:
         every = [f"{name} {value}" for name, value in zip(names, values, strict=True)]
-        more = len(every) - SHOWN_TENDONS
-        return (", ".join(every[:SHOWN_TENDONS]) + (f" and {more} more" if more > 0 else "")) or "no tendons"
+        more = len(every) - MOST_TENDONS
+        return (", ".join(every[:MOST_TENDONS]) + (f" and {more} more" if more > 0 else "")) or "no tendons"
 
     base, anchor = (f"{t:.4g}" for t in step.base_tensions), (f"{t[-1]:.4g}" for t in step.tensions)
     tip = ", ".join(map(_millimetres, step.tip))

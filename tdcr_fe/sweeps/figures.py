@@ -14,7 +14,7 @@ from matplotlib.ticker import EngFormatter, MaxNLocator
 from numpy.typing import ArrayLike
 
 from tdcr_fe.report.style import COLOURS, INK, PALE, styled
-from tdcr_fe.sweeps.result import SweepResult, shown
+from tdcr_fe.sweeps.result import SweepResult, display
 from tdcr_fe.sweeps.statistics import varies
 
 #: Most inputs in one picture.
@@ -104,7 +104,7 @@ def sobol(result: SweepResult) -> Figure | None:
             reach = np.abs(interval.T - value)
             bars: dict[str, Any] = {"ecolor": INK, "error_kw": {"elinewidth": 0.9}}
             ax.barh(place + shift, value, xerr=reach, height=0.36, color=colour, label=label, **bars)
-        ax.set(title=shown(name).label, xlabel="Sobol index")
+        ax.set(title=display(name).label, xlabel="Sobol index")
         ax.set_xlim(min(0.0, ax.get_xlim()[0]), max(1.0, ax.get_xlim()[1]))
         ax.grid(axis="y", visible=False)
     axes[0].set_yticks(place, labels=result.inputs)
@@ -120,7 +120,7 @@ def distributions(result: SweepResult) -> Figure | None:
     figure, axes = _row_of_axes(len(result.drawn), 2.9)
     table = result.statistics()
     for ax, name in zip(axes, result.drawn, strict=True):
-        how, s = shown(name), shown(name).factor * table[name]
+        how, s = display(name), display(name).factor * table[name]
         ax.axvspan(s["quantile_2.5"], s["quantile_97.5"], color=COLOURS[5], alpha=0.18, lw=0)
         bins = int(np.clip(np.sqrt(table[name]["count"]), 8, 40))
         ax.hist(how.factor * result.cases[name].dropna(), bins=bins, color=COLOURS[0], alpha=0.85)
@@ -142,7 +142,7 @@ def main_effects(result: SweepResult) -> Figure | None:
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(len(result.drawn), len(inputs), squeeze=False, sharey="row")
     for row, name in zip(axes, result.drawn, strict=True):
-        how = shown(name)
+        how = display(name)
         for ax, (given, _) in zip(row, inputs, strict=True):
             _main_effect(ax, result.cases[given], how.factor * result.cases[name])
         row[0].set_ylabel(how.axis)

@@ -17,7 +17,7 @@ from tdcr_fe.report.page import Card, Page, Picture, Section, render
 from tdcr_fe.report.style import styled
 from tdcr_fe.sweeps.description import Variation
 from tdcr_fe.sweeps.figures import MOST_INPUTS, PICTURES, drawn, tips
-from tdcr_fe.sweeps.result import SweepResult, shown
+from tdcr_fe.sweeps.result import SweepResult, display
 
 #: Warnings that are listed.
 MOST_WARNINGS = 40
@@ -119,10 +119,10 @@ def _findings(result: SweepResult) -> list[str]:
         box = ", ".join(f"{axis} from {fixed(low[axis], 1)} to {fixed(high[axis], 1)}" for axis in "xyz")
         offset = np.hypot(points["x"], points["y"]).max()
         return [f"The tip reaches {box} mm, at most {fixed(offset, 1)} mm from the z axis."]
-    if not result.shown:
+    if not result.listed:
         return []
-    name = result.shown[0]
-    how, s = shown(name), shown(name).texts(result.statistics()[name])
+    name = result.listed[0]
+    how, s = display(name), display(name).texts(result.statistics()[name])
     what, unit = how.label[0].upper() + how.label[1:], f" {how.unit}" if how.unit else ""
     if not result.sweep.sampling.is_sample:
         return [f"{what} ranges from {s['min']} to {s['max']}{unit}."]
@@ -168,8 +168,8 @@ def _statistics(result: SweepResult) -> Section:
         "max": "largest",
     }
     table = result.statistics()
-    texts = {name: shown(name).texts(table[name]) for name in result.shown}
-    rows = [(name, shown(name).unit, *(s[c] for c in columns)) for name, s in texts.items()]
+    texts = {name: display(name).texts(table[name]) for name in result.listed}
+    rows = [(name, display(name).unit, *(s[c] for c in columns)) for name, s in texts.items()]
     sampled = result.sweep.sampling.is_sample and not result.sweep.workspace
     note = "Over the cases that converged" + ("." if sampled else ", each with the same weight.")
     head = ("result", "unit", *columns.values())
@@ -191,8 +191,8 @@ def _input(v: Variation) -> tuple[object, ...]:
 def _left_out(name: str, result: SweepResult) -> str:
     """A remark where a picture shows only some of the columns."""
     inputs, remarks = len(result.inputs), []
-    if result.drawn != result.shown and name != "workspace.png":
-        some = f"Drawn: {', '.join(shown(n).label for n in result.drawn)} of {len(result.shown)} results;"
+    if result.drawn != result.listed and name != "workspace.png":
+        some = f"Drawn: {', '.join(display(n).label for n in result.drawn)} of {len(result.listed)} results;"
         remarks.append(
             f"{some} [output] quantities in sweep.toml chooses others, the table of cases has all."
         )

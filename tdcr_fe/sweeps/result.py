@@ -182,7 +182,7 @@ class SweepResult:
         return {n: x for n, x in indices.items() if x is not None}
 
     @cached_property
-    def shown(self) -> list[str]:
+    def listed(self) -> list[str]:
         """Results that vary: first those of the user's own function, then angle and tip, then the others.
 
         Directions and estimates come last; a column that repeats an input, or the size of a result before it, is left
@@ -200,7 +200,7 @@ class SweepResult:
     @property
     def drawn(self) -> list[str]:
         """Results in pictures: those that ``quantities`` of the sweep names, or the first few."""
-        return self.shown if self.sweep.output.quantities else self.shown[:MOST_DRAWN]
+        return self.listed if self.sweep.output.quantities else self.listed[:MOST_DRAWN]
 
     def __repr__(self) -> str:
         """Cases by status, mean and range of the results that vary, the tip first, and the time."""
@@ -208,12 +208,12 @@ class SweepResult:
         cases, method = count(len(self.cases), "case"), self.sweep.sampling.method
         lines = [f'sweep of {cases} by "{method}" over {", ".join(self.inputs)}: {states}']
         table = self.statistics()
-        for name in self.shown[:MOST_PRINTED]:
-            how, s = shown(name), shown(name).texts(table[name], "-")
+        for name in self.listed[:MOST_PRINTED]:
+            how, s = display(name), display(name).texts(table[name], "-")
             spread = f"standard deviation {s['std']}, from {s['min']} to {s['max']}"
             lines.append(f"  {how.axis}: mean {s['mean']}, {spread}")
-        if len(self.shown) > MOST_PRINTED:
-            lines.append(f"  and {len(self.shown) - MOST_PRINTED} more results")
+        if len(self.listed) > MOST_PRINTED:
+            lines.append(f"  and {len(self.listed) - MOST_PRINTED} more results")
         rate = self.solved_now / self.wall_time if self.wall_time > 0.0 else np.nan
         solved = f"{count(self.solved_now, 'case')} solved in {self.wall_time:.1f} s, {rate:.3g} per second"
         return "\n".join([*lines, f"  {solved}"])
@@ -226,7 +226,7 @@ _BUILT_IN = re.compile("|".join([*(f"{n}_" for n in OF_TENDONS), *AFTER_TENDONS,
 _FIRST = ("bending_angle_deg", "tip_x", "tip_y", "tip_z", "tip_offset")
 
 
-class Shown(NamedTuple):
+class Display(NamedTuple):
     """How a column is shown to people."""
 
     label: str
@@ -248,14 +248,14 @@ class Shown(NamedTuple):
         return {**texts, "count": f"{statistics['count']:.0f}"}
 
 
-def shown(column: str) -> Shown:
+def display(column: str) -> Display:
     """Label, unit and factor of a column."""
     text = re.sub(r"_step(\d+)$", r", step \1", column).replace("_", " ")
     if _LENGTH.fullmatch(column):
-        return Shown(text, "mm", 1e3)
+        return Display(text, "mm", 1e3)
     if _ANGLE.fullmatch(column):
-        return Shown(text.replace(" deg", ""), "deg", 1.0)
-    return Shown(text, "N" if column.startswith("tension_") else "", 1.0)
+        return Display(text.replace(" deg", ""), "deg", 1.0)
+    return Display(text, "N" if column.startswith("tension_") else "", 1.0)
 
 
 def _rank(name: str) -> tuple[int, int]:

@@ -34,10 +34,11 @@ uniform = { lower = 0.0, upper = 0.3 }
 @pytest.fixture
 def here(monkeypatch):
     """Cases are solved in this process, one at a time."""
-    from tdcr_fe.sweeps.run import outcomes
+    from tdcr_fe.sweeps.execution import outcomes
 
     monkeypatch.setattr(
-        "tdcr_fe.sweeps.run.local_outcomes", lambda job, cases, count: outcomes(job, cases, InProcess(), 1)
+        "tdcr_fe.sweeps.execution.local_outcomes",
+        lambda job, cases, count: outcomes(job, cases, InProcess(), 1),
     )
 
 

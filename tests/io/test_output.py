@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import dataclasses
+import html
 import json
 import math
 from dataclasses import replace
@@ -17,6 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+import tdcr_fe as tdcr
 from tdcr_fe.io import result_files as output
 from tdcr_fe.io.result_files import write_results
 from tdcr_fe.io.vtk_files import PARTS, write_vtk
@@ -116,6 +118,14 @@ def test_directory_that_exists_keeps_what_is_not_ours(tmp_path):
     write_results(arc_result(), tmp_path, pictures=False)
     assert {p.name for p in tmp_path.iterdir()} == {"notes.txt", *output.RESULT_FILES}
     assert (tmp_path / "steps.csv").read_text() != "old"
+
+
+def test_a_notebook_shows_the_page_that_a_run_writes(tmp_path):
+    result = arc_result()
+    write_results(result, tmp_path)
+    shown = tdcr.view(result)._repr_html_()
+    page = (tmp_path / "view.html").read_text("utf-8")
+    assert shown.startswith("<iframe srcdoc=") and html.unescape(shown.split('"')[1]) == page
 
 
 # ------------------------------------------------------------ vtk files

@@ -16,9 +16,9 @@ from sweep_files import SCENARIO, SWEEP, InProcess, write_files
 import tdcr_fe as tdcr
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.sweeps.cases import Outcome
+from tdcr_fe.sweeps.execution import SweepInterrupted
 from tdcr_fe.sweeps.files import journal
 from tdcr_fe.sweeps.keys import KeyProblem
-from tdcr_fe.sweeps.run import SweepInterrupted
 
 
 def table(folder):

@@ -41,7 +41,7 @@ RIGHT = ("refused", "refused by another key", "valid", "not converged", "valid, 
 _SOLVING = (
     "tdcr_fe.solve",
     "tdcr_fe.identify",
-    "tdcr_fe.sweeps.run",
+    "tdcr_fe.sweeps.execution",
     "tdcr_fe.sweeps.cases",
     "tdcr_fe.io.result_files",
     "tdcr_fe.report",
