@@ -26,9 +26,6 @@ from tdcr_fe.solve.simulation import Simulation, one_thread
 
 Array = NDArray[np.float64]
 
-#: Share of what earlier frames tell of errors and load that a frame with readings gives up. Their readings were
-#: linearised at other states, which makes them seem to tell more than they do.
-FORGOTTEN = 0.2
 #: Substeps of a frame, where its step does not say: the path within a frame is not resolved. The first frame takes the
 #: unloaded robot to where it is, and its path is.
 SUBSTEPS = 1
@@ -172,13 +169,10 @@ class Estimator:
             elapsed = frame.commands.time - self._time
             changes = [memory(prior, elapsed) for prior in (self.inputs, self.load)]
             kept, grown = np.repeat(changes, (m, own - m), axis=0).T
-            lost = FORGOTTEN * (kept < 1.0) * (len(frame.readings.values) > 0)
-            mean = self._typical + (1.0 - lost) * kept * (mean - self._typical)
+            mean = self._typical + kept * (mean - self._typical)
             all_kept = np.concatenate((kept, np.ones(len(covariance) - own)))
             covariance = covariance * all_kept * all_kept[:, None]
             covariance[:own, :own] += np.diag(grown * self._sigmas**2)
-            covariance[:own, :own] *= np.sqrt(np.outer(1.0 - lost, 1.0 - lost))
-            covariance[:own, :own] += np.diag(lost * self._sigmas**2)
         return np.concatenate((mean, self._problem.slips)), covariance
 
     def _estimate(self, state: Solved, covariance: Array, misfit: float, message: str) -> Estimate:

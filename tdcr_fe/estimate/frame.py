@@ -29,6 +29,9 @@ Array = NDArray[np.float64]
 #: Places along the body that are tried where that of the load is unknown, and most times that one is chosen anew.
 PLACES, MOST_CHOICES = 100, 5
 
+#: The readings tell something in a direction in which their variance is more than this many times that of their noise.
+TOLD = 2.0
+
 
 def name_at(place: float) -> str:
     """Name of the estimated load at an arc length [m]."""
@@ -261,6 +264,19 @@ class Solved:
         for quantity, which, locations in readings.groups:
             found[which] = channel(quantity).differences(moved, h, locations)
         return found / readings.sigmas[:, None]
+
+    def volume_slope(self, covariance: Array) -> Array:
+        """See `tdcr_fe.estimate.most_probable.Point`."""
+        found, jacobian = np.zeros(len(covariance)), self.jacobian
+        variances, directions = np.linalg.eigh(jacobian @ covariance @ jacobian.T + np.eye(len(jacobian)))
+        told = variances > TOLD
+        weights = directions[:, told] / np.sqrt(variances[told])
+        # Over one standard deviation of the prior, so that holes between stick and slip count with their probability.
+        for weight, change in zip(weights.T, (covariance @ jacobian.T @ weights).T, strict=True):
+            near = self.frame.solved(self.unknowns + change, self)
+            if near is not None:
+                found += 2.0 * weight @ (near.jacobian - jacobian)
+        return found
 
     def start_of(self, frame: Frame, mean: Array, covariance: Array) -> Array:
         """``v`` with which the next frame begins from its prior, by the derivatives in this state."""

@@ -6,9 +6,13 @@ hole is known exactly. They are sought as ``x0 + P v``, so that ``P`` is never i
     v P v + |(y - h(x)) / sigma|^2 ,
 
 and the step of Gauss and Newton leads to ``v = H' (H P H' + R)^-1 (y - h + H P v)``, the iterated Kalman filter (B. M.
-Bell, F. W. Cathey, IEEE Trans. Autom. Control 38 (1993) 294-297). `scipy.optimize.least_squares` solves 5.6 states a
-frame in place of 4.9 on the problem of the campaign ``estimate``: its first step is at most one standard deviation
-long, and it solves one more state to see that it has converged.
+Bell, F. W. Cathey, IEEE Trans. Autom. Control 38 (1993) 294-297). Where ``H`` varies, the least misfit is biased: it
+prefers states in which the readings change much with the unknowns, since smaller errors explain them there. The states
+around it that explain them as well fill a volume proportional to ``det(H P H' + R)^-1/2``, so that the misfit has the
+term ``log det(H P H' + R)`` beside it (Laplace's method), linearised at the first state.
+
+`scipy.optimize.least_squares` solves 5.6 states a frame in place of 4.9 on the problem of the campaign ``estimate``:
+its first step is at most one standard deviation long, and it solves one more state to see that it has converged.
 """
 
 from __future__ import annotations
@@ -47,6 +51,9 @@ class Point(Protocol):
     @property
     def jacobian(self) -> Array:
         """Derivatives of the predictions by the unknowns, over the same, shape (n_readings, n)."""
+
+    def volume_slope(self, covariance: Array) -> Array:
+        """Derivative of ``log det(H P H' + R)`` by the unknowns, shape (n,)."""
 
 
 P = TypeVar("P", bound=Point)
@@ -91,6 +98,10 @@ def most_probable(
     point = solve(mean + covariance @ v, None)
     if point is None:
         return None
+
+    # Its slope is that of a prior with another mean.
+    slope = point.volume_slope(covariance)
+    mean, v = mean - 0.5 * covariance @ slope, v + 0.5 * slope
 
     def misfit(v: Array, at: P) -> float:
         return float(v @ covariance @ v + at.residual @ at.residual)
