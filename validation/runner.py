@@ -187,7 +187,7 @@ def _work(name: str, campaign: Campaign, cases: Mapping[str, Any], options: argp
     try:
         store.begin_or_check()
     except OtherHead as error:
-        raise ValueError(f"{error}; give another folder") from error
+        raise ValueError(f"{store.path} {error}; give another folder") from error
 
     def again(record: Record) -> bool:
         return options.again and not campaign.outcome(**record).passed

@@ -239,7 +239,6 @@ COMMANDS = {
                             may be repeated [about a third of the branches, chosen automatically]
         --minutes           limit of the processor time of the whole identification, all processes together;
                             the report says what was left out [%(default)s]
-        --strict            refuse bad rows (exit status 2) instead of leaving them out by name
         and effects, json, quiet""",
         ("identify measured -o report", "identify monday tuesday -o report --minutes 5"),
         "0 done, whatever the verdict; 1 the declared model did not converge; 2 the input is wrong; 130 interrupted "

@@ -5,8 +5,13 @@ from __future__ import annotations
 import argparse
 import importlib
 import re
+from collections.abc import Sequence
+from itertools import permutations, product
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar
 from tdcr_fe.io.atomic import check_output_folder
@@ -18,8 +23,43 @@ from tdcr_fe.model.messages import count
 from tdcr_fe.model.plausibility import Implausible
 from tdcr_fe.model.results import Interrupted
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.targets import FollowResult, ReachedTarget, ReachStatus, TensionLimits
+from tdcr_fe.model.targets import FollowResult, ReachedTarget, ReachStatus, TensionLimits, TipTarget
 from tdcr_fe.solve.inverse_statics.inverse import follow_path
+
+#: Axes are taken for exchanged where a target is farther beyond the reach of an arc than the first of these, and with
+#: other axes none is by more than the second [lengths of the robot].
+BEYOND, WITHIN = 0.05, 0.01
+
+
+def exchanged_axes(targets: Sequence[TipTarget], length: float) -> str:
+    """The axes with which all targets are within reach where they are not as given, such as "x = z, z = x"; else empty.
+
+    An arc whose chord has the angle ``phi`` to the z axis reaches ``length sin(phi) / phi``. Targets with open
+    coordinates are left out.
+
+    Parameters
+    ----------
+    targets
+        That the tip is to reach.
+    length
+        Of the backbone [m].
+    """
+    points = np.array([t.position for t in targets if t.given.all()], dtype=float).reshape(-1, 3)
+
+    def beyond(p: NDArray[np.float64]) -> float:
+        angle = np.arctan2(np.hypot(p[:, 0], p[:, 1]), p[:, 2])
+        return float(np.max(np.linalg.norm(p, axis=1) / length - np.sinc(angle / np.pi), initial=0.0))
+
+    if beyond(points) <= BEYOND:
+        return ""
+    found = []
+    for axes, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        if beyond(points[:, axes] * signs) <= WITHIN:
+            other = [
+                (k, a, s) for k, (a, s) in enumerate(zip(axes, signs, strict=True)) if (k, 1.0) != (a, s)
+            ]
+            found.append(", ".join(f"{'xyz'[k]} = {'-' * (s < 0.0)}{'xyz'[a]}" for k, a, s in other))
+    return min(found, key=len, default="")
 
 
 def follow(args: argparse.Namespace) -> int:
@@ -77,6 +117,9 @@ def follow(args: argparse.Namespace) -> int:
             most = 1e3 * max(result.targets[n - 1].error for n in numbers)
             which = f"{count(len(numbers), 'target')} ({', '.join(map(str, numbers))})"
             complain(f"{status.value}: {which}, at most {most:.3g} mm away; see {out / TARGETS}")
+    axes = exchanged_axes(targets, robot.backbone.length)
+    if axes and not all(x.reached for x in result.targets):
+        complain(f"all targets are within reach with {axes}; the undeformed backbone runs along +z")
     return _status(result, len(targets))
 
 

@@ -43,7 +43,7 @@ def _processes(args: argparse.Namespace) -> int:
 def run(args: argparse.Namespace) -> int:
     """Identify what the model of a folder of measured data is missing."""
     begun = clock()
-    sets = [read_measured(folder, strict=args.strict) for folder in args.folder]
+    sets = [read_measured(folder) for folder in args.folder]
     out = check_output_folder(args.out)
     settings = IdentifySettings(
         processes=_processes(args),

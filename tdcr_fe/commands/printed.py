@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,9 @@ LONGEST_LABEL = 24
 def print_result(result: SequenceResult, out: Path, written: Sequence[Path]) -> None:
     """Print the tables of a result and the names of the files."""
     if result.steps:
-        print("\n\n".join([step_table(result), *derivative_tables(result)]), end="\n\n")
+        print(step_table(result), end="\n\n")
+        if result.sensitivities:
+            print(derivative_table(result), end="\n\n")
     print(f"{count(len(result.steps), 'step')} in {result.wall_time:.2f} s. Written to {out}:")
     print("    " + ", ".join(p.name for p in written))
 
@@ -41,25 +43,11 @@ def step_table(result: SequenceResult) -> str:
     return _text(pd.DataFrame(columns, frame.index).rename_axis(index=None, columns="step"))
 
 
-def derivative_tables(result: SequenceResult) -> Iterator[str]:
-    """Derivatives, compliance of the tip and stiffness of the motors after the last step, where they were asked for."""
-    last, names = result.steps[-1], list(result.robot.tendon_names)
-    if result.sensitivities:
-        rows = {
-            p.parameter: [*p.positions[-1, -1], *p.rotations[-1, -1]] for p in result.sensitivities.values()
-        }
-        head = ["tip x", "y", "z [m]", "rotation x", "y", "z [rad]"]
-        yield "last step, derivative by\n" + _text(pd.DataFrame(rows, head).T)
-    for each in last.responses:
-        holes = "all holes stick (reversal)" if each.reversal else "holes as they are"
-        tip = f"tip after the last step, {holes}: displacement by"
-        force = pd.DataFrame(1e3 * each.compliance[:3, :3], list("xyz"), list("xyz"))
-        yield f"{tip} force [mm/N]\n{_text(force)}"
-        if names:
-            tension = pd.DataFrame(1e3 * each.by_tension[:3], list("xyz"), names)
-            yield f"{tip} tension [mm/N]\n{_text(tension)}"
-            stiffness = pd.DataFrame(1e-3 * each.motor_stiffness, names, names)
-            yield f"tension by displacement, {holes} [N/mm]\n{_text(stiffness)}"
+def derivative_table(result: SequenceResult) -> str:
+    """Derivatives of the tip after the last step."""
+    rows = {n: [*p.positions[-1, -1], *p.rotations[-1, -1]] for n, p in result.sensitivities.items()}
+    head = ["tip x", "y", "z [m]", "rotation x", "y", "z [rad]"]
+    return "last step, derivative by\n" + _text(pd.DataFrame(rows, head).T)
 
 
 def _fixed(values: pd.Series, digits: int) -> pd.Series:

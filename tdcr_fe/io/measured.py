@@ -113,15 +113,13 @@ class MeasuredData:
 # ------------------------------------------------------------------------------------------------- reading
 
 
-def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> MeasuredData:
+def read_measured(folder: str | os.PathLike[str]) -> MeasuredData:
     """Read a folder of measured data.
 
     Parameters
     ----------
     folder
         Contains ``robot.toml``, ``loading.csv``, ``observations.csv`` and, optionally, ``model.toml``.
-    strict
-        Refuse readings that are not sound, instead of leaving them out by name.
 
     Returns
     -------
@@ -148,9 +146,6 @@ def read_measured(folder: str | os.PathLike[str], strict: bool = False) -> Measu
         lambda: _check_columns(observed, str(paths[1])),
     )
     readings, bad = read_observations(observed, robot, set(step_ids), str(paths[1]))
-    if bad and strict:
-        rows = [Problem(b.file, f"line {b.line}, {b.column}", b.value or "empty", b.allowed) for b in bad]
-        raise InputError(rows)
     refuse_if_doubtful(bad, readings, robot, str(paths[1]))
     if not readings:
         raise refusal(paths[1], "has no readings")

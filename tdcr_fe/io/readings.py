@@ -93,6 +93,11 @@ class BadRow:
     unit: str = ""
     quantity: str = ""
 
+    @property
+    def is_in_another_unit(self) -> bool:
+        """Whether its value would be plausible in another unit."""
+        return self.column == "value" and bool(self.unit)
+
     def __str__(self) -> str:
         """One line."""
         shown = self.value if self.value else "empty"
@@ -216,27 +221,25 @@ def refuse_if_doubtful(bad: Sequence[BadRow], sound: Sequence[Reading], robot: R
     InputError
         Names the number of rows, the reasons, and the unit that was probably meant.
     """
-    in_unit = [b for b in bad if b.unit and b.column == "value"]
     total = len(sound) + len(bad)
     counts = Counter([b.quantity for b in bad] + [r.quantity for r in sound])
-    doubtful = Counter(b.quantity for b in in_unit)
+    doubtful = Counter(b.quantity for b in bad if b.is_in_another_unit)
     several_units = any(n > MANY_IN_ANOTHER_UNIT * counts[q] and n > 2 for q, n in doubtful.items())
     if len(bad) <= MOST_LEFT_OUT * total and not several_units:
         return
-    problems = []
-    for unit in dict.fromkeys(b.unit for b in in_unit):
-        values = [abs(float(b.value)) for b in in_unit if b.unit == unit]
-        about = f"values up to {max(values):g} for a robot of {robot.backbone.length:g} m: "
-        about += f"are they in {unit}? All numbers must be in SI units (m, rad, N)"
-        problems.append(Problem(file, "value", f"{len(values)} of {total} rows", about))
-    reasons: dict[tuple[str, str], list[BadRow]] = {}
+    groups: dict[tuple[str, str], list[BadRow]] = {}
     for b in bad:
-        if b not in in_unit:
-            reasons.setdefault((b.column, b.allowed), []).append(b)
-    for (column, allowed), rows in sorted(reasons.items(), key=lambda x: -len(x[1]))[:5]:
+        groups.setdefault((b.column, b.unit if b.is_in_another_unit else b.allowed), []).append(b)
+    problems = []
+    for (column, reason), rows in sorted(groups.items(), key=lambda x: -len(x[1]))[:5]:
         first = rows[0]
-        what = f"{len(rows)} of {total} rows, the first in line {first.line}"
-        problems.append(Problem(file, column, what, f"{first.value or 'empty'}: {allowed}"))
+        text = f"{first.value or 'empty'}: {reason}"
+        if first.is_in_another_unit:
+            largest = max(abs(float(b.value)) for b in rows)
+            text = f"values up to {largest:g} for a robot of {robot.backbone.length:g} m: "
+            text += f"are they in {reason}? All numbers must be in SI units (m, rad, N)"
+        found = f"{len(rows)} of {total} rows, the first in line {first.line}"
+        problems.append(Problem(file, column, found, text))
     left = f"{total - len(bad)} of {total} rows would be left, too few to trust"
     raise InputError([*problems, Problem(file, "", "", left)])
 

@@ -25,20 +25,7 @@ Key = TypeVar("Key")
 
 
 class OtherHead(ValueError):
-    """A file of lines begins with another head.
-
-    Attributes
-    ----------
-    differing : tuple of str
-        Keys of the head that differ.
-    there : bool
-        Whether the file has a head at all.
-    """
-
-    def __init__(self, path: Path, differing: tuple[str, ...], there: bool) -> None:
-        self.differing, self.there = differing, there
-        what = f"{', '.join(differing)} differ" if differing else "it does not begin with a head"
-        super().__init__(f"{path} holds the records of another run: {what}")
+    """A file of lines begins with another head, or with none; the message names the keys that differ."""
 
 
 @dataclass(frozen=True)
@@ -131,8 +118,9 @@ class Lines:
         expected = json.loads(to_json(self.head))
         if there == expected:
             return
-        known = isinstance(there, dict)
-        raise OtherHead(self.path, tuple(k for k in expected if known and there.get(k) != expected[k]), known)
+        differing = [k for k in expected if isinstance(there, dict) and there.get(k) != expected[k]]
+        what = f"{', '.join(differing)} differ" if differing else "it does not begin with a head"
+        raise OtherHead(f"holds the records of another run: {what}")
 
 
 def solve_all(

@@ -82,11 +82,6 @@ class Value(NamedTuple):
         return next((v for v in levels if v.is_beyond), None)
 
     @property
-    def is_refused(self) -> bool:
-        """Whether it is so far beyond its limit that a solution would mean nothing."""
-        return self.ratio > self.row.refused_from * self.row.high
-
-    @property
     def given(self) -> str:
         """The value with its unit; empty where there is none."""
         unit = self.unit if self.unit != "turns" else ""

@@ -111,7 +111,8 @@ def _warnings(backbone: Backbone, beyond: list[Value]) -> list[str]:
     cause = _common_cause(backbone, [v for v in beyond if v.row.by_stiffness])
     if cause is not None:
         beyond = [*found, cause]
-    if refused := {v.limit: v for v in sorted(beyond, key=lambda v: v.ratio) if v.is_refused}:
+    farthest = sorted(beyond, key=lambda v: v.ratio)
+    if refused := {v.limit: v for v in farthest if v.ratio > v.row.refused_from * v.row.high}:
         raise Implausible(v.refusal for v in refused.values())
     return sentences(beyond)
 

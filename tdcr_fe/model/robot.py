@@ -122,13 +122,6 @@ class Robot(Checked):
         """Names in order."""
         return tuple(t.name for t in self.tendons)
 
-    def tendon(self, name: str) -> Tendon:
-        """The tendon of that name; `KeyError` names those that exist."""
-        for t in self.tendons:
-            if t.name == name:
-                return t
-        raise KeyError(f"no tendon {name!r}; the robot has {', '.join(self.tendon_names) or 'none'}")
-
     @property
     def without_disks(self) -> bool:
         """Whether there are no disks, so that tendons follow the backbone."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from itertools import permutations, product
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
@@ -92,42 +91,6 @@ def tip_targets(targets: ArrayLike | Sequence[TipTarget] | TipTarget) -> tuple[T
             f"positions and directions; the shape is {table.shape}"
         )
     return tuple(TipTarget(tuple(row[:3]), tuple(row[3:]) if len(row) == 6 else None) for row in table)
-
-
-#: Axes are taken for exchanged where a target is farther beyond the reach of an arc than the first of these, and with
-#: other axes none is by more than the second [lengths of the robot].
-BEYOND, WITHIN = 0.05, 0.01
-
-
-def exchanged_axes(targets: Sequence[TipTarget], length: float) -> str:
-    """The axes with which all targets are within reach where they are not as given, such as "x = z, z = x"; else empty.
-
-    An arc whose chord has the angle ``phi`` to the z axis reaches ``length sin(phi) / phi``. Targets with open
-    coordinates are left out.
-
-    Parameters
-    ----------
-    targets
-        That the tip is to reach.
-    length
-        Of the backbone [m].
-    """
-    points = np.array([t.position for t in targets if t.given.all()], dtype=float).reshape(-1, 3)
-
-    def beyond(p: Array) -> float:
-        angle = np.arctan2(np.hypot(p[:, 0], p[:, 1]), p[:, 2])
-        return float(np.max(np.linalg.norm(p, axis=1) / length - np.sinc(angle / np.pi), initial=0.0))
-
-    if beyond(points) <= BEYOND:
-        return ""
-    found = []
-    for axes, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        if beyond(points[:, axes] * signs) <= WITHIN:
-            other = [
-                (k, a, s) for k, (a, s) in enumerate(zip(axes, signs, strict=True)) if (k, 1.0) != (a, s)
-            ]
-            found.append(", ".join(f"{'xyz'[k]} = {'-' * (s < 0.0)}{'xyz'[a]}" for k, a, s in other))
-    return min(found, key=len, default="")
 
 
 @dataclass(frozen=True)
@@ -355,7 +318,4 @@ class FollowResult:
         if self.targets:
             lines.append(f"largest error {1e3 * float(self.errors.max()):.3g} mm")
             lines.append(f"tension [N]   {self.tensions.min():.4g} to {self.tensions.max():.4g}")
-        axes = exchanged_axes([x.target for x in self.targets], self.robot.backbone.length)
-        if axes and not all(x.reached for x in self.targets):
-            lines.append(f"axes          within reach with {axes}; the undeformed backbone runs along +z")
         return "\n".join(lines)

@@ -87,10 +87,7 @@ def recalled(lines: Lines, count: int) -> Iterator[Outcome]:
                 raise refusal("-o", f"there is no case {outcome.case}", value=str(lines.path))
             yield outcome
     except OtherHead as error:
-        what = "is not the journal of a sweep"
-        if error.there:
-            what = f"is of another sweep: {', '.join(error.differing) or 'keys'} differ"
-        text = f"{what}; give another directory, or --fresh to replace what is there"
+        text = f"{error}; give another directory, or --fresh to replace what is there"
         raise refusal("-o", text, value=str(lines.path)) from error
 
 

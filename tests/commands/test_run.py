@@ -107,8 +107,7 @@ def test_derivatives_and_responses_are_written(tmp_path, capsys, tendon_path, fr
     names = ["backbone.youngs_modulus", "tendons.helical.turns", "inputs.points"]
     options = ["--no-pictures", "--sensitivities", *names, "--compliance"]
     assert cli.main(["run", str(scenario), "-o", str(out), *options]) == 0
-    text = capsys.readouterr().out
-    assert "last step, derivative by" in text and "all holes stick (reversal)" in text
+    assert "last step, derivative by" in capsys.readouterr().out
     table = pd.read_csv(out / "sensitivities.csv")
     assert list(table["parameter"]) == names * 2 and list(table["step"]) == [1, 1, 1, 2, 2, 2]
     assert table["value"][0] == 85e9 and np.isnan(table["value"][2])

@@ -124,9 +124,6 @@ def test_a_bad_reading_is_left_out_by_name(folder, row, column, hint):
     assert (bad.file, bad.line, bad.column) == ("observations.csv", 13, column)
     assert hint in bad.allowed
     assert len(data.readings) == 11
-    with pytest.raises(InputError) as caught:
-        read_measured(folder, strict=True)
-    assert "line 13" in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -273,7 +270,7 @@ TEXT = "\n".join(
 
 def test_what_is_declared_is_part_of_the_declared_model(data, tmp_path):
     declared = read_measured(with_effects_in(data, tmp_path, TEXT))
-    assert declared.robot.tendon("t2").pretension == 0.4 and declared.model.gravity == (0.0, -9.81, 0.0)
+    assert declared.robot.tendons[1].pretension == 0.4 and declared.model.gravity == (0.0, -9.81, 0.0)
     assert set(declared.effects) == {"actuator_backlash", "marker_offset", "frame_misalignment"}
     assert len(declared.steps) == 6 and len(declared.experiment.steps) > 6
     held = np.zeros(len(data.readings), dtype=bool)

@@ -174,9 +174,8 @@ def test_a_line_that_a_kill_cut_off_is_removed(tmp_path):
 def test_lines_of_another_run_are_not_touched(tmp_path):
     path = tmp_path / "r.jsonl"
     Lines(path, HEAD).begin()
-    with pytest.raises(OtherHead, match="n differ") as caught:
+    with pytest.raises(OtherHead, match="another run: n differ"):
         Lines(path, {**HEAD, "n": 4}).begin_or_check()
-    assert caught.value.differing == ("n",)
     path.write_text("no head\n")
     with pytest.raises(OtherHead, match="does not begin with a head"):
         list(Lines(path, HEAD).records())

@@ -90,10 +90,10 @@ def test_a_journal_of_another_sweep_is_refused_and_replaced_on_demand(tmp_path):
     tdcr.sweep(write_files(tmp_path), out, executor=InProcess(), report=False)
     before = (out / "cases.jsonl").read_bytes()
     other = write_files(tmp_path, SWEEP.replace("1.2", "1.3"))
-    with pytest.raises(InputError, match="of another sweep: variations differ"):
+    with pytest.raises(InputError, match="of another run: variations differ"):
         tdcr.sweep(other, out, executor=InProcess(), report=False)
     robot = (tmp_path / "robot.toml").read_text().replace("85e9", "80e9")
-    with pytest.raises(InputError, match="of another sweep: tables differ"):
+    with pytest.raises(InputError, match="of another run: tables differ"):
         tdcr.sweep(write_files(tmp_path, robot=robot), out, executor=InProcess(), report=False)
     assert (out / "cases.jsonl").read_bytes() == before
     assert tdcr.sweep(other, out, executor=InProcess(), fresh=True, report=False).converged

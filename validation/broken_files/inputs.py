@@ -22,13 +22,12 @@ class Inputs:
     optional: tuple[str, ...] = ()  # files without which the command can run
 
 
-_ROBOT, _PLAIN = {"robot.toml": "robot.toml"}, {"robot.toml": "plain_robot.toml"}
+_PLAIN = {"robot.toml": "plain_robot.toml"}
+_FILES = {"robot.toml": "robot.toml", "scenario.toml": "scenario.toml"}
 
 #: All good inputs; those of `view` are solved when they are first needed.
 INPUTS: tuple[Inputs, ...] = (
-    Inputs(
-        "run", "run {}/scenario.toml -q --no-pictures", {**_ROBOT, "scenario.toml": "scenario.toml"}, weight=8
-    ),
+    Inputs("run", "run {}/scenario.toml -q --no-pictures", _FILES, weight=8),
     Inputs(
         "run, soft",
         "run {}/scenario.toml -q --no-pictures",
@@ -48,18 +47,8 @@ INPUTS: tuple[Inputs, ...] = (
         weight=5,
         optional=("model.toml",),
     ),
-    Inputs(
-        "sweep",
-        "sweep {}/sweep.toml --check",
-        {**_ROBOT, "scenario.toml": "scenario.toml", "sweep.toml": "sweep.toml"},
-        weight=3,
-    ),
-    Inputs(
-        "sweep, grid",
-        "sweep {}/sweep.toml --check",
-        {**_ROBOT, "scenario.toml": "scenario.toml", "sweep.toml": "grid.toml"},
-        weight=2,
-    ),
+    Inputs("sweep", "sweep {}/sweep.toml --check", {**_FILES, "sweep.toml": "sweep.toml"}, weight=3),
+    Inputs("sweep, grid", "sweep {}/sweep.toml --check", {**_FILES, "sweep.toml": "grid.toml"}, weight=2),
     Inputs("view", "view {}", {}, weight=2),
 )
 
