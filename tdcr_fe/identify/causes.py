@@ -18,6 +18,7 @@ from tdcr_fe.identify.bay_state import COMPONENTS, BayState
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.problem import FitProblem
+    from tdcr_fe.identify.run import Run
 
 Array = NDArray[np.float64]
 
@@ -45,6 +46,11 @@ class Cause(Effect):
         """One direction for each parameter."""
         null = self.null_values(experiment)
         return [[{**null, p.name: null[p.name] + p.scale} for p in self.parameters]]
+
+
+def number(name: str, unit: str, span: tuple[float, float], null: float, scale: float) -> Parameter:
+    """A number of a cause: its name with its unit, the span of its values, the null value and a typical change."""
+    return Parameter(name, unit, span[0], span[1], null, scale, name.replace("_", " "))
 
 
 #: From the experiment and the values of a cause to the experiment with it.
@@ -137,51 +143,56 @@ class StateLoad(Cause):
         return np.stack(columns, axis=-1)
 
 
-class Attraction(StateLoad):
-    """A force on one point of the backbone towards a point of the world, which falls with a power of the distance.
+class PointForce(StateLoad):
+    """A force on one point of the backbone along the line to a fixed point of the world, which depends on the distance.
 
     Parameters
     ----------
-    at
-        Arc length where it acts [m], and the number of the bay that ends there.
-    bay
-        See ``at``.
-    power
-        Of the distance.
-    reach
-        A typical distance [m].
-    strength
-        A typical force [N].
+    name, sentence
+        Of the cause.
+    at, bay
+        Arc length where it acts [m], and the number of the bay that ends there, from 0.
+    state
+        Of the declared model.
+    law
+        ``k``, its strength, and for a cord ``slack``, the distance from which on it pulls.
     """
 
-    def __init__(self, at: float, bay: int, power: int, reach: float, strength: float) -> None:
-        where = "tip" if bay < 0 else f"s = {at:.4g} m"
-        self.name = f"attraction to a point ({where}, power {power})"
+    def __init__(
+        self, name: str, sentence: str, at: float, bay: int, state: BayState, law: tuple[Parameter, ...]
+    ) -> None:
+        length = float(state.edges[-1])
+        self.at, self.bay, self.reach = at, bay, 0.5 * length
+        where = "tip" if bay == state.shape[1] - 1 else f"disk at s = {at:.4g} m"
+        self.name, self.sentence = f"{name} ({where})", sentence
         self.kind = Kind("force", ("position",), where)
-        self.sentence = "a force towards a fixed point that falls with the distance"
-        self.at, self.bay, self.power, self.reach = at, bay, power, reach
-        far = 20.0 * reach
-        places = tuple(
-            Parameter(a, "m", -far, far, 0.0, 0.05 * reach, f"{a} of the point") for a in ("x", "y", "z")
+        far = 20.0 * self.reach
+        places = (
+            Parameter(a, "m", -far, far, 0.0, 0.05 * self.reach, f"{a} of the point") for a in ("x", "y", "z")
         )
-        scale = strength * reach**power
-        most = 1e3 * scale
-        self.parameters = (
-            *places,
-            Parameter(
-                "k", f"N m^{power}", -most, most, 0.0, 0.1 * scale, "force times distance to that power"
-            ),
-        )
+        self.parameters = (*places, *law)
+        declared = np.array([0.0, 0.0, at]) + state.moved[:, bay]
+        self.path = declared[np.isfinite(declared).all(axis=1)]
+
+    def pull(self, distance: Array, values: Values) -> Array:
+        """The force towards the point at a distance [N]."""
+        raise NotImplementedError
+
+    def laws(self, distance: Array) -> list[dict[str, float]]:
+        """Values of the law at which it is tried, where the declared model has these distances from the point."""
+        raise NotImplementedError
 
     def action(self, state: BayState, values: Values) -> Array:
         """See `StateLoad.action`."""
-        point = np.array([values[a] for a in ("x", "y", "z")])
         found = np.zeros((*state.shape, COMPONENTS))
-        at = np.array([0.0, 0.0, self.at]) + state.moved[:, self.bay]
-        apart = point - at
+        apart = self._point(values) - np.array([0.0, 0.0, self.at]) - state.moved[:, self.bay]
         distance = np.sqrt(np.sum(apart**2, axis=1) + (1e-3 * self.reach) ** 2)
-        found[:, self.bay, 2:] = values["k"] * apart / (distance ** (self.power + 1))[:, None]
+        found[:, self.bay, 2:] = (self.pull(distance, values) / distance)[:, None] * apart
         return found
+
+    @staticmethod
+    def _point(values: Values) -> Array:
+        return np.array([values[a] for a in ("x", "y", "z")])
 
     def by_value(self, state: BayState, values: Values, name: str) -> Array:
         """See `StateLoad.by_value`."""
@@ -192,23 +203,90 @@ class Attraction(StateLoad):
         return (self.action(state, moved) - self.action(state, values)) / h
 
     def unidentifiable_at_null(self, experiment: Experiment) -> tuple[str, ...]:
-        """The point."""
-        return ("x", "y", "z")
+        """All but the strength."""
+        return tuple(p.name for p in self.parameters if p.name != "k")
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """Points around the robot, at several distances from its middle."""
-        length = experiment.robot.backbone.length
+        length = 2.0 * self.reach
         middle = np.array([0.0, 0.0, 0.6 * length])
         found = []
-        for distance in (0.5, 0.9, 1.5):
+        for distance in self.distances:
             for direction in _DIRECTIONS:
-                x, y, z = (float(c) for c in middle + distance * length * direction)
-                found.append([{"x": x, "y": y, "z": z, "k": self.parameters[3].scale}])
+                point = middle + distance * length * direction
+                x, y, z = (float(c) for c in point)
+                apart = np.linalg.norm(point - self.path, axis=1)
+                found += [[{"x": x, "y": y, "z": z, **law}] for law in self.laws(apart)]
         return found
+
+    #: Of the points that are tried, over the length [1].
+    distances = (0.5, 0.9, 1.5)
 
     def bounds(self, experiment: Experiment) -> Bounds:
         """Of the parameters."""
         return {p.name: (p.lower, p.upper) for p in self.parameters}
+
+
+class Attraction(PointForce):
+    """A force towards a point, or away from it, which falls with a power of the distance.
+
+    Parameters
+    ----------
+    at, bay, state
+        See `PointForce`.
+    power
+        Of the distance.
+    strength
+        A typical force [N].
+    """
+
+    def __init__(self, at: float, bay: int, state: BayState, power: int, strength: float) -> None:
+        scale = strength * (0.5 * float(state.edges[-1])) ** power
+        most, meaning = 1e3 * scale, "force times distance to that power"
+        k = Parameter("k", f"N m^{power}", -most, most, 0.0, 0.1 * scale, meaning)
+        sentence = "a force towards a fixed point that falls with the distance"
+        super().__init__(f"attraction to a point, power {power}", sentence, at, bay, state, (k,))
+        self.power = power
+
+    def pull(self, distance: Array, values: Values) -> Array:
+        """See `PointForce.pull`."""
+        return values["k"] / distance**self.power
+
+    def laws(self, distance: Array) -> list[dict[str, float]]:
+        """See `PointForce.laws`."""
+        return [{"k": self.parameters[-1].scale}]
+
+
+class Cord(PointForce):
+    """A force towards a point that grows in proportion from some distance on: a slack cord; from a far point, a wall.
+
+    Parameters
+    ----------
+    at, bay, state
+        See `PointForce`.
+    stiffness
+        A typical one [N/m].
+    """
+
+    distances = (0.4, 1.5, 6.0)
+
+    def __init__(self, at: float, bay: int, state: BayState, stiffness: float) -> None:
+        length = float(state.edges[-1])
+        k = Parameter("k", "N/m", 0.0, 1e4 * stiffness, 0.0, stiffness, "force per distance beyond the slack")
+        slack = Parameter("slack", "m", 0.0, 20.0 * length, 0.0, 0.02 * length, "distance where it begins")
+        sentence = (
+            "a force towards a fixed point that begins at some distance from it: a slack cord, or a wall"
+        )
+        super().__init__("cord or wall", sentence, at, bay, state, (k, slack))
+
+    def pull(self, distance: Array, values: Values) -> Array:
+        """See `PointForce.pull`."""
+        return values["k"] * np.maximum(distance - values["slack"], 0.0)
+
+    def laws(self, distance: Array) -> list[dict[str, float]]:
+        """Taut in most rows, and in a few."""
+        k = self.parameters[3].scale
+        return [{"k": k, "slack": float(np.quantile(distance, q))} for q in (0.3, 0.8)]
 
 
 def _sphere() -> Array:
@@ -234,7 +312,8 @@ class ReadingCause(Cause):
     parameters
         Coefficients, zero where nothing is shifted.
     shapes
-        One for each parameter: from the problem to the shift of a coefficient of one, in the readings' units, (n,).
+        One for each parameter: from the problem and a run to the shift of a coefficient of one, in the readings' units,
+        (n,).
     """
 
     def __init__(
@@ -242,7 +321,7 @@ class ReadingCause(Cause):
         name: str,
         kind: Kind,
         parameters: tuple[Parameter, ...],
-        shapes: tuple[Callable[[FitProblem], Array], ...],
+        shapes: tuple[Callable[[FitProblem, Run], Array], ...],
         sentence: str = "",
     ) -> None:
         self.name, self.kind, self.parameters, self.shapes = name, kind, parameters, shapes
@@ -252,10 +331,10 @@ class ReadingCause(Cause):
         """The robot stays as it is."""
         return experiment
 
-    def shift(self, problem: FitProblem, values: Values) -> Array:
+    def shift(self, problem: FitProblem, run: Run, values: Values) -> Array:
         """Of the readings, in their units, shape (n,)."""
         total = np.zeros(problem.count)
         for p, shape in zip(self.parameters, self.shapes, strict=True):
             if values[p.name] != 0.0:
-                total += values[p.name] * shape(problem)
+                total += values[p.name] * shape(problem, run)
         return total

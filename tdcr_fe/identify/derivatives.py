@@ -369,7 +369,7 @@ class _Part:
     def linear(self, run: Run, beside: Sequence[Run]) -> Linear:
         """What follows from the runs."""
         problem, read = self.problem, partial(self.problem.readings.reader.read, run)
-        residual = problem.residual(self.experiment, run) - problem.shift(self.effects, self.values)
+        residual = problem.residual(self.experiment, run) - problem.shift(self.effects, self.values, run)
         matrix = np.zeros((residual.size, len(self.request.columns)))
         by, acted = run.derivatives, None
         if by is not None and by.names:
@@ -385,12 +385,12 @@ class _Part:
             change = _difference(values, read(self.experiment), table.step)
             matrix[:, number] = problem.whitened(change / problem.sigma)
         for (number, moved), other in zip(self.beside.items(), beside, strict=True):
-            plain = problem.residual(moved, other) - problem.shift(self.effects, self.values)
+            plain = problem.residual(moved, other) - problem.shift(self.effects, self.values, other)
             matrix[:, number] = (residual - plain) / self._step(number)
         for number, column in enumerate(self.request.columns):
             if isinstance(column.effect, ReadingCause):
                 unit = {p.name: 0.0 for p in column.effect.parameters} | {column.parameter: 1.0}
-                matrix[:, number] = problem.whitened(column.effect.shift(problem, unit) / problem.sigma)
+                matrix[:, number] = problem.whitened(column.effect.shift(problem, run, unit) / problem.sigma)
         matrix = np.where(np.isfinite(matrix), matrix, 0.0)
         return Linear(residual, matrix, replace(run, derivatives=None, acted=acted), self.differenced)
 

@@ -23,20 +23,24 @@ from tdcr_fe.identify.causes import (
     Cause,
     Change,
     ChangedDescription,
+    Cord,
+    PointForce,
     ReadingCause,
     StateLoad,
+    number,
 )
+from tdcr_fe.identify.misplaced import routings, single_disks
 from tdcr_fe.identify.terms import ROW, TIME, Factor, library, sentence, where
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.loading import LoadStep, resolve
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.routing import MisplacedRouting
 from tdcr_fe.model.tendon import TightHole
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.problem import FitProblem
+    from tdcr_fe.identify.run import Run
 
 Array = NDArray[np.float64]
 
@@ -70,7 +74,7 @@ def unnamed(problem: FitProblem, state: BayState) -> list[Cause]:
     """Causes on no list."""
     found: list[Cause] = [*_along(problem), *_inputs(problem), *_readings(problem)]
     if not problem.experiment.robot.without_disks:
-        found += _routings(problem)
+        found += [*routings(problem), *single_disks(problem)]
     return [*found, *_loads(problem, state)]
 
 
@@ -98,10 +102,6 @@ def _progress(steps: Sequence[LoadStep]) -> Array:
 
 
 # ------------------------------------------------------------------------------------------------ descriptions
-
-
-def _number(name: str, unit: str, span: tuple[float, float], null: float, scale: float) -> Parameter:
-    return Parameter(name, unit, span[0], span[1], null, scale, name.replace("_", " "))
 
 
 class _Profile(NamedTuple):
@@ -139,7 +139,7 @@ def _along(problem: FitProblem) -> list[Cause]:
 
     def add(quantity: str, perturbs: str, profile: _Profile, change: Change, limits: _Limits) -> None:
         numbers = tuple(
-            _number(f"{quantity}_{n}", "1", (limits.low, limits.high), limits.null, 0.02)
+            number(f"{quantity}_{n}", "1", (limits.low, limits.high), limits.null, 0.02)
             for n in profile.numbers
         )
         kind = Kind(perturbs, ("place",), profile.where)
@@ -180,36 +180,6 @@ class _Limits(NamedTuple):
     low: float
     high: float
     null: float
-
-
-def _routings(problem: FitProblem) -> list[Cause]:
-    """The holes of one tendon elsewhere: at another angle and distance, the same along the backbone or not."""
-    ends, found = ("base", "end"), list[Cause]()
-    numbers = (
-        _number("factor", "1", (0.3, 3.0), 1.0, 0.02),
-        _number("angle", "rad", (-1.5, 1.5), 0.0, 0.02),
-    )
-    along = tuple(
-        replace(p, name=f"{p.name}_{end}", meaning=f"{p.meaning} at the {end}")
-        for p in numbers
-        for end in ends
-    )
-    for name in problem.experiment.robot.tendon_names:
-
-        def moved(experiment: Experiment, values: Values, name: str = name) -> Experiment:
-            if "angle" in values:
-                values = {f"{n}_{end}": x for n, x in values.items() for end in ends}
-            tendons = tuple(
-                replace(t, routing=MisplacedRouting(t.routing, **values)) if t.name == name else t
-                for t in experiment.robot.tendons
-            )
-            return experiment.with_robot(tendons=tendons)
-
-        text = f"the holes of tendon {name} are elsewhere, at another angle or distance"
-        for suffix, depends, own in (("", "nothing", numbers), (" along s", "place", along)):
-            kind = Kind("routing", (depends,), f"tendon {name}")
-            found.append(ChangedDescription(f"routing of {name}{suffix}", kind, own, moved, text))
-    return found
 
 
 def _inputs(problem: FitProblem) -> list[Cause]:
@@ -268,7 +238,7 @@ def _inputs(problem: FitProblem) -> list[Cause]:
         if not depends:
             continue
         kind = Kind("input", (depends,))
-        one = _number("all", own, (-0.9 * size, 3.0 * size), 0.0, 0.01 * size)
+        one = number("all", own, (-0.9 * size, 3.0 * size), 0.0, 0.01 * size)
         if name.startswith("gain"):
             found.append(ChangedDescription(f"{name} (all)", kind, (one,), law(change), text))
         each = tuple(replace(one, name=names[i]) for i in driven)
@@ -294,15 +264,21 @@ def _readings(problem: FitProblem) -> list[Cause]:
         return []
     length, clock = data.robot.backbone.length, _clock(problem)
 
-    def along(axis: int, weight: Weight, marker: float | None) -> Callable[[FitProblem], Array]:
-        def shape(p: FitProblem) -> Array:
-            own = np.array([marker is None or r.location == marker for r in p.data.readings])
-            return (p.readings.axes == axis) * own * weight(p.data)[p.readings.reader.step]
+    def along(axis: int, weight: Weight, marker: float | None) -> Callable[[FitProblem, Run], Array]:
+        """A shift along an axis of the world of all markers; of one marker, along an axis of its section."""
+
+        def shape(p: FitProblem, run: Run) -> Array:
+            step, axes = p.readings.reader.step, p.readings.axes
+            if marker is None:
+                return np.asarray((axes == axis) * weight(p.data)[step])
+            own = np.array([r.location == marker for r in p.data.readings]) & (axes >= 0)
+            shift = run.rotations[:, int(np.argmin(np.abs(run.s - marker))), :, axis]
+            return np.where(own, shift[step, axes] * weight(p.data)[step], 0.0)
 
         return shape
 
     def shift(name: str, kind: Kind, weight: Weight, text: str, marker: float | None = None) -> ReadingCause:
-        numbers = tuple(_number(a, "m", (-length, length), 0.0, 2e-3 * length) for a in "xyz")
+        numbers = tuple(number(a, "m", (-length, length), 0.0, 2e-3 * length) for a in "xyz")
         return ReadingCause(name, kind, numbers, tuple(along(i, weight, marker) for i in range(3)), text)
 
     def after(number: int) -> Weight:
@@ -312,20 +288,20 @@ def _readings(problem: FitProblem) -> list[Cause]:
     if clock:
         kind, text = Kind("reading", (clock,)), "the measuring frame drifts"
         found.append(shift("drift of the measuring frame", kind, lambda d: _progress(d.steps), text))
-    numbers = (_number("scale", "1", (-0.5, 0.5), 0.0, 0.01),)
+    numbers = (number("scale", "1", (-0.5, 0.5), 0.0, 0.01),)
     scale = ReadingCause("scale of the positions", Kind("reading", ("position",)), numbers,
-                         (lambda p: np.where(p.readings.is_position, p.readings.values, 0.0),),
+                         (lambda p, _: np.where(p.readings.is_position, p.readings.values, 0.0),),
                          "positions are read too large or too small by a factor")  # fmt: skip
     found.append(scale)
     markers = sorted({float(data.readings[i].location or 0.0) for i in np.flatnonzero(readings.is_position)})
     groups: dict[float | None, str] = {None: "all markers"}
     if len(markers) > 1:
         groups |= {s: f"the marker at s = {s:.4g} m" for s in markers}
-    for (marker, who), number in itertools.product(groups.items(), data.step_ids[3:-2]):
-        where_ = f"{who}, from row {number} on"
-        text = f"the readings of {who} jump from row {number} on"
-        name = f"jump of {who} from row {number} on"
-        cause = shift(name, Kind("reading", ("row",), where_), after(number), text, marker)
+    for (marker, who), first in itertools.product(groups.items(), data.step_ids[3:-2]):
+        where_ = f"{who}, from row {first} on"
+        text = f"the readings of {who} jump from row {first} on"
+        name = f"jump of {who} from row {first} on"
+        cause = shift(name, Kind("reading", ("row",), where_), after(first), text, marker)
         cause.price = math.log(len(data.steps) * (1 if marker is None else len(markers)))
         found.append(cause)
     return found
@@ -377,16 +353,17 @@ def _loads(problem: FitProblem, state: BayState) -> list[Cause]:
             add(f"force {text} ({at})", Kind("force", (varies,), at),
                 [(a, unit, _at(bay, i, factor)) for i, a in enumerate("xyz")],
                 f"a force of fixed direction, {text}", 1.5 + (0.0 if bay == bays - 1 else math.log(bays)))  # fmt: skip
-    matrix = [
-        (f"{a}{b}", "N/m", _linear(bays - 1, i, j)) for i, a in enumerate("xyz") for j, b in enumerate("xyz")
-    ]
-    add("force linear in the displacement (tip)", Kind("force", ("position",), "tip"), matrix,
-        "a force that grows linearly with the displacement", 1.5)  # fmt: skip
     spread = [(a, "N/m", _spread(i)) for i, a in enumerate("xyz")]
     add("force along the backbone", Kind("force", ("nothing",), "along the backbone"), spread,
         "a constant force along the whole backbone", 3.0)  # fmt: skip
-    tip = float(state.edges[-1])
-    found += [Attraction(tip, -1, power, 0.5 * length, TYPICAL * float(size[2])) for power in (2, 1, 3)]
+    strength = TYPICAL * float(size[2])
+    for bay, at in enumerate(state.edges[1:].tolist()):
+        powers = (2, 1, 3) if bay == bays - 1 else (2,)
+        points: list[PointForce] = [Attraction(at, bay, state, power, strength) for power in powers]
+        points += [Cord(at, bay, state, strength / length)]
+        for cause in points:
+            cause.price = 0.0 if bay == bays - 1 else math.log(bays)
+        found += points
     return found
 
 
@@ -409,17 +386,6 @@ def _at(bay: int, axis: int, factor: Callable[[BayState], Array] | None) -> Call
     def term(state: BayState) -> Array:
         found = np.zeros((*state.shape, COMPONENTS))
         found[:, bay, 2 + axis] = 1.0 if factor is None else factor(state)[:, bay]
-        return found
-
-    return term
-
-
-def _linear(bay: int, axis: int, by: int) -> Callable[[BayState], Array]:
-    """A force on one disk along an axis in proportion to a component of its displacement."""
-
-    def term(state: BayState) -> Array:
-        found = np.zeros((*state.shape, COMPONENTS))
-        found[:, bay, 2 + axis] = state.moved[:, bay, by]
         return found
 
     return term

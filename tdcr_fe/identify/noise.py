@@ -180,6 +180,9 @@ def outliers(r: Array) -> tuple[tuple[int, float], ...]:
 #: Chance of reporting noise of the inputs that is not there, and of calling errors systematic that follow nothing [1].
 SIGNIFICANCE, FOLLOWS = 1e-4, 1e-3
 
+#: So many standard errors beyond that of normal errors, the kurtosis tells that errors are rare and large [1].
+KURTOSIS = 5.0
+
 #: The rms residual over sigma must fall at least to this share of it, and the relative error of an input be at most so
 #: large; beyond, something else is wrong [1].
 MOST_REMAINING, LARGEST = 0.8, 0.25
@@ -266,7 +269,8 @@ def _likeliest(
     before, after = problem.misfit(fit.residual, everything), problem.misfit(left, everything)
     size = float(np.sqrt(ratio * _noise_variance(blocks, ratio)))
     gain = _log_likelihood(blocks, ratio) - _log_likelihood(blocks, 0.0)
-    return gain, _is_systematic(errors, blocks, values), InputNoise(size, unit, before, after)
+    systematic = _is_systematic(errors, blocks, values) or _are_rare(blocks, ratio)
+    return gain, systematic, InputNoise(size, unit, before, after)
 
 
 def _is_systematic(errors: Sequence[Array], blocks: Sequence[_Block], values: Array) -> bool:
@@ -293,6 +297,13 @@ def _is_systematic(errors: Sequence[Array], blocks: Sequence[_Block], values: Ar
     left = float(np.sum((y - a @ np.linalg.lstsq(a, y, rcond=None)[0]) ** 2))
     ratio = (float(y @ y) - left) / rank / max(left / spare, 1e-300)
     return bool(fdtrc(rank, spare, ratio) < FOLLOWS)
+
+
+def _are_rare(blocks: Sequence[_Block], ratio: float) -> bool:
+    """Whether some steps have large errors and most have none, by the kurtosis: then something acts there alone."""
+    z = np.concatenate([b.along / np.sqrt(1.0 + ratio * b.strength**2) for b in blocks])
+    kurtosis = float(np.mean(z**4) / max(float(np.mean(z**2)) ** 2, 1e-300))
+    return kurtosis - 3.0 > KURTOSIS * math.sqrt(24.0 / z.size)
 
 
 def _blocks(problem: FitProblem, residual: Array, derivatives: Array) -> list[_Block]:

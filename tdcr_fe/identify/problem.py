@@ -191,12 +191,12 @@ class FitProblem:
             found[own] = np.linalg.norm(root, axis=1)
         return found * self.sigma
 
-    def shift(self, effects: Sequence[Effect], values: Point) -> Array:
-        """What causes in the readings themselves add to the predictions over sigma, shape (n,)."""
+    def shift(self, effects: Sequence[Effect], values: Point, run: Run) -> Array:
+        """What causes in the readings themselves add to the predictions of a run over sigma, shape (n,)."""
         found = np.zeros(self.count)
         for e in effects:
             if isinstance(e, ReadingCause):
-                found = found + e.shift(self, values[e.name])
+                found = found + e.shift(self, run, values[e.name])
         return self.whitened(found / self.sigma)
 
     # ------------------------------------------------------------------ measures
@@ -325,7 +325,7 @@ def evaluate(problem: FitProblem, effects: Sequence[Effect], values: Point) -> F
 
 def fit_of_run(problem: FitProblem, effects: Sequence[Effect], values: Point, run: Run) -> Fit:
     """A model at given values, nothing fitted, of which there is a run."""
-    r = problem.residual(problem.with_effects(effects, values), run) - problem.shift(effects, values)
+    r = problem.residual(problem.with_effects(effects, values), run) - problem.shift(effects, values, run)
     return Fit(tuple(effects), values, r, *problem.cost(r), np.zeros((r.size, 0)), (), run)
 
 

@@ -105,10 +105,12 @@ def search_causes(search: Search, state: SearchState) -> Stage:
 # -------------------------------------------------------------------------------------------------- candidates
 
 
-def scores_beside(state: SearchState, fit: Fit, named: bool = False) -> tuple[SearchState, list[Score], Fit]:
+def scores_beside(
+    state: SearchState, fit: Fit, named: bool = False, costly: bool = True
+) -> tuple[SearchState, list[Score], Fit]:
     """Scores of all causes of the dictionary beside a fitted model, computed once; and the model as a reference.
 
-    ``named``: of the listed effects alone.
+    ``named``: of the listed effects alone; ``costly``: also of causes without a name that take a run each.
     """
     key = frozenset(fit.names)
     done, reference = state.scores.get(key, ([], fit))
@@ -117,7 +119,9 @@ def scores_beside(state: SearchState, fit: Fit, named: bool = False) -> tuple[Se
     others = [
         e
         for e in state.dictionary
-        if e.listed not in known and e.name not in seen and (is_named(e) or not named)
+        if e.listed not in known
+        and e.name not in seen
+        and (is_named(e) or (not named and (costly or e.exact_derivatives)))
     ]
     if others:
         scores, reference = screen(state.problem, fit, others)
@@ -195,7 +199,7 @@ def singles(
     search: Search, state: SearchState, parent: Fit, named: bool
 ) -> tuple[SearchState, list[Proposal]]:
     """Single causes beside a model that are worth a fit; ``named``: listed effects alone."""
-    state, scores, reference = scores_beside(state, parent, named)
+    state, scores, reference = scores_beside(state, parent, named, not parent.effects)
     found = [x for x in scores if (is_named(x.effect) or not named) and not _saturates(x.effect)]
     found = worth_fitting(search, state.problem, parent, found)
     return state, [_proposal(state.problem, parent, x, reference) for x in found]
@@ -207,7 +211,7 @@ def pairs(search: Search, state: SearchState, parent: Fit, named: bool) -> tuple
     Far from noise the first order tells too little about pairs: they are found by extending single causes that are
     fitted.
     """
-    state, scores, reference = scores_beside(state, parent, named)
+    state, scores, reference = scores_beside(state, parent, named, False)
     problem, most = state.problem, search.settings.candidates
     if len(parent.effects) + 2 > search.settings.max_effects or lacks_test(problem, parent):
         return state, []
@@ -366,14 +370,14 @@ def grow(search: Search, state: SearchState) -> Stage:
     settings = search.settings
     most_effects = 1 if lacks_test(state.problem, state.declared) else settings.max_effects
     for number in itertools.count(1):
-        heads = [f for f in _heads(search, state) if frozenset(f.names) not in state.extended]
+        heads = [f for f in _heads(search, state) if not _was_extended(state, f, f is not state.best)]
         head = next((f for f in heads if len(f.effects) < most_effects), None)
         if head is None:
             break
         if search.out_of_time and state.best.effects:
             state = state.without_trying(FURTHER_EFFECTS)
             break
-        state = replace(state, extended=state.extended | {frozenset(head.names)})
+        state = replace(state, extended=state.extended | {(frozenset(head.names), head is not state.best)})
         progress = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
         search.report(
             f"round {number}: candidates beside {listed_names(head.names) or 'the declared model'}", progress
@@ -412,6 +416,12 @@ def grow(search: Search, state: SearchState) -> Stage:
         )
         yield state
     return state
+
+
+def _was_extended(state: SearchState, fit: Fit, named: bool) -> bool:
+    """Whether further causes, or ``named``: listed effects at least, were added to a model."""
+    names = frozenset(fit.names)
+    return (names, False) in state.extended or (named and (names, True) in state.extended)
 
 
 def _heads(search: Search, state: SearchState) -> list[Fit]:
@@ -541,7 +551,7 @@ def at_full_strength(
         and _saturates(e)
         and e.listed not in {x.listed for x in parent.effects}
     ]
-    state, known, _ = scores_beside(state, parent)
+    state, known, _ = scores_beside(state, parent, costly=False)
     drops = {x.effect.name: x.drop for x in known}
     scores = []
     if parent.effects or search.explained(state):  # all are tried where nothing else explains the data
@@ -600,7 +610,7 @@ def exchange(search: Search, state: SearchState) -> Stage:
             (base,) = fitting.run_fits(problem, [fitting.evaluated(problem, rest, values, free, best)])
         if not base.solved:
             continue
-        if frozenset(base.names) in state.extended and search.is_noise(problem, best):
+        if _was_extended(state, base, False) and search.is_noise(problem, best):
             continue  # its extensions were tried
         state, scores, _ = scores_beside(state, best)
         problem, names = state.problem, {e.listed for e in (*gone, *rest)}

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.criteria import bic, effective_noise, residual_is_noise, robust_threshold
+from tdcr_fe.identify.criteria import effective_noise, rank, residual_is_noise, robust_threshold
 from tdcr_fe.identify.noise import with_input_sigma
 from tdcr_fe.identify.problem import Fit, FitProblem, fit_of_run, refine
 from tdcr_fe.identify.result import Candidate
@@ -76,7 +76,8 @@ class SearchState:
     fits: Mapping[Names, Fit]  # every model that was fitted, by the names of its effects
     # Scores of candidates beside a model, and that model as a reference for fits
     scores: Mapping[Names, tuple[list[Score], Fit]] = field(default_factory=dict)
-    extended: frozenset[Names] = frozenset()  # models to which further causes were added
+    # models to which further causes were added, and whether listed effects alone
+    extended: frozenset[tuple[Names, bool]] = frozenset()
     candidates: tuple[Candidate, ...] = ()  # result of each, for the report
     refused: Mapping[str, str] = field(default_factory=dict)  # effects that are not tried, with the reason
     # by effect of the best model, those that explain the data as well
@@ -261,7 +262,7 @@ def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
     problem = state.problem
     noise = effective_noise(problem, state.best, search.significance)
     solved = [f for f in state.fits.values() if f.solved] or [state.best]
-    logarithms = np.array([-0.5 * bic(problem, f) / noise for f in solved])
+    logarithms = np.array([-0.5 * rank(problem, f) / noise for f in solved])
     weights = np.exp(logarithms - np.max(logarithms))
     weights /= np.sum(weights)
     same = [float(np.sum((f.residual - state.best.residual) ** 2)) < SAME for f in solved]

@@ -72,6 +72,13 @@ def test_noise_and_systematic_causes_are_no_scatter(factors, truth):
     assert scatter(data(factors, 0.0, truth=truth)) is None
 
 
+def test_large_errors_of_a_few_steps_are_no_scatter():
+    """As where the robot touches something in some steps."""
+    own = errors(0.04, len(PULLS))
+    own[np.arange(len(PULLS)) % 8 != 3] = 0.0
+    assert scatter(data(1.0 + 4.0 * own, 0.0)) is None
+
+
 def test_the_report_says_what_the_inputs_would_account_for():
     state = state_of(on_fine_mesh(data(1.0 + errors(0.04, len(PULLS)), 0.0)))
     scatter = find_input_noise(state.problem, state.best)

@@ -26,7 +26,7 @@ from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.screening import best_pairs, screen
-from tdcr_fe.identify.search import exchange, search_causes
+from tdcr_fe.identify.search import _was_extended, exchange, search_causes
 from tdcr_fe.model.routing import MisplacedRouting
 
 
@@ -139,9 +139,49 @@ def test_a_cause_found_on_some_of_the_rows_is_the_same_on_all():
     assert not any("row " in name and "jump" not in name for name in causes)
     jump, one = (causes[f"jump of {who} from row 7 on"] for who in ("all markers", "the marker at s = 0.1 m"))
     for problem in (part, whole):
+        (run,) = problem.run([Job(problem.experiment)])
         steps = np.array([r.step for r in problem.data.readings])
         expected = np.where((steps >= 7) & (problem.readings.axes == 0), 1e-3, 0.0)
         own = np.array([r.location == 0.1 for r in problem.data.readings])
         values = {"x": 1e-3, "y": 0.0, "z": 0.0}
-        np.testing.assert_array_equal(jump.shift(problem, values), expected)
-        np.testing.assert_array_equal(one.shift(problem, values), own * expected)
+        np.testing.assert_array_equal(jump.shift(problem, run, values), expected)
+        # one marker slips on the backbone: it stays at its distance from the point where it was
+        slip = one.shift(problem, run, values)[own & (steps >= 7)].reshape(-1, 3)
+        np.testing.assert_allclose(np.linalg.norm(slip, axis=1), 1e-3)
+        assert np.ptp(slip[:, 2]) > 1e-5 and not np.any(one.shift(problem, run, values)[~own | (steps < 7)])
+
+
+def test_one_hole_or_one_disk_is_moved_and_no_other():
+    """A disk slips along the backbone, turns with its holes, or has one hole elsewhere."""
+    problem = problem_of(measured())
+    causes = {e.name: e for e in whole_dictionary(problem)}
+    at = f"(disk at s = {ROBOT.disks.positions[1]:.4g} m)"
+
+    def changed(name, **values):
+        """Holes less those of the declared robot, by tendon; and the disks."""
+        cause = causes[f"{name} {at}"]
+        robot = cause.apply(problem.experiment, {**cause.null_values(problem.experiment), **values}).robot
+        pairs = zip(robot.tendons, ROBOT.tendons, strict=True)
+        return [robot.holes(a) - ROBOT.holes(b) for a, b in pairs], robot
+
+    (first, second), _ = changed("hole of t1", x=-1e-3)
+    np.testing.assert_allclose(first[2], (-1e-3, 0.0), atol=1e-12)
+    assert not np.any(np.abs(np.delete(first, 2, axis=0)) > 1e-12) and not np.any(second)
+    moved, robot = changed("disk turned", angle=0.1)
+    radii = [np.linalg.norm(robot.holes(a)[2]) for a in robot.tendons]
+    np.testing.assert_allclose(radii, [np.linalg.norm(ROBOT.holes(t)[2]) for t in ROBOT.tendons])
+    assert all(
+        np.linalg.norm(m[2]) > 1e-4 and not np.any(np.abs(np.delete(m, 2, axis=0)) > 1e-12) for m in moved
+    )
+    _, robot = changed("disk slipped", along=2e-3)
+    np.testing.assert_allclose(
+        np.subtract(robot.disks.positions, ROBOT.disks.positions),
+        np.eye(len(ROBOT.disks.positions))[1] * 2e-3,
+    )
+
+
+def test_a_model_extended_by_listed_effects_alone_is_extended_again_as_the_best():
+    """Otherwise a cause without a name is never tried beside an effect that was not the best model at first."""
+    state = begun(measured(GRAVITY))
+    state = replace(state, extended=frozenset({(frozenset(), True)}))
+    assert _was_extended(state, state.declared, True) and not _was_extended(state, state.declared, False)

@@ -13,7 +13,7 @@ from tdcr_fe.effects import Parameter
 from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.bay_state import Action, last_direction, with_action
-from tdcr_fe.identify.causes import Attraction, StateLoad
+from tdcr_fe.identify.causes import Attraction, Cord, StateLoad
 from tdcr_fe.identify.corrected import corrected_files
 from tdcr_fe.identify.derivatives import TOLERANCE, Column, Request, balanced, linearize
 from tdcr_fe.identify.forward import Job
@@ -94,17 +94,24 @@ def test_a_hardening_law_holds_in_the_arc_that_a_moment_gives():
         np.testing.assert_allclose(run.bays.curvature[k, :, 1], kappa, rtol=1e-4)
 
 
-def test_derivatives_with_a_load_that_depends_on_the_state_are_those_of_differences():
-    """An attraction of the tip to a point, and the stiffness of the backbone beside it."""
+@pytest.mark.parametrize(
+    ("kind", "law", "own"),
+    [(Attraction, (2, 1e-3), {"k": 5e-5}), (Cord, (0.01,), {"k": 0.2, "slack": 0.19})],
+    ids=["attraction", "cord"],
+)
+def test_derivatives_with_a_load_that_depends_on_the_state_are_those_of_differences(kind, law, own):
+    """A pull of the tip towards a point, and the stiffness of the backbone beside it."""
     from tdcr_fe.effects import effect
 
     problem = problem_of(measured())
-    pull, stiffness = Attraction(LENGTH, -1, 2, 0.1, 1e-3), effect("stiffness_scale")
+    (run,) = problem.run([Job(problem.experiment, states=True)])
+    pull, stiffness = kind(LENGTH, run.bays.shape[1] - 1, run.bays, *law), effect("stiffness_scale")
     values = {
-        pull.name: {"x": -0.15, "y": -0.1, "z": 0.2, "k": 5e-5},
+        pull.name: {"x": -0.15, "y": -0.1, "z": 0.2, **own},
         stiffness.name: {"bending": 1.0, "torsion": 1.0},
     }
     free = [(pull, "k", 1e-6), (pull, "x", 1e-3), (stiffness, "bending", 1e-3)]
+    assert np.count_nonzero(pull.action(run.bays, values[pull.name]))
 
     def at(changed=None, by=0.0):
         own = {n: dict(v) for n, v in values.items()}
