@@ -29,7 +29,7 @@ BUDGET = {
     "tdcr_fe/commands": 1018,
     "tdcr_fe/effects": 1360,
     "tdcr_fe/estimate": 928,
-    "tdcr_fe/identify": 6393,
+    "tdcr_fe/identify": 6406,
     "tdcr_fe/io": 1961,
     "tdcr_fe/live": 375,
     "tdcr_fe/model": 2741,

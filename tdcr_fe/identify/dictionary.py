@@ -10,6 +10,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -353,6 +354,12 @@ def _loads(problem: FitProblem, state: BayState) -> list[Cause]:
             add(f"force {text} ({at})", Kind("force", (varies,), at),
                 [(a, unit, _at(bay, i, factor)) for i, a in enumerate("xyz")],
                 f"a force of fixed direction, {text}", 1.5 + (0.0 if bay == bays - 1 else math.log(bays)))  # fmt: skip
+    tensor = [
+        (n, "N m^2", partial(_by_curvature, axes=axes))
+        for n, axes in (("xx", "x"), ("yy", "y"), ("xy", "xy"))
+    ]
+    add("bending stiffness of another section", Kind("stiffness", ("direction of bending",), "everywhere"), tensor,
+        "a bending stiffness that differs between the directions", math.log(10.0))  # fmt: skip
     spread = [(a, "N/m", _spread(i)) for i, a in enumerate("xyz")]
     add("force along the backbone", Kind("force", ("nothing",), "along the backbone"), spread,
         "a constant force along the whole backbone", 3.0)  # fmt: skip
@@ -389,6 +396,15 @@ def _at(bay: int, axis: int, factor: Callable[[BayState], Array] | None) -> Call
         return found
 
     return term
+
+
+def _by_curvature(state: BayState, axes: str) -> Array:
+    """A moment in all bays about one axis with the curvature about it; of two axes, about each with the other's."""
+    found = np.zeros((*state.shape, COMPONENTS))
+    for axis in axes:
+        to = "xy".index(axis)
+        found[..., to] = state.curvature[..., to if len(axes) == 1 else 1 - to]
+    return found
 
 
 def _spread(axis: int) -> Callable[[BayState], Array]:

@@ -16,6 +16,7 @@ from tdcr_fe.identify.bay_state import Action, last_direction, with_action
 from tdcr_fe.identify.causes import Attraction, Cord, StateLoad
 from tdcr_fe.identify.corrected import corrected_files
 from tdcr_fe.identify.derivatives import TOLERANCE, Column, Request, balanced, linearize
+from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.problem import with_elements
 from tdcr_fe.identify.report import render
@@ -211,3 +212,17 @@ def test_angles_are_read_with_a_load_that_depends_on_the_state():
         problem, [Request((load,), values, (Column(load, "coefficient", values[load.name], 1.0),))]
     )
     assert np.isfinite(linear.residual).all() and np.all(linear.matrix[-len(tips) + 1 :] != 0.0)
+
+
+def test_a_stiffness_that_differs_between_directions_is_a_symmetric_tensor_of_the_curvature():
+    """The moment is the tensor times the curvature; where both stiffnesses are equal it lies along the curvature."""
+    problem = problem_of(measured())
+    (run,) = problem.run([Job(problem.experiment, states=True)])
+    (section,) = [
+        e for e in dictionary(problem, run.bays) if e.name == "bending stiffness of another section"
+    ]
+    moment = section.action(run.bays, {"xx": 2.0, "yy": -1.0, "xy": 0.5})[..., :2]
+    tensor = np.array([[2.0, 0.5], [0.5, -1.0]])
+    np.testing.assert_allclose(moment, run.bays.curvature[..., :2] @ tensor.T)
+    same = section.action(run.bays, {"xx": 3.0, "yy": 3.0, "xy": 0.0})
+    np.testing.assert_allclose(same, 3.0 * Term((), BENDING).action(run.bays))
