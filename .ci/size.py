@@ -28,7 +28,7 @@ BUDGET = {
     "tdcr_fe": 262,
     "tdcr_fe/commands": 1018,
     "tdcr_fe/effects": 1360,
-    "tdcr_fe/estimate": 928,
+    "tdcr_fe/estimate": 940,
     "tdcr_fe/identify": 6406,
     "tdcr_fe/io": 1961,
     "tdcr_fe/live": 375,

@@ -99,8 +99,11 @@ def most_probable(
     if point is None:
         return None
 
-    # Its slope is that of a prior with another mean.
+    # The slope of the volume is that of a prior with another mean; it is followed by one standard deviation at most,
+    # since at a hole between stick and slip it may be any.
     slope = point.volume_slope(covariance)
+    squared = float(slope @ covariance_after(covariance, point.jacobian) @ slope)
+    slope = slope / math.sqrt(max(1.0, 0.25 * squared))
     mean, v = mean - 0.5 * covariance @ slope, v + 0.5 * slope
 
     def misfit(v: Array, at: P) -> float:
