@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState, no_factors
+from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState, SmallFactors
 
 
 class LinearSlips:
@@ -29,8 +29,6 @@ class LinearSlips:
     def __init__(self, by_load, matrix, start, presliding, holes=None, slack=()):
         self.presliding, self.breakpoints, self.compilable = presliding, np.ones(1), False
         self.transfer = self
-        # ``C`` changes the rates by more than the cube of the load factor does.
-        self.cubic_coefficient = np.inf
         self._load, self._matrix, self._start = np.array(by_load), np.array(matrix), np.array(start)
         holes = len(start) if holes is None else holes
         self._elastic_slip = np.append(np.full(holes, presliding), np.zeros(len(start) - holes))
@@ -56,7 +54,7 @@ class LinearSlips:
             still,
             np.zeros((n, len(still))),
             np.zeros((n, len(still))),
-            no_factors(),
+            SmallFactors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), False),
             np.zeros(n, dtype=bool),
             self.matrix(x).T.copy(),
             np.zeros((n, len(still))),
@@ -76,7 +74,3 @@ class LinearSlips:
     def distance_to_branch_change(z, rate, tension, tension_rate):
         """As of `tdcr_fe.solve.friction_path.slips.InterpolatedSlips`."""
         return np.inf
-
-    def complement_rates(self, x, z, tension, rate, near):
-        """As of `tdcr_fe.solve.friction_path.slips.InterpolatedSlips`."""
-        return True, self.at(x, z, tension).derivatives.by_load - self.matrix(x) @ rate

@@ -5,12 +5,11 @@ slip is monotone: changes from stick to slip cost nothing. Only a slip that reve
 depend on how it was reached: the mobilisation then counts from the slip where it reversed, not from that at the start.
 
 The slips are known as functions of load factor, mobilisations and tensions at the base (`InterpolatedSlips`). Their
-rates are integrated segment by segment. A path segment ends at an event: a hole begins to slip, its slip reverses, a
-tendon driven by displacement becomes slack or taut; or where the rates are no longer linear. Complements that should be
-constant drift by the errors of the path segments. Wherever the slips are evaluated anew, one Newton step on the free
-unknowns takes the drift away (the projection of a constrained integration; E. Hairer, G. Wanner, Solving Ordinary
-Differential Equations II (1996), sec. VII.2). Documentation: docs/algorithms.md, section "Slip reversals within a
-substep".
+rates are integrated segment by segment, over which they are constant. A path segment ends at an event: a hole begins to
+slip, or a tendon driven by displacement becomes slack or taut. Complements that should be constant drift, because the
+rates do change. Wherever the slips are evaluated anew, one Newton step on the free unknowns takes the drift away (the
+projection of a constrained integration; E. Hairer, G. Wanner, Solving Ordinary Differential Equations II (1996), sec.
+VII.2). Documentation: docs/algorithms.md, section "Slip reversals within a substep".
 """
 
 from __future__ import annotations
@@ -37,16 +36,12 @@ from tdcr_fe.solve.friction_path.rates import (
     Rates,
     SlipState,
     columns_of,
-    constant_rates,
     distance_to_bound,
-    distance_to_curved_bound,
-    distance_to_reversal,
     distance_to_tautness,
     extrapolated,
     factorised,
     fixed_by_slack,
     left_branch,
-    linear_rates,
     sides,
     solve_rates,
     solved_transposed,
@@ -54,29 +49,23 @@ from tdcr_fe.solve.friction_path.rates import (
     tension_columns,
     with_changed,
 )
-from tdcr_fe.solve.friction_path.slips import InterpolatedSlips, complement_rates, slips_at
+from tdcr_fe.solve.friction_path.slips import InterpolatedSlips, slips_at
 from tdcr_fe.solve.friction_path.transfer import branches_at, distance_to_branch_change
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Index = NDArray[np.int_]
 
-#: Longest path segment, over which rates are taken as linear in the load factor; and the longest where the cubes of the
-#: load factor in the slips are below `OVERSHOOT` of the presliding distance [1].
-LONGEST_SEGMENT, LONGEST_SMOOTH_SEGMENT = 0.12, 0.5
-#: Where the next event is nearer than this, rates are taken as constant up to it [1].
-CONSTANT_RATES_SEGMENT = 0.02
-#: Derivatives of the slips are used again up to this change of the tensions, over the largest [1], and up to a change
-#: of the load factor of `CONSTANT_RATES_SEGMENT`.
-REUSED_TENSION_CHANGE = 0.02
+#: Longest path segment, over which rates are taken as constant [1].
+LONGEST_SEGMENT = 0.08
+#: Derivatives of the slips are used again up to this change of the load factor, and of the tensions, over the
+#: largest [1].
+REUSED_LOAD_CHANGE, REUSED_TENSION_CHANGE = 0.02, 0.02
 #: Fraction of these two limits within which derivatives may still show that a slip reverses [1]. With all of them, the
 #: largest error of twenty random robots was twice as large.
 REUSED_FOR_REVERSAL = 0.25
 #: Shortest path segment: events nearer to each other are taken one after the other over it [1].
 SHORTEST_SEGMENT = 1e-5
-#: Derivatives of the rates are differences over this fraction of the longest path segment, or over that in which a
-#: mobilisation changes by so much, if it is shorter [1].
-SLOPE_SEGMENT, SLOPE_CHANGE = 0.5, 0.5
 #: Slip beyond a reversal that was not foreseen, over the presliding distance, which is left as it is; where it is more,
 #: the path segment is shortened [1].
 OVERSHOOT = 1e-4
@@ -224,7 +213,7 @@ def follow_friction(
     """
     unknowns = PathUnknowns.of(slips.presliding, len(mobilisation), base_tension, tension)
     z = np.append(mobilisation, base_tension)
-    given = slips, unknowns, z, tension, slips.breakpoints, _longest_segment(slips)
+    given = slips, unknowns, z, tension, slips.breakpoints
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         fast = slips.compilable and is_compiled()
         found = run_compiled(_integrated, *given) if fast else _integrated(*given)
@@ -240,7 +229,6 @@ def _integrated(
     z: Array,
     tension: Array,
     breakpoints: Array,
-    longest: float,
 ) -> tuple[Array, _LastReversals, PathSegments, int, bool]:
     """Integrate the friction states."""
     holes, most, factor, count, passed = unknowns.holes, 50 + 6 * len(z), 0.0, 0, 0
@@ -282,14 +270,11 @@ def _integrated(
             if passed == len(breakpoints):
                 return z, last, path, count, True
         here, left = _Here(factor, z, state, rates), breakpoints[passed] - factor
-        finite, curved, segment = _next_segment(slips, unknowns, here, slack, min(left, longest))
-        if not finite:
-            break
+        segment = _next_segment(slips, unknowns, here, slack, min(left, LONGEST_SEGMENT))
         set_segment(path, count, segment)
         factor, z, tension = end_of_segment(path, count, unknowns.bounds)
         count += 1
-        reused = not curved and factor < breakpoints[passed] - ROUND_OFF
-        known = reused and _is_near(evaluation, factor, tension, 1.0)
+        known = factor < breakpoints[passed] - ROUND_OFF and _is_near(evaluation, factor, tension, 1.0)
         known = known and not left_branch(state.derivatives, branches_at(slips.transfer, z, tension))
         if known:
             state = extrapolated(state, segment.length, tension, rates.rate, rates.complement)
@@ -300,7 +285,7 @@ def _integrated(
 @compilable
 def _is_near(evaluation: _Evaluation, factor: float, tension: Array, fraction: float) -> bool:
     """Whether another load factor and other tensions are within a fraction of the limits of reuse."""
-    if factor - evaluation.factor > fraction * CONSTANT_RATES_SEGMENT:
+    if factor - evaluation.factor > fraction * REUSED_LOAD_CHANGE:
         return False
     limit = fraction * REUSED_TENSION_CHANGE * evaluation.largest
     return bool(largest_magnitude(tension - evaluation.tension) <= limit)
@@ -309,44 +294,20 @@ def _is_near(evaluation: _Evaluation, factor: float, tension: Array, fraction: f
 @compilable
 def _next_segment(
     slips: InterpolatedSlips, unknowns: PathUnknowns, here: _Here, slack: Array, longest: float
-) -> tuple[bool, bool, PathSegment]:
-    """Whether numbers are finite, whether rates change within the path segment, and that up to the next event."""
-    z, state, rates = here.z, here.state, here.rates
-    holes, bounds, free = unknowns.holes, unknowns.bounds, rates.free
-    event = distance_to_bound(rates, z, bounds)
-    curved, finite, linear = event > CONSTANT_RATES_SEGMENT, True, constant_rates(rates)
+) -> PathSegment:
+    """The path segment up to the next event, but no longer than given."""
+    z, state, rates, free = here.z, here.state, here.rates, here.rates.free
     tension_rate = state.derivatives.tension_by_load
     if free.size:
         tension_rate = tension_rate + rates.rate[free].dot(tension_columns(state.derivatives, free))
-    if curved:
-        curved, slope = _slope(slips, here, tension_rate, longest, holes)
-        if curved:
-            linear, finite = linear_rates(rates, slope), isfinite(slope.dot(slope))
-            event = distance_to_curved_bound(linear, free, z, bounds)
-            event = min(event, distance_to_reversal(linear, unknowns.tolerance, holes))
-        else:
-            longest = min(longest, CONSTANT_RATES_SEGMENT)
+    event = distance_to_bound(rates, z, unknowns.bounds)
     if slack.size:
-        event = min(event, distance_to_tautness(linear, slack, holes))
-    event = min(event, distance_to_branch_change(slips.transfer, z, linear.rate, state.tension, tension_rate))
-    length = min(longest, max(SHORTEST_SEGMENT, event))
-    return finite, curved, PathSegment(here.factor, length, z, linear, state.tension, tension_rate)
-
-
-@compilable
-def _slope(
-    slips: InterpolatedSlips, here: _Here, tension_rate: Array, longest: float, holes: int
-) -> tuple[bool, Array]:
-    """Derivative by the load factor of the rates of the complements at constant rates of the unknowns [m].
-
-    And before it, whether there is one: not where the rates jump.
-    """
-    state, rates = here.state, here.rates
-    fastest = largest_magnitude(rates.rate[:holes])
-    length = min(SLOPE_SEGMENT * LONGEST_SEGMENT, longest, SLOPE_CHANGE / max(fastest, SLOPE_CHANGE))
-    there, tension = here.z + length * rates.rate, state.tension + length * tension_rate
-    smooth, ahead = complement_rates_of(slips, here.factor + length, there, tension, rates.rate, state)
-    return smooth, (ahead - rates.complement) / length
+        event = min(event, distance_to_tautness(rates, slack, unknowns.holes))
+    branch = distance_to_branch_change(slips.transfer, z, rates.rate, state.tension, tension_rate)
+    length = min(longest, max(SHORTEST_SEGMENT, min(event, branch)))
+    return PathSegment(
+        here.factor, length, z, rates.side, rates.rate, rates.complement, state.tension, tension_rate
+    )
 
 
 @compilable
@@ -366,28 +327,22 @@ def _fraction_before_reversal(
     """
     length, negligible = path.length[i], OVERSHOOT * unknowns.presliding
     # The rates just before its end, where nothing had turned or come to a bound.
-    free, rate = (path.rates.side[i] == 0.0).nonzero()[0], state.derivatives.by_load
+    free, rate = (path.side[i] == 0.0).nonzero()[0], state.derivatives.by_load
     if free.size:
         columns = columns_of(state.derivatives, free)
         of_free = solved_transposed(factorised(some_columns(columns, free)), rate[free])
         rate = rate - of_free.dot(columns)
-    complement, direction = path.rates.complement[i][turned], side[turned]
+    complement, direction = path.complement[i][turned], side[turned]
     before = np.maximum(direction * complement, 0.0)
     after = np.maximum(-direction * rate[turned], 0.0)
     passed = after / np.maximum(before + after, 1e-300)
     # Unknowns that only came to their bound at the end have no rate before it.
-    matters = (0.5 * after * passed * length > negligible) & (path.rates.side[i][turned] != 0.0)
+    matters = (0.5 * after * passed * length > negligible) & (path.side[i][turned] != 0.0)
     fraction = 1.0 - largest(np.where(matters, passed, 0.0))
     inside = fraction_inside(unclipped, path.unknowns[i], unknowns.bounds)
     if (1.0 - inside) * length * largest_magnitude(complement) > negligible:
         fraction = min(fraction, inside)
     return max(fraction, 1.0 - MOST_SHORTENED)
-
-
-def _longest_segment(slips: InterpolatedSlips) -> float:
-    """Largest part of a substep over which slip rates are taken as linear in the load factor [1]."""
-    smooth = float(np.cbrt(OVERSHOOT * slips.presliding / max(slips.cubic_coefficient, 1e-300)))
-    return min(LONGEST_SMOOTH_SEGMENT, max(LONGEST_SEGMENT, smooth))
 
 
 # Compiled functions know the interpolated slips, and no others.
@@ -397,11 +352,3 @@ def _longest_segment(slips: InterpolatedSlips) -> float:
 def evaluated(slips: InterpolatedSlips, factor: float, z: Array, tension: Array) -> SlipState:
     """See `InterpolatedSlips.at`."""
     return slips.at(factor, z, tension)
-
-
-@compiled_as(complement_rates)
-def complement_rates_of(
-    slips: InterpolatedSlips, factor: float, z: Array, tension: Array, rate: Array, near: SlipState
-) -> tuple[bool, Array]:
-    """See `InterpolatedSlips.complement_rates`."""
-    return slips.complement_rates(factor, z, tension, rate, near)

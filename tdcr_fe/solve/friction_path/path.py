@@ -1,4 +1,4 @@
-"""The friction states within a substep as a path: segments over which all rates are linear in the load factor."""
+"""The friction states within a substep as a path: segments over which all rates are constant."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.compiled import compilable
-from tdcr_fe.solve.friction_path.rates import Bounds, LinearRates, bounded, sides
+from tdcr_fe.solve.friction_path.rates import Bounds, bounded, sides
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-#: Places in a path segment, its ends included, at which slip rates are compared with their errors.
-COMPARED_PLACES = 6
 #: The error of a slip rate is taken as a parabola that is zero at both ends of the substep; this much of its scale is
 #: added, so that rates near the ends are compared with something [1].
 RATE_ERROR_AT_ENDS = 1e-2
@@ -23,7 +21,7 @@ FORGETTING_SLIP = 2.0
 
 
 class PathSegment(NamedTuple):
-    """A part of the substep over which the rates of all unknowns are linear in the load factor.
+    """A part of the substep over which the rates of all unknowns are constant.
 
     Unknowns are those of `tdcr_fe.solve.friction_path.rates`; load factors are those within the substep, 0 to 1.
     """
@@ -31,7 +29,9 @@ class PathSegment(NamedTuple):
     start: float  # Load factor where it begins, and by how much it grows in it [1]
     length: float  # as `start`
     unknowns: Array  # (n,): Where it begins
-    rates: LinearRates  # Their rates and those of their complements
+    side: Array  # (n,): 1 or -1 where an unknown stays at its bound, 0 where it is free
+    rate: Array  # (n,): Of the unknowns [1, N]
+    complement: Array  # (n,): Of their complements [m]
     # (q,): Tensions of the segments where it begins, and their derivative by the load factor [N]
     tension: Array
     tension_rate: Array  # as `tension`
@@ -43,32 +43,33 @@ class PathSegments(NamedTuple):
     start: Array  # (p,): [1]
     length: Array  # as `start`
     unknowns: Array  # (p, n)
-    rates: LinearRates  # With arrays of shape (p, n)
+    side: Array  # as `unknowns`
+    rate: Array  # as `unknowns`
+    complement: Array  # as `unknowns`
     tension: Array  # (p, q): [N]
     tension_rate: Array  # as `tension`
 
     def first(self, count: int) -> PathSegments:
         """The first ones of them."""
-        rates = LinearRates._make(own[:count] for own in self.rates)
-        start, length, unknowns = (own[:count] for own in (self.start, self.length, self.unknowns))
-        return PathSegments(start, length, unknowns, rates, self.tension[:count], self.tension_rate[:count])
+        return PathSegments._make(own[:count] for own in self)
 
 
 @compilable
 def empty_path(count: int, unknowns: int, segments: int) -> PathSegments:
     """Arrays for so many path segments."""
     n, q = (count, unknowns), (count, segments)
-    rates = LinearRates(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
-    return PathSegments(np.empty(count), np.empty(count), np.empty(n), rates, np.empty(q), np.empty(q))
+    starts, by_unknown = (
+        (np.empty(count), np.empty(count)),
+        (np.empty(n), np.empty(n), np.empty(n), np.empty(n)),
+    )
+    return PathSegments(*starts, *by_unknown, np.empty(q), np.empty(q))
 
 
 @compilable
 def set_segment(path: PathSegments, i: int, segment: PathSegment) -> None:
     """Set one of the path segments."""
-    path.start[i], path.length[i], path.unknowns[i] = (segment.start, segment.length, segment.unknowns)
-    to, rates = path.rates, segment.rates
-    to.side[i], to.rate[i], to.rate_change[i] = rates.side, rates.rate, rates.rate_change
-    to.complement[i], to.complement_change[i] = rates.complement, rates.complement_change
+    path.start[i], path.length[i], path.unknowns[i] = segment.start, segment.length, segment.unknowns
+    path.side[i], path.rate[i], path.complement[i] = segment.side, segment.rate, segment.complement
     path.tension[i], path.tension_rate[i] = segment.tension, segment.tension_rate
 
 
@@ -93,9 +94,8 @@ def along_segment(path: PathSegments, i: int, length: float, bounds: Bounds) -> 
     tension : ndarray, shape (q,)
         Of the segments [N].
     """
-    moved = length * path.rates.rate[i] + (0.5 * length * length) * path.rates.rate_change[i]
-    tension = path.tension[i] + length * path.tension_rate[i]
-    return path.start[i] + length, bounded(bounds, path.unknowns[i] + moved), tension
+    unknowns = bounded(bounds, path.unknowns[i] + length * path.rate[i])
+    return path.start[i] + length, unknowns, path.tension[i] + length * path.tension_rate[i]
 
 
 @compilable
@@ -152,7 +152,7 @@ class FrictionPath(NamedTuple):
             Which holes stick at the end, shape (k,).
         """
         k, segments = len(self.reversal_factor), self.segments
-        side = segments.rates.side
+        side = segments.side
         turned = ((sides(self.bounds, segments.unknowns) != 0.0) & (side == 0.0))[:, :k] & self.reversed
         counts, found = sticks, []
         for i in range(len(side) - 1, 0, -1):
@@ -181,18 +181,15 @@ class FrictionPath(NamedTuple):
             Presliding distances [m], shape (k,).
         """
         k = len(error)
-        start, length, rates = self.segments.start, self.segments.length, self.segments.rates
-        side, rate, change = (own[:, :k] for own in (rates.side, rates.complement, rates.complement_change))
+        start, length = self.segments.start, self.segments.length
+        side, rate = self.segments.side[:, :k], self.segments.complement[:, :k]
         last = side[-1]
         # From which path segment on the hole slips in its last direction up to the end.
         final = np.logical_and.accumulate((side == last)[::-1])[::-1]
-        slip = length[:, None] * (rate + (0.5 * length)[:, None] * change)
-        distance = last * np.where(final, slip, 0.0).sum(axis=0)
-        # Between the ends of a path segment the parabola may be nearer to the rate than at them.
-        within = length[:, None] * np.linspace(0.0, 1.0, COMPARED_PLACES)
-        at = start[:, None] + within
-        relative_rate = last * (rate[:, None] + within[..., None] * change[:, None])
-        relative_rate /= (6.0 * at * (1.0 - at) + RATE_ERROR_AT_ENDS)[..., None]
-        slowest = np.where(final[:, None], relative_rate, np.inf).min(axis=(0, 1))
+        distance = last * np.where(final, length[:, None] * rate, 0.0).sum(axis=0)
+        # Where in each path segment the parabola is largest.
+        at = np.clip(0.5, start, start + length)
+        relative_rate = last * rate / (6.0 * at * (1.0 - at) + RATE_ERROR_AT_ENDS)[:, None]
+        slowest = np.where(final, relative_rate, np.inf).min(axis=0)
         forgotten = final[0] | (distance >= FORGETTING_SLIP * presliding + error)
         return np.asarray((last != 0.0) & (slowest >= error) & forgotten)

@@ -56,12 +56,6 @@ def factorised(matrix: Array) -> SmallFactors:
     return SmallFactors(lu, pivots, singular != 0)
 
 
-@compiled_as(lambda: SmallFactors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), False))
-def no_factors() -> SmallFactors:
-    """Of a matrix without rows."""
-    return _NO_FACTORS
-
-
 @compiled_as(lambda factors, right: factors.lu.dot(right))
 def solved(factors: SmallFactors, right: Array) -> Array:
     """Solution ``x`` of ``matrix x = right``, shape (n,)."""
@@ -93,9 +87,6 @@ def some_rows(matrix: Array, which: Index) -> Array:
 def some_columns(matrix: Array, which: Index) -> Array:
     """Some columns of a matrix, as a matrix whose rows lie in memory one after the other."""
     return matrix.take(which, axis=1)
-
-
-_NO_FACTORS = SmallFactors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), False)
 
 
 class Bounds(NamedTuple):
@@ -293,54 +284,14 @@ def left_branch(derivatives: SlipDerivatives, branches: Flags) -> bool:
     return branches.size > 0 and bool((derivatives.branches != branches).any())
 
 
-class LinearRates(NamedTuple):
-    """Derivatives by the load factor that are linear in it, from one load factor on."""
-
-    side: Array  # (n,): 1 or -1 where an unknown stays at its bound, 0 where it is free
-    rate: Array  # (n,): Rates of the unknowns [1, N], and the derivatives of these; zero at bounds
-    rate_change: Array  # as `rate`
-    # (n,): Rates of the complements [m], and the derivatives of these; zero up to round-off where unknowns are
-    # free
-    complement: Array
-    complement_change: Array  # as `complement`
-
-
 class Rates(NamedTuple):
     """Rates at one load factor that satisfy the conditions of complementarity."""
 
     found: bool  # Whether there are such; the rest means nothing where not
-    side: Array  # As in `LinearRates`
-    rate: Array  # as `side`
-    complement: Array  # as `side`
+    side: Array  # (n,): 1 or -1 where an unknown stays at its bound, 0 where it is free
+    rate: Array  # (n,): Of the unknowns [1, N]; zero at bounds
+    complement: Array  # (n,): Of the complements [m]; zero up to round-off where unknowns are free
     free: Index  # (f,): Unknowns inside their bounds
-    columns: Array  # (f, n): Of the matrix, for these, one a row
-    factors: SmallFactors  # Of the matrix of the free unknowns, transposed
-
-
-@compilable
-def constant_rates(rates: Rates) -> LinearRates:
-    """The rates with derivatives that are zero."""
-    still = np.zeros(len(rates.rate))
-    return LinearRates(rates.side, rates.rate, still, rates.complement, still)
-
-
-@compilable
-def linear_rates(rates: Rates, slope: Array) -> LinearRates:
-    """The rates with their derivatives.
-
-    Parameters
-    ----------
-    rates
-        The rates.
-    slope
-        Derivative of ``load - matrix z'`` by the load factor at constant ``z'`` [m], shape (n,).
-    """
-    change, complement_change = np.zeros(len(slope)), slope
-    if rates.free.size:
-        of_free = solved_transposed(rates.factors, slope[rates.free])
-        change[rates.free] = of_free
-        complement_change = slope - of_free.dot(rates.columns)
-    return LinearRates(rates.side, rates.rate, change, rates.complement, complement_change)
 
 
 @compilable
@@ -371,12 +322,11 @@ def solve_rates(
     for _ in range(30 + 10 * count):
         free = (active == 0.0).nonzero()[0]
         rate, complement = np.zeros(count), load
-        columns, factors = derivatives.columns[:0], no_factors()
         if free.size:
             columns = columns_of(derivatives, free)
             factors = factorised(some_columns(columns, free))
             if factors.singular:
-                return Rates(False, active, rate, complement, free, columns, factors)
+                return Rates(False, active, rate, complement, free)
             of_free = solved_transposed(factors, load[free])
             rate[free] = of_free
             complement = load - of_free.dot(columns)
@@ -390,10 +340,10 @@ def solve_rates(
             back = np.where(outward, side, 0.0)
         number = int(np.count_nonzero(violated))
         if number == 0:
-            return Rates(True, active, rate, complement, free, columns, factors)
+            return Rates(True, active, rate, complement, free)
         violated, fewest, idle_left = exchanged(violated, number, fewest, idle_left)
         active, pivoted = np.where(violated, back, active), True
-    return Rates(False, active, rate, complement, free, columns, factors)
+    return Rates(False, active, rate, complement, free)
 
 
 @compilable
@@ -408,45 +358,8 @@ def distance_to_bound(rates: Rates, z: Array, bounds: Bounds) -> float:
 
 
 @compilable
-def distance_to_curved_bound(rates: LinearRates, free: Index, z: Array, bounds: Bounds) -> float:
-    """As `distance_to_bound`, at rates that are linear in the load factor [1]."""
-    if not free.size:
-        return np.inf
-    # z + a h + b h^2 / 2 meets a bound: the root at which it is crossed outward.
-    here, outward, gap = z[free], np.empty((2, free.size)), np.empty((2, free.size))
-    gap[0], gap[1] = bounds.upper[free] - here, here - bounds.lower[free]
-    outward[0] = rates.rate[free]
-    outward[1] = -outward[0]
-    change = 2.0 * rates.rate_change[free] * gap
-    change[1] *= -1.0
-    discriminant = outward * outward + change
-    speed = outward + np.sqrt(np.maximum(discriminant, 0.0))
-    ahead = (discriminant >= 0.0) & (speed > 0.0)
-    return 2.0 * smallest(np.where(ahead, gap / speed, np.inf))
-
-
-@compilable
-def distance_to_reversal(rates: LinearRates, tolerance: float, holes: int) -> float:
-    """Load factor from here to where the slip of a hole at its bound reverses [1]; infinite if none does.
-
-    Parameters
-    ----------
-    rates
-        From here on.
-    tolerance
-        Rates of slip below it are zero [m].
-    holes
-        Number of holes, which are the first unknowns.
-    """
-    side = rates.side[:holes]
-    fall = -side * rates.complement_change[:holes]
-    rate = np.maximum(side * rates.complement[:holes] + tolerance, 0.0)
-    return smallest(np.where(fall > 0.0, rate / fall, np.inf)) if holes else np.inf
-
-
-@compilable
-def distance_to_tautness(rates: LinearRates, slack: Array, holes: int) -> float:
-    """Load factor from here to where the slack of a tendon vanishes [1]; infinite if none does.
+def distance_to_tautness(rates: Rates, slack: Array, holes: int) -> float:
+    """Load factor from here to where the slack of a tendon vanishes, at constant rates [1]; infinite if none does.
 
     Parameters
     ----------
@@ -457,8 +370,6 @@ def distance_to_tautness(rates: LinearRates, slack: Array, holes: int) -> float:
     holes
         Number of holes, which are the first unknowns.
     """
-    closing, change = rates.complement[holes:], 2.0 * rates.complement_change[holes:]
-    discriminant = closing * closing + change * slack
-    speed = closing + np.sqrt(np.maximum(discriminant, 0.0))
-    ahead = (discriminant >= 0.0) & (speed > 0.0) & (slack > 0.0)
-    return 2.0 * smallest(np.where(ahead, slack / speed, np.inf))
+    closing = rates.complement[holes:]
+    ahead = (closing > 0.0) & (slack > 0.0)
+    return smallest(np.where(ahead, slack / np.where(ahead, closing, 1.0), np.inf))

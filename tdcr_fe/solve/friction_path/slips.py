@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.compiled import compilable
 from tdcr_fe.elements.complementarity import largest, largest_magnitude
-from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState, factorised, left_branch, solved
+from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState, factorised, solved
 from tdcr_fe.solve.friction_path.transfer import CapstanTransfer, LawTransfer, branches_at, tensions_at
 
 Array = NDArray[np.float64]
@@ -146,20 +146,6 @@ def point_on_line(intervals: Intervals, factor: float) -> LinePoint:
     return LinePoint(line, polynomials[0], by_tension, rates, change, length)
 
 
-@compilable
-def rates_at_fixed_tensions(at: LinePoint, off: Array) -> Array:
-    """Rates of the values where the tensions stay as they are, at tensions off the straight line [m, rad].
-
-    Parameters
-    ----------
-    at
-        The point on the line at this load factor.
-    off
-        By how much the tensions exceed those on the line [N], shape (q,).
-    """
-    return at.fixed_rates + at.rate_by_tension.dot(off) / at.length
-
-
 class InterpolatedSlips(NamedTuple):
     """Slips as functions of load factor and unknowns, as arrays."""
 
@@ -181,22 +167,9 @@ class InterpolatedSlips(NamedTuple):
         start = self.intervals.start
         return np.append(start[1:], 1.0)
 
-    @property
-    def cubic_coefficient(self) -> float:
-        """Largest coefficient of the cube of the load factor in the slips [m]."""
-        holes = np.count_nonzero(self.elastic_slip)
-        cubes = np.abs(self.intervals.coefficients[:, 3, :holes]).max(axis=1) / self.intervals.length**3
-        return float(cubes.max())
-
     def at(self, factor: float, z: Array, tension: Array) -> SlipState:
         """See `slips_at`."""
         return slips_at(self, factor, z, tension)
-
-    def complement_rates(
-        self, factor: float, z: Array, tension: Array, rate: Array, near: SlipState
-    ) -> tuple[bool, Array]:
-        """See `complement_rates`."""
-        return complement_rates(self, factor, z, tension, rate, near)
 
 
 @compilable
@@ -225,7 +198,7 @@ def slips_at(slips: InterpolatedSlips, factor: float, z: Array, tension: Array) 
         if largest_magnitude(excess) <= NEAR_TENSION * largest(tension):
             break
     off = tension - line.tension
-    rate = rates_at_fixed_tensions(line, off)
+    rate = line.fixed_rates + line.rate_by_tension.dot(off) / line.length
     slip = line.values[:n] + by_tension.dot(off)
     tension_by_load = solved(factors, passed.by_angle.dot(rate[n:]) + passed.by_load)
     derivatives = SlipDerivatives(
@@ -241,43 +214,6 @@ def slips_at(slips: InterpolatedSlips, factor: float, z: Array, tension: Array) 
         np.empty(by_tension.shape),
     )
     return SlipState(tension, slip, derivatives)
-
-
-@compilable
-def complement_rates(
-    slips: InterpolatedSlips, factor: float, z: Array, tension: Array, rate: Array, near: SlipState
-) -> tuple[bool, Array]:
-    """Rates of the complements at given rates of the unknowns [m], shape (n,).
-
-    Parameters
-    ----------
-    slips, factor, z, tension
-        As of `slips_at`.
-    rate
-        Of the unknowns [1, N], shape (n,).
-    near
-        Slips at a load factor nearby, whose factorised derivatives of the tensions are used.
-
-    Returns
-    -------
-    smooth : bool
-        False where derivatives have jumped since the load factor nearby; the rates then mean nothing.
-    rates : ndarray, shape (n,)
-    """
-    n, line, factors = len(z), point_on_line(slips.intervals, factor), near.derivatives.turning
-    turning = line.by_tension[n:]
-    angles = np.maximum(line.values[n:] + turning.dot(tension - line.tension), 0.0)
-    passed = tensions_at(slips.transfer, factor, z, angles)
-    if left_branch(near.derivatives, branches_at(slips.transfer, z, passed.tension)):
-        return False, rate
-    off = tension + solved(factors, passed.tension - tension) - line.tension
-    own = rates_at_fixed_tensions(line, off)
-    direct = passed.by_angle.dot(own[n:]) + passed.by_load + rate.dot(passed.by_unknown)
-    tension_rate = solved(factors, direct)
-    # The factors are those of the state nearby: one correction with the turning here.
-    left = direct - tension_rate + passed.by_angle.dot(turning.dot(tension_rate))
-    tension_rate = tension_rate + solved(factors, left)
-    return True, own[:n] + line.by_tension[:n].dot(tension_rate) - slips.elastic_slip * rate
 
 
 class SlipModel:
