@@ -335,7 +335,9 @@ def _fraction_before_reversal(
     complement, direction = path.complement[i][turned], side[turned]
     before = np.maximum(direction * complement, 0.0)
     after = np.maximum(-direction * rate[turned], 0.0)
-    passed = after / np.maximum(before + after, 1e-300)
+    # Just beyond the zero of the rate, so that the slip has turned there.
+    beyond = np.maximum(after - 2.0 * unknowns.tolerance, 0.0)
+    passed = beyond / np.maximum(before + after, 1e-300)
     # Unknowns that only came to their bound at the end have no rate before it.
     matters = (0.5 * after * passed * length > negligible) & (path.side[i][turned] != 0.0)
     fraction = 1.0 - largest(np.where(matters, passed, 0.0))

@@ -23,43 +23,19 @@ from tdcr_fe.solve.friction_path.transfer import tension_transfer
 Array = NDArray[np.float64]
 Index = NDArray[np.int_]
 
-#: Reversals that change a mobilisation by less than this are left out; slips below this fraction of the presliding
-#: distance are zero [1].
-SMALL = 1e-2
-#: The interpolation is too uncertain to locate reversals where its error is above this fraction of the largest slip,
-#: but for slips below so many presliding distances, which count as that many [1].
-ROUGH, LEAST_SLIPS = 0.1, 10.0
-#: Factors on the parabola in the interpolated slip rates with which the path is followed once more to see its error:
-#: where the parabola moves slips by less than `ROUGH` of the largest, and where by more [1].
-DEFECT_FACTOR, ROUGH_DEFECT_FACTOR = 2.0, 3.0
-#: A slip keeps its direction whatever the interpolation misses where its rate is this many times larger than what the
-#: parabola adds to it [1].
-SAFETY = 2.0
-#: Displacement by all holes of which that is not so, to first order, up to which the path is not followed once more, as
-#: a fraction of what is allowed: holes that reverse earlier or later move others, too [1].
-NEGLIGIBLE = 0.01
+#: The interpolation is too uncertain to locate reversals with an error above this fraction of the largest slip [1].
+ROUGH = 0.1
+#: Factor on the parabola in the interpolated slip rates with which the path is followed once more to see its error [1].
+DEFECT_FACTOR = 2.0
 #: Error over that allowed that is taken where the other path shows none although holes may be wrong to first order: it
 #: asks for a state within the substep. Once in 700 load steps of random robots 1e-3 of the length was missing [1].
 UNDECIDED = 2.0
-#: A substep whose reversals cannot be located is divided no nearer to its start than at this fraction of it [1].
-LEAST_DIVISION = 0.1
-#: From -1 to 1: presliding distances of slip over which a mobilisation can change.
-FULL_RANGE = 2.0
-#: Error left by located reversals after the substep is solved with them, before the path is followed again with the new
-#: end: a fraction of what they change [1].
-CORRECTION_ERROR = 0.03
 #: Error of reversals located through twice as many states within the substep as before, over what they changed [1].
 #: With a quarter of it, one of twenty random robots ended 2.2e-5 of the length off.
 REFINED_ERROR = 0.5
-#: Largest difference between the tensions of solved states and those of the followed path, over the largest tension,
-#: up to which a path through every other state shows the error [1]: farther off the path the interpolation is linear in
-#: the tensions, and both paths may have the same error.
-NEAR_PATH = 2e-3
 #: Displacement of a node up to which the end of a followed path and the solution to first order with its reversals are
 #: the same, over the length, where less is allowed [1]: the path has an error of its integration, seen up to 6.5e-7.
 AGREEMENT = 2e-6
-#: Largest effect of reversals over that to first order [1].
-FIRST_ORDER = 1.25
 
 
 class SolvedStates(NamedTuple):
@@ -132,25 +108,13 @@ class SubstepSlips(NamedTuple):
     def follow(self, defect_factor: float = 1.0) -> FrictionPath:
         """The friction states followed through the substep.
 
-        Reversals that change a mobilisation by less than `SMALL` are left out.
-
         Parameters
         ----------
         defect_factor
             Factor on the parabola in the slip rates, see `SlipModel` [1].
         """
         model = self.model if defect_factor == 1.0 else self.model.with_defect_factor(defect_factor)
-        path = follow_friction(model.slips, self.before, self.base, self.tension)
-        # By how much the mobilisation at the end changes where it counts from the reversal, not from the start.
-        change = path.reversal_mobilisation - self.before - path.reversal_slip / self.model.presliding
-        slight = path.reversed & (np.abs(change) < SMALL)
-        if not slight.any():
-            return path
-        return path._replace(
-            reversal_slip=np.where(slight, 0.0, path.reversal_slip),
-            reversal_mobilisation=np.where(slight, self.before, path.reversal_mobilisation),
-            reversal_factor=np.where(slight, 0.0, path.reversal_factor),
-        )
+        return follow_friction(model.slips, self.before, self.base, self.tension)
 
     def corrected(self, trial: Array) -> Array:
         """Mobilisations at the end for other trial mobilisations there [1], to first order, shape (k,)."""
@@ -206,19 +170,9 @@ class SubstepSlips(NamedTuple):
     @property
     def is_rough(self) -> bool:
         """Whether the interpolation is too uncertain to locate reversals."""
-        least = LEAST_SLIPS * self.model.slips.presliding
-        return float(self.slip_error.max()) > ROUGH * max(self.largest_slip, least)
+        return float(self.slip_error.max()) > ROUGH * self.largest_slip
 
-    @property
-    def rough_division(self) -> float:
-        """Where to divide the substep if reversals cannot be located, as a fraction of it [1].
-
-        The error of the slips falls about with the square of the substep.
-        """
-        rough = ROUGH * self.largest_slip
-        return min(0.5, max(LEAST_DIVISION, float(np.sqrt(rough / max(float(self.slip_error.max()), rough)))))
-
-    def path_error(self, path: FrictionPath, mobilisation: Array, matters: bool) -> PathError | None:
+    def path_error(self, path: FrictionPath, mobilisation: Array) -> PathError | None:
         """What the interpolation leaves uncertain in a complete path; None where it is too rough to say.
 
         Where the error may be larger than allowed to first order, and the other path shows nothing of it, states within
@@ -230,23 +184,13 @@ class SubstepSlips(NamedTuple):
             The path.
         mobilisation
             Those at the end that follow from it [1], shape (k,).
-        matters
-            Whether the reversals of the path displace a node by more than is allowed.
         """
-        allowed = self.states.allowed * self.states.length
-        factor = DEFECT_FACTOR
-        if self.slip_error.max() > ROUGH * self.largest_slip:
-            factor = ROUGH_DEFECT_FACTOR
-        off_line = self.model.error_off_line(path.segments.start, path.segments.tension)
-        error = SAFETY * (factor - 1.0) * (self.slip_error + off_line)
-        first_order = 0.0
-        if not (self.is_rough and matters):
-            first_order = self._displacement_by(error, path)
-            if first_order <= NEGLIGIBLE * allowed:
-                return PathError(first_order, False)
+        allowed, first_order = self.states.allowed * self.states.length, self._displacement_by_error(path)
+        if first_order == 0.0:
+            return PathError(0.0, False)
         if self.is_rough:
             return None
-        other = self.follow(factor)
+        other = self.follow(DEFECT_FACTOR)
         if not other.complete:
             return None
         moved = self.displacement(mobilisation - self.at_end(other))
@@ -254,18 +198,16 @@ class SubstepSlips(NamedTuple):
             return PathError(UNDECIDED * allowed, True)
         return PathError(moved, bool(other.reversed.any()))
 
-    def _displacement_by(self, error: Array, path: FrictionPath) -> float:
-        """Largest displacement of a node by an error of the slips [m], to first order [m].
+    def _displacement_by_error(self, path: FrictionPath) -> float:
+        """Largest displacement of a node by the error of the slips, to first order [m].
 
         Only by those holes whose mobilisation at the end depends on it, see `FrictionPath.insensitive_holes`.
         """
-        presliding = self.model.presliding
-        which = np.flatnonzero(~path.insensitive_holes(error, presliding))
+        which = np.flatnonzero(~path.insensitive_holes(self.slip_error, self.model.presliding))
         if not which.size:
             return 0.0
         response = self.columns[:, which] @ np.linalg.inv(self.matrix[np.ix_(which, which)])
-        limited = np.minimum(error[which], FULL_RANGE * presliding[which])
-        return _largest_displacement(np.abs(response) @ limited, self.states.numbering)
+        return _largest_displacement(np.abs(response) @ self.slip_error[which], self.states.numbering)
 
 
 def _largest_displacement(step: Array, numbering: Numbering) -> float:
@@ -306,16 +248,13 @@ class Reversals(NamedTuple):
 
     effect: float  # Largest displacement of a node that they cause at its end, over the length [1]
     error: float  # Uncertainty of that effect [1]
-    division: float  # Where to divide the substep, as a fraction of it [1]
-    # Error that is left where the substep is solved with the reversals located, over the length [1]
-    remaining_error: float = np.inf
     history: SlipHistory | None = None  # What the mobilisations at the end count from, where that is known
     path: FrictionPath | None = None  # The path with the reversals, where it reaches the end
 
     @property
     def total(self) -> float:
         """Largest displacement of a node where they are left out of account, over the length [1]."""
-        return FIRST_ORDER * self.effect + self.error
+        return self.effect + self.error
 
 
 def find_reversals(states: SolvedStates, solved_with_reversals: bool = False) -> Reversals | None:
@@ -333,49 +272,22 @@ def find_reversals(states: SolvedStates, solved_with_reversals: bool = False) ->
     Reversals or None
         None where every slip is monotone, so that the substep is exact as a whole.
     """
-    substep, length, allowed = SubstepSlips.of(states), states.length, states.allowed
+    substep, length = SubstepSlips.of(states), states.length
     path = substep.follow()
     corrected = substep.at_end(path)
     effect = substep.displacement(corrected - substep.after) / length
     history = _history(substep, path, corrected) if path.complete else None
     if history is not None and len(states.points) > 2:
-        error = _refined_error(substep, path, corrected, effect)
-        return Reversals(effect, error, 0.5, error, history, path)
+        return Reversals(effect, REFINED_ERROR * effect, history, path)
     if path.complete:
-        found = substep.path_error(path, corrected, matters=effect > allowed)
+        found = substep.path_error(path, corrected)
         if found is not None:
             if not (path.reversed.any() or found.reverses or solved_with_reversals):
                 return None
-            error = found.displacement / length
-            remaining = error + (0.0 if solved_with_reversals else CORRECTION_ERROR * effect)
-            return Reversals(effect, error, _division(allowed, error), remaining, history, path)
+            return Reversals(effect, found.displacement / length, history, path)
     # Reversals are not located well enough.
-    worst = substep.worst_case(path, corrected)
-    error = FIRST_ORDER * substep.displacement(corrected - worst) / length
-    return Reversals(effect, error, substep.rough_division, np.inf, history, path if path.complete else None)
-
-
-def _refined_error(substep: SubstepSlips, path: FrictionPath, corrected: Array, effect: float) -> float:
-    """Error of a path through states within the substep, over the length [1].
-
-    Half of what the new states changed; or what changes without every other of them, if that is less and they lie near
-    the path.
-    """
-    error, states = REFINED_ERROR * effect, substep.states
-    if error > states.allowed and len(states.points) % 2 == 1 and _near_path(states, path):
-        coarser = substep._replace(model=substep.model.through_every_other_state())
-        moved = corrected - coarser.at_end(coarser.follow())
-        error = min(error, substep.displacement(moved) / states.length)
-    return error
-
-
-def _near_path(states: SolvedStates, path: FrictionPath) -> bool:
-    """Whether all solved states after the start are near a followed path."""
-    for point in states.points[1:]:
-        tension = states.taut.tensions(point.state)
-        if float(np.abs(path.at(point.factor)[1] - tension).max()) > NEAR_PATH * float(tension.max()):
-            return False
-    return True
+    error = substep.displacement(corrected - substep.worst_case(path, corrected)) / length
+    return Reversals(effect, error, history, path if path.complete else None)
 
 
 def _history(substep: SubstepSlips, path: FrictionPath, at_end: Array) -> SlipHistory:
@@ -389,8 +301,3 @@ def _history(substep: SubstepSlips, path: FrictionPath, at_end: Array) -> SlipHi
     slip[holes] += path.reversal_slip
     counted[holes], last[holes] = path.reversal_mobilisation, at_end
     return SlipHistory(slip, counted, last, holes, substep)
-
-
-def _division(allowed: float, found: float) -> float:
-    """Where to divide a substep whose error, which falls about with its cube, is above the one allowed [1]."""
-    return min(0.5, max(LEAST_DIVISION, float(np.cbrt(allowed / max(found, allowed)))))

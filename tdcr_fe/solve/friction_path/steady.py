@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.linearization import Linearization, input_changes
-from tdcr_fe.solve.friction_path.reversal_search import SMALL
 from tdcr_fe.solve.newton.newton import NewtonResult
 from tdcr_fe.solve.newton.steps import slip_changes
 
 Array = NDArray[np.float64]
 
+#: Slips below this fraction of the presliding distance are zero [1].
+SMALL = 1e-2
 #: Slips that differ by less than this fraction of themselves from those predicted from the start have the same
 #: direction all through [1]. With four times as much or as little, twenty random robots took the same iterations.
 PREDICTED = 0.5

@@ -15,7 +15,7 @@ from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.friction_path.known_states import InterpolationPoint, twist_change, twists
 from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons
 from tdcr_fe.solve.load_steps.load_path import SolvedPath, StepFailed
-from tdcr_fe.solve.load_steps.loop import Instead, Judge, Proposal, StepProgress, Trial, take_substeps
+from tdcr_fe.solve.load_steps.loop import HALF, Instead, Judge, Proposal, StepProgress, Trial, take_substeps
 from tdcr_fe.solve.load_steps.solve_with_reversals import (
     allowed_error,
     follows_path,
@@ -59,7 +59,7 @@ def reversals_resolved(trial: Trial) -> Trial | Instead:
     Where no more substeps are allowed, it passes, with its error.
     """
     trial = with_reversals(trial) if follows_path(trial.solver.system) else _compared(trial)
-    return trial.divided(trial.division) if trial.division < 1.0 and _has_room(trial) else trial
+    return trial if trial.division is None or not _has_room(trial) else trial.divided(trial.division)
 
 
 def _compared(trial: Trial) -> Trial:
@@ -69,7 +69,7 @@ def _compared(trial: Trial) -> Trial:
         return trial
     away, spent = _distance_of_halves(solver, trial.before, start, trial.result.state, trial.end, HALVES)
     solver.ramp.apply(solver.system, trial.end)
-    division = 1.0 if away <= allowed_error(trial) else 0.5
+    division = None if away <= allowed_error(trial) else HALF
     return trial._replace(error=trial.error + away, division=division, rejected=trial.rejected + spent)
 
 

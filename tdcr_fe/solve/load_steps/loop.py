@@ -19,6 +19,9 @@ from tdcr_fe.solve.load_steps.load_path import LocatedReversals, SolvedPath, Ste
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
 from tdcr_fe.solve.newton.newton import NewtonResult, with_unknowns_of
 
+#: Where substeps are divided, as a fraction of them [1].
+HALF = 0.5
+
 
 class StepProgress(NamedTuple):
     """How far a load step has been solved."""
@@ -68,9 +71,8 @@ class Trial(NamedTuple):
     predicted: bool = True
     error: float = 0.0  # Largest displacement of a node that is not resolved of its path, over the length [1]
     rejected: int = 0  # Iterations of former solutions of the substep
-    # Where reversals within it require a division, as a fraction of it; 1 where they do not, 0 where forces have to
-    # balance first
-    division: float = 1.0
+    # Where it is to be divided because of its path, as a fraction of it; 0 where forces have to balance first
+    division: float | None = None
     first: Equilibrium | None = None  # The state at its beginning with its linearisation, where it was needed
     final: Equilibrium | None = None  # The same at its end
     located: LocatedReversals | None = None  # With which `result` was solved, where it was
@@ -115,7 +117,7 @@ class Trial(NamedTuple):
         path = self.progress.path.then(replace(path, rejected=path.rejected + spent))
         return StepProgress(path, self.end, self.progress.error)
 
-    def divided(self, fraction: float = 0.5) -> Instead:
+    def divided(self, fraction: float = HALF) -> Instead:
         """Proposes a first part of it, a fraction of it [1], and the rest; what is known of its ends is kept."""
         rest = Proposal(self.end)
         if self.final is not None and not self.solver.jump_suspected(self.before, self.result.state):

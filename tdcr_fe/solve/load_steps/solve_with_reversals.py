@@ -18,16 +18,16 @@ from tdcr_fe.solve.friction_path.response import Equilibrium, near_enough
 from tdcr_fe.solve.friction_path.reversal_search import Reversals, SlipHistory, SolvedStates, find_reversals
 from tdcr_fe.solve.friction_path.steady import slips_steadily
 from tdcr_fe.solve.load_steps.load_path import LocatedReversals
-from tdcr_fe.solve.load_steps.loop import Trial
+from tdcr_fe.solve.load_steps.loop import HALF, Trial
 from tdcr_fe.solve.load_steps.states_within import known_states, refined
 from tdcr_fe.solve.load_steps.substep import SubstepSolver, has_rates
 from tdcr_fe.solve.newton.newton import NewtonResult, with_unknowns_of
 
 Array = NDArray[np.float64]
 
-#: Largest error of a substep as a fraction of what is left of the path tolerance, within the load step and at its end;
-#: and as a fraction of all of it, where little is left [1].
-SHARE, LAST_SHARE, LEAST_SHARE = 0.3, 0.6, 0.03
+#: Largest error of a substep as a fraction of what is left of the path tolerance; and of all of it, where little is
+#: left [1].
+SHARE, LEAST_SHARE = 0.6, 0.03
 #: How often a substep is solved again with the reversals located in it.
 MOST_CORRECTIONS = 6
 #: Most intervals of a substep, between solved states, through which slips are interpolated.
@@ -85,9 +85,9 @@ def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:
     trial = trial._replace(first=known.start, final=known.end)
     if found is None:
         return trial
-    trial = trial._replace(error=found.total, division=found.division)
-    if found.total <= allowed:
-        return trial._replace(division=1.0)
+    trial = trial._replace(error=found.total, division=None if found.total <= allowed else HALF)
+    if trial.division is None:
+        return trial
     if found.path is None or not (found.error <= allowed or _may_be_refined(solver)):
         return trial
     return _located(trial, known, found, allowed)
@@ -95,8 +95,8 @@ def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:
 
 def allowed_error(trial: Trial) -> float:
     """Displacement of a node that what is not resolved of a substep may cause, over the length [1]."""
-    share, tolerance = LAST_SHARE if trial.end == 1.0 else SHARE, trial.solver.settings.path_tolerance
-    return max(share * (tolerance - trial.progress.error), LEAST_SHARE * tolerance)
+    tolerance = trial.solver.settings.path_tolerance
+    return max(SHARE * (tolerance - trial.progress.error), LEAST_SHARE * tolerance)
 
 
 def _may_be_refined(solver: SubstepSolver) -> bool:
@@ -110,7 +110,7 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
 
     Where they are uncertain, the slips are interpolated through more states within the substep.
     """
-    solver, division = trial.solver, found.division
+    solver = trial.solver
     most = min(MOST_INTERVALS, solver.settings.max_substeps - trial.progress.path.substeps)
     for _ in range(MOST_CORRECTIONS):
         if found.history is None:
@@ -128,8 +128,8 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
         )
         # It ends where the path led, and not in another solution with this history.
         close = allowed * solver.system.length
-        if found.remaining_error <= allowed and found.history.distance(result.state) <= close:
-            return corrected._replace(error=found.remaining_error, division=1.0, final=None)
+        if found.error <= allowed and found.history.distance(result.state) <= close:
+            return corrected._replace(error=found.error, division=None, final=None)
         states = known.before_end
         if found.error > allowed:
             states = refined(solver, known, found, allowed, most)
@@ -145,7 +145,7 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
         accepted = found.total <= allowed
         trial = corrected._replace(
             error=found.total,
-            division=1.0 if accepted else min(division, found.division),
+            division=None if accepted else HALF,
             first=known.start,
             final=known.end,
             located=located._replace(known=known, path=found.path or located.path),
