@@ -59,7 +59,7 @@ def test_a_single_hole_turns_where_its_slip_rate_vanishes():
     """Slip rates from 3 to -1 micrometre: it turns at 3/4 after 1.125, and lets out 0.125 presliding distances."""
     path = followed(*alone(3e-6, -1e-6, 1.0))
     assert path.complete and path.reversed.all()
-    assert path.reversal_factor == pytest.approx([0.75], abs=1e-3)
+    assert path.reversal_factor == pytest.approx([0.75], abs=2e-3)
     assert path.reversal_slip == pytest.approx([1.125e-6], rel=1e-4)
     assert path.unknowns == pytest.approx([0.875], abs=1e-3)
     (turn,) = path.turns(np.array([True]))

@@ -247,7 +247,7 @@ def reversal_errors(experiment: Experiment, name: str, path_tolerance: float) ->
         return simulate(each.robot, each.model, each.steps, settings, sensitivities=chosen)
 
     (parameter,) = parameters(experiment, [name])
-    step = 1e-4 * parameter.size
+    step = 5e-4 * parameter.size
     near = [solved(parameter.apply(experiment, parameter.value + x), []) for x in (step, -step)]
     after, before = (np.array([s.positions for s in each.steps]) for each in near)
     expected = (after - before) / (2.0 * step)

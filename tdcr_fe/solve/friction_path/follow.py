@@ -56,8 +56,9 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Index = NDArray[np.int_]
 
-#: Longest path segment, over which rates are taken as constant [1].
-LONGEST_SEGMENT = 0.08
+#: Longest path segment, over which rates are taken as constant [1]. With 0.08, one of 200 random robots ended 2.4e-5 of
+#: the length off.
+LONGEST_SEGMENT = 0.03
 #: Derivatives of the slips are used again up to this change of the load factor, and of the tensions, over the
 #: largest [1].
 REUSED_LOAD_CHANGE, REUSED_TENSION_CHANGE = 0.02, 0.02

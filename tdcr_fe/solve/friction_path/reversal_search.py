@@ -203,11 +203,12 @@ class SubstepSlips(NamedTuple):
 
         Only by those holes whose mobilisation at the end depends on it, see `FrictionPath.insensitive_holes`.
         """
-        which = np.flatnonzero(~path.insensitive_holes(self.slip_error, self.model.presliding))
+        error = self.slip_error + self.model.error_off_line(path.segments.start, path.segments.tension)
+        which = np.flatnonzero(~path.insensitive_holes(error, self.model.presliding))
         if not which.size:
             return 0.0
         response = self.columns[:, which] @ np.linalg.inv(self.matrix[np.ix_(which, which)])
-        return _largest_displacement(np.abs(response) @ self.slip_error[which], self.states.numbering)
+        return _largest_displacement(np.abs(response) @ error[which], self.states.numbering)
 
 
 def _largest_displacement(step: Array, numbering: Numbering) -> float:

@@ -93,6 +93,25 @@ class Intervals(NamedTuple):
         """Change of the values beyond that by the mean of their rates at both ends of the first one [m, rad], (m,)."""
         return np.asarray(-0.5 * self.coefficients[0, 3])
 
+    def error_off_line(self, factors: Array, tensions: Array, count: int) -> Array:
+        """Largest error of the first values by a parabola in their derivatives, at tensions off the line [m].
+
+        The parabola is taken to be as large as the change of the derivatives in the first interval.
+
+        Parameters
+        ----------
+        factors
+            Load factors within the first interval [1], shape (p,).
+        tensions
+            Of the segments there [N], shape (p, q).
+        count
+            Number of values.
+        """
+        x = (factors - self.start[0]) / self.length[0]
+        off = tensions - self.tension[0] - (factors - self.start[0])[:, None] * self.tension_rate[0]
+        change = (x * (1.0 - x))[:, None] * (off @ self.by_tension_change[0, :count].T)
+        return np.asarray(np.abs(change).max(axis=0))
+
 
 def _interval(first: SlipData, last: SlipData, defect_factor: float) -> tuple[float | Array, ...]:
     """What `Intervals` has of one interval."""
@@ -237,6 +256,18 @@ class SlipModel:
     def defect(self) -> Array:
         """Change of the slips beyond that by the mean of their rates at both ends of the first interval [m], (k,)."""
         return self.slips.intervals.defect[: self.holes]
+
+    def error_off_line(self, factors: Array, tensions: Array) -> Array:
+        """Largest error of the slips by tensions off the straight line [m], shape (k,).
+
+        Parameters
+        ----------
+        factors
+            Load factors within the first interval [1], shape (p,).
+        tensions
+            Of the segments there [N], shape (p, q).
+        """
+        return self.slips.intervals.error_off_line(factors, tensions, self.holes)
 
     def with_defect_factor(self, factor: float) -> SlipModel:
         """The same with another factor on the parabola in the rates."""
