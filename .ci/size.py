@@ -35,7 +35,7 @@ BUDGET = {
     "tdcr_fe/model": 2741,
     "tdcr_fe/report": 1220,
     "tdcr_fe/scene": 1488,
-    "tdcr_fe/solve": 7753,
+    "tdcr_fe/solve": 7587,
     "tdcr_fe/sweeps": 1477,
     "validation": 7085,
     "tests": 16239,
