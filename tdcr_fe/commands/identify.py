@@ -97,10 +97,14 @@ def _robots(
         for name, result in found.results.items():
             write_result(result, out / name)
     write_json(found.to_json(), out / "robots.json")
+    written = ["robots.json", *found.results]
     args.noted.figures = found.to_json()
-    args.noted.files += [out / name for name in (*names, "robots.json")]
+    args.noted.files += [out / name for name in written]
     if not args.quiet:
-        print(f"{found}\n\nWritten to {out}: robots.json, {', '.join(names)}")
+        print(f"{found}\n\nWritten to {out}: {', '.join(written)}")
+    if found.interrupted:
+        complain("interrupted; the robots up to then are written")
+        return Exit.INTERRUPTED
     return Exit.DONE
 
 

@@ -161,12 +161,12 @@ def bay_state(experiment: Experiment, steps: Sequence[StepResult], last: Sequenc
     return BayState(edges, curvature, rotation, moved, tension, lever, direction, time)
 
 
-def last_direction(commands: Array) -> Array:
-    """Sign of the last change of every command, from zero on, shape (K, n_tendons)."""
-    change = np.sign(np.diff(commands, axis=0, prepend=np.zeros((1, commands.shape[1]))))
-    found = np.zeros_like(commands)
-    for k in range(len(commands)):
-        found[k] = np.where(change[k] != 0.0, change[k], found[k - 1] if k else 0.0)
+def last_direction(values: Array, least: float = 0.0) -> Array:
+    """Sign of the last change of more than ``least``, from zero on, by step, shape (K, n)."""
+    change = np.diff(values, axis=0, prepend=np.zeros((1, values.shape[1])))
+    found = np.where(np.abs(change) > least, np.sign(change), 0.0)
+    for k in range(1, len(found)):
+        found[k] = np.where(found[k] != 0.0, found[k], found[k - 1])
     return found
 
 

@@ -11,7 +11,7 @@ from scipy.special import chdtri
 from tdcr_fe.effects import EFFECTS, Effect, EffectAtPlace
 from tdcr_fe.identify.causes import Cause
 from tdcr_fe.identify.noise import chi_square_z_score, is_noise, lag1_autocorrelation, series, structure
-from tdcr_fe.identify.problem import Fit, FitProblem
+from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.robot import Robot
 
@@ -157,7 +157,7 @@ def is_improvement(problem: FitProblem, new: Fit, old: Fit, significance: float)
 
 def robust_threshold(residual: np.typing.NDArray[np.float64]) -> float:
     """Residual over sigma up to which a reading counts in full: four sigma, or four robust scatters if larger."""
-    return 4.0 * max(1.0, 1.4826 * float(np.median(np.abs(residual))))
+    return ROBUST * max(1.0, 1.4826 * float(np.median(np.abs(residual))))
 
 
 #: Smallest number of readings from which models are compared.

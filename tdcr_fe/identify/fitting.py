@@ -55,7 +55,6 @@ class Race:
 
     lowest: float = math.inf
     deadline: float = math.inf  # reading of `tdcr_fe.identify.settings.clock` [s]
-    left_behind: tuple[float, float] = LEFT_BEHIND  # see `limit`
 
     def reached(self, cost: float) -> None:
         """One of the fits has this cost."""
@@ -69,7 +68,7 @@ class Race:
     @property
     def limit(self) -> float:
         """Cost above which a fit is of no interest: the first times the lowest cost, plus the second."""
-        return self.left_behind[0] * self.lowest + self.left_behind[1]
+        return LEFT_BEHIND[0] * self.lowest + LEFT_BEHIND[1]
 
 
 def run_fits(problem: FitProblem, fittings: Sequence[Fitting]) -> list[Fit]:
@@ -191,7 +190,6 @@ def evaluated(
     limits = np.array([problem.bounds(by_name[k[0]], k[1]) for k in free]).reshape(-1, 2)
     reach = np.max(np.abs(limits - z[:, None]), axis=1, initial=0.0) / scale
     keep = can_be_seen(linear.matrix[problem.fitted] * scale, reach)
-    differenced = {columns[j].key: why for j, why in linear.differenced.items()}
     return Fit(
         tuple(effects),
         values,
@@ -201,7 +199,6 @@ def evaluated(
         tuple(k for k, ok in zip(free, keep, strict=True) if ok),
         linear.run,
         None if along is None else along.path_origin,
-        differenced,
     )
 
 

@@ -14,12 +14,13 @@ from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from types import TracebackType
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.effects import Experiment
+from tdcr_fe.effects import Effect, Experiment
+from tdcr_fe.effects.base import Values
 from tdcr_fe.identify.bay_state import bay_state
 from tdcr_fe.identify.run import Run, RunDerivatives, Trajectory, mesh_nodes
 from tdcr_fe.identify.settings import OutOfTime, clock, ending_at, keep_time, spend
@@ -223,8 +224,9 @@ def _differentiated(
 Given = TypeVar("Given")
 Found = TypeVar("Found")
 
-#: Runs kept in memory, with their paths: those without a reference path, which alone are asked for again.
-CACHE = 24
+#: Runs kept in memory, with their paths: those without a reference path, which alone are asked for again. And
+#: experiments with an effect: neighbouring models share most of their effects.
+CACHE, APPLIED = 24, 64
 
 
 class Job(NamedTuple):
@@ -267,6 +269,8 @@ class ForwardModel:
         self.runs = self.iterations = 0
         self.lists = 0  # of tasks that were given to the processes
         self._cache: dict[str, Run] = {}
+        # By the identity of both and the values, which holds as long as both are kept
+        self._applied: dict[tuple[Any, ...], tuple[Experiment, Effect, Experiment]] = {}
         self._pool: ProcessPoolExecutor | None = None
         self._stack = ExitStack()
 
@@ -329,6 +333,15 @@ class ForwardModel:
         while len(self._cache) > CACHE:
             self._cache.pop(next(iter(self._cache)))
         return found
+
+    def with_effect(self, experiment: Experiment, effect: Effect, values: Values) -> Experiment:
+        """An experiment with an effect; the last ones from memory."""
+        key = (id(experiment), id(effect), *values.items())
+        kept = self._applied.pop(key, None) or (experiment, effect, effect.apply(experiment, values))
+        self._applied[key] = kept  # the last one used is the last one dropped
+        if len(self._applied) > APPLIED:
+            self._applied.pop(next(iter(self._applied)))
+        return kept[2]
 
     @property
     def parallel(self) -> bool:

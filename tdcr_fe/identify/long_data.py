@@ -34,13 +34,11 @@ Array = NDArray[np.float64]
 #: A path whose inputs deviate by less than this from a straight one, over their range, is straight.
 STRAIGHT = 0.02
 
-#: Branches of fewer steps on average are joined to pieces of so many.
-SHORT, PIECE = 4, 12
-
 #: Iterations of the final fit to all load steps at most.
 FINAL_ITERATIONS = 4
 
-#: Data with more steps than this are long; about how many steps a search then takes, and in a branch at most.
+#: Data with more steps than this are long; about how many steps a search then takes, and in a branch at most. Branches
+#: of fewer steps on average are joined to pieces of twice as many.
 LONG, SEARCHED, IN_BRANCH = 200, 72, 6
 
 #: Steps that a search takes for each input, where that is more: with two branches of each, one parameter per tendon can
@@ -99,7 +97,7 @@ def choose_rows(data: MeasuredData, held_out: Sequence[int], history: bool = Tru
     with_readings = {k for k, n in enumerate(data.step_ids) if n in read}
     table, held = inputs(data), set(held_out)
     branches = [own for b in blocks(data) if (own := [k for k in b if k in with_readings])]
-    if len(with_readings) < SHORT * len(branches):
+    if len(with_readings) < IN_BRANCH * len(branches):
         branches = _joined(branches, held)
     else:
         branches = [_simplified(table, b) for b in branches]
@@ -120,13 +118,13 @@ def choose_rows(data: MeasuredData, held_out: Sequence[int], history: bool = Tru
 
 
 def _joined(branches: Sequence[Sequence[int]], held: set[int]) -> list[list[int]]:
-    """Neighbouring short branches as pieces of the sequence, each fitted or held out, of `PIECE` steps or a few more.
+    """Neighbouring short branches as pieces of the sequence, each fitted or held out, twice as long as `IN_BRANCH`.
 
     Where the inputs turn at every other step, nothing can be left out between.
     """
     found: list[list[int]] = []
     for branch in branches:
-        joins = found and len(found[-1]) < PIECE and (found[-1][0] in held) == (branch[0] in held)
+        joins = found and len(found[-1]) < 2 * IN_BRANCH and (found[-1][0] in held) == (branch[0] in held)
         if joins and branch[0] == found[-1][-1] + 1:
             found[-1].extend(branch)
         else:

@@ -15,7 +15,7 @@ from scipy.special import chdtrc, chdtri, fdtrc, ndtr, ndtri
 from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.identify.forward import Job, last_parts
 from tdcr_fe.identify.load_steps import directions, inputs
-from tdcr_fe.identify.problem import Fit, FitProblem, Point
+from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, Point
 from tdcr_fe.identify.result import InputNoise, Structure
 from tdcr_fe.identify.run import Run
 from tdcr_fe.io.measured import MeasuredData
@@ -26,9 +26,6 @@ Array = NDArray[np.float64]
 
 #: The group of all readings in `structure`.
 ALL_READINGS = "all readings"
-
-#: Residuals are clipped at this many sigma in tests of noise, so that a few outliers do not dominate.
-CLIP = 4.0
 
 #: A reading with a residual above this many sigma (of the remaining misfit, where that is larger) is an outlier.
 OUTLIER = 5.0
@@ -83,8 +80,8 @@ def estimate_sigma(data: MeasuredData, residual: Array) -> tuple[Array, bool]:
 
 
 def clipped(r: Array) -> Array:
-    """Residuals clipped to the range of noise."""
-    return np.clip(r, -CLIP, CLIP)
+    """Residuals clipped to the range of noise, so that a few outliers do not dominate its tests."""
+    return np.clip(r, -ROBUST, ROBUST)
 
 
 def chi_square_z_score(r: Array, parameters: int = 0) -> float:

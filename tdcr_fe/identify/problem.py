@@ -137,7 +137,7 @@ class FitProblem:
 
         def apply(experiment: Experiment) -> Experiment:
             for e in ordered:
-                experiment = e.apply(experiment, values[e.name])
+                experiment = self.forward.with_effect(experiment, e, values[e.name])
             return join_steps(experiment)
 
         return self.experiment.with_sequences(apply)
@@ -292,8 +292,6 @@ class Fit:
     run: Run
     # residual of the run whose substeps this one has taken; None where it followed no other one, shape (n,)
     path_residual: Array | None = None
-    # parameters by which the derivatives are differences of two runs, with the reason
-    differenced: Mapping[tuple[str, str], str] = field(default_factory=dict)
     pruned: bool = False  # whether the fit was stopped because it could not come near the best
 
     @property

@@ -9,7 +9,7 @@ D. M. Giltinan, Nonlinear Models for Repeated Measurement Data, 1995, chapter 5)
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -64,8 +64,9 @@ class RobotsResult:
     results: Mapping[str, IdentificationResult]  # of each robot by itself, by the name of its data
     effects: tuple[str, ...]  # that the robots share; empty where none explains any of them
     # By EFFECT.PARAMETER: the value of each robot, in the order of `results`, and what they have in common
-    values: Mapping[str, tuple[Estimate, ...]]
-    common: Mapping[str, Common]
+    values: Mapping[str, tuple[Estimate, ...]] = field(default_factory=dict)
+    common: Mapping[str, Common] = field(default_factory=dict)
+    interrupted: bool = False  # then with the robots up to the one at which that was, and nothing in common
 
     def to_json(self) -> dict[str, Any]:
         """As ``robots.json`` has it."""
@@ -118,20 +119,32 @@ def identify_robots(
     Raises
     ------
     KeyboardInterrupt
-        Interrupted.
+        Interrupted before the declared model of the first was solved.
     """
     settings = settings or IdentifySettings()
     settings = replace(settings, time_limit=settings.time_limit / len(sets))
     results: dict[str, IdentificationResult] = {}
-    for number, data in enumerate(sets):
+    try:
+        for number, data in enumerate(sets):
 
-        def of_robot(text: str, share: float, name: str = data.name, number: int = number) -> None:
-            if progress is not None:
-                progress(f"{name}: {text}", (number + share) / len(sets))
+            def of_robot(text: str, share: float, name: str = data.name, number: int = number) -> None:
+                if progress is not None:
+                    progress(f"{name}: {text}", (number + share) / len(sets))
 
-        results[data.name] = identify(data, settings, of_robot)
-        if results[data.name].log.interrupted:
-            raise KeyboardInterrupt
+            results[data.name] = identify(data, settings, of_robot)
+            if results[data.name].log.interrupted:
+                raise KeyboardInterrupt
+        return _in_common(sets, settings, results)
+    except KeyboardInterrupt:
+        if not results:
+            raise
+        return RobotsResult(results, (), interrupted=True)
+
+
+def _in_common(
+    sets: Sequence[MeasuredData], settings: IdentifySettings, results: Mapping[str, IdentificationResult]
+) -> RobotsResult:
+    """What robots have in common that are identified, each by itself."""
     models: dict[tuple[str, ...], Point] = {}
     for r in results.values():
         if r.verdict in (Verdict.EXPLAINED, Verdict.LAW_FOUND):
@@ -141,7 +154,7 @@ def identify_robots(
     evidence = {names: sum(own[names][0] for own in fitted) for names in models}
     best = min(evidence, key=lambda names: evidence[names], default=())
     if not np.isfinite(evidence.get(best, np.inf)):
-        return RobotsResult(results, (), {}, {})
+        return RobotsResult(results, ())
     values = {}
     for name in fitted[0][best][1]:
         own = tuple(found[best][1][name] for found in fitted)

@@ -38,8 +38,6 @@ class Score:
     probe: _ProbeSet | None = None  # to which the signature belongs
     # typical steps of its parameters in their fitted coordinates
     scales: Mapping[tuple[str, str], float] = field(default_factory=dict)
-    # parameters whose part of the signature is a difference of two runs, with the reason
-    differenced: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def refused(
@@ -66,10 +64,6 @@ class Score:
             return sum(len(e.parameters) for e in self.effects)
         size = np.linalg.norm(self.signature, axis=0)
         return int(np.count_nonzero(size > SEEN * np.max(size)))
-
-    def cost(self, problem: FitProblem) -> float:
-        """Robust sum of squares over the fitted readings that it would leave, to first order."""
-        return problem.cost(self.predicted)[0]
 
 
 def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> tuple[list[Score], Fit]:
@@ -107,15 +101,12 @@ def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> tuple[li
             note = "the robot cannot be combined with it" if probes else "these data cannot show it"
             scores.append(Score.refused(e, fit, note))
         sets += [_ProbeSet.of(e, points, experiment) for points in alternatives]
-    signatures, differenced, fit = _signatures(problem, fit, sets)
+    signatures, fit = _signatures(problem, fit, sets)
     space = _Space.of(problem, fit)
     by_effect: dict[str, list[tuple[_ProbeSet, Array]]] = {}
     for one, signature in zip(sets, signatures, strict=True):
         by_effect.setdefault(one.effect.name, []).append((one, signature))
-    for name, own in by_effect.items():
-        score = _score(problem, fit, space, own)
-        why = {parameter: reason for (effect, parameter), reason in differenced.items() if effect == name}
-        scores.append(replace(score, differenced=why))
+    scores += [_score(problem, fit, space, own) for own in by_effect.values()]
     return sorted(scores, key=lambda s: -s.drop), fit
 
 
@@ -189,10 +180,8 @@ class _ProbeSet:
         )
 
 
-def _signatures(
-    problem: FitProblem, fit: Fit, sets: Sequence[_ProbeSet]
-) -> tuple[list[Array], dict[tuple[str, str], str], Fit]:
-    """Signatures of all probe sets from one run, and the parameters whose column is a difference of two runs.
+def _signatures(problem: FitProblem, fit: Fit, sets: Sequence[_ProbeSet]) -> tuple[list[Array], Fit]:
+    """Signatures of all probe sets from one run, and the model with that run.
 
     Alternatives that begin at the same values share a derivative; those that need differences each have their own.
     """
@@ -205,7 +194,6 @@ def _signatures(
                 columns.append(column)
     count = fit.residual.size
     (linear,) = linearize(problem, [Request(fit.effects, fit.values, tuple(columns), fit.run)])
-    differenced = {columns[j].key: why for j, why in linear.differenced.items()}
     by_key = {key: linear.matrix[:, j] for key, j in exact.items()}
     more = [
         column
@@ -225,7 +213,7 @@ def _signatures(
     reference = (
         fit if linear.run.trajectory is None or not linear.run.solved else replace(fit, run=linear.run)
     )
-    return found, differenced, reference
+    return found, reference
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, EffectAtPlace
 from tdcr_fe.effects.base import Points
@@ -51,10 +52,11 @@ from tdcr_fe.identify.search_state import (
     mean_cost,
     parent_of,
     refined,
-    with_note_on_differences,
     with_rival,
 )
 from tdcr_fe.identify.settings import EXCHANGES, FURTHER_EFFECTS, OutOfTime
+
+Array = NDArray[np.float64]
 
 #: Relative error of predictions by first-order columns, as a sum of squares [1].
 FIRST_ORDER = 0.02
@@ -127,21 +129,13 @@ def scores_beside(
         scores, reference = screen(state.problem, fit, others)
         done = sorted([*done, *scores], key=lambda x: -x.drop)
         state = replace(state, scores={**state.scores, key: (done, reference)})
-        state = with_screened(state, scores)
+        scales = {name: x for score in scores for name, x in score.scales.items()}
+        problem = replace(state.problem, scales={**state.problem.scales, **scales})
+        state = replace(state, problem=problem)
         if not fit.effects:
             refused = {x.effect.name: x.note for x in scores if x.note and not x.effect.after}
             state = replace(state, refused={**state.refused, **refused})
     return state, done, reference
-
-
-def with_screened(state: SearchState, scores: Sequence[Score]) -> SearchState:
-    """Typical steps of parameters, as the scores found them; and what had no derivative."""
-    scales = dict(state.problem.scales)
-    for score in scores:
-        scales |= score.scales
-        why = {(score.effect.name, name): reason for name, reason in score.differenced.items()}
-        state = with_note_on_differences(state, why)
-    return replace(state, problem=replace(state.problem, scales=scales))
 
 
 def own_price(problem: FitProblem, scores: Sequence[Score]) -> float:
@@ -269,14 +263,18 @@ def fit_proposals(
             for now, x in zip(begun, chosen.values(), strict=True)
             if now.solved
         ]
-        left = dict.fromkeys((True, False), half)
-        for least, now, x in sorted(found, key=lambda f: f[0]):
-            if left[x.named] == 0 or (ahead is not None and least > _limit(problem, ahead)):
-                continue
-            left[x.named] -= 1
-            state, now = _fitted(state, x.score, now, races[x.named])
-            if search.is_noise(problem, now) and (ahead is None or rank(problem, now) < rank(problem, ahead)):
-                ahead = now
+        left, queue = dict.fromkeys((True, False), half), sorted(found, key=lambda f: f[0])
+        while queue:
+            together: list[fitting.Fitting] = []
+            while queue and len(together) < problem.forward.processes:
+                least, now, x = queue.pop(0)
+                if left[x.named] and (ahead is None or least <= _limit(problem, ahead)):
+                    left[x.named] -= 1
+                    together.append(_fitted(problem, now, x.score.predicted, races[x.named]))
+            for now in fitting.run_fits(problem, together):
+                state = state.with_fit(now)
+                better = ahead is None or rank(problem, now) < rank(problem, ahead)
+                ahead = now if better and search.is_noise(problem, now) else ahead
     keys = {x.names for x in pool}
     return state, [f for k, f in state.fits.items() if k in keys and f.solved]
 
@@ -334,32 +332,34 @@ def _begun(problem: FitProblem, found: Sequence[Proposal]) -> list[Fit]:
     return fits
 
 
-def _fitted(state: SearchState, x: Score, now: Fit, race: fitting.Race) -> tuple[SearchState, Fit]:
-    """A model with candidates fitted, to the end where it comes near the best."""
-    problem = state.problem
-    (now,) = fitting.run_fits(problem, [fitting.descend(problem, now, race, 8, x.predicted)])
+def _fitted(problem: FitProblem, now: Fit, predicted: Array, race: fitting.Race) -> fitting.Fitting:
+    """A model with candidates fitted, to the end where it comes near the best; `predicted` as in `fitting.descend`."""
+    now = yield from fitting.descend(problem, now, race, 8, predicted)
     race.reached(now.cost)
     if now.cost <= race.limit:
-        (now,) = fitting.run_fits(problem, [fitting.finish(problem, replace(now, pruned=False), race)])
-    return with_note_on_differences(state.with_fit(now), now.differenced), now
+        now = yield from fitting.finish(problem, replace(now, pruned=False), race)
+    return now
 
 
-def refitted(state: SearchState, effects: Sequence[Effect]) -> tuple[SearchState, Fit]:
-    """A part of the best model, fitted from its values; or as it was fitted before, where that is better."""
-    key = frozenset(e.name for e in effects)
-    if not effects:
-        return state, state.fits.get(key, state.declared)
-    problem, best, known = state.problem, state.best, state.fits.get(key)
-    if known is None or known.pruned or known.cost > best.cost:
+def refitted(state: SearchState, parts: Sequence[tuple[Effect, ...]]) -> tuple[SearchState, list[Fit]]:
+    """Parts of the best model, each fitted from its values once; or as it was fitted before, where that is better."""
+    problem, best, whole = state.problem, state.best, frozenset(state.best.names)
+    fittings, keys = [], [frozenset(e.name for e in effects) for effects in parts]
+    for key, effects in zip(keys, parts, strict=True):
         start = {e.name: best.values[e.name] for e in effects}
         try:
             problem.with_effects(effects, start)
-        except ValueError:
-            return state, replace(best, cost=math.inf, held_cost=math.inf)
-        (new,) = fitting.run_fits(problem, [fitting.smaller(problem, effects, [start], best, fitting.Race())])
+        except ValueError:  # there is no such robot: not solved
+            continue
+        if effects and (key, whole) not in state.refits:
+            fittings.append(fitting.smaller(problem, effects, [start], best, fitting.Race()))
+    for new in fitting.run_fits(problem, fittings):
+        known = state.fits.get(frozenset(new.names))
         if known is None or known.pruned or new.cost < known.cost:
             state = state.with_fit(new)
-    return state, state.fits[key]
+    unsolved = replace(best, cost=math.inf, held_cost=math.inf)
+    state = replace(state, refits=state.refits | {(key, whole) for key in keys})
+    return state, [state.fits.get(key, unsolved) for key in keys]
 
 
 # --------------------------------------------------------------------------------------------------- selection
@@ -574,17 +574,20 @@ def at_full_strength(
 def backward_selection(search: Search, state: SearchState) -> Stage:
     """Drop causes that the others make unnecessary."""
     while len(state.best.effects) > 1:
-        unnecessary: list[tuple[Effect, Fit]] = []
-        for e in state.best.effects:
-            state, smaller = refitted(state, tuple(x for x in state.best.effects if x is not e))
-            worse = is_improvement(state.problem, state.best, smaller, search.significance)
-            if smaller.solved and not (
-                worse and bic(state.problem, smaller) > bic(state.problem, state.best)
-            ):
-                unnecessary.append((e, smaller))
+        problem, best = state.problem, state.best
+        parts = [tuple(x for x in best.effects if x is not e) for e in best.effects]
+        state, smaller = refitted(state, parts)
+        unnecessary = [
+            (e, f)
+            for e, f in zip(best.effects, smaller, strict=True)
+            if f.solved
+            and not (
+                is_improvement(problem, best, f, search.significance) and bic(problem, f) > bic(problem, best)
+            )
+        ]
         if not unnecessary:
             break
-        e, best = min(unnecessary, key=lambda p: bic(state.problem, p[1]))
+        e, best = min(unnecessary, key=lambda p: bic(problem, p[1]))
         state = replace(state, best=best).with_history(f"{e.name} dropped: the others suffice")
         yield state
     return state
@@ -598,12 +601,16 @@ def exchange(search: Search, state: SearchState) -> Stage:
     """
     best, problem = state.best, state.problem
     fits: list[Fit] = []
-    for gone in [(e,) for e in best.effects] + list(itertools.combinations(best.effects, 2)):
+    every = [gone for n in (1, 2) for gone in itertools.combinations(best.effects, n)]
+    left = [tuple(e for e in best.effects if e not in gone) for gone in every]
+    state, bases = refitted(state, left[: len(best.effects)])
+    for gone, rest in zip(every, left, strict=True):
         if search.out_of_time:
             return state.without_trying(EXCHANGES)
-        rest = tuple(e for e in best.effects if e not in gone)
-        if len(gone) == 1 or not rest:
-            state, base = refitted(state, rest)
+        if len(gone) == 1:
+            base = bases.pop(0)
+        elif not rest:
+            base = state.fits[frozenset()]
         else:
             free = [k for k in best.free if k[0] in {e.name for e in rest}]
             values = {e.name: best.values[e.name] for e in rest}

@@ -78,6 +78,8 @@ class SearchState:
     scores: Mapping[Names, tuple[list[Score], Fit]] = field(default_factory=dict)
     # models to which further causes were added, and whether listed effects alone
     extended: frozenset[tuple[Names, bool]] = frozenset()
+    # parts of models that were fitted from the values of these, with them
+    refits: frozenset[tuple[Names, Names]] = frozenset()
     candidates: tuple[Candidate, ...] = ()  # result of each, for the report
     refused: Mapping[str, str] = field(default_factory=dict)  # effects that are not tried, with the reason
     # by effect of the best model, those that explain the data as well
@@ -105,6 +107,7 @@ class SearchState:
             fits=fits,
             scores={},
             extended=frozenset(),
+            refits=frozenset(),
         )
 
     def with_fit(self, fit: Fit) -> SearchState:
@@ -233,15 +236,6 @@ def with_rival(state: SearchState, name: str, rival: str) -> SearchState:
     if rival in known:
         return state
     return replace(state, rivals={**state.rivals, name: (*known, rival)})
-
-
-def with_note_on_differences(state: SearchState, why: Mapping[tuple[str, str], str]) -> SearchState:
-    """Say once of every parameter that its derivative was a difference of two runs."""
-    for (name, parameter), reason in why.items():
-        sentence = f"{name}.{parameter}: derivative by a difference of two runs ({reason})"
-        if sentence not in state.history:
-            state = state.with_history(sentence)
-    return state
 
 
 def mean_cost(cost: float, which: NDArray[np.bool_]) -> float:

@@ -89,9 +89,9 @@ MAY_EXPLAIN = frozenset({FURTHER_EFFECTS, EXCHANGES, FRICTION})
 #: of the corrected robot take, over the time limit [1].
 GRACE, GRACE_OF_TABLES = 0.1, 0.15
 
-#: The final fit to all load steps, and the model with friction, take about so many runs of theirs, and so much of the
-#: time limit at most [1].
-RUNS, MOST = 8, 0.3
+#: The final fit to all load steps, of some iterations with derivatives, and the model with friction take about so many
+#: runs of theirs, and so much of the time limit at most [1].
+RUNS, RUNS_WITH_FRICTION, MOST = 24, 8, 0.3
 
 
 class OutOfTime(Exception):
@@ -123,7 +123,7 @@ class Schedule(NamedTuple):
         """
         end = begun + seconds
         friction = end - min(RUNS * all_steps, MOST * seconds)
-        search = friction - min(RUNS * with_friction, MOST * seconds)
+        search = friction - min(RUNS_WITH_FRICTION * with_friction, MOST * seconds)
         return cls(search, friction, end, GRACE * seconds)
 
 

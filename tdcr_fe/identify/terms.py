@@ -9,7 +9,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.identify.bay_state import COMPONENTS, BayState
+from tdcr_fe.identify.bay_state import COMPONENTS, BayState, last_direction
 
 Array = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ LOADING = Factor(
     "the direction of the last command",
     "sign",
     (0, 0, 0),
-    lambda b: np.broadcast_to(_overall_direction(b)[:, None], b.shape),
+    lambda b: np.broadcast_to(_overall_direction(b), b.shape),
     "direction of loading",
 )
 DEFLECTION = Factor(
@@ -92,15 +92,9 @@ DEFLECTION = Factor(
 
 
 def _overall_direction(b: BayState) -> Array:
-    """Sign of the last change of any tendon, by step."""
-    total = b.tension.sum(axis=(1, 2))
-    change = np.diff(total, prepend=0.0)
-    scale = float(np.max(np.abs(total), initial=0.0))
-    found = np.zeros(len(total))
-    for k in range(len(total)):
-        moved = abs(change[k]) > 1e-3 * scale
-        found[k] = np.sign(change[k]) if moved else (found[k - 1] if k else 0.0)
-    return found
+    """Sign of the last change of the sum of all tensions, by step, shape (K, 1)."""
+    total = b.tension.sum(axis=(1, 2))[:, None]
+    return last_direction(total, 1e-3 * float(np.max(np.abs(total), initial=0.0)))
 
 
 BENDING = Direction(

@@ -208,14 +208,13 @@ def test_every_form_is_among_them() -> None:
 
 
 def test_all_candidates_are_screened_in_one_run() -> None:
-    """Version 0.1 simulated the history once for every parameter. A compliant base adds a node, and is named."""
+    """Version 0.1 simulated the history once for every parameter. A compliant base adds a node: another run."""
     about = problem("tension")
     about = replace(about, sigma=np.full(about.count, 1e-4))
     fit = evaluate(about, (), {})
     before = about.forward.runs
     scores, _ = screen(about, fit, EFFECTS)
     assert about.forward.runs == before + 2
-    assert {x.effect.name for x in scores if x.differenced} == {"base_compliance"}
     signatures = [x.effect.name for x in scores if x.signature.size]
     assert {"gravity", "superelastic", "rigid_disks", "frame_misalignment", "actuator_loss"} <= set(
         signatures
@@ -235,7 +234,7 @@ def test_effects_at_places_are_screened_in_one_run() -> None:
     causes = [e for family in at_places(about) for e in family]
     before = about.forward.runs
     scores, _ = screen(about, fit, causes)
-    assert len(scores) == len(causes) > 12 and not any(x.differenced for x in scores)
+    assert len(scores) == len(causes) > 12
     assert about.forward.runs == before + 1
 
 

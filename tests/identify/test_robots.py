@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import measured
+from identify_data import concluded, measured, problem_of, state_of
 
 from tdcr_fe.cli import main
 from tdcr_fe.commands import identify as command
+from tdcr_fe.identify import robots
 from tdcr_fe.identify.robots import Common
 from tdcr_fe.io.measured import write_measured
 
@@ -39,6 +40,24 @@ def test_intervals_of_the_scatter_contain_it_as_often_as_they_claim():
         low, high = Common.of(1.0 + 0.2 * rng.normal(size=8) + errors * rng.normal(size=8), errors).interval
         inside += low <= 0.2 <= high
     assert 0.92 <= inside / 400 <= 0.99
+
+
+def test_an_interruption_keeps_the_robots_that_are_finished(tmp_path, monkeypatch):
+    data = measured()
+    for name in ("r1", "r2"):
+        write_measured(replace(data, name=name), tmp_path / name)
+    finished = [concluded(state_of(problem_of(data)))]
+
+    def until_interrupted(*_):
+        if not finished:
+            raise KeyboardInterrupt
+        return finished.pop()
+
+    monkeypatch.setattr(robots, "identify", until_interrupted)
+    folders, out = [str(tmp_path / name) for name in ("r1", "r2")], tmp_path / "out"
+    assert main(["identify", *folders, "--robots", "-q", "-o", str(out)]) == 130
+    assert (out / "r1" / "report.html").exists() and not (out / "r2").exists()
+    assert list(json.loads((out / "robots.json").read_text())["robots"]) == ["r1"]
 
 
 @pytest.mark.integration

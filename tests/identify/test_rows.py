@@ -27,7 +27,6 @@ from tdcr_fe.identify.long_data import (
     IN_BRANCH,
     LONG,
     PER_INPUT,
-    PIECE,
     SEARCHED,
     _simplified,
     choose_rows,
@@ -121,7 +120,7 @@ def test_data_that_turn_at_every_step_keep_pieces_without_gaps():
     found = choose_rows(data, range(60, 120))
     gaps = np.flatnonzero(np.diff(found.steps) > 1)
     pieces = np.diff([-1, *gaps, len(found.steps) - 1])
-    assert len(found.steps) > 40 and np.median(pieces) >= PIECE
+    assert len(found.steps) > 40 and np.median(pieces) >= 2 * IN_BRANCH
     assert {k in range(60, 120) for k in found.steps} == {True, False}
 
 
