@@ -26,10 +26,10 @@ from pathlib import Path
 BUDGET = {
     "elements": 3157,
     "tdcr_fe": 262,
-    "tdcr_fe/commands": 1018,
+    "tdcr_fe/commands": 1022,
     "tdcr_fe/effects": 1360,
     "tdcr_fe/estimate": 940,
-    "tdcr_fe/identify": 6406,
+    "tdcr_fe/identify": 6409,
     "tdcr_fe/io": 1961,
     "tdcr_fe/live": 375,
     "tdcr_fe/model": 2741,
