@@ -266,21 +266,28 @@ def _readings(problem: FitProblem) -> list[Cause]:
     length, clock = data.robot.backbone.length, _clock(problem)
 
     def along(axis: int, weight: Weight, marker: float | None) -> Callable[[FitProblem, Run], Array]:
-        """A shift along an axis of the world of all markers; of one marker, along an axis of its section."""
+        """A shift of all markers, or of one, along an axis of the world."""
 
-        def shape(p: FitProblem, run: Run) -> Array:
-            step, axes = p.readings.reader.step, p.readings.axes
-            if marker is None:
-                return np.asarray((axes == axis) * weight(p.data)[step])
-            own = np.array([r.location == marker for r in p.data.readings]) & (axes >= 0)
-            shift = run.rotations[:, int(np.argmin(np.abs(run.s - marker))), :, axis]
-            return np.where(own, shift[step, axes] * weight(p.data)[step], 0.0)
+        def shape(p: FitProblem, _: Run) -> Array:
+            own = np.array([marker is None or r.location == marker for r in p.data.readings])
+            return (p.readings.axes == axis) * own * weight(p.data)[p.readings.reader.step]
 
         return shape
 
-    def shift(name: str, kind: Kind, weight: Weight, text: str, marker: float | None = None) -> ReadingCause:
+    def in_section(axis: int, weight: Weight, marker: float) -> Callable[[FitProblem, Run], Array]:
+        """A shift of one marker along an axis of its section."""
+
+        def shape(p: FitProblem, run: Run) -> Array:
+            step, axes = p.readings.reader.step, p.readings.axes
+            own = np.array([r.location == marker for r in p.data.readings]) & (axes >= 0)
+            turned = run.rotations[:, int(np.argmin(np.abs(run.s - marker))), :, axis]
+            return np.where(own, turned[step, axes] * weight(p.data)[step], 0.0)
+
+        return shape
+
+    def shift(name: str, kind: Kind, text: str, shape: Callable[[int], Callable[..., Array]]) -> ReadingCause:
         numbers = tuple(number(a, "m", (-length, length), 0.0, 2e-3 * length) for a in "xyz")
-        return ReadingCause(name, kind, numbers, tuple(along(i, weight, marker) for i in range(3)), text)
+        return ReadingCause(name, kind, numbers, tuple(map(shape, range(3))), text)
 
     def after(number: int) -> Weight:
         return lambda d: (np.array(d.step_ids) >= number).astype(float)
@@ -288,7 +295,8 @@ def _readings(problem: FitProblem) -> list[Cause]:
     found: list[Cause] = []
     if clock:
         kind, text = Kind("reading", (clock,)), "the measuring frame drifts"
-        found.append(shift("drift of the measuring frame", kind, lambda d: _progress(d.steps), text))
+        drift = partial(along, weight=lambda d: _progress(d.steps), marker=None)
+        found.append(shift("drift of the measuring frame", kind, text, drift))
     numbers = (number("scale", "1", (-0.5, 0.5), 0.0, 0.01),)
     scale = ReadingCause("scale of the positions", Kind("reading", ("position",)), numbers,
                          (lambda p, _: np.where(p.readings.is_position, p.readings.values, 0.0),),
@@ -299,12 +307,16 @@ def _readings(problem: FitProblem) -> list[Cause]:
     if len(markers) > 1:
         groups |= {s: f"the marker at s = {s:.4g} m" for s in markers}
     for (marker, who), first in itertools.product(groups.items(), data.step_ids[3:-2]):
-        where_ = f"{who}, from row {first} on"
-        text = f"the readings of {who} jump from row {first} on"
-        name = f"jump of {who} from row {first} on"
-        cause = shift(name, Kind("reading", ("row",), where_), after(first), text, marker)
-        cause.price = math.log(len(data.steps) * (1 if marker is None else len(markers)))
-        found.append(cause)
+        kind, since = Kind("reading", ("row",), f"{who}, from row {first} on"), f"from row {first} on"
+        shape = partial(along, weight=after(first), marker=marker)
+        causes = [shift(f"jump of {who} {since}", kind, f"the readings of {who} jump {since}", shape)]
+        if marker is not None:
+            shape = partial(in_section, weight=after(first), marker=marker)
+            slips = f"{who} sits elsewhere on its section {since}"
+            causes.append(shift(f"slip of {who} {since}", kind, slips, shape))
+        for cause in causes:
+            cause.price = math.log(len(data.steps) * (1 if marker is None else len(markers)))
+        found += causes
     return found
 
 

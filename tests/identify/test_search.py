@@ -136,8 +136,11 @@ def test_a_cause_found_on_some_of_the_rows_is_the_same_on_all():
                    readings=tuple(r for r in whole.data.readings if r.step in few))  # fmt: skip
     part = problem_of(data)
     causes = {e.name: e for e in whole_dictionary(part)}
-    assert not any("row " in name and "jump" not in name for name in causes)
-    jump, one = (causes[f"jump of {who} from row 7 on"] for who in ("all markers", "the marker at s = 0.1 m"))
+    assert not any("row " in name and not name.startswith(("jump", "slip")) for name in causes)
+    one = "the marker at s = 0.1 m from row 7 on"
+    jump, jumps, slips = (
+        causes[n] for n in ("jump of all markers from row 7 on", f"jump of {one}", f"slip of {one}")
+    )
     for problem in (part, whole):
         (run,) = problem.run([Job(problem.experiment)])
         steps = np.array([r.step for r in problem.data.readings])
@@ -145,10 +148,12 @@ def test_a_cause_found_on_some_of_the_rows_is_the_same_on_all():
         own = np.array([r.location == 0.1 for r in problem.data.readings])
         values = {"x": 1e-3, "y": 0.0, "z": 0.0}
         np.testing.assert_array_equal(jump.shift(problem, run, values), expected)
-        # one marker slips on the backbone: it stays at its distance from the point where it was
-        slip = one.shift(problem, run, values)[own & (steps >= 7)].reshape(-1, 3)
+        np.testing.assert_array_equal(jumps.shift(problem, run, values), expected * own)
+        # one that slips on the backbone stays at its distance from the point where it was
+        moved = slips.shift(problem, run, values)
+        slip = moved[own & (steps >= 7)].reshape(-1, 3)
         np.testing.assert_allclose(np.linalg.norm(slip, axis=1), 1e-3)
-        assert np.ptp(slip[:, 2]) > 1e-5 and not np.any(one.shift(problem, run, values)[~own | (steps < 7)])
+        assert np.ptp(slip[:, 2]) > 1e-5 and not np.any(moved[~own | (steps < 7)])
 
 
 def test_one_hole_or_one_disk_is_moved_and_no_other():
