@@ -29,7 +29,7 @@ BUDGET = {
     "tdcr_fe/commands": 1022,
     "tdcr_fe/effects": 1360,
     "tdcr_fe/estimate": 940,
-    "tdcr_fe/identify": 6409,
+    "tdcr_fe/identify": 6417,
     "tdcr_fe/io": 1961,
     "tdcr_fe/live": 375,
     "tdcr_fe/model": 2741,
