@@ -29,8 +29,8 @@ Array = NDArray[np.float64]
 #: Places along the body that are tried where that of the load is unknown, and most times that one is chosen anew.
 PLACES, MOST_CHOICES = 100, 5
 
-#: The readings tell something in a direction in which their variance is more than this many times that of their noise.
-TOLD = 2.0
+#: The readings are informative in a direction in which their variance is more than this many times that of their noise.
+INFORMATIVE = 2.0
 
 
 def name_at(place: float) -> str:
@@ -269,8 +269,8 @@ class Solved:
         """See `tdcr_fe.estimate.most_probable.Point`."""
         found, jacobian = np.zeros(len(covariance)), self.jacobian
         variances, directions = np.linalg.eigh(jacobian @ covariance @ jacobian.T + np.eye(len(jacobian)))
-        told = variances > TOLD
-        weights = directions[:, told] / np.sqrt(variances[told])
+        informative = variances > INFORMATIVE
+        weights = directions[:, informative] / np.sqrt(variances[informative])
         # Over one standard deviation of the prior, so that holes between stick and slip count with their probability.
         for weight, change in zip(weights.T, (covariance @ jacobian.T @ weights).T, strict=True):
             near = self.frame.solved(self.unknowns + change, self)

@@ -289,8 +289,8 @@ def _readings(problem: FitProblem) -> list[Cause]:
         numbers = tuple(number(a, "m", (-length, length), 0.0, 2e-3 * length) for a in "xyz")
         return ReadingCause(name, kind, numbers, tuple(map(shape, range(3))), text)
 
-    def after(number: int) -> Weight:
-        return lambda d: (np.array(d.step_ids) >= number).astype(float)
+    def after(row: int) -> Weight:
+        return lambda d: (np.array(d.step_ids) >= row).astype(float)
 
     found: list[Cause] = []
     if clock:
