@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Observation
 from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, memory
 from tdcr_fe.estimate.frame import Frame, Problem, Readings, Solved, name_at
+from tdcr_fe.estimate.volume import Volume
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.robot import Robot
@@ -95,6 +96,7 @@ class Estimator:
         self._commands = LoadStep()
         self._time: float | None = None
         self._last: Solved | None = None
+        self._volume = Volume()
         self._number = 0
 
     def step(self, step: LoadStep, readings: Sequence[Reading] = ()) -> Estimate:
@@ -142,6 +144,10 @@ class Estimator:
     def _estimated(self, frame: Frame) -> Estimate:
         """The estimate of a frame, which the estimator takes for its state; the last state where there is none."""
         mean, covariance = self._prior(frame)
+        read = len(frame.readings.values) > 0
+        held = self._problem.at_given_place(covariance)[1]
+        if read:
+            mean = mean + self._volume.change_of_mean(held)
         start, last = np.zeros(len(mean)), self._last
         if last is not None and last.frame.commands.drives.kinds == frame.commands.drives.kinds:
             start = last.start_of(frame, mean, covariance)
@@ -155,6 +161,8 @@ class Estimator:
             state = Solved(frame, before, frame.commands, UNSOLVED, frame.start)
             return self._estimate(state, self._covariance, np.nan, message)
         state, own = found.point, len(self._sigmas)
+        if read:
+            self._volume = self._volume.renewed(state, held)
         self._mean, self._time, self._last = state.unknowns[:own], frame.commands.time, state
         carried = np.eye(len(mean))
         carried[own:] = state.response.plastic_slips

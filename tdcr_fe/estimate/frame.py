@@ -29,9 +29,6 @@ Array = NDArray[np.float64]
 #: Places along the body that are tried where that of the load is unknown, and most times that one is chosen anew.
 PLACES, MOST_CHOICES = 100, 5
 
-#: The readings are informative in a direction in which their variance is more than this many times that of their noise.
-INFORMATIVE = 2.0
-
 
 def name_at(place: float) -> str:
     """Name of the estimated load at an arc length [m]."""
@@ -73,6 +70,14 @@ class Problem:
     def spacing(self) -> float:
         """Of the places that are tried [m]."""
         return float(self.s[-1]) / PLACES
+
+    def at_given_place(self, covariance: Array) -> tuple[Array, Array]:
+        """Change of all unknowns with the place of the load [1/m], and their covariance at a given place."""
+        variance = covariance[self.place, self.place]
+        if variance == 0.0:
+            return np.zeros(len(covariance)), covariance
+        given = covariance[self.place] / variance
+        return given, covariance - variance * np.outer(given, given)
 
     @property
     def slips(self) -> Array:
@@ -147,8 +152,7 @@ class Frame:
         if variance == 0.0 or not len(self.readings.values):
             return most_probable(self.solved, mean, covariance, start)
         # Among given places, each with all other unknowns conditional on it.
-        given = covariance[place] / variance
-        held = covariance - variance * np.outer(given, given)
+        given, held = self.problem.at_given_place(covariance)
         at, found, before = self.solved(mean), None, np.inf
         for _ in range(MOST_CHOICES):
             if at is None:
@@ -244,48 +248,40 @@ class Solved:
     @cached_property
     def residual(self) -> Array:
         """See `tdcr_fe.estimate.most_probable.Point`."""
-        readings = self.frame.readings
-        predicted = np.zeros(len(readings.values))
-        for quantity, which, locations in readings.groups:
-            predicted[which] = channel(quantity).predict(self._observed, locations)
-        return (readings.values - predicted) / readings.sigmas
+        return self._read[0]
 
     @cached_property
     def jacobian(self) -> Array:
         """See `tdcr_fe.estimate.most_probable.Point`."""
-        return self._derivatives(self.response)
+        return self._read[1]
 
-    def _derivatives(self, response: Response) -> Array:
-        """Of the readings by the parameters of a response, over their standard deviations, shape (n_readings, P)."""
-        readings, change = self.frame.readings, response.observed
-        found = np.zeros((len(readings.values), response.nodes.shape[-1]))
+    @cached_property
+    def _read(self) -> tuple[Array, Array]:
+        """Residual and derivatives of the readings of its frame."""
+        return self._of_readings(self.frame.readings, self.response)
+
+    def _of_readings(self, readings: Readings, response: Response) -> tuple[Array, Array]:
+        """Residual of readings, and derivatives of their predictions by the parameters of a response.
+
+        Both over their standard deviations, shapes (n_readings,) and (n_readings, P).
+        """
+        change, count = response.observed, len(readings.values)
+        predicted, found = np.zeros(count), np.zeros((count, response.nodes.shape[-1]))
         h = change.difference_steps(self._observed)
         moved = self._observed.moved(change, h)
         for quantity, which, locations in readings.groups:
+            predicted[which] = channel(quantity).predict(moved, locations)[0]
             found[which] = channel(quantity).differences(moved, h, locations)
-        return found / readings.sigmas[:, None]
-
-    def volume_slope(self, covariance: Array) -> Array:
-        """See `tdcr_fe.estimate.most_probable.Point`."""
-        found, jacobian = np.zeros(len(covariance)), self.jacobian
-        variances, directions = np.linalg.eigh(jacobian @ covariance @ jacobian.T + np.eye(len(jacobian)))
-        informative = variances > INFORMATIVE
-        weights = directions[:, informative] / np.sqrt(variances[informative])
-        # Over one standard deviation of the prior, so that holes between stick and slip count with their probability.
-        for weight, change in zip(weights.T, (covariance @ jacobian.T @ weights).T, strict=True):
-            near = self.frame.solved(self.unknowns + change, self)
-            if near is not None:
-                found += 2.0 * weight @ (near.jacobian - jacobian)
-        return found
+        return (readings.values - predicted) / readings.sigmas, found / readings.sigmas[:, None]
 
     def start_of(self, frame: Frame, mean: Array, covariance: Array) -> Array:
         """``v`` with which the next frame begins from its prior, by the derivatives in this state."""
-        seen, problem = replace(self, frame=frame), frame.problem
-        jacobian, moved = seen._derivatives(self.response), mean - self.unknowns
+        problem, moved = frame.problem, mean - self.unknowns
+        residual, jacobian = self._of_readings(frame.readings, self.response)
         scale = frame.commands.drives.scale
         moved[: problem.tendons] += (frame.commands.values - self.frame.commands.values) / scale
         moved[problem.place + 1 :] = 0.0  # the history is that of this state
-        return linear_start(covariance, seen.residual - jacobian @ moved, jacobian)
+        return linear_start(covariance, residual - jacobian @ moved, jacobian)
 
     def best_place(self, mean: Array, given: Array, held: Array, variance: float) -> tuple[float, Array]:
         """Where the load explains the readings best by the linear model.
@@ -309,7 +305,8 @@ class Solved:
             ``v`` of `most_probable` that leads there.
         """
         problem = self.frame.problem
-        by_node, x, place, load = self._derivatives(self._by_node), self.unknowns, problem.place, problem.load
+        by_node = self._of_readings(self.frame.readings, self._by_node)[1]
+        x, place, load = self.unknowns, problem.place, problem.load
         best = (np.inf, 0.0, np.zeros(len(mean)))
         present = by_node @ self._weights(x)
         for s in problem.spacing * np.arange(1, PLACES + 1):

@@ -6,10 +6,7 @@ hole is known exactly. They are sought as ``x0 + P v``, so that ``P`` is never i
     v P v + |(y - h(x)) / sigma|^2 ,
 
 and the step of Gauss and Newton leads to ``v = H' (H P H' + R)^-1 (y - h + H P v)``, the iterated Kalman filter (B. M.
-Bell, F. W. Cathey, IEEE Trans. Autom. Control 38 (1993) 294-297). Where ``H`` varies, the least misfit is biased: it
-prefers states in which the readings change much with the unknowns, since smaller errors explain them there. The states
-around it that explain them as well fill a volume proportional to ``det(H P H' + R)^-1/2``, so that the misfit has the
-term ``log det(H P H' + R)`` beside it (Laplace's method), linearised at the first state.
+Bell, F. W. Cathey, IEEE Trans. Autom. Control 38 (1993) 294-297).
 
 `scipy.optimize.least_squares` solves 5.6 states a frame in place of 4.9 on the problem of the campaign ``estimate``:
 its first step is at most one standard deviation long, and it solves one more state to see that it has converged.
@@ -29,7 +26,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 #: First radius of the trust region, and the smallest [standard deviations].
-FIRST_RADIUS, LEAST_RADIUS = 3.0, 1e-3
+FIRST_RADIUS, LEAST_RADIUS = 2.0, 1e-3
 #: The iteration has converged where the linear model could lower the misfit by less than this [1].
 LITTLE = 0.02
 #: It has failed where it could lower it by more than this, and by more than a hundredth of it [1].
@@ -51,9 +48,6 @@ class Point(Protocol):
     @property
     def jacobian(self) -> Array:
         """Derivatives of the predictions by the unknowns, over the same, shape (n_readings, n)."""
-
-    def volume_slope(self, covariance: Array) -> Array:
-        """Derivative of ``log det(H P H' + R)`` by the unknowns, shape (n,)."""
 
 
 P = TypeVar("P", bound=Point)
@@ -99,13 +93,6 @@ def most_probable(
     if point is None:
         return None
 
-    # The slope of the volume is that of a prior with another mean; it is followed by one standard deviation at most,
-    # since at a hole between stick and slip it may be any.
-    slope = point.volume_slope(covariance)
-    squared = float(slope @ covariance_after(covariance, point.jacobian) @ slope)
-    slope = slope / math.sqrt(max(1.0, 0.25 * squared))
-    mean, v = mean - 0.5 * covariance @ slope, v + 0.5 * slope
-
     def misfit(v: Array, at: P) -> float:
         return float(v @ covariance @ v + at.residual @ at.residual)
 
@@ -116,11 +103,9 @@ def most_probable(
         gain = linear.gain(step)
         if gain <= LITTLE:
             break
-        better, damping = None, 0.0
+        better = None
         while better is None and radius > LEAST_RADIUS and states < MOST_STATES:
-            while (length := linear.length(step)) > radius:
-                damping = 4.0 * damping or 1.0
-                step = linear.step(damping)
+            step = linear.step_within(radius)
             at, states = solve(mean + covariance @ (v + step), point), states + 1
             lowered = -np.inf if at is None else value - misfit(v + step, at)
             expected = linear.gain(step)
@@ -128,7 +113,7 @@ def most_probable(
                 better = at
                 radius *= 2.0 if lowered > 0.7 * expected else 1.0
             else:
-                radius = 0.25 * length
+                radius = 0.25 * linear.length(step)
         if better is None:
             break
         point, v = better, v + step
@@ -137,14 +122,8 @@ def most_probable(
 
 
 def linear_start(covariance: Array, residual: Array, jacobian: Array) -> Array:
-    """``v`` that a linear model promises, where it stays in the first trust region; else that of the prior mean.
-
-    The residual is that of the prior mean.
-    """
-    nowhere = np.zeros(len(covariance))
-    linear = _Linear(nowhere, covariance, residual, jacobian)
-    step = linear.step(0.0)
-    return step if linear.length(step) < FIRST_RADIUS else nowhere
+    """``v`` that a linear model promises in the first trust region; the residual is that of the prior mean."""
+    return _Linear(np.zeros(len(covariance)), covariance, residual, jacobian).step_within(FIRST_RADIUS)
 
 
 def covariance_after(covariance: Array, jacobian: Array) -> Array:
@@ -174,6 +153,14 @@ class _Linear:
         matrix = self.jacobian @ self._spread + held * np.eye(len(self.residual))
         left = np.linalg.solve(matrix, held * self.residual + self.v @ self._spread)
         return np.asarray((self.jacobian.T @ left - self.v) / held)
+
+    def step_within(self, radius: float) -> Array:
+        """Step damped until it is no longer than a radius [standard deviations]."""
+        damping, step = 0.0, self.step(0.0)
+        while self.length(step) > radius:
+            damping = 4.0 * damping or 1.0
+            step = self.step(damping)
+        return step
 
     def length(self, step: Array) -> float:
         """Of a step [standard deviations]."""

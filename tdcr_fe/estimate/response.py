@@ -59,7 +59,7 @@ class Response:
         system, state = simulation.system, simulation.state
         presliding = simulation.handle.actuation.law.hysteresis.presliding
         target = Target(state.inputs, state.loads, state.time)
-        solved = SolvedPoint.of(system, state, target)
+        solved = SolvedPoint.of(system, state, target, linearization=simulation.linearization())
         # The friction is a parameter at first; which holes stick is taken into account below.
         solved = replace(solved, sticking=tuple(np.zeros_like(x) for x in solved.sticking))
         own = solved.forces[0]

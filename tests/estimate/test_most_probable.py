@@ -15,10 +15,6 @@ from tdcr_fe.estimate.most_probable import Found, most_probable
 class At:
     residual: np.ndarray
     jacobian: np.ndarray
-    slope: np.ndarray | None = None
-
-    def volume_slope(self, covariance):
-        return np.zeros(len(covariance)) if self.slope is None else self.slope
 
 
 def linear(h, y):
@@ -68,34 +64,6 @@ def test_a_strongly_curved_problem_ends_at_the_least_misfit():
     best = min(minimize(misfit, 3.0 * np.array([np.cos(a), np.sin(a)])).fun for a in (0.0, 0.2, -0.2))
     assert found.converged
     assert found.misfit == pytest.approx(best, abs=0.02)
-
-
-@pytest.mark.parametrize("y", [0.7, 0.9, 1.2])
-def test_the_volume_of_the_states_nearby_takes_the_bias_from_an_unknown_factor(y):
-    """``y = exp(a) f``: the mean of ``a`` by quadrature, where the least misfit alone prefers large factors."""
-    noise, prior, mean = 1e-3, np.diag([0.2**2, 0.4**2]), np.array([0.0, 1.0])
-
-    def h(x):
-        return np.exp(x[0]) * np.array([[x[1], 1.0]]) / noise
-
-    def volume(x):
-        return np.linalg.slogdet(h(x) @ prior @ h(x).T + np.eye(1))[1]
-
-    def factor(counts):
-        reached = {}
-
-        def solve(x, near=None):
-            slope = counts * np.array([(volume(x + d) - volume(x - d)) / 2e-5 for d in 1e-5 * np.eye(2)])
-            at = At(np.array([(y - np.exp(x[0]) * x[1]) / noise]), h(x), slope)
-            reached[id(at)] = at, x[0]
-            return at
-
-        return reached[id(most_probable(solve, mean, prior, np.zeros(2)).point)][1]
-
-    a = np.linspace(-2.0, 2.0, 4001)
-    density = np.exp(-0.5 * (a / 0.2) ** 2 - 0.5 * ((y * np.exp(-a) - 1.0) / 0.4) ** 2 - a)
-    expected = a @ density / density.sum()
-    assert abs(factor(1.0) - expected) < 0.25 * abs(factor(0.0) - expected)
 
 
 def test_steps_without_a_solution_are_shortened():

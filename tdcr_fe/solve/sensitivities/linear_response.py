@@ -123,6 +123,7 @@ class SolvedPoint:
         numbering: Numbering | None = None,
         all_stick: bool = False,
         sticking: tuple[NDArray[np.bool_], ...] | None = None,
+        linearization: Linearization | None = None,
     ) -> SolvedPoint:
         """Linearise a solved state.
 
@@ -142,10 +143,12 @@ class SolvedPoint:
             Let holes that slip stick, as where all motion reverses.
         sticking
             Which holes stick, by robot; None finds out from the history.
+        linearization
+            Of a state near it; None is that of the state itself.
         """
         numbering = system.numbering() if numbering is None else numbering
         residual = _balanced(system, state, target, numbering)
-        linear = system.linearize(residual, numbering)
+        linear = linearization or system.linearize(residual, numbering)
         by_robot = list(zip(residual.forces, state.mobilisation, state.friction, strict=True))
         if sticking is None:
             sticking = tuple(
