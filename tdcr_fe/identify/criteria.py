@@ -11,12 +11,19 @@ from scipy.special import chdtri
 from tdcr_fe.effects import EFFECTS, Effect, EffectAtPlace
 from tdcr_fe.identify.causes import Cause
 from tdcr_fe.identify.noise import chi_square_z_score, is_noise, lag1_autocorrelation, series, structure
-from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem
+from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, Point
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.robot import Robot
 
 #: A cause without a name is a priori by this factor less probable than one of the list, as a logarithm.
 UNNAMED = 2.0
+
+#: A cause that is not in the dictionary, and that causes of it together look like, is a priori by this factor less
+#: probable than one of the list, as a logarithm.
+UNLISTED = 7.0
+
+#: What the choice of a cause from the list costs, as a logarithm.
+CHOICE = math.log(len(EFFECTS))
 
 #: Price of a gravity of another magnitude than on Earth: the declared masses would have to be wrong, too [1]. From this
 #: deviation on [m/s^2].
@@ -36,11 +43,11 @@ NOISE_Z_SCORE = 4.0
 
 
 def price(effects: Sequence[Effect], robot: Robot) -> float:
-    """Twice the negative logarithm of the prior probability of causes, but for a constant.
+    """Twice the negative logarithm of the prior probability of causes.
 
-    A place is one of all places of its kind; causes without a name have a price of their own.
+    Each is one of the list; a place is one of all places of its kind; causes without a name have a price of their own.
     """
-    total = 0.0
+    total = 2.0 * CHOICE * len(effects)
     for e in effects:
         if isinstance(e, EffectAtPlace):
             total += 2.0 * math.log(max(1, len(e.general.places(robot))))
@@ -54,12 +61,25 @@ def bic(problem: FitProblem, fit: Fit) -> float:
 
     The sum of squares plus log(n) per parameter, and the prior of the causes.
     """
-    own = price(fit.effects, problem.data.robot)
-    if "gravity" in fit.values:
-        size = math.sqrt(sum(x * x for x in fit.values["gravity"].values()))
-        known = abs(size - EARTH) <= EARTH_TOLERANCE  # only its direction is fitted then
-        own += -math.log(problem.count) if known else OTHER_GRAVITY
+    own = price(fit.effects, problem.data.robot) + price_of_gravity(problem, fit.values)
     return fit.cost + fit.held_cost + len(fit.free) * math.log(problem.count) + own
+
+
+def price_of_gravity(problem: FitProblem, values: Point) -> float:
+    """What a fitted gravity costs beside `price` and its parameters: on Earth only its direction is fitted."""
+    if "gravity" not in values:
+        return 0.0
+    size = math.sqrt(sum(x * x for x in values["gravity"].values()))
+    return -math.log(problem.count) if abs(size - EARTH) <= EARTH_TOLERANCE else OTHER_GRAVITY
+
+
+def odds_of_unlisted(fit: Fit) -> float:
+    """Prior odds of one cause that is not in the dictionary against the causes of a model, which look like it [1].
+
+    Its evidence is that of a fit as good, with as many numbers; a single cause has none to be mistaken for.
+    """
+    further = len(fit.effects) - 1
+    return math.exp(CHOICE * further - UNLISTED) if further > 0 else 0.0
 
 
 def at_bound(problem: FitProblem, fit: Fit, effect: Effect | None = None) -> bool:

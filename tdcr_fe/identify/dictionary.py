@@ -30,6 +30,7 @@ from tdcr_fe.identify.causes import (
     StateLoad,
     number,
 )
+from tdcr_fe.identify.criteria import OTHER_GRAVITY, UNNAMED
 from tdcr_fe.identify.misplaced import routings, single_disks
 from tdcr_fe.identify.terms import ROW, TIME, Factor, library, sentence, where
 from tdcr_fe.io.measured import MeasuredData
@@ -374,7 +375,7 @@ def _loads(problem: FitProblem, state: BayState) -> list[Cause]:
         "a bending stiffness that differs between the directions", math.log(10.0))  # fmt: skip
     spread = [(a, "N/m", _spread(i)) for i, a in enumerate("xyz")]
     add("force along the backbone", Kind("force", ("nothing",), "along the backbone"), spread,
-        "a constant force along the whole backbone", 3.0)  # fmt: skip
+        "a constant force along the whole backbone", 0.5 * OTHER_GRAVITY - UNNAMED)  # fmt: skip
     strength = TYPICAL * float(size[2])
     for bay, at in enumerate(state.edges[1:].tolist()):
         powers = (2, 1, 3) if bay == bays - 1 else (2,)

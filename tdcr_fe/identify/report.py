@@ -138,7 +138,7 @@ def page(result: IdentificationResult, motion: Motion | None = None) -> Page:
     return Page(
         title=f"Identification of {result.data.name}",
         verdict=headline(result),
-        level=LEVELS[result.verdict],
+        level="part" if result.names_nothing else LEVELS[result.verdict],
         sentences=tuple(sentences(result)),
         cards=_cards(result),
         pictures=(Picture(figures.comparison(result), shown, f"{caption}."),),

@@ -28,6 +28,8 @@ HALF_WIDTH = 1.96
 NOT_NORMAL = 0.25
 #: An experiment helps if it separates explanations by so many sigma, or leaves so much of a standard error at most.
 LEAST_SEPARATION, MOST_REMAINING = 2.0, 0.9
+#: An effect is found where it is more probable than this, among all models that were fitted [1].
+NAMED = 0.9
 #: Squares over sigma squared per reading that count as noise, at most [1].
 MOST_NOISE = 2.0
 
@@ -421,6 +423,8 @@ class IdentificationResult:
         Errors of the inputs that would account for a part of what is left; None where there are none such.
     by_set : tuple of SetErrors
         Of every data set, where several were given.
+    unlisted : float
+        Probability of one cause that is not in the dictionary, where several causes together leave noise [1].
     """
 
     data: MeasuredData
@@ -440,6 +444,7 @@ class IdentificationResult:
     next_experiment: NextExperiment | None = None
     input_noise: InputNoise | None = None
     by_set: tuple[SetErrors, ...] = ()
+    unlisted: float = 0.0
 
     def next_loading(self) -> str | None:
         """The next experiment as the text of a ``loading.csv``; None where there is none."""
@@ -452,6 +457,11 @@ class IdentificationResult:
         from tdcr_fe.identify.sentences import summary
 
         return summary(self)
+
+    @property
+    def names_nothing(self) -> bool:
+        """Whether one cause that is not in the dictionary may well look like the causes found together."""
+        return self.unlisted > 1.0 - NAMED
 
     @property
     def law(self) -> Law | None:
@@ -501,7 +511,7 @@ class IdentificationResult:
         }
         where_there_are: dict[str, Any] = {
             "datasets": [s.to_json() for s in self.by_set] or None,
-            "law": law and {**law.to_json(), "after": self.after.to_json()},
+            "law": None if self.names_nothing else law and {**law.to_json(), "after": self.after.to_json()},
             "ceiling": self.ceiling and {"held_out": self.ceiling.to_json()},
             "next_experiment": self.next_experiment and self.next_experiment.to_json(),
             "input_scatter": self.input_noise and self.input_noise.to_json(),

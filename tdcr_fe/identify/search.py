@@ -34,6 +34,7 @@ from tdcr_fe.identify.criteria import (
     is_improvement,
     lacks_test,
     price,
+    price_of_gravity,
     rank,
     reduced_chi_square,
     required_drop,
@@ -141,6 +142,7 @@ def scores_beside(
 def own_price(problem: FitProblem, scores: Sequence[Score]) -> float:
     """What candidates cost by themselves: their parameters and their prior, as in the criterion."""
     prior = sum(price(x.effects, problem.data.robot) for x in scores)
+    prior += sum(price_of_gravity(problem, x.starts[0]) for x in scores if x.starts and "gravity" in x.names)
     return sum(x.count for x in scores) * math.log(problem.count) + prior
 
 

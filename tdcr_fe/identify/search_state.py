@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.criteria import effective_noise, rank, residual_is_noise, robust_threshold
+from tdcr_fe.identify.criteria import (
+    effective_noise,
+    odds_of_unlisted,
+    rank,
+    residual_is_noise,
+    robust_threshold,
+)
 from tdcr_fe.identify.noise import with_input_sigma
 from tdcr_fe.identify.problem import Fit, FitProblem, fit_of_run, refine
 from tdcr_fe.identify.result import Candidate
@@ -251,14 +257,15 @@ def listed_names(names: Sequence[str]) -> str:
 def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
     """Probabilities of all models that were fitted, from their evidence; those below one in a million are left out.
 
-    Models that make the same predictions as the best one are the same explanation: theirs is its own.
+    Models that make the same predictions as the best one are the same explanation: theirs is its own. What is missing
+    to one is the probability of one cause that is not in the dictionary, where the best model has several.
     """
     problem = state.problem
     noise = effective_noise(problem, state.best, search.significance)
     solved = [f for f in state.fits.values() if f.solved] or [state.best]
     logarithms = np.array([-0.5 * rank(problem, f) / noise for f in solved])
     weights = np.exp(logarithms - np.max(logarithms))
-    weights /= np.sum(weights)
+    weights /= np.sum(weights) * (1.0 + odds_of_unlisted(state.best))
     same = [float(np.sum((f.residual - state.best.residual) ** 2)) < SAME for f in solved]
     return [
         (state.best if alike else f, float(w))

@@ -29,6 +29,9 @@ LEAST_THRESHOLD = 3e-3
 #: Correlations of a smaller size are not listed.
 LEAST_CORRELATION = 0.1
 
+#: Of several causes that together leave noise, see `IdentificationResult.names_nothing`.
+A_SUM = "a sum"
+
 #: The verdict in one sentence, by verdict and, where it has several, by where the error remains; the last of a verdict
 #: holds for all other places. ``names``: the effects; ``found``, ``beside``: a sentence and a part of one with them;
 #: ``law``: the causes on no list.
@@ -36,7 +39,11 @@ HEADLINES: dict[Verdict, dict[str, str]] = {
     Verdict.NOTHING_MISSING: {
         "": "Nothing is missing: the declared model explains the measurements down to their noise."
     },
-    Verdict.EXPLAINED: {"": "Explained: the declared model is missing {names}."},
+    Verdict.EXPLAINED: {
+        A_SUM: "Explained, but none of it is certain: {names} together leave only noise. One cause that is not in the "
+        "dictionary would look the same.",
+        "": "Explained: the declared model is missing {names}.",
+    },
     Verdict.LAW_FOUND: {"": "Explained by a cause on no list{law}{beside}."},
     Verdict.PARTLY_EXPLAINED: {
         NOT_KNOWN: "Partly explained: {names} may explain the measurements, but too few readings test that.",
@@ -56,16 +63,17 @@ HEADLINES: dict[Verdict, dict[str, str]] = {
 
 def headline(result: IdentificationResult) -> str:
     """The verdict in one sentence."""
-    explained = result.verdict in (Verdict.EXPLAINED, Verdict.LAW_FOUND)
+    explained = result.verdict in (Verdict.EXPLAINED, Verdict.LAW_FOUND) and not result.names_nothing
     names = _joined(
         [
             words(e.name) if e.found or not explained else f"{words(e.name)}, which is not certain,"
             for e in result.effects
-            if not e.sentence or result.verdict != "explained by a law found"
+            if not e.sentence or result.verdict != Verdict.LAW_FOUND
         ]
     )
     by_place = HEADLINES[Verdict(result.verdict)]
-    return by_place.get(result.remaining.where, by_place[""]).format(
+    place = A_SUM if result.names_nothing else result.remaining.where
+    return by_place.get(place, by_place[""]).format(
         names=names,
         law="" if result.law is None else f": {result.law.sentence}",
         beside=f", together with {names}" if names else "",

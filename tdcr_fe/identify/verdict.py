@@ -18,6 +18,7 @@ from tdcr_fe.identify.criteria import (
     chi_square_threshold,
     insufficient_data,
     mostly_estimated_noise,
+    odds_of_unlisted,
     reduced_chi_square,
 )
 from tdcr_fe.identify.data_faults import wrong_sigma
@@ -27,6 +28,7 @@ from tdcr_fe.identify.long_data import RowChoice
 from tdcr_fe.identify.noise import ALL_READINGS, outliers, structure
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import (
+    NAMED,
     NOT_EVALUATED,
     NOT_KNOWN,
     THE_DATA,
@@ -59,10 +61,6 @@ Array = NDArray[np.float64]
 SIGNIFICANT = 1e-4
 
 
-#: An effect is found where it is more probable than this, among all models that were fitted [1].
-NAMED = 0.9
-
-
 class Found(NamedTuple):
     """What an identification has found besides the last state of its search."""
 
@@ -82,6 +80,8 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
     problem, best, declared, data = state.problem, state.best, state.declared, state.problem.data
     tests = structure(data, best.residual, len(best.free))
     explained = search.is_noise(problem, best)
+    odds = odds_of_unlisted(best) if explained else 0.0
+    unlisted = odds / (1.0 + odds)
     undecided = _undecided(state, found, explained)
     ceiling = None
     if not state.interrupted and (undecided is None or undecided.where in (THE_INPUTS, THE_NOISE)):
@@ -99,7 +99,7 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
     everything = np.ones(problem.count, dtype=bool)
     return IdentificationResult(
         data=data,
-        verdict=_verdict(state, undecided, explained),
+        verdict=_verdict(state, undecided, explained, unlisted),
         effects=added_effects(search, state, deviation, explained),
         before=_errors(problem, declared, everything),
         after=_errors(problem, best, everything, len(best.free)),
@@ -142,6 +142,7 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
         next_experiment=found.next_experiment,
         input_noise=found.input_noise,
         by_set=_by_set(problem, declared, best),
+        unlisted=unlisted,
     )
 
 
@@ -173,10 +174,10 @@ def _undecided(state: SearchState, found: Found, explained: bool) -> Remainder |
     return next((reason for reason in reasons if reason.description), None)
 
 
-def _verdict(state: SearchState, undecided: Remainder | None, explained: bool) -> Verdict:
+def _verdict(state: SearchState, undecided: Remainder | None, explained: bool, unlisted: float) -> Verdict:
     """The verdict: the first that holds."""
     best = state.best
-    unnamed = not all(map(is_named, best.effects))
+    law = unlisted <= 1.0 - NAMED and not all(map(is_named, best.effects))
     return next(
         verdict
         for verdict, holds in (
@@ -185,7 +186,7 @@ def _verdict(state: SearchState, undecided: Remainder | None, explained: bool) -
             (Verdict.UNFINISHED, not explained and not MAY_EXPLAIN.isdisjoint(state.not_tried)),
             (Verdict.PARTLY_EXPLAINED, not explained and best.effects),
             (Verdict.UNEXPLAINED, not explained),
-            (Verdict.LAW_FOUND, unnamed),
+            (Verdict.LAW_FOUND, law),
             (Verdict.EXPLAINED, best.effects),
             (Verdict.NOTHING_MISSING, True),
         )

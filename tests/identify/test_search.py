@@ -58,9 +58,10 @@ def test_causes_change_nothing_at_their_null_values():
 def test_a_cause_at_a_place_and_one_without_a_name_have_a_price():
     bay, taper = effect("soft_bay").at({"s": 0.025}), whole_dictionary(problem_of(measured()))
     (taper,) = [e for e in taper if e.name == "radius along s"]
-    assert price((effect("gravity"),), ROBOT) == 0.0
-    assert price((bay,), ROBOT) == pytest.approx(2.0 * np.log(4))
-    assert price((taper,), ROBOT) == 2.0 * UNNAMED
+    one = price((effect("gravity"),), ROBOT)
+    assert price((effect("gravity"), effect("creep")), ROBOT) == pytest.approx(2.0 * one)
+    assert price((bay,), ROBOT) - one == pytest.approx(2.0 * np.log(4))
+    assert price((taper,), ROBOT) - one == pytest.approx(2.0 * UNNAMED)
 
 
 def test_the_best_pair_removes_what_a_fit_of_both_columns_removes():

@@ -127,6 +127,24 @@ def test_candidates_with_more_parameters_than_readings_are_not_fitted(bent):
     assert [x.names for x in fitted] == [("actuator_gain",)]
 
 
+def test_several_causes_that_leave_noise_together_are_stated_but_not_named():
+    truth = {
+        "gravity": {"g_x": 9.81, "g_y": 0.0, "g_z": 0.0},
+        "precurvature": {"kappa_x": 1.0, "kappa_y": 0.0},
+        "actuator_gain": {"gain": 1.1},
+    }
+    result = concluded(with_model(begun(measured(truth)), truth))
+    assert result.verdict == "explained" and not any(e.found for e in result.effects)
+    assert headline(result) == (
+        "Explained, but none of it is certain: gravity, precurvature and actuator gain together leave only noise. One "
+        "cause that is not in the dictionary would look the same."
+    )
+    document = result.to_json()
+    assert document["effects"] == [] and list(document["stand_ins"]) == list(truth)
+    assert all(cause["probability"] < 0.6 for cause in document["causes"])
+    assert "none of it is certain" in render(result)
+
+
 # ------------------------------------------------------------------------------------------- interruptions
 
 #: The command, with a search that does not end by itself. Workers import nothing of it, as those of the real command.
