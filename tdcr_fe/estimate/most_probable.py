@@ -30,7 +30,7 @@ FIRST_RADIUS, LEAST_RADIUS = 2.0, 1e-3
 #: The iteration has converged where the linear model could lower the misfit by less than this [1].
 LITTLE = 0.02
 #: It has failed where it could lower it by more than this, and by more than a hundredth of it [1].
-MUCH = 1.0
+MUCH = 5.0
 #: A state whose misfit is below this for each reading explains them, though a hole that begins to slip or to stick may
 #: end the iteration before the linear model has nothing left to gain [1].
 PLAUSIBLE = 5.0
