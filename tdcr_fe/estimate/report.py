@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from tdcr_fe.estimate.description import Estimate
+from tdcr_fe.estimate.frame import name_at
 from tdcr_fe.estimate.run import EstimateResult
 from tdcr_fe.io.atomic import write_folder, write_text
 from tdcr_fe.io.result_files import versions
@@ -30,6 +34,8 @@ Array = NDArray[np.float64]
 ESTIMATES, SHAPE, REPORT = "estimates.csv", "shape.csv", "report.html"
 #: Half the width of an interval that holds 95 % of a Gaussian, in standard deviations.
 HALF_95 = 1.96
+#: The same of an ellipsoid.
+RADIUS_95 = math.sqrt(chi2.ppf(0.95, 3))
 _BAND = "The bands are 95 % intervals."
 
 
@@ -83,6 +89,13 @@ def write_estimates(result: EstimateResult, out: str | os.PathLike[str]) -> list
     return write_folder(out, write, (ESTIMATES, SHAPE, REPORT))
 
 
+def _ellipsoid(frame: Estimate) -> dict[str, Array]:
+    """Half axes of the 95 % ellipsoid of the force, by name of the load [N]; empty where its place is not known."""
+    variances, directions = np.linalg.eigh(frame.force_covariance)
+    axes = RADIUS_95 * np.sqrt(np.maximum(variances, 0.0))[:, None] * directions.T
+    return {} if frame.sigma_at > 0.0 else {name_at(frame.at): axes}
+
+
 def _page(result: EstimateResult) -> Page:
     frames, names = result.frames, result.estimation.data.robot.tendon_names
     force, tensions = np.array([f.force for f in frames]), np.array([f.tensions for f in frames])
@@ -97,7 +110,8 @@ def _page(result: EstimateResult) -> Page:
     size = np.linalg.norm(force, axis=1)
     most = int(np.argmax(size))
     where = "at an unknown place" if unknown else f"at {quantity(frames[0].at, 'm')}"
-    panel = viewer.panel(motion_of(sequence(result)))
+    motion = replace(motion_of(sequence(result)), ellipsoids=tuple(map(_ellipsoid, frames)))
+    panel = viewer.panel(motion)
     spread = quantity(float(np.median(np.linalg.norm(sigma, axis=1))), "N")
     return Page(
         title=f"Estimated states of {result.estimation.data.robot.name}",

@@ -101,6 +101,9 @@ class Motion:
     friction : bool
         Whether the states of holes mean anything.
     markers : Markers or None
+    ellipsoids : tuple of mapping of str to ndarray, shape (3, 3)
+        By step and estimated load, half axes (rows) of the ellipsoid in which its force lies with 95 % probability [N];
+        empty where all loads are known.
     """
 
     name: str
@@ -124,6 +127,7 @@ class Motion:
     gravity: Array
     friction: bool
     markers: Markers | None = None
+    ellipsoids: tuple[Mapping[str, Array], ...] = ()
 
     @property
     def tips(self) -> Array:
@@ -400,4 +404,5 @@ def between(motion: Motion, time: float) -> Motion:
         driven_by_displacement=motion.driven_by_displacement[step : step + 1],
         loads=motion.loads[step : step + 1],
         markers=None,
+        ellipsoids=motion.ellipsoids[step : step + 1],
     )

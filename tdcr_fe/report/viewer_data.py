@@ -106,6 +106,7 @@ def _steps(motion: Motion, kept: list[int]) -> Motion:
         markers=None
         if markers is None
         else replace(markers, measured=markers.measured[kept], declared=markers.declared[kept]),
+        ellipsoids=tuple(motion.ellipsoids[k] for k in kept) if motion.ellipsoids else (),
     )
 
 
@@ -123,6 +124,18 @@ def hole_codes(motion: Motion) -> list[NDArray[np.uint8]]:
         code[:, :-1][loose[:, :-1] & loose[:, 1:]] = STATES.index("slack")
         codes.append(code)
     return codes
+
+
+def _loads(motion: Motion, step: int) -> list[dict[str, Any]]:
+    """Loads of a step as the page draws them."""
+    ellipsoids = motion.ellipsoids[step] if motion.ellipsoids else {}
+    found = []
+    for name, place, vector, moment in motion.load_arrows(step):
+        axes = [_short(axis) for axis in ellipsoids.get(name, ())] if not moment else []
+        found.append(
+            {"name": name, "at": _short(place), "vector": _short(vector), "moment": moment, "ellipsoid": axes}
+        )
+    return found
 
 
 def _short(vector: Array) -> list[float]:
@@ -176,13 +189,7 @@ def panel_data(motion: Motion) -> dict[str, Any]:
         "displacement": quantised(motion.displacements),
         "byDisplacement": motion.driven_by_displacement.any(axis=0).tolist(),
         "bending": np.degrees(motion.bending_angles).round(4).tolist(),
-        "loads": [
-            [
-                {"name": name, "at": _short(place), "vector": _short(vector), "moment": moment}
-                for name, place, vector, moment in motion.load_arrows(k)
-            ]
-            for k in range(count)
-        ],
+        "loads": [_loads(motion, k) for k in range(count)],
         "gravity": motion.gravity.tolist(),
         "markers": None,
     }

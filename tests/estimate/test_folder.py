@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import shutil
 
 import numpy as np
@@ -52,6 +54,11 @@ def test_the_command_writes_tables_and_a_page(folder, tmp_path, capsys):
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "9 readings in 3 of 4 frames." in page
     assert "The robot in 3D" in page
+    (data,) = re.findall(r'<script type="application/json">(.*?)</script>', page, flags=re.S)
+    for loads, row in zip(json.loads(data)["loads"], found.to_numpy(), strict=True):
+        axes = np.array(loads[0]["ellipsoid"])
+        covariance = row[[[6, 7, 8], [7, 9, 10], [8, 10, 11]]]
+        np.testing.assert_allclose(axes.T @ axes, 7.8147 * covariance, rtol=1e-3, atol=1e-10)
 
 
 @pytest.mark.parametrize(

@@ -185,8 +185,19 @@ class Scene {
   loads(wire, cone, theme) {
     const m = this.motion;
     for (const load of m.loads[m.step]) {
+      this.ellipsoid(wire, load, theme);
       if (Math.hypot(...this.arrow(load)) < 6 * this.pixel) continue;
       this.draw3dArrow(wire, cone, this.moved(load), this.arrow(load), load.moment ? theme.moment : theme.force, load.moment);
+    }
+  }
+
+  // Three ellipses around the head of an estimated force's arrow, in its scale.
+  ellipsoid(wire, load, theme) {
+    const axes = load.ellipsoid.map(axis => this.arrow({ vector: axis })), r = 0.7 * this.pixel;
+    const head = add(this.moved(load), this.arrow(load));
+    for (const [a, b] of axes.length ? [[0, 1], [1, 2], [2, 0]] : []) {
+      const at = k => add(head, add(times(Math.cos(k * Math.PI / 16), axes[a]), times(Math.sin(k * Math.PI / 16), axes[b])));
+      for (let k = 0; k < 32; k++) wire.line(at(k), at(k + 1), r, r, theme.force);
     }
   }
 
