@@ -10,10 +10,14 @@ from typing import Annotated, Any
 
 from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior
 from tdcr_fe.estimate.estimator import Estimator
+from tdcr_fe.identify.data_faults import first_checks
 from tdcr_fe.io.measured import MeasuredData, read_measured
 from tdcr_fe.io.problems import Problem, Reporter, read_all
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_toml
+from tdcr_fe.model.loading import Load, LoadStep
+from tdcr_fe.model.messages import PlausibilityWarning, issue
+from tdcr_fe.model.plausibility import plausibility
 from tdcr_fe.model.schema import Keys, Quantity, keys_of
 
 _INPUTS = Quantity("errors of the inputs", allowed="a table [inputs] with sigma, correlation_time")
@@ -110,6 +114,15 @@ def _read_priors(path: Path) -> tuple[LoadPrior, InputPrior]:
     return LoadPrior(**load), InputPrior(**inputs)
 
 
+def _implausible_load(estimation: Estimation) -> list[str]:
+    """Whether a load as large as the standard deviation is beyond what the robot can carry, as a sentence."""
+    data, sigma = estimation.data, estimation.load.sigma
+    load = LoadStep(loads={"expected": Load(data.robot.backbone.length, (sigma, 0.0, 0.0))})
+    key = "steps[0].loads.expected.force"
+    found = plausibility(data.robot, data.model, [load]).warnings
+    return [text.replace(key, "estimate.toml: load.sigma") for text in found if key in text]
+
+
 def run_estimation(
     estimation: Estimation, progress: Callable[[Estimate], None] | None = None
 ) -> EstimateResult:
@@ -128,6 +141,10 @@ def run_estimation(
         A frame that was not solved says so, and the run goes on with the next. After Ctrl-C, the frames until then.
     """
     data, experiment = estimation.data, estimation.data.experiment
+    for category, texts in first_checks(data).items():
+        issue(
+            [*texts, *_implausible_load(estimation)] if category is PlausibilityWarning else texts, category
+        )
     by_step: dict[int, list[Reading]] = {n: [] for n in data.step_ids}
     for reading in data.readings:
         by_step[reading.step].append(reading)

@@ -21,7 +21,7 @@ from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.spreadsheet import number
-from tdcr_fe.model.channels import arc_lengths
+from tdcr_fe.model.channels import CHANNELS, arc_lengths
 from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, TDCRWarning
 from tdcr_fe.model.plausibility import plausibility
@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 #: Inputs that bend the robot more or less than this many times as much as the readings say are in another unit [1].
 OTHER_UNIT = 4.0
 #: A fault explains the data where their mean square over sigma falls to this, from `MISFIT` times as much or more [1].
-#: A positional residual of pure noise has 1; a robust sum is a little less.
+#: A residual of pure noise has 1; a robust sum is a little less.
 EXPLAINED, MISFIT = 1.5, 4.0
 #: Price of a fitted number or a chosen step, in the sum of squares, over the logarithm of the number of readings [1].
 PRICE = 2.0
@@ -65,9 +65,10 @@ def first_checks(data: MeasuredData) -> dict[type[TDCRWarning], list[str]]:
         warned, remarks = plausibility(data.robot, data.model, data.steps)
     except ValueError as error:
         raise InputError([Problem(data.name, "", "", _columns(str(error), data))]) from error
-    if not warned:
+    warned.append(impossible_place(data))
+    if not any(warned):
         remarks.append(_other_bend(data))
-    found = {PlausibilityWarning: [*warned, impossible_place(data)], PlausibilityRemark: remarks}
+    found = {PlausibilityWarning: warned, PlausibilityRemark: remarks}
     return {category: [_columns(x, data) for x in texts if x] for category, texts in found.items()}
 
 
@@ -87,7 +88,8 @@ def _other_bend(data: MeasuredData) -> str:
     d = Description.of(data.robot, data.model, data.steps)
     free = [not any(any(x.force) for x in step.loads.values()) for step in data.steps]
     read = _bends_read(data)
-    measured = max((read.get(i, 0.0) for i, f in zip(data.step_ids, free, strict=True) if f), default=0.0)
+    bends = [read.get(i, 0.0) for i, f in zip(data.step_ids, free, strict=True) if f]
+    measured = max(bends, default=0.0) - min(bends, default=0.0)  # heights may not count from the base
     for kind in ("tensions", "displacements"):
         angles = np.linalg.norm(d.bends(kind).sum(axis=2), axis=1)[free]
         largest = float(np.max(angles, initial=0.0))
@@ -137,18 +139,17 @@ def impossible_place(data: MeasuredData) -> str:
 class _Fault(NamedTuple):
     """What would mend the data."""
 
-    residual: (
-        Array  # of the mended readings over sigma, shape (n_steps, n_markers, 3); NaN where there is none
-    )
+    residual: Array  # of the mended readings over sigma, as those of `_Grid`
     text: str  # with ``{since}`` for the row from which on it holds
     chosen: float = 1.0  # how many numbers were chosen for it
 
 
 @dataclass(frozen=True)
 class _Grid:
-    """Readings of positions by step, marker and axis; NaN where there is none."""
+    """Readings of positions or curvatures by step, marker and axis; NaN where there is none."""
 
-    # By the declared model [m], shape (n_steps, n_markers, 3)
+    family: str  # of the quantities
+    # By the declared model, shape (n_steps, n_markers, n_axes)
     measured: Array
     predicted: Array
     sigma: Array
@@ -158,23 +159,25 @@ class _Grid:
     at: tuple[NDArray[np.int_], ...]  # where they are
 
     @classmethod
-    def of(cls, problem: FitProblem, declared: Fit) -> _Grid:
+    def of(cls, problem: FitProblem, declared: Fit, family: str) -> _Grid:
         """Of the problem's readings and the declared model's predictions."""
-        which = np.flatnonzero(problem.readings.is_position)
+        names = [c.quantity for c in CHANNELS if c.family == family]
+        which = np.flatnonzero(np.isin(problem.readings.quantities, names))
         places = arc_lengths([problem.data.readings[i].location for i in which])
         markers, column = np.unique(places, return_inverse=True)
         rows, row = np.unique(problem.readings.reader.step[which], return_inverse=True)
-        at = row, column, problem.readings.axes[which]
+        axis = np.array([names.index(q) for q in problem.readings.quantities[which]], dtype=int)
+        at = row, column, axis
         steps = tuple(problem.data.step_ids[k] for k in rows)
-        measured, predicted, sigma = np.full((3, rows.size, markers.size, 3), np.nan)
+        measured, predicted, sigma = np.full((3, rows.size, markers.size, len(names)), np.nan)
         values = problem.readings.values
         measured[at], sigma[at] = values[which], problem.whole_sigma[which]
         predicted[at] = (values - problem.lengths(declared.residual))[which]
-        return cls(measured, predicted, sigma, steps, tuple(markers.tolist()), which, at)
+        return cls(family, measured, predicted, sigma, steps, tuple(markers.tolist()), which, at)
 
     def table(self, values: Array) -> Array:
         """Values of all readings by step, marker and axis."""
-        found = np.full((len(self.steps), len(self.markers), 3), np.nan)
+        found = np.full_like(self.measured, np.nan)
         found[self.at] = values[self.which]
         return found
 
@@ -209,10 +212,10 @@ class _Grid:
 def data_fault(problem: FitProblem, declared: Fit) -> str:
     """The fault of the data that explains the declared model's misfit, as a sentence; empty where there is none.
 
-    Tried are axes exchanged or counted the other way, markers exchanged, readings that belong to other steps, tendons
-    exchanged or driven the other way; each from some row on. Reported is only what leaves no more than noise, where the
-    declared model does not; and sensors that stand still while the robot moves. Readings that jump or drift are causes
-    of the dictionary.
+    Tried are axes of positions or curvatures exchanged or counted the other way, heights that do not count from the
+    base, markers exchanged, readings that belong to other steps, tendons exchanged, moved on by one, or driven the
+    other way; each from some row on. Reported is only what leaves no more than noise, where the declared model does
+    not; and sensors that stand still while the robot moves. Readings that jump or drift are causes of the dictionary.
 
     Parameters
     ----------
@@ -224,20 +227,26 @@ def data_fault(problem: FitProblem, declared: Fit) -> str:
     seen = _declared_length(problem.data) or _opposite_sign(problem, declared)
     if seen:
         return seen
-    grid = _Grid.of(problem, declared)
-    if len(grid.steps) < EQUAL_STEPS or not grid.markers:
-        return ""
+    grids = [_Grid.of(problem, declared, family) for family in ("position", "curvature")]
+    found = [_mended(problem, declared, g) for g in grids if len(g.steps) >= EQUAL_STEPS]
+    return next(filter(None, found), "")
+
+
+def _mended(problem: FitProblem, declared: Fit, grid: _Grid) -> str:
+    """The fault of one family of readings, as a sentence."""
     seen = _rounded(grid) or _standing_still(problem, declared)
     now = _mean_square(declared.residual[grid.which])
     if seen or now < MISFIT:
         return seen
     limit = min(EXPLAINED, now / MISFIT)
-    cost, text, _ = min(map(grid.judged, (*_axes(grid), *_markers(grid), *_steps(grid))))
+    length = problem.data.robot.backbone.length
+    cost, text, _ = min(
+        map(grid.judged, (*_axes(grid), *_heights(grid, length), *_markers(grid), *_steps(grid)))
+    )
     if cost > limit:
         cost, text = _other_drives(problem, declared, grid)
-    elif (
-        "relabelled" in text
-    ):  # a symmetric robot turns or mirrors its motion where its tendons are exchanged
+    elif "relabelled" in text:
+        # A symmetric robot turns or mirrors its motion where its tendons are exchanged.
         other, drives = _other_drives(problem, declared, grid)
         text += f", or if {drives.partition(' if ')[2]}" if other <= limit else ""
     return text if cost <= limit else impossible_place(problem.data)
@@ -308,7 +317,9 @@ def _opposite_sign(problem: FitProblem, declared: Fit) -> str:
 
 
 def _rounded(grid: _Grid) -> str:
-    """Readings in steps that are coarser than sigma."""
+    """Positions in steps that are coarser than sigma."""
+    if grid.family != "position":
+        return ""
     values = np.unique(np.round(grid.measured[np.isfinite(grid.measured)], 9))
     if values.size < 5 or grid.which.size < 20:
         return ""
@@ -359,16 +370,30 @@ def _standing_still(problem: FitProblem, declared: Fit) -> str:
 
 
 def _axes(grid: _Grid) -> Iterator[_Fault]:
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
+    n = grid.measured.shape[-1]
+    for order in itertools.permutations(range(n)):
+        for signs in itertools.product((1.0, -1.0), repeat=n):
             read = ", ".join(
-                f"{'xyz'[a]} = {'-' if sign < 0.0 else ''}position_{'xyz'[b]}"
-                for a, b, sign in zip(range(3), order, signs, strict=True)
+                f"{'xyz'[a]} = {'-' if sign < 0.0 else ''}{grid.family}_{'xyz'[b]}"
+                for a, b, sign in zip(range(n), order, signs, strict=True)
                 if a != b or sign < 0.0
             )
             if read:
                 text = f"the readings fit if {{since}}the axes are relabelled: {read}"
                 yield grid.mended(grid.measured[..., order] * np.array(signs), text)
+
+
+def _heights(grid: _Grid, length: float) -> Iterator[_Fault]:
+    """Heights that count from the unloaded marker or from the tip, up or down."""
+    starts = (("the unloaded marker", np.array(grid.markers)), ("the unloaded tip", length))
+    for start, zero in starts if grid.family == "position" else ():
+        for sign, way in ((1.0, "up"), (-1.0, "down")):
+            measured = grid.measured.copy()
+            measured[..., 2] = zero + sign * measured[..., 2]
+            text = (
+                f"the readings fit if {{since}}position_z counts {way} from {start}, not from the base plate"
+            )
+            yield grid.mended(measured, text)
 
 
 def _markers(grid: _Grid) -> Iterator[_Fault]:
@@ -404,16 +429,23 @@ def _steps(grid: _Grid) -> Iterator[_Fault]:
 
 
 def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[float, str]:
-    """Mean square with two tendons exchanged or all displacements counted the other way, and its sentence.
+    """Mean square with two tendons exchanged, those that end together moved on, or displacements counted the other way.
+
+    And the sentence of what fits best.
 
     Runs without friction, which cost a tenth, show which change promises most; that one is simulated with friction.
     """
     robot, declared_drive = problem.data.robot, problem.experiment
-    pairs = [p for p in itertools.combinations(robot.tendons, 2) if robot.end(p[0]) == robot.end(p[1])]
     changes: list[tuple[Mapping[str, str], float, str]] = [
-        ({a.name: b.name, b.name: a.name}, 1.0, f"tendons {a.name} and {b.name} are exchanged")
-        for a, b in pairs
+        ({a: b, b: a}, 1.0, f"tendons {a} and {b} are exchanged")
+        for a, b in itertools.combinations(robot.tendon_names, 2)
     ]
+    for end in sorted({robot.end(t) for t in robot.tendons}):
+        ring = [t.name for t in robot.tendons if robot.end(t) == end]
+        for k in range(1, len(ring)) if len(ring) > 2 else ():
+            turned = ring[k:] + ring[:k]
+            text = f"the inputs of {', '.join(ring)} are those of {', '.join(turned)}"
+            changes.append((dict(zip(ring, turned, strict=True)), 1.0, text))
     if problem.data.driven_by_displacement:
         changes.append(({}, -1.0, "displacements have the opposite sign"))
     changes = changes[: MOST_STEPS // max(1, len(declared_drive.steps))]

@@ -163,7 +163,7 @@ def end_contradictions(index: int, end: float | None, disks: Disks, length: floa
         return
     near = sorted(disks.positions, key=lambda s: abs(s - at))[:2]
     if abs(near[0] - at) > ARC_TOLERANCE:
-        value = f"{at:.9g}" if end is not None else f"not given, so the tip at {at:.9g}"
+        value = f"{at:.9g}" if end is not None else f"not given, so the tip at backbone.length = {at:.9g}"
         nearest = " and ".join(f"{x:.9g}" for x in sorted(near))
         are = "disks are" if len(near) > 1 else "disk is"
         yield Contradiction(key, value, f"no disk is there; the nearest {are} at {nearest} m")

@@ -14,10 +14,9 @@ from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.quantities import Description, bending, weight_values
 from tdcr_fe.model.robot import Robot
 
-#: A step of a tendon is expected within this factor of the mean of its neighbours.
-NEAR = 1.5
-#: ... where these differ by no more than this factor.
-SMOOTH = 5.0
+#: Inputs of neighbouring steps differ by no more than the first factor; one is the mean of its neighbours to within the
+#: second.
+SMOOTH, NEAR = 4.0, 1.5
 
 
 def loading_values(d: Description) -> Iterator[Value]:
@@ -25,6 +24,7 @@ def loading_values(d: Description) -> Iterator[Value]:
     yield from _tendons(d)
     yield from _loads(d)
     yield from _bends(d)
+    yield from _slips(d)
     yield from _sequence(d.robot, d.steps)
 
 
@@ -87,7 +87,7 @@ def _loads(d: Description) -> Iterator[Value]:
             key = f"steps[{k}].loads.{name}"
             force, moment = math.hypot(*load.force), math.hypot(*load.moment)
             across = bending(load.force)
-            yield Value("force", f"{key}.force", force, "N", across * load.at**2 / b.EI)
+            yield Value("force", f"{key}.force", force, "N", force * load.at**2 / b.EI)
             # A force cannot bend the elastica more than that, however long it is.
             yield strain(
                 d, f"{key}.force", force, min(across * load.at / b.EI, math.sqrt(2.0 * across / b.EI))
@@ -106,7 +106,7 @@ def _bends(d: Description) -> Iterator[Value]:
     for kind in ("tensions", "displacements"):
         single = d.bends(kind)
         if single.any():
-            together = np.linalg.norm(single.sum(axis=2), axis=1)
+            together = np.linalg.norm(d.bend(kind), axis=1)
             k = int(np.argmax(together))
             yield Value("wound", f"steps[{k}].{kind}", math.nan, "", float(together[k]))
             largest = max(largest, float(np.max(np.linalg.norm(single, axis=1))))
@@ -127,10 +127,6 @@ def _bends(d: Description) -> Iterator[Value]:
 
 def _sequence(robot: Robot, steps: Sequence[LoadStep]) -> Iterator[Value]:
     """Inputs against those of the steps before and after, and tendons against each other."""
-    for kind, unit in (("tensions", "N"), ("displacements", "m")):
-        for name in robot.tendon_names:
-            inputs = [(k, getattr(s, kind)[name]) for k, s in enumerate(steps) if name in getattr(s, kind)]
-            yield from _slips(name, kind, unit, inputs)
     named = {n for s in steps for n in (*s.tensions, *s.displacements)}
     for i, tendon in enumerate(robot.tendons):
         if tendon.pretension and tendon.name not in named and any(s.tensions for s in steps):
@@ -143,18 +139,20 @@ def _sequence(robot: Robot, steps: Sequence[LoadStep]) -> Iterator[Value]:
     yield from _taken_in(robot, steps)
 
 
-def _slips(name: str, kind: str, unit: str, given: Sequence[tuple[int, float]]) -> Iterator[Value]:
-    """The input of a tendon, step and value, that is ten times as large as its neighbours suggest, or a tenth."""
-    found = []
-    for (_, before), (k, x), (_, after) in zip(given, given[1:], given[2:], strict=False):
-        if min(before * x, x * after) > 0.0 and 1.0 / SMOOTH <= before / after <= SMOOTH:
-            for factor in (0.1, 10.0):
-                misfit = abs(math.log(2.0 * factor * x / (before + after)))
-                detail = f"{before:g} {unit} before it and {after:g} {unit} after it"
-                slip = Value("one_step", f"steps[{k}].{kind}.{name}", x, unit, 10.0, detail)
-                found += [(misfit, k, slip)] if misfit < math.log(NEAR) else []
-    if found and found[-1][1] - found[0][1] <= 1:  # a wrong value may make its neighbour look wrong, too
-        yield min(found)[2]
+def _slips(d: Description) -> Iterator[Value]:
+    """The only input that leaps: ten times as large as those before and after it suggest, or a tenth."""
+    found, leaps = [], 0
+    for kind, unit in (("tensions", "N"), ("displacements", "m")):
+        for name in d.robot.tendon_names:
+            given = [(k, x) for k, s in enumerate(d.steps) if (x := getattr(s, kind).get(name, 0.0))]
+            leaps += sum(not 1.0 / SMOOTH <= a / b <= SMOOTH for (_, a), (_, b) in itertools.pairwise(given))
+            for (_, before), (k, x), (_, after) in zip(given, given[1:], given[2:], strict=False):
+                factor = 2.0 * x / (before + after) if before * after > 0.0 else 0.0
+                if any(1.0 / NEAR <= factor / slip <= NEAR for slip in (0.1, 10.0)):
+                    detail = f"{before:g} {unit} before it and {after:g} {unit} after it"
+                    found.append(Value("one_step", f"steps[{k}].{kind}.{name}", x, unit, 10.0, detail))
+    if leaps == 2:  # up and down
+        yield from found
 
 
 def _taken_in(robot: Robot, steps: Sequence[LoadStep]) -> Iterator[Value]:
@@ -170,8 +168,8 @@ def _taken_in(robot: Robot, steps: Sequence[LoadStep]) -> Iterator[Value]:
             moved = [held[n] for n in names if n in held]
             if len(names) > 2 and len(moved) == len(names) and max(moved) > max(0.0, min(moved)):
                 key = f"steps[{k}].displacements of {', '.join(names)}"
-                found[key] = sum(moved), sum(map(abs, moved))
+                found[key] = max(sum(moved), 0.0), sum(map(abs, moved))  # slack may be let out besides
     largest = max((total for _, total in found.values()), default=0.0)
     for key, (together, _) in found.items():
         detail = f"{1e3 * together:.3g} mm"
-        yield Value("taken_in", key, math.nan, "m", abs(together) / largest, detail)
+        yield Value("taken_in", key, math.nan, "m", together / largest, detail)

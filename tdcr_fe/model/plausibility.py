@@ -173,12 +173,9 @@ def understood(robot: Robot, model: Model, steps: Sequence[LoadStep] = ()) -> li
         asked, tendon_name, needed = max(pulls, key=lambda x: (x[0], -x[2]))
         largest = f"; the largest tension is {asked:.4g} N" if asked else ""
         lines.append(f"without friction, {needed:.3g} N in {tendon_name} bend it by 90 degrees{largest}")
-    if (moved := d.inputs("displacements")).any():
-        # To first order a tendon takes in its lever times the bend; least squares where there are more than two.
-        levers = np.array([c.by_displacement * c.offset**2 for c in courses.values()])
-        bends = {k: np.linalg.lstsq(levers[u != 0.0], u[u != 0.0])[0] for k, u in enumerate(moved) if u.any()}
-        k = max(bends, key=lambda k: float(np.linalg.norm(bends[k])))
-        angle, towards = math.degrees(math.hypot(*bends[k])), math.degrees(math.atan2(*bends[k][::-1]))
+    if d.inputs("displacements").any():
+        x, y = max(d.bend("displacements"), key=np.linalg.norm)
+        angle, towards = math.degrees(math.hypot(x, y)), math.degrees(math.atan2(y, x))
         lines.append(
             f"its displacements bend it by about {angle:.3g} degrees, towards {round(towards)} degrees from +x"
         )

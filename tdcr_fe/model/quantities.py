@@ -18,12 +18,11 @@ from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.limits import REMARK, Value, limits, nearest_material
 from tdcr_fe.model.loading import LoadStep, Model, Vector, with_displacements
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.routing import ConvergingRouting
 from tdcr_fe.model.tendon import Tendon
 
 #: Relative difference up to which values are alike, and part of the others that must be alike.
 ALIKE, MOST = 1e-3, 2 / 3
-#: Tendons that are not alike differ by less than this factor.
-SPREAD = 3.0
 
 
 class Course(NamedTuple):
@@ -65,6 +64,16 @@ class Description(NamedTuple):
         factors = [getattr(c, f"by_{kind.removesuffix('s')}") for c in self.courses.values()]
         return self.inputs(kind)[:, None, :] * np.array(factors).reshape(-1, 2).T
 
+    def bend(self, kind: str) -> NDArray[np.float64]:
+        """Angle by which the inputs of a step together bend the robot, to first order [rad], by step and direction."""
+        if kind == "tensions":
+            return self.bends(kind).sum(axis=2)
+        # A tendon takes in its lever times the bend; least squares where there are more than two.
+        levers = np.array([c.by_displacement * c.offset**2 for c in self.courses.values()]).reshape(-1, 2)
+        # Tendons side by side tell nothing of the bend across them.
+        found = [np.linalg.lstsq(levers[u != 0.0], u[u != 0.0], rcond=0.2)[0] for u in self.inputs(kind)]
+        return np.array(found).reshape(-1, 2)
+
     def inputs(self, kind: str) -> NDArray[np.float64]:
         """Tensions [N] or displacements [m] by step and tendon; zero where a step names none."""
         names = self.robot.tendon_names
@@ -94,6 +103,8 @@ def _backbone(robot: Robot) -> Iterator[Value]:
     ratio = b.radius / (b.length if thick else disks.radius)
     detail = f"radius {disks.radius:g} m"
     yield Value("radius" if thick else "radius_of_disks", "backbone.radius", b.radius, "m", ratio, detail)
+    if b.taper:
+        yield Value("widens", "backbone.radius", b.taper[-1][1], "m", b.taper[-1][1] / b.radius)
     yield Value("slenderness", "backbone.radius", b.radius, "m", b.length / b.radius)
     yield Value("modulus", "backbone.youngs_modulus", b.youngs_modulus, "Pa", b.youngs_modulus)
     yield Value("poisson", "backbone.poisson_ratio", b.poisson_ratio, "", b.poisson_ratio)
@@ -174,6 +185,9 @@ def _tendon(d: Description, tendon: Tendon, key: str) -> Iterator[Value]:
             if quarter := round(abs(turns) / (0.5 * math.pi)):
                 off = abs(abs(turns) / (0.5 * math.pi * quarter) - 1.0)
                 yield Value("turns_rad", f"{key}.{name}", turns, "", off, f"{quarter / 2:g}")
+    if isinstance(tendon.routing, ConvergingRouting) and tendon.routing.offset > 0.0:
+        wide = tendon.routing.end_offset
+        yield Value("widens", f"{key}.end_offset", wide, "m", wide / tendon.routing.offset)
     law = tendon.friction
     given = {"friction_coefficient": tendon.friction_coefficient}
     given |= {f"friction.{n}": getattr(law, n, 0.0) for n in ("mu", "static", "kinetic")}
@@ -252,19 +266,11 @@ def _tendons(d: Description) -> Iterator[Value]:
 
 
 def _odd_one(values: Mapping[str, float]) -> tuple[str, float] | None:
-    """The one value above zero that differs where all others are alike, or is far from the others; and the others'."""
-    names = sorted((n for n in values if values[n] > 0.0), key=lambda n: values[n])
-    if len(names) < 2:
-        return None
-    for rest, name in ((names[1:], names[0]), (names[:-1], names[-1])):
-        usual = values[rest[0]]
-        if len(rest) > 1 and values[rest[-1]] <= (1.0 + ALIKE) * usual and values[name] != usual:
-            return (name, usual) if abs(values[name] / usual - 1.0) > ALIKE else None
-    if values[names[-1]] < SPREAD * values[names[0]]:
-        return None
-    middle = values[names[(len(names) - 1) // 2]]
-    low = middle / values[names[0]] > values[names[-1]] / middle
-    return (names[0], values[names[-1]]) if low or len(names) == 2 else (names[-1], middle)
+    """The one of three or more values above zero that differs where all others are alike; and the others'."""
+    given = {n: x for n, x in values.items() if x > 0.0}
+    usual = float(np.median([*given.values()])) if len(given) > 2 else 0.0
+    odd = [n for n, x in given.items() if usual and abs(x / usual - 1.0) > ALIKE]
+    return (odd[0], usual) if len(odd) == 1 else None
 
 
 # ------------------------------------------------------------------------------------------------- weights

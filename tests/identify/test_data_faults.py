@@ -13,6 +13,9 @@ from tdcr_fe.identify.sentences import headline, sentences
 from tdcr_fe.io.readings import BadRow, Reading
 from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.messages import PlausibilityWarning
+from tdcr_fe.model.observed_step import ObservedStep
+from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.simulate import simulate
 
 
@@ -47,6 +50,10 @@ def exchange_markers(r):
     return replace(r, location={0.1: 0.2, 0.2: 0.1}[r.location])
 
 
+def height(change):
+    return lambda r: replace(r, value=change(r)) if r.quantity == "position_z" else r
+
+
 def rounded(r):
     return replace(r, value=float(np.round(r.value, 2)))
 
@@ -67,6 +74,8 @@ def standing_still():
         (exchange_axes, "x = position_y, y = position_x"),
         (one_step_late, "each step has those of one step later"),
         (exchange_markers, "the markers at s = 0.1 m and s = 0.2 m are exchanged"),
+        (height(lambda r: r.value - r.location), "position_z counts up from the unloaded marker"),
+        (height(lambda r: 0.2 - r.value), "position_z counts down from the unloaded tip"),
         (standing_still(), "is constant at"),
         (rounded, "rounded to 10 mm"),
         (lambda r: r, ""),
@@ -125,6 +134,27 @@ def test_exchanged_tendons_are_named(clean):
     other = {a: b, b: a}
     steps = tuple(replace(s, tensions={other[n]: t for n, t in s.tensions.items()}) for s in clean.steps)
     assert f"tendons {a} and {b} are exchanged" in fault_of(replace(clean, steps=steps))
+
+
+def test_tendons_moved_on_by_one_are_named():
+    angles = {"t0": 0.0, "t1": 110.0, "t2": 250.0}
+    robot = replace(
+        ROBOT, tendons=tuple(Tendon(name, ParallelRouting(4.5e-3, a)) for name, a in angles.items())
+    )
+    pulls = [(name, tension) for name in angles for tension in (0.4, 0.8, 1.2)]
+    real = {"t0": "t2", "t1": "t0", "t2": "t1"}
+    true, given = (tuple(LoadStep(tensions={m.get(n, n): t}) for n, t in pulls) for m in (real, {}))
+    readings = positions(Experiment(robot, replace(MODEL, elements_per_bay=4), true))
+    assert "the inputs of t0, t1, t2 are those of t2, t0, t1" in fault_of(data_of(given, readings, robot))
+
+
+def test_exchanged_curvatures_are_named(clean):
+    run = simulate(ROBOT, clean.model, clean.steps)
+    read = []
+    for n, step in zip(clean.step_ids, run.steps, strict=True):
+        kappa = ObservedStep.of(step, tuple(ROBOT.tendon_names)).curvature(np.array([0.11]))[0]
+        read += [Reading(n, f"curvature_{'yx'[k]}", 0.11, float(kappa[k]), 0.1) for k in (0, 1)]
+    assert "x = curvature_y, y = curvature_x" in fault_of(replace(clean, readings=tuple(read)))
 
 
 @pytest.mark.parametrize("model", [MODEL, FRICTIONAL])

@@ -183,7 +183,7 @@ ROBOT_MISTAKES += [
             "tendons.3.end": 0.2,
         },
         "tendons[2].end",
-        "not given, so the tip at 0.25",
+        "not given, so the tip at backbone.length = 0.25",
         ["no disk is there", "0.15 and 0.2 m"],
     ),
 ]  # fmt: skip

@@ -21,7 +21,7 @@ from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, TDCRWarning, warnings_to
 from tdcr_fe.model.plausibility import plausibility, strain_warnings, understood
 from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.routing import HelicalRouting, ParallelRouting, PointsRouting
+from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, PointsRouting
 from tdcr_fe.model.targets import TensionLimits
 from tdcr_fe.model.tendon import Spool, Tendon
 from tdcr_fe.validation.crosscheck import cases as crosscheck
@@ -345,6 +345,7 @@ def moved(t1: float, t2: float, t3: float) -> list[LoadStep]:
 
 HOLES = ((6.5e-3, 0.0),) * 11
 SWAPPED = (*HOLES[:5], HOLES[5][::-1], *HOLES[6:])
+WIDER = wire(routing=lambda angle: ConvergingRouting(2e-3, 6.5e-3, angle))
 REMARKS = {
     "exponent of E": (robot().with_backbone(youngs_modulus=20e9), HELD, RISE[:2], "backbone.youngs_modulus", "steel"),
     "GJ or EI": (
@@ -353,7 +354,7 @@ REMARKS = {
         robot().with_backbone(bending_stiffness=0.05, torsional_stiffness=0.035), HELD, pulled(10.0, 30.0),
         "backbone.bending_stiffness = 0.05 N m^2", "EI = 0.00982"),
     "mass of a pack": (robot().with_disks(mass=9e-3, thickness=1e-3), Model(), RISE, "disks.mass = 0.009", "density"),
-    "mass of steel": (robot().with_disks(mass=5.2e-3), HELD, RISE, "disks.mass = 0.0052 kg: weight", "sags"),
+    "tip mass in N": (robot(tip_mass=0.196), HELD, RISE, "tip_mass = 0.196 kg: weight", "sags"),
     "no gravity": (robot(tip_mass=0.1), Model(), RISE, "model.gravity = 0 m/s^2", "masses"),
     "a tenth of gravity": (robot(), Model(gravity=(0.0, 0.0, 0.981)), RISE, "model.gravity = 0.981", "9.81"),
     "a disk elsewhere": (robot().with_disks(positions=SHIFTED), HELD, RISE, "disks.positions[4] = 0.095 m", "0.02 m"),
@@ -365,9 +366,13 @@ REMARKS = {
     "x and y of one hole": (
         one(routing=PointsRouting((0.0, *DISKS.positions), SWAPPED)), HELD, RISE, "tendons[0].holes[5]", "neighbours"),
     "decimal point": (robot(), HELD, pulled(2.0, 0.4, 6.0), "steps[1].tensions.t1 = 0.4 N: 2 N before", "point"),
-    "kgf": (robot(), HELD, pulled(0.2, 0.6), "steps: tensions", "0.068 rad"),
+    "kgf": (robot(), HELD, pulled(0.2, 0.6), "steps: inputs", "0.068 rad"),
+    "upright, not hanging": (robot(tip_mass=0.05), GRAVITY, RISE, "tip_mass = 0.05 kg", "along +z"),
+    "offsets of a converging tendon exchanged": (
+        replace(WIDER, disks=DISKS, backbone=STEEL), HELD, RISE, "tendons[0].end_offset = 0.0065 m", "base to tip"),
     "load in gf": (
-        robot(), HELD, [*RISE, LoadStep(loads={"tip": Load(0.2, (0.0, 2.0, 0.0))})], "steps[3].loads.tip.force", "gf?"),
+        robot().with_backbone(youngs_modulus=60e9, density=6450.0), HELD,
+        [*RISE, LoadStep(loads={"tip": Load(0.2, (0.0, 0.0, 5.0))})], "steps[3].loads.tip.force", "gf?"),
     "tip at 0.02": (
         robot(), HELD, [*RISE, LoadStep(loads={"tip": Load(0.02, (0.0, 0.2, 0.0))})], "steps[3].loads.tip.at", "tip"),
     "a spool's spring in N/mm": (
