@@ -30,14 +30,14 @@ BUDGET = {
     "tdcr_fe/effects": 1360,
     "tdcr_fe/estimate": 995,
     "tdcr_fe/identify": 6470,
-    "tdcr_fe/io": 1961,
+    "tdcr_fe/io": 1906,
     "tdcr_fe/live": 375,
     "tdcr_fe/model": 2740,
     "tdcr_fe/report": 1226,
     "tdcr_fe/scene": 1488,
     "tdcr_fe/solve": 7588,
     "tdcr_fe/sweeps": 1477,
-    "validation": 7085,
+    "validation": 7140,
     "tests": 16239,
 }
 #: Rooms that are no part of the product.

@@ -24,8 +24,9 @@ from tdcr_fe.io.atomic import check_output_folder, plain, write_text
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.processes import sigterm_as_interrupt
 from tdcr_fe.io.result_files import versions
-from tdcr_fe.io.store import Lines, OtherHead, Record, solve_all
+from tdcr_fe.io.store import OtherHead
 from tdcr_fe.model.messages import count
+from tdcr_fe.validation.records import Record, Records, solve_all
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -183,7 +184,7 @@ def _work(name: str, campaign: Campaign, cases: Mapping[str, Any], options: argp
     out: Path = options.o
     asked = {k: v for k, v in vars(options).items() if k not in _COMMON}
     head = {"source": source_digest(), "versions": versions(), "options": asked}
-    store = Lines(out / f"{name}.jsonl", head)
+    store = Records(out / f"{name}.jsonl", head)
     try:
         store.begin_or_check()
     except OtherHead as error:

@@ -13,7 +13,8 @@ import pytest
 from interrupts import start_python
 
 from tdcr_fe.io.processes import STATUS_SIGINT, STATUS_SIGTERM, Terminated, sigterm_as_interrupt, worker_pool
-from tdcr_fe.io.store import Lines, OtherHead, solve_all
+from tdcr_fe.io.store import OtherHead
+from tdcr_fe.validation.records import Records, solve_all
 
 #: Time that workers may take to end after their parent [s].
 LIMIT = 20.0
@@ -131,7 +132,7 @@ def solved(store, tasks, **more):
 
 @pytest.fixture
 def store(tmp_path):
-    lines = Lines(tmp_path / "records.jsonl", HEAD)
+    lines = Records(tmp_path / "records.jsonl", HEAD)
     lines.begin_or_check()
     return lines
 
@@ -161,7 +162,7 @@ def test_processes_find_the_same(store):
 
 
 def test_a_line_that_a_kill_cut_off_is_removed(tmp_path):
-    store = Lines(tmp_path / "r.jsonl", HEAD)
+    store = Records(tmp_path / "r.jsonl", HEAD)
     store.begin()
     store.keep("1", {"square": 1})
     whole = store.path.read_bytes()
@@ -173,10 +174,10 @@ def test_a_line_that_a_kill_cut_off_is_removed(tmp_path):
 
 def test_lines_of_another_run_are_not_touched(tmp_path):
     path = tmp_path / "r.jsonl"
-    Lines(path, HEAD).begin()
+    Records(path, HEAD).begin()
     with pytest.raises(OtherHead, match="another run: n differ"):
-        Lines(path, {**HEAD, "n": 4}).begin_or_check()
+        Records(path, {**HEAD, "n": 4}).begin_or_check()
     path.write_text("no head\n")
     with pytest.raises(OtherHead, match="does not begin with a head"):
-        list(Lines(path, HEAD).records())
+        list(Records(path, HEAD).records())
     assert path.read_text() == "no head\n"

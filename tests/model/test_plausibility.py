@@ -123,9 +123,6 @@ ROWS = {
     "motor angle in degrees": (
         wire(spool=Spool(8e-3)), Model(), [LoadStep(motor_angles={"t1": 60.0})], "steps[0].motor_angles.t1 = 60 rad",
         "in deg?"),
-    "density in g/mm^3": (WIRE.with_backbone(density=7.8e-3), Model(), [], "backbone.density = 0.0078", "in g/mm^3?"),
-    "gravity in ft/s^2": (
-        WIRE, Model(gravity=(0.0, 0.0, -32.2)), PULL, "model.gravity = 32.2 m/s^2: 3.282 times", "in ft/s^2?"),
     "a helix of two disks a turn": (helical(6.28), Model(), PULL, "tendons[0].turns = 6.28:", ""),
     "hole within the backbone": (
         wire(routing=lambda a: ParallelRouting(6.5e-6, a)), Model(), [LoadStep(loads={"tip": Load(0.2, (0.1, 0, 0))})],

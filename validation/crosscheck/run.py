@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 from tdcr_fe.io.atomic import plain
 from tdcr_fe.io.result_files import versions as package_versions
-from tdcr_fe.io.store import Lines, OtherHead, solve_all
+from tdcr_fe.io.store import OtherHead
 from tdcr_fe.validation.crosscheck.cases import Case
 from tdcr_fe.validation.crosscheck.compare import TIP_TOLERANCE, compare
 from tdcr_fe.validation.crosscheck.studies import Study
+from tdcr_fe.validation.records import Record, Records, solve_all
 from tdcr_fe.validation.runner import source_digest, start_worker
 
-Record = dict[str, Any]
 Task = Case | Study
 
 #: Packages that the records depend on.
@@ -83,7 +82,7 @@ def run(
     KeyboardInterrupt
         Interrupted; finished records are kept.
     """
-    store = Lines(file, versions())
+    store = Records(file, versions())
     try:
         store.begin_or_check()
     except OtherHead:
