@@ -82,7 +82,7 @@ def backbone_contradictions(backbone: Backbone) -> Iterator[Contradiction]:
 def _beyond(key: str, at: float, length: float) -> Iterator[Contradiction]:
     """An arc length beyond the tip [m]."""
     if at > length + ARC_TOLERANCE:
-        yield Contradiction(key, f"{at:.9g}", f"beyond the tip; at most {length:.9g} m")
+        yield Contradiction(key, f"{at:.9g}", f"beyond the tip; at most {length:.9g} m, backbone.length")
 
 
 def _taper_contradictions(backbone: Backbone) -> Iterator[Contradiction]:

@@ -107,7 +107,6 @@ def _backbone(robot: Robot) -> Iterator[Value]:
         yield Value("widens", "backbone.radius", b.taper[-1][1], "m", b.taper[-1][1] / b.radius)
     yield Value("slenderness", "backbone.radius", b.radius, "m", b.length / b.radius)
     yield Value("modulus", "backbone.youngs_modulus", b.youngs_modulus, "Pa", b.youngs_modulus)
-    yield Value("poisson", "backbone.poisson_ratio", b.poisson_ratio, "", b.poisson_ratio)
     if b.density > 0.0:  # without: no weight and no inertia
         yield Value("density", "backbone.density", b.density, "kg/m^3", b.density)
     if b.superelastic is not None:
@@ -213,10 +212,8 @@ def _tendon(d: Description, tendon: Tendon, key: str) -> Iterator[Value]:
         k = int(np.argmax(offsets / radius))
         detail = f"of radius {radius[k]:g} m at s = {s[k]:g} m"
         yield Value("course", f"{key}.offset", offsets[k], "m", offsets[k] / radius[k], detail)
-    else:
-        yield Value("small_offset", f"{key}.offset", offset, "m", offset / robot.disks.radius)
-        if offset > 0.0 and backbone.bending_stiffness is None:
-            yield Value("hole", f"{key}.offset", offset, "m", offset / backbone.radius)
+    elif offset > 0.0 and backbone.bending_stiffness is None:
+        yield Value("hole", f"{key}.offset", offset, "m", offset / backbone.radius)
     if len(holes) >= 5:
         away = np.linalg.norm(holes[1:-1] - 0.5 * (holes[:-2] + holes[2:]), axis=1)
         k = int(np.argmax(away))
