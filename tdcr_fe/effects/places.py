@@ -148,12 +148,6 @@ class EffectAtPlace(Effect):
         null = self.general.null_values(experiment)
         return {p.name: null[p.name] for p in self.parameters}
 
-    def neighbours(self, robot: Robot) -> list[EffectAtPlace]:
-        """The same effect at the places before and after this one, on the same tendon."""
-        along = [p for p in self.general.places(robot) if {**p, "s": 0.0} == {**self.place, "s": 0.0}]
-        at = int(np.argmin([abs(p["s"] - self.place["s"]) for p in along]))
-        return [self.general.at(along[k]) for k in (at - 1, at + 1) if 0 <= k < len(along)]
-
     def bounds(self, experiment: Experiment) -> Bounds:
         """See `Effect.bounds`."""
         every = self.general.bounds(experiment)

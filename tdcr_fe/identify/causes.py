@@ -6,6 +6,7 @@ Loads that depend on the solved state, and shifts of the readings, are causes wi
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, Experiment, Parameter
-from tdcr_fe.effects.base import Bounds, ExcitationRange, Kind, Points, Values
+from tdcr_fe.effects.base import ExcitationRange, Kind, Points, Values
 from tdcr_fe.identify.bay_state import COMPONENTS, BayState
 
 if TYPE_CHECKING:
@@ -26,6 +27,11 @@ Array = NDArray[np.float64]
 def is_named(effect: Effect) -> bool:
     """Whether a cause has a name: a listed effect, or one of the user's own."""
     return not isinstance(effect, Cause)
+
+
+def family(effect: Effect) -> str:
+    """Name of a cause without its place, bay or row: the same cause elsewhere is of the same family."""
+    return re.sub(r"(s = [\d.e-]+|bay \d+|row \d+)", "", effect.name.replace("(tip)", "(disk at s = 0 m)"))
 
 
 class Cause(Effect):
@@ -221,10 +227,6 @@ class PointForce(StateLoad):
 
     #: Of the points that are tried, over the length [1].
     distances = (0.5, 0.9, 1.5)
-
-    def bounds(self, experiment: Experiment) -> Bounds:
-        """Of the parameters."""
-        return {p.name: (p.lower, p.upper) for p in self.parameters}
 
 
 class Attraction(PointForce):

@@ -261,9 +261,10 @@ class _Part:
             neighbours = list(table.experiments.values())
             if not neighbours:
                 self.differenced[number] = table.refused
-            elif all(_same_robot(self.experiment, e) for e in neighbours):
+                continue
+            if any(e.observation != self.experiment.observation for e in neighbours):
                 self.observed[number] = self._table(number, OBSERVATION_STEP)
-            else:
+            if not all(_same_robot(self.experiment, e) for e in neighbours):
                 name = f"{number} {column.effect.name}.{column.parameter}"
                 self.exact[name] = number
                 tables.append(
@@ -383,7 +384,7 @@ class _Part:
         for number, table in self.observed.items():
             values = {k: read(e) for k, e in table.experiments.items()}
             change = _difference(values, read(self.experiment), table.step)
-            matrix[:, number] = problem.whitened(change / problem.sigma)
+            matrix[:, number] += problem.whitened(change / problem.sigma)
         for (number, moved), other in zip(self.beside.items(), beside, strict=True):
             plain = problem.residual(moved, other) - problem.shift(self.effects, self.values, other)
             matrix[:, number] = (residual - plain) / self._step(number)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Effect, Experiment, Parameter, PlaceEffect
 from tdcr_fe.effects.base import Kind, Values
@@ -36,7 +37,7 @@ from tdcr_fe.identify.terms import ROW, TIME, Factor, library, sentence, where
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.checks import ARC_TOLERANCE
-from tdcr_fe.model.loading import LoadStep, resolve
+from tdcr_fe.model.loading import Load, LoadStep, resolve
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.tendon import TightHole
 
@@ -74,7 +75,7 @@ def dictionary(problem: FitProblem, state: BayState) -> tuple[Effect, ...]:
 
 def unnamed(problem: FitProblem, state: BayState) -> list[Cause]:
     """Causes on no list."""
-    found: list[Cause] = [*_along(problem), *_inputs(problem), *_readings(problem)]
+    found: list[Cause] = [*_along(problem), *_inputs(problem), *_turned(problem), *_readings(problem)]
     if not problem.experiment.robot.without_disks:
         found += [*routings(problem), *single_disks(problem)]
     return [*found, *_loads(problem, state)]
@@ -249,7 +250,61 @@ def _inputs(problem: FitProblem) -> list[Cause]:
         for p in each:
             at = kind._replace(where=f"tendon {p.name}")
             found.append(ChangedDescription(f"{name} ({p.name})", at, (p,), law(change), f"{text}: {p.name}"))
+    rows = range(3, len(actions) - 2) if clock and not problem.data.parts else ()
+    progress, jumps = (
+        _progress(problem.data.steps),
+        ("the zero of an input jumps", math.log(len(actions) * len(driven))),
+    )
+    for i, k in itertools.product(driven, rows):
+        where = f"tendon {names[i]}, from row {problem.data.step_ids[k]} on"
+        one = number(names[i], unit, (-most, most), 0.0, 0.01 * most)
+        change = law(_from(float(progress[k])))
+        found.append(
+            ChangedDescription(
+                f"jump of the input ({where})", Kind("input", ("row",), where), (one,), change, *jumps
+            )
+        )
     return found
+
+
+def _from(start: float) -> Callable[[float, float], float]:
+    """One from some progress along the rows on, zero before."""
+    return lambda x, progress: float(progress >= start)
+
+
+def _turned(problem: FitProblem) -> list[Cause]:
+    """The backbone leaves the base plate at an angle, or the whole robot stands askew, where that is no turned frame.
+
+    In the frame of the base, gravity and forces then have other directions, and the instrument is turned.
+    """
+    model, steps = problem.data.model, problem.data.steps
+    if not any(model.gravity) and not any(
+        any(x.force) or any(x.moment) for s in steps for x in s.loads.values()
+    ):
+        return []
+
+    def turned(experiment: Experiment, values: Values) -> Experiment:
+        turn = Rotation.from_rotvec([values["rot_x"], values["rot_y"], 0.0])
+
+        def in_base(vector: Sequence[float]) -> tuple[float, float, float]:
+            x, y, z = map(float, turn.inv().apply(vector))
+            return x, y, z
+
+        def of(load: Load) -> Load:
+            if load.frame == "section":
+                return load
+            return replace(load, force=in_base(load.force), moment=in_base(load.moment))
+
+        steps = tuple(replace(s, loads={n: of(x) for n, x in s.loads.items()}) for s in experiment.steps)
+        model = replace(experiment.model, gravity=in_base(experiment.model.gravity))
+        seen = Rotation.from_rotvec(experiment.observation.rotation) * turn
+        x, y, z = map(float, seen.as_rotvec())
+        observation = replace(experiment.observation, rotation=(x, y, z))
+        return replace(experiment, model=model, steps=steps, observation=observation)
+
+    numbers = tuple(number(f"rot_{a}", "rad", (-1.5, 1.5), 0.0, 0.01) for a in "xy")
+    text = "the backbone leaves the base plate at an angle"
+    return [ChangedDescription("base at an angle", Kind("base", ("nothing",), "base"), numbers, turned, text)]
 
 
 # ---------------------------------------------------------------------------------------------------- readings

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Effect, EffectAtPlace
 from tdcr_fe.effects.base import Points
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.causes import is_named
+from tdcr_fe.identify.causes import family, is_named
 from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
     at_bound,
@@ -96,6 +96,7 @@ def search_causes(search: Search, state: SearchState) -> Stage:
             state = state.without_trying(EXCHANGES)
             break
         search.report("exchanges", 0.75)
+        state = yield from in_time(state, elsewhere(search, state), EXCHANGES)
         grown = state.best
         state = yield from in_time(state, exchange(search, state), EXCHANGES)
         if state.best is grown or state.best is before:
@@ -192,13 +193,22 @@ class Proposal(NamedTuple):
 
 
 def singles(
-    search: Search, state: SearchState, parent: Fit, named: bool
+    search: Search, state: SearchState, parent: Fit, named: bool, costly: bool = False
 ) -> tuple[SearchState, list[Proposal]]:
     """Single causes beside a model that are worth a fit; ``named``: listed effects alone."""
-    state, scores, reference = scores_beside(state, parent, named, not parent.effects)
+    state, scores, reference = scores_beside(state, parent, named, costly)
     found = [x for x in scores if (is_named(x.effect) or not named) and not _saturates(x.effect)]
     found = worth_fitting(search, state.problem, parent, found)
     return state, [_proposal(state.problem, parent, x, reference) for x in found]
+
+
+def costly_singles(
+    search: Search, state: SearchState, parent: Fit, named: bool
+) -> tuple[SearchState, list[Proposal]]:
+    """Single causes that take a run each beside the declared model, where nothing else explains the data."""
+    if parent.effects or search.explained(state):
+        return state, []
+    return singles(search, state, parent, named, True)
 
 
 def pairs(search: Search, state: SearchState, parent: Fit, named: bool) -> tuple[SearchState, list[Proposal]]:
@@ -239,8 +249,12 @@ def fit_proposals(
     problem, most = state.problem, search.settings.candidates
     half = (most + 1) // 2
     listed = min((x.criterion for x in pool if x.named), default=math.inf)
-    # Causes without a name are tried where they promise more than any that has one.
-    waiting = [x for x in sorted(pool, key=lambda x: x.criterion) if x.named or x.criterion <= listed]
+    # Causes without a name are tried where they promise more than any that has one, or may match the model ahead.
+    waiting = [
+        x
+        for x in sorted(pool, key=lambda x: x.criterion)
+        if x.named or x.criterion <= listed or ahead is not None
+    ]
     races = {named: fitting.Race(_lowest(state, named), search.deadline) for named in (True, False)}
     for batch in (waiting[:1], waiting[1:]):
         chosen: dict[frozenset[str], Proposal] = {}
@@ -386,7 +400,7 @@ def grow(search: Search, state: SearchState) -> Stage:
         )
         pool: list[Proposal] = []
         before, named = state.best, head is not state.best
-        for propose in (singles, at_full_strength, pairs):
+        for propose in (singles, at_full_strength, pairs, costly_singles):
             if propose is not singles and head.effects and search.explained(state):
                 break  # what is left is noise: nothing that first order hardly shows
             state, new = propose(search, state, head, named)
@@ -595,6 +609,37 @@ def backward_selection(search: Search, state: SearchState) -> Stage:
     return state
 
 
+def elsewhere(search: Search, state: SearchState) -> Stage:
+    """Move every cause of the best model to the places before and after its own, as long as that is better.
+
+    The first order tells little about places of a cord or a wall, and the place that is fitted first looks certain
+    where its neighbours are not.
+    """
+    while True:
+        problem, best, moved = state.problem, state.best, []
+        for e in best.effects:
+            places = [x for x in state.dictionary if family(x) == family(e)]
+            at = [x.name for x in places].index(e.name) if len(places) > 1 else 0
+            for other in (places[k] for k in (at - 1, at + 1) if 0 <= k < len(places)):
+                effects = tuple(other if x is e else x for x in best.effects)
+                known = state.fits.get(frozenset(x.name for x in effects))
+                if (known is None or known.pruned) and not search.out_of_time:
+                    start = {
+                        x.name: best.values[own.name] for x, own in zip(effects, best.effects, strict=True)
+                    }
+                    moved.append(fitting.smaller(problem, effects, [start], best, fitting.Race()))
+        fits = fitting.run_fits(problem, moved)
+        for fit in fits:
+            state = state.with_fit(fit)
+        new = min([best, *fits], key=lambda f: rank(problem, f) if f.solved else math.inf)
+        if new is best:
+            return state
+        state = replace(state, best=new).with_history(
+            f"{listed_names(new.names)}: a neighbouring place explains more"
+        )
+        yield state
+
+
 def exchange(search: Search, state: SearchState) -> Stage:
     """Exchange every cause, and every two, of the best model for one other; the best of all is taken.
 
@@ -619,9 +664,7 @@ def exchange(search: Search, state: SearchState) -> Stage:
             (base,) = fitting.run_fits(problem, [fitting.evaluated(problem, rest, values, free, best)])
         if not base.solved:
             continue
-        if _was_extended(state, base, False) and search.is_noise(problem, best):
-            continue  # its extensions were tried
-        state, scores, _ = scores_beside(state, best)
+        state, scores, _ = scores_beside(state, best, costly=not search.is_noise(problem, best))
         problem, names = state.problem, {e.listed for e in (*gone, *rest)}
         others = [x for x in scores if x.starts and x.effect.listed not in names and x.signature.size]
         others = [rescored(problem, base, x) for x in others]

@@ -100,22 +100,6 @@ def _overall_direction(b: BayState) -> Array:
 BENDING = Direction(
     "along the curvature", "kappa", (-1, 0, 0), lambda b: _moment(b.curvature[..., 0], b.curvature[..., 1])
 )
-BENDING_X = Direction(
-    "about the section's x axis, with the curvature there",
-    "kappa_x e_x",
-    (-1, 0, 0),
-    lambda b: _moment(b.curvature[..., 0], 0.0 * b.curvature[..., 0]),
-    "stiffness",
-    "direction of bending",
-)
-BENDING_Y = Direction(
-    "about the section's y axis, with the curvature there",
-    "kappa_y e_y",
-    (-1, 0, 0),
-    lambda b: _moment(0.0 * b.curvature[..., 0], b.curvature[..., 1]),
-    "stiffness",
-    "direction of bending",
-)
 ABOUT_X = Direction("about the section's x axis", "e_x", (0, 0, 0), _constant(1.0, 0.0), "precurvature")
 ABOUT_Y = Direction("about the section's y axis", "e_y", (0, 0, 0), _constant(0.0, 1.0), "precurvature")
 TENDONS = Direction(
@@ -141,7 +125,7 @@ DISPLACED = Direction(
 
 #: Directions with which products of up to two factors are formed.
 _DIRECTIONS = (
-    BENDING, BENDING_X, BENDING_Y, ABOUT_X, ABOUT_Y, TENDONS, TENDON_SIGN,
+    BENDING, ABOUT_X, ABOUT_Y, TENDONS, TENDON_SIGN,
 )  # fmt: skip
 
 #: Products that a listed effect has: a stiffness, a precurvature, a gain.
@@ -250,8 +234,6 @@ _POWERS = {1: "", 2: "the square of ", 3: "the third power of "}
 #: What the size of a direction is, in words.
 _SIZES = {
     "kappa": CURVATURE.name,
-    "kappa_x e_x": "the curvature about x",
-    "kappa_y e_y": "the curvature about y",
     "m_T": "the moment of the tendons",
     "sum(sign_i m_Ti)": "the moment of each tendon",
     "u": "the displacement",

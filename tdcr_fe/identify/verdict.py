@@ -60,6 +60,10 @@ Array = NDArray[np.float64]
 #: A group of readings is named where chance gives it so large a residual this rarely [1].
 SIGNIFICANT = 1e-4
 
+#: A listed effect beside a cause without a name is found only where it removes such a share of the squares: it may
+#: correct the form of that cause, which need not be right to more than a tenth [1].
+CORRECTION = 0.01
+
 
 class Found(NamedTuple):
     """What an identification has found besides the last state of its search."""
@@ -267,7 +271,7 @@ def added_effects(
                 kind=kind,
                 indistinguishable_from=rivals,
                 separating_experiment=separating_experiments(e, rivals, problem.catalogue),
-                found=explained and is_named(e) and probability > NAMED,
+                found=explained and is_named(e) and probability > NAMED and not _is_correction(state, e),
                 probability=probability,
                 kind_probability=sum(w for f, w in weights if any(x.kind == kind for x in f.effects)),
                 form=e.name,
@@ -276,6 +280,16 @@ def added_effects(
         )
         before = after
     return tuple(added)
+
+
+def _is_correction(state: SearchState, e: Effect) -> bool:
+    """Whether an effect of the best model may stand for the form of a cause without a name, see `CORRECTION`."""
+    best = state.best
+    without = state.fits.get(frozenset(best.names) - {e.name})
+    if without is None or all(map(is_named, best.effects)):
+        return False
+    declared, before, after = (f.cost + f.held_cost for f in (state.declared, without, best))
+    return before - after < CORRECTION * (declared - after)
 
 
 def separating_experiments(e: Effect, rivals: Sequence[str], catalogue: Sequence[Effect]) -> str:

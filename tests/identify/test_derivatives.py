@@ -11,6 +11,7 @@ from robots import BACKBONE, LENGTH, tendon
 
 from tdcr_fe.effects import EFFECTS, Effect, PlaceEffect, effect
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
+from tdcr_fe.identify.dictionary import _turned
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.screening import screen
@@ -112,9 +113,13 @@ TOGETHER = [
     ("displacement", {"frame_misalignment": dict(rot_x=0.05, rot_y=-0.1, rot_z=0.2)}),
 ]
 
+ASKEW = ("tension", {"base at an angle": dict(rot_x=0.05, rot_y=-0.1), "gravity": dict(g_y=9.0)})
+
 
 def known(about: FitProblem, name: str) -> Effect:
-    """A listed effect, or a form of one."""
+    """A listed effect, a form of one, or the base at an angle, which turns loads and instrument."""
+    if name == "base at an angle":
+        return next(e for e in _turned(about) if e.name == name)
     if " (" not in name:
         return effect(name)
     forms = effect(name.split(" (")[0]).forms(about.experiment)
@@ -171,7 +176,7 @@ SLOW = {
     ("kind", "values"),
     [
         pytest.param(k, v, marks=[pytest.mark.integration] * bool(SLOW & v.keys()), id=f"{k}-{'+'.join(v)}")
-        for k, v in TOGETHER
+        for k, v in (*TOGETHER, ASKEW)
     ],
 )
 def test_derivatives_of_all_channels_are_those_of_whole_simulations(kind: str, values: dict) -> None:

@@ -19,14 +19,14 @@ from identify_data import (
 
 from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.causes import is_named
+from tdcr_fe.identify.causes import family, is_named
 from tdcr_fe.identify.criteria import UNNAMED, price
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.screening import best_pairs, screen
-from tdcr_fe.identify.search import _was_extended, exchange, search_causes
+from tdcr_fe.identify.search import _was_extended, elsewhere, exchange, search_causes
 from tdcr_fe.model.routing import MisplacedRouting
 
 
@@ -155,6 +155,42 @@ def test_a_cause_found_on_some_of_the_rows_is_the_same_on_all():
         slip = moved[own & (steps >= 7)].reshape(-1, 3)
         np.testing.assert_allclose(np.linalg.norm(slip, axis=1), 1e-3)
         assert np.ptp(slip[:, 2]) > 1e-5 and not np.any(moved[~own | (steps < 7)])
+
+
+def test_at_an_angle_the_base_has_other_loads_that_are_the_same_in_the_world():
+    model = replace(MODEL, gravity=(0.0, -3.0, -9.0))
+    problem = problem_of(measured(model=model, robot=ROBOT))
+    cause = {e.name: e for e in whole_dictionary(problem)}["base at an angle"]
+    turned = cause.apply(problem.experiment, {"rot_x": 0.2, "rot_y": -0.1})
+    frame = turned.observation.frame
+    np.testing.assert_allclose(frame @ turned.model.gravity, model.gravity, atol=1e-12)
+    pushed = [k for k, s in enumerate(problem.experiment.steps) if s.loads and any(s.loads["tip"].force)]
+    for k in pushed:
+        before, after = (e.steps[k].loads["tip"].force for e in (problem.experiment, turned))
+        np.testing.assert_allclose(frame @ after, before, atol=1e-12)
+    assert pushed and np.linalg.norm(np.subtract(frame, np.eye(3))) > 0.2
+
+
+def test_a_jump_of_an_input_begins_at_its_row_and_leaves_the_other_inputs():
+    problem = problem_of(measured())
+    cause = {e.name: e for e in whole_dictionary(problem)}["jump of the input (tendon t1, from row 7 on)"]
+    moved = cause.apply(problem.experiment, {"t1": 0.1})
+    for n, before, after in zip(problem.data.step_ids, problem.experiment.steps, moved.steps, strict=True):
+        change = {t: after.tensions[t] - x for t, x in before.tensions.items()}
+        assert change == pytest.approx({"t1": 0.1 if n >= 7 else 0.0, "t2": 0.0})
+
+
+def test_the_place_of_a_cause_is_compared_with_its_neighbours():
+    """A wall at the tip was stated at another disk with a probability of 1: its neighbours had not been fitted."""
+    truth = {"kink": {"s": 0.125, "kappa_x": 3.0, "kappa_y": 0.0}}
+    state = begun(measured(truth))
+    places = [effect("kink").at({"s": s}) for s in (0.025, 0.075, 0.125, 0.175)]
+    wrong = fit(state.problem, places[:1], [{places[0].name: {"kappa_x": 1.0, "kappa_y": 0.0}}])
+    state = replace(state.with_fit(wrong), best=wrong, dictionary=tuple(places))
+    for latest in elsewhere(searching(), state):
+        state = latest
+    assert state.best.names == (places[2].name,)
+    assert [family(x) == family(places[0]) for x in (*places, effect("gravity"))] == [True] * 4 + [False]
 
 
 def test_one_hole_or_one_disk_is_moved_and_no_other():

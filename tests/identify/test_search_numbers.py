@@ -122,6 +122,22 @@ def test_a_sum_of_three_causes_names_none_of_them(begun, names, named):
     )
 
 
+@pytest.mark.parametrize(("share", "named"), [(0.005, False), (0.02, True)])
+def test_a_small_effect_beside_a_cause_without_a_name_may_correct_its_form(begun, share, named):
+    """Tensions that fall with every row became a drifting gain and an actuator gain of 1.006, which was named."""
+    from test_search import whole_dictionary
+
+    (taper,) = [e for e in whole_dictionary(begun.problem) if e.name == "radius along s"]
+    state, both = added(begun, ["marker_offset"], 50.0, 50.0)
+    values = {**both.values, taper.name: taper.null_values(begun.problem.experiment)}
+    best = replace(both, effects=(*both.effects, taper), values=values)
+    squares = begun.declared.cost + begun.declared.held_cost
+    alone = replace(best, effects=(taper,), cost=50.0 + share * squares)
+    state = replace(state, best=best, fits={frozenset(f.names): f for f in (begun.declared, alone, best)})
+    first, _ = added_effects(searching(), state, np.zeros(0), True)
+    assert first.probability > 0.9 and first.found is named
+
+
 @pytest.mark.parametrize(("drop", "better"), [(3.0, False), (5.0, True)])
 def test_held_out_readings_must_improve_by_four(begun, drop, better):
     """The two models predict other held-out readings, so that these decide."""
