@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Observation
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
-from tdcr_fe.estimate.most_probable import Found, covariance_after, linear_start, most_probable
+from tdcr_fe.estimate.most_probable import Found, linear_start, most_probable, posterior_covariance
 from tdcr_fe.estimate.response import Response, plastic_slips, with_plastic_slips
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import Location, channel
@@ -168,7 +168,7 @@ class Frame:
                 return None
             at = found.point
             misfit = found.misfit + shift**2 / variance
-            found = replace(found, misfit=misfit, covariance=covariance_after(covariance, at.jacobian))
+            found = replace(found, misfit=misfit, covariance=posterior_covariance(covariance, at.jacobian))
         return found
 
     def solved(self, unknowns: Array, near: Solved | None = None) -> Solved | None:
@@ -247,12 +247,12 @@ class Solved:
 
     @cached_property
     def residual(self) -> Array:
-        """See `tdcr_fe.estimate.most_probable.Point`."""
+        """See `tdcr_fe.estimate.most_probable.SolvedState`."""
         return self._read[0]
 
     @cached_property
     def jacobian(self) -> Array:
-        """See `tdcr_fe.estimate.most_probable.Point`."""
+        """See `tdcr_fe.estimate.most_probable.SolvedState`."""
         return self._read[1]
 
     @cached_property

@@ -28,9 +28,9 @@ Array = NDArray[np.float64]
 #: First radius of the trust region, and the smallest [standard deviations].
 FIRST_RADIUS, LEAST_RADIUS = 2.0, 1e-3
 #: The iteration has converged where the linear model could lower the misfit by less than this [1].
-LITTLE = 0.02
-#: It has failed where it could lower it by more than this, and by more than a hundredth of it [1].
-MUCH = 5.0
+CONVERGED_GAIN = 0.02
+#: The iteration has failed where the linear model could still lower the misfit by more than this, and by over 1 % [1].
+FAILED_GAIN = 5.0
 #: A state whose misfit is below this for each reading explains them, though a hole that begins to slip or to stick may
 #: end the iteration before the linear model has nothing left to gain [1].
 PLAUSIBLE = 5.0
@@ -38,7 +38,7 @@ PLAUSIBLE = 5.0
 MOST_STATES = 30
 
 
-class Point(Protocol):
+class SolvedState(Protocol):
     """A solved state."""
 
     @property
@@ -50,7 +50,7 @@ class Point(Protocol):
         """Derivatives of the predictions by the unknowns, over the same, shape (n_readings, n)."""
 
 
-P = TypeVar("P", bound=Point)
+P = TypeVar("P", bound=SolvedState)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class Found(Generic[P]):
     def converged(self) -> bool:
         """Whether this is the most probable state, nearly."""
         plausible = self.misfit <= PLAUSIBLE * len(self.point.residual)
-        return plausible or self.possible_gain <= max(MUCH, 0.01 * self.misfit)
+        return plausible or self.possible_gain <= max(FAILED_GAIN, 0.01 * self.misfit)
 
 
 def most_probable(
@@ -101,7 +101,7 @@ def most_probable(
         linear = _Linear(v, covariance, point.residual, point.jacobian)
         step = linear.step(0.0)
         gain = linear.gain(step)
-        if gain <= LITTLE:
+        if gain <= CONVERGED_GAIN:
             break
         better = None
         while better is None and radius > LEAST_RADIUS and states < MOST_STATES:
@@ -118,19 +118,19 @@ def most_probable(
             break
         point, v = better, v + step
         value = misfit(v, point)
-    return Found(point, value, gain, covariance_after(covariance, point.jacobian))
+    return Found(point, value, gain, posterior_covariance(covariance, point.jacobian))
 
 
 def linear_start(covariance: Array, residual: Array, jacobian: Array) -> Array:
-    """``v`` that a linear model promises in the first trust region; the residual is that of the prior mean."""
+    """``v`` that a linear model predicts in the first trust region; the residual is that of the prior mean."""
     return _Linear(np.zeros(len(covariance)), covariance, residual, jacobian).step_within(FIRST_RADIUS)
 
 
-def covariance_after(covariance: Array, jacobian: Array) -> Array:
-    """Of the unknowns given the readings, from that of the prior and `Point.jacobian`."""
-    spread = covariance @ jacobian.T
-    inner = jacobian @ spread + np.eye(len(jacobian))
-    return np.asarray(covariance - spread @ np.linalg.solve(inner, spread.T))
+def posterior_covariance(covariance: Array, jacobian: Array) -> Array:
+    """Covariance of the unknowns given the readings, from that of the prior and `SolvedState.jacobian`."""
+    cross = covariance @ jacobian.T
+    inner = jacobian @ cross + np.eye(len(jacobian))
+    return np.asarray(covariance - cross @ np.linalg.solve(inner, cross.T))
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,16 +143,16 @@ class _Linear:
     jacobian: Array
 
     @cached_property
-    def _spread(self) -> Array:
-        """``P H'``."""
+    def _cross_covariance(self) -> Array:
+        """Of unknowns and readings, ``P H'``."""
         return self.covariance @ self.jacobian.T
 
     def step(self, damping: float) -> Array:
         """Step that minimises the misfit plus the damping times its own size, as ``v``."""
-        held = 1.0 + damping
-        matrix = self.jacobian @ self._spread + held * np.eye(len(self.residual))
-        left = np.linalg.solve(matrix, held * self.residual + self.v @ self._spread)
-        return np.asarray((self.jacobian.T @ left - self.v) / held)
+        scale = 1.0 + damping
+        matrix = self.jacobian @ self._cross_covariance + scale * np.eye(len(self.residual))
+        weights = np.linalg.solve(matrix, scale * self.residual + self.v @ self._cross_covariance)
+        return np.asarray((self.jacobian.T @ weights - self.v) / scale)
 
     def step_within(self, radius: float) -> Array:
         """Step damped until it is no longer than a radius [standard deviations]."""
@@ -168,6 +168,6 @@ class _Linear:
 
     def gain(self, step: Array) -> float:
         """By how much a step lowers the misfit."""
-        after = self.residual - step @ self._spread
+        after = self.residual - step @ self._cross_covariance
         change = 2.0 * self.v + step
         return float(self.residual @ self.residual - after @ after - change @ self.covariance @ step)

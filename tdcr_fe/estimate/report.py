@@ -90,7 +90,7 @@ def write_estimates(result: EstimateResult, out: str | os.PathLike[str]) -> list
 
 
 def _ellipsoid(frame: Estimate) -> dict[str, Array]:
-    """Half axes of the 95 % ellipsoid of the force, by name of the load [N]; empty where its place is not known."""
+    """Semi-axes of the 95 % ellipsoid of the force, by name of the load [N]; empty where its place is not known."""
     variances, directions = np.linalg.eigh(frame.force_covariance)
     axes = RADIUS_95 * np.sqrt(np.maximum(variances, 0.0))[:, None] * directions.T
     return {} if frame.sigma_at > 0.0 else {name_at(frame.at): axes}
@@ -109,19 +109,22 @@ def _page(result: EstimateResult) -> Page:
     of_tensions = Picture(_bands(frames, tensions, sigma_tensions, names, "[N]"), "Tensions over time", _BAND)
     size = np.linalg.norm(force, axis=1)
     most = int(np.argmax(size))
+    largest = quantity(float(size[most]), "N")
     where = "at an unknown place" if unknown else f"at {quantity(frames[0].at, 'm')}"
     motion = replace(motion_of(sequence(result)), ellipsoids=tuple(map(_ellipsoid, frames)))
     panel = viewer.panel(motion)
-    spread = quantity(float(np.median(np.linalg.norm(sigma, axis=1))), "N")
+    typical = [
+        float(np.median(x)) if x.size else 0.0 for x in (np.linalg.norm(sigma, axis=1), sigma_tensions)
+    ]
     return Page(
         title=f"Estimated states of {result.estimation.data.robot.name}",
-        verdict=f"The force {where} is at most {quantity(float(size[most]), 'N')}, at {frames[most].time:.4g} s.",
+        verdict=f"The largest estimated force {where} is {largest}, at {frames[most].time:.4g} s.",
         level="open" if result.interrupted else "part" if result.failed else "good",
         sentences=tuple(_sentences(result)),
         cards=(
             Card(str(len(frames)), "frames"),
-            Card(spread, "standard deviation of the force"),
-            Card(quantity(float(np.median([*sigma_tensions.flat, 0.0])), "N"), "of a tension"),
+            Card(quantity(typical[0], "N"), "standard deviation of the force, median"),
+            Card(quantity(typical[1], "N"), "standard deviation of a tension, median"),
             Card(f"{np.median([f.milliseconds for f in frames]):.3g} ms", "per frame, median"),
         ),
         pictures=tuple(pictures),

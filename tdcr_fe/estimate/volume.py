@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.estimate.frame import Solved
-from tdcr_fe.estimate.most_probable import covariance_after
+from tdcr_fe.estimate.most_probable import posterior_covariance
 
 Array = NDArray[np.float64]
 
@@ -60,5 +60,5 @@ def _slope(solved: Solved, covariance: Array, weight: Array) -> Array:
     if near is None:
         return np.zeros(len(covariance))
     slope = 2.0 * weight @ (near.jacobian - jacobian)
-    squared = float(slope @ covariance_after(covariance, jacobian) @ slope)
+    squared = float(slope @ posterior_covariance(covariance, jacobian) @ slope)
     return np.asarray(slope / math.sqrt(max(1.0, 0.25 * squared)))

@@ -102,7 +102,7 @@ class Motion:
         Whether the states of holes mean anything.
     markers : Markers or None
     ellipsoids : tuple of mapping of str to ndarray, shape (3, 3)
-        By step and estimated load, half axes (rows) of the ellipsoid in which its force lies with 95 % probability [N];
+        By step and estimated load, semi-axes (rows) of the ellipsoid in which its force lies with 95 % probability [N];
         empty where all loads are known.
     """
 
