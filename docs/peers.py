@@ -12,6 +12,7 @@ import argparse
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -27,7 +28,7 @@ Array = NDArray[np.float64]
 LENGTH, RADIUS = 0.25, 0.4e-3
 BACKBONE = Backbone(LENGTH, RADIUS, 85e9, 0.3)
 NEAR = 1e-3  # of the length
-LONGEST = 120.0  # a run that takes longer is given up [s]
+LONGEST = 120.0  # after a run that takes longer, no further settings are tried [s]
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class Case:
     robot: Robot
     step: LoadStep
 
-    @property
+    @cached_property
     def tip(self) -> Array:
         """Of the reference [m]."""
         return solve_reference(self.robot, Model(friction="none"), [self.step]).steps[-1].tip
@@ -49,22 +50,19 @@ class Case:
         return np.array(self.step.loads["tip"].force) if self.step.loads else np.zeros(3)
 
     @property
-    def tendons(self) -> list[tuple[float, Array, int]]:
-        """Tension [N], holes in their sections [m], shape (k + 1, 2), and the disk that each one ends at, from 1."""
-        return [
-            (self.step.tensions[t.name], self.robot.holes(t), len(self.robot.holes(t)) - 1)
-            for t in self.robot.tendons
-        ]
+    def tendons(self) -> list[tuple[float, Array]]:
+        """Tension [N], and holes in their sections [m], shape (k + 1, 2)."""
+        return [(self.step.tensions[t.name], self.robot.holes(t)) for t in self.robot.tendons]
 
 
 def cases() -> list[Case]:
     """A rod, one tendon, and two segments with six tendons."""
 
     def tendons(count: int, end: float | None, turn: float = 0.0) -> list[Tendon]:
-        names = range(1, count + 1)
+        numbers = range(1, count + 1)
         return [
             Tendon(f"{'proximal' if end else 't'}{k}", ParallelRouting(4.5e-3, turn + 360.0 * (k - 1) / count), end=end)
-            for k in names
+            for k in numbers
         ]  # fmt: skip
 
     rod = Robot(BACKBONE)
@@ -159,7 +157,7 @@ def _exudyn(case: Case, elements: int, bays: int, steps: int) -> Array:
         return mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=plates[disk], localPosition=place))
 
     connectors = []
-    for tension, holes, _ in case.tendons:
+    for tension, holes in case.tendons:
         markers = [hole(k, at) for k, at in enumerate(holes)]
         connectors += [
             (
@@ -202,15 +200,20 @@ def mujoco_bodies(case: Case) -> Iterable[tuple[str, Callable[[], Array]]]:
     disks = max(len(case.robot.disks.positions), 1)
     for per_bay in (2, 4, 8, 10, 12) if disks > 1 else (20, 30, 40, 60):
         for step in (1e-2, 3e-2):
-            for delay in (3.0 * step, 10.0 * step):
+            for retardation in (3.0 * step, 10.0 * step):
 
-                def solve(per_bay: int = per_bay, step: float = step, delay: float = delay) -> Array:
-                    return _mujoco(case, per_bay, disks, step, delay)
+                def solve(
+                    per_bay: int = per_bay, step: float = step, retardation: float = retardation
+                ) -> Array:
+                    return _mujoco(case, per_bay, disks, step, retardation)
 
-                yield f"{per_bay} bodies per bay, steps of {1e3 * step:g} ms, retardation {delay:g} s", solve
+                yield (
+                    f"{per_bay} bodies per bay, steps of {1e3 * step:g} ms, retardation {retardation:g} s",
+                    solve,
+                )
 
 
-def _mujoco(case: Case, per_bay: int, bays: int, step: float, delay: float) -> Array:
+def _mujoco(case: Case, per_bay: int, bays: int, step: float, retardation: float) -> Array:
     import mujoco
 
     count = per_bay * bays
@@ -219,7 +222,7 @@ def _mujoco(case: Case, per_bay: int, bays: int, step: float, delay: float) -> A
     # Half a body at both ends: then joints with the bending of h lie at the middles of pieces of length h.
     sites: dict[int, list[str]] = {}
     paths = []
-    for number, (_, holes, _) in enumerate(case.tendons):
+    for number, (_, holes) in enumerate(case.tendons):
         names = []
         for disk, at in enumerate(holes):
             names.append(f"s{number}_{disk}")
@@ -236,7 +239,7 @@ def _mujoco(case: Case, per_bay: int, bays: int, step: float, delay: float) -> A
         long = h if node < count else h / 2
         text = (
             f'<body name="b{node}" pos="{h if node > 1 else h / 2:.12g} 0 0">'
-            f'<joint type="ball" stiffness="{stiffness:.12g}" damping="{delay * stiffness:.12g}"/>'
+            f'<joint type="ball" stiffness="{stiffness:.12g}" damping="{retardation * stiffness:.12g}"/>'
             f'<geom type="capsule" size="{RADIUS!r}" fromto="0 0 0 {long:.12g} 0 0" mass="1e-4"/>'
             f"{own}{tip}{text}</body>"
         )
@@ -249,7 +252,7 @@ def _mujoco(case: Case, per_bay: int, bays: int, step: float, delay: float) -> A
         <tendon>{"".join(paths)}</tendon><actuator>{actuators}</actuator></mujoco>"""
     )
     data = mujoco.MjData(model)
-    data.ctrl[:] = [tension for tension, _, _ in case.tendons]
+    data.ctrl[:] = [tension for tension, _ in case.tendons]
     body, site = model.body(f"b{count}").id, model.site("tip").id
     still, before = 0, np.zeros(3)
     for _ in range(int(20.0 / step)):
@@ -311,7 +314,7 @@ def _pyelastica(case: Case, per_bay: int, bays: int, periods: float) -> Array:
     )
     scene.dampen(rod).using(ea.AnalyticalLinearDamper, uniform_damping_constant=2.0 * omega, time_step=step)
     paths = [(tension, np.c_[holes, np.zeros(len(holes))], per_bay * np.arange(len(holes)))
-             for tension, holes, _ in case.tendons]  # fmt: skip
+             for tension, holes in case.tendons]  # fmt: skip
     tip_force = 0.5 * case.force[:, None]
 
     class Loads(ea.NoForces):  # type: ignore[misc]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -13,10 +11,10 @@ from tdcr_fe.solve.simulate import PathRecord, SolverSettings, simulate
 from tdcr_fe.validation.crosscheck.cases import Case
 from tdcr_fe.validation.fuzz.checks import CHECKS
 from tdcr_fe.validation.fuzz.state import State
+from tdcr_fe.validation.records import Record
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
 Array = NDArray[np.float64]
-Record = dict[str, Any]
 
 #: Presliding distance of both solvers [m].
 PRESLIDING = 1e-6
@@ -154,10 +152,10 @@ def _tensions(a: StepResult, b: StepResult) -> Record:
 def _differing(case: Case, a: StepResult, b: StepResult, mobilisations: Array) -> list[Record]:
     """Holes whose states differ, and whether they are at the stick-slip threshold."""
     found: list[Record] = []
-    for i, (tendon, mine, theirs) in enumerate(
+    for i, (tendon, own_states, reference_states) in enumerate(
         zip(case.robot.tendon_names, a.hole_states, b.hole_states, strict=True)
     ):
-        for k, (x, y) in enumerate(zip(mine, theirs, strict=True)):
+        for k, (x, y) in enumerate(zip(own_states, reference_states, strict=True)):
             if x == y:
                 continue
             # With friction per tendon all of its holes have one mobilisation.

@@ -12,8 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from tdcr_fe.report.style import BAD, COLOURS, INK, REFERENCE, SOFT, no_axes, styled
 from tdcr_fe.validation.crosscheck.cases import ROUTINGS
-
-Record = dict[str, Any]
+from tdcr_fe.validation.records import Record
 
 
 def deviations(cases: Sequence[Record], tolerance: float, median: float) -> Figure:
@@ -22,12 +21,12 @@ def deviations(cases: Sequence[Record], tolerance: float, median: float) -> Figu
         figure = Figure(figsize=(6.2, 2.5))
         axes = figure.add_subplot()
         rows = [r for r in ROUTINGS if any(c["routing"] == r for c in cases)]
-        draw = np.random.default_rng(0)
+        rng = np.random.default_rng(0)
         for y, routing in enumerate(rows[::-1]):
-            mine = [c for c in cases if c["routing"] == routing]
-            x = np.maximum([c["deviation_percent"] for c in mine], 1e-10)
-            height = y + draw.uniform(-0.28, 0.28, len(x))
-            good = np.array([c["passed"] for c in mine], dtype=bool)
+            own = [c for c in cases if c["routing"] == routing]
+            x = np.maximum([c["deviation_percent"] for c in own], 1e-10)
+            height = y + rng.uniform(-0.28, 0.28, len(x))
+            good = np.array([c["passed"] for c in own], dtype=bool)
             colour = COLOURS[ROUTINGS.index(routing)]
             axes.scatter(x[good], height[good], s=13, color=colour, alpha=0.6, linewidths=0)
             axes.scatter(x[~good], height[~good], s=26, color=BAD, marker="x", linewidths=1.2)
@@ -54,7 +53,7 @@ def _project(points: np.ndarray, azimuth: float = -60.0, elevation: float = 22.0
     return np.stack((points @ right, points @ up), axis=1)
 
 
-def group(cases: Sequence[Record]) -> Figure:
+def shapes_and_tensions(cases: Sequence[Record]) -> Figure:
     """Shapes of both solvers at every load step, and tensions along the pulled tendons; a column for each case."""
     with styled():
         figure = Figure(figsize=(11.0, 5.0), layout="constrained")
@@ -91,12 +90,12 @@ def _draw_shapes(axes: Axes, case: Record, colour: str) -> None:
 def _draw_tensions(axes: Axes, case: Record, colour: str) -> None:
     step = max(case["steps"], key=lambda s: sum(t[0] for t in s["tensions_reference"]))
     most = max((max(t) for t in step["tensions_reference"]), default=0.0)
-    for theirs, mine in zip(step["tensions_reference"], step["tensions_finite_element"], strict=True):
-        if not most or max(theirs) < 0.02 * most:
+    for reference, found in zip(step["tensions_reference"], step["tensions_finite_element"], strict=True):
+        if not most or max(reference) < 0.02 * most:
             continue
-        segments = np.arange(1, len(theirs) + 1)
-        axes.plot(segments, theirs, color=REFERENCE, lw=0.9, drawstyle="steps-mid")
-        axes.plot(segments, mine, ls="", marker="o", ms=3.2, color=colour, mew=0)
+        segments = np.arange(1, len(reference) + 1)
+        axes.plot(segments, reference, color=REFERENCE, lw=0.9, drawstyle="steps-mid")
+        axes.plot(segments, found, ls="", marker="o", ms=3.2, color=colour, mew=0)
     axes.set_ylim(0.0, 1.15 * most if most else 1.0)
     axes.set_xlabel("segment from the base")
     axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))

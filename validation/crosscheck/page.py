@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from tdcr_fe.model.messages import count
 from tdcr_fe.report.environment import short
@@ -18,8 +17,7 @@ from tdcr_fe.validation.crosscheck.cases import (
     ROUTINGS,
 )
 from tdcr_fe.validation.crosscheck.compare import PRESLIDING, THRESHOLD, TIP_TOLERANCE
-
-Record = dict[str, Any]
+from tdcr_fe.validation.records import Record
 
 
 def to_html(outcome: Record) -> str:
@@ -105,7 +103,7 @@ def _groups(solved: Sequence[Record]) -> list[Record]:
             friction_text = "no" if friction == "none" else friction
             title = f"{routing}: {path if path == 'continuous' else f'{path}, {friction_text} friction'}"
             worst = max(of_model, key=lambda c: c["deviation_percent"])
-            drawn = figures.group([c for c in of_model if c["quick"]] or of_model[:1])
+            drawn = figures.shapes_and_tensions([c for c in of_model if c["quick"]] or of_model[:1])
             found.append(
                 {
                     "title": title,

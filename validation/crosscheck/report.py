@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,8 +13,7 @@ from tdcr_fe.report.environment import short
 from tdcr_fe.validation.crosscheck.compare import LARGEST, TENSION_TOLERANCE, TIP_TOLERANCE
 from tdcr_fe.validation.crosscheck.page import to_html
 from tdcr_fe.validation.crosscheck.run import versions
-
-Record = dict[str, Any]
+from tdcr_fe.validation.records import Record
 
 #: Upper bound of the median over all cases [% of the length].
 MEDIAN_TOLERANCE = 0.01

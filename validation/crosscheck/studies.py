@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +26,10 @@ from tdcr_fe.validation.crosscheck.cases import (
 )
 from tdcr_fe.validation.crosscheck.compare import PRESLIDING
 from tdcr_fe.validation.crosscheck.known import KNOWN
+from tdcr_fe.validation.records import Record
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
 Array = NDArray[np.float64]
-Record = dict[str, Any]
 
 
 @dataclass(frozen=True)

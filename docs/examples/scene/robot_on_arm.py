@@ -80,6 +80,7 @@ robot = Robot(
     ),
 )
 tool = mbs.CreateTDCR(robot, Model(friction="per-hole", elements_per_bay=1), baseMarker=hand, gravity=GRAVITY)
+# A damper at the tip ends the motion below, and takes no part in its rest.
 mbs.CreateCartesianSpringDamper(itemNumbers=[mbs.CreateGround(), tool.mTip], damping=[0.02] * 3, show=False)
 mbs.Assemble()
 
@@ -94,8 +95,8 @@ def moment_of_weights() -> float:
     """Moment of the weights of links, backbone and disks about the first joint [N m]."""
     centre = [-0.5 * LENGTH, 0.0, 0.0]
     each = [mbs.GetObjectOutputBody(link, exu.OutputVariableType.Position, centre)[0] for link in links]
-    s = (np.arange(2000) + 0.5) * 1e-4
-    backbone = robot.backbone.mass_per_length * tool.position_at(s)[:, 0].mean() * 0.2
+    s = (np.arange(2000) + 0.5) / 2000 * robot.backbone.length
+    backbone = robot.backbone.mass_per_length * tool.position_at(s)[:, 0].mean() * robot.backbone.length
     disks = robot.disks.mass * tool.position_at(np.array(robot.disks.positions))[:, 0].sum()
     return float(9.81 * (MASS * sum(each) + backbone + disks))
 
@@ -115,14 +116,14 @@ plt.show()
 # The second joint turns: within a second the rest position of its spring goes to 60 degrees upwards.
 
 
-def turned(mbs: exu.MainSystem, t: float) -> bool:
+def move_rest_position(mbs: exu.MainSystem, t: float) -> bool:
     """Move the rest position of the second joint."""
     x = min(t, 1.0)
     mbs.SetObjectParameter(joints[1], "offset", np.radians(60.0) * x * x * (3.0 - 2.0 * x))
     return True
 
 
-mbs.SetPreStepUserFunction(turned)
+mbs.SetPreStepUserFunction(move_rest_position)
 settings = tool.recommended_settings(1.5, 5e-3)
 settings.timeIntegration.verboseMode = 0
 settings.solution.file.write = False

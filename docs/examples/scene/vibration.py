@@ -24,7 +24,6 @@ arm = mbs.CreateTDCR(
     tdcr.Robot(backbone), tdcr.Model(tendon_path="continuous", friction="none", elements_per_bay=1)
 )
 tip = arm.add_load("tip", at=LENGTH)
-arm.add_sensors()
 mbs.Assemble()
 
 # %%
@@ -46,20 +45,20 @@ period = 1.0 / closed_form
 settings = arm.recommended_settings(3.0 * period, period / 200.0)
 settings.timeIntegration.verboseMode = 0
 settings.solution.file.write = False
-height: list[float] = []
+tip_x: list[float] = []
 time: list[float] = []
 
 
 def record(mbs: exu.MainSystem, t: float) -> bool:
     """Note the tip after every step."""
     time.append(t)
-    height.append(arm.tip_position[0])
+    tip_x.append(arm.tip_position[0])
     return True
 
 
 mbs.SetPostStepUserFunction(record)
 mbs.SolveDynamic(settings)
-t, x = np.array(time), np.array(height)
+t, x = np.array(time), np.array(tip_x)
 falls = np.flatnonzero((x[:-1] > 0.0) & (x[1:] <= 0.0))
 crossing = t[falls] + (t[falls + 1] - t[falls]) * x[falls] / (x[falls] - x[falls + 1])
 measured = 1.0 / np.diff(crossing).mean()
