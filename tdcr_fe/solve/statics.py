@@ -63,12 +63,13 @@ def SolveTDCR(
         The fields of `tdcr_fe.solve.load_steps.load_path.LoadStepReport`: ``iterations``, ``iterations_total``
         (with those of rejected attempts), ``substeps``, ``residual``, ``snapped``, ``presliding_factor``,
         ``refinement_error``, and ``unstable``: whether the equilibrium reached is unstable, which is examined in scenes
-        with contact.
+        with contact. Robots that nothing couples are solved one by one; these are the largest values of all.
 
     Raises
     ------
     StepFailed
-        The message has the load factor, the residual, and what to try. The scene is then in the last converged state.
+        The message has the load factor, the residual, and what to try. The scene is then in the last converged state;
+        of robots that nothing couples, each is in its own, and those after the one that failed have not moved.
     TypeError
         An argument is of another type; the message names the expected type.
     ValueError
@@ -95,13 +96,13 @@ def SolveTDCR(
     try:
         _refuse_free_bases(system, start)
         _refuse_other_presliding(system, settings.presliding)
-        path = _solve(system, settings, start, end, substeps, sensitivities)
+        paths = _solve(system, settings, start, end, substeps, sensitivities)
         system.bring_to_rest()
-        remember(system, path)
+        remember(system, paths)
         _draw(mbs)
     finally:
         system.connect()
-    return asdict(LoadStepReport.of(path))
+    return asdict(LoadStepReport.of(*paths))
 
 
 def _refuse_free_bases(system: SceneSystem, time: float) -> None:
@@ -148,8 +149,11 @@ def _solve(
     end_time: float,
     substeps: int | None,
     sensitivities: Sequence[SensitivityHistory],
-) -> SolvedPath:
-    """The load step from the scene's current state to the inputs and loads as set, with its derivatives."""
+) -> list[SolvedPath]:
+    """The load step from the scene's current state to the inputs and loads as set, with its derivatives.
+
+    Robots that nothing couples are solved one by one.
+    """
     mbs = system.mbs
     user_step = system.hooks.user_function("PreStep")
     before = None if user_step is None else lambda t: user_step(mbs, t)
@@ -158,14 +162,16 @@ def _solve(
         or user_step is not None
         or system.hooks.user_function("PreNewtonResidual") is not None
     )
-    start = recall(system, start_time)
-    state = start.state
-    ramp = Ramp.of(system, state, start_time, end_time, before, user_loads)
+    parts, paths = system.independent(), []
     with one_thread():
-        solved = LoadStepper(SubstepSolver(system, ramp, settings), start).solve(substeps)
-        for each in sensitivities:
-            each.advance(solved)
-    return solved.path
+        for part, begin in zip(parts, recall(system, parts, start_time), strict=True):
+            ramp = Ramp.of(part, begin.state, start_time, end_time, before, user_loads)
+            solved = LoadStepper(SubstepSolver(part, ramp, settings), begin).solve(substeps)
+            paths.append(solved.path)
+            for each in sensitivities:
+                if each.handle.actuation in part.robots:
+                    each.advance(solved)
+    return paths
 
 
 def track_sensitivities(arm: TDCR, names: Sequence[str | Parameter]) -> SensitivityHistory:

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from exudyn.utilities import InertiaCuboid
 from native_solvers import recommended
-from robots import DISKS, LENGTH, distance, hinged_platform, paper, pull, scene, solve, three
+from robots import BACKBONE, DISKS, LENGTH, distance, hinged_platform, paper, pull, scene, solve, three
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 from tdcr_fe.native import register
 from tdcr_fe.scene.builder import CreateTDCR
+from tdcr_fe.solve.equations.configuration import Target
+from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.load_path import StepFailed
 from tdcr_fe.solve.statics import SolveTDCR
 
@@ -55,34 +60,48 @@ def test_a_moved_base_moves_the_solution():
     assert handle.tip_rotation == pytest.approx(turn @ expected.rotations[-1], abs=1e-8)
 
 
-def test_robots_side_by_side_move_as_each_alone():
-    """Their tangents are factorised one by one; pulled, and released so that holes reverse, with unlike meshes."""
-    inputs = [
-        ([1.0, 0.3, 0.2], [0.4, 0.6, 0.2]),
-        ([0.2, 0.9, 0.1], [0.5, 0.5, 0.1]),
-        ([1.2, 0.1, 0.1], [1.3, 0.0, 0.4]),
-    ]
-    _container, mbs = system()
-    places = [
+@pytest.mark.parametrize("lever", [0.0, 0.01])
+def test_robots_side_by_side_move_as_each_alone(lever):
+    """Pulled, and released so that holes reverse, with weight, damping, loads of both kinds and unlike meshes.
+
+    A force of the user with a lever turns its body, so that the robots are solved as one system. In both cases Exudyn
+    finds the scene in equilibrium.
+    """
+    backbone = replace(BACKBONE, density=7800.0, retardation_time=1e-3)
+    robots = [three(0.2, backbone, replace(DISKS, mass=1e-3)), three(0.3, backbone), paper(0.1)]
+    models = [
         {"elements_per_bay": 1},
         {"elements_per_bay": 2},
         {"elements_per_bay": 1, "friction": "per-tendon"},
     ]
-    arms = [
-        CreateTDCR(mbs, three(0.2), Model(**model), name=f"r{k}", referencePosition=[0.2 * k, 0.0, 0.0])
-        for k, model in enumerate(places)
-    ]
-    mbs.Assemble()
-    for step in (0, 1):
-        for arm, tensions in zip(arms, inputs, strict=True):
-            arm.set_tensions(tensions[step])
-        mbs.SolveTDCR()
-    for k, (arm, tensions, model) in enumerate(zip(arms, inputs, places, strict=True)):
-        _keep, _mbs, alone = scene(three(0.2), **model)
-        for step in (0, 1):
-            alone.set_tensions(tensions[step])
-            _mbs.SolveTDCR()
-        assert distance(arm.tip_position - [0.2 * k, 0.0, 0.0], alone.tip_position) < 1e-5
+    steps = [([1.0, 0.3, 0.2], [2e-3, -1e-3, -1e-3], [1.0]), ([0.3, 0.6, 0.2], [1e-3, -4e-4, -5e-4], [0.4])]
+
+    def solved_scene(which: Sequence[int]) -> tuple[list[np.ndarray], exu.SystemContainer, exu.MainSystem]:
+        keep, mbs = system()
+        arms, loads = [], []
+        for k in which:
+            model = Model(**models[k], gravity=(0.0, 0.0, -9.81))
+            arm = CreateTDCR(mbs, robots[k], model, name=f"r{k}", referencePosition=[0.3 * k, 0.0, 0.0])
+            marker = eii.MarkerBodyRigid(bodyNumber=arm.bDisks[-1], localPosition=[0.0, lever, 0.0])
+            mbs.AddLoad(eii.Force(markerNumber=mbs.AddMarker(marker), loadVector=[0.0, 0.02, 0.0]))
+            arms.append(arm)
+            loads.append(arm.add_load("tip", LENGTH))
+        mbs.Assemble()
+        for step in steps:
+            for k, arm, load in zip(which, arms, loads, strict=True):
+                (arm.set_displacements if k == 1 else arm.set_tensions)(step[k])
+                load.set([0.03 * step[k][0], 0.0, 0.0])
+            mbs.SolveTDCR()
+        return [arm.tip_position for arm in arms], keep, mbs
+
+    tips, _keep, mbs = solved_scene([0, 1, 2])
+    assert len(SceneSystem(mbs).independent()) == (3 if lever == 0.0 else 1)
+    for k, tip in enumerate(tips):
+        assert distance(tip, solved_scene([k])[0][0]) < (1e-9 if lever == 0.0 else 1e-5) * LENGTH
+    present = SceneSystem(mbs)
+    state = present.current_state()
+    target = Target(state.inputs, state.loads, state.time)
+    assert present.residual(state, target, present.numbering()).size < 1e-7
 
 
 def test_base_on_an_elastically_supported_body():

@@ -48,11 +48,6 @@ def node_motions(twists: np.ndarray) -> np.ndarray:
     return motions.reshape(6 * count + 6, 6 * count)
 
 
-def own_backbone(system, residual):
-    """Tangent of the backbone of the only robot."""
-    return backbone_tangent(residual, 0, system.layout.space.slices[0], 0.0, LENGTH)
-
-
 @pytest.mark.parametrize("per_bay", [1, 2])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_tangent_is_the_derivative_of_the_forces_by_the_twists_away_from_equilibrium(per_bay, seed):
@@ -63,7 +58,7 @@ def test_tangent_is_the_derivative_of_the_forces_by_the_twists_away_from_equilib
     assert residual.size > 1.0
     j = node_motions(twists)
     numbering = system.numbering()
-    k = robot_tangent(own_backbone(system, residual), residual.forces[0])
+    k = robot_tangent(backbone_tangent(residual, 0.0, LENGTH), residual.forces[0])
     predicted = j[6:].T @ k[6:, 6:] @ j[6:]
     assert predicted == pytest.approx(predicted.T, abs=1e-9 * np.abs(predicted).max())
     space, unknowns = system.layout.space, residual.state.configuration.unknowns

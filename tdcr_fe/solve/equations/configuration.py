@@ -76,6 +76,8 @@ class ConfigurationSpace:
         Which of Exudyn's unknowns are beam nodes, and which are kept as they are.
     clamped
         Numbers of the robots with a clamped base.
+    joints
+        Numbers of the multipliers of these clamps, where nothing but the robots is to be written into the scene.
 
     Attributes
     ----------
@@ -89,6 +91,7 @@ class ConfigurationSpace:
         robots: Sequence[TendonActuation],
         reduction: BodyFrameReduction,
         clamped: Collection[int],
+        joints: NDArray[np.int_] | None = None,
     ) -> None:
         self.mbs = mbs
         self.robots = robots
@@ -100,6 +103,8 @@ class ConfigurationSpace:
         reference = np.array(mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Reference))
         self._reference: Array = reference[self._beam]
         flat = self._beam.ravel()
+        #: What is written into the scene.
+        self._written = (slice(None), slice(None)) if joints is None else (self._beam.ravel(), joints)
         #: Where the beam nodes' coordinates lie, if in one piece and in order.
         self._span = (
             slice(int(flat[0]), int(flat[-1]) + 1)
@@ -208,11 +213,12 @@ class ConfigurationSpace:
         """Make this the current configuration of Exudyn's scene; with ``initial`` the initial one, too."""
         kinds = (_CURRENT, _INITIAL) if initial else (_CURRENT,)
         data, unknowns = self.mbs.systemData, configuration.unknowns
+        coordinates, multipliers = self._written
         for kind in kinds:
             # Into Exudyn's memory: a third of the time of its functions that set coordinates.
-            data.GetODE2Coordinates(kind, copy=False)[:] = unknowns.coordinates
+            data.GetODE2Coordinates(kind, copy=False)[coordinates] = unknowns.coordinates[coordinates]
             if unknowns.multipliers.size:
-                data.GetAECoordinates(kind, copy=False)[:] = unknowns.multipliers
+                data.GetAECoordinates(kind, copy=False)[multipliers] = unknowns.multipliers[multipliers]
 
     def fits(self, unknowns: Unknowns) -> bool:
         """Whether unknowns fit this scene: the same numbers of coordinates and the same meshes."""

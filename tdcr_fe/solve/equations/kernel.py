@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import exudyn as exu
@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.hooks import SceneHooks
+from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.solve.equations.configuration import Configuration, SolverState, Target, Unknowns
 from tdcr_fe.solve.equations.contact import ContactStates, TriangleContact
 from tdcr_fe.solve.equations.layout import SceneLayout
@@ -96,6 +98,45 @@ class StaticKernel:
         return found
 
 
+class RobotKernel:
+    """Exudyn's residual where one robot alone moves: the forces of its beams are all that changes.
+
+    Parameters
+    ----------
+    mbs
+        The system.
+    robot
+        The robot; nothing couples it with others.
+    loads
+        The concentrated forces on it, fixed in the world.
+    raw
+        Exudyn's residual of the present scene.
+    """
+
+    def __init__(
+        self, mbs: exu.MainSystem, robot: TendonActuation, loads: Sequence[PointLoad], raw: Array
+    ) -> None:
+        self._mbs, self._robot, self._loads = mbs, robot, loads
+        self._nodes = [robot.coordinates[robot.nodes.index(load.node), :3] for load in loads]
+        self._rest = raw.copy()
+        self._add(self._rest, -1.0)
+
+    def residual(self) -> Array:
+        """As of `StaticKernel`; only what belongs to the robot is that of the present scene."""
+        found = self._rest.copy()
+        self._add(found, 1.0)
+        return found
+
+    def _add(self, residual: Array, factor: float) -> None:
+        """Add the forces of beams and loads, times a factor."""
+        nodes, compute, what = self._robot.coordinates, self._mbs.ComputeItem, exu.ComputeItemType.ODE2LHS
+        beams = factor * np.array([compute(beam, what) for beam in self._robot.connectors.beams])
+        residual[nodes[:-1]] -= beams[:, :7]
+        residual[nodes[1:]] -= beams[:, 7:]
+        for load, at in zip(self._loads, self._nodes, strict=True):
+            residual[at] += factor * load.value[:3]
+
+
 def _initialised(
     mbs: exu.MainSystem, hooks: SceneHooks, settings: exu.SimulationSettings, contact: ContactStates
 ) -> Any:
@@ -158,6 +199,10 @@ class ClampReactions(NamedTuple):
             multipliers[which] -= 1.0
             columns[:, :, k] = [configuration.frames[n].T @ change[layout.reduction.beam[n]] for n in nodes]
         return cls(layout.clamps, dict(zip(layout.clamps, np.linalg.inv(columns), strict=True)))
+
+    def alone(self, i: int) -> ClampReactions:
+        """Those of one robot by itself."""
+        return ClampReactions({0: self.joints[i]}, {0: self.influence[i]})
 
     def balance(self, residual: Residual) -> Configuration:
         """The configuration of a state in equilibrium with the reactions of its clamps."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import exudyn as exu
@@ -134,20 +134,12 @@ class RobotUnknowns(NamedTuple):
     mobilisations: slice  # Where these are
     # (m,): Whose holes have adhesion, which may hold them under tension while they are slack at the base
     adhesive: NDArray[np.bool_]
+    clamped: bool  # Whether its base is clamped to ground
 
     @property
     def has_friction(self) -> bool:
         """Whether friction acts in this robot."""
         return self.mobilisations.stop > self.mobilisations.start
-
-    @property
-    def alone(self) -> Numbering:
-        """The numbering of a scene of this robot alone, driven by tension."""
-        size = self.nodes.stop - self.nodes.start
-        holes = slice(size, size + self.mobilisations.stop - self.mobilisations.start)
-        none = slice(size, size)
-        own = self._replace(robot=0, nodes=slice(0, size), tensions=none, mobilisations=holes)
-        return Numbering((own,), size, size, holes.stop)
 
     def may_be_tense(self, base_tension: Array) -> NDArray[np.bool_]:
         """Which tendons are under tension somewhere, or may be, at tensions at the base [N], shape (m,)."""
@@ -163,7 +155,13 @@ class Numbering(NamedTuple):
     total: int  # All, mobilisations included
 
     @classmethod
-    def of(cls, robots: Sequence[TendonActuation], nodes: Sequence[slice], reduced: int) -> Numbering:
+    def of(
+        cls,
+        robots: Sequence[TendonActuation],
+        nodes: Sequence[slice],
+        reduced: int,
+        clamped: Collection[int],
+    ) -> Numbering:
         """Number the unknowns of a scene.
 
         Parameters
@@ -174,6 +172,8 @@ class Numbering(NamedTuple):
             By robot, its nodes among those of all robots.
         reduced
             Unknowns of the reduced scene.
+        clamped
+            Numbers of the robots with a clamped base.
         """
         driven = [np.flatnonzero(r.drives.winds) for r in robots]
         linear = reduced + sum(d.size for d in driven)
@@ -184,7 +184,10 @@ class Numbering(NamedTuple):
             holes = slice(hole, hole + (int(np.count_nonzero(frictional)) if robot.law.has_friction else 0))
             inside = slice(6 * own.start, 6 * own.stop)
             adhesive = np.any(robot.law.parameters.adhesion > 0.0, axis=1)
-            parts.append(RobotUnknowns(i, inside, driven[i], tensions, frictional, holes, adhesive))
+            unknowns = RobotUnknowns(
+                i, inside, driven[i], tensions, frictional, holes, adhesive, i in clamped
+            )
+            parts.append(unknowns)
             tension, hole = tensions.stop, holes.stop
         return cls(tuple(parts), reduced, linear, hole)
 
@@ -229,6 +232,11 @@ class Numbering(NamedTuple):
             new[part.frictional] = values[first:last]
             found[part.robot], first = new, last
         return tuple(found)
+
+    @property
+    def clamped(self) -> tuple[slice, ...]:
+        """Unknowns of the clamped bases."""
+        return tuple([slice(p.nodes.start, p.nodes.start + 6) for p in self.robots if p.clamped])
 
     @property
     def any_driven(self) -> bool:
@@ -285,7 +293,9 @@ class SceneLayout:
             robot.disconnect()
         norms = [i for robot in robots for node in robot.nodes for i in data.GetNodeLTGAE(node)]
         clamps = _clamps(mbs, robots) if with_clamps else {}
-        dropped = [*norms, *(i for joint in clamps.values() for i in joint)]
+        dropped = data.ODE2Size() + np.array(
+            [*norms, *(i for joint in clamps.values() for i in joint)], dtype=int
+        )
         coordinates = np.concatenate([r.coordinates for r in robots])
         items = [int(r.connectors.forces) for r in robots]
         reduction = BodyFrameReduction(mbs, coordinates, dropped, _rows_of_nodes(robots), items)
@@ -293,7 +303,7 @@ class SceneLayout:
         starts = [6 * space.slices[i].start for i in clamps]
         loads = [mbs.GetLoad(i) for i in range(data.NumberOfLoads())]
         # Forces fixed in the world have no derivative at a node; all other loads may have one.
-        turning = tuple(i for i, load in enumerate(loads) if _turns(load))
+        turning = tuple(i for i, load in enumerate(loads) if _turns(mbs, load))
         no_others = not len(reduction.other) and _nothing_but_robots(mbs, robots)
         return cls(
             clamps,
@@ -304,8 +314,26 @@ class SceneLayout:
             turning,
             any(load.get("loadVectorUserFunction") or load.get("loadUserFunction") for load in loads),
             no_others,
-            tuple(BandLayout.of(robot) if no_others else None for robot in robots),
+            tuple([BandLayout.of(robot) if no_others else None for robot in robots]),
             tuple(buckling_shortening(robot) for robot in robots),
+        )
+
+    def alone(self, mbs: exu.MainSystem, i: int) -> SceneLayout:
+        """That of one robot, which nothing couples with the others and no load turns with; all else stays as it is."""
+        robots, joint = [self.space.robots[i]], self.clamps[i]
+        everything = np.arange(self.reduction.size)
+        reduction = BodyFrameReduction(mbs, robots[0].coordinates, everything, _rows_of_nodes(robots))
+        return replace(
+            self,
+            clamps={0: joint},
+            reduction=reduction,
+            space=ConfigurationSpace(mbs, robots, reduction, {0}, joint),
+            clamped=(slice(0, 6),),
+            scales=ResidualScales.of(robots, reduction),
+            turning=(),
+            bands=(self.bands[i],),
+            buckling=(self.buckling[i],),
+            numberings={},
         )
 
 
@@ -345,8 +373,11 @@ def _nothing_but_robots(mbs: exu.MainSystem, robots: Sequence[TendonActuation]) 
     return True
 
 
-def _turns(load: dict[str, Any]) -> bool:
-    """Whether a load of Exudyn changes with the configuration of the node it acts on."""
-    return load["loadType"] != "MassProportional" and not (
-        load["loadType"] == "ForceVector" and not load["bodyFixed"]
-    )
+def _turns(mbs: exu.MainSystem, load: dict[str, Any]) -> bool:
+    """Whether a load of Exudyn changes with the configuration of the node or body it acts on."""
+    if load["loadType"] == "MassProportional":
+        return False
+    if load["loadType"] != "ForceVector" or load["bodyFixed"]:
+        return True
+    marker = mbs.GetMarker(load["markerNumber"])
+    return any((*marker.get("localPosition", ()), *marker.get("localHT", np.eye(4))[:3, 3]))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import isfinite
 from typing import NamedTuple, Protocol
 
@@ -64,31 +63,6 @@ class DenseFactors(NamedTuple):
         # The parity of row exchanges and negative pivots.
         turned = np.count_nonzero((self.pivots != np.arange(len(self.pivots))) ^ (self.lu.diagonal() < 0.0))
         return 1 if turned % 2 == 0 else -1
-
-
-class BlockFactors(NamedTuple):
-    """Factors of a matrix with a block for each robot, where nothing couples them."""
-
-    blocks: tuple[Factors, ...]
-    rows: tuple[slice, ...]  # Of every block
-
-    def solve(self, right: Array) -> Array:
-        """See `Factors.solve`."""
-        found = np.zeros(right.shape, order="F")
-        for block, rows in zip(self.blocks, self.rows, strict=True):
-            own = right[rows]
-            if right.ndim == 1:
-                found[rows] = block.solve(own)
-                continue
-            acting = np.flatnonzero(own.any(axis=0))
-            if acting.size:
-                found[rows, acting] = block.solve(np.asfortranarray(own[:, acting]))
-        return found
-
-    @property
-    def sign(self) -> int:
-        """See `Factors.sign`."""
-        return int(np.prod([block.sign for block in self.blocks]))
 
 
 class BorderedFactors(NamedTuple):
@@ -259,15 +233,13 @@ class Linearization(NamedTuple):
             factors.slack[p.tensions.start - first : p.tensions.stop - first] for p in self.numbering.robots
         )
 
-    def response(self, changes: tuple[Array, ...], clamped: Sequence[slice]) -> Array:
+    def response(self, changes: tuple[Array, ...]) -> Array:
         """Change of the unknowns with the inputs, shape (linear,); the same tendons stay slack.
 
         Parameters
         ----------
         changes
             By robot, of the tensions [N] and displacements [m], shape (m,).
-        clamped
-            Unknowns of clamped bases.
         """
         right = np.zeros(self.numbering.linear)
         for part in self.numbering.robots:
@@ -277,7 +249,7 @@ class Linearization(NamedTuple):
                 free = free.copy()
                 free[part.driven] = 0.0
             right[part.nodes] = -(self.forces[part.robot].base_tension_columns() @ free)
-        zero_bases(right, clamped)
+        zero_bases(right, self.numbering.clamped)
         return self.factorisation.solve(right)
 
     def complementarity_step(

@@ -111,8 +111,8 @@ class BodyFrameReduction:
     beam
         ODE2 coordinate numbers of all beam nodes, shape (N, 7).
     dropped
-        Numbers of the algebraic equations that are satisfied by construction: the nodes' norm constraints, and joints
-        of clamped bases.
+        Numbers of what is neither solved nor kept in equilibrium, multipliers behind all coordinates: the nodes' norm
+        constraints and joints of clamped bases, which are satisfied by construction, and what does not change.
     robots
         Nodes of every robot. Neighbours among all of them, and among those with holes, are coupled.
     idle
@@ -123,7 +123,7 @@ class BodyFrameReduction:
         self,
         mbs: exu.MainSystem,
         beam: Index,
-        dropped: Sequence[int],
+        dropped: NDArray[np.int_],
         robots: Sequence[RobotNodes],
         idle: Collection[int] = (),
     ) -> None:
@@ -134,7 +134,7 @@ class BodyFrameReduction:
         self.nodes = len(beam)
         taken = np.zeros(self.size, dtype=bool)
         taken[beam.ravel()] = True
-        taken[[self.n2 + i for i in dropped]] = True
+        taken[dropped] = True
         #: Exudyn's numbers of what is not a beam node, coordinates first, multipliers behind them.
         self.other = np.flatnonzero(~taken)
         self.other_coordinates = self.other[self.other < self.n2]

@@ -11,6 +11,7 @@ section "Newton's method in strain space".
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 
 import exudyn as exu
@@ -20,12 +21,12 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.hooks import SceneHooks
+from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.solve.equations.band import BandFactors
 from tdcr_fe.solve.equations.configuration import Configuration, SolverState, StoredState, Target
-from tdcr_fe.solve.equations.kernel import ClampReactions, Residual, StaticKernel
+from tdcr_fe.solve.equations.kernel import ClampReactions, Residual, RobotKernel, StaticKernel
 from tdcr_fe.solve.equations.layout import Numbering, SceneLayout, zero_bases
 from tdcr_fe.solve.equations.linearization import (
-    BlockFactors,
     BorderedFactors,
     DenseFactors,
     Factors,
@@ -57,6 +58,8 @@ class SceneSystem:
     Attributes
     ----------
     robots : list of TendonActuation
+    point_loads : list of PointLoad
+        The concentrated loads on them.
     layout : SceneLayout
         Replaced by `release_clamps`.
 
@@ -75,10 +78,38 @@ class SceneSystem:
             raise ValueError("no robot in this system; add one with CreateTDCR before solving")
         if not mbs.systemIsConsistent:
             raise ValueError("the system is not assembled; call mbs.Assemble() before solving")
+        self.point_loads: list[PointLoad] = self.hooks.point_loads
         self._kernel = StaticKernel(mbs, self.hooks)
+        self._raw = self._kernel.residual
         self._user_residual = self.hooks.user_function("PreNewtonResidual")
         self.layout = SceneLayout.of(mbs, self.robots, with_clamps=True)
         self._reactions = ClampReactions.of(self._kernel, self.layout, self.mbs)
+
+    def independent(self) -> list[SceneSystem]:
+        """Systems of robots that nothing couples, each to be solved by itself; this one where there are none.
+
+        Nothing but robots is in the scene, their bases are clamped, and no load turns or is set by a function of the
+        user in a load step to the loads that are set.
+        """
+        robots, layout = len(self.robots), self.layout
+        users = any(
+            self.hooks.user_function(kind) for kind in ("PreNewtonResidual", "PreStep", "SystemJacobian")
+        )
+        turned = any(load.applied[0 if load.frame == "section" else 3 :].any() for load in self.point_loads)
+        if users or turned or layout.user_loads or self.has_contact or not self.robots_only:
+            return [self]
+        raw = self._raw().copy()
+        if robots == 1 or len(layout.clamps) < robots or not self.clamps_are_closed(raw):
+            return [self]
+        return [self._alone(i, raw) for i in range(robots)]
+
+    def _alone(self, i: int, raw: Array) -> SceneSystem:
+        """The equations of one of the robots, from Exudyn's residual of the present scene."""
+        found = copy(self)
+        found.robots, found.point_loads = [self.robots[i]], self.hooks.robots[i].point_loads
+        found.layout, found._reactions = self.layout.alone(self.mbs, i), self._reactions.alone(i)
+        found._raw = RobotKernel(self.mbs, self.robots[i], found.point_loads, raw).residual
+        return found
 
     @property
     def length(self) -> float:
@@ -90,7 +121,7 @@ class SceneSystem:
         driven = tuple(robot.drives.winds.tobytes() for robot in self.robots)
         if driven not in self.layout.numberings:
             self.layout.numberings[driven] = Numbering.of(
-                self.robots, self.layout.space.slices, self.layout.reduction.count
+                self.robots, self.layout.space.slices, self.layout.reduction.count, self.layout.clamps
             )
         numbering = self.layout.numberings[driven]
         return numbering if with_friction else numbering.without_friction()
@@ -105,7 +136,7 @@ class SceneSystem:
             tuple(r.state.mobilisation for r in self.robots),
             tuple(replace(r.friction_without_stretch(), time=time) for r in self.robots),
             tuple(r.history.prescribed for r in self.robots),
-            tuple(load.applied for load in self.hooks.point_loads),
+            tuple(load.applied for load in self.point_loads),
             time,
         )
 
@@ -135,7 +166,7 @@ class SceneSystem:
             self.robots, forces, state.friction, state.prescribed, strict=True
         ):
             robot.store(history, prescribed, own, state.configuration.unknowns.coordinates)
-        for item, load in zip(self.hooks.point_loads, state.loads, strict=True):
+        for item, load in zip(self.point_loads, state.loads, strict=True):
             item.applied = load
             item.keep()
         self.layout.space.write(state.configuration, initial=True)
@@ -225,7 +256,7 @@ class SceneSystem:
         layout = self.layout
         for robot in self.robots:
             robot.disconnect()
-        raw = self._kernel.residual()
+        raw = self._raw()
         unbalanced = layout.reduction.residual(raw, state.configuration.frames)
         for nodes, own in zip(layout.space.slices, forces, strict=True):
             unbalanced[6 * nodes.start : 6 * nodes.stop] += own.nodal_wrenches().reshape(-1)
@@ -302,7 +333,7 @@ class SceneSystem:
         if not self.layout.no_others:
             return False
         turning = set(self.layout.turning)
-        for load in self.hooks.point_loads if turning else ():
+        for load in self.point_loads if turning else ():
             # A moment of zero does not turn.
             for number, value in zip(load.numbers, load.value.reshape(2, 3), strict=True):
                 if not value.any():
@@ -310,9 +341,10 @@ class SceneSystem:
         return not turning
 
     def tangent_follows_from_elements(self) -> bool:
-        """Whether the tangent follows from the elements' stiffness alone, without Exudyn's Jacobian."""
+        """Whether the tangent follows from the elements' stiffness alone, without Exudyn's Jacobian: of one robot."""
         return (
             self.robots_only
+            and len(self.robots) == 1
             and self.mbs.NumberOfGeneralContacts() == 0
             and self.hooks.user_function("SystemJacobian") is None
         )
@@ -353,33 +385,28 @@ class SceneSystem:
         numpy.linalg.LinAlgError
             The tangent is singular.
         """
-        layout = self.layout
         if self.tangent_follows_from_elements():
-            factors = self._factors_of_robots(residual, damping)
+            factors = self._factors_of_robot(residual, damping)
         else:
             factors = self._factors_of_scene(residual, numbering, damping)
         if numbering.any_driven:
-            factors = BorderedFactors.of(factors, *border(residual, numbering, layout.clamped))
+            factors = BorderedFactors.of(factors, *border(residual, numbering))
         return Linearization(factors, residual.state.configuration.chains, numbering, residual.forces)
 
-    def _factors_of_robots(self, residual: Residual, damping: float) -> Factors:
-        """Factors of the tangent at fixed tensions from the elements, robot by robot."""
-        layout = self.layout
-        found: list[Factors] = []
-        for i, (own, nodes, band) in enumerate(
-            zip(residual.forces, layout.space.slices, layout.bands, strict=True)
-        ):
-            backbone = backbone_tangent(residual, i, nodes, damping, self.length)
-            clamped = i in layout.clamps
-            if band is not None and own.has_hole_slopes:
-                found.append(BandFactors.of(band.assemble(backbone, own, clamped), band))
-                continue
-            k = robot_tangent(backbone, own)
-            hold(k, [slice(0, 6)] if clamped else [])
-            found.append(DenseFactors.of(k))
-        if len(found) == 1:
-            return found[0]
-        return BlockFactors(tuple(found), tuple(slice(6 * n.start, 6 * n.stop) for n in layout.space.slices))
+    def _factors_of_robot(self, residual: Residual, damping: float) -> Factors:
+        """Factors of the tangent at fixed tensions of one robot, from its elements."""
+        layout, own, (band,), clamped = (
+            self.layout,
+            residual.forces[0],
+            self.layout.bands,
+            0 in self.layout.clamps,
+        )
+        backbone = backbone_tangent(residual, damping, self.length)
+        if band is not None and own.has_hole_slopes:
+            return BandFactors.of(band.assemble(backbone, own, clamped), band)
+        k = robot_tangent(backbone, own)
+        hold(k, layout.clamped)
+        return DenseFactors.of(k)
 
     def _factors_of_scene(self, residual: Residual, numbering: Numbering, damping: float) -> Factors:
         """The same from Exudyn's Jacobian, as a full matrix."""
@@ -397,10 +424,10 @@ class SceneSystem:
 
     # ------------------------------------------------------------------ clamps
 
-    def clamps_are_closed(self, residual: Residual) -> bool:
-        """Whether the joints of clamped bases are closed."""
+    def clamps_are_closed(self, raw: Array) -> bool:
+        """Whether the joints of clamped bases are closed, by Exudyn's residual."""
         n2, clamps = self.layout.reduction.n2, self.layout.clamps.values()
-        gap = max((float(np.abs(residual.raw[n2 + joint]).max()) for joint in clamps), default=0.0)
+        gap = max((float(np.abs(raw[n2 + joint]).max()) for joint in clamps), default=0.0)
         return gap <= 1e-9 * self.length
 
     def release_clamps(self) -> None:

@@ -19,25 +19,20 @@ Flags = NDArray[np.bool_]
 _EYE6 = np.eye(6)
 
 
-def backbone_tangent(
-    residual: Residual, robot: int, nodes: slice, damping: float, length: float
-) -> NodeStiffness:
-    """Tangent of the backbone of a robot, where nothing but robots resists, with damping of its nodes.
+def backbone_tangent(residual: Residual, damping: float, length: float) -> NodeStiffness:
+    """Tangent of the backbone of the only robot, where nothing else resists, with damping of its nodes.
 
     Parameters
     ----------
     residual
         Of a state.
-    robot, nodes
-        Its number, and its nodes among those of all robots.
     damping
         Of the nodes, for pseudo-transient continuation [N m].
     length
-        Of the longest backbone [m].
+        Of the backbone [m].
     """
-    configuration, mesh = residual.state.configuration, residual.forces[robot].model.mesh
-    wrenches = residual.unbalanced[6 * nodes.start : 6 * nodes.stop]
-    found = configuration.chains[robot].tangent(mesh, wrenches, *configuration.poses[robot])
+    configuration, mesh = residual.state.configuration, residual.forces[0].model.mesh
+    found = configuration.chains[0].tangent(mesh, residual.unbalanced, *configuration.poses[0])
     if damping > 0.0:
         component = np.arange(6)
         found.itself[:, component, component] -= damping_of_node(damping, length)
@@ -86,17 +81,13 @@ def _add_coupling(k: Array, forces: TendonForces) -> None:
         forces.add_springs(k)
 
 
-def border(
-    residual: Residual, numbering: Numbering, clamped: Sequence[slice]
-) -> tuple[Array, Array, Array, Flags]:
+def border(residual: Residual, numbering: Numbering) -> tuple[Array, Array, Array, Flags]:
     """Rows and columns of tensions whose tendons have prescribed displacements.
 
     Parameters
     ----------
     residual, numbering
         State, and order of the unknowns.
-    clamped
-        Unknowns of clamped bases.
 
     Returns
     -------
@@ -121,7 +112,7 @@ def border(
         rows[here, part.nodes] = at.base_slip_rows()[which]
         own[here] = at.base_slip_by_base()[which]
         slack[here] = at.base_tension[which] <= 0.0
-    zero_bases(columns, clamped)
+    zero_bases(columns, numbering.clamped)
     return columns, rows, own, slack
 
 

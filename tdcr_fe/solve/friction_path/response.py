@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.equations.configuration import SolverState, Target
-from tdcr_fe.solve.equations.layout import Numbering
+from tdcr_fe.solve.equations.layout import Numbering, zero_bases
 from tdcr_fe.solve.equations.linearization import BorderedFactors, Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.slips import SlipData
@@ -62,9 +62,7 @@ class TensionResponse(NamedTuple):
     by_angle: Array
 
     @classmethod
-    def of(
-        cls, linear: Linearization, forces: Sequence[TendonForces], clamped: Sequence[slice], tendons: Tendons
-    ) -> TensionResponse:
+    def of(cls, linear: Linearization, forces: Sequence[TendonForces], tendons: Tendons) -> TensionResponse:
         """From the tangent, in which tensions change with the turning angles.
 
         Parameters
@@ -73,15 +71,12 @@ class TensionResponse(NamedTuple):
             Equilibrium, linearised at fixed mobilisations.
         forces
             By robot.
-        clamped
-            Unknowns of clamped bases.
         tendons
             By robot, the tendons; all others have no tension.
         """
         lengths, angles, by_angle = _segments(linear, forces, tendons)
         right = np.asfortranarray(lengths.T)
-        for base in clamped:
-            right[base] = 0.0
+        zero_bases(right, linear.numbering.clamped)
         moved = _inner(linear, right)
         turned = angles @ moved
         # A given tension is the sum of one that is put on, and of what the angles add to it.
@@ -187,13 +182,13 @@ class Equilibrium(NamedTuple):
         """Of the frictional holes [1], shape (k,)."""
         return mobilisations(self.numbering, self.state)
 
-    def with_response(self, clamped: Sequence[slice], tendons: Tendons) -> Equilibrium:
+    def with_response(self, tendons: Tendons) -> Equilibrium:
         """The same with the response to the tensions of some tendons; all others are slack."""
         if self.response is not None and all(
             np.array_equal(a, b) for a, b in zip(self.response.tendons, tendons, strict=True)
         ):
             return self
-        response = TensionResponse.of(self.linearization, self.forces, clamped, tendons)
+        response = TensionResponse.of(self.linearization, self.forces, tendons)
         return self._replace(response=response)
 
     def load_response(self, system: SceneSystem, other: Target) -> LoadResponse:

@@ -5,8 +5,6 @@ The check takes at most one solution with factors that are at hand, and settles 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,7 +26,6 @@ def slips_steadily(
     before: SolverState,
     result: NewtonResult,
     linear: Linearization,
-    clamped: Sequence[slice],
 ) -> bool:
     """Whether every hole of tendons under tension slips in one direction through a substep in which no load changes.
 
@@ -45,8 +42,6 @@ def slips_steadily(
         The solved substep.
     linear
         Linearisation at the end, or at most an iteration before.
-    clamped
-        Unknowns of clamped bases.
     """
     if not _all_slip(before, result.state, linear) or _any_changes(before, result.state, linear):
         return False
@@ -54,7 +49,7 @@ def slips_steadily(
     none = SMALL * min(own.model.law.hysteresis.presliding for own in result.forces)
     if predicted is not None and _as_predicted(predicted, before, result, linear, none):
         return True
-    return _rates_agree(before, result, linear, clamped, none)
+    return _rates_agree(before, result, linear, none)
 
 
 def _as_predicted(
@@ -71,13 +66,12 @@ def _rates_agree(
     before: SolverState,
     result: NewtonResult,
     linear: Linearization,
-    clamped: Sequence[slice],
     none: float,
 ) -> bool:
     """Whether all slip rates at both ends of the substep have the direction of the friction."""
     after, numbering = result.state, linear.numbering
     changes = input_changes(before, result.target)
-    pick, moved = numbering.at_frictional_holes, linear.response(changes, clamped)
+    pick, moved = numbering.at_frictional_holes, linear.response(changes)
     rate = pick(slip_changes(numbering, result.forces, moved, changes))
     slips = pick([new.slip - old.slip for new, old in zip(after.friction, before.friction, strict=True)])
     tense = [p.may_be_tense(t)[:, None] for p, t in zip(numbering.robots, after.base_tension, strict=True)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -10,10 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import ForceModel
-from tdcr_fe.solve.equations.configuration import SolverState
-from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.friction_path.response import Equilibrium
 from tdcr_fe.solve.load_steps.load_path import Position, SolvedPath
 
 Array = NDArray[np.float64]
@@ -27,34 +25,44 @@ ROUND_OFF = 1e-13
 class LastSolution(NamedTuple):
     """The end of a solved load step, and the scene that it left."""
 
-    state: SolverState
-    linearization: Linearization | None
-    end: Equilibrium | None
+    positions: tuple[Position, ...]  # By system that was solved by itself
     scene: tuple[Array, ...]  # Everything that Exudyn keeps of it, see `_scene`
     models: tuple[ForceModel, ...]  # By robot
 
 
-def remember(system: SceneSystem, path: SolvedPath) -> None:
-    """Keep the end of a path for the next load step, after the scene was left in it."""
+def remember(system: SceneSystem, paths: Sequence[SolvedPath]) -> None:
+    """Keep the ends of paths for the next load step, after the scene was left there."""
     models = tuple(robot.model for robot in system.robots)
-    system.mbs.variables[KEY] = LastSolution(path.state, path.linearization, path.end, _scene(system), models)
+    positions = tuple([Position(path.state, path.linearization, path.end) for path in paths])
+    system.mbs.variables[KEY] = LastSolution(positions, _scene(system), models)
 
 
-def recall(system: SceneSystem, time: float) -> Position:
+def recall(system: SceneSystem, parts: Sequence[SceneSystem], time: float) -> list[Position]:
     """Where the next load step begins: with what the last one found, if nothing in the scene has changed since.
 
     Parameters
     ----------
     system
         The scene.
+    parts
+        What is solved by itself in it.
     time
         At which the load step begins [s].
     """
     last: Any = system.mbs.variables.get(KEY)
-    if not isinstance(last, LastSolution) or not _is_as_left(system, last):
-        return Position(system.current_state(time))
-    friction = tuple(replace(each, time=time) for each in last.state.friction)
-    return Position(last.state._replace(friction=friction, time=time), last.linearization, last.end)
+    if (
+        not isinstance(last, LastSolution)
+        or len(last.positions) != len(parts)
+        or not _is_as_left(system, last)
+    ):
+        return [Position(part.current_state(time)) for part in parts]
+    return [_at_time(position, time) for position in last.positions]
+
+
+def _at_time(position: Position, time: float) -> Position:
+    """The same at another time [s]."""
+    friction = tuple(replace(each, time=time) for each in position.state.friction)
+    return position._replace(state=position.state._replace(friction=friction, time=time))
 
 
 def _is_as_left(system: SceneSystem, last: LastSolution) -> bool:
@@ -76,7 +84,7 @@ def _scene(system: SceneSystem) -> tuple[Array, ...]:
     """Coordinates, multipliers, data and the user's own loads of a scene."""
     mbs, data = system.mbs, system.mbs.systemData
     current = exu.ConfigurationType.Current
-    ramped = {int(number) for item in system.hooks.point_loads for number in item.numbers}
+    ramped = {int(number) for item in system.point_loads for number in item.numbers}
     loads = [
         np.atleast_1d(mbs.GetLoadParameter(i, "load" if "load" in load else "loadVector"))
         for i, load in ((i, mbs.GetLoad(i)) for i in range(data.NumberOfLoads()))

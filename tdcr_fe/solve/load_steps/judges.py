@@ -147,7 +147,7 @@ def is_continuous(
     taut = TautTendons.of((first, last))
     if not (first.balanced and taut.tendons):
         return False
-    first, last = (point.with_response(system.layout.clamped, taut.numbers) for point in (first, last))
+    first, last = (point.with_response(taut.numbers) for point in (first, last))
     from_end = last.load_response(system, ramp.apply(system, start)).times(-1.0)
     from_start = first.load_response(system, ramp.apply(system, end))
     tension = taut.tensions(last) - taut.tensions(first)

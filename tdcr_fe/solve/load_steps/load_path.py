@@ -79,7 +79,7 @@ class Ramp:
             tuple(_input_ramp(system, state, i) for i in range(len(system.robots))),
             tuple(
                 LoadRamp(item, before, item.value)
-                for item, before in zip(system.hooks.point_loads, state.loads, strict=True)
+                for item, before in zip(system.point_loads, state.loads, strict=True)
             ),
             start_time,
             end_time,
@@ -287,18 +287,22 @@ class LoadStepReport:
     unstable: bool = False
 
     @classmethod
-    def of(cls, path: SolvedPath) -> LoadStepReport:
-        """Report on a load step that was solved along a path."""
-        return cls(
-            path.iterations,
-            path.iterations + path.rejected,
-            path.substeps,
-            path.residual,
-            path.snapped,
-            path.presliding_factor,
-            path.refinement_error,
-            path.unstable,
-        )
+    def of(cls, *paths: SolvedPath) -> LoadStepReport:
+        """Report on a load step that was solved along a path; on the largest values where there are several."""
+        every = [
+            (
+                path.iterations,
+                path.iterations + path.rejected,
+                path.substeps,
+                path.residual,
+                path.snapped,
+                path.presliding_factor,
+                path.refinement_error,
+                path.unstable,
+            )
+            for path in paths
+        ]
+        return cls(*map(max, zip(*every, strict=True)))
 
 
 class StepFailed(Exception):

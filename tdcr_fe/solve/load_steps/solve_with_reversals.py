@@ -68,11 +68,11 @@ def follows_path(system: SceneSystem) -> bool:
 
 def is_steady(trial: Trial, linear: Linearization | None) -> bool:
     """Whether a substep is a whole load step without change of the loads in which all holes slip steadily."""
-    ramp, system = trial.solver.ramp, trial.solver.system
+    ramp = trial.solver.ramp
     if linear is None or trial.length != 1.0 or ramp.loads_change or ramp.nonlinear:
         return False
     result = trial.result if trial.predicted else trial.result._replace(predicted_slips=None)
-    return slips_steadily(trial.before, result, linear, system.layout.clamped)
+    return slips_steadily(trial.before, result, linear)
 
 
 def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:

@@ -55,7 +55,7 @@ def known_states(
     if not taut.holes.size:
         return None
     ramp, system = solver.ramp, solver.system
-    ready = [(x, point.with_response(system.layout.clamped, taut.numbers)) for x, point in states]
+    ready = [(x, point.with_response(taut.numbers)) for x, point in states]
     if not ramp.changes_beyond_inputs:
         return KnownStates(span, taut, tuple([InterpolationPoint(x, point) for x, point in ready]))
     # What is left of the change of the loads, seen from every state; from the last one, back to the start.

@@ -55,7 +55,7 @@ def unstable_motion(system: SceneSystem, residual: Residual) -> Array | None:
     except LinAlgError:
         return None
     free = np.ones(6 * system.layout.reduction.nodes, dtype=bool)
-    for base in system.layout.clamped:
+    for base in linear.numbering.clamped:
         free[base] = False
     scale = np.sqrt(np.tile(damping_of_node(1.0, system.length), system.layout.reduction.nodes)[free])
     compliance = scale[:, None] * _compliance(system, residual, linear, np.flatnonzero(free)) * scale
@@ -85,7 +85,7 @@ def _compliance(
     if numbering.has_friction:
         stuck = np.flatnonzero(np.abs(mobilisations(numbering, residual.state)) < 1.0)
         flexibility = numbering.at_frictional_holes([own.resting_flexibility for own in residual.forces])
-        coupling = FrictionCoupling.of(numbering, residual.forces, system.layout.clamped, linear.slack)
+        coupling = FrictionCoupling.of(numbering, residual.forces, linear.slack)
         response = coupling.response(linear.factorisation.solve, stuck, flexibility)
         held = np.linalg.solve(response.matrix[stuck], coupling.rows[stuck] @ moved)
         moved = moved + response.columns @ held

@@ -97,7 +97,7 @@ def newton(
     )
     trial = under_inputs(system, state, target)
     residual = system.residual(trial, target, solve.numbering)
-    if not system.clamps_are_closed(residual):
+    if not system.clamps_are_closed(residual.raw):
         system.release_clamps()
         solve = solve._replace(numbering=system.numbering(with_friction=not friction_fixed))
         residual = system.residual(trial, target, solve.numbering)

@@ -82,7 +82,7 @@ def predict(
         or not np.array_equal(unknowns(state, numbering), last.end)
     ):
         return None
-    step = linear.response(changes, system.layout.clamped)
+    step = linear.response(changes)
     slips = np.zeros(0)
     if numbering.has_friction:
         moved = slip_changes(numbering, linear.forces, step, changes)

@@ -19,7 +19,7 @@ from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import Numbering, zero_bases
-from tdcr_fe.solve.equations.linearization import BlockFactors, BorderedFactors, Linearization
+from tdcr_fe.solve.equations.linearization import BorderedFactors, Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 
 Array = NDArray[np.float64]
@@ -117,7 +117,6 @@ class FrictionCoupling(NamedTuple):
         cls,
         numbering: Numbering,
         forces: Sequence[TendonForces],
-        clamped: Sequence[slice],
         slack: Sequence[NDArray[np.bool_]],
     ) -> FrictionCoupling:
         """Assemble the derivatives of all robots.
@@ -126,8 +125,6 @@ class FrictionCoupling(NamedTuple):
         ----------
         numbering, forces
             As in `slip_residual`.
-        clamped
-            Unknowns of clamped bases.
         slack
             By robot, which of the tendons with prescribed displacement are slack.
         """
@@ -149,7 +146,7 @@ class FrictionCoupling(NamedTuple):
                 by_base[slack[part.robot]] = 0.0
                 columns[part.tensions, here] = by_base
                 rows[here, part.tensions] = by_tension[:, part.driven]
-        zero_bases(columns, clamped)
+        zero_bases(columns, numbering.clamped)
         return cls(columns, rows, own)
 
     def response(self, solve: Callable[[Array], Array], which: Index, flexibility: Array) -> FrictionResponse:
@@ -251,24 +248,8 @@ def full_step(
     slips = slip_residual(numbering, forces, state, fixed, softening)
     if all_keep_slipping(mobilised, slips.excess):
         return NewtonStep(_padded(fixed, numbering), linear, damping, slips.excess)
-    factors = linear.factorisation
-    if not isinstance(factors, BlockFactors):
-        coupling = FrictionCoupling.of(numbering, forces, system.layout.clamped, linear.slack)
-        change = friction_step(coupling, factors.solve, fixed, slips, mobilised)
-        return NewtonStep(change, linear, damping)
-    # Robots that nothing couples, driven by tension: each has a problem of its own.
-    change = _padded(fixed, numbering)
-    for part, block in zip(numbering.robots, factors.blocks, strict=True):
-        holes = slice(part.mobilisations.start - numbering.linear, part.mobilisations.stop - numbering.linear)
-        if not part.has_friction or all_keep_slipping(mobilised[holes], slips.excess[holes]):
-            continue
-        alone, bases = part.alone, system.layout.clamped[:0]
-        if part.robot in system.layout.clamps:
-            bases = (slice(0, 6),)
-        coupling = FrictionCoupling.of(alone, forces[part.robot : part.robot + 1], bases, ())
-        of_holes = SlipResidual(slips.excess[holes], slips.flexibility[holes])
-        own = friction_step(coupling, block.solve, fixed[part.nodes], of_holes, mobilised[holes])
-        change[part.nodes], change[part.mobilisations] = own[: alone.linear], own[alone.linear :]
+    coupling = FrictionCoupling.of(numbering, forces, linear.slack)
+    change = friction_step(coupling, linear.factorisation.solve, fixed, slips, mobilised)
     return NewtonStep(change, linear, damping)
 
 

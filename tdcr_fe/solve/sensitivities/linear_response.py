@@ -276,8 +276,7 @@ class SolvedPoint:
                 )
             ]
         )
-        clamped, slack = self.system.layout.clamped, self.linearization.slack
-        coupling = FrictionCoupling.of(numbering, self.forces, clamped, slack)
+        coupling = FrictionCoupling.of(numbering, self.forces, self.linearization.slack)
         which = np.flatnonzero(pick(self.sticking))
         response = coupling.response(
             self.linearization.factorisation.solve, which, pick([holes.end for holes in self.holes])
