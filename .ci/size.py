@@ -29,7 +29,7 @@ BUDGET = {
     "tdcr_fe/commands": 1026,
     "tdcr_fe/effects": 1360,
     "tdcr_fe/estimate": 995,
-    "tdcr_fe/identify": 6470,
+    "tdcr_fe/identify": 6536,
     "tdcr_fe/io": 1906,
     "tdcr_fe/live": 375,
     "tdcr_fe/model": 2737,
