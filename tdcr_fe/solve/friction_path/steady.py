@@ -17,9 +17,6 @@ Array = NDArray[np.float64]
 
 #: Slips below this fraction of the presliding distance are zero [1].
 SMALL = 1e-2
-#: Slips that differ by less than this fraction of themselves from those predicted from the start have the same
-#: direction all through [1]. With four times as much or as little, twenty random robots took the same iterations.
-PREDICTED = 0.5
 
 
 def slips_steadily(
@@ -29,10 +26,9 @@ def slips_steadily(
 ) -> bool:
     """Whether every hole of tendons under tension slips in one direction through a substep in which no load changes.
 
-    All of them slip at both ends, in the same direction, unless their tendon had no tension. Either the slips are about
-    those that the first iteration predicted from the start. Or the slip rates at the end, from the last linearisation,
-    have the direction of the friction, and so have those at the start, from these and the slips taken as parabolas of
-    the load factor. A substep in which no slip reverses is exact as a whole, see the module `reversals`.
+    All of them slip at both ends, in the same direction, unless their tendon had no tension. The slip rates at the end,
+    from the last linearisation, have the direction of the friction, and so have those at the start, from these and the
+    slips taken as parabolas of the load factor. A substep in which no slip reverses is exact as a whole.
 
     Parameters
     ----------
@@ -45,21 +41,8 @@ def slips_steadily(
     """
     if not _all_slip(before, result.state, linear) or _any_changes(before, result.state, linear):
         return False
-    predicted = result.predicted_slips
     none = SMALL * min(own.model.law.hysteresis.presliding for own in result.forces)
-    if predicted is not None and _as_predicted(predicted, before, result, linear, none):
-        return True
     return _rates_agree(before, result, linear, none)
-
-
-def _as_predicted(
-    predicted: Array, before: SolverState, result: NewtonResult, linear: Linearization, none: float
-) -> bool:
-    """Whether every slip of holes that keep their direction is about the one predicted from the start."""
-    after, pick = result.state, linear.numbering.at_frictional_holes
-    slips = pick([new.slip - old.slip for new, old in zip(after.friction, before.friction, strict=True)])
-    off = np.abs(predicted - slips) - PREDICTED * np.abs(slips)
-    return bool(off.max() <= none)
 
 
 def _rates_agree(

@@ -66,9 +66,9 @@ class Trial(NamedTuple):
     substeps: int  # Of the load step, if it is accepted and nothing is divided further
     result: NewtonResult
     linearization: Linearization | None  # With which its solution began
-    # Whether Newton's method began at its start. From a state near the solution, the first iteration predicts nothing
-    # about the way there.
-    predicted: bool = True
+    from_start: bool = (
+        True  # Whether Newton's method began at its start, and not at a state near the solution
+    )
     error: float = 0.0  # Largest displacement of a node that is not resolved of its path, over the length [1]
     rejected: int = 0  # Iterations of former solutions of the substep
     # Where it is to be divided because of its path, as a fraction of it; 0 where forces have to balance first
@@ -155,7 +155,7 @@ def solved(solver: SubstepSolver, progress: StepProgress, proposal: Proposal, ah
         near, linear = with_unknowns_of(proposal.warm_start, before), proposal.linearization
         result = solver.solve(near, proposal.end, linear, before)
         if result.converged:
-            return Trial(solver, progress, proposal.end, substeps, result, linear, predicted=False)
+            return Trial(solver, progress, proposal.end, substeps, result, linear, from_start=False)
         spent = result.iterations
     linear = progress.path.linearization
     result = solver.solve(before, proposal.end, linear, before)

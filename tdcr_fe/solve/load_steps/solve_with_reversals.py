@@ -45,7 +45,7 @@ def with_reversals(trial: Trial) -> Trial:
     system, result = trial.solver.system, trial.result
     if not system.numbering().has_friction or has_rates(system) or trial.length == 0.0:
         return trial
-    if trial.predicted and result.linearization is None:
+    if trial.from_start and result.linearization is None:
         # Nothing changes.
         return trial
     linear = result.linearization or trial.linearization
@@ -71,8 +71,7 @@ def is_steady(trial: Trial, linear: Linearization | None) -> bool:
     ramp = trial.solver.ramp
     if linear is None or trial.length != 1.0 or ramp.loads_change or ramp.nonlinear:
         return False
-    result = trial.result if trial.predicted else trial.result._replace(predicted_slips=None)
-    return slips_steadily(trial.before, result, linear)
+    return slips_steadily(trial.before, trial.result, linear)
 
 
 def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:

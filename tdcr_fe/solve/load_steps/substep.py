@@ -89,7 +89,7 @@ class SubstepSolver:
             if result.converged:
                 # Without any iteration, the linearisation is that of the step before.
                 near = result.linearization or linear
-                return result._replace(linearization=near, predicted_slips=first.slips), first.slope
+                return result._replace(linearization=near), first.slope
             spent = result.iterations
         result = newton(self.system, state, target, self.settings)
         return result._replace(iterations=result.iterations + spent), None

@@ -35,8 +35,6 @@ class NewtonResult(NamedTuple):
     forces: tuple[TendonForces, ...]  # By robot, in that state
     linearization: Linearization | None  # The last one; None if the initial state was a solution
     target: Target  # What was solved for
-    # (k,): Change of the slips predicted by the first iteration, where it has every hole keep slipping [m]
-    predicted_slips: Array | None = None
     unstable: bool = False  # Whether the solution is known to be unstable
 
     @property
@@ -149,7 +147,6 @@ class _Solve(NamedTuple):
             result = later._replace(
                 residuals=result.residuals + later.residuals,
                 iterations=result.iterations + later.iterations,
-                predicted_slips=None,
             )
         return result._replace(status=NewtonStatus.NO_CONTACT_STATE) if result.converged else result
 
@@ -159,16 +156,13 @@ class _Solve(NamedTuple):
         limit = 10 * settings.max_iterations if damped else settings.max_iterations
         residuals: list[float] = []
         step: NewtonStep | None = None
-        predicted = None
         damping = system.layout.scales.elastic_force * system.length if damped else None
 
         def end(status: NewtonStatus, unmet: Unmet | None = None) -> NewtonResult:
             linear = None if step is None else step.linearization
             final = self._committed(residual, linear) if status.converged else residual.state
             iterations, forces, target = len(residuals) - 1, residual.forces, residual.target
-            return NewtonResult(
-                status, final, tuple(residuals), iterations, unmet, forces, linear, target, predicted
-            )
+            return NewtonResult(status, final, tuple(residuals), iterations, unmet, forces, linear, target)
 
         while True:
             residuals.append(residual.size)
@@ -187,8 +181,6 @@ class _Solve(NamedTuple):
                     damping = step.damping
             except np.linalg.LinAlgError:
                 return end(NewtonStatus.SINGULAR)
-            if len(residuals) == 1:
-                predicted = step.slips
             before = residual.size
             trial = advanced(system, residual.state, step, numbering, settings.max_turn)
             # Newton's steps are taken with the contact of their start, a damped motion opens and closes it on its way.

@@ -38,7 +38,6 @@ class Prediction(NamedTuple):
     slope: (
         Array  # Derivative of the unknowns at the beginning of the step, times its length, see `SolvedStep`
     )
-    slips: Array  # (k,): That of the slips [m]
 
 
 def predict(
@@ -83,7 +82,6 @@ def predict(
     ):
         return None
     step = linear.response(changes)
-    slips = np.zeros(0)
     if numbering.has_friction:
         moved = slip_changes(numbering, linear.forces, step, changes)
         slips = numbering.at_frictional_holes(moved)
@@ -94,7 +92,7 @@ def predict(
     if float(np.abs(bend).max()) > MOST_CURVED * float(np.abs(slope).max()):
         return None
     there = _moved(system, state, slope + bend, settings.max_turn)
-    return None if there is None else Prediction(there, slope, slips)
+    return None if there is None else Prediction(there, slope)
 
 
 def _length_of(last: SolvedStep, loading: Array) -> float | None:

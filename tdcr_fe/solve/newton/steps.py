@@ -231,8 +231,6 @@ class NewtonStep(NamedTuple):
     change: Array  # (total,)
     linearization: Linearization  # The linearisation used
     damping: float = 0.0  # Damping used [N m]
-    # (k,): Slip residual after the step at fixed friction, where every hole keeps slipping in its direction [m]
-    slips: Array | None = None
 
 
 def full_step(
@@ -247,7 +245,7 @@ def full_step(
     mobilised = mobilisations(numbering, state)
     slips = slip_residual(numbering, forces, state, fixed, softening)
     if all_keep_slipping(mobilised, slips.excess):
-        return NewtonStep(_padded(fixed, numbering), linear, damping, slips.excess)
+        return NewtonStep(_padded(fixed, numbering), linear, damping)
     coupling = FrictionCoupling.of(numbering, forces, linear.slack)
     change = friction_step(coupling, linear.factorisation.solve, fixed, slips, mobilised)
     return NewtonStep(change, linear, damping)
