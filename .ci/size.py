@@ -35,7 +35,7 @@ BUDGET = {
     "tdcr_fe/model": 2737,
     "tdcr_fe/report": 1226,
     "tdcr_fe/scene": 1488,
-    "tdcr_fe/solve": 7621,
+    "tdcr_fe/solve": 7601,
     "tdcr_fe/sweeps": 1477,
     "validation": 7140,
     "tests": 16239,
