@@ -63,11 +63,11 @@ class Search:
         return self.settings.significance
 
     def is_noise(self, problem: FitProblem, fit: Fit) -> bool:
-        """Whether a model leaves noise."""
+        """Whether a model leaves nothing but noise."""
         return residual_is_noise(problem, fit, self.significance)
 
     def explained(self, state: SearchState) -> bool:
-        """Whether the best model leaves noise."""
+        """Whether the best model leaves nothing but noise."""
         return self.is_noise(state.problem, state.best)
 
 
@@ -76,9 +76,8 @@ class SearchState:
     """State of the search; every stage returns a new one."""
 
     problem: FitProblem
-    # The declared model, and the best so far
-    declared: Fit
-    best: Fit
+    declared: Fit  # the model as it was declared
+    best: Fit  # the best model so far
     fits: Mapping[Names, Fit]  # every model that was fitted, by the names of its effects
     # Scores of candidates beside a model, and that model as a reference for fits
     scores: Mapping[Names, tuple[list[Score], Fit]] = field(default_factory=dict)
@@ -161,7 +160,7 @@ def in_time(state: SearchState, stage: Stage, what: str) -> Stage:
 
 
 def cut_short(search: Search, state: SearchState, part: str) -> SearchState:
-    """With a part noted as not tried where its fits ended with the time, more than noise is left, and none is noted."""
+    """With a part noted as not tried if time ran out, more than noise is left, and nothing that could explain it is."""
     if not search.out_of_time or search.explained(state):
         return state
     return state.without_trying(part) if MAY_EXPLAIN.isdisjoint(state.not_tried) else state
@@ -174,7 +173,10 @@ def parent_of(state: SearchState, fit: Fit) -> Fit:
 
 
 def refined(state: SearchState) -> SearchState:
-    """Refine the discretisation at the best model, and evaluate its fits again; with its covariance of the readings."""
+    """Refine the discretisation at the best model, with its covariance of the readings.
+
+    The best model is fitted again. The residuals of all others are shifted by the correction of the best one.
+    """
     state = _reweighted(state)
     threshold = min(state.problem.robust_threshold, robust_threshold(state.best.residual))
     problem = replace(state.problem, robust_threshold=threshold)
@@ -187,16 +189,16 @@ def refined(state: SearchState) -> SearchState:
         run = refined_run
     changed = run is not before.run
     if changed:
-        # Along the path of that run it is repeated with derivatives at a small cost.
+        # The run is repeated along its known path, which makes the derivatives cheap.
         start = fit_of_run(problem, before.effects, before.values, run)
         fitted = fitting.evaluated(problem, before.effects, before.values, before.free, start)
         (again,) = fitting.run_fits(problem, [fitted])
     else:
-        again = _recounted(problem, before, problem.correction - correction)
+        again = _shifted(problem, before, problem.correction - correction)
     if not again.solved:
         return state.with_history("on a finer mesh the best model is not solved; it stays as it was")
     shift = again.residual - before.residual
-    fits = {key: _recounted(problem, old, shift) for key, old in state.fits.items()}
+    fits = {key: _shifted(problem, old, shift) for key, old in state.fits.items()}
     (best,) = fitting.run_fits(problem, [fitting.finish(problem, again, fitting.Race())])
     fits[frozenset(best.names)] = best
     declared = fits[frozenset()]
@@ -213,22 +215,24 @@ def _reweighted(state: SearchState) -> SearchState:
         return state
     problem = with_input_sigma(old, best.effects, best.values)
 
-    def again(x: Array) -> Array:
+    def rewhitened(x: Array) -> Array:
         return problem.whitened((old.lengths(x).T / old.sigma).T)
 
-    problem = replace(problem, correction=again(old.correction))
+    problem = replace(problem, correction=rewhitened(old.correction))
 
     def changed(fit: Fit) -> Fit:
-        path = None if fit.path_residual is None else again(fit.path_residual)
-        moved = replace(fit, residual=again(fit.residual), jacobian=again(fit.jacobian), path_residual=path)
-        return _recounted(problem, moved, np.zeros(problem.count))
+        path = None if fit.path_residual is None else rewhitened(fit.path_residual)
+        moved = replace(
+            fit, residual=rewhitened(fit.residual), jacobian=rewhitened(fit.jacobian), path_residual=path
+        )
+        return _shifted(problem, moved, np.zeros(problem.count))
 
     fits = {key: changed(fit) for key, fit in state.fits.items()}
     declared, best = fits[frozenset()], fits[frozenset(best.names)]
     return replace(state, problem=problem, declared=declared, best=best, fits=fits, scores={})
 
 
-def _recounted(problem: FitProblem, fit: Fit, shift: Array) -> Fit:
+def _shifted(problem: FitProblem, fit: Fit, shift: Array) -> Fit:
     """A fit with its residual shifted, and its cost by the measures of a problem."""
     r = fit.residual + shift
     cost, held_cost = problem.cost(r)
@@ -257,8 +261,8 @@ def listed_names(names: Sequence[str]) -> str:
 def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
     """Probabilities of all models that were fitted, from their evidence; those below one in a million are left out.
 
-    Models that make the same predictions as the best one are the same explanation: theirs is its own. What is missing
-    to one is the probability of one cause that is not in the dictionary, where the best model has several.
+    Models that make the same predictions as the best one are the same explanation: their weight counts for it. Where
+    the best model has several causes, the rest up to 1 is the probability of one cause that is not in the dictionary.
     """
     problem = state.problem
     noise = effective_noise(problem, state.best, search.significance)

@@ -206,7 +206,7 @@ def _explainable(result: IdentificationResult) -> list[str]:
         return []
     return [
         f"On the held-out steps a Gaussian-process regression of the residual, which knows no mechanics, leaves "
-        f"{size(result.ceiling)}: about as much as any effect can explain."
+        f"{size(result.ceiling)}. A model may leave less where steps have no neighbours among the fitted ones."
     ]
 
 
