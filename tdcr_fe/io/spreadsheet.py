@@ -17,7 +17,7 @@ _DECIMAL = {mark: re.compile(rf"(?=.*\d)[+-]?\d*\{mark}\d*([eE][+-]?\d+)?") for 
 
 
 def read_table(path: str | os.PathLike[str]) -> pd.DataFrame:
-    """A table as texts; numbers come with a decimal point.
+    """A table as texts; where semicolons or tabs separate the cells, decimal commas become points.
 
     Parameters
     ----------
@@ -59,11 +59,13 @@ def read_table(path: str | os.PathLike[str]) -> pd.DataFrame:
     for line, cells in rows.items():
         if any(cells[len(names) :]):
             text = f"has {len(cells)} cells; the header has {len(names)}"
-            hint = "; where these are decimal commas, separate the cells by semicolons" * (delimiter == ",")
+            hint = "; where these are decimal commas, separate the cells by semicolons or tabs" * (
+                delimiter == ","
+            )
             raise refusal(path, text + hint, f"line {line}")
     equal = [(row + [""] * len(names))[: len(names)] for row in rows.values()]
     table = pd.DataFrame(equal, columns=names, index=pd.Index(rows, name="line"), dtype=object)
-    return _with_points(path, table) if delimiter == ";" else table
+    return table if delimiter == "," else _with_points(path, table)
 
 
 def number(text: str) -> float:
