@@ -8,8 +8,8 @@ hole is known exactly. They are sought as ``x0 + P v``, so that ``P`` is never i
 and the step of Gauss and Newton leads to ``v = H' (H P H' + R)^-1 (y - h + H P v)``, the iterated Kalman filter (B. M.
 Bell, F. W. Cathey, IEEE Trans. Autom. Control 38 (1993) 294-297).
 
-`scipy.optimize.least_squares` solves 5.6 states a frame in place of 4.9 on the problem of the campaign ``estimate``:
-its first step is at most one standard deviation long, and it solves one more state to see that it has converged.
+`scipy.optimize.least_squares` solves more states a frame on the problem of the campaign ``estimate``: its first step is
+at most one standard deviation long, and it solves one more state to see that it has converged.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: First radius of the trust region, and the smallest [standard deviations].
+#: First radius of the trust region, and the smallest [standard deviations]. With a first one of 3, 5 and 10, there were
+#: 1, 3 and 12 of 300 frames that were not solved, with tensions known to 0.1 N; with 1.5 and 2 there was none.
 FIRST_RADIUS, LEAST_RADIUS = 2.0, 1e-3
 #: The iteration has converged where the linear model could lower the misfit by less than this [1].
 CONVERGED_GAIN = 0.02

@@ -251,17 +251,15 @@ def _inputs(problem: FitProblem) -> list[Cause]:
             at = kind._replace(where=f"tendon {p.name}")
             found.append(ChangedDescription(f"{name} ({p.name})", at, (p,), law(change), f"{text}: {p.name}"))
     rows = range(3, len(actions) - 2) if clock and not problem.data.parts else ()
-    progress, jumps = (
-        _progress(problem.data.steps),
-        ("the zero of an input jumps", math.log(len(actions) * len(driven))),
-    )
+    progress, jumps = _progress(problem.data.steps), "the zero of an input jumps"
+    chosen = math.log(len(actions) * len(driven))
     for i, k in itertools.product(driven, rows):
         where = f"tendon {names[i]}, from row {problem.data.step_ids[k]} on"
         one = number(names[i], unit, (-most, most), 0.0, 0.01 * most)
         change = law(_from(float(progress[k])))
         found.append(
             ChangedDescription(
-                f"jump of the input ({where})", Kind("input", ("row",), where), (one,), change, *jumps
+                f"jump of the input ({where})", Kind("input", ("row",), where), (one,), change, jumps, chosen
             )
         )
     return found

@@ -395,17 +395,12 @@ class SceneSystem:
 
     def _factors_of_robot(self, residual: Residual, damping: float) -> Factors:
         """Factors of the tangent at fixed tensions of one robot, from its elements."""
-        layout, own, (band,), clamped = (
-            self.layout,
-            residual.forces[0],
-            self.layout.bands,
-            0 in self.layout.clamps,
-        )
+        (own,), (band,) = residual.forces, self.layout.bands
         backbone = backbone_tangent(residual, damping, self.length)
         if band is not None and own.has_hole_slopes:
-            return BandFactors.of(band.assemble(backbone, own, clamped), band)
+            return BandFactors.of(band.assemble(backbone, own, 0 in self.layout.clamps), band)
         k = robot_tangent(backbone, own)
-        hold(k, layout.clamped)
+        hold(k, self.layout.clamped)
         return DenseFactors.of(k)
 
     def _factors_of_scene(self, residual: Residual, numbering: Numbering, damping: float) -> Factors:

@@ -66,9 +66,8 @@ class Trial(NamedTuple):
     substeps: int  # Of the load step, if it is accepted and nothing is divided further
     result: NewtonResult
     linearization: Linearization | None  # With which its solution began
-    from_start: bool = (
-        True  # Whether Newton's method began at its start, and not at a state near the solution
-    )
+    # Whether Newton's method began at its start, and not at a state near the solution
+    from_start: bool = True
     error: float = 0.0  # Largest displacement of a node that is not resolved of its path, over the length [1]
     rejected: int = 0  # Iterations of former solutions of the substep
     # Where it is to be divided because of its path, as a fraction of it; 0 where forces have to balance first
