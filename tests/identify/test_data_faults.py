@@ -157,6 +157,21 @@ def test_exchanged_curvatures_are_named(clean):
     assert "x = curvature_y, y = curvature_x" in fault_of(replace(clean, readings=tuple(read)))
 
 
+@pytest.mark.parametrize(("sign", "words"), [(-1.0, "if displacements have the opposite sign"), (1.0, "")])
+def test_displacements_driven_with_the_other_sign_are_named_beside_their_errors(sign, words):
+    """Errors of 50 um at the motors leave more than the noise of the markers, whichever the sign is."""
+    angles = np.linspace(0.0, 9.0, 16)
+    pulls = 2e-3 + 1.5e-3 * np.sin(angles / 3.0)[:, None] * np.stack((np.cos(angles), np.sin(angles)), axis=1)
+    noise = np.random.default_rng(1).normal(0.0, 5e-5, pulls.shape)
+    true, given = (
+        [LoadStep(displacements={"t1": float(a), "t2": float(b)}) for a, b in x]
+        for x in (pulls + noise, sign * pulls)
+    )
+    data = data_of(given, positions(Experiment(ROBOT, replace(MODEL, elements_per_bay=4), tuple(true))))
+    found = fault_of(data)
+    assert words in found and bool(words) == bool(found)
+
+
 @pytest.mark.parametrize("model", [MODEL, FRICTIONAL])
 def test_tendons_exchanged_from_some_row_on_are_named(model):
     """The rows before fit to the noise: a search found effects that were not there. Step 7 pulls one tendon alone."""
