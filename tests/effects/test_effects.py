@@ -107,15 +107,6 @@ def _same(a, b):
     return a.observation == b.observation and (described or np.allclose(tip(a), tip(b), atol=1e-12))
 
 
-def test_unknown_names_and_values_out_of_bounds_are_refused():
-    with pytest.raises(KeyError, match="there are"):
-        with_effect(setup(), "magic", x=1.0)
-    with pytest.raises(ValueError, match="it has mu"):
-        with_effect(setup(), "friction_coefficient", nu=1.0)
-    with pytest.raises(ValueError, match=r"from 0\.3 to 1"):
-        with_effect(setup(), "actuator_loss", efficiency=2.0)
-
-
 # ------------------------------------------------------------------------------------------- before the base
 
 

@@ -124,21 +124,6 @@ def test_an_effect_at_a_fixed_place_is_the_listed_one_there(e):
     assert set(e.spread(DECLARED.robot, place)) == set(e.place_names)
 
 
-def test_a_place_that_is_not_there_is_refused_by_name():
-    for name, values, text in (
-        ("soft_bay", {"s": 0.3, "factor": 0.5}, "s = 0.3 m is not on the backbone"),
-        ("side_spring", {"s": 0.3, "stiffness": 1.0}, "at most 0.25 m"),
-        ("stuck_hole", {"tendon": 1, "s": 0.1}, "no hole there; the nearest is at 0.0961538 m"),
-        ("stuck_hole", {"tendon": 7, "s": 0.1}, "the robot has 3"),
-    ):
-        with pytest.raises(ValueError, match=text):
-            with_effect(DECLARED, name, **values)
-    with pytest.raises(ValueError, match=r"tendons\[0\].tight_holes\[0\].at: 0.1; must be at a disk"):
-        three().with_tendons(names=["t1"], tight_holes=(TightHole(0.1, 1.0),))
-    with pytest.raises(ValueError, match="beyond the tip"):
-        replace(three(), springs=(SideSpring(0.3, 1.0),))
-
-
 def test_a_spring_at_a_disk_is_solved_without_any_load():
     """The banded tangent of a robot alone had no springs: such a robot did not converge; loads hid it."""
     robot = three(0.3)

@@ -181,28 +181,3 @@ def test_a_known_load_acts_besides():
         found = own.step(step, readings)
         distance = np.abs(found.force) / np.sqrt(np.diagonal(found.force_covariance))
         assert distance.max() < 3.0 if known else distance[0] > 10.0
-
-
-@pytest.mark.parametrize(
-    ("step", "readings", "text"),
-    [
-        (tdcr.LoadStep(), (), "time = None: must be given"),
-        (
-            tdcr.LoadStep(time=0.0),
-            (tdcr.Reading(1, "position_x", LENGTH, 0.0),),
-            "position_x: needs a standard",
-        ),
-    ],
-)
-def test_a_frame_needs_a_time_and_readings_a_standard_deviation(step, readings, text):
-    with pytest.raises(ValueError, match=text):
-        estimator().step(step, readings)
-
-
-def test_priors_that_do_not_fit_the_robot_are_refused():
-    with pytest.raises(ValueError, match="at most the length"):
-        estimator(load=tdcr.LoadPrior(at=0.3))
-    with pytest.raises(ValueError, match="must name helix, t180, t270, t0"):
-        estimator(inputs=tdcr.InputPrior(sigma={"helix": 0.1}))
-    with pytest.raises(ValueError, match="sigma = 0"):
-        tdcr.LoadPrior(sigma=0.0)

@@ -22,7 +22,6 @@ from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, TDCR
 from tdcr_fe.model.plausibility import plausibility, strain_warnings, understood
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, PointsRouting
-from tdcr_fe.model.targets import TensionLimits
 from tdcr_fe.model.tendon import Spool, Tendon
 from tdcr_fe.validation.crosscheck import cases as crosscheck
 from tdcr_fe.validation.paper import cases as paper_cases
@@ -185,22 +184,11 @@ def test_a_failure_names_the_implausible_input_and_no_smaller_load_steps():
     assert "Check the input first: backbone.youngs_modulus = 200000 Pa" in result.message
 
 
-def test_a_target_in_millimetres_is_refused():
-    """It was "out of reach" after a long search."""
-    with pytest.raises(ValueError, match=r"targets\[0\].position = 196.122 m: .* was it meant in mm\?"):
-        tdcr_fe.follow_path(WIRE, Model(), [[40.0, 0.0, 192.0]], TensionLimits(10.0))
-
-
 def test_largest_tensions_in_grams_are_warned_of():
     """The search among them took minutes without a word."""
     (found,) = plausibility(WIRE, Model(), [], [], [510.0, 510.0, 510.0]).warnings
     assert found.startswith("largest tension of t1 = 510 N: strains the backbone by") and "gf?" in found
     assert plausibility(WIRE, Model(), [], [], [5.0, 5.0, 5.0]) == ([], [])
-
-
-def test_a_clearance_wider_than_the_disk_is_refused():
-    with pytest.raises(ValueError, match=r"tendons\[0\].clearance: 0.1; .*radius 0.008 m"):
-        wire(clearance=0.1)
 
 
 def test_warnings_reach_the_caller_in_python():

@@ -83,12 +83,3 @@ def test_the_platform_that_gives_way_is_in_the_derivative(field):
     h = 1e-4
     expected = (tips(1.0 + h) - tips(1.0 - h)) / (2.0 * h * value)
     assert np.abs(found - expected).max() < 1e-5 * np.abs(expected).max()
-
-
-def test_what_a_scene_cannot_differentiate_is_refused():
-    _container, _mbs, arm = scene(three(0.3))
-    for name in ("steps[0].tensions.t1", "effects.actuator_gain.gain"):
-        with pytest.raises(ValueError):
-            track_sensitivities(arm, [name])
-    with pytest.raises(ValueError, match="creeps"):
-        track_sensitivities(scene(three(0.3).with_backbone(creep_rate=0.1))[2], ["backbone.radius"])

@@ -108,23 +108,6 @@ def test_bays_are_twentieths_and_every_end_of_a_tendon_has_a_node():
     assert len(TENTACLE.bay_edges) == 21
 
 
-def test_a_straight_path_without_disks_is_refused_by_name():
-    with pytest.raises(ValueError, match=r'model\.tendon_path = "straight".*follow the backbone'):
-        simulate(TENTACLE, Model(), STEPS)
-
-
-@pytest.mark.parametrize(
-    ("change", "text"),
-    [
-        ({"end": 0.31}, r"tendons\[0\]\.end: 0\.31; beyond the tip"),
-        ({"clearance": 1e-3}, r"tendons\[0\]\.clearance: given; a robot without disks has no holes"),
-    ],
-)
-def test_what_needs_holes_is_refused_by_name(change, text):
-    with pytest.raises(ValueError, match=text):
-        TENTACLE.with_tendons(["a"], **change)
-
-
 # ------------------------------------------------------------ taper
 
 

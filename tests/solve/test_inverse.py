@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from robots import BACKBONE, LENGTH, tendon, three
@@ -182,35 +180,6 @@ def test_neighbours_on_a_circle_have_neighbouring_tensions(height):
         assert all(x.reached for x in found.targets) and found.errors.max() < 1e-6
     else:
         assert found.errors.max() < found.errors.min() + 1e-5
-
-
-ONE = TensionLimits(1.0)
-
-
-@pytest.mark.parametrize(
-    ("target", "limits", "options", "words"),
-    [
-        (None, TensionLimits(1.0, 2.0), {}, "above the largest tension"),
-        (None, TensionLimits(1.0, {"t9": 0.1}), {}, "unknown tendon t9"),
-        (None, TensionLimits({"t1": 1.0}), {}, "tendon t2 is missing"),
-        (None, TensionLimits(np.inf), {}, "zero or more"),
-        (None, ONE, {"drive_by": "displacement"}, "needs a pretension above zero"),
-        (None, ONE, {"tolerance": 0.0}, "above zero"),
-        (None, 3.0, {}, "TensionLimits"),
-        ([1.0, 2.0], ONE, {}, r"shape \(n, 3\)"),
-        ([0.0, np.nan, 0.2], ONE, {}, "must be"),
-    ],
-)
-def test_bounds_and_targets_that_make_no_sense_are_refused(target, limits, options, words):
-    robot, model = CASES["no friction"]
-    with pytest.raises((ValueError, TypeError), match=words):
-        follow_path(robot, model, [target or [0.0, 0.0, 0.2]], limits, **options)
-    with pytest.raises(ValueError, match="no tendons"):
-        reach(replace(robot, tendons=()), model, (0.0, 0.0, 0.2), ONE)
-    with pytest.raises(ValueError, match="must not be zero"):
-        TipTarget((0.0, 0.0, 0.2), (0.0, 0.0, 0.0))
-    with pytest.raises(ValueError, match="must be"):
-        TipTarget((None, None, None))
 
 
 def test_ctrl_c_is_raised_again_with_the_targets_before_it():

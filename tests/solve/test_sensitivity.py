@@ -332,23 +332,3 @@ def test_inputs_of_the_step_keep_what_was_before() -> None:
     a, b = found["loads.tip.force_y"], found["steps[1].loads.tip.force[1]"]
     assert np.allclose(a.positions[1], b.positions[1], rtol=1e-6, atol=1e-9)
     assert np.all(found["steps[3].tensions.t1"].positions[:3] == 0.0)
-
-
-def test_what_has_no_derivative_is_refused_by_name() -> None:
-    experiment = EXPERIMENTS["per hole"]
-    for name, text in {
-        "backbone.youngs_modulu": "names no number",
-        "tendons.t1.axial_stiffness": "inextensible",
-        "effects.rigid_disks.thickness": "the mesh has other nodes",
-        "effects.frame_misalignment.rot_x": "measurement only",
-        "disks.positions[4]": "at the tip",
-        "loads.nowhere.force_x": "no step names the load",
-        "steps[0].substeps": "names no number",
-        "inputs.t9": "names no number",
-    }.items():
-        with pytest.raises(ValueError, match=text):
-            run(experiment, [name])
-    with pytest.raises(TypeError, match="must be a list of names"):
-        run(experiment, "backbone.radius")
-    with pytest.raises(ValueError, match="named twice"):
-        run(experiment, ["backbone.radius", "backbone.radius"])

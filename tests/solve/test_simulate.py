@@ -122,11 +122,6 @@ def test_a_load_that_cannot_be_reached_keeps_what_was_solved_and_names_the_step(
         assert word in result.message
 
 
-def test_classical_tendons_with_friction_are_refused():
-    with pytest.raises(ValueError, match="no friction"):
-        simulate(paper(0.3), Model(tendon_path="continuous", friction="per-hole"), pull(1.0))
-
-
 def test_a_result_holds_what_acted_in_each_step():
     """Inputs and loads at the end of the step, those carried over from earlier steps included."""
     robot = paper()

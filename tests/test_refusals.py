@@ -1,0 +1,149 @@
+"""What is refused: every wrong value is named, with what is allowed. Mistakes in files are in tests/io."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robots import BACKBONE, DISKS, paper, scene, three
+
+import tdcr_fe as tdcr
+from tdcr_fe import (
+    Backbone,
+    InputPrior,
+    Load,
+    LoadPrior,
+    LoadStep,
+    Model,
+    Robot,
+    Tendon,
+    TensionLimits,
+)
+from tdcr_fe.effects import Experiment, with_effect
+from tdcr_fe.model.robot import SideSpring
+from tdcr_fe.model.tendon import TightHole
+from tdcr_fe.sweeps.description import Range
+from tdcr_fe.sweeps.sampling import LogNormal, Normal, Uniform
+from tdcr_fe.validation.reference import ReferenceSettings
+
+NAN = float("nan")
+PARALLEL = tdcr.ParallelRouting(4e-3)
+FREE = Model(friction="none")
+CONTINUOUS = Model("continuous", "none")
+SOFT = Robot(Backbone(0.3, 12e-3, 0.4e6, 0.45), tendons=(Tendon("a", tdcr.ConvergingRouting(9e-3, 3e-3)),))
+PULL = [LoadStep(tensions={"t1": 1.0})]
+ABOVE = [[0.0, 0.0, 0.2]]
+ONE = TensionLimits(1.0)
+
+
+def patched(start, end):
+    return Robot(replace(BACKBONE, patches=(tdcr.StiffnessPatch(start, end),)), DISKS)
+
+
+def changed(name, **values):
+    return with_effect(Experiment(three(0.2), Model(), tuple(PULL)), name, **values)
+
+
+def follow(limits=ONE, targets=ABOVE, robot=None, **options):
+    return tdcr.follow_path(robot or three(), FREE, targets, limits, **options)
+
+
+def estimator(load=None, inputs=None):
+    return tdcr.Estimator(three(), Model(), load or LoadPrior(), inputs or InputPrior(0.01))
+
+
+def differentiated(*names):
+    return tdcr.simulate(three(0.2), Model(elements_per_bay=1), PULL, sensitivities=list(names))
+
+
+def tracked(name, **backbone):
+    return tdcr.track_sensitivities(scene(three(0.2).with_backbone(**backbone))[2], [name])
+
+
+DESCRIPTIONS = [
+    (lambda: replace(BACKBONE, precurvature=(0.0, NAN)), r"Backbone.precurvature\[1\] = .*two finite numbers \[1/m\]"),
+    (lambda: Backbone("0.25", 0.4e-3, 85e9, 0.3), r'Backbone.length = "0.25": must be a positive number \[m\]'),
+    (lambda: patched(0.1, 0.3), r"patches\[0\].end: 0.3; beyond the tip; at most 0.25 m"),  # accepted in 0.1
+    (lambda: patched(0.1, 0.1), r"patches\[0\].end: 0.1; must be above start"),
+    (lambda: Robot(BACKBONE, DISKS, ([1],)), r"Robot.tendons\[0\] = \[1\]: must be of type Tendon"),
+    (lambda: Robot(BACKBONE, DISKS, Tendon("t", PARALLEL)), r"Robot.tendons = .*: must be a sequence of Tendon"),
+    (lambda: Tendon("t", PARALLEL, -0.1, adhesion=-1.0), "friction_coefficient = -0.1.*\n*.*adhesion = -1.0"),
+    (lambda: three().with_disks(radius=8e-3).with_tendons(clearance=0.1), r"tendons\[0\].clearance: 0.1; .*0.008 m"),
+    (lambda: three().with_tendons(pretension=0.5), r"tendons\[0\].pretension: 0.5; needs an elastic tendon"),
+    (lambda: three().with_tendons(tight_holes=(TightHole(0.1, 1.0),)), r"tight_holes\[0\].at: 0.1; must be at a disk"),
+    (lambda: replace(three(), springs=(SideSpring(0.3, 1.0),)), "beyond the tip"),
+    (lambda: SOFT.with_tendons(["a"], end=0.31), r"tendons\[0\].end: 0.31; beyond the tip"),
+    (lambda: SOFT.with_tendons(["a"], clearance=1e-3), r"clearance: given; a robot without disks has no holes"),
+    (lambda: Model(gravity=(0.0, 0.0, NAN)), r"Model.gravity\[2\] = .*three finite numbers"),
+    (lambda: Model(tendon_path="curved"), 'tendon_path = "curved": must be "straight" or "continuous"'),
+    (lambda: Model(elements_per_bay=0), 'elements_per_bay = 0: must be "auto" or a whole number from 1 to 64'),
+    (lambda: Model(elements_per_bay=1000), "elements_per_bay = 1000"),
+    (lambda: Model(friction="sticky"), 'friction = "sticky"'),
+    (lambda: Model("continuous", "per-tendon"), "has no friction"),
+    (lambda: LoadStep(tensions={"t1": NAN}), "LoadStep.tensions.t1 = .*zero or more"),
+    (lambda: Uniform(2.0, 1.0), "lower must be below upper"),
+    (lambda: Uniform(0.0, NAN), "must be a finite number"),
+    (lambda: Normal(0.0, -1.0), "must be a positive number"),
+    (lambda: Normal(0.0, 1.0, lower=40.0), "leave out the whole distribution"),
+    (lambda: LogNormal(-1.0, 0.1), "must be a positive number"),
+    (lambda: Range(-1.0, 1.0, 3, "logarithmic"), "both positive or both negative"),
+    (lambda: ReferenceSettings(substeps=0), "substeps = 0"),
+    (lambda: ReferenceSettings(presliding=0), "presliding = 0"),
+]  # fmt: skip
+EFFECTS = [
+    (lambda: changed("magic", x=1.0), "there are"),
+    (lambda: changed("friction_coefficient", nu=1.0), "it has mu"),
+    (lambda: changed("actuator_loss", efficiency=2.0), r"from 0\.3 to 1"),
+    (lambda: changed("pretension", tension=1.5), "no tendon is elastic"),
+    (lambda: changed("time_lag", lag=0.1), "needs a time in every step"),
+    (lambda: changed("soft_bay", s=0.3, factor=0.5), "s = 0.3 m is not on the backbone"),
+    (lambda: changed("side_spring", s=0.3, stiffness=1.0), "at most 0.25 m"),
+    (lambda: changed("stuck_hole", tendon=1, s=0.1), "no hole there; the nearest is at 0.0961538 m"),
+    (lambda: changed("stuck_hole", tendon=7, s=0.1), "the robot has 3"),
+]
+SOLVES = [
+    (lambda: tdcr.simulate(three(), Model(), [LoadStep("", {"x": 1.0})]), r"steps\[0\].tensions.x = .* unknown tendon"),
+    (lambda: tdcr.simulate(three(), Model(), [LoadStep("", {"t1": 1.0}, {"t1": 1e-3})]), "a tension in the same step"),
+    (lambda: tdcr.simulate(three(), Model(), [LoadStep(loads={"far": Load(0.3)})]), "0.25 m"),
+    (lambda: tdcr.simulate(three(), Model(elements_per_bay=(1, 2)), PULL), "elements_per_bay"),
+    (lambda: tdcr.simulate(SOFT, Model(), [LoadStep()]), r'model\.tendon_path = "straight".*follow the backbone'),
+    (lambda: tdcr.simulate(replace(three(), base_stiffness=0.5), CONTINUOUS, PULL), "pass no base that gives way"),
+    (lambda: differentiated("backbone.youngs_modulu"), "names no number"),
+    (lambda: differentiated("tendons.t1.axial_stiffness"), "inextensible"),
+    (lambda: differentiated("effects.rigid_disks.thickness"), "the mesh has other nodes"),
+    (lambda: differentiated("effects.frame_misalignment.rot_x"), "measurement only"),
+    (lambda: differentiated("disks.positions[12]"), "at the tip"),
+    (lambda: differentiated("loads.nowhere.force_x"), "no step names the load"),
+    (lambda: differentiated("steps[0].substeps"), "names no number"),
+    (lambda: differentiated("inputs.t9"), "names no number"),
+    (lambda: differentiated("backbone.radius", "backbone.radius"), "named twice"),
+    (lambda: tdcr.simulate(three(), Model(), PULL, sensitivities="backbone.radius"), "must be a list of names"),
+    (lambda: tracked("steps[0].tensions.t1"), "names no number"),
+    (lambda: tracked("effects.actuator_gain.gain"), "a scene has no load steps"),
+    (lambda: tracked("backbone.radius", creep_rate=0.1), "creeps"),
+    (lambda: follow(TensionLimits(1.0, 2.0)), "above the largest tension"),
+    (lambda: follow(TensionLimits(1.0, {"t9": 0.1})), "unknown tendon t9"),
+    (lambda: follow(TensionLimits({"t1": 1.0})), "tendon t2 is missing"),
+    (lambda: follow(TensionLimits(np.inf)), "zero or more"),
+    (lambda: follow(3.0), "TensionLimits"),
+    (lambda: follow(drive_by="displacement"), "needs a pretension above zero"),
+    (lambda: follow(tolerance=0.0), "above zero"),
+    (lambda: follow(targets=[[1.0, 2.0]]), r"shape \(n, 3\)"),
+    (lambda: follow(targets=[[0.0, NAN, 0.2]]), "must be"),
+    (lambda: follow(targets=[[40.0, 0.0, 192.0]]), r"targets\[0\].position = 196.122 m: .* was it meant in mm\?"),
+    (lambda: follow(robot=replace(paper(), tendons=())), "no tendons"),
+    (lambda: tdcr.TipTarget((0.0, 0.0, 0.2), (0.0, 0.0, 0.0)), "must not be zero"),
+    (lambda: tdcr.TipTarget((None, None, None)), "must be"),
+    (lambda: LoadPrior(sigma=0.0), "sigma = 0"),
+    (lambda: estimator(load=LoadPrior(at=0.3)), "at most the length"),
+    (lambda: estimator(inputs=InputPrior(sigma={"t1": 0.1})), "must name t1, t2, t3"),
+    (lambda: estimator().step(LoadStep(), ()), "time = None: must be given"),
+    (lambda: estimator().step(LoadStep(time=0.0), (tdcr.Reading(1, "position_x", 0.25, 0.0),)), "needs a standard"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "words"), [*DESCRIPTIONS, *EFFECTS, *SOLVES])
+def test_what_cannot_be_is_refused_with_what_is_allowed(call, words):
+    with pytest.raises((ValueError, TypeError, KeyError), match=words):
+        call()
