@@ -19,31 +19,32 @@ from tdcr_fe.model.routing import (
 )
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.simulate import simulate
-from tdcr_fe.validation.reference import ReferenceSettings, sequence, solve_reference
 from tdcr_fe.validation.reference import path as path_module
+from tdcr_fe.validation.reference import sequence, solve_reference
 from tdcr_fe.validation.reference.newton import natural_residual, solve_box
 
 L = 0.25
 BACKBONE = Backbone(L, 0.4e-3, 85e9, 0.3, density=5600.0)
 
 
-def robot(routing=None, disks=13, mu=0.0, **tendon):
-    routing = routing or ParallelRouting(4.5e-3, 0.0)
-    return Robot(
-        BACKBONE,
-        Disks.equally_spaced(disks, L, mass=0.17e-3),
-        (Tendon("t", routing, friction_coefficient=mu, **tendon),),
+def robot(*routings, disks=13, mu=0.0, **tendon):
+    """Tendons t1, t2, ... of these routings, or one parallel tendon."""
+    tendons = tuple(
+        Tendon(f"t{i + 1}", routing, friction_coefficient=mu, **tendon)
+        for i, routing in enumerate(routings or (ParallelRouting(4.5e-3),))
     )
+    return Robot(BACKBONE, Disks.equally_spaced(disks, L, mass=0.17e-3), tendons)
 
 
 def run(robot, steps, path="straight", friction="none", gravity=(0.0, 0.0, 0.0)):
     result = solve_reference(robot, Model(path, friction, gravity=gravity), steps)
     assert result.converged, result.message
+    assert max(s.residual for s in result.steps) <= 1e-10
     return result
 
 
-def pulls(*values, name="t", **rest):
-    return [LoadStep(tensions={name: v}, **rest) for v in values]
+def pulls(*values, **rest):
+    return [LoadStep(tensions={"t1": v}, **rest) for v in values]
 
 
 SIDE = {"tip": Load(L, (0.05, 0.0, 0.0))}
@@ -60,11 +61,6 @@ def test_friction_of_the_papers_robot():
     assert np.degrees(step.bending_angle) == pytest.approx(80.2627, abs=1e-4)
     assert step.tensions[0][-1] == pytest.approx(1.69753, abs=1e-5)
     assert step.hole_states[0] == ("pull",) * 12 + ("anchor",)
-
-
-def test_continuous_model_refuses_friction():
-    with pytest.raises(ValueError, match="has no friction"):
-        solve_reference(robot(), Model("continuous", "per-hole"), pulls(1.0))
 
 
 CYCLE = (1.0, 2.5, 1.5, 0.2, 0.0, 1.0, 2.5)
@@ -99,7 +95,7 @@ def test_a_displacement_gives_back_the_tension_that_caused_it():
         for stiffness in (None, 400.0):
             model = robot(HelicalRouting(4.5e-3, 1.0), axial_stiffness=stiffness)
             pulled = run(model, pulls(2.0), path).steps[0]
-            step = LoadStep(displacements={"t": float(pulled.displacements[0])})
+            step = LoadStep(displacements={"t1": float(pulled.displacements[0])})
             driven = run(model, [step], path).steps[0]
             assert driven.base_tensions[0] == pytest.approx(2.0, rel=1e-6)
             np.testing.assert_allclose(driven.tip, pulled.tip, atol=1e-9)
@@ -137,41 +133,25 @@ def test_box_problems_with_positive_minors_are_solved():
         np.testing.assert_allclose(natural_residual(matrix @ v + offset, v, lower, upper), 0.0, atol=1e-8)
 
 
-# ------------------------------------------------------------ reference friction laws
+# ------------------------------------------------------------ friction laws
 
 
-LENGTH = 0.25
-STEPS = [LoadStep(tensions={"t": x}, substeps=4) for x in (1.0, 2.0, 1.2)]
-MODEL = Model("straight", "per-hole", elements_per_bay=4)
+STEPS = pulls(1.0, 2.0, 1.2, substeps=4)
+PER_HOLE = Model("straight", "per-hole")
 
 
-def one_tendon(**tendon):
-    return Robot(
-        Backbone(LENGTH, 0.4e-3, 85e9, 0.3),
-        Disks.equally_spaced(10, LENGTH),
-        (Tendon("t", ParallelRouting(4.5e-3, 20.0), **tendon),),
-    )
-
-
-def test_a_constant_law_is_the_friction_coefficient():
-    one = solve_reference(one_tendon(friction=ConstantFriction(0.3)), MODEL, STEPS)
-    other = solve_reference(one_tendon(friction_coefficient=0.3), MODEL, STEPS)
-    np.testing.assert_array_equal(one.tips, other.tips)
-
-
-def test_exponent_zero_is_a_constant_coefficient():
-    law = ForceDependentFriction(0.3, 0.1, exponent=0.0)
-    one = solve_reference(one_tendon(friction=law), MODEL, STEPS)
-    other = solve_reference(one_tendon(friction_coefficient=0.3), MODEL, STEPS)
+@pytest.mark.parametrize("law", [ConstantFriction(0.3), ForceDependentFriction(0.3, 0.1, exponent=0.0)])
+def test_a_law_that_is_constant_is_the_friction_coefficient(law):
+    one, other = (run(r, STEPS, friction="per-hole") for r in (robot(friction=law), robot(mu=0.3)))
     np.testing.assert_allclose(one.tips, other.tips, atol=1e-12)
 
 
 def test_slipping_holes_obey_the_law_at_their_own_normal_force():
     """``ln(T_before / T_after) = mu(N) theta`` with N from the solved tensions and angles."""
     law = ForceDependentFriction(0.3, 0.1, exponent=-1.0 / 3.0)
-    model = one_tendon(friction=law)
-    step = solve_reference(model, MODEL, STEPS).steps[1]
-    holes = np.concatenate((model.holes(model.tendons[0]), np.zeros((11, 1))), axis=1)
+    model = robot(friction=law)
+    step = run(model, STEPS, friction="per-hole").steps[1]
+    holes = np.concatenate((model.holes(model.tendons[0]), np.zeros((14, 1))), axis=1)
     edges = np.diff(step.positions + np.einsum("nij,nj->ni", step.rotations, holes), axis=0)
     edges /= np.linalg.norm(edges, axis=1)[:, None]
     angle = np.arccos(np.sum(edges[:-1] * edges[1:], axis=1))
@@ -182,44 +162,29 @@ def test_slipping_holes_obey_the_law_at_their_own_normal_force():
     np.testing.assert_allclose(np.log(tension[:-1] / tension[1:]), mu * angle, rtol=1e-7)
 
 
-def test_a_rate_dependent_law_is_refused_by_name():
-    model = one_tendon(friction=StribeckFriction(0.4, 0.2, 1e-3))
-    with pytest.raises(ValueError, match=r"friction law 'stribeck' of tendon 't'"):
-        solve_reference(model, MODEL, STEPS)
-    assert solve_reference(model, Model("straight", "none"), STEPS).converged
+@pytest.mark.parametrize(
+    ("subject", "model", "words"),
+    [
+        (
+            robot(friction=StribeckFriction(0.4, 0.2, 1e-3)),
+            PER_HOLE,
+            "friction law 'stribeck' of tendon 't1'",
+        ),
+        (robot(clearance=1e-4), Model("continuous", "none"), "clearance"),
+    ],
+)
+def test_what_the_reference_does_not_solve_is_refused_by_name(subject, model, words):
+    with pytest.raises(ValueError, match=words):
+        solve_reference(subject, model, pulls(1.0))
 
 
-# ------------------------------------------------------------ reference effects
-
-
-def made(*routings, disks=10, **tendon):
-    routings = routings or (ParallelRouting(4.5e-3),)
-    friction = tendon if "friction" in tendon else {"friction_coefficient": 0.2, **tendon}
-    return Robot(
-        BACKBONE,
-        Disks.equally_spaced(disks, L, mass=0.17e-3),
-        tuple(Tendon(f"t{i + 1}", r, **friction) for i, r in enumerate(routings)),
-    )
-
-
-def solve(robot, steps, friction="none"):
-    result = solve_reference(robot, Model(friction=friction), steps)
-    assert result.converged, result.message
-    assert max(s.residual for s in result.steps) <= 1e-10
-    return result
-
-
-def pulled_up(*values, name="t1", **rest):
-    return [LoadStep(tensions={name: v}, **rest) for v in values]
-
-
-# ---------------------------------------------------------------------------------------------- clearance
+# ------------------------------------------------------------ effects
 
 
 def test_clearance_adds_to_the_offset_of_a_bent_planar_robot():
     """The tendon lies at the inner side of every hole but the anchor's, so the offset there is larger."""
     clearance, offset = 2e-4, 4.5e-3
-    loose = solve(made(clearance=clearance), pulled_up(2.0)).steps[0]
+    loose = run(robot(disks=10, clearance=clearance), pulls(2.0)).steps[0]
     s = np.linspace(0.0, L, 11)
     # A turn of the tendon by b shifts it by c b / sqrt(b^2 + 0.01^2); b is that of equal bays here.
     turn = 2.0 * np.sin(0.5 * loose.bending_angle / 10.0)
@@ -229,83 +194,59 @@ def test_clearance_adds_to_the_offset_of_a_bent_planar_robot():
     # The base plate's neighbour below is straight, so it turns half as much.
     half = 2.0 * np.sin(0.25 * loose.bending_angle / 10.0)
     holes[0] = (offset + clearance * half / np.hypot(half, 0.01), 0.0)
-    exact = solve(made(PointsRouting(tuple(s), tuple(holes))), pulled_up(2.0)).steps[0]
-    tight = solve(made(), pulled_up(2.0)).steps[0]
+    exact = run(robot(PointsRouting(tuple(s), tuple(holes)), disks=10), pulls(2.0)).steps[0]
+    tight = run(robot(disks=10), pulls(2.0)).steps[0]
     assert np.linalg.norm(loose.tip - tight.tip) > 2e-3
     np.testing.assert_allclose(loose.tip, exact.tip, atol=2e-5)
     assert loose.bending_angle == pytest.approx(exact.bending_angle, rel=2e-4)
 
 
-def test_clearance_needs_straight_segments():
-    with pytest.raises(ValueError, match="clearance"):
-        solve_reference(made(clearance=1e-4), Model("continuous", "none"), pulled_up(1.0))
-
-
-# ---------------------------------------------------------------------------------------------- creep
-
-
-def softened(factor):
-    b = BACKBONE
-    return replace(b, bending_stiffness=b.EI / factor, torsional_stiffness=b.GJ / factor)
-
-
 def test_creep_is_a_softer_backbone_at_every_time():
-    subject = made(HelicalRouting(4.5e-3, 0.5))
+    subject = robot(HelicalRouting(4.5e-3, 0.5))
     steps = [LoadStep(tensions={"t1": 1.2}, time=t) for t in (10.0, 200.0, 500.0)]
-    creeping = solve(subject.with_backbone(creep_rate=4e-4), steps)
+    creeping = run(subject.with_backbone(creep_rate=4e-4), steps)
     for step, result in zip(steps, creeping.steps, strict=True):
-        soft = softened(1.0 + 4e-4 * step.time)
-        exact = solve(replace(subject, backbone=soft), pulled_up(1.2)).steps[0]
+        factor = 1.0 + 4e-4 * step.time
+        softened = {"bending_stiffness": BACKBONE.EI / factor, "torsional_stiffness": BACKBONE.GJ / factor}
+        exact = run(subject.with_backbone(**softened), pulls(1.2)).steps[0]
         np.testing.assert_allclose(result.positions, exact.positions, atol=1e-10)
 
 
-# ---------------------------------------------------------------------------------------------- springs and stuck holes
-
-
-# ---------------------------------------------------------------------------------------------- finite elements
-
 TWO = (ParallelRouting(4.5e-3), ParallelRouting(4.5e-3, 120.0))
+CONVERGING = (ConvergingRouting(5e-3, 2e-3), HelicalRouting(4.5e-3, 0.5, 120.0))
+SOFT = Superelastic(2e-3, 0.6)
 TURNING = (VaryingHelicalRouting(4.5e-3, 0.2, 1.5, 30.0), HelicalRouting(4.5e-3, 0.5, 120.0))
 
 
+LAW = ForceDependentFriction(0.3, 0.1)
+CASES = {
+    "clearance": (robot(*TWO, disks=10, mu=0.2, clearance=2.5e-4), 4),
+    "clearance, converging": (robot(*CONVERGING, disks=10, mu=0.2, clearance=2.5e-4), 4),
+    "creep": (robot(*TWO, disks=10, mu=0.2).with_backbone(creep_rate=5e-4), 4),
+    "creep, softening": (robot(*TWO, disks=10, mu=0.2).with_backbone(creep_rate=5e-4, superelastic=SOFT), 8),
+    "varying pitch": (robot(*TURNING, disks=10, mu=0.2), 4),
+    "force-dependent": (robot(*TWO, disks=10, friction=LAW), 4),
+}
+
+
 @pytest.mark.integration
-@pytest.mark.parametrize(
-    ("subject", "elements"),
-    [
-        (made(*TWO, clearance=2.5e-4), 4),
-        (made(ConvergingRouting(5e-3, 2e-3), HelicalRouting(4.5e-3, 0.5, 120.0), clearance=2.5e-4), 4),
-        (made(*TWO).with_backbone(creep_rate=5e-4), 4),
-        (made(*TWO).with_backbone(creep_rate=5e-4, superelastic=Superelastic(2e-3, 0.6)), 8),
-        (made(*TURNING), 4),
-        (made(*TWO, friction=ForceDependentFriction(0.3, 0.1)), 4),
-    ],
-    ids=[
-        "clearance",
-        "clearance, converging",
-        "creep",
-        "creep, softening",
-        "varying pitch",
-        "force-dependent",
-    ],
-)
-def test_finite_elements_agree(subject, elements):
+@pytest.mark.parametrize("case", CASES)
+def test_finite_elements_agree(case):
     """What the cases of `tdcr-fe validate` leave out; the softening section needs finer elements."""
+    subject, elements = CASES[case]
     side = {"tip": Load(L, (0.0, 0.03, 0.0))}
     pulled = ({"t1": 0.8}, {"t1": 1.6}, {}, {"t1": 1.0, "t2": 0.4}, {"t1": 0.3})
     steps = [
         LoadStep(tensions=t, loads=side if k == 3 else {}, substeps=4, time=120.0 * k)
         for k, t in enumerate(pulled, start=1)
     ]
-    ours = solve(subject, steps, friction="per-hole")
+    ours = run(subject, steps, friction="per-hole")
     theirs = simulate(subject, Model(friction="per-hole", elements_per_bay=elements), steps)
     assert theirs.converged
     assert np.max(np.linalg.norm(ours.tips - theirs.tips, axis=1)) < 3e-4 * L
 
 
-# ------------------------------------------------------------ reference path
-
-
-PER_HOLE = Model("straight", "per-hole")
+# ------------------------------------------------------------ path
 
 
 @pytest.mark.campaign
@@ -347,9 +288,3 @@ def test_a_tolerance_that_is_not_met_is_reported_with_the_refinement_error(monke
     for step, warning in zip(unresolved, result.warnings, strict=True):
         assert f"step {step.step} ({step.label}): path not resolved" in warning
         assert f"{step.details['refinement_error']:.1e} of the length" in warning
-
-
-@pytest.mark.parametrize("name", ["substeps", "presliding", "max_step"])
-def test_settings_out_of_range_are_refused(name):
-    with pytest.raises(ValueError, match=f"{name} = 0"):
-        ReferenceSettings(**{name: 0})

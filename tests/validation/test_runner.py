@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tdcr_fe.validation import runner
-from tdcr_fe.validation.campaigns.mutations import CAMPAIGN, MUTATIONS, Outcome, place, run_tests
+from tdcr_fe.validation.campaigns.mutations import MUTATIONS, place, run_tests
 from tdcr_fe.validation.runner import Campaign, main
 
 
@@ -72,14 +72,6 @@ def test_a_case_that_was_interrupted_is_run_when_it_is_started_again(squares, tm
     assert squares.solved == [0, 1, 2, 3]
 
 
-def test_a_line_that_was_cut_off_is_run_again(squares, tmp_path):
-    main(["squares", "-o", str(tmp_path)])
-    path = tmp_path / "squares.jsonl"
-    path.write_text(path.read_text()[:-5])
-    assert main(["squares", "-o", str(tmp_path)]) == 0
-    assert squares.solved == [0, 1, 2, 3, 3]
-
-
 def test_only_those_that_did_not_pass_are_run_again(squares, tmp_path):
     squares.limit = 2
     assert main(["squares", "-o", str(tmp_path)]) == 1
@@ -103,27 +95,12 @@ def test_some_cases_by_their_keys(squares, tmp_path, capsys):
     assert "no case '7'; there are 0, 1, 2, 3" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("wrong", [["-n", "0"], ["--first", "-1"], ["--processes", "0"]])
-def test_wrong_options_are_refused(squares, tmp_path, capsys, wrong):
-    with pytest.raises(SystemExit, match="2"):
-        main(["squares", "-o", str(tmp_path), *wrong])
-
-
 def test_an_unknown_campaign_gets_the_nearest_name(squares, capsys):
     assert main(["sqares"]) == 2
     assert "did you mean squares?" in capsys.readouterr().err
 
 
 # ------------------------------------------------------------ mutations
-
-
-def test_a_line_is_found_where_it_occurs_once(tmp_path: Path) -> None:
-    (tmp_path / "elements").mkdir()
-    (tmp_path / "elements" / "a.py").write_text("x = 1\ny = 2\ny = 2\n")
-    assert place("x = 1", tmp_path) == Path("elements/a.py")
-    for line, times in (("y = 2", 2), ("z = 3", 0)):
-        with pytest.raises(ValueError, match=f"occurs {times} times: '{line}'"):
-            place(line, tmp_path)
 
 
 def test_the_lines_of_all_mutations_are_in_the_product() -> None:
@@ -140,13 +117,3 @@ def test_the_first_test_that_fails_is_named_and_what_cannot_run_is_no_catch(tmp_
     assert run_tests(tmp_path, [f"{file.name}::test_sum"], "default", 0) == ""
     with pytest.raises(RuntimeError):
         run_tests(tmp_path, ["not_there.py"], "default", 0)
-
-
-def test_two_may_be_left_to_the_integration_tests() -> None:
-    outcomes = [
-        Outcome(str(k), "elements/a.py", "default" if k > 1 else "integration", "t", "") for k in range(4)
-    ]
-    assert CAMPAIGN.passed(outcomes)
-    assert not CAMPAIGN.passed([*outcomes, Outcome("4", "elements/a.py", "integration", "t", "")])
-    assert not CAMPAIGN.passed([*outcomes, Outcome("4", "elements/a.py", "", "", "")])
-    assert CAMPAIGN.report(outcomes)[-1] == "4 mutations: 2 caught by the default tests, 4 by all tests"

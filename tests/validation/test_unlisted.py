@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from identify_data import PERTURBED
 
 from tdcr_fe.effects import effect
 from tdcr_fe.effects.base import Kind
@@ -48,17 +47,6 @@ def test_a_force_that_depends_on_the_displacement_balances_the_load():
     settings = ReferenceSettings(substeps=4)
     result = solve_reference(ROBOT, MODEL, steps, settings=settings, extras=Extras(forces=(spring,)))
     assert result.steps[0].tip[0] == pytest.approx(u, rel=1e-4)  # shear and shortening: below 1e-4
-
-
-def test_laws_do_not_go_with_tendons_along_the_backbone():
-    with pytest.raises(ValueError, match="a law of bending with tendon_path 'continuous'"):
-        continuous = Model(tendon_path="continuous", friction="none")
-        solve_reference(ROBOT, continuous, [LoadStep()], extras=Extras(bending=lambda b: b.strain[:, :2]))
-
-
-def test_sixty_sets_of_twenty_causes_have_other_names_and_known_words():
-    assert len({r.name for r in RECIPES}) == len(RECIPES) == 20
-    assert {r.perturbs for r in RECIPES} <= PERTURBED
 
 
 @pytest.mark.integration

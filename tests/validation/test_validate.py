@@ -31,13 +31,6 @@ def test_the_cases_cover_routings_models_and_loads_with_5_to_20_disks():
         assert any(c.quick for c in mine)
 
 
-def test_both_solvers_take_the_same_path_on_the_same_mesh():
-    assert len(BY_ID) == len(ALL) == 377
-    for case in ALL:
-        assert all(step.substeps for step in case.steps), case.id
-        assert case.model.elements_per_bay == 4, case.id
-
-
 @pytest.mark.parametrize("name", ["large_parallel_continuous_none_20", "variant_precurved-continuous"])
 def test_finite_elements_agree_with_the_reference(name):
     """`tdcr-fe validate` compares all cases."""
@@ -106,27 +99,6 @@ def few():
     return [replace(BY_ID[n], steps=BY_ID[n].steps[:4], quick=True) for n in names]
 
 
-def test_finished_records_are_reused_and_those_of_other_code_are_not(tmp_path, monkeypatch):
-    known = []
-    task = next(s for s in studies.all_studies() if s.id == "closed_0")
-
-    def run(stop=False):
-        def progress(record, recalled):
-            known.append(recalled)
-            if stop:
-                raise KeyboardInterrupt
-
-        return solving.run([task], tmp_path / "cases.jsonl", 1, progress)
-
-    with pytest.raises(KeyboardInterrupt):
-        run(stop=True)
-    records = run()
-    assert known == [False, True] and list(records) == ["closed_0"] and not records["closed_0"]["error"]
-    monkeypatch.setattr(solving, "source_digest", lambda *_: "other")
-    run()
-    assert known[2:] == [False]
-
-
 @pytest.fixture(scope="module")
 def record():
     """One solved case."""
@@ -173,12 +145,6 @@ def test_the_command_writes_one_html_file_and_json_and_returns_its_status(tmp_pa
     assert all(s.startswith(("data:", "#")) for s in sources)
     assert "url(" not in page
     assert "@import" not in page
-
-
-def test_a_wrong_number_of_processes_is_refused(capsys):
-    with pytest.raises(SystemExit):
-        main(["validate", "-o", "out", "--processes", "0"])
-    assert "at least 1" in capsys.readouterr().err
 
 
 @pytest.mark.integration
