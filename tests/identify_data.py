@@ -58,10 +58,10 @@ def sequence():
     )
 
 
-def positions(true, sigma=1e-4, seed=0, tolerance=2e-5):
-    """Readings of the positions of two markers in every step of an experiment, with noise."""
+def positions(true, sigma=1e-4, seed=0, tolerance=2e-5, places=(0.1, LENGTH)):
+    """Readings of the positions of markers in every step of an experiment, with noise."""
     ids = tuple(range(1, true.step_ends[-1][0] + 2))
-    readings = [Reading(n, f"position_{a}", s, 0.0, sigma) for n in ids for s in (0.1, LENGTH) for a in "xyz"]
+    readings = [Reading(n, f"position_{a}", s, 0.0, sigma) for n in ids for s in places for a in "xyz"]
     run = simulate_experiment(Task(true, run_settings(SolverSettings(), tolerance)))
     assert run.solved == len(ids)
     values = Reader(readings, ids, true.robot.tendon_names).read(run, true)

@@ -1,6 +1,8 @@
 """A result of an identification made by hand: measured arcs that the declared robot misses, the corrected one not."""
 
+import identify_data
 import numpy as np
+from identify_data import LENGTH
 
 from tdcr_fe.effects import EFFECTS, Experiment
 from tdcr_fe.effects.base import Kind
@@ -20,19 +22,9 @@ from tdcr_fe.identify.result import (
 )
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
-from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.routing import ParallelRouting
-from tdcr_fe.model.tendon import Tendon
 
-LENGTH = 0.2
-ROBOT = Robot(
-    Backbone(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0),
-    Disks.equally_spaced(4, LENGTH, mass=0.5e-3),
-    tuple(Tendon(f"t{i + 1}", ParallelRouting(4.5e-3, 90.0 * i), axial_stiffness=2474.0) for i in range(2)),
-    name="small",
-)
+ROBOT = identify_data.ROBOT.with_tendons(axial_stiffness=2474.0)
 PULLS = (0.0, 0.5, 1.0, 0.5, 0.0)
 STEPS = (
     *tuple(

@@ -8,7 +8,6 @@ import os
 import shlex
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from arcs import arc_result
@@ -65,13 +64,6 @@ def test_run_solves_and_writes_and_returns_0(tmp_path, calls, capsys):
     assert printed.err == ""
     summary = json.loads((out / "summary.json").read_text())
     assert set(summary["input"]) == {str(tmp_path / "scenario.toml"), str(tmp_path / "robot.toml")}
-
-
-def test_no_pictures_and_quiet_are_kept(tmp_path, calls, capsys):
-    out = tmp_path / "out"
-    assert cli.main(["run", str(write(tmp_path)), "-o", str(out), "--no-pictures", "--quiet"]) == 0
-    assert {p.name for p in out.iterdir()} == set(RESULT_FILES)
-    assert capsys.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize(
@@ -180,23 +172,6 @@ def test_the_examples_of_a_command_are_taken_by_its_parser(name, monkeypatch):
     for example in (first, second):
         words = shlex.split(example.partition(" > ")[0])
         assert words[0] == name and cli.main(words) == 0
-
-
-def test_every_argument_is_used_by_a_command():
-    """``view --gltf`` was taken, and did nothing."""
-    sources = "".join(p.read_text("utf-8") for p in Path(cli.__file__).parent.rglob("commands/*.py"))
-    names = {flags[-1].lstrip("-") for command in cli.COMMANDS.values() for flags, _ in command.arguments()}
-    assert [n for n in names - {"json"} if f"args.{n.replace('-', '_')}" not in sources] == []
-
-
-def test_help_loads_neither_solver_nor_tables_nor_pictures():
-    code = (
-        "import sys\nfrom tdcr_fe.cli import main\ntry:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
-        "print(sorted({'exudyn', 'matplotlib', 'numpy', 'pandas', 'pydantic', 'scipy'} & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "[]"
-    assert "demo" in done.stdout
 
 
 @pytest.mark.parametrize("module", ["tdcr_fe", "tdcr_fe.cli"])

@@ -21,20 +21,6 @@ def test_implausible_declared_values_are_warned_of(tmp_path, capsys):
     assert "warning: backbone.density = 5.6 kg/m^3: outside" in capsys.readouterr().err
 
 
-def test_a_log_file_shows_where_it_is(tmp_path, capsys, monkeypatch):
-    """Nothing was printed between start and end, for minutes."""
-
-    def identify(data, settings, progress):
-        progress("fitting", 0.5)
-        raise NotSolved("enough")
-
-    monkeypatch.setattr(command, "identify", identify)
-    monkeypatch.setattr(command, "LOG_INTERVAL", -1.0)
-    write_measured(measured(), tmp_path / "set")
-    main(["identify", str(tmp_path / "set"), "-o", str(tmp_path / "out")])
-    assert "tdcr-fe: 50 % after 0 s: fitting\n" in capsys.readouterr().err
-
-
 def test_there_is_one_process_for_each_core_at_most(tmp_path, capsys, monkeypatch):
     """``--processes 99`` was taken as it was, on a machine with two cores."""
     asked = []

@@ -126,15 +126,6 @@ def test_derivatives_and_responses_are_written(tmp_path, capsys, tendon_path, fr
     assert "tip_response" not in json.loads((out / "summary.json").read_text())["steps"][0]
 
 
-def test_a_parameter_that_does_not_exist_is_named(tmp_path, capsys):
-    scenario = write_robot(tmp_path, "straight", "per-hole")
-    arguments = ["run", str(scenario), "-o", str(tmp_path / "out"), "--sensitivities", "youngs"]
-    assert cli.main(arguments) == 2
-    said = "'youngs' names no parameter; did you mean backbone.youngs_modulus? allowed are"
-    assert f"  --sensitivities: {said}" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
 # ------------------------------------------------------------ properties
 
 
@@ -195,14 +186,3 @@ def test_an_interruption_that_is_lost_is_sent_again(monkeypatch):
     with command._Clock(1, minutes=1e-4).running():
         time.sleep(0.5)
     assert len(sent) > 2
-
-
-def test_a_load_far_beyond_its_limit_is_refused_with_its_file_key_and_what_is_allowed(tmp_path, capsys):
-    """The last line of the message was "Nothing was solved", and none named a file."""
-    path = write_robot(tmp_path, "straight", "none")
-    path.write_text(path.read_text() + "\n[[steps]]\ntensions = { parallel = 1e7 }\n")
-    assert cli.main(["run", str(path), "-o", str(tmp_path / "out")]) == 2
-    (line,) = capsys.readouterr().err.splitlines()[1:]
-    assert line.startswith(f"  {path}: steps[2].tensions.parallel = 1e+07 N: strains the backbone by")
-    assert re.search(r"must be at most \S+ N, beyond which a solution means nothing$", line)
-    assert not (tmp_path / "out").exists()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import os
 import re
 import tomllib
@@ -15,7 +14,7 @@ from hypothesis import strategies as st
 from inputs import REMOVED, ROBOT, SCENARIO, changed, write
 
 from tdcr_fe.io.problems import InputError, Problem
-from tdcr_fe.io.toml import digest, read_model, read_model_file, read_robot, read_scenario
+from tdcr_fe.io.toml import read_model, read_model_file, read_robot, read_scenario
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
 from tdcr_fe.model.backbone import Backbone, StiffnessPatch, Superelastic
 from tdcr_fe.model.checks import ARC_TOLERANCE
@@ -102,21 +101,6 @@ def test_model_file_holds_the_model_table_alone(tmp_path):
     assert [p.key for p in caught.value.problems] == ["robot", "model.friction"]
 
 
-def test_digests_are_the_sha256_of_the_files(tmp_path):
-    path = write(tmp_path)
-    expected = {
-        str(tmp_path / name): hashlib.sha256((tmp_path / name).read_bytes()).hexdigest()
-        for name in ("scenario.toml", "robot.toml")
-    }
-    assert read_scenario(path).digests == expected
-    assert digest(path) == expected[str(path)]
-
-
-def test_byte_order_mark_is_taken(tmp_path):
-    write(tmp_path, robot=b"\xef\xbb\xbf" + ROBOT.encode())
-    assert read_robot(tmp_path / "robot.toml").name == "single-segment"
-
-
 def test_hole_on_the_rim_is_not_outside(tmp_path):
     changes = {"tendons.0.offset": 5e-3, "tendons.0.angle_deg": 33.0}
     assert read_scenario(write(tmp_path, changed(ROBOT, changes))).robot.tendons[0].routing.offset == 5e-3
@@ -124,7 +108,7 @@ def test_hole_on_the_rim_is_not_outside(tmp_path):
 
 # --------------------------------------------------------------------------------------------- what is wrong
 
-NAN, INF = float("nan"), float("inf")
+NAN = float("nan")
 ROBOT_MISTAKES = [
     # change, key, value, words of what is allowed
     ({"backbone.lenght": 1.0}, "backbone.lenght", "1.0", ["unknown key", "did you mean length?", "radius"]),

@@ -110,16 +110,6 @@ def test_summary_names_versions_settings_digest_and_outcome(tmp_path):
     assert summary["model"]["friction"] == "per-hole"
 
 
-def test_directory_that_exists_keeps_what_is_not_ours(tmp_path):
-    (tmp_path / "notes.txt").write_text("mine")
-    (tmp_path / "steps.csv").write_text("old")
-    write_results(arc_result(), tmp_path)
-    assert (tmp_path / "hysteresis.png").exists()
-    write_results(arc_result(), tmp_path, pictures=False)
-    assert {p.name for p in tmp_path.iterdir()} == {"notes.txt", *output.RESULT_FILES}
-    assert (tmp_path / "steps.csv").read_text() != "old"
-
-
 def test_a_notebook_shows_the_page_that_a_run_writes(tmp_path):
     result = arc_result()
     write_results(result, tmp_path)

@@ -126,16 +126,3 @@ def test_robots_without_disks_or_tendons_are_pulled_too():
     stiffness = 3.0 * rod.backbone.EI / 0.2**3
     robot.pull(Pull(9, (1.25 * force / stiffness, 0.0, 0.2)))  # the spring is four times as stiff as the rod
     assert robot.steps[-1].loads["pull_10"].force[0] == pytest.approx(force, rel=1e-2)
-
-
-def test_a_step_ends_at_its_time_limit_with_the_robot_where_it_was(monkeypatch):
-    robot = played()
-    robot.drive({"t1": 1.0}, {})
-    steps, tip = list(robot.steps), robot.last.result.steps[-1].tip
-    monkeypatch.setattr("tdcr_fe.live.played.LONGEST_STEP", 0.0)
-    answer = robot.drive({"t1": 2.0}, {})
-    assert "its time limit was reached at 0% of the load" in answer.message and not answer.made
-    assert robot.steps == steps
-    monkeypatch.undo()
-    robot.drive({"t1": 1.0}, {})
-    assert np.allclose(robot.last.result.steps[-1].tip, tip, atol=1e-7)

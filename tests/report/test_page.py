@@ -70,16 +70,10 @@ def test_a_page_needs_no_other_file_and_escapes_text():
 
 
 def test_sections_are_linked_and_folded_as_they_say():
-    sections = (
-        Section("open", "To be seen", "macros.html.j2", folded=False),
-        Section("more", "Folded", "macros.html.j2"),
-    )
-    text = render(page(sections=sections), HERE)
-    assert (
-        set(re.findall(r'href="#(\w+)"', text)) == set(re.findall(r' id="(\w+)"', text)) == {"open", "more"}
-    )
-    assert re.search(r'<details class="section" id="more">', text)
-    assert re.search(r'<section class="section" id="open">', text)
+    seen = Section("open", "To be seen", "macros.html.j2", folded=False)
+    text = render(page(sections=(seen, Section("more", "Folded", "macros.html.j2"))), HERE)
+    assert set(re.findall(r'href="#(\w+)"', text)) == {"open", "more"}
+    assert '<details class="section" id="more">' in text and '<section class="section" id="open">' in text
 
 
 def test_a_legend_of_many_entries_can_be_read_on_a_phone():

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
-from concurrent.futures import Executor, Future
 
 import numpy as np
 import pandas as pd
@@ -15,7 +13,6 @@ from sweep_files import SCENARIO, SWEEP, InProcess, write_files
 
 import tdcr_fe as tdcr
 from tdcr_fe.io.problems import InputError
-from tdcr_fe.sweeps.cases import Outcome
 from tdcr_fe.sweeps.execution import SweepInterrupted
 from tdcr_fe.sweeps.files import journal
 from tdcr_fe.sweeps.keys import KeyProblem
@@ -23,15 +20,6 @@ from tdcr_fe.sweeps.keys import KeyProblem
 
 def table(folder):
     return (folder / "cases.csv").read_bytes()
-
-
-def test_the_printed_summary_begins_with_the_tip_in_its_unit(tmp_path):
-    """It began with displacements of the tendons, in metres without a unit, and ended before the tip."""
-    result = tdcr.sweep(write_files(tmp_path), executor=InProcess())
-    lines = repr(result).splitlines()
-    assert lines[0].startswith('sweep of 6 cases by "grid" over ')
-    assert [line.split(":")[0] for line in lines[1:3]] == ["  bending angle [deg]", "  tip x [mm]"]
-    assert f"mean {1e3 * result.cases['tip_x'].mean():.0f}, " in lines[2]  # its standard error is 10 mm
 
 
 def test_every_row_is_the_result_of_its_scenario(tmp_path):
@@ -49,17 +37,6 @@ def test_every_row_is_the_result_of_its_scenario(tmp_path):
         expected = tdcr.simulate(robot, scenario.model, steps, scenario.settings).to_frame().iloc[-1]
         for name in ("tip_x", "tip_z", "bending_angle_deg", "tension_t2", "displacement_t1"):
             assert row[name] == expected[name]
-
-
-@pytest.mark.integration
-def test_processes_give_the_same_file_as_this_process(tmp_path):
-    path = write_files(tmp_path)
-    tdcr.sweep(path, tmp_path / "one", executor=InProcess(), report=False)
-    tdcr.sweep(path, tmp_path / "two", processes=2, report=False)
-    assert table(tmp_path / "one") == table(tmp_path / "two")
-    summary = json.loads((tmp_path / "two" / "summary.json").read_text())
-    assert summary["status"] == {"converged": 6} and summary["sampling"]["seed"] == 0
-    assert len(summary["input"]) == 3
 
 
 @pytest.mark.parametrize("torn", [False, True], ids=["whole", "torn last line"])
@@ -171,34 +148,6 @@ def test_a_process_that_dies_costs_its_own_case_only(tmp_path):
     assert result.cases["tension"][1] == 0.5
     assert "ended without a result" in result.cases["reason"][0]
     assert result.cases["reason"][2] == "ZeroDivisionError: no luck"
-
-
-class Counting(Executor):
-    """Delays what is handed over until four cases wait, and answers the last one first, without solving."""
-
-    def __init__(self):
-        self.waiting, self.order = [], []
-
-    def submit(self, fn, /, *args, **kwargs):
-        future = Future()
-        (case,) = args
-        self.waiting.append((future, case[0]))
-        assert len(self.waiting) <= 4
-        if len(self.waiting) == 4:
-            while self.waiting:
-                last, number = self.waiting.pop()
-                self.order.append(number)
-                last.set_result(Outcome(number, "converged", numbers={"tip_x": number}))
-        return future
-
-
-def test_an_executor_is_given_a_few_cases_at_a_time(tmp_path):
-    vary = '[[vary]]\nkey = "steps[0].tensions.t1"\nrange = { start = 0.1, stop = 1.0, count = 8 }\n'
-    executor = Counting()
-    path = write_files(tmp_path, f'scenario = "scenario.toml"\n{vary}')
-    result = tdcr.sweep(path, executor=executor, in_flight=4)
-    assert executor.order == [4, 3, 2, 1, 8, 7, 6, 5]
-    assert result.cases["tip_x"].tolist() == list(range(1, 9))
 
 
 def test_chosen_steps_and_quantities(tmp_path):
