@@ -157,7 +157,7 @@ class TendonActuation:
         return self.history.base_tension
 
     def store(
-        self, friction: FrictionState, prescribed: Array, forces: TendonForces, everything: Array
+        self, friction: FrictionState, prescribed: Array, forces: TendonForces, coordinates: Array
     ) -> None:
         """Keep the history of a state solved elsewhere, as that of the current and of the initial configuration.
 
@@ -169,8 +169,8 @@ class TendonActuation:
             See `RobotHistory.prescribed`.
         forces
             Its forces.
-        everything
-            Its coordinates, of the whole scene.
+        coordinates
+            Of the nodes, without reference values, shape (N, 7).
         """
         history = RobotHistory(
             friction,
@@ -181,7 +181,7 @@ class TendonActuation:
             ),
         )
         kept = self.history_nodes.write(history, forces.field.tension, forces.field.base_slip, initial=True)
-        self._solved = everything[self.coordinates], kept, forces
+        self._solved = coordinates.copy(), kept, forces
 
     def reset(self) -> None:
         """Reset the history to that of a robot that was never loaded."""

@@ -32,7 +32,9 @@ _CURRENT, _INITIAL = exu.ConfigurationType.Current, exu.ConfigurationType.Initia
 class Unknowns(NamedTuple):
     """The independent unknowns of a configuration; small, and can be pickled."""
 
-    coordinates: Array  # Of the whole scene, as in Exudyn
+    coordinates: (
+        Array  # Of the scene, as in Exudyn; those of its nodes alone of a robot that is solved by itself
+    )
     multipliers: Array  # as `coordinates`
     twists: tuple[Array, ...]  # By robot, relative twists of the elements, length times strain, shape (E, 6)
     bases: tuple[Array, ...]  # By robot, pose of the base node, shape (4, 4)
@@ -77,7 +79,7 @@ class ConfigurationSpace:
     clamped
         Numbers of the robots with a clamped base.
     joints
-        Numbers of the multipliers of these clamps, where nothing but the robots is to be written into the scene.
+        Numbers of the multipliers of these clamps, where nothing but the robots belongs to the configurations.
 
     Attributes
     ----------
@@ -99,12 +101,15 @@ class ConfigurationSpace:
         self._clamped = frozenset(clamped)
         ends = np.cumsum([len(r.nodes) for r in robots])
         self.slices = [slice(int(e) - len(r.nodes), int(e)) for e, r in zip(ends, robots, strict=True)]
-        self._beam = reduction.beam
         reference = np.array(mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Reference))
-        self._reference: Array = reference[self._beam]
+        self._reference: Array = reference[reduction.beam]
+        #: Which coordinates and multipliers of the scene belong to the configurations, and where among them the beam
+        #: nodes' coordinates lie.
+        self._kept = (slice(None), slice(None)) if joints is None else (reduction.beam.ravel(), joints)
+        self._beam = (
+            reduction.beam if joints is None else np.arange(reduction.beam.size).reshape(reduction.beam.shape)
+        )
         flat = self._beam.ravel()
-        #: What is written into the scene.
-        self._written = (slice(None), slice(None)) if joints is None else (self._beam.ravel(), joints)
         #: Where the beam nodes' coordinates lie, if in one piece and in order.
         self._span = (
             slice(int(flat[0]), int(flat[-1]) + 1)
@@ -121,9 +126,15 @@ class ConfigurationSpace:
             twists.append(relative_twists(p, r))
             clamp = robot.clamp if i in self._clamped else None
             bases.append(pose_matrix(*((p[0], r[0]) if clamp is None else (clamp.position, clamp.rotation))))
-        coordinates = np.array(data.GetODE2Coordinates())
-        multipliers = np.array(data.GetAECoordinates())
-        return self.build(Unknowns(coordinates, multipliers, tuple(twists), tuple(bases)))
+        coordinates, multipliers = self._kept
+        return self.build(
+            Unknowns(
+                np.array(data.GetODE2Coordinates()[coordinates]),
+                np.array(data.GetAECoordinates()[multipliers]),
+                tuple(twists),
+                tuple(bases),
+            )
+        )
 
     def build(self, unknowns: Unknowns, near: Array | None = None) -> Configuration:
         """A configuration from its unknowns.
@@ -162,6 +173,10 @@ class ConfigurationSpace:
         return Configuration(
             written, chains, poses, whole.positions, whole.parameters, whole.frames, measured
         )
+
+    def nodes_of(self, configuration: Configuration, robot: int) -> Array:
+        """Coordinates of a robot's nodes as in Exudyn, shape (N, 7)."""
+        return self._beams(configuration.unknowns.coordinates)[self.slices[robot]]
 
     def _beams(self, coordinates: Array) -> Array:
         """Coordinates of the beam nodes, shape (N, 7); a view where they lie in one piece."""
@@ -213,18 +228,19 @@ class ConfigurationSpace:
         """Make this the current configuration of Exudyn's scene; with ``initial`` the initial one, too."""
         kinds = (_CURRENT, _INITIAL) if initial else (_CURRENT,)
         data, unknowns = self.mbs.systemData, configuration.unknowns
-        coordinates, multipliers = self._written
+        coordinates, multipliers = self._kept
         for kind in kinds:
             # Into Exudyn's memory: a third of the time of its functions that set coordinates.
-            data.GetODE2Coordinates(kind, copy=False)[coordinates] = unknowns.coordinates[coordinates]
+            data.GetODE2Coordinates(kind, copy=False)[coordinates] = unknowns.coordinates
             if unknowns.multipliers.size:
-                data.GetAECoordinates(kind, copy=False)[multipliers] = unknowns.multipliers[multipliers]
+                data.GetAECoordinates(kind, copy=False)[multipliers] = unknowns.multipliers
 
     def fits(self, unknowns: Unknowns) -> bool:
         """Whether unknowns fit this scene: the same numbers of coordinates and the same meshes."""
         elements = [len(r.nodes) - 1 for r in self.robots]
+        rest = len(self._reduction.other_coordinates)
         return [len(t) for t in unknowns.twists] == elements and (
-            len(unknowns.coordinates) == self._reduction.n2
+            len(unknowns.coordinates) == self._beam.size + rest
         )
 
     @staticmethod

@@ -179,7 +179,8 @@ class Residual(NamedTuple):
 class ClampReactions(NamedTuple):
     """Multipliers of the joints of clamped bases that balance the wrenches on these bases."""
 
-    joints: Mapping[int, NDArray[np.int_]]  # By clamped robot, the numbers of its joint's multipliers
+    # By clamped robot, the numbers of its joint's multipliers among those of a configuration
+    joints: Mapping[int, NDArray[np.int_]]
     # By clamped robot, from the wrench on its base to the joint's multipliers that cause it, shape (6, 6)
     influence: Mapping[int, Array]
 
@@ -202,7 +203,7 @@ class ClampReactions(NamedTuple):
 
     def alone(self, i: int) -> ClampReactions:
         """Those of one robot by itself."""
-        return ClampReactions({0: self.joints[i]}, {0: self.influence[i]})
+        return ClampReactions({0: np.arange(6)}, {0: self.influence[i]})
 
     def balance(self, residual: Residual) -> Configuration:
         """The configuration of a state in equilibrium with the reactions of its clamps."""

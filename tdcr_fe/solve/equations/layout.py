@@ -272,7 +272,6 @@ class SceneLayout:
     clamps: dict[int, NDArray[np.int_]]
     reduction: BodyFrameReduction
     space: ConfigurationSpace
-    clamped: tuple[slice, ...]  # Unknowns of the clamped bases, in the order of ``clamps``
     scales: ResidualScales
     turning: tuple[int, ...]  # Numbers of the loads that change with the pose of their node
     user_loads: bool  # Whether functions of the user may change loads while a load step is solved
@@ -300,7 +299,6 @@ class SceneLayout:
         items = [int(r.connectors.forces) for r in robots]
         reduction = BodyFrameReduction(mbs, coordinates, dropped, _rows_of_nodes(robots), items)
         space = ConfigurationSpace(mbs, robots, reduction, clamps)
-        starts = [6 * space.slices[i].start for i in clamps]
         loads = [mbs.GetLoad(i) for i in range(data.NumberOfLoads())]
         # Forces fixed in the world have no derivative at a node; all other loads may have one.
         turning = tuple(i for i, load in enumerate(loads) if _turns(mbs, load))
@@ -309,7 +307,6 @@ class SceneLayout:
             clamps,
             reduction,
             space,
-            tuple(slice(k, k + 6) for k in starts),
             ResidualScales.of(robots, reduction),
             turning,
             any(load.get("loadVectorUserFunction") or load.get("loadUserFunction") for load in loads),
@@ -328,7 +325,6 @@ class SceneLayout:
             clamps={0: joint},
             reduction=reduction,
             space=ConfigurationSpace(mbs, robots, reduction, {0}, joint),
-            clamped=(slice(0, 6),),
             scales=ResidualScales.of(robots, reduction),
             turning=(),
             bands=(self.bands[i],),

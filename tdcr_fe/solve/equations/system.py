@@ -11,7 +11,6 @@ section "Newton's method in strain space".
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import replace
 
 import exudyn as exu
@@ -101,15 +100,7 @@ class SceneSystem:
         raw = self._raw().copy()
         if robots == 1 or len(layout.clamps) < robots or not self.clamps_are_closed(raw):
             return [self]
-        return [self._alone(i, raw) for i in range(robots)]
-
-    def _alone(self, i: int, raw: Array) -> SceneSystem:
-        """The equations of one of the robots, from Exudyn's residual of the present scene."""
-        found = copy(self)
-        found.robots, found.point_loads = [self.robots[i]], self.hooks.robots[i].point_loads
-        found.layout, found._reactions = self.layout.alone(self.mbs, i), self._reactions.alone(i)
-        found._raw = RobotKernel(self.mbs, self.robots[i], found.point_loads, raw).residual
-        return found
+        return [RobotSystem(self, i, raw) for i in range(robots)]
 
     @property
     def length(self) -> float:
@@ -162,10 +153,9 @@ class SceneSystem:
         """
         if not forces:
             forces = self.forces(state, state.time)
-        for robot, own, history, prescribed in zip(
-            self.robots, forces, state.friction, state.prescribed, strict=True
-        ):
-            robot.store(history, prescribed, own, state.configuration.unknowns.coordinates)
+        for i, robot in enumerate(self.robots):
+            nodes = self.layout.space.nodes_of(state.configuration, i)
+            robot.store(state.friction[i], state.prescribed[i], forces[i], nodes)
         for item, load in zip(self.point_loads, state.loads, strict=True):
             item.applied = load
             item.keep()
@@ -224,7 +214,7 @@ class SceneSystem:
         forces = self.forces(state, target.time)
         raw, unbalanced = self._balance(state, forces)
         on_bases = []
-        for base in layout.clamped:
+        for base in numbering.clamped:
             on_bases.append(unbalanced[base].copy())
             unbalanced[base] = 0.0
         size = layout.scales.relative_residual(unbalanced, state.base_tension, target.load_size)
@@ -238,7 +228,7 @@ class SceneSystem:
         """The reduced residual of a state under a target, where the forces of the robots in that state are known."""
         self._write(state, target)
         _, found = self._balance(state, forces)
-        zero_bases(found, self.layout.clamped)
+        zero_bases(found, self.numbering().clamped)
         return found
 
     def _write(
@@ -386,21 +376,21 @@ class SceneSystem:
             The tangent is singular.
         """
         if self.tangent_follows_from_elements():
-            factors = self._factors_of_robot(residual, damping)
+            factors = self._factors_of_robot(residual, numbering, damping)
         else:
             factors = self._factors_of_scene(residual, numbering, damping)
         if numbering.any_driven:
             factors = BorderedFactors.of(factors, *border(residual, numbering))
         return Linearization(factors, residual.state.configuration.chains, numbering, residual.forces)
 
-    def _factors_of_robot(self, residual: Residual, damping: float) -> Factors:
+    def _factors_of_robot(self, residual: Residual, numbering: Numbering, damping: float) -> Factors:
         """Factors of the tangent at fixed tensions of one robot, from its elements."""
         (own,), (band,) = residual.forces, self.layout.bands
         backbone = backbone_tangent(residual, damping, self.length)
         if band is not None and own.has_hole_slopes:
-            return BandFactors.of(band.assemble(backbone, own, 0 in self.layout.clamps), band)
+            return BandFactors.of(band.assemble(backbone, own, numbering.robots[0].clamped), band)
         k = robot_tangent(backbone, own)
-        hold(k, self.layout.clamped)
+        hold(k, numbering.clamped)
         return DenseFactors.of(k)
 
     def _factors_of_scene(self, residual: Residual, numbering: Numbering, damping: float) -> Factors:
@@ -414,7 +404,7 @@ class SceneSystem:
         add_couplings(k, residual, nodes)
         if damping > 0.0:
             add_damping(k, layout.reduction.nodes, damping, self.length)
-        hold(k, layout.clamped)
+        hold(k, numbering.clamped)
         return DenseFactors.of(k)
 
     # ------------------------------------------------------------------ clamps
@@ -433,3 +423,24 @@ class SceneSystem:
     def with_base_reactions(self, residual: Residual) -> Configuration:
         """The configuration of a state in equilibrium with the reactions of its clamps."""
         return self._reactions.balance(residual)
+
+
+class RobotSystem(SceneSystem):
+    """Equations of one robot of a scene that nothing couples with the rest of it.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    number
+        Of the robot in it.
+    raw
+        Exudyn's residual of the present scene.
+    """
+
+    def __init__(self, scene: SceneSystem, number: int, raw: Array) -> None:
+        self.mbs, self.hooks, self._kernel = scene.mbs, scene.hooks, scene._kernel
+        self.robots, self.point_loads = [scene.robots[number]], self.hooks.robots[number].point_loads
+        self._raw = RobotKernel(self.mbs, self.robots[0], self.point_loads, raw).residual
+        self._user_residual = None
+        self.layout, self._reactions = scene.layout.alone(self.mbs, number), scene._reactions.alone(number)

@@ -15,7 +15,7 @@ from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.known_states import KnownStates, Span
 from tdcr_fe.solve.friction_path.response import Equilibrium, near_enough
-from tdcr_fe.solve.friction_path.reversal_search import Reversals, SlipHistory, SolvedStates, find_reversals
+from tdcr_fe.solve.friction_path.reversals import Reversals, SlipHistory, SolvedStates, find_reversals
 from tdcr_fe.solve.friction_path.steady import slips_steadily
 from tdcr_fe.solve.load_steps.load_path import LocatedReversals
 from tdcr_fe.solve.load_steps.loop import HALF, Trial

@@ -19,7 +19,7 @@ from tdcr_fe.solve.friction_path.known_states import (
 )
 from tdcr_fe.solve.friction_path.path import FrictionPath
 from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons
-from tdcr_fe.solve.friction_path.reversal_search import Reversals
+from tdcr_fe.solve.friction_path.reversals import Reversals
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
 from tdcr_fe.solve.newton.newton import newton
 

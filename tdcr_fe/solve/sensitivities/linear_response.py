@@ -19,7 +19,7 @@ from tdcr_fe.elements.poses import skew
 from tdcr_fe.elements.tendons import CableGeometry
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.kernel import Residual
-from tdcr_fe.solve.equations.layout import Numbering, RobotUnknowns
+from tdcr_fe.solve.equations.layout import Numbering, RobotUnknowns, zero_bases
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.steps import FrictionCoupling
@@ -211,8 +211,7 @@ class SolvedPoint:
         known = []
         for part, disturbance in zip(numbering.robots, disturbances, strict=True):
             known.append(self._right_side(right, part, disturbance))
-        for clamped in self.system.layout.clamped:
-            right[clamped] = 0.0
+        zero_bases(right, numbering.clamped)
         unknowns = self.linearization.factorisation.solve(right)
         changes = [np.zeros((*x.shape, count)) for x in self.sticking]
         found = self._tendons(unknowns, disturbances, known, changes)
@@ -331,7 +330,7 @@ def _balanced(system: SceneSystem, state: SolverState, target: Target, numbering
     if not system.tangent_follows_from_elements():
         return system.residual(state, target, numbering)
     zero = np.zeros(system.layout.reduction.count)
-    nothing = tuple(np.zeros(6) for _ in system.layout.clamped)
+    nothing = tuple(np.zeros(6) for _ in numbering.clamped)
     return Residual(state, target, system.forces(state, target.time), zero, nothing, zero, 0.0)
 
 
