@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior
 from tdcr_fe.estimate.estimator import Estimator
-from tdcr_fe.identify.data_faults import first_checks
+from tdcr_fe.io.first_checks import first_checks
 from tdcr_fe.io.measured import MeasuredData, read_measured
 from tdcr_fe.io.problems import Problem, Reporter, read_all
 from tdcr_fe.io.readings import Reading

@@ -1,9 +1,8 @@
-"""Faults of measured data: seen before anything is solved, seen in the readings, or mended so that the model fits."""
+"""Faults of measured data: seen in the readings, or mended so that the declared model fits."""
 
 from __future__ import annotations
 
 import itertools
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -18,19 +17,14 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.forward import last_parts
 from tdcr_fe.identify.noise import series
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber
+from tdcr_fe.io.first_checks import impossible_place
 from tdcr_fe.io.measured import MeasuredData
-from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.spreadsheet import number
 from tdcr_fe.model.channels import CHANNELS, arc_lengths
 from tdcr_fe.model.loading import LoadStep
-from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, TDCRWarning
-from tdcr_fe.model.plausibility import plausibility
-from tdcr_fe.model.quantities import Description
 
 Array = NDArray[np.float64]
 
-#: Inputs that bend the robot more or less than this many times as much as the readings say are in another unit [1].
-OTHER_UNIT = 4.0
 #: A fault explains the data where their mean square over sigma falls to this, from `MISFIT` times as much or more [1].
 #: A residual of pure noise has 1; a robust sum is a little less. It also does where the mean square falls by
 #: `FAR_BETTER`: displacements of the other sign, with errors of 30 and 100 um, leave a 190th to a 29th, wrong faults
@@ -45,94 +39,10 @@ EQUAL_STEPS, MOVES = 4, 10.0
 RESOLVED, ROUNDED = 0.2, 3.0
 #: Sigma is wrong where the scatter of the residual is larger or smaller by this factor [1].
 WRONG_SIGMA = 3.0
-#: A location beyond the declared length, up to so many times that length, is that of a marker, not of another unit; a
-#: marker is elsewhere where it is read farther from the base than its arc length by this share of the length [1].
-FARTHEST, ELSEWHERE = 2.0, 0.25
+#: A location beyond the declared length, up to so many times that length, is that of a marker, not of another unit [1].
+FARTHEST = 2.0
 #: Largest number of load steps that are simulated to try exchanged tendons.
 MOST_STEPS = 1500
-
-
-# ------------------------------------------------------------------------------------ before anything is solved
-
-
-def first_checks(data: MeasuredData) -> dict[type[TDCRWarning], list[str]]:
-    """Warnings and remarks on a data set, by category.
-
-    Raises
-    ------
-    InputError
-        A load is far beyond what the robot can carry.
-    """
-    try:
-        warned, remarks = plausibility(data.robot, data.model, data.steps)
-    except ValueError as error:
-        raise InputError([Problem(data.name, "", "", _columns(str(error), data))]) from error
-    warned.append(impossible_place(data))
-    if not any(warned):
-        remarks.append(_other_bend(data))
-    found = {PlausibilityWarning: warned, PlausibilityRemark: remarks}
-    return {category: [_columns(x, data) for x in texts if x] for category, texts in found.items()}
-
-
-def _columns(text: str, data: MeasuredData) -> str:
-    """A sentence with the columns of loading.csv in place of keys of a scenario."""
-
-    def column(found: re.Match[str]) -> str:
-        step = data.step_ids[int(found[1])]
-        name = found[2].replace("tensions.", "tension_").replace("displacements.", "displacement_")
-        return f"loading.csv, step {step}: " + re.sub(r"^loads\.\w+\.", "", name)
-
-    return re.sub(r"steps\[(\d+)\]\.([\w.]+)", column, text)
-
-
-def _other_bend(data: MeasuredData) -> str:
-    """Inputs that bend the robot far more or less than the readings say, as a sentence; of steps without a force."""
-    d = Description.of(data.robot, data.model, data.steps)
-    free = [not any(any(x.force) for x in step.loads.values()) for step in data.steps]
-    read = _bends_read(data)
-    bends = [read.get(i, 0.0) for i, f in zip(data.step_ids, free, strict=True) if f]
-    measured = max(bends, default=0.0) - min(bends, default=0.0)  # heights may not count from the base
-    for kind in ("tensions", "displacements"):
-        angles = np.linalg.norm(d.bends(kind).sum(axis=2), axis=1)[free]
-        largest = float(np.max(angles, initial=0.0))
-        if measured and largest and not 1.0 / OTHER_UNIT < largest / measured < OTHER_UNIT:
-            return (
-                f"loading.csv: its {kind} would bend the robot without friction by up to {largest:.2g} rad, the "
-                f"readings say {measured:.2g} rad; check the unit of the {kind}, the modulus and the radius"
-            )
-    return ""
-
-
-def _bends_read(data: MeasuredData) -> Mapping[int, float]:
-    """Angle between the tangents of base and tip by step, as far as readings tell it [rad]."""
-    found = {r.step: abs(r.value) for r in data.readings if r.quantity == "bending_angle"}
-    found |= {r.step: 2.0 * abs(r.value) for r in data.readings if r.quantity == "chord_angle"}
-    heights = [r for r in data.readings if r.quantity == "position_z" and isinstance(r.location, float)]
-    farthest = max((r.location for r in heights if isinstance(r.location, float)), default=0.0)
-    turns = np.linspace(0.0, 4.4, 441)
-    for r in heights:
-        if r.location == farthest and r.step not in found:
-            # An arc of the turn a and length s is s sin(a) / a high.
-            turn = float(np.interp(-r.value / farthest, -np.sinc(turns / np.pi), turns))
-            found[r.step] = turn * data.robot.backbone.length / farthest
-    return found
-
-
-def impossible_place(data: MeasuredData) -> str:
-    """A marker that most readings place farther from the base than the backbone is long up to it, as a sentence."""
-    squares: dict[float, dict[int, float]] = {}
-    for r in data.readings:
-        if r.channel.family == "position" and isinstance(r.location, float):
-            own = squares.setdefault(r.location, {})
-            own[r.step] = own.get(r.step, 0.0) + r.value**2
-    for s, by_step in sorted(squares.items()):
-        far = float(np.sqrt(np.median(list(by_step.values()))))
-        if far > s + ELSEWHERE * data.robot.backbone.length:
-            return (
-                f"the marker at s = {s:g} m is read {far:.4g} m from the base, where no backbone reaches that has this "
-                f"length: it sits at s = {far:.3g} m or beyond"
-            )
-    return ""
 
 
 # ------------------------------------------------------------------------------------------------ the judgement

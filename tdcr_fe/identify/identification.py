@@ -12,7 +12,7 @@ import numpy as np
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.criteria import robust_threshold, unusable_data
-from tdcr_fe.identify.data_faults import data_fault, first_checks, other_sign_solves
+from tdcr_fe.identify.data_faults import data_fault, other_sign_solves
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.load_steps import choose_held_out, held_out_branches
 from tdcr_fe.identify.long_data import (
@@ -45,6 +45,7 @@ from tdcr_fe.identify.settings import (
 )
 from tdcr_fe.identify.statistics import profiles
 from tdcr_fe.identify.verdict import Found, conclude
+from tdcr_fe.io.first_checks import first_checks
 from tdcr_fe.io.measured import MeasuredData, without_unread_steps
 from tdcr_fe.io.user_effects import check_on
 from tdcr_fe.model.arguments import check_instance

@@ -8,8 +8,9 @@ from identify_data import FRICTIONAL, GRAVITY, MODEL, ROBOT, begun, data_of, mea
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify import IdentifySettings, identify
-from tdcr_fe.identify.data_faults import data_fault, impossible_place, wrong_sigma
+from tdcr_fe.identify.data_faults import data_fault, wrong_sigma
 from tdcr_fe.identify.sentences import headline, sentences
+from tdcr_fe.io.first_checks import impossible_place
 from tdcr_fe.io.readings import BadRow, Reading
 from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.messages import PlausibilityWarning

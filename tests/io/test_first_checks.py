@@ -3,7 +3,7 @@
 import pytest
 from identify_data import LENGTH, ROBOT, data_of, sequence
 
-from tdcr_fe.identify.data_faults import first_checks
+from tdcr_fe.io.first_checks import first_checks
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep, Model
