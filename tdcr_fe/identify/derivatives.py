@@ -276,30 +276,34 @@ class _Part:
         )
 
     def _acted(self, experiment: Experiment) -> Experiment:
-        """The experiment with the action."""
+        """The experiment with the action; steps and loads that are those of the model are shared with it."""
         if self.action is None:
             return experiment
-        if (
-            self._bare is not None
-            and experiment.steps is self._bare.steps
-            and experiment.ends == self._bare.ends
-        ):
+        bare = self._bare
+        if bare is None or experiment.ends != bare.ends:
+            return with_action(experiment, self.action)
+        if experiment.steps is bare.steps:
             return replace(experiment, steps=self.experiment.steps)
-        return with_action(experiment, self.action)
+        steps = []
+        for own, plain, acted in zip(experiment.steps, bare.steps, self.experiment.steps, strict=True):
+            if own is not plain and own.loads != plain.loads:
+                return with_action(experiment, self.action)
+            steps.append(acted if own is plain else replace(own, loads=acted.loads))
+        return replace(experiment, steps=tuple(steps))
 
     def _at_null(self) -> tuple[tuple[Effect, ...], Point]:
         """The model with those effects of the columns whose null values add inputs that act nowhere, such as loads."""
         effects, values = list(self.request.effects), dict(self.request.values)
         plain = self.problem.with_effects(effects, values)
-        for column in self.request.columns:
-            if column.effect.name in values:
+        tried: set[str] = set()
+        for e, _, at, _ in self.request.columns:
+            if e.name in values or e.name in tried or isinstance(e, StateLoad | ReadingCause):
                 continue
-            more = {**values, column.effect.name: dict(column.values)}
-            if not same_structure(
-                plain.steps, self.problem.with_effects([*effects, column.effect], more).steps
-            ):
-                effects, values = [*effects, column.effect], more
-                plain = self.problem.with_effects(effects, values)
+            tried.add(e.name)
+            more = {**values, e.name: dict(at)}
+            with_it = self.problem.with_effects([*effects, e], more)
+            if with_it.steps is not plain.steps and not same_structure(plain.steps, with_it.steps):
+                effects, values, plain = [*effects, e], more, with_it
         return tuple(effects), values
 
     def _moved(self, number: int, coordinate: float) -> Experiment:

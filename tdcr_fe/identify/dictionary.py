@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
@@ -203,22 +203,25 @@ def _inputs(problem: FitProblem) -> list[Cause]:
         """A change of all inputs by a number times what follows from the input and from progress along the rows."""
 
         def changed(experiment: Experiment, values: Values) -> Experiment:
-            steps: list[LoadStep] = []
             ends = [(k, x == 1.0) for k, x in experiment.step_ends]
             progress = _progress([s for s, (_, whole) in zip(experiment.steps, ends, strict=True) if whole])
-            for step, (k, _) in zip(experiment.steps, ends, strict=True):
 
-                def new(name: str, x: float, p: float = float(progress[k])) -> float:
-                    y = x + values.get(name, values.get("all", 0.0)) * shape(x, p)
-                    return y if displaced else max(y, 0.0)
+            def with_change(step: LoadStep, p: float) -> LoadStep:
+                def new(commands: Mapping[str, float], least: float) -> dict[str, float]:
+                    moved = {
+                        n: values.get(n, values.get("all", 0.0)) * shape(x, p) for n, x in commands.items()
+                    }
+                    return {n: max(x + moved[n], least) if moved[n] else x for n, x in commands.items()}
 
-                steps.append(
-                    replace(
-                        step,
-                        tensions={n: new(n, x) for n, x in step.tensions.items()},
-                        displacements={n: new(n, x) for n, x in step.displacements.items()},
-                    )
-                )
+                tensions, displacements = new(step.tensions, 0.0), new(step.displacements, -math.inf)
+                if tensions == step.tensions and displacements == step.displacements:
+                    return step
+                return replace(step, tensions=tensions, displacements=displacements)
+
+            steps = (
+                with_change(step, float(progress[k]))
+                for step, (k, _) in zip(experiment.steps, ends, strict=True)
+            )
             return replace(experiment, steps=tuple(steps))
 
         return changed

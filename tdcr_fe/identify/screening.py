@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from tdcr_fe.effects import Effect, Experiment
+from tdcr_fe.identify.causes import ReadingCause, StateLoad
 from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.fitting import can_be_seen
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
@@ -112,6 +113,8 @@ def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> tuple[li
 
 def _possible(problem: FitProblem, fit: Fit, e: Effect, points: Sequence[dict[str, float]]) -> bool:
     """Whether the model can have the effect at all points: some laws of the material exclude each other."""
+    if isinstance(e, StateLoad | ReadingCause):  # the description stays as it is
+        return True
     try:
         for point in points:
             problem.with_effects((*fit.effects, e), {**fit.values, e.name: point})
@@ -248,7 +251,7 @@ class _Space:
         found = np.linalg.lstsq(x / norm, self.rest, rcond=1e-10)[0]
         low, high = np.minimum(low, -1e-9) * norm, np.maximum(high, 1e-9) * norm
         if np.any(found < low) or np.any(found > high):
-            found = lsq_linear(x / norm, self.rest, (low, high)).x
+            found = lsq_linear(x / norm, self.rest, (low, high), method="bvls").x
         left = self.rest - x / norm @ found
         return found / norm, float(self.rest @ self.rest - left @ left)
 

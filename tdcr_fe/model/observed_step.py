@@ -168,14 +168,18 @@ class ObservedStep:
 
     def moved(self, change: ObservedChange, h: Array) -> ObservedStep:
         """1 + 2 P steps: this one, and with each parameter changed by ``h`` and by ``-h``, to first order."""
-        by = np.concatenate((np.zeros((1, h.size)), np.diag(h), np.diag(-h)))
-        turn = Rotation.from_rotvec(np.tensordot(by, change.rotations, (1, 2)).reshape(-1, 3)).as_matrix()
+
+        def changes(by: Array) -> Array:
+            each = np.moveaxis(by * h, -1, 0)
+            return np.concatenate((np.zeros((1, *each.shape[1:])), each, -each))
+
+        turn = Rotation.from_rotvec(changes(change.rotations).reshape(-1, 3)).as_matrix()
         return replace(
             self,
-            s=self.s + np.tensordot(by, change.s, (1, 1)),
-            positions=self.positions + np.tensordot(by, change.positions, (1, 2)),
-            rotations=turn.reshape(len(by), -1, 3, 3) @ self.rotations,
-            displacements=self.displacements + np.tensordot(by, change.displacements, (1, 1)),
-            base_tensions=self.base_tensions + np.tensordot(by, change.base_tensions, (1, 1)),
-            distal_tensions=self.distal_tensions + np.tensordot(by, change.distal_tensions, (1, 1)),
+            s=self.s + changes(change.s),
+            positions=self.positions + changes(change.positions),
+            rotations=turn.reshape(1 + 2 * h.size, -1, 3, 3) @ self.rotations,
+            displacements=self.displacements + changes(change.displacements),
+            base_tensions=self.base_tensions + changes(change.base_tensions),
+            distal_tensions=self.distal_tensions + changes(change.distal_tensions),
         )
