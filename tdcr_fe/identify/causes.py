@@ -6,7 +6,6 @@ Loads that depend on the solved state, and shifts of the readings, are causes wi
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -29,24 +28,24 @@ def is_named(effect: Effect) -> bool:
     return not isinstance(effect, Cause)
 
 
-def family(effect: Effect) -> str:
-    """Name of a cause without its place, bay or row: the same cause elsewhere is of the same family."""
-    return re.sub(r"(s = [\d.e-]+|bay \d+|row \d+)", "", effect.name.replace("(tip)", "(disk at s = 0 m)"))
-
-
 class Cause(Effect):
     """A cause on no list.
 
     Attributes
     ----------
     sentence : str
-        What acts, in words, without numbers.
+        What acts, in words, without its place.
     price : float
         What its choice among all of the same kind costs, in natural units of the logarithm of its prior probability.
     """
 
     sentence: str = ""
     price: float = 0.0
+
+    @property
+    def family(self) -> str:
+        """What it shares with the same cause at other places, or from other rows on; empty where it acts everywhere."""
+        return "" if self.kind.where == "everywhere" else self.sentence
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """One direction for each parameter."""

@@ -252,7 +252,7 @@ def _inputs(problem: FitProblem) -> list[Cause]:
             found.append(ChangedDescription(f"{name} (each)", kind, each, law(change), text))
         for p in each:
             at = kind._replace(where=f"tendon {p.name}")
-            found.append(ChangedDescription(f"{name} ({p.name})", at, (p,), law(change), f"{text}: {p.name}"))
+            found.append(ChangedDescription(f"{name} ({p.name})", at, (p,), law(change), text))
     rows = range(3, len(actions) - 2) if clock and not problem.data.parts else ()
     progress, jumps = _progress(problem.data.steps), "the zero of an input jumps"
     chosen = math.log(len(actions) * len(driven))
@@ -366,11 +366,12 @@ def _readings(problem: FitProblem) -> list[Cause]:
     for (marker, who), first in itertools.product(groups.items(), data.step_ids[3:-2]):
         kind, since = Kind("reading", ("row",), f"{who}, from row {first} on"), f"from row {first} on"
         shape = partial(along, weight=after(first), marker=marker)
-        causes = [shift(f"jump of {who} {since}", kind, f"the readings of {who} jump {since}", shape)]
+        causes = [shift(f"jump of {who} {since}", kind, "readings jump", shape)]
         if marker is not None:
             shape = partial(in_section, weight=after(first), marker=marker)
-            slips = f"{who} sits elsewhere on its section {since}"
-            causes.append(shift(f"slip of {who} {since}", kind, slips, shape))
+            causes.append(
+                shift(f"slip of {who} {since}", kind, "a marker sits elsewhere on its section", shape)
+            )
         for cause in causes:
             cause.price = math.log(len(data.steps) * (1 if marker is None else len(markers)))
         found += causes

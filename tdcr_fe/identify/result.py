@@ -164,7 +164,8 @@ class Law(NamedTuple):
     @property
     def sentence(self) -> str:
         """In words."""
-        return "; ".join(c.sentence for c in self.causes)
+        places = ("" if c.kind.where == "everywhere" else f" ({c.kind.where})" for c in self.causes)
+        return "; ".join(f"{c.sentence}{place}" for c, place in zip(self.causes, places, strict=True))
 
     @property
     def alternatives(self) -> tuple[str, ...]:

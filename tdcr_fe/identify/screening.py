@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,10 +16,6 @@ from tdcr_fe.identify.fitting import can_be_seen
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 
 Array = NDArray[np.float64]
-
-#: Columns of two causes with a larger cosine than this cannot be told apart.
-PARALLEL = 0.995
-
 
 #: A direction of a candidate whose change is smaller than this share of its largest one does not count.
 SEEN = 1e-6
@@ -326,58 +321,6 @@ def apart(problem: FitProblem, fit: Fit, change: Array, score: Score) -> tuple[f
     found = np.linalg.lstsq(x / np.maximum(np.linalg.norm(x, axis=0), 1e-300), goal, rcond=1e-10)
     left = goal - x / np.maximum(np.linalg.norm(x, axis=0), 1e-300) @ found[0]
     return float(left @ left), float(goal @ goal)
-
-
-def best_pairs(
-    problem: FitProblem,
-    fit: Fit,
-    scores: Sequence[Score],
-    most: int,
-    criterion: Callable[[float, tuple[Score, ...]], float] = lambda drop, _: -drop,
-) -> list[Score]:
-    """The pairs of causes that together promise most, to first order, from their Gram matrix.
-
-    ``criterion``: of the fall of the sum of squares and the causes, smaller is better.
-    """
-    space = _Space.of(problem, fit)
-    bases, right = [], []
-    for x in scores:
-        u, size, _ = np.linalg.svd(space.free(x.signature), full_matrices=False)
-        bases.append(u[:, size > 1e-6 * max(float(np.max(size, initial=0.0)), 1e-300)])
-        right.append(bases[-1].T @ space.rest)
-    drops: list[tuple[float, int, int]] = []
-    for i, j in itertools.combinations(range(len(scores)), 2):
-        if scores[i].effect.listed == scores[j].effect.listed:
-            continue
-        cross = bases[i].T @ bases[j]
-        if not cross.size or float(np.max(np.abs(cross))) > PARALLEL:
-            continue
-        gap = right[j] - cross.T @ right[i]
-        matrix = np.eye(cross.shape[1]) - cross.T @ cross
-        more = float(gap @ np.linalg.lstsq(matrix, gap, rcond=1e-6)[0])
-        drop = float(right[i] @ right[i]) + more
-        drops.append((criterion(drop, (scores[i], scores[j])), i, j))
-    found = [_pair(problem, space, scores[i], scores[j]) for _, i, j in sorted(drops)[: 4 * most]]
-    return sorted(found, key=lambda s: criterion(s.drop, (s,)))[:most]
-
-
-def _pair(problem: FitProblem, space: _Space, a: Score, b: Score) -> Score:
-    """Two causes together, within the bounds of their parameters."""
-    signature = np.concatenate((a.signature, b.signature), axis=1)
-    ranges = []
-    for x in (a, b):
-        assert x.probe is not None
-        ranges += [_amplitude_range(problem, x.effect, x.probe.null, d) for d in x.probe.directions]
-    amplitude, drop = space.amplitudes(signature, *np.array(ranges).T)
-    k = a.signature.shape[1]
-    values, predicted = space.adapted(signature @ amplitude)
-    values = dict(values)
-    for x, own in ((a, amplitude[:k]), (b, amplitude[k:])):
-        assert x.probe is not None
-        values[x.effect.name] = _mix(problem, x.probe, own)
-    return Score(
-        (a.effect, b.effect), drop, [values], predicted, signature, "", None, {**a.scales, **b.scales}
-    )
 
 
 def _direction(

@@ -1,10 +1,9 @@
 """The search for causes over one dictionary: models are extended, the best first, exchanged and reduced.
 
-One run of a model linearises it by all causes of the dictionary (`tdcr_fe.identify.screening`). Single causes, and all
-pairs from their Gram matrix, are ordered by the evidence that they promise; the first are fitted. In every round one
-model is extended: the best of all, or one of the best with listed effects alone, unless it cannot become better than
-the best of all. At the end causes of the best model are exchanged for others, and those dropped that the others make
-unnecessary.
+One run of a model linearises it by all causes of the dictionary (`tdcr_fe.identify.screening`). They are ordered by the
+evidence that they promise; the first are fitted. In every round one model is extended: the best of all, or one of the
+best with listed effects alone, unless it cannot become better than the best of all. At the end causes of the best model
+are exchanged for others, and those dropped that the others make unnecessary.
 
 Stages (`search_causes`, `grow`, `backward_selection`, `exchange`) are generators of states, so that an interruption
 keeps the last one that was complete.
@@ -16,7 +15,6 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +23,7 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Effect, EffectAtPlace
 from tdcr_fe.effects.base import Points
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.causes import family, is_named
+from tdcr_fe.identify.causes import is_named
 from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
     at_bound,
@@ -43,7 +41,7 @@ from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.result import Candidate
-from tdcr_fe.identify.screening import Score, apart, best_pairs, rescored, screen
+from tdcr_fe.identify.screening import Score, apart, rescored, screen
 from tdcr_fe.identify.search_state import (
     Search,
     SearchState,
@@ -205,27 +203,17 @@ def singles(
 def costly_singles(
     search: Search, state: SearchState, parent: Fit, named: bool
 ) -> tuple[SearchState, list[Proposal]]:
-    """Single causes that take a run each beside the declared model, where nothing else explains the data."""
-    if parent.effects or search.explained(state):
-        return state, []
-    return singles(search, state, parent, named, True)
+    """Single causes that take a run each, beside the declared model."""
+    return (state, []) if parent.effects else singles(search, state, parent, named, True)
 
 
 def pairs(search: Search, state: SearchState, parent: Fit, named: bool) -> tuple[SearchState, list[Proposal]]:
-    """Pairs of listed effects beside a model that are worth a fit, and effects that show only together.
-
-    Far from noise the first order tells too little about pairs: they are found by extending single causes that are
-    fitted.
-    """
-    state, scores, reference = scores_beside(state, parent, named, False)
-    problem, most = state.problem, search.settings.candidates
+    """Effects that show only beside another one, together with that one."""
+    state, _, reference = scores_beside(state, parent, named, False)
+    problem = state.problem
     if len(parent.effects) + 2 > search.settings.max_effects or lacks_test(problem, parent):
         return state, []
-    found = together(state, reference)
-    if FIRST_ORDER * parent.cost < np.count_nonzero(problem.fitted):
-        listed = [x for x in scores if x.starts and is_named(x.effect)]
-        found += best_pairs(problem, parent, listed, most, partial(promised, problem, parent))
-    found = worth_fitting(search, problem, parent, found)
+    found = worth_fitting(search, problem, parent, together(state, reference))
     return state, [_proposal(problem, parent, x, reference) for x in found]
 
 
@@ -401,8 +389,8 @@ def grow(search: Search, state: SearchState) -> Stage:
         pool: list[Proposal] = []
         before, named = state.best, head is not state.best
         for propose in (singles, at_full_strength, pairs, costly_singles):
-            if propose is not singles and head.effects and search.explained(state):
-                break  # what is left is noise: nothing that first order hardly shows
+            if propose is not singles and search.explained(state):
+                break  # what first order hardly shows is tried where nothing else explains the data
             state, new = propose(search, state, head, named)
             new = sorted((x for x in new if len(x.names) <= most_effects), key=lambda x: x.criterion)
             pool += new
@@ -413,8 +401,8 @@ def grow(search: Search, state: SearchState) -> Stage:
             if better:
                 state = replace(state, best=better[0])
                 yield state
-                if _all_named(state.best) and (search.listed_first or search.explained(state)):
-                    break  # what shows less is tried where nothing else helps
+                if _all_named(state.best) and search.listed_first:
+                    break
         entries = [_entry(state, number, x) for x in pool[:SHOWN]]
         state = replace(state, candidates=(*state.candidates, *entries))
         best = state.best
@@ -570,7 +558,7 @@ def at_full_strength(
     state, known, _ = scores_beside(state, parent, costly=False)
     drops = {x.effect.name: x.drop for x in known}
     scores = []
-    if parent.effects or search.explained(state):  # all are tried where nothing else explains the data
+    if parent.effects:
         causes = sorted(causes, key=lambda e: -drops.get(e.name, 0.0))[: search.settings.candidates]
     for e in causes:
         point = {**parent.values, e.name: e.full_strength(problem.experiment)}
@@ -618,8 +606,10 @@ def elsewhere(search: Search, state: SearchState) -> Stage:
     while True:
         problem, best, moved = state.problem, state.best, []
         for e in best.effects:
-            places = [x for x in state.dictionary if family(x) == family(e)]
-            at = [x.name for x in places].index(e.name) if len(places) > 1 else 0
+            places = [
+                x for x in state.dictionary if x.name == e.name or (_family(e) and _family(x) == _family(e))
+            ]
+            at = [x.name for x in places].index(e.name)
             for other in (places[k] for k in (at - 1, at + 1) if 0 <= k < len(places)):
                 effects = tuple(other if x is e else x for x in best.effects)
                 known = state.fits.get(frozenset(x.name for x in effects))
@@ -638,6 +628,11 @@ def elsewhere(search: Search, state: SearchState) -> Stage:
             f"{listed_names(new.names)}: a neighbouring place explains more"
         )
         yield state
+
+
+def _family(e: Effect) -> str:
+    """What a cause shares with the same one at other places; empty where it has no place."""
+    return e.listed if isinstance(e, EffectAtPlace) else getattr(e, "family", "")
 
 
 def exchange(search: Search, state: SearchState) -> Stage:

@@ -19,8 +19,8 @@ from tdcr_fe.io.measured import MeasuredData
 
 Array = NDArray[np.float64]
 
-#: Where a profile is computed, in standard errors [1].
-DISTANCES = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+#: Where a profile is computed, in standard errors from the fit [1].
+DISTANCES = np.array([-2.0, -1.0, 1.0, 2.0])
 
 
 def goodness(misfit: Misfit, variables: int) -> dict[str, float]:
@@ -84,12 +84,11 @@ def profiles(problem: FitProblem, fit: Fit) -> tuple[Profile, ...]:
             break
         # In units of the growth by one standard error where the model is linear.
         growth = np.sqrt(np.maximum(cost - fit.cost, 0.0)) / np.linalg.norm(jacobian @ step)
-        roots = np.sign(DISTANCES[inside]) * growth
-        values = np.array([p[key[0]][key[1]] for p in points])
-        order = np.argsort(values[np.isfinite(growth)])
-        found.append(
-            Profile(".".join(key), values[np.isfinite(growth)][order], roots[np.isfinite(growth)][order])
-        )
+        roots = np.append(np.sign(DISTANCES[inside]) * growth, 0.0)
+        values = np.array([p[key[0]][key[1]] for p in (*points, fit.values)])
+        order = np.argsort(values)
+        order = order[np.isfinite(roots[order])]
+        found.append(Profile(".".join(key), values[order], roots[order]))
     return tuple(found)
 
 

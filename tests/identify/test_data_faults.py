@@ -235,7 +235,7 @@ def test_a_marker_that_jumps_in_two_coordinates_is_found_beside_a_missing_effect
 
     result = identify(changed(measured(truth), slipped))
     assert result.verdict == "explained by a law found"
-    assert "the marker at s = 0.2 m jump from row 6 on" in result.law.sentence
+    assert "readings jump (the marker at s = 0.2 m, from row 6 on)" in result.law.sentence
     (jump,) = result.law.causes
     assert jump.parameters["x"].value == pytest.approx(4e-3, abs=2e-4)
     assert jump.parameters["z"].value == pytest.approx(-6e-3, abs=2e-4)

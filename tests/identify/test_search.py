@@ -19,13 +19,11 @@ from identify_data import (
 
 from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.causes import family, is_named
+from tdcr_fe.identify.causes import is_named
 from tdcr_fe.identify.criteria import UNNAMED, price
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.forward import Job
-from tdcr_fe.identify.problem import evaluate
-from tdcr_fe.identify.screening import best_pairs, screen
 from tdcr_fe.identify.search import _was_extended, elsewhere, exchange, search_causes
 from tdcr_fe.model.routing import MisplacedRouting
 
@@ -62,19 +60,6 @@ def test_a_cause_at_a_place_and_one_without_a_name_have_a_price():
     assert price((effect("gravity"), effect("creep")), ROBOT) == pytest.approx(2.0 * one)
     assert price((bay,), ROBOT) - one == pytest.approx(2.0 * np.log(4))
     assert price((taper,), ROBOT) - one == pytest.approx(2.0 * UNNAMED)
-
-
-def test_the_best_pair_removes_what_a_fit_of_both_columns_removes():
-    truth = {**GRAVITY, "precurvature": {"kappa_x": 0.3, "kappa_y": -0.2}}
-    problem = problem_of(measured(truth))
-    declared = evaluate(problem, (), {})
-    scores, _ = screen(problem, declared, [effect(n) for n in ("gravity", "precurvature", "marker_offset")])
-    pair = best_pairs(problem, declared, scores, 1)[0]
-    assert len(pair.effects) == 2 and pair.drop >= max(x.drop for x in scores)
-    w = problem.root_weights(declared.residual)
-    a, r = pair.signature * w[:, None], declared.residual * w
-    left = r - a @ np.linalg.lstsq(a, r, rcond=None)[0]
-    assert pair.drop == pytest.approx(float(r @ r - left @ left), rel=1e-6)
 
 
 def test_a_hole_that_holds_fast_is_found_although_its_derivative_is_that_of_a_small_drop():
@@ -190,7 +175,6 @@ def test_the_place_of_a_cause_is_compared_with_its_neighbours():
     for latest in elsewhere(searching(), state):
         state = latest
     assert state.best.names == (places[2].name,)
-    assert [family(x) == family(places[0]) for x in (*places, effect("gravity"))] == [True] * 4 + [False]
 
 
 def test_one_hole_or_one_disk_is_moved_and_no_other():
