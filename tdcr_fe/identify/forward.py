@@ -1,11 +1,9 @@
-"""The forward model: simulates experiments, many at a time, on several processes, each once."""
+"""The forward model: simulates experiments, many at a time, on several processes."""
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import math
-import pickle
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -224,9 +222,8 @@ def _differentiated(
 Given = TypeVar("Given")
 Found = TypeVar("Found")
 
-#: Runs kept in memory, with their paths: those without a reference path, which alone are asked for again. And
-#: experiments with an effect: neighbouring models share most of their effects.
-CACHE, APPLIED = 24, 64
+#: Experiments with an effect that are kept in memory: neighbouring models share most of their effects.
+APPLIED = 64
 
 
 class Job(NamedTuple):
@@ -247,7 +244,7 @@ class Job(NamedTuple):
 
 
 class ForwardModel:
-    """Simulates experiments, each once, several at a time. Use as a context manager; leaving it ends the workers.
+    """Simulates experiments, several at a time. Use as a context manager; leaving it ends the workers.
 
     Parameters
     ----------
@@ -268,7 +265,6 @@ class ForwardModel:
         self.settings = settings or SolverSettings()
         self.runs = self.iterations = 0
         self.lists = 0  # of tasks that were given to the processes
-        self._cache: dict[str, Run] = {}
         # By the identity of both and the values, which holds as long as both are kept
         self._applied: dict[tuple[Any, ...], tuple[Experiment, Effect, Experiment]] = {}
         self._pool: ProcessPoolExecutor | None = None
@@ -289,15 +285,14 @@ class ForwardModel:
         self._stack.__exit__(kind, error, traceback)
 
     def run(self, jobs: Sequence[Job], path_tolerance: float, deadline: float = math.inf) -> list[Run]:
-        """Simulate jobs at a time; those without derivatives and reference that were simulated before from memory.
+        """Simulate jobs, several at a time.
 
         Parameters
         ----------
         jobs
-            What to simulate; experiments that differ in the observation only share a run.
+            What to simulate.
         path_tolerance
-            Of the solver, where the declared settings leave it to the identification. Not part of a run's key: it grows
-            once, and earlier, more accurate runs remain valid.
+            Of the solver, where the declared settings leave it to the identification [1].
         deadline
             Reading of `tdcr_fe.identify.settings.clock` at which simulations end [s].
 
@@ -306,33 +301,11 @@ class ForwardModel:
         OutOfTime
             The deadline has passed.
         """
-        keys = []
-        for job in jobs:
-            key = _key(job.experiment, job.record)
-            if not job.record:  # a recorded run can be used too
-                recorded = _key(job.experiment, True)
-                key = recorded if recorded in self._cache else key
-            keys.append(key)
-        todo: dict[int | str, Job] = {}
-        for number, (key, job) in enumerate(zip(keys, jobs, strict=True)):
-            if job.parameters or job.states or job.reference is not None:
-                todo[number] = job
-            elif key not in self._cache:
-                todo[key] = job
         settings = run_settings(self.settings, path_tolerance)
-        runs = self.map(simulate_experiment, [job.task(settings, deadline) for job in todo.values()])
+        runs = self.map(simulate_experiment, [job.task(settings, deadline) for job in jobs])
         self.runs += len(runs)
         self.iterations += sum(r.iterations for r in runs)
-        made = dict(zip(todo, runs, strict=True))
-        found: list[Run] = []
-        for number, (key, job) in enumerate(zip(keys, jobs, strict=True)):
-            run = made.get(number, made.get(key))
-            if run is not None and job.reference is None:
-                self._cache[key] = replace(run, derivatives=None, bays=None)
-            found.append(self._cache[key] if run is None else run)
-        while len(self._cache) > CACHE:
-            self._cache.pop(next(iter(self._cache)))
-        return found
+        return runs
 
     def with_effect(self, experiment: Experiment, effect: Effect, values: Values) -> Experiment:
         """An experiment with an effect; the last ones from memory."""
@@ -380,10 +353,3 @@ def _timed(
     except OutOfTime:
         return (), time.process_time() - begun
     return found, time.process_time() - begun
-
-
-def _key(experiment: Experiment, record: bool) -> str:
-    text = pickle.dumps(
-        (experiment.robot, experiment.model, experiment.steps, experiment.ends, experiment.restarts)
-    )
-    return f"{hashlib.sha256(text).hexdigest()} {record}"

@@ -26,7 +26,7 @@ from tdcr_fe.identify.long_data import (
 )
 from tdcr_fe.identify.next_experiment import choose_next
 from tdcr_fe.identify.noise import estimate_sigma, find_input_noise, with_input_sigma
-from tdcr_fe.identify.problem import FitProblem, evaluate, fit_of_run, refine
+from tdcr_fe.identify.problem import FitProblem, fit_of_run, refine
 from tdcr_fe.identify.result import IdentificationResult
 from tdcr_fe.identify.run import Run
 from tdcr_fe.identify.search import search_causes
@@ -112,7 +112,8 @@ def _identified(data: MeasuredData, settings: IdentifySettings, search: Search) 
         with ForwardModel(settings.processes, data.settings) as forward:
             prepared = prepare(without_unread_steps(data), settings, forward)
             state = declared_state(prepared.searched, prepared.run)
-            schedule = Schedule.of(begun, settings.time_limit, prepared.all_steps, prepared.frictional_steps)
+            some_rows, frictionless = prepared.rows is not None, prepared.frictional is not None
+            schedule = Schedule.of(begun, settings.time_limit, some_rows, frictionless)
             state, found = _search(search, state, prepared, schedule)
             search.report("conclusions", 0.97)
     except _Interrupted as interruption:  # the workers have ended
@@ -131,11 +132,6 @@ class _Prepared(NamedTuple):
     rows: RowChoice | None  # load steps that the search uses; None for all
     frictional: FitProblem | None  # where the search runs without friction: what its end runs with
     sigma_estimated: bool  # whether any sigma was not given
-    # about how long a run over all load steps takes, where the search uses some of them; else zero [s]
-    all_steps: float = 0.0
-    # about how long a run with friction over the chosen load steps takes, where the search runs without; else
-    # zero [s]
-    frictional_steps: float = 0.0
 
 
 class _Interrupted(KeyboardInterrupt):
@@ -218,27 +214,16 @@ def prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardMode
         tolerance = float(np.clip(share, problem.path_tolerance, LOOSEST))
         problem = replace(problem, path_tolerance=tolerance)
     rows, searched, frictional = choose_rows(data, sorted(positions)), problem, None
-    all_steps = frictional_steps = 0.0
     if rows is not None:
         searched = problem_of_rows(problem, rows)
-        duration = _duration(searched)
         if friction_explains_little(searched):
-            frictional, frictional_steps = searched, duration
+            frictional = searched
             rows = choose_rows(data, sorted(positions), history=False) or rows
             searched = without_friction(problem_of_rows(problem, rows))
-            duration = _duration(searched)
-        all_steps = duration * rows.total / len(rows.steps)
     _, (run,) = searched.residuals((), [{}], record=True)
     if run.solved == len(run.positions):
         searched, run = refine(searched, (), {}, run)
-    return _Prepared(problem, searched, run, rows, frictional, estimated, all_steps, frictional_steps)
-
-
-def _duration(problem: FitProblem) -> float:
-    """Processor time of a run of the declared model [s]."""
-    begun = clock()
-    evaluate(problem, (), {})
-    return clock() - begun
+    return _Prepared(problem, searched, run, rows, frictional, estimated)
 
 
 def declared_state(problem: FitProblem, run: Run) -> SearchState:

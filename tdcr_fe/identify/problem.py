@@ -78,7 +78,7 @@ class FitProblem:
 
     data: MeasuredData
     readings: Readings
-    forward: ForwardModel  # solves experiments; caches its runs
+    forward: ForwardModel  # solves experiments
     sigma: Array  # standard uncertainty of every reading, in its unit, shape (n,)
     held_out: NDArray[np.bool_]  # shape (n,)
     experiment: Experiment  # the declared one, with the mesh and the divided steps that are used

@@ -89,9 +89,9 @@ MAY_EXPLAIN = frozenset({FURTHER_EFFECTS, EXCHANGES, FRICTION})
 #: of the corrected robot take, over the time limit [1].
 GRACE, GRACE_OF_TABLES = 0.1, 0.15
 
-#: The final fit to all load steps, of some iterations with derivatives, and the model with friction take about so many
-#: runs of theirs, and so much of the time limit at most [1].
-RUNS, RUNS_WITH_FRICTION, MOST = 24, 8, 0.3
+#: Shares of the time limit that are kept for the final fit to all load steps, and for the model with friction where the
+#: search runs without [1].
+FINAL_FIT, WITH_FRICTION = 0.3, 0.1
 
 
 class OutOfTime(Exception):
@@ -107,7 +107,7 @@ class Schedule(NamedTuple):
     grace: float  # from a first deadline to the second
 
     @classmethod
-    def of(cls, begun: float, seconds: float, all_steps: float = 0.0, with_friction: float = 0.0) -> Schedule:
+    def of(cls, begun: float, seconds: float, some_rows: bool, frictionless: bool) -> Schedule:
         """Of an identification.
 
         Parameters
@@ -116,14 +116,12 @@ class Schedule(NamedTuple):
             Reading of `clock` at its begin [s].
         seconds
             The time limit.
-        all_steps
-            About how long a run over all load steps takes, where a fit to all of them ends the search [s].
-        with_friction
-            About how long a run with friction over the chosen load steps takes, where the search runs without [s].
+        some_rows, frictionless
+            Whether the search uses some of the load steps, and whether it runs without friction.
         """
         end = begun + seconds
-        friction = end - min(RUNS * all_steps, MOST * seconds)
-        search = friction - min(RUNS_WITH_FRICTION * with_friction, MOST * seconds)
+        friction = end - FINAL_FIT * seconds * some_rows
+        search = friction - WITH_FRICTION * seconds * frictionless
         return cls(search, friction, end, GRACE * seconds)
 
 
