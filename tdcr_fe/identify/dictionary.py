@@ -19,26 +19,15 @@ from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Effect, Experiment, Parameter, PlaceEffect
 from tdcr_fe.effects.base import Kind, Values
-from tdcr_fe.identify.bay_state import COMPONENTS, BayState
-from tdcr_fe.identify.causes import (
-    Attraction,
-    Cause,
-    Change,
-    ChangedDescription,
-    Cord,
-    PointForce,
-    ReadingCause,
-    StateLoad,
-    number,
-)
-from tdcr_fe.identify.criteria import OTHER_GRAVITY, UNNAMED
-from tdcr_fe.identify.misplaced import routings, single_disks
-from tdcr_fe.identify.terms import ROW, TIME, Factor, library, sentence, where
+from tdcr_fe.identify.bay_state import BayState
+from tdcr_fe.identify.causes import Cause, Change, ChangedDescription, ReadingCause, number
+from tdcr_fe.identify.state_loads import state_loads
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.loading import Load, LoadStep, resolve
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.routing import MisplacedRouting, PointsRouting
 from tdcr_fe.model.tendon import TightHole
 
 if TYPE_CHECKING:
@@ -46,12 +35,6 @@ if TYPE_CHECKING:
     from tdcr_fe.identify.run import Run
 
 Array = NDArray[np.float64]
-
-#: Largest size of a moment or force that a typical step of its coefficient gives, over EI/L or EI/L^2 [1].
-TYPICAL = 0.02
-
-#: Coefficients are at most so many typical steps.
-FARTHEST = 2000.0
 
 
 def dictionary(problem: FitProblem, state: BayState) -> tuple[Effect, ...]:
@@ -78,18 +61,13 @@ def unnamed(problem: FitProblem, state: BayState) -> list[Cause]:
     found: list[Cause] = [*_along(problem), *_inputs(problem), *_turned(problem), *_readings(problem)]
     if not problem.experiment.robot.without_disks:
         found += [*routings(problem), *single_disks(problem)]
-    return [*found, *_loads(problem, state)]
-
-
-def has_times(problem: FitProblem) -> bool:
-    """Whether every load step has a time, and these differ."""
-    times = [s.time for s in problem.data.steps]
-    return all(t is not None for t in times) and len(set(times)) > 1
+    return [*found, *state_loads(problem, state, _clock(problem))]
 
 
 def _clock(problem: FitProblem) -> str:
     """What a drift depends on: time, else the row; empty where there are no times and rows are left out."""
-    if has_times(problem):
+    times = [s.time for s in problem.data.steps]
+    if all(t is not None for t in times) and len(set(times)) > 1:
         return "time"
     ids = problem.data.step_ids
     return "row" if ids == tuple(range(ids[0], ids[0] + len(ids))) else ""
@@ -308,6 +286,95 @@ def _turned(problem: FitProblem) -> list[Cause]:
     return [ChangedDescription("base at an angle", Kind("base", ("nothing",), "base"), numbers, turned, text)]
 
 
+# ----------------------------------------------------------------------------------------------------- tendons
+
+
+def routings(problem: FitProblem) -> list[Cause]:
+    """The holes of one tendon elsewhere: at another angle and distance, the same along the backbone or not."""
+    ends, found = ("base", "end"), list[Cause]()
+    numbers = (
+        number("factor", "1", (0.3, 3.0), 1.0, 0.02),
+        number("angle", "rad", (-1.5, 1.5), 0.0, 0.02),
+    )
+    along = tuple(
+        replace(p, name=f"{p.name}_{end}", meaning=f"{p.meaning} at the {end}")
+        for p in numbers
+        for end in ends
+    )
+    for name in problem.experiment.robot.tendon_names:
+
+        def moved(experiment: Experiment, values: Values, name: str = name) -> Experiment:
+            if "angle" in values:
+                values = {f"{n}_{end}": x for n, x in values.items() for end in ends}
+            tendons = tuple(
+                replace(t, routing=MisplacedRouting(t.routing, **values)) if t.name == name else t
+                for t in experiment.robot.tendons
+            )
+            return experiment.with_robot(tendons=tendons)
+
+        text = "the holes of a tendon are elsewhere, at another angle or distance"
+        for suffix, depends, own in (("", "nothing", numbers), (" along s", "place", along)):
+            kind = Kind("routing", (depends,), f"tendon {name}")
+            found.append(ChangedDescription(f"routing of {name}{suffix}", kind, own, moved, text))
+    return found
+
+
+def single_disks(problem: FitProblem) -> list[Cause]:
+    """One hole elsewhere; one disk turned and shifted in its plane, or slipped along the backbone."""
+    robot, found = problem.experiment.robot, list[Cause]()
+    offset = max(float(np.max(np.linalg.norm(robot.holes(t), axis=1))) for t in robot.tendons)
+    plane = tuple(number(a, "m", (-offset, offset), 0.0, 0.02 * offset) for a in "xy")
+    turn = number("angle", "rad", (-1.5, 1.5), 0.0, 0.02)
+    edges = robot.bay_edges
+    for k, s in enumerate(robot.disks.positions):
+        where = f"disk at s = {s:.4g} m"
+        through = [t.name for t in robot.tendons if s <= robot.end(t) + ARC_TOLERANCE]
+
+        def moved(
+            experiment: Experiment, values: Values, k: int = k, names: Sequence[str] = through
+        ) -> Experiment:
+            tendons, robot = [], experiment.robot
+            c, d = math.cos(values.get("angle", 0.0)), math.sin(values.get("angle", 0.0))
+            for t in robot.tendons:
+                if t.name in names:
+                    holes = robot.holes(t).copy()
+                    holes[k + 1] = np.array([[c, -d], [d, c]]) @ holes[k + 1] + [values["x"], values["y"]]
+                    at = tuple(map(float, robot.hole_arc_lengths(t)))
+                    t = replace(t, routing=PointsRouting(at, tuple((float(x), float(y)) for x, y in holes)))
+                tendons.append(t)
+            return experiment.with_robot(tendons=tuple(tendons))
+
+        def slipped(experiment: Experiment, values: Values, k: int = k) -> Experiment:
+            positions = list(experiment.robot.disks.positions)
+            positions[k] += values["along"]
+            return replace(experiment, robot=experiment.robot.with_disks(positions=tuple(positions)))
+
+        entries: list[tuple[str, tuple[Parameter, ...], Change, str, int]] = [
+            (
+                f"hole of {name}",
+                plane,
+                partial(moved, names=(name,)),
+                f"a hole of tendon {name} is elsewhere",
+                len(through),
+            )
+            for name in through
+        ]
+        if len(through) > 1:
+            text = "a disk is turned about the backbone, or off its centre"
+            entries.append(("disk turned", (turn, *plane), moved, text, 1))
+        if not any(t.end for t in robot.tendons) and k < len(robot.disks.positions) - 1:
+            room = 0.9 * float(min(edges[k + 1] - edges[k], edges[k + 2] - edges[k + 1]))
+            # of second order: no small step shows it
+            along = (number("along", "m", (-room, room), 0.0, 0.5 * room),)
+            entries.append(("disk slipped", along, slipped, "a disk has slipped along the backbone", 1))
+        kind = Kind("routing", ("place",), where)
+        for name, numbers, change, text, choices in entries:
+            price = math.log(choices * len(robot.disks.positions))
+            found.append(ChangedDescription(f"{name} ({where})", kind, numbers, change, text, price))
+            found[-1].exact_derivatives = change is not slipped  # the mesh changes
+    return found
+
+
 # ---------------------------------------------------------------------------------------------------- readings
 
 
@@ -376,113 +443,3 @@ def _readings(problem: FitProblem) -> list[Cause]:
             cause.price = math.log(len(data.steps) * (1 if marker is None else len(markers)))
         found += causes
     return found
-
-
-# ------------------------------------------------------------------------------------------------------- loads
-
-
-def _loads(problem: FitProblem, state: BayState) -> list[Cause]:
-    """Moments and forces on the backbone that depend on the state."""
-    backbone = problem.experiment.robot.backbone
-    length = backbone.length
-    size = np.array([backbone.EI / length] * 2 + [backbone.EI / length**2] * 3)
-    clock = TIME if has_times(problem) else ROW
-    bays = state.shape[1]
-    found: list[Cause] = []
-
-    def add(
-        name: str,
-        kind: Kind,
-        terms: Sequence[tuple[str, str, Callable[[BayState], Array]]],
-        text: str,
-        price: float,
-    ) -> None:
-        numbers = []
-        for label, unit, term in terms:
-            most = float(np.nanmax(np.abs(term(state)) / size, initial=0.0))
-            if most <= 0.0:
-                return
-            scale = TYPICAL / most
-            numbers.append(Parameter(label, unit, -FARTHEST * scale, FARTHEST * scale, 0.0, scale, label))
-        cause = StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text)
-        cause.price = price
-        found.append(cause)
-
-    rows_left_out = not _clock(problem)
-    for term in library(bays, clock):
-        if rows_left_out and ROW in term.factors:
-            continue
-        perturbs, depends = term.kind
-        price = math.log(10.0) + 1.5 * len(term.factors) + (math.log(bays) if term.bay is not None else 0.0)
-        kind = Kind(perturbs, depends, where(term, state.edges))
-        add(term.key, kind, [("coefficient", term.unit, term.action)], sentence(term), price)
-    for text, varies, unit, factor in _free_forces(clock):
-        if varies == "row" and rows_left_out:
-            continue
-        for bay in range(bays):
-            at = "tip" if bay == bays - 1 else f"disk at s = {state.edges[bay + 1]:.4g} m"
-            add(f"force {text} ({at})", Kind("force", (varies,), at),
-                [(a, unit, _at(bay, i, factor)) for i, a in enumerate("xyz")],
-                f"a force of fixed direction, {text}", 1.5 + (0.0 if bay == bays - 1 else math.log(bays)))  # fmt: skip
-    tensor = [
-        (n, "N m^2", partial(_by_curvature, axes=axes))
-        for n, axes in (("xx", "x"), ("yy", "y"), ("xy", "xy"))
-    ]
-    add("bending stiffness of another section", Kind("stiffness", ("direction of bending",), "everywhere"), tensor,
-        "a bending stiffness that differs between the directions", math.log(10.0))  # fmt: skip
-    spread = [(a, "N/m", _spread(i)) for i, a in enumerate("xyz")]
-    add("force along the backbone", Kind("force", ("nothing",), "along the backbone"), spread,
-        "a constant force along the whole backbone", 0.5 * OTHER_GRAVITY - UNNAMED)  # fmt: skip
-    strength = TYPICAL * float(size[2])
-    for bay, at in enumerate(state.edges[1:].tolist()):
-        powers = (2, 1, 3) if bay == bays - 1 else (2,)
-        points: list[PointForce] = [Attraction(at, bay, state, power, strength) for power in powers]
-        points += [Cord(at, bay, state, strength / length)]
-        for cause in points:
-            cause.price = 0.0 if bay == bays - 1 else math.log(bays)
-        found += points
-    return found
-
-
-#: A force of free direction: in words, what it depends on, the unit of its coefficient, and its factor.
-_FreeForce = tuple[str, str, str, Callable[[BayState], Array] | None]
-
-
-def _free_forces(clock: Factor) -> list[_FreeForce]:
-    timed = clock.kind == "time"
-    return [
-        ("constant", "nothing", "N", None),
-        ("in proportion to the displacement", "position", "N/m", lambda b: np.linalg.norm(b.moved, axis=2)),
-        (f"in proportion to {clock.name}", clock.kind, "N/s" if timed else "N", clock.value),
-    ]
-
-
-def _at(bay: int, axis: int, factor: Callable[[BayState], Array] | None) -> Callable[[BayState], Array]:
-    """A force on one disk along an axis of the world."""
-
-    def term(state: BayState) -> Array:
-        found = np.zeros((*state.shape, COMPONENTS))
-        found[:, bay, 2 + axis] = 1.0 if factor is None else factor(state)[:, bay]
-        return found
-
-    return term
-
-
-def _by_curvature(state: BayState, axes: str) -> Array:
-    """A moment in all bays about one axis with the curvature about it; of two axes, about each with the other's."""
-    found = np.zeros((*state.shape, COMPONENTS))
-    for axis in axes:
-        to = "xy".index(axis)
-        found[..., to] = state.curvature[..., to if len(axes) == 1 else 1 - to]
-    return found
-
-
-def _spread(axis: int) -> Callable[[BayState], Array]:
-    """A constant force per length along an axis of the world."""
-
-    def term(state: BayState) -> Array:
-        found = np.zeros((*state.shape, COMPONENTS))
-        found[..., 2 + axis] = np.diff(state.edges)
-        return found
-
-    return term

@@ -21,7 +21,7 @@ from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.problem import with_elements
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.sentences import headline, summary
-from tdcr_fe.identify.terms import (
+from tdcr_fe.identify.state_loads import (
     ABOUT_X,
     BENDING,
     CURVATURE,

@@ -1,17 +1,34 @@
-"""Terms of a law: factors that the robot knows in a bay, times a direction, at one place or along all bays."""
+"""Loads that depend on the solved state: terms of a law, forces on disks and along the backbone, and towards points.
+
+A term is a product of factors that the robot knows in a bay, times a direction, at one place or along all bays.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations_with_replacement
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.effects import Parameter
+from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify.bay_state import COMPONENTS, BayState, last_direction
+from tdcr_fe.identify.causes import Attraction, Cause, Cord, PointForce, StateLoad
+from tdcr_fe.identify.criteria import OTHER_GRAVITY, UNNAMED
+
+if TYPE_CHECKING:
+    from tdcr_fe.identify.problem import FitProblem
 
 Array = NDArray[np.float64]
+
+#: Largest size of a moment or force that a typical step of its coefficient gives, over EI/L or EI/L^2, and the largest
+#: coefficient in such steps [1].
+TYPICAL, FARTHEST = 0.02, 2000.0
 
 
 @dataclass(frozen=True)
@@ -252,3 +269,115 @@ def sentence(term: Term) -> str:
     size = " times ".join(parts) or "a constant"
     what = "a force" if term.direction.is_force else "a bending moment"
     return f"{what} {term.direction.name}, proportional to {size}"
+
+
+# ------------------------------------------------------------------------------------------------------- loads
+
+
+def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cause]:
+    """Causes that are moments and forces on the backbone which depend on its state.
+
+    ``progress``: what a drift depends on, "time" or "row"; empty where drifts are left out.
+    """
+    backbone = problem.experiment.robot.backbone
+    length = backbone.length
+    size = np.array([backbone.EI / length] * 2 + [backbone.EI / length**2] * 3)
+    clock = TIME if progress == "time" else ROW
+    bays = state.shape[1]
+    found: list[Cause] = []
+
+    def add(
+        name: str,
+        kind: Kind,
+        terms: Sequence[tuple[str, str, Callable[[BayState], Array]]],
+        text: str,
+        price: float,
+    ) -> None:
+        numbers = []
+        for label, unit, term in terms:
+            most = float(np.nanmax(np.abs(term(state)) / size, initial=0.0))
+            if most <= 0.0:
+                return
+            scale = TYPICAL / most
+            numbers.append(Parameter(label, unit, -FARTHEST * scale, FARTHEST * scale, 0.0, scale, label))
+        cause = StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text)
+        cause.price = price
+        found.append(cause)
+
+    for term in library(bays, clock):
+        if not progress and ROW in term.factors:
+            continue
+        perturbs, depends = term.kind
+        price = math.log(10.0) + 1.5 * len(term.factors) + (math.log(bays) if term.bay is not None else 0.0)
+        kind = Kind(perturbs, depends, where(term, state.edges))
+        add(term.key, kind, [("coefficient", term.unit, term.action)], sentence(term), price)
+    for text, varies, unit, factor in _free_forces(clock):
+        if varies == "row" and not progress:
+            continue
+        for bay in range(bays):
+            at = "tip" if bay == bays - 1 else f"disk at s = {state.edges[bay + 1]:.4g} m"
+            add(f"force {text} ({at})", Kind("force", (varies,), at),
+                [(a, unit, _at(bay, i, factor)) for i, a in enumerate("xyz")],
+                f"a force of fixed direction, {text}", 1.5 + (0.0 if bay == bays - 1 else math.log(bays)))  # fmt: skip
+    tensor = [
+        (n, "N m^2", partial(_by_curvature, axes=axes))
+        for n, axes in (("xx", "x"), ("yy", "y"), ("xy", "xy"))
+    ]
+    add("bending stiffness of another section", Kind("stiffness", ("direction of bending",), "everywhere"), tensor,
+        "a bending stiffness that differs between the directions", math.log(10.0))  # fmt: skip
+    spread = [(a, "N/m", _spread(i)) for i, a in enumerate("xyz")]
+    add("force along the backbone", Kind("force", ("nothing",), "along the backbone"), spread,
+        "a constant force along the whole backbone", 0.5 * OTHER_GRAVITY - UNNAMED)  # fmt: skip
+    strength = TYPICAL * float(size[2])
+    for bay, at in enumerate(state.edges[1:].tolist()):
+        powers = (2, 1, 3) if bay == bays - 1 else (2,)
+        points: list[PointForce] = [Attraction(at, bay, state, power, strength) for power in powers]
+        points += [Cord(at, bay, state, strength / length)]
+        for cause in points:
+            cause.price = 0.0 if bay == bays - 1 else math.log(bays)
+        found += points
+    return found
+
+
+#: A force of free direction: in words, what it depends on, the unit of its coefficient, and its factor.
+_FreeForce = tuple[str, str, str, Callable[[BayState], Array] | None]
+
+
+def _free_forces(clock: Factor) -> list[_FreeForce]:
+    timed = clock.kind == "time"
+    return [
+        ("constant", "nothing", "N", None),
+        ("in proportion to the displacement", "position", "N/m", lambda b: np.linalg.norm(b.moved, axis=2)),
+        (f"in proportion to {clock.name}", clock.kind, "N/s" if timed else "N", clock.value),
+    ]
+
+
+def _at(bay: int, axis: int, factor: Callable[[BayState], Array] | None) -> Callable[[BayState], Array]:
+    """A force on one disk along an axis of the world."""
+
+    def term(state: BayState) -> Array:
+        found = np.zeros((*state.shape, COMPONENTS))
+        found[:, bay, 2 + axis] = 1.0 if factor is None else factor(state)[:, bay]
+        return found
+
+    return term
+
+
+def _by_curvature(state: BayState, axes: str) -> Array:
+    """A moment in all bays about one axis with the curvature about it; of two axes, about each with the other's."""
+    found = np.zeros((*state.shape, COMPONENTS))
+    for axis in axes:
+        to = "xy".index(axis)
+        found[..., to] = state.curvature[..., to if len(axes) == 1 else 1 - to]
+    return found
+
+
+def _spread(axis: int) -> Callable[[BayState], Array]:
+    """A constant force per length along an axis of the world."""
+
+    def term(state: BayState) -> Array:
+        found = np.zeros((*state.shape, COMPONENTS))
+        found[..., 2 + axis] = np.diff(state.edges)
+        return found
+
+    return term
