@@ -13,7 +13,6 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from tdcr_fe.identify.result import Estimate, IdentificationResult
-from tdcr_fe.identify.statistics import correlated
 from tdcr_fe.report.environment import shown_unit
 from tdcr_fe.report.style import CORRECTED, DECLARED, HELD_OUT, MEASURED, logarithmic, styled
 
@@ -276,7 +275,7 @@ def parameters(result: IdentificationResult) -> Figure | None:
     if not shown:
         return None
     estimates = {f"{e.form or e.name}.{n}": p for e in result.effects for n, p in e.parameters.items()}
-    pairs = correlated(result, HARDLY_SEPARATE)[:SHOWN]
+    pairs = result.parameters.correlated(HARDLY_SEPARATE)[:SHOWN]
     with styled():
         rows = 2 if pairs else 1
         figure = Figure(figsize=(11.6, 2.8 * rows), layout="constrained")

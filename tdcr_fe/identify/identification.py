@@ -3,47 +3,40 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from tdcr_fe.effects import Experiment
+from tdcr_fe.effects import Effect, Experiment
+from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import robust_threshold, unusable_data
 from tdcr_fe.identify.data_faults import data_fault, other_sign_solves
 from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.load_steps import choose_held_out, held_out_branches
-from tdcr_fe.identify.long_data import (
-    RowChoice,
-    choose_rows,
-    fit_to_all_rows,
-    friction_explains_little,
-    problem_of_rows,
-    with_friction,
-    without_friction,
-)
+from tdcr_fe.identify.load_steps import RowChoice, choose_held_out, choose_rows, held_out_branches
 from tdcr_fe.identify.next_experiment import choose_next
 from tdcr_fe.identify.noise import estimate_sigma, find_input_noise, with_input_sigma
-from tdcr_fe.identify.problem import FitProblem, fit_of_run, refine
+from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate, fit_of_run, refine, with_elements
 from tdcr_fe.identify.result import IdentificationResult
 from tdcr_fe.identify.run import Run
 from tdcr_fe.identify.search import search_causes
-from tdcr_fe.identify.search_state import Progress, Search, SearchState, cut_short
+from tdcr_fe.identify.search_state import Progress, Search, SearchState, cut_short, mean_cost
 from tdcr_fe.identify.settings import (
+    ALL_STEPS,
     FAULTS,
     FRICTION,
     FURTHER_EFFECTS,
     INPUT_NOISE,
     NEXT_EXPERIMENT,
     PROFILES,
+    SMALLER_MODELS,
     IdentifySettings,
     OutOfTime,
     Schedule,
     clock,
 )
-from tdcr_fe.identify.statistics import profiles
 from tdcr_fe.identify.verdict import Found, conclude
 from tdcr_fe.io.first_checks import first_checks
 from tdcr_fe.io.measured import MeasuredData, without_unread_steps
@@ -178,7 +171,7 @@ def _search(
             return state, Found(planned, noise)
         if whole.out_of_time:
             return state.without_trying(PROFILES) if state.best.free else state, Found(planned)
-        return state, Found(planned, profiles=profiles(state.problem, state.best))
+        return state, Found(planned, profiles=fitting.profiles(state.problem, state.best))
     except KeyboardInterrupt:
         last = replace(state, interrupted=True)
         last = last.with_history("interrupted; what was found until then is reported")
@@ -240,3 +233,193 @@ def declared_state(problem: FitProblem, run: Run) -> SearchState:
         raise NotSolved(f"{message}{' ' if hint else ''}{hint}")
     problem = replace(problem, robust_threshold=robust_threshold(declared.residual))
     return SearchState.start(problem, fit_of_run(problem, (), {}, run))
+
+
+#: Iterations of the final fit to all load steps at most.
+FINAL_ITERATIONS = 4
+
+# ---------------------------------------------------------------------------------------------- the end of long data
+
+
+def problem_of_rows(problem: FitProblem, rows: RowChoice) -> FitProblem:
+    """The same problem on chosen load steps, with the declared model."""
+    index, data = np.array(rows.readings), rows.of(problem.data)
+    sigma, held_out = problem.sigma[index], problem.held_out[index]
+    fresh = FitProblem.of(data, sigma, held_out, problem.forward, problem.path_tolerance)
+    at = {i: k for k, i in enumerate(rows.readings)}
+    roots = tuple((np.array([at[i] for i in own]), root) for own, root in problem.roots if own[0] in at)
+    return replace(fresh, catalogue=problem.catalogue, roots=roots)
+
+
+def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> SearchState:
+    """The best model of a search on chosen load steps, fitted to all of them.
+
+    The mesh is that of the search. First the best model is evaluated on all load steps with the parameters that the
+    search has found; then it is fitted for as long as the time suffices. If time is left, smaller models on the way to
+    the best one are evaluated with the parameters that the search has found for them.
+
+    Parameters
+    ----------
+    search, state
+        The search, with the deadline of this part, and its last state.
+    problem
+        Of all load steps.
+
+    Returns
+    -------
+    SearchState
+        Of all load steps; the state of the search where a model is not solved on all of them, or not in time.
+    """
+    search.report("the final fit to all load steps", 0.8)
+    if state.problem.experiment.model.friction == "none":
+        problem = without_friction(problem)
+    problem = _on_mesh_of(state.problem, problem)
+    begun = clock()
+    try:
+        problem, found = _evaluated(problem, state.best)
+    except OutOfTime:
+        return state.without_trying(ALL_STEPS)
+    unsolved = [f for f in found if not f.solved]
+    if unsolved:
+        model = " + ".join(unsolved[0].names) or "the declared model"
+        return state.with_history(f"no fit to all load steps: {model}: {unsolved[0].run.message}")
+    duration = clock() - begun
+    declared, best = found[0], found[-1]
+    if best.effects:
+        # An iteration is followed by a run on the path of the new parameters.
+        race = fitting.Race(deadline=search.deadline - 2.0 * duration)
+        (best,) = fitting.run_fits(problem, [fitting.finish(problem, best, race, FINAL_ITERATIONS)])
+    everything = state.begun_anew(problem, declared, best)
+    return _with_smaller_models(search, state, everything, duration)
+
+
+def _on_mesh_of(searched: FitProblem, problem: FitProblem) -> FitProblem:
+    """A problem with the mesh on which a search ended, and with what it knows of typical steps and of the mesh."""
+    count = searched.experiment.model.starting_elements_per_bay
+    experiment = with_elements(problem.experiment, count)
+    return replace(problem, experiment=experiment, scales=searched.scales, mesh_error=searched.mesh_error)
+
+
+def _evaluated(problem: FitProblem, best: Fit) -> tuple[FitProblem, list[Fit]]:
+    """The declared model, and the best one with its derivatives, on all load steps, with the robust threshold there."""
+    fits = [fitting.evaluated(problem, (), {}, ())]
+    if best.effects:
+        start = _within(problem, best.effects, best.values)
+        fits.append(fitting.begin(problem, best.effects, [start], fitting.Race()))
+    found = fitting.run_fits(problem, fits)
+    if found[0].solved:
+        problem = replace(problem, robust_threshold=robust_threshold(found[0].residual))
+    costs = [problem.cost(f.residual) for f in found]
+    return problem, [replace(f, cost=a, held_cost=b) for f, (a, b) in zip(found, costs, strict=True)]
+
+
+def _with_smaller_models(
+    search: Search, searched: SearchState, state: SearchState, duration: float
+) -> SearchState:
+    """With smaller models on the way to the best one, evaluated on all load steps where the time suffices.
+
+    Parameters
+    ----------
+    search
+        With the deadline.
+    searched
+        State of the search on chosen load steps.
+    state
+        Of all load steps.
+    duration
+        Of one run over all load steps with derivatives, which takes longer than without [s].
+    """
+    problem, effects = state.problem, state.best.effects
+    parts = [effects[:i] for i in range(1, len(effects))]
+    together = problem.forward.processes
+    for first in range(0, len(parts), together):
+        if clock() + duration > search.deadline:
+            return state.without_trying(SMALLER_MODELS)
+        models = [(part, _known_values(searched, part)) for part in parts[first : first + together]]
+        fits = [fitting.evaluated(problem, e, _within(problem, e, v), ()) for e, v in models]
+        try:
+            found = fitting.run_fits(problem, fits)
+        except OutOfTime:
+            return state.without_trying(SMALLER_MODELS)
+        for fit in found:
+            state = state.with_fit(fit)
+    return state
+
+
+def _known_values(state: SearchState, part: Sequence[Effect]) -> Point:
+    """Parameters of a smaller model that the search has fitted; of the best model where it has not."""
+    names = [e.name for e in part]
+    known = state.fits.get(frozenset(names))
+    return {n: (known or state.best).values[n] for n in names}
+
+
+def _within(problem: FitProblem, effects: Sequence[Effect], values: Point) -> Point:
+    """Values within the bounds of a problem, which may depend on its load steps."""
+    found: Point = {}
+    for e in effects:
+        found[e.name] = {}
+        for p in e.parameters:
+            low, high = problem.bounds(e, p.name)
+            value = values[e.name][p.name]
+            z = p.coordinate(value)
+            found[e.name][p.name] = value if low <= z <= high else p.value(min(max(z, low), high))
+    return found
+
+
+#: Friction is left out where the misfit of the declared model grows by no more than this share.
+WORSE = 0.1
+
+#: Steps of the fit with friction, from the parameters found without.
+ITERATIONS = 2
+
+
+def without_friction(problem: FitProblem) -> FitProblem:
+    """The same problem for a model without friction; effects that act through friction are no candidates."""
+    experiment = replace(problem.experiment, model=replace(problem.experiment.model, friction="none"))
+    catalogue = tuple(e for e in problem.catalogue if not e.needs_friction)
+    return replace(problem, experiment=experiment, catalogue=catalogue)
+
+
+def friction_explains_little(problem: FitProblem) -> bool:
+    """Whether the declared model, which has friction, fits about as well without it.
+
+    Parameters
+    ----------
+    problem
+        Of those load steps that a search with friction takes.
+    """
+    if problem.experiment.model.friction == "none":
+        return False
+    frictionless = evaluate(without_friction(problem), (), {})
+    if not frictionless.solved:
+        return False
+    frictional = evaluate(problem, (), {})
+    cost, other = (f.cost + f.held_cost for f in (frictionless, frictional))
+    return not frictional.solved or cost <= (1.0 + WORSE) * other
+
+
+def with_friction(search: Search, state: SearchState, problem: FitProblem) -> SearchState:
+    """The best model of a search without friction: with friction where it then fits better, its parameters fitted anew.
+
+    Parameters
+    ----------
+    search, state
+        The search and its last state, without friction.
+    problem
+        With friction.
+    """
+    search.report("the best model with friction", 0.8)
+    threshold = state.problem.robust_threshold
+    problem = replace(_on_mesh_of(state.problem, problem), robust_threshold=threshold)
+    without = evaluate(without_friction(problem), state.best.effects, state.best.values)
+    best = fitting.fit(problem, state.best.effects, [state.best.values], ITERATIONS)
+    costs = [mean_cost(f.cost + f.held_cost, np.ones(problem.count, bool)) for f in (best, without)]
+    if not costs[0] < costs[1]:
+        return state.with_history(
+            f"the declared friction is left out: with it the misfit per reading is {costs[0]:.3g}, without "
+            f"{costs[1]:.3g}"
+        )
+    state = state.begun_anew(problem, evaluate(problem, (), {}), best)
+    return state.with_history(
+        f"with friction the misfit per reading is {costs[0]:.3g}, without {costs[1]:.3g}"
+    )

@@ -1,9 +1,10 @@
-"""Load steps: which are held out, and how commanded steps are divided and joined."""
+"""Load steps: which are held out, which a search uses of long data, and how commanded steps are divided and joined."""
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.effects.actuation import loads_between
+from tdcr_fe.identify.result import SearchedSteps
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.model.loading import Actuation, LoadStep, resolve
@@ -144,6 +146,167 @@ def held_out_branches(data: MeasuredData, patterns: Sequence[str]) -> tuple[int,
     if problems:
         raise InputError(problems)
     return held
+
+
+# ------------------------------------------------------------------------------------- what a search uses of long data
+
+# A search simulates the loading sequence hundreds of times. On long data it takes a part of the steps that covers the
+# inputs. With friction the history matters, so that steps are not left out one by one at random:
+#
+# - Whole branches are chosen, those whose inputs differ most from the ones chosen before (farthest-point sampling). A
+#   robot that returns to the same inputs between two branches brings little history from one to the next.
+# - Within a branch, steps are left out where the path of the inputs is nearly straight between its neighbours that stay
+#   (Ramer, Douglas and Peucker): friction that does not depend on the rate has the same history on the same path, in
+#   however many steps it is commanded. Turning points always stay.
+
+#: A path whose inputs deviate by less than this from a straight one, over their range, is straight.
+STRAIGHT = 0.02
+
+#: Data with more steps than this are long; about how many steps a search then takes, and in a branch at most. Branches
+#: of fewer steps on average are joined to pieces of twice as many.
+LONG, SEARCHED, IN_BRANCH = 200, 72, 6
+
+#: Steps that a search takes for each input, where that is more: with two branches of each, one parameter per tendon can
+#: be determined.
+PER_INPUT = 13
+
+#: Share of the chosen steps that are held out, where there are enough of them.
+HELD_OUT = 0.33
+
+
+@dataclass(frozen=True)
+class RowChoice:
+    """The load steps that a search takes."""
+
+    steps: tuple[int, ...]  # positions in the loading sequence, ascending
+    readings: tuple[int, ...]  # indices of their readings
+    total: int  # steps of the loading sequence
+
+    def of(self, data: MeasuredData) -> MeasuredData:
+        """The data of the chosen steps."""
+        return replace(
+            data,
+            step_ids=tuple(data.step_ids[k] for k in self.steps),
+            steps=tuple(data.steps[k] for k in self.steps),
+            branches=tuple(data.branches[k] for k in self.steps),
+            readings=tuple(data.readings[i] for i in self.readings),
+        )
+
+    def described(self, data: MeasuredData) -> SearchedSteps:
+        """For the result; ``data`` are those of the final model, which has all load steps or the chosen ones."""
+        every = len(data.step_ids) == self.total
+        numbers = tuple(data.step_ids[k] for k in self.steps) if every else data.step_ids
+        return SearchedSteps(numbers, self.total, every)
+
+
+def choose_rows(data: MeasuredData, held_out: Sequence[int], history: bool = True) -> RowChoice | None:
+    """The load steps that a search takes; None where it takes all, which is so for data that are not long.
+
+    Parameters
+    ----------
+    data
+        Measured data of one loading sequence.
+    held_out
+        Positions of the steps that are held out, whole branches.
+    history
+        Whether the model has friction. Without, every step is solved for itself and costs little: twice as many are
+        taken, of more branches.
+
+    Returns
+    -------
+    RowChoice or None
+    """
+    if len(data.steps) <= LONG or data.parts:
+        return None
+    read = {r.step for r in data.readings}
+    with_readings = {k for k, n in enumerate(data.step_ids) if n in read}
+    table, held = inputs(data), set(held_out)
+    branches = [own for b in blocks(data) if (own := [k for k in b if k in with_readings])]
+    if len(with_readings) < IN_BRANCH * len(branches):
+        branches = _joined(branches, held)
+    else:
+        branches = [_simplified(table, b) for b in branches]
+    groups = ([b for b in branches if b[0] in held], [b for b in branches if b[0] not in held])
+    total = max(SEARCHED, PER_INPUT * int(np.count_nonzero(np.ptp(table, axis=0))))
+    total *= 1 if history else 2
+    share = round(HELD_OUT * total)
+    rows = sorted(
+        k
+        for group, most in zip(groups, (share, total - share), strict=True)
+        for k in _spread(table, group, most)
+    )
+    if len(rows) == len(data.steps):
+        return None
+    chosen = {data.step_ids[k] for k in rows}
+    readings = tuple(i for i, r in enumerate(data.readings) if r.step in chosen)
+    return RowChoice(tuple(rows), readings, len(data.steps))
+
+
+def _joined(branches: Sequence[Sequence[int]], held: set[int]) -> list[list[int]]:
+    """Neighbouring short branches as pieces of the sequence, each fitted or held out, twice as long as `IN_BRANCH`.
+
+    Where the inputs turn at every other step, nothing can be left out between.
+    """
+    found: list[list[int]] = []
+    for branch in branches:
+        joins = found and len(found[-1]) < 2 * IN_BRANCH and (found[-1][0] in held) == (branch[0] in held)
+        if joins and branch[0] == found[-1][-1] + 1:
+            found[-1].extend(branch)
+        else:
+            found.append(list(branch))
+    return found
+
+
+def _simplified(table: Array, branch: Sequence[int]) -> list[int]:
+    """Steps of a branch that describe the path of its inputs best, `IN_BRANCH` at most, ascending.
+
+    The first, the last, and then always the step farthest from the straight path between its neighbours; where the path
+    is straight, that in the middle of the longest part.
+    """
+    x = table[list(branch)]
+    kept = {0, len(branch) - 1}
+    parts: list[tuple[float, float, int, int, int]] = []
+
+    def add(first: int, last: int) -> None:
+        if last - first < 2:
+            return
+        chord = x[last] - x[first]
+        along = (x[first + 1 : last] - x[first]) @ chord / max(float(chord @ chord), 1e-300)
+        on = x[first] + np.clip(along, 0.0, 1.0)[:, None] * chord
+        gap = np.max(np.abs(x[first + 1 : last] - on), axis=1)
+        at = first + 1 + int(np.argmax(gap))
+        far = float(np.max(gap))
+        if far < STRAIGHT:
+            at, far = first + 1 + int(np.argmin(np.abs(along - 0.5))), 0.0
+        heapq.heappush(parts, (-far, -float(np.max(np.abs(chord))), first, at, last))
+
+    add(0, len(branch) - 1)
+    while parts and len(kept) < IN_BRANCH:
+        _, _, first, at, last = heapq.heappop(parts)
+        kept.add(at)
+        add(first, at)
+        add(at, last)
+    return [branch[i] for i in sorted(kept)]
+
+
+def _spread(table: Array, branches: Sequence[Sequence[int]], most: int) -> list[int]:
+    """Steps of branches whose inputs differ most from each other, up to about so many; at least one branch."""
+    if not branches:
+        return []
+    far = np.array([table[b[int(np.argmax(np.abs(table[list(b)]).max(axis=1)))]] for b in branches])
+    chosen, distance = [0], np.max(np.abs(far - far[0]), axis=1)
+    count = len(branches[0])
+    while len(chosen) < len(branches):
+        nearest = int(np.argmax(distance))
+        if distance[nearest] <= 0.0 or count + len(branches[nearest]) > most:
+            break
+        chosen.append(nearest)
+        count += len(branches[nearest])
+        distance = np.minimum(distance, np.max(np.abs(far - far[nearest]), axis=1))
+    return [k for i in chosen for k in branches[i]]
+
+
+# ------------------------------------------------------------------------------------------------ divided and joined
 
 
 def divide_steps(experiment: Experiment, which: set[int], parts: int) -> Experiment:

@@ -1,7 +1,8 @@
-"""Noise: tests of whether a residual is noise, estimates of sigma, and noise of the inputs."""
+"""What a residual is: tests for noise, sigma, noise of the inputs, and what a regression explains of it."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,13 +11,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
+from scipy.spatial.distance import cdist
 from scipy.special import chdtrc, chdtri, fdtrc, ndtr, ndtri
 
 from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.identify.forward import Job, last_parts
-from tdcr_fe.identify.load_steps import directions, inputs
+from tdcr_fe.identify.load_steps import blocks, directions, inputs
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, Point
-from tdcr_fe.identify.result import InputNoise, Structure
+from tdcr_fe.identify.result import InputNoise, Misfit, Structure
 from tdcr_fe.identify.run import Run
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
@@ -365,3 +367,97 @@ def _input_response(problem: FitProblem, experiment: Experiment, reference: Run 
     (run,) = problem.run([Job(experiment, reference, False, inputs)])
     derivatives = problem.readings.reader.derivatives(run, experiment) / problem.sigma[:, None]
     return np.where(np.isfinite(derivatives), derivatives, 0.0)
+
+
+# ---------------------------------------------------------------------------------- what a regression explains
+
+#: Fitted steps from which the regression is tried, those on which its kernel is chosen at most, and the folds of the
+#: cross-validation over branches.
+FEWEST_STEPS, MOST_STEPS, FOLDS = 8, 400, 4
+#: Length scales that are tried: inputs (over their largest value), inputs of the step before, directions, time (over
+#: the duration); infinity leaves a group out. And ratios of noise to signal variance [1].
+SCALES = tuple(itertools.product((0.3, 1.0, 3.0), (1.0, 3.0, np.inf), (1.0, np.inf), (0.3, 1.0, np.inf)))
+NOISE = (1e-4, 1e-2, 0.3)
+
+
+def held_out_ceiling(problem: FitProblem, declared: Fit, best: Fit) -> Misfit | None:
+    """Held-out misfit that a flexible regression of the residual leaves.
+
+    A Gaussian process predicts the residual of every quantity and location from the inputs of the step, those of the
+    step before, the directions in which they changed, and time. It knows no mechanics. What it can learn on the fitted
+    steps and predict on the held-out ones, an effect could in principle explain (C. E. Rasmussen, C. K. I. Williams,
+    Gaussian Processes for Machine Learning, 2006, chapters 2 and 5). Of the declared model's and the final model's
+    residual, with and without regression, that which is smallest; None where no steps are held out, or too few fitted.
+    """
+    fitted = np.unique(problem.readings.reader.step[problem.fitted])
+    if not np.any(problem.held_out) or fitted.size < FEWEST_STEPS or not (declared.solved and best.solved):
+        return None
+    residuals = [declared.residual, best.residual]
+    predicted = predicted_residuals(problem, residuals)
+    left = [best.residual, *(r - p for r, p in zip(residuals, predicted, strict=True))]
+    cost = [float(np.sum(r[problem.held_out] ** 2)) for r in left]
+    return problem.misfit(left[int(np.argmin(cost))], problem.held_out)
+
+
+def predicted_residuals(problem: FitProblem, residuals: list[Array]) -> list[Array]:
+    """Residuals over sigma that the regression predicts from the fitted readings, each by a kernel of its own.
+
+    A reading that is missing counts as no residual. The kernel is chosen by cross-validation over whole branches.
+    """
+    steps, data = problem.readings.reader.step, problem.data
+    series: dict[tuple[str, object], int] = {}
+    column = np.array([series.setdefault((r.quantity, r.location), len(series)) for r in data.readings])
+    tables = np.zeros((len(residuals), len(data.steps), len(series)))
+    for table, residual in zip(tables, residuals, strict=True):
+        table[steps, column] = residual
+    groups, fitted = _features(data), np.unique(steps[problem.fitted])
+    tried = fitted[:: max(1, math.ceil(fitted.size / MOST_STEPS))]
+    folds = _folds(data, tried)
+    errors: list[list[tuple[float, Array, float]]] = [[] for _ in residuals]
+    for scales in SCALES:
+        kernel = _kernel(groups, scales)
+        for noise in NOISE:
+            left = tables.copy()
+            for fold in folds:
+                left[:, fold] -= _regress(kernel, noise, tables, np.setdiff1d(tried, fold))[:, fold]
+            for found, table in zip(errors, left[:, tried], strict=True):
+                found.append((float(np.sum(table**2)), kernel, noise))
+    chosen = [min(found, key=lambda x: x[0]) for found in errors]
+    return [
+        _regress(kernel, noise, table[None], fitted)[0][steps, column]
+        for table, (_, kernel, noise) in zip(tables, chosen, strict=True)
+    ]
+
+
+def _features(data: MeasuredData) -> tuple[Array, ...]:
+    """What the regression knows of every step: inputs, those of the step before, directions, time; shape (K, f)."""
+    table = inputs(data)
+    before = np.concatenate((np.zeros_like(table[:1]), table[:-1]))
+    times = np.array([np.nan if s.time is None else s.time for s in data.steps])
+    known, clock = np.isfinite(times), np.arange(len(times), dtype=float)
+    if known.any():
+        clock = np.interp(clock, np.flatnonzero(known), times[known])
+    clock = clock / max(float(clock.max(initial=0.0)), 1e-300)
+    return table, before, directions(data).astype(float), clock[:, None]
+
+
+def _kernel(groups: tuple[Array, ...], scales: tuple[float, ...]) -> Array:
+    """Covariance of all steps: constant, linear in the inputs, and squared exponential, shape (K, K)."""
+    distance = sum(
+        cdist(group, group, "sqeuclidean") / scale**2 for group, scale in zip(groups, scales, strict=True)
+    )
+    return np.asarray(np.exp(-0.5 * distance) + groups[0] @ groups[0].T + 1.0)
+
+
+def _folds(data: MeasuredData, steps: NDArray[np.int_]) -> list[NDArray[np.int_]]:
+    """Steps in groups of whole branches; of single steps where there are fewer branches than groups."""
+    parts = [part for b in blocks(data) if (part := np.intersect1d(b, steps)).size]
+    if len(parts) < FOLDS:
+        parts = [np.array([k]) for k in steps]
+    return [np.concatenate(parts[n::FOLDS]) for n in range(FOLDS)]
+
+
+def _regress(kernel: Array, noise: float, tables: Array, known: NDArray[np.int_]) -> Array:
+    """Mean of the process at all steps, from the values at the known ones, shape (R, K, S)."""
+    own = kernel[np.ix_(known, known)] + noise * np.eye(known.size)
+    return np.asarray(kernel[:, known] @ np.linalg.solve(own, tables[:, known]))

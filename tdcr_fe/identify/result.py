@@ -364,6 +364,12 @@ class Parameters:
     correlation: Array  # shape (p, p)
     profiles: tuple[Profile, ...] = ()  # of those for which the time sufficed
 
+    def correlated(self, least: float) -> list[tuple[float, str, str]]:
+        """Correlations of more than a size, with both names, the largest first."""
+        names, found = self.names, self.correlation
+        pairs = [(float(found[i, j]), names[i], names[j]) for j in range(len(names)) for i in range(j)]
+        return sorted((p for p in pairs if abs(p[0]) > least), key=lambda pair: -abs(pair[0]))
+
 
 @dataclass(frozen=True)
 class SearchLog:

@@ -21,7 +21,6 @@ from tdcr_fe.identify.result import (
     Misfit,
     Verdict,
 )
-from tdcr_fe.identify.statistics import correlated, goodness
 from tdcr_fe.report.environment import DASH, SPACE, estimate, fixed, quantity, significant, words
 
 #: Least strain at which a backbone softens: nickel-titanium transforms near 1 %, polymers yield above it [1].
@@ -363,6 +362,27 @@ def _implausible(e: AddedEffect) -> list[str]:
 # ----------------------------------------------------------------------------------------------- numbers
 
 
+def goodness(misfit: Misfit, variables: int) -> dict[str, float]:
+    """Statistics of a fit by name; the two information criteria as lmfit defines them.
+
+    Parameters
+    ----------
+    misfit
+        On the fitted readings.
+    variables
+        How many numbers were fitted.
+    """
+    n = misfit.count
+    chi2 = misfit.chi2_per_dof * max(1, n - variables)
+    likelihood = n * math.log(chi2 / n) if n and chi2 > 0.0 else math.nan
+    return {
+        "chi-square": chi2,
+        "reduced chi-square": misfit.chi2_per_dof,
+        "Akaike (AIC)": likelihood + 2.0 * variables,
+        "Bayesian (BIC)": likelihood + math.log(max(n, 1)) * variables,
+    }
+
+
 def statistics(result: IdentificationResult) -> list[tuple[str, str, str]]:
     """Rows of name, value of the declared and of the final model, over the fitted readings."""
     variables = len(result.parameters.names)
@@ -410,7 +430,7 @@ def fitted_numbers(result: IdentificationResult) -> list[FittedNumber]:
 
 def correlations(result: IdentificationResult) -> list[tuple[str, str, str]]:
     """Pairs of fitted parameters and their correlation as a text; those of a size below 0.1 are left out."""
-    return [(a, b, fixed(value, 2)) for value, a, b in correlated(result, LEAST_CORRELATION)]
+    return [(a, b, fixed(value, 2)) for value, a, b in result.parameters.correlated(LEAST_CORRELATION)]
 
 
 def _aligned(*rows: Sequence[str]) -> list[str]:

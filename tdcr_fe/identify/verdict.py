@@ -24,8 +24,8 @@ from tdcr_fe.identify.criteria import (
 from tdcr_fe.identify.data_faults import wrong_sigma
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.forward import run_settings
-from tdcr_fe.identify.long_data import RowChoice
-from tdcr_fe.identify.noise import ALL_READINGS, outliers, structure
+from tdcr_fe.identify.load_steps import RowChoice
+from tdcr_fe.identify.noise import ALL_READINGS, held_out_ceiling, outliers, structure
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import (
     NAMED,
@@ -53,7 +53,6 @@ from tdcr_fe.identify.result import (
 )
 from tdcr_fe.identify.search_state import Search, SearchState, posterior
 from tdcr_fe.identify.settings import CEILING, MAY_EXPLAIN
-from tdcr_fe.identify.statistics import held_out_ceiling
 
 Array = NDArray[np.float64]
 

@@ -6,10 +6,10 @@ from identify_data import MODEL, ROBOT
 from identify_result import GRAVITY, result
 
 from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.noise import held_out_ceiling, predicted_residuals
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import Misfit
 from tdcr_fe.identify.sentences import sentences
-from tdcr_fe.identify.statistics import held_out_ceiling, predicted_residuals
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep

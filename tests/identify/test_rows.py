@@ -22,18 +22,16 @@ from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
-from tdcr_fe.identify.load_steps import blocks, inputs
-from tdcr_fe.identify.long_data import (
+from tdcr_fe.identify.identification import fit_to_all_rows, problem_of_rows, with_friction, without_friction
+from tdcr_fe.identify.load_steps import (
     IN_BRANCH,
     LONG,
     PER_INPUT,
     SEARCHED,
     _simplified,
+    blocks,
     choose_rows,
-    fit_to_all_rows,
-    problem_of_rows,
-    with_friction,
-    without_friction,
+    inputs,
 )
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.result import SearchLog

@@ -9,7 +9,7 @@ from test_rows import long_data
 
 from tdcr_fe.effects import effect
 from tdcr_fe.identify.criteria import is_improvement, price, rank, robust_threshold
-from tdcr_fe.identify.long_data import choose_rows
+from tdcr_fe.identify.load_steps import choose_rows
 from tdcr_fe.identify.screening import Score
 from tdcr_fe.identify.search import _heads, _limit, promised
 from tdcr_fe.identify.search_state import posterior

@@ -18,8 +18,7 @@ from tdcr_fe.identify import figures
 from tdcr_fe.identify.corrected import corrected_motion, markers, replay
 from tdcr_fe.identify.report import LEVELS, render
 from tdcr_fe.identify.result import Errors, Misfit, Parameters, Residuals, Simulated
-from tdcr_fe.identify.sentences import headline, remarks
-from tdcr_fe.identify.statistics import goodness
+from tdcr_fe.identify.sentences import goodness, headline, remarks
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.result_folder import read_motion
 from tdcr_fe.model.loading import Load, Model, SolverSettings
