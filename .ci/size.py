@@ -32,7 +32,7 @@ BUDGET = {
     "tdcr_fe/identify": 6542,
     "tdcr_fe/io": 1908,
     "tdcr_fe/live": 375,
-    "tdcr_fe/model": 2737,
+    "tdcr_fe/model": 2739,
     "tdcr_fe/report": 1226,
     "tdcr_fe/scene": 1488,
     "tdcr_fe/solve": 7601,

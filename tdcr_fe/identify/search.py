@@ -2,8 +2,9 @@
 
 One run of a model linearises it by all causes of the dictionary (`tdcr_fe.identify.screening`). They are ordered by the
 evidence that they promise; the first are fitted. In every round one model is extended: the best of all, or one of the
-best with listed effects alone, unless it cannot become better than the best of all. At the end causes of the best model
-are exchanged for others, and those dropped that the others make unnecessary.
+best with listed effects alone, unless it cannot become better than the best of all. Where nothing helps, what first
+order hardly shows is tried. At the end causes of the best model are exchanged for others, and those dropped that the
+others make unnecessary.
 
 Stages (`search_causes`, `grow`, `backward_selection`, `exchange`) are generators of states, so that an interruption
 keeps the last one that was complete.
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -204,7 +205,10 @@ def costly_singles(
     search: Search, state: SearchState, parent: Fit, named: bool
 ) -> tuple[SearchState, list[Proposal]]:
     """Single causes that take a run each, beside the declared model."""
-    return (state, []) if parent.effects else singles(search, state, parent, named, True)
+    if parent.effects:
+        return state, []
+    state, found = singles(search, state, parent, named, True)
+    return state, [x for x in found if not (x.named or x.score.effect.exact_derivatives)]
 
 
 def pairs(search: Search, state: SearchState, parent: Fit, named: bool) -> tuple[SearchState, list[Proposal]]:
@@ -370,28 +374,28 @@ def refitted(state: SearchState, parts: Sequence[tuple[Effect, ...]]) -> tuple[S
 
 
 def grow(search: Search, state: SearchState) -> Stage:
-    """Extend the best model, and the best of listed effects, by a cause or a pair as long as the evidence grows."""
+    """Extend the best model, and the best of listed effects, by a cause as long as the evidence grows.
+
+    What first order hardly shows is tried where nothing else helps.
+    """
     settings = search.settings
     most_effects = 1 if lacks_test(state.problem, state.declared) else settings.max_effects
     for number in itertools.count(1):
         heads = [f for f in _heads(search, state) if not _was_extended(state, f, f is not state.best)]
         head = next((f for f in heads if len(f.effects) < most_effects), None)
-        if head is None:
+        tries = _hidden(search, state) if head is None else [(singles, head, head is not state.best)]
+        if not tries:
             break
         if search.out_of_time and state.best.effects:
             state = state.without_trying(FURTHER_EFFECTS)
             break
-        state = replace(state, extended=state.extended | {(frozenset(head.names), head is not state.best)})
-        progress = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
-        search.report(
-            f"round {number}: candidates beside {listed_names(head.names) or 'the declared model'}", progress
-        )
-        pool: list[Proposal] = []
-        before, named = state.best, head is not state.best
-        for propose in (singles, at_full_strength, pairs, costly_singles):
-            if propose is not singles and search.explained(state):
-                break  # what first order hardly shows is tried where nothing else explains the data
-            state, new = propose(search, state, head, named)
+        progress, before, pool = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1)), state.best, list[Proposal]()
+        for propose, parent, named in tries:
+            beside = listed_names(parent.names) or "the declared model"
+            search.report(f"round {number}: candidates beside {beside}", progress)
+            stage = "listed" if named else propose.__name__
+            state = replace(state, extended=state.extended | {(frozenset(parent.names), stage)})
+            state, new = propose(search, state, parent, named)
             new = sorted((x for x in new if len(x.names) <= most_effects), key=lambda x: x.criterion)
             pool += new
             search.report(f"fitting {listed_names([x.score.names[-1] for x in new[:5]])}", progress)
@@ -401,8 +405,7 @@ def grow(search: Search, state: SearchState) -> Stage:
             if better:
                 state = replace(state, best=better[0])
                 yield state
-                if _all_named(state.best) and search.listed_first:
-                    break
+                break
         entries = [_entry(state, number, x) for x in pool[:SHOWN]]
         state = replace(state, candidates=(*state.candidates, *entries))
         best = state.best
@@ -422,10 +425,32 @@ def grow(search: Search, state: SearchState) -> Stage:
     return state
 
 
+#: A search for candidates beside a model, that model, and whether listed effects alone are candidates.
+_Try = tuple[Callable[[Search, SearchState, Fit, bool], tuple[SearchState, list[Proposal]]], Fit, bool]
+
+
+def _hidden(search: Search, state: SearchState) -> list[_Try]:
+    """What first order hardly shows, beside the best and the declared model, where nothing explains the data.
+
+    Pairs of listed effects are tried as well where a cause without a name does.
+    """
+    explained = search.explained(state)
+    if explained and _all_named(state.best):
+        return []
+    stages = (pairs,) if explained else (at_full_strength, pairs, costly_singles)
+    models = {frozenset(f.names): f for f in (state.best, state.fits[frozenset()])}
+    return [
+        (propose, parent, False)
+        for names, parent in models.items()
+        for propose in stages
+        if (names, propose.__name__) not in state.extended
+    ]
+
+
 def _was_extended(state: SearchState, fit: Fit, named: bool) -> bool:
     """Whether further causes, or ``named``: listed effects at least, were added to a model."""
     names = frozenset(fit.names)
-    return (names, False) in state.extended or (named and (names, True) in state.extended)
+    return (names, "singles") in state.extended or (named and (names, "listed") in state.extended)
 
 
 def _heads(search: Search, state: SearchState) -> list[Fit]:

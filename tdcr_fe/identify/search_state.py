@@ -81,8 +81,8 @@ class SearchState:
     fits: Mapping[Names, Fit]  # every model that was fitted, by the names of its effects
     # Scores of candidates beside a model, and that model as a reference for fits
     scores: Mapping[Names, tuple[list[Score], Fit]] = field(default_factory=dict)
-    # models to which further causes were added, and whether listed effects alone
-    extended: frozenset[tuple[Names, bool]] = frozenset()
+    # models to which further causes were added, and which: "listed" effects alone, or a function of the search
+    extended: frozenset[tuple[Names, str]] = frozenset()
     # parts of models that were fitted from the values of these, with them
     refits: frozenset[tuple[Names, Names]] = frozenset()
     candidates: tuple[Candidate, ...] = ()  # result of each, for the report

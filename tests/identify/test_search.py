@@ -209,5 +209,5 @@ def test_one_hole_or_one_disk_is_moved_and_no_other():
 def test_a_model_extended_by_listed_effects_alone_is_extended_again_as_the_best():
     """Otherwise a cause without a name is never tried beside an effect that was not the best model at first."""
     state = begun(measured(GRAVITY))
-    state = replace(state, extended=frozenset({(frozenset(), True)}))
+    state = replace(state, extended=frozenset({(frozenset(), "listed")}))
     assert _was_extended(state, state.declared, True) and not _was_extended(state, state.declared, False)
