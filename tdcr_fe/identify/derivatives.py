@@ -11,7 +11,7 @@ How a derivative is taken follows from what the parameter changes:
 
 from __future__ import annotations
 
-import pickle
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -86,56 +86,49 @@ def linearize(problem: FitProblem, requests: Sequence[Request]) -> list[Linear]:
 
 
 def linearize_each(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear]:
-    """Linearise several models, each of a problem of its own; with several processes each in one of them.
+    """Linearise several models, each of a problem of its own; their runs are shared among the processes.
 
-    Forward model, path tolerance and deadline are those of the first.
+    Forward model, path tolerance and deadline are those of the first. An impossible robot, as two laws of the material
+    that exclude each other, counts as not solved, and so does a load that does not balance with the state it depends
+    on.
     """
-    if len(pairs) > 1 and pairs[0][0].forward.parallel:
-        found = _in_processes(pairs)
-        if found is not None:
-            return found
-    return [_linearized(problem, request) for problem, request in pairs]
+    parts = [_part(problem, request) for problem, request in pairs]
+    ready = [part for part in parts if isinstance(part, _Part)]
+    if not ready:
+        return [part for part in parts if isinstance(part, Linear)]
+    first = pairs[0][0]
+    runs = first.run([part.job for part in ready])
+    jobs = [part.differences(run) for part, run in zip(ready, runs, strict=True)]
+    beside = iter(first.run(list(itertools.chain(*jobs))))
+    found = {
+        id(part): _linear(part, run, list(itertools.islice(beside, len(own))))
+        for part, run, own in zip(ready, runs, jobs, strict=True)
+    }
+    return [part if isinstance(part, Linear) else found[id(part)] for part in parts]
 
 
-def _in_processes(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear] | None:
-    """Linearise models, each in a process; None where one cannot be sent there, as an effect of one's own."""
-    forward = pairs[0][0].forward
-    alone = forward.alone()
-    try:
-        texts = [pickle.dumps((replace(problem, forward=alone), request)) for problem, request in pairs]
-    except (pickle.PicklingError, AttributeError, TypeError):
-        return None
-    if any(not type(e).__module__.startswith("tdcr_fe.") for problem, _ in pairs for e in problem.catalogue):
-        return None
-    found = forward.map(_linearize_sent, texts)
-    for _, runs, iterations in found:
-        forward.runs += runs
-        forward.iterations += iterations
-    return [linear for linear, *_ in found]
-
-
-def _linearize_sent(text: bytes) -> tuple[Linear, int, int]:
-    """A model that was sent to this process, linearised; and the numbers of runs and of iterations that took."""
-    problem, request = pickle.loads(text)
-    linear = _linearized(problem, request)
-    return linear, problem.forward.runs, problem.forward.iterations
-
-
-def _linearized(problem: FitProblem, request: Request) -> Linear:
-    """One model.
-
-    An impossible robot, as two laws of the material that exclude each other, counts as not solved, and so does a load
-    that does not balance with the state it depends on.
-    """
+def _part(problem: FitProblem, request: Request) -> _Part | Linear:
+    """What is simulated for a model, with balanced loads; what stands for it where it is not solved."""
     try:
         action, reference = balanced(problem, request)
-        part = _Part(problem, request._replace(reference=reference), action)
-        (run,) = problem.run([part.job])
-        return part.linear(run, problem.run(part.differences(run)))
+        return _Part(problem, request._replace(reference=reference), action)
     except ValueError as error:
-        run = Run.of((), len(problem.data.steps), problem.experiment, str(error))
-        nothing = np.full(problem.count, np.nan)
-        return Linear(nothing, np.zeros((problem.count, len(request.columns))), run, {})
+        return _unsolved(problem, request, error)
+
+
+def _linear(part: _Part, run: Run, beside: Sequence[Run]) -> Linear:
+    """What follows from the runs of a model."""
+    try:
+        return part.linear(run, beside)
+    except ValueError as error:  # not all steps are solved
+        return _unsolved(part.problem, part.request, error)
+
+
+def _unsolved(problem: FitProblem, request: Request, reason: ValueError) -> Linear:
+    """Of a model that is not solved."""
+    run = Run.of((), len(problem.data.steps), problem.experiment, str(reason))
+    nothing = np.full(problem.count, np.nan)
+    return Linear(nothing, np.zeros((problem.count, len(request.columns))), run, {})
 
 
 #: Iterations of a load and the state it depends on at most, and the change that ends them: moments over EI/L, forces

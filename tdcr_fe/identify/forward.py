@@ -316,15 +316,6 @@ class ForwardModel:
             self._applied.pop(next(iter(self._applied)))
         return kept[2]
 
-    @property
-    def parallel(self) -> bool:
-        """Whether there are several processes."""
-        return self._pool is not None
-
-    def alone(self) -> ForwardModel:
-        """One without processes and memory, which can be sent to a process."""
-        return ForwardModel(1, self.settings)
-
     def map(self, function: Callable[[Given], Found], given: Sequence[Given]) -> list[Found]:
         """Values of a function, in the processes where there are several values; in this one if the processes end."""
         if self._pool is None or len(given) < 2:

@@ -344,7 +344,7 @@ class Reader:
     def __init__(
         self, readings: Sequence[Reading], step_ids: Sequence[int], tendon_names: Sequence[str]
     ) -> None:
-        self._made_of = tuple(readings), tuple(step_ids), tuple(tendon_names)
+        self._tendon_names = tuple(tendon_names)
         index = {n: i for i, n in enumerate(step_ids)}
         self.count = len(readings)
         self.step = np.array([index[r.step] for r in readings], dtype=int)
@@ -353,10 +353,6 @@ class Reader:
         for quantity in dict.fromkeys(r.quantity for r in readings):
             which = np.array([i for i, r in enumerate(readings) if r.quantity == quantity])
             self._groups.append((channel(quantity), which, [readings[i].location for i in which]))
-
-    def __reduce__(self) -> tuple[type[Reader], tuple[object, ...]]:
-        """Sent to a process as what it is made of: channels are functions."""
-        return Reader, self._made_of
 
     def _observed(self, run: Run, experiment: Experiment, steps: slice | int) -> ObservedStep:
         """What is observed of some of a run's steps."""
@@ -367,7 +363,7 @@ class Reader:
             run.displacements[steps],
             run.base_tensions[steps],
             run.distal_tensions[steps],
-            self._made_of[2],
+            self._tendon_names,
         )
 
     def read(self, run: Run, experiment: Experiment) -> Array:
