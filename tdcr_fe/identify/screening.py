@@ -156,13 +156,6 @@ class _ProbeSet:
                     found.setdefault(name, Column(self.differentiated, name, self.start, change))
         return found
 
-    def change(self, point: Mapping[str, float], name: str) -> float:
-        """Of a coordinate, from its null value to a point; zero of one that is held."""
-        p = next(p for p in self.effect.parameters if p.name == name)
-        if all(d[name] == 0.0 for d in self.directions):
-            return 0.0
-        return p.coordinate(point[name]) - p.coordinate(self.null[name])
-
     def key(self, name: str) -> _ColumnKey:
         """Of the column of a parameter; the same where the derivative is the same."""
         return _column_key(Column(self.effect, name, self.start, 0.0))
@@ -280,10 +273,8 @@ def _score(problem: FitProblem, fit: Fit, space: _Space, sets: Sequence[tuple[_P
         found.append((drop, amplitude, one, signature))
     if not found:
         return Score.refused(e, fit, "it changes nothing on these data", scales)
-    found.sort(key=lambda x: -x[0])
-    drop, amplitude, one, signature = found[0]
+    drop, amplitude, one, signature = max(found, key=lambda x: x[0])
     points = [_mix(problem, one, factor * amplitude) for factor in (1.0, 0.5)]
-    points += [one.points[0], *(_mix(problem, x[2], x[1]) for x in found[1:3])]
     values, predicted = space.adapted(signature @ amplitude)
     starts = [{**values, e.name: points[0]}, *({**fit.values, e.name: point} for point in points)]
     return Score((e,), drop, starts, predicted, signature, "", one, scales)

@@ -334,7 +334,7 @@ def _begun(problem: FitProblem, found: Sequence[Proposal]) -> list[Fit]:
         for k, (x, now) in enumerate(zip(found, fits, strict=True))
         if not now.cost < x.parent.cost and len(x.score.starts) > 1
     ]
-    more = fitting.run_fits(problem, [evaluated(found[k], found[k].score.starts[1:3]) for k in again])
+    more = fitting.run_fits(problem, [evaluated(found[k], found[k].score.starts[1:]) for k in again])
     for k, other in zip(again, more, strict=True):
         fits[k] = min(fits[k], other, key=lambda f: f.cost)
     return fits
