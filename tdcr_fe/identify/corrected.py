@@ -60,7 +60,7 @@ def corrected_files(result: IdentificationResult) -> dict[str, str]:
     ``robot.toml`` is the robot with all effects that a robot description can have. ``effects.toml`` is a scenario
     with that robot, the model, mesh and solver settings of the fit, the effects that act on commands or on the model
     in its ``[effects]`` table, and the measured loading sequence as it was simulated: ``tdcr-fe run effects.toml``
-    repeats the fit. Steps that were divided to resolve their path stand there in parts.
+    repeats the fit. Steps that an effect divides stand there in parts.
 
     A law that was found stands there as the concentrated loads that it gives on this loading, and as a comment.
     Several data sets have one ``effects_NAME.toml`` each.

@@ -101,10 +101,7 @@ def simulate_experiment(task: Task) -> Run:
         return simulate_experiment(task._replace(reference=None))
     ended = [j for j in last if j < len(result.steps)]
     run = Run.of([result.steps[j] for j in ended], len(last), experiment, result.message)
-    errors = np.zeros(len(last))
-    for step, (k, _) in zip(result.steps, ends, strict=False):
-        errors[k] = max(errors[k], float(step.details.get("refinement_error", 0.0)))
-    run = replace(run, refinement_errors=errors, iterations=sum(s.iterations for s in result.steps))
+    run = replace(run, iterations=sum(s.iterations for s in result.steps))
     if task.states:
         run = replace(run, bays=bay_state(experiment, result.steps, last))
     if task.parameters and ended:

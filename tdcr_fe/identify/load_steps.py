@@ -1,4 +1,4 @@
-"""Load steps: which are held out, which a search uses of long data, and how commanded steps are divided and joined."""
+"""Load steps: which are held out, which a search uses of long data, and how parts of commanded steps are joined."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.effects.actuation import loads_between
 from tdcr_fe.identify.result import SearchedSteps
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.problems import InputError, Problem
-from tdcr_fe.model.loading import Actuation, LoadStep, resolve
+from tdcr_fe.model.loading import LoadStep, resolve
 
 Array = NDArray[np.float64]
 
@@ -306,69 +305,7 @@ def _spread(table: Array, branches: Sequence[Sequence[int]], most: int) -> list[
     return [k for i in chosen for k in branches[i]]
 
 
-# ------------------------------------------------------------------------------------------------ divided and joined
-
-
-def divide_steps(experiment: Experiment, which: set[int], parts: int) -> Experiment:
-    """Divide commanded steps into equal parts to resolve path dependence.
-
-    Steps already divided, of a fixed number of substeps, or in which a tendon changes from tension to displacement stay
-    whole. Without friction at each hole, or with friction that has no history, all steps stay whole.
-
-    Parameters
-    ----------
-    experiment
-        With the commands.
-    which
-        Commanded steps, from 0.
-    parts
-        Of each.
-
-    Returns
-    -------
-    Experiment
-        The same one where nothing is to be divided.
-    """
-    if experiment.model.friction != "per-hole":
-        return experiment
-    if experiment.restarts:
-        firsts = iter((0, *experiment.restarts))
-
-        def divide(part: Experiment) -> Experiment:
-            first = next(firsts)
-            return divide_steps(part, {k - first for k in which if k >= first}, parts)
-
-        return experiment.with_sequences(divide)
-    actions = resolve(experiment.robot, experiment.steps)
-    whole = [k for k, factor in experiment.step_ends if factor == 1.0]
-    single = {k for k, _ in experiment.step_ends if [x for x, _ in experiment.step_ends].count(k) == 1}
-    steps: list[LoadStep] = []
-    ends: list[tuple[int, float]] = []
-    names = experiment.robot.tendon_names
-    before = Actuation(actions[0].drives, np.zeros(len(names)))
-    for step, action, (k, factor) in zip(experiment.steps, actions, experiment.step_ends, strict=True):
-        same = bool(np.all(before.by_displacement == action.by_displacement))
-        if k in which and k in single and k in whole and same and step.substeps is None:
-            for i in range(1, parts):
-                x = i / parts
-                values = before.values + x * (action.values - before.values)
-                commanded = {n: float(values[names.index(n)]) for n in (*step.tensions, *step.displacements)}
-                steps.append(
-                    replace(
-                        step,
-                        tensions={n: commanded[n] for n in step.tensions},
-                        displacements={n: commanded[n] for n in step.displacements},
-                        loads=loads_between(before.loads, step.loads, x),
-                        time=None if step.time is None else before.time + x * (action.time - before.time),
-                    )
-                )
-                ends.append((k, x))
-        steps.append(step)
-        ends.append((k, factor))
-        before = action
-    if len(steps) == len(experiment.steps):
-        return experiment
-    return replace(experiment, steps=tuple(steps), ends=tuple(ends))
+# ------------------------------------------------------------------------------------------------------------ joined
 
 
 def join_steps(experiment: Experiment) -> Experiment:

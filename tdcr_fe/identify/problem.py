@@ -13,7 +13,7 @@ from tdcr_fe.effects import EFFECTS, Effect, ExcitationRange, Experiment
 from tdcr_fe.identify.bay_state import with_action
 from tdcr_fe.identify.causes import ReadingCause
 from tdcr_fe.identify.forward import ForwardModel, Job
-from tdcr_fe.identify.load_steps import divide_steps, join_steps
+from tdcr_fe.identify.load_steps import join_steps
 from tdcr_fe.identify.result import Misfit
 from tdcr_fe.identify.run import Reader, Run
 from tdcr_fe.io.measured import MeasuredData
@@ -34,12 +34,6 @@ FINEST = 6
 
 #: Assumed order of the discretisation error; four where bending is small.
 ORDER = 3.2
-
-#: A step stays divided if dividing it changes a reading by more than this, over sigma.
-PATH = 0.4
-
-#: Number of parts in the test of whether dividing a step matters; twice as many are used where it does.
-PARTS = 4
 
 
 @dataclass(frozen=True)
@@ -81,7 +75,7 @@ class FitProblem:
     forward: ForwardModel  # solves experiments
     sigma: Array  # standard uncertainty of every reading, in its unit, shape (n,)
     held_out: NDArray[np.bool_]  # shape (n,)
-    experiment: Experiment  # the declared one, with the mesh and the divided steps that are used
+    experiment: Experiment  # the declared one, with the mesh that is used
     path_tolerance: float  # of the solver, over the length [1]
     robust_threshold: float  # residuals over sigma count in full up to this [1]
     correction: Array  # extrapolated discretisation error, added to the residual over sigma, shape (n,)
@@ -330,18 +324,16 @@ def fit_of_run(problem: FitProblem, effects: Sequence[Effect], values: Point, ru
 def refine(
     problem: FitProblem, effects: Sequence[Effect], values: Point, run: Run | None = None
 ) -> tuple[FitProblem, Run]:
-    """Refine mesh and path until their errors stay below the noise near a point.
+    """Refine the mesh until its error stays below the noise near a point.
 
     A run with one element per bay more, which takes the same substeps, shows whether the mesh matters: two runs that
     divide the load steps each in its own way differ by the error of their paths as well. Elements are added until the
-    error, which falls with a power of their number, is small. Steps whose path the solver reports as not resolved are
-    divided in a run of their own, and stay divided where a reading changes. The remaining error of the mesh is
-    extrapolated and subtracted.
+    error, which falls with a power of their number, is small. The remaining error is extrapolated and subtracted.
 
     Parameters
     ----------
     problem
-        Readings, with the mesh and the division so far.
+        Readings, with the mesh so far.
     effects, values
         The model.
     run
@@ -351,57 +343,39 @@ def refine(
     -------
     problem : FitProblem
     run : Run
-        Of the model on the mesh and in the division of that problem; the given one where nothing was changed, so that
-        earlier predictions still count.
+        Of the model on the mesh of that problem; the given one where nothing was changed, so that earlier predictions
+        still count.
     """
     problem = replace(problem, correction=np.zeros(problem.count))
     if run is None:
         _, (run,) = problem.residuals(effects, [values], record=True)
     action = None if run.acted is None else run.acted.action
 
-    def with_model(experiment: Experiment) -> Experiment:
-        """A declared experiment with the model and the loads of its run."""
-        found = replace(problem, experiment=experiment).with_effects(effects, values)
+    def with_model(count: int) -> Experiment:
+        """With so many elements a bay, the model, and the loads of its run."""
+        meshed = replace(problem, experiment=with_elements(problem.experiment, count))
+        found = meshed.with_effects(effects, values)
         return found if action is None else with_action(found, action)
 
-    observed = with_model(problem.experiment)
-    here = problem.residual(observed, run)
-    experiment = problem.experiment
-    n = experiment.model.starting_elements_per_bay
-
-    def change_with(other: Experiment, reference: Run | None) -> Array:
-        (found,) = problem.solve([with_model(other)], reference)
-        return _known(problem.residual(observed, found) - here)
-
-    change = change_with(with_elements(experiment, n + 1), run)
+    n = problem.experiment.model.starting_elements_per_bay
+    here = problem.residual(with_model(n), run)
+    finer = with_model(n + 1)
+    (other,) = problem.solve([finer], run)
+    change = problem.residual(finer, other) - here
+    change = np.where(np.isfinite(change), change, 0.0)
     share = 1.0 - (n / (n + 1.0)) ** ORDER
     mesh_error = float(np.sqrt(np.mean(change**2))) / share
-    unresolved = {int(k) for k in np.flatnonzero(run.refinement_errors > 0.0)}
-    divided = divide_steps(experiment, unresolved, PARTS)
-    if divided is not experiment:
-        moved = np.abs(change_with(divided, None)) > PATH
-        steps = {int(k) for k in np.unique(problem.readings.reader.step[moved])}
-        divided = divide_steps(experiment, steps, 2 * PARTS) if steps else experiment
-    refined = divided
-    if mesh_error > MESH and n < FINEST:
-        more = min(FINEST, max(n + 1, int(np.ceil(n * (mesh_error / MESH) ** (1.0 / ORDER)))))
-        refined = with_elements(divided, more)
-        mesh_error *= (n / more) ** ORDER
-    if refined is experiment:
-        # Extrapolated only where it is small, so that its law is known.
-        correction = change / share if mesh_error <= MESH else problem.correction
-        return replace(problem, mesh_error=mesh_error, correction=correction), run
-    problem = replace(problem, mesh_error=mesh_error, experiment=refined)
-    along = run if divided is experiment else None
-    (again,) = problem.run([Job(with_model(refined), along, True, states=action is not None)])
+    if mesh_error <= MESH:  # extrapolated only where it is small, so that its law is known
+        return replace(problem, mesh_error=mesh_error, correction=change / share), run
+    if n >= FINEST:
+        return replace(problem, mesh_error=mesh_error), run
+    more = min(FINEST, max(n + 1, int(np.ceil(n * (mesh_error / MESH) ** (1.0 / ORDER)))))
+    experiment = with_elements(problem.experiment, more)
+    (again,) = problem.run([Job(with_model(more), run, True, states=action is not None)])
+    problem = replace(problem, mesh_error=mesh_error * (n / more) ** ORDER, experiment=experiment)
     return problem, replace(again, acted=run.acted)
 
 
 def with_elements(experiment: Experiment, count: int) -> Experiment:
     """The same with so many elements a bay."""
     return replace(experiment, model=replace(experiment.model, elements_per_bay=count))
-
-
-def _known(r: Array) -> Array:
-    """Differences, zero where a prediction is missing."""
-    return np.where(np.isfinite(r), r, 0.0)

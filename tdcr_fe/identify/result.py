@@ -389,7 +389,7 @@ class SearchLog:
 class Simulated:
     """What repeats the run of the final model."""
 
-    # Robot, model, loading sequence and observation: the declared one with the mesh and the divided steps of the fit,
+    # Robot, model, loading sequence and observation: the declared one with the mesh of the fit,
     # and that with the effects that were added; causes without a name stand there as the loads that they give
     commanded: Experiment
     corrected: Experiment

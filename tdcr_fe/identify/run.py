@@ -216,11 +216,6 @@ class RunDerivatives:
         return replace(self, **tables, arc_lengths=none, names=("",) * count)
 
 
-def _padded(values: Array, steps: int) -> Array:
-    """One value for each of so many steps, zero where there is none."""
-    return np.concatenate((values[:steps], np.zeros(max(0, steps - len(values)))))
-
-
 class Acted(NamedTuple):
     """The action that a run carries, and the response of readings and bays to actions there."""
 
@@ -243,9 +238,6 @@ class Run:
     message: str  # why it ended
     trajectory: Trajectory | None = None  # reference path for neighbouring runs; None where none was recorded
     derivatives: RunDerivatives | None = None  # by the parameters of the task
-    # by commanded step, what is left of its path dependence over the length where the solver could not
-    # resolve it, else zero [1], shape (n_steps,)
-    refinement_errors: Array = field(default_factory=lambda: np.zeros(0))
     iterations: int = 0  # Newton iterations that it took
     bays: BayState | None = None  # where it was asked for
     acted: Acted | None = None  # action that it carries, with the response there
@@ -294,7 +286,6 @@ class Run:
         derivatives = [r.derivatives for r in runs if r.derivatives is not None]
         bays = [r.bays for r in runs if r.bays is not None]
         tables: dict[str, Any] = {n: np.concatenate([getattr(r, n) for r in full]) for n in _BY_STEP}
-        errors = [_padded(r.refinement_errors, n) for r, n in zip(full, lengths, strict=True)]
         return cls(
             s=nodes,
             **tables,
@@ -302,7 +293,6 @@ class Run:
             message=runs[-1].message,
             trajectory=Trajectory.joined(trajectories, lengths) if whole else None,
             derivatives=RunDerivatives.joined(derivatives) if len(derivatives) == len(lengths) else None,
-            refinement_errors=np.concatenate(errors),
             iterations=sum(r.iterations for r in runs),
             bays=BayState.joined(bays) if len(bays) == len(lengths) else None,
         )

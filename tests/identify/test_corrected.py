@@ -10,7 +10,6 @@ from identify_data import FRICTIONAL, GRAVITY, ROBOT, concluded, measured, probl
 from tdcr_fe.cli import main
 from tdcr_fe.effects import effect, with_effects
 from tdcr_fe.identify.corrected import corrected_files, corrected_motion, observation_effects
-from tdcr_fe.identify.load_steps import divide_steps
 from tdcr_fe.identify.report import render
 from tdcr_fe.io.toml import read_robot, read_scenario
 
@@ -74,9 +73,17 @@ def test_effects_on_the_measurement_are_comments(tmp_path):
 
 
 def test_divided_steps_are_written_in_parts_with_the_effects_on_their_commands(tmp_path):
-    """Also where an effect divides a step that is divided already."""
+    """Also where an effect divides a step that a declared effect has divided already."""
     result = found(COMMANDS, rough())
-    commanded = divide_steps(result.simulated.commanded, {2, 8}, 4)
+    whole = result.simulated.commanded
+    before, after = whole.steps[1].tensions, whole.steps[2].tensions
+    parts = [
+        replace(whole.steps[2], tensions={n: before[n] + x * (after[n] - before[n]) for n in after})
+        for x in (0.25, 0.5, 0.75, 1.0)
+    ]
+    ends = [(k, 1.0) for k in range(len(whole.steps))]
+    ends[2:3] = [(2, x) for x in (0.25, 0.5, 0.75, 1.0)]
+    commanded = replace(whole, steps=(*whole.steps[:2], *parts, *whole.steps[3:]), ends=tuple(ends))
     write(replace(result, simulated=replace(result.simulated, commanded=commanded)), tmp_path)
     scenario = read_scenario(tmp_path / "effects.toml")
     expected = with_effects(commanded, result.effects_table)

@@ -12,7 +12,7 @@ from tdcr_fe.cli import main
 from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
-from tdcr_fe.identify.load_steps import blocks, divide_steps, held_out_branches
+from tdcr_fe.identify.load_steps import blocks, held_out_branches
 from tdcr_fe.io.measured import join_measured, write_measured
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.model.loading import LoadStep, SolverSettings
@@ -50,18 +50,12 @@ def test_every_sequence_begins_with_the_unloaded_robot():
     np.testing.assert_allclose(along.positions, free.positions, atol=1e-6 * LENGTH)
 
 
-def test_effects_with_a_history_and_divided_steps_begin_anew_with_every_sequence():
+def test_effects_with_a_history_begin_anew_with_every_sequence():
     loss = {"actuator_loss": {"dead_band": 0.05, "efficiency": 0.9}}
     alone = [with_effects(Experiment(ROUGH, FRICTION, s), loss) for s in (FIRST, SECOND)]
     joined = both().with_sequences(lambda e: with_effects(e, loss))
     assert joined.steps == alone[0].steps + alone[1].steps and joined.restarts == (3,)
     assert [e.steps for e in joined.sequences] == [e.steps for e in alone]
-    divided = divide_steps(both(), {1, 3}, 2)
-    assert divided.step_ends == ((0, 1.0), (1, 0.5), (1, 1.0), (2, 1.0), (3, 0.5), (3, 1.0), (4, 1.0))
-    assert divided.steps[4].tensions == {
-        "t1": 0.15,
-        "t2": 0.45,
-    }  # half of the first pull, from the unloaded robot
 
 
 def test_a_sequence_that_is_not_solved_leaves_its_steps_and_those_after_it_open():
