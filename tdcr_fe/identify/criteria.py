@@ -180,11 +180,9 @@ def robust_threshold(residual: np.typing.NDArray[np.float64]) -> float:
     return ROBUST * max(1.0, 1.4826 * float(np.median(np.abs(residual))))
 
 
-#: Smallest number of readings from which models are compared.
-FEWEST = 4
-
-#: Smallest number of steps with readings, and largest share of faulty readings, with which nothing may be missing.
-FEWEST_STEPS, MOST_FAULTY = 4, 0.3
+#: Smallest number of readings from which models are compared, and of steps with readings with which nothing may be
+#: missing; largest share of faulty readings with which that may be so.
+FEWEST, MOST_FAULTY = 4, 0.3
 
 #: Degrees of freedom needed for a verdict where no steps could be held out.
 TO_SPARE = 10
@@ -206,8 +204,8 @@ def insufficient_data(problem: FitProblem, declared: Fit, best: Fit, explained: 
     if unusable:
         return unusable
     steps = len({r.step for r in problem.data.readings})
-    if explained and steps < FEWEST_STEPS:
-        return f"readings of {steps} steps, too few: at least {FEWEST_STEPS} are needed to say that nothing is missing"
+    if explained and steps < FEWEST:
+        return f"readings of {steps} steps, too few: at least {FEWEST} are needed to say that nothing is missing"
     faulty = len(problem.data.left_out)
     if explained and faulty > MOST_FAULTY * (faulty + problem.count):
         return (

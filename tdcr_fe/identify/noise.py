@@ -176,7 +176,8 @@ def outliers(r: Array) -> tuple[tuple[int, float], ...]:
     return tuple((int(i), float(r[i])) for i in np.flatnonzero(np.abs(r) > OUTLIER * scale))
 
 
-#: Chance of reporting noise of the inputs that is not there, and of calling errors systematic that follow nothing [1].
+#: Chance of reporting noise of the inputs that is not there, or a group of readings in which nothing is left; and of
+#: calling errors systematic that follow nothing [1].
 SIGNIFICANCE, FOLLOWS = 1e-4, 1e-3
 
 #: So many standard errors beyond that of normal errors, the kurtosis tells that errors are rare and large [1].

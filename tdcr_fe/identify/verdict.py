@@ -25,7 +25,7 @@ from tdcr_fe.identify.data_faults import wrong_sigma
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.forward import run_settings
 from tdcr_fe.identify.load_steps import RowChoice
-from tdcr_fe.identify.noise import ALL_READINGS, held_out_ceiling, outliers, structure
+from tdcr_fe.identify.noise import ALL_READINGS, SIGNIFICANCE, held_out_ceiling, outliers, structure
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import (
     NAMED,
@@ -55,9 +55,6 @@ from tdcr_fe.identify.search_state import Search, SearchState, posterior
 from tdcr_fe.identify.settings import CEILING, MAY_EXPLAIN
 
 Array = NDArray[np.float64]
-
-#: A group of readings is named where chance gives it so large a residual this rarely [1].
-SIGNIFICANT = 1e-4
 
 #: A listed effect beside a cause without a name is found only where it removes such a share of the squares: it may
 #: correct the form of that cause, which need not be right to more than a tenth [1].
@@ -201,7 +198,7 @@ def _remaining(explained: bool, tests: Sequence[Structure]) -> Remainder:
     """Location and kind of the remaining error, as texts."""
     if explained:
         return Remainder("nowhere", "what is left has the size and the structure of the noise")
-    groups = [t.group for t in tests if t.p_value < SIGNIFICANT and t.group != ALL_READINGS]
+    groups = [t.group for t in tests if t.p_value < SIGNIFICANCE and t.group != ALL_READINGS]
     if not groups:
         return Remainder(ALL_READINGS, "more than noise is left, in no group of readings more than in others")
     listed = ", ".join(groups[:3])
