@@ -205,7 +205,9 @@ def insufficient_data(problem: FitProblem, declared: Fit, best: Fit, explained: 
         return unusable
     steps = len({r.step for r in problem.data.readings})
     if explained and steps < FEWEST:
-        return f"readings of {steps} steps, too few: at least {FEWEST} are needed to say that nothing is missing"
+        return (
+            f"readings of {steps} steps, too few: at least {FEWEST} are needed to say that nothing is missing"
+        )
     faulty = len(problem.data.left_out)
     if explained and faulty > MOST_FAULTY * (faulty + problem.count):
         return (
