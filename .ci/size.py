@@ -29,7 +29,7 @@ BUDGET = {
     "tdcr_fe/commands": 1026,
     "tdcr_fe/effects": 1360,
     "tdcr_fe/estimate": 998,
-    "tdcr_fe/identify": 6280,
+    "tdcr_fe/identify": 6282,
     "tdcr_fe/io": 1975,
     "tdcr_fe/live": 375,
     "tdcr_fe/model": 2739,
