@@ -1,7 +1,5 @@
 """Files are written completely, or keep their old contents."""
 
-from __future__ import annotations
-
 import errno
 import json
 import math

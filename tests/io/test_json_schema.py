@@ -1,7 +1,5 @@
 """JSON schema for editors: it accepts what the reader accepts, and refuses single wrong values."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Worker processes end with their parent; records of many cases are kept as they are found, and recalled."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

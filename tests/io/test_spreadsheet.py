@@ -1,7 +1,5 @@
 """Tables as spreadsheets write them give the same data; an ambiguous file is refused with the reason."""
 
-from __future__ import annotations
-
 import csv
 import io
 

@@ -1,7 +1,5 @@
 """Files of robots without disks."""
 
-from __future__ import annotations
-
 import pytest
 
 from tdcr_fe.cli import main

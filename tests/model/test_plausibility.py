@@ -1,7 +1,5 @@
 """Implausible values, and such that do not fit together, give one warning or remark by name; real robots none."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from dataclasses import replace
@@ -9,7 +7,6 @@ from pathlib import Path
 
 import exudyn as exu
 import pytest
-from random_robots import random_robot, random_steps
 from robots import BACKBONE, LENGTH, paper, solve
 
 import tdcr_fe
@@ -25,6 +22,7 @@ from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRou
 from tdcr_fe.model.tendon import Spool, Tendon
 from tdcr_fe.validation.crosscheck import cases as crosscheck
 from tdcr_fe.validation.paper import cases as paper_cases
+from tdcr_fe.validation.random_robots import draw
 
 DATA = Path(tdcr_fe.__file__).parent / "data" / "demo"
 GRAVITY = Model(gravity=(0.0, 0.0, -9.81))
@@ -62,12 +60,10 @@ def soft(modulus):
 ROWS = {
     # Nothing was said of these.
     "turns in degrees": (helical(360.0), Model(), PULL, "tendons[0].turns = 360: 36 turns", "in deg?"),
-    "more than half a turn a bay": (helical(9.0), Model(), PULL, "tendons[0].turns = 9:", ""),
     "angles in rad": (wire((0.0, 2.0944, 4.18879)), Model(), PULL, "tendons.angle_deg = 4.18879 deg", "in rad?"),
     "the same hole twice": (wire((0.0, 0.0)), Model(), PULL, "tendons[1]: tendons[0] and this", ""),
     "displacement of the other sign": (
         WIRE, Model(), drawn(t1=-4e-3), "steps[1].displacements.t1 = -0.004 m: it is let out and slack", ""),
-    "one of two displacements": (WIRE, Model(), drawn(t1=-4e-3, t2=2e-3), "steps[1].displacements.t1", ""),
     "friction in per cent": (
         wire(friction_coefficient=15.0), Model(), PULL, "tendons[0].friction_coefficient = 15:", "in %?"),
     "static friction": (
@@ -87,11 +83,8 @@ ROWS = {
         WIRE, Model(gravity=(0.0, 0.0, -1.0)), PULL, "model.gravity = 1 m/s^2: a direction", "in multiples of"),
     # These failed after up to 37 s, and another quantity or the size of the load steps was named.
     "E in MPa": (*soft(200e3), "backbone.youngs_modulus = 200000 Pa: as soft as rubber", "in MPa?"),
-    "E in kPa": (*soft(200e6), "backbone.youngs_modulus = 2e+08 Pa: as soft as plastic", "in kPa?"),
     "E in GPa": (*soft(200.0), "backbone.youngs_modulus = 200 Pa: outside", "in GPa?"),
     "tension in gf": (WIRE, Model(), [LoadStep(tensions={"t1": 500.0})], "steps[0].tensions.t1 = 500 N", "gf?"),
-    "tensions in gf": (
-        WIRE, Model(), [LoadStep(tensions={"t1": 102.0, "t2": 102.0})], "steps[0].tensions.t1 = 102 N", "tensions.t2)"),
     "moment in N mm": (
         WIRE, Model(), at_tip(moment=(0.0, 2.0, 0.0)), "steps[1].loads.tip.moment = 2 N m", "in N mm?"),
     "radius of curvature": (
@@ -115,10 +108,6 @@ ROWS = {
         wire(axial_stiffness=60.0), Model(), [LoadStep(tensions={"t1": 30.0})],
         "steps[0].tensions.t1 = 30 N: strains the tendon by 50 %", ""),
     "displacement in mm": (WIRE, Model(), drawn(t1=2.0), "steps[1].displacements.t1 = 2 m", "in mm?"),
-    "EA in kN": (
-        WIRE.with_backbone(axial_stiffness=157.0), Model(), [LoadStep(tensions={"t1": 6.0})],
-        "backbone.axial_stiffness = 157 N: EI",
-        "in kN?"),
     "motor angle in degrees": (
         wire(spool=Spool(8e-3)), Model(), [LoadStep(motor_angles={"t1": 60.0})], "steps[0].motor_angles.t1 = 60 rad",
         "in deg?"),
@@ -139,7 +128,6 @@ ROWS = {
     "tension ten times too large": (
         soft(2e9)[0].with_backbone(density=1200.0), Model(), [LoadStep(tensions={"t1": 2.0})],
         "steps[0].tensions: together", "circles"),
-    "load in mN": (WIRE, Model(), at_tip(force=(200.0, 0.0, 0.0)), "steps[1].loads.tip.force = 200 N", "mN or gf?"),
 }  # fmt: skip
 
 
@@ -244,10 +232,8 @@ def test_a_soft_robot_gives_no_warning():
 
 
 def test_random_robots_give_no_warning():
-    for n in (1, 2, 3, 4):
-        for seed in range(10):
-            robot = random_robot(n, seed)
-            assert plausibility(robot, Model(), random_steps(robot, seed)).warnings == []
+    for case in map(draw, range(40)):
+        assert plausibility(case.robot, case.model, case.steps).warnings == [], case
 
 
 def test_demo_and_cases_of_the_paper_give_no_warning():
@@ -333,8 +319,6 @@ SWAPPED = (*HOLES[:5], HOLES[5][::-1], *HOLES[6:])
 WIDER = wire(routing=lambda angle: ConvergingRouting(2e-3, 6.5e-3, angle))
 REMARKS = {
     "exponent of E": (robot().with_backbone(youngs_modulus=20e9), HELD, RISE[:2], "backbone.youngs_modulus", "steel"),
-    "GJ or EI": (
-        robot().with_backbone(bending_stiffness=1e-3), HELD, pulled(0.5), "backbone.bending_stiffness", "not fit"),
     "EI of a diameter": (
         robot().with_backbone(bending_stiffness=0.05, torsional_stiffness=0.035), HELD, pulled(10.0, 30.0),
         "backbone.bending_stiffness = 0.05 N m^2", "EI = 0.00982"),
@@ -351,7 +335,6 @@ REMARKS = {
     "x and y of one hole": (
         one(routing=PointsRouting((0.0, *DISKS.positions), SWAPPED)), HELD, RISE, "tendons[0].holes[5]", "neighbours"),
     "decimal point": (robot(), HELD, pulled(2.0, 0.4, 6.0), "steps[1].tensions.t1 = 0.4 N: 2 N before", "point"),
-    "kgf": (robot(), HELD, pulled(0.2, 0.6), "steps: inputs", "0.068 rad"),
     "upright, not hanging": (robot(tip_mass=0.05), GRAVITY, RISE, "tip_mass = 0.05 kg", "along +z"),
     "offsets of a converging tendon exchanged": (
         replace(WIDER, disks=DISKS, backbone=STEEL), HELD, RISE, "tendons[0].end_offset = 0.0065 m", "base to tip"),

@@ -1,7 +1,5 @@
 """Facts of the description: stiffness of the section, places of the holes, routings, what stays from step to step."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from arcs import paper_robot

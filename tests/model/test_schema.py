@@ -1,7 +1,5 @@
 """Descriptions made in Python are checked field by field, as the files are."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """A text with a unit is the same number as the one in the unit of the key."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -14,20 +12,15 @@ from tdcr_fe.io.toml import read_scenario
 from tdcr_fe.model.units import UnitError, number_of
 
 POWERS = [
-    ("mm", "m", -3),
-    ("um", "m", -6),
-    ("g", "kg", -3),
-    ("ms", "s", -3),
-    ("kN", "N", 3),
-    ("GPa", "Pa", 9),
-]
-POWERS += [("g/cm^3", "kg/m^3", 3), ("N mm^2", "N m^2", -6), ("1/mm", "1/m", 3), ("N*mm/rad", "N m/rad", -3)]
-POWERS += [
-    ("N/mm²", "Pa", 6),
-    ("µm", "m", -6),
-    ("rad/mm", "1/m", 3),
-    ("Nmm", "N m", -3),
-    ("m/ms^2", "m/s^2", 6),
+    *(("mm", "m", -3), ("um", "m", -6), ("µm", "m", -6), ("g", "kg", -3), ("ms", "s", -3), ("kN", "N", 3)),
+    *(
+        ("GPa", "Pa", 9),
+        ("N/mm²", "Pa", 6),
+        ("g/cm^3", "kg/m^3", 3),
+        ("N mm^2", "N m^2", -6),
+        ("Nmm", "N m", -3),
+    ),
+    *(("1/mm", "1/m", 3), ("rad/mm", "1/m", 3), ("N*mm/rad", "N m/rad", -3), ("m/ms^2", "m/s^2", 6)),
 ]
 
 

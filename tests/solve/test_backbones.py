@@ -1,7 +1,5 @@
 """Robots without disks, tapered backbones, fibres that harden or soften: closed forms, the reference, mistakes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +7,6 @@ import pytest
 from robots import BACKBONE, LENGTH, distance, solve, three
 
 from tdcr_fe.elements.section import NonlinearSection
-from tdcr_fe.io.problems import InputError
-from tdcr_fe.io.toml import read_robot
-from tdcr_fe.io.write_toml import robot_to_toml
 from tdcr_fe.model.backbone import Backbone, NonlinearMaterial, StiffnessPatch
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
@@ -146,30 +141,6 @@ def test_tapered_robots_converge_to_the_reference_with_order_two(path):
     assert distance(found[2], exact.tips) < 2e-4 and distance(found[3], exact.tips) < 2e-4
 
 
-def test_a_taper_goes_through_the_file_as_radius(tmp_path):
-    file = tmp_path / "robot.toml"
-    file.write_text(robot_to_toml(BARE))
-    assert f"radius = [[0.0, {R0}], [{LENGTH}, {R1}]]" in file.read_text()
-    assert read_robot(file) == BARE
-
-
-@pytest.mark.parametrize(
-    ("radius", "text"),
-    [
-        ("[[0.0, 1e-3], [0.2, 5e-4]]", "ascend from 0 to the length"),
-        ("[[0.0, 1e-3], [0.25, -5e-4]]", "radii above 0"),
-        ("[[0.0, 1e-3]]", "ascend from 0"),
-        ("[0.0, 1e-3]", "number"),
-    ],
-)
-def test_a_taper_that_is_none_is_refused_by_name(tmp_path, radius, text):
-    file = tmp_path / "robot.toml"
-    file.write_text(robot_to_toml(BARE).replace(f"[[0.0, {R0}], [{LENGTH}, {R1}]]", radius))
-    with pytest.raises(InputError, match=r"backbone\.radius") as found:
-        read_robot(file)
-    assert text in str(found.value)
-
-
 # ------------------------------------------------------------ nonlinear material
 
 
@@ -262,19 +233,3 @@ def test_nonlinear_fibres_agree_with_the_reference(law, path):
     assert exact.converged and found.converged, (exact.message, found.message)
     linear = simulate(replace(robot, backbone=FIBRES.backbone), model, PULLS)
     assert np.abs(found.tips - exact.tips).max() < 2e-4 * L < 0.02 * np.abs(linear.tips - exact.tips).max()
-
-
-@pytest.mark.parametrize(
-    ("law", "more", "text"),
-    [
-        ("{ quadratic = 80.0 }", "", "falls from 0.00625 on"),
-        ("{ cubic = -100000.0 }", "", "cubic"),
-        ("{ cubic = 1.0 }", "creep_rate = 1e-3", "cannot be combined with creep_rate"),
-    ],
-)
-def test_laws_that_cannot_be_are_refused_by_name(tmp_path, law, more, text):
-    lines = robot_to_toml(rod(None)).replace("[backbone]", f"[backbone]\nnonlinear = {law}\n{more}")
-    (tmp_path / "robot.toml").write_text(lines)
-    with pytest.raises(InputError, match=r"backbone\.nonlinear") as found:
-        read_robot(tmp_path / "robot.toml")
-    assert text in str(found.value)
