@@ -1,7 +1,5 @@
 """Contact items of Exudyn on robots of the tests."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import exudyn as exu
@@ -60,41 +58,49 @@ def soft_wall(mbs: exu.MainSystem, handle: TDCR) -> None:
     wall(mbs, handle, 0.5 * STIFFNESS)
 
 
-def _general(mbs: exu.MainSystem) -> Any:
+def general_contact(mbs: exu.MainSystem, friction: float = 0.0) -> Any:
+    """A GeneralContact without partners."""
     contact = mbs.AddGeneralContact()
-    contact.SetFrictionPairings(np.zeros((1, 1)))
+    contact.SetFrictionPairings(np.full((1, 1), friction))
     contact.SetSearchTreeCellSize([4, 4, 4])
     contact.SetSearchTreeBox([-0.5, -0.5, -0.5], [0.5, 0.5, 0.5])
     return contact
 
 
-def _add_sphere(contact: Any, marker: Any, radius: float) -> None:
+def add_sphere(contact: Any, marker: Any, radius: float = DISK) -> None:
+    """A sphere of a GeneralContact on a marker."""
     contact.AddSphereWithMarker(
         marker, radius=radius, contactStiffness=STIFFNESS, contactDamping=0.0, frictionMaterialIndex=0
     )
 
 
+def add_triangles(contact: Any, marker: Any, triangles: np.ndarray) -> None:
+    """Triangles of a GeneralContact, shape (n, 3, 3), on a rigid marker."""
+    contact.AddTrianglesRigidBodyBased(
+        rigidBodyMarkerIndex=marker,
+        contactStiffness=STIFFNESS,
+        contactDamping=0.0,
+        frictionMaterialIndex=0,
+        pointList=triangles.reshape(-1, 3).tolist(),
+        triangleList=np.arange(3 * len(triangles)).reshape(-1, 3).tolist(),
+    )
+
+
 def general_spheres(mbs: exu.MainSystem, handle: TDCR) -> None:
     """A fixed sphere and spheres on the nodes in a GeneralContact."""
-    contact = _general(mbs)
-    _add_sphere(contact, centre_marker(mbs), SPHERE)
+    contact = general_contact(mbs)
+    add_sphere(contact, centre_marker(mbs), SPHERE)
     for node in node_markers(handle):
-        _add_sphere(contact, node, DISK)
+        add_sphere(contact, node)
 
 
 def general_triangles(mbs: exu.MainSystem, handle: TDCR) -> None:
     """A wall of two triangles and spheres on the nodes in a GeneralContact."""
-    contact = _general(mbs)
-    contact.AddTrianglesRigidBodyBased(
-        rigidBodyMarkerIndex=centre_marker(mbs, (0.0, 0.0, 0.0)),
-        contactStiffness=STIFFNESS,
-        contactDamping=0.0,
-        frictionMaterialIndex=0,
-        pointList=QUAD,
-        triangleList=[[0, 1, 2], [0, 2, 3]],
-    )
+    contact = general_contact(mbs)
+    corners = np.array(QUAD)
+    add_triangles(contact, centre_marker(mbs, (0.0, 0.0, 0.0)), corners[[[0, 1, 2], [0, 2, 3]]])
     for node in node_markers(handle)[-6:]:
-        _add_sphere(contact, node, DISK)
+        add_sphere(contact, node)
 
 
 def _tip_and_ground(mbs: exu.MainSystem, handle: TDCR) -> list[Any]:

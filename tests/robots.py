@@ -1,7 +1,5 @@
 """Robots that the tests of the finite-element model share."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import exudyn as exu

@@ -1,9 +1,10 @@
 """What is refused: every wrong value is named, with what is allowed. Mistakes in files are in tests/io."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
+import exudyn as exu
+import exudyn.graphics as graphics
+import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from robots import BACKBONE, DISKS, paper, scene, three
@@ -27,6 +28,7 @@ from tdcr_fe.sweeps.description import Range
 from tdcr_fe.sweeps.sampling import LogNormal, Normal, Uniform
 from tdcr_fe.validation.reference import ReferenceSettings
 
+tdcr.register()
 NAN = float("nan")
 PARALLEL = tdcr.ParallelRouting(4e-3)
 FREE = Model(friction="none")
@@ -143,7 +145,105 @@ SOLVES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("call", "words"), [*DESCRIPTIONS, *EFFECTS, *SOLVES])
+def created(**given):
+    """A robot in a scene, to which nothing is added where an argument is wrong."""
+    container = exu.SystemContainer()
+    mbs = container.AddSystem()
+    try:
+        tdcr.CreateTDCR(mbs, three(0.0), **given)
+    except (ValueError, TypeError):
+        assert mbs.systemData.NumberOfNodes() == 0
+        raise
+
+
+def on_a_body(**given):
+    """A robot on a marker that is turned and moved."""
+    container = exu.SystemContainer()
+    mbs = container.AddSystem()
+    turned = exu.HT(rotation=TURN, translation=[0.5, 0.0, 0.1])
+    marker = eii.MarkerBodyRigid(bodyNumber=mbs.CreateGround(), localHT=turned)
+    tdcr.CreateTDCR(mbs, three(0.0), baseMarker=mbs.AddMarker(marker), **given)
+
+
+def used(call, assemble=False):
+    """What is done with a robot in a scene."""
+    _container, mbs, handle = scene(three(0.0), assemble=assemble)
+    call(mbs, handle)
+
+
+def touched(stiffness=1.0, **given):
+    return used(lambda mbs, arm: arm.add_disk_contact(mbs.CreateGround(), stiffness, **given))
+
+
+def twice(mbs, arm):
+    """Two things of the same name."""
+    arm.add_load("x", 0.25)
+    arm.add_load("x", 0.25)
+
+
+def without_robot():
+    container = exu.SystemContainer()
+    tdcr.SolveTDCR(container.AddSystem())
+
+
+TURN = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+HEAVY = [0.0, 0.0, -9.81]
+SPHERE = graphics.Sphere(radius=0.1)
+BALL = {"sphereRadius": 0.01}
+BESIDE = {"sphereRadius": 0.002, "localPosition": [0.1, 0.0, 0.1], "backbone": False}
+QUAD = [[0.06, -0.2, 0.0], [0.06, -0.2, 0.4], [0.06, 0.2, 0.4], [0.06, 0.2, 0.0]]
+SCENES = [
+    (lambda: created(initialVelocity=[0.1, 0.0, 0.0]), "a base on ground has no velocity"),
+    (lambda: created(gravity=HEAVY, model=Model(gravity=tuple(HEAVY))), "by the argument and by the model"),
+    (lambda: created(color=[2.0, 0.0, 0.0, 1.0]), "four numbers from 0 to 1"),
+    (lambda: created(loadPositions=[0.3]), "0 to 0.25 m"),
+    (lambda: created(referenceRotationMatrix=2.0 * np.eye(3)), "must be a rotation"),
+    (lambda: created(referenceRotationMatrix=np.diag([1.0, 1.0, -1.0])), "reflection"),
+    (lambda: created(graphicsDataList=SPHERE), "is of type dict; expected a list of"),
+    (lambda: created(graphicsDataList=[0.1]), "is of type float; expected a list of graphics"),
+    (lambda: created(show="no"), "show is 'no'; expected True or False"),
+    (lambda: created(referencePosition=[0.0, 1.0]), "referencePosition is of type list; expected 3 numbers"),
+    (lambda: on_a_body(graphicsDataList=[SPHERE]), "graphicsDataList is drawn on the base"),
+    (
+        lambda: on_a_body(referencePosition=[0.0, 0.0, 0.0]),
+        "referencePosition .* differs from that of baseMarker",
+    ),
+    (lambda: on_a_body(referenceRotationMatrix=np.eye(3)), "differs from the axes of baseMarker"),
+    (lambda: used(lambda mbs, arm: tdcr.CreateTDCR(mbs, three())), "another name"),
+    (without_robot, "CreateTDCR"),
+    (lambda: used(lambda mbs, arm: tdcr.SolveTDCR(mbs)), "Assemble"),
+    (lambda: used(lambda mbs, arm: arm.tip_position), r"mbs\.Assemble"),
+    (lambda: used(lambda mbs, arm: arm.tensions()), r"mbs\.Assemble"),
+    (lambda: used(lambda mbs, arm: arm.set_tensions({"x": 1.0})), "no tendon 'x'"),
+    (lambda: used(lambda mbs, arm: arm.set_tensions([1.0, 2.0])), "2 values for 3 tendons"),
+    (lambda: used(lambda mbs, arm: arm.set_tensions({"t1": -1.0})), "tension >= 0"),
+    (lambda: used(lambda mbs, arm: arm.set_displacements({"t1": NAN})), "finite"),
+    (
+        lambda: used(lambda mbs, arm: arm.set_inputs_over_time([1.0, 0.0, 0.0])),
+        "needs a function of the time",
+    ),
+    (lambda: used(lambda mbs, arm: arm.recommended_settings(1.0, 2.0)), "recommended_settings"),
+    (lambda: used(lambda mbs, arm: arm.recommended_settings(NAN, 1e-3)), "recommended_settings"),
+    (lambda: used(lambda mbs, arm: arm.add_load("y", 0.124)), "nearest"),
+    (lambda: used(twice), "already"),
+    (lambda: used(lambda mbs, arm: arm.add_motor("x", 1.0, 1.0)), "no tendon 'x'"),
+    (lambda: used(lambda mbs, arm: arm.add_motor("t1", 0.0, 1.0)), "inertia = 0.0"),
+    (lambda: used(lambda mbs, arm: arm.add_motor("t1", 1.0, -1.0)), "radius = -1.0"),
+    (lambda: used(lambda mbs, arm: mbs.TDCREigenvalues(holes="free"), True), "must be 'stuck' or 'sliding'"),
+    (lambda: used(lambda mbs, arm: arm.add_disk_contact(arm, 1.0), True), r"before mbs.Assemble\(\)"),
+    (lambda: used(lambda mbs, arm: arm.add_disk_contact(3, 1.0, **BALL)), "other is of type int"),
+    (lambda: used(lambda mbs, arm: arm.add_disk_contact(arm, 1.0, **BALL)), "without sphereRadius"),
+    (lambda: touched(-1.0, **BALL), "contactStiffness"),
+    (lambda: touched(), "sphereRadius or quadPoints"),
+    (lambda: touched(sphereRadius=0.1), "overlap by .* mm"),
+    (lambda: touched(**BESIDE), "through the backbone between disk 1 of 'three' and disk 2 of 'three'"),
+    (lambda: touched(quadPoints=QUAD[:3]), "four points"),
+    (lambda: touched(quadPoints=[*QUAD[:3], [0.1, 0.2, 0.0]]), "not in one plane"),
+    (lambda: touched(**BALL, localPosition=[0.1, 0, 0], dynamicFriction=-0.1), "dynamicFriction = -0.1"),
+]
+
+
+@pytest.mark.parametrize(("call", "words"), [*DESCRIPTIONS, *EFFECTS, *SOLVES, *SCENES])
 def test_what_cannot_be_is_refused_with_what_is_allowed(call, words):
     with pytest.raises((ValueError, TypeError, KeyError), match=words):
         call()

@@ -1,7 +1,5 @@
 """The backbone as a beam: closed forms of rods without tendons, and the mesh."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

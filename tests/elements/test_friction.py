@@ -1,7 +1,5 @@
 """The friction law along one tendon and several: closed forms, bounds, laws of the coefficient, and derivatives."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

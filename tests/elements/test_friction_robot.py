@@ -1,7 +1,5 @@
 """Robots whose coefficient of friction depends on slip rate or normal force: load steps with time, and dynamics."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

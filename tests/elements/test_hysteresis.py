@@ -1,7 +1,5 @@
 """Laws of what happens at a hole as the tendon slips: closed forms along one hole, whole robots, and scenes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Forces of tendons and backbone for Exudyn's own solvers: the general evaluation, and differences."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +9,6 @@ from robots import LENGTH, scene, tendon, three
 from tdcr_fe.elements.backbone import relative_twists, strain_matrices
 from tdcr_fe.elements.native.coordinates import generalized_forces, twists_by_coordinates
 from tdcr_fe.elements.native.iterated import constant_wrench_tangent
-from tdcr_fe.elements.native.straight_tendons import StraightTendons
 from tdcr_fe.elements.poses import rotation_of_euler_parameters
 from tdcr_fe.elements.section import nodal_sum
 from tdcr_fe.model.robot import Disks
@@ -70,39 +67,6 @@ def test_forces_and_tangent_are_those_of_the_general_evaluation(case):
 
 register()
 STEP = 1e-3
-BASE = np.array([1.0, 0.4, 0.2])
-
-
-@pytest.fixture
-def tendons():
-    """Tendons of a straight robot, its reference coordinates, and its history."""
-    _keep, _mbs, handle = scene(three(0.3))
-    actuation = handle.actuation
-    straight = StraightTendons.of(actuation.model)
-    assert straight is not None
-    return straight, actuation._node_coordinates.reference, actuation.law.initial_state()
-
-
-def bent(reference, size: float) -> np.ndarray:
-    """Displacements of the nodes, bent to a parabola by a displacement of the tip [m] and turned with it."""
-    along = np.linspace(0.0, 1.0, len(reference))
-    moved = np.zeros_like(reference)
-    moved[:, 0] = size * along**2
-    half = along * size / LENGTH
-    w, x, y, z = reference[:, 3:].T
-    turned = np.stack((-y, z, w, -x), axis=1)
-    moved[:, 3:] = (np.cos(half) - 1.0)[:, None] * reference[:, 3:] + np.sin(half)[:, None] * turned
-    return moved.ravel()
-
-
-def step(iterated, reference, sizes, time, state):
-    """The forces at every iterate of a step, the tangent in the first one, and the history at its end."""
-    found = []
-    for k, size in enumerate(sizes):
-        found.append(iterated.forces(bent(reference, size), reference, time, state, BASE))
-        if k == 0:
-            iterated.tangent(bent(reference, size), reference, time, state, BASE)
-    return found, iterated.step_end(bent(reference, sizes[-1]), reference, time, state, BASE)
 
 
 @pytest.mark.parametrize("count", [1, 3])

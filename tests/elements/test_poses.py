@@ -1,7 +1,5 @@
 """Rotations and poses against scipy, the matrix exponential, and differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Classical tendons along the backbone and superelastic softening, as section forces."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Cables from hole to hole: lengths, angles, and their derivatives against differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

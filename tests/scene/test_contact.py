@@ -1,7 +1,5 @@
 """Contact items of Exudyn in `SolveTDCR`, against Exudyn's own static solver; what is not solved is refused by name."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from contacts import (

@@ -1,7 +1,5 @@
 """`TDCR.add_disk_contact` against Exudyn's static solver and closed forms; what cannot be solved is refused by name."""
 
-from __future__ import annotations
-
 import exudyn as exu
 import numpy as np
 import pytest
@@ -161,36 +159,3 @@ def test_two_tips_slip_past_each_other():
         assert contact.gaps().min() > -1e-4
     assert snapped == [False] * 6 + [True]
     assert a.tip_position[0] > b.tip_position[0]
-
-
-BALL = {"sphereRadius": 0.01}
-BESIDE = {"sphereRadius": 0.002, "localPosition": [0.1, 0.0, 0.1], "backbone": False}
-
-
-@pytest.mark.parametrize(
-    ("stiffness", "given", "message"),
-    [
-        (-1.0, BALL, "contactStiffness"),
-        (1.0, {}, "sphereRadius or quadPoints"),
-        (1.0, {"sphereRadius": 0.1}, "overlap by .* mm"),
-        (1.0, BESIDE, "get through the backbone between disk 1 of 'three' and disk 2 of 'three'"),
-        (1.0, {"quadPoints": QUAD[:3]}, "four points"),
-        (1.0, {"quadPoints": [*QUAD[:3], [0.1, 0.2, 0.0]]}, "not in one plane"),
-        (1.0, {**BALL, "localPosition": [0.1, 0, 0], "dynamicFriction": -0.1}, "dynamicFriction = -0.1"),
-    ],
-)
-def test_wrong_arguments_are_refused_by_name(stiffness, given, message):
-    _keep, mbs, handle = scene(three(0.0), assemble=False)
-    with pytest.raises((ValueError, TypeError), match=message):
-        handle.add_disk_contact(mbs.CreateGround(), stiffness, **given)
-
-
-def test_contact_needs_a_body_and_comes_before_assembly():
-    _keep, _mbs, handle = scene(three(0.0))
-    with pytest.raises(ValueError, match=r"before mbs.Assemble\(\)"):
-        handle.add_disk_contact(handle, 1.0)
-    _keep, _mbs, handle = scene(three(0.0), assemble=False)
-    with pytest.raises(TypeError, match="other is of type int"):
-        handle.add_disk_contact(3, 1.0, sphereRadius=0.1)
-    with pytest.raises(ValueError, match="without sphereRadius"):
-        handle.add_disk_contact(handle, 1.0, sphereRadius=0.1)

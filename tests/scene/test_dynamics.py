@@ -1,7 +1,5 @@
 """Motors, damping by the material, and the energy of robots, in Exudyn's dynamics."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import exudyn as exu
@@ -52,15 +50,8 @@ def test_a_motor_swings_on_its_elastic_tendon_as_a_single_oscillator():
     assert handle.tensions()["t1"][0] == pytest.approx(moved[-1] * RADIUS * EA / LENGTH, rel=5e-3)
 
 
-def test_what_does_not_turn_motors_refuses_them_and_wrong_arguments_are_named():
+def test_what_does_not_turn_motors_refuses_them():
     _keep, mbs, handle = scene(paper(0.0), assemble=False)
-    for arguments, words in (
-        (("x", 1.0, 1.0), "no tendon 'x'"),
-        (("t1", 0.0, 1.0), "inertia = 0.0"),
-        (("t1", 1.0, -1.0), "radius = -1.0"),
-    ):
-        with pytest.raises(ValueError, match=words):
-            handle.add_motor(*arguments)
     handle.add_motor("t1", INERTIA, RADIUS)
     with pytest.raises(ValueError, match="has a motor already"):
         handle.add_motor("t1", INERTIA, RADIUS)

@@ -1,7 +1,5 @@
 """Concentrated loads in a scene: SolveTDCR ramps them along a resolved path, as simulate does."""
 
-from __future__ import annotations
-
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np

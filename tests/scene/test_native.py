@@ -1,10 +1,7 @@
 """A robot in Exudyn's own solvers, through the hooks: statics, dynamics, prescribed displacements, sudden changes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import exudyn as exu
 import numpy as np
@@ -12,7 +9,6 @@ import pytest
 from native_solvers import damped, dynamic_settings, recommended, static_settings
 from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, scene, solve, three
 
-from tdcr_fe.elements.native import hooks
 from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.model.friction import StribeckFriction
 from tdcr_fe.model.loading import LoadStep
@@ -57,15 +53,6 @@ def test_static_solver_with_prescribed_displacements_of_elastic_tendons():
 
 
 # ---------------------------------------------------------------- dynamics
-
-
-@pytest.mark.integration
-def test_a_slow_pull_ends_where_statics_do():
-    """To 1 N in four seconds, held for one, with friction and near critical damping: 1e-5 of the length."""
-    _keep, mbs, handle = damped(paper(0.3))
-    handle.set_inputs_over_time(lambda t: [0.5 * (1 - np.cos(np.pi * min(t / 4.0, 1.0)))])
-    assert mbs.SolveDynamic(recommended(handle, 5.0, 5e-3))
-    assert distance(handle.tip_position, solve(paper(0.3), pull(1.0)).tips[-1]) < 1e-5
 
 
 def test_dynamics_include_the_friction_history_and_statics_go_on_from_there():
@@ -245,34 +232,3 @@ def test_a_law_of_friction_that_no_tensions_satisfy_ends_a_run_with_a_message(mo
     handle.set_inputs_over_time(lambda t: [0.02 * t])
     with pytest.raises(exu.ModelError, match=r"robot 'paper': at .* no tensions satisfy the law of friction"):
         mbs.SolveDynamic(recommended(handle, 0.1, 1e-3))
-
-
-def test_recommended_settings_refuse_wrong_times():
-    handle = scene(paper())[2]
-    for times in ((0.0, 1e-3), (1.0, 2.0), (float("nan"), 1e-3)):
-        with pytest.raises(ValueError, match="recommended_settings"):
-            handle.recommended_settings(*times)
-
-
-@pytest.mark.parametrize(
-    ("radius", "tolerance", "words"),
-    [(1.0, 1e-10, "take 0.9"), (0.9, 1e-10, "recommended_settings"), (0.9, 1e-3, "forces jump")],
-)
-def test_a_run_of_tiny_steps_ends_with_its_cause(monkeypatch, radius, tolerance, words):
-    """Two runs with spectralRadius = 1 were not done after twenty times the time, and said nothing."""
-    monkeypatch.setattr(hooks, "round_off", lambda mesh: 1e-6)
-    settings = exu.SimulationSettings()
-    settings.timeIntegration.numberOfSteps = 1000
-    settings.timeIntegration.newton.absoluteTolerance = tolerance
-    settings.timeIntegration.generalizedAlpha.spectralRadius = radius
-    sizes = hooks.StepSizes()
-
-    def step(number: int) -> None:
-        solver = SimpleNamespace(it=SimpleNamespace(currentTime=1e-8 * number))
-        system = SimpleNamespace(sys={"dynamicSolver": solver, "simulationSettings": settings})
-        sizes.check(system, 1e-8 * number, ["a backbone"])
-
-    for number in range(1, hooks.MOST):
-        step(number)
-    with pytest.raises(RuntimeError, match=words):
-        step(hooks.MOST)

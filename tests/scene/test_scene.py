@@ -1,7 +1,5 @@
 """A robot in an Exudyn scene: its base, other bodies, several robots, user hooks, setting and reading, a rope."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -182,22 +180,6 @@ def test_what_nothing_holds_is_named():
 # ---------------------------------------------------------------- several robots
 
 
-def test_two_robots_of_one_name_are_refused():
-    _keep, mbs = system()
-    CreateTDCR(mbs, paper(), MODEL)
-    with pytest.raises(ValueError, match="another name"):
-        CreateTDCR(mbs, paper(), MODEL)
-
-
-def test_scene_without_robot_or_assembly_is_refused():
-    _keep, mbs = system()
-    with pytest.raises(ValueError, match="CreateTDCR"):
-        mbs.SolveTDCR()
-    CreateTDCR(mbs, paper(), MODEL)
-    with pytest.raises(ValueError, match="Assemble"):
-        mbs.SolveTDCR()
-
-
 # ---------------------------------------------------------------- hooks
 
 
@@ -318,38 +300,12 @@ def test_a_force_sensor_on_a_segment_that_is_only_drawn_is_refused():
         handle.set_tensions([1.0])
 
 
-def test_loads_and_markers_need_a_node():
-    _keep, mbs = system()
-    handle = CreateTDCR(mbs, paper(), MODEL, loadPositions=[0.123])
-    handle.add_load("x", 0.123)
-    with pytest.raises(KeyError, match="nearest"):
-        handle.add_load("y", 0.124)
-    with pytest.raises(ValueError, match="already"):
-        handle.add_load("x", LENGTH)
-
-
-def test_reading_before_assembly_is_refused_and_before_solving_gives_the_unloaded_state():
-    _keep, mbs, handle = scene(three(0.3), assemble=False)
-    for read in (lambda: handle.tip_position, handle.tensions, handle.hole_states, handle.displacements):
-        with pytest.raises(ValueError, match=r"mbs\.Assemble"):
-            read()
-    mbs.Assemble()
+def test_reading_before_solving_gives_the_unloaded_state():
+    _keep, _mbs, handle = scene(three(0.3))
     assert distance(handle.tip_position, STRAIGHT) < 1e-12
     assert np.all(handle.tensions()["t2"] == 0.0)
     assert handle.hole_states()["t1"][:2] == ("stick", "stick")
     assert handle.displacements()["t1"] == pytest.approx(0.0, abs=1e-12)
-
-
-def test_a_robot_added_later_joins_the_first():
-    """Assemble again: all robots begin unloaded, with the inputs that were set."""
-    _keep, mbs, handle = scene(paper(0.3))
-    solved(mbs, handle, 1.0)
-    second = CreateTDCR(mbs, paper(0.3), MODEL, name="second", referencePosition=[0.1, 0.0, 0.0])
-    mbs.Assemble()
-    second.set_tensions([0.5])
-    mbs.SolveTDCR()
-    assert distance(second.tip_position - [0.1, 0.0, 0.0], single_tip(tension=0.5)) < 1e-7
-    assert distance(handle.tip_position, single_tip()) < 1e-3
 
 
 def test_the_base_joint_carries_the_load_and_the_robot_follows_its_support():

@@ -1,7 +1,5 @@
 """Sensitivities in a scene: those of `simulate` for a robot alone, and with what carries the robot moving."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import exudyn as exu

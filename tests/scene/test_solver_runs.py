@@ -1,7 +1,5 @@
 """Exudyn's solvers beside functions of the user, run again and in turn, from stored states, files and restarts."""
 
-from __future__ import annotations
-
 import gc
 import weakref
 

@@ -1,7 +1,5 @@
 """Several equilibria: the solution belongs to the branch that the robot is on, and unstable ones are reported."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

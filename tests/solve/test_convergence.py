@@ -1,7 +1,5 @@
 """Convergence with the mesh and the substeps, and the balance of energy."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

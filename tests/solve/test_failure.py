@@ -1,7 +1,5 @@
 """Message of a solve that ends without a solution, and the steps that are kept when it is interrupted."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tensions and displacements found for targets of the tip: reached, within bounds, of least effort, and reproduced."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from robots import BACKBONE, LENGTH, tendon, three

@@ -1,7 +1,5 @@
 """Compliance, tendon Jacobians and the stiffness seen by the motors are those of small further load steps."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -108,25 +106,3 @@ def test_tension_moves_the_tip_forward_with_slip_and_backward_with_sticking_hole
     assert np.allclose(slipping, forward, rtol=1e-4, atol=1e-4 * np.abs(forward).max())
     assert np.allclose(sticking, backward, rtol=1e-3, atol=1e-3 * np.abs(backward).max())
     assert np.linalg.norm(sticking) < 0.9 * np.linalg.norm(slipping)
-
-
-def test_simulate_gives_both_with_every_step() -> None:
-    """And the results themselves are the same as without."""
-    made, steps = (
-        robot(0.2),
-        [LoadStep("", {"t1": 0.5}), LoadStep("", {"t1": 0.3}), LoadStep("", {"t2": 0.3})],
-    )
-    model = Model(elements_per_bay=1)
-    plain = simulate(made, model, steps)
-    run = simulate(made, model, steps, sensitivities=["backbone.radius", "inputs.t1"], responses=True)
-    assert list(run.sensitivities) == ["backbone.radius", "inputs.t1"]
-    assert run.sensitivities["backbone.radius"].positions.shape == (3, 6, 3)
-    assert not plain.sensitivities and not plain.steps[0].responses
-    for a, b in zip(plain.steps, run.steps, strict=True):
-        assert np.allclose(a.positions, b.positions, rtol=0.0, atol=1e-12)
-        assert [r.reversal for r in b.responses] == [False, True]
-    # In its own step, an input moves the tip as the Jacobian of the holes that slip in its direction says.
-    first = run.steps[0].responses[0].by_tension[:3, 0]
-    assert np.allclose(run.sensitivities["inputs.t1"].tips[0], first, rtol=1e-6)
-    with pytest.raises(KeyError, match="no sensitivity by 'nothing'"):
-        run.sensitivities["nothing"]

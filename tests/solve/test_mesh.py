@@ -1,7 +1,5 @@
 """Discretisation error: the estimate against finer meshes, automatic refinement, and warnings of a run."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -144,11 +142,6 @@ def test_elements_per_bay_can_be_given_for_every_bay() -> None:
     assert len(result.steps[0].s) == 1 + sum(counts)
     with pytest.raises(ValueError, match="elements_per_bay"):
         simulate(robot, Model(friction="none", elements_per_bay=(1, 2)), [LoadStep()])
-
-
-def test_no_estimate_is_made_where_the_tolerance_is_infinite() -> None:
-    result = simulate(paper(), Model(friction="none"), pull(1.0), SolverSettings(mesh_tolerance=np.inf))
-    assert result.steps[0].discretisation_error is None
 
 
 @pytest.mark.parametrize(

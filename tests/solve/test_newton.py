@@ -1,7 +1,5 @@
 """Newton in strain space: rate of convergence, tests of convergence, prediction of the next solution."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 
@@ -17,8 +15,6 @@ from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.linearization import input_changes
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.newton import convergence
-from tdcr_fe.solve.newton.convergence import CONVERGENCE_TESTS, ConvergenceTest, NewtonStatus
 from tdcr_fe.solve.newton.newton import newton
 from tdcr_fe.solve.newton.prediction import predict
 from tdcr_fe.solve.simulation import Simulation
@@ -74,24 +70,6 @@ def test_a_stored_state_is_small_and_starts_another_run():
     warm = system.warm_start(system.current_state(), stored)
     result = newton(system, warm, target(1.0), SolverSettings())
     assert result.iterations == 0 and result.converged
-
-
-def test_every_test_of_the_list_decides_on_convergence(monkeypatch):
-    """One more, which refuses all iterates: no solve converges, and its text says why."""
-    _keep, _, system, solution = solved(paper(0.3), [1.0])
-    assert newton(system, solution.state, target(1.0), SolverSettings()).iterations == 0
-    test = ConvergenceTest(
-        lambda iterate: 2.0, lambda settings: 1.0, NewtonStatus.NO_FRICTION_STATE, "too much:"
-    )
-    monkeypatch.setattr(convergence, "CONVERGENCE_TESTS", (*CONVERGENCE_TESTS, test))
-    settings = SolverSettings(max_iterations=3, step_tolerance=1e-15)
-    result = newton(system, solution.state, target(1.0), settings)
-    assert result.status is NewtonStatus.NO_FRICTION_STATE and result.iterations == 3
-    assert "after 3 iterations: too much: 2.0e+00, tolerance 1e+00" in result.reason(settings)
-    monkeypatch.undo()
-    assert CONVERGENCE_TESTS is convergence.CONVERGENCE_TESTS
-    far = newton(system, solution.state, target(2.5), SolverSettings(max_iterations=1))
-    assert far.status is NewtonStatus.NO_BALANCE and "the relative residual is" in far.reason(settings)
 
 
 # ------------------------------------------------------------ prediction

@@ -1,7 +1,5 @@
 """Slip reversals within load steps: followed through the linearised equilibrium, located, reported, or excluded."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +10,6 @@ from robots import LENGTH, distance, paper, pull, solve, three
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 from tdcr_fe.solve.friction_path.follow import follow_friction
-from tdcr_fe.solve.load_steps import solve_with_reversals
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.random_robots import draw
 
@@ -212,40 +209,3 @@ def test_slips_that_reverse_where_a_tendon_becomes_taut_are_found():
     assert found.steps[1].hole_states[2][:-1] == ("pull",) * 12
     assert distance(found.tips, fine.tips) < 1e-6 * LENGTH
     assert found.steps[1].substeps <= 2
-
-
-@pytest.fixture
-def verdicts(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
-    """What the check says of every substep it is asked about."""
-    found: list[bool] = []
-    check = solve_with_reversals.slips_steadily
-
-    def recorded(*given: object) -> bool:
-        found.append(check(*given))
-        return found[-1]
-
-    monkeypatch.setattr(solve_with_reversals, "slips_steadily", recorded)
-    return found
-
-
-def gap(robot, steps):
-    """Largest distance between the last shapes of the steps as they are and cut into 64, over the length."""
-    whole = solve(robot, steps)
-    cut = solve(robot, [replace(s, substeps=64) for s in steps])
-    length = robot.backbone.length
-    return np.max(np.abs(whole.steps[-1].positions - cut.steps[-1].positions)) / length
-
-
-def test_pulling_is_steady_and_exact(verdicts):
-    """From rest, with every hole from stick to slip, and on from there: one solve a step."""
-    assert gap(paper(0.3), pull(0.6, 1.0)) < 1e-8
-    assert verdicts == [True, True]
-
-
-def test_a_tendon_released_while_others_are_pulled(verdicts):
-    """Its holes reverse at the start of the step; they all slip the other way in the end."""
-    steps = [
-        LoadStep("pull", {"t1": 1.0, "t2": 0.2, "t3": 0.2}),
-        LoadStep("bend over", {"t1": 0.3, "t2": 0.9, "t3": 0.2}),
-    ]
-    assert gap(three(0.1), steps) < 1e-5

@@ -1,7 +1,5 @@
 """Derivatives by parameters equal central differences of whole simulations along the same substeps."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -125,7 +123,7 @@ EXPERIMENTS = {
     ),
 }  # fmt: skip
 
-#: A few parameters of each experiment; `test_every_parameter` has the rest.
+#: A few parameters of each experiment; `test_every_parameter` has the rest, and the campaign `net` those of effects.
 FAST = [
     ("no friction", "backbone.length"),
     ("no friction", "disks.positions[2]"),
@@ -159,27 +157,23 @@ SLOW = {
         "backbone.radius", "backbone.poisson_ratio", "backbone.density", "backbone.bending_stiffness",
         "backbone.torsional_stiffness", "backbone.axial_stiffness", "backbone.shear_stiffness",
         "backbone.precurvature[0]", "disks.mass", "tip_mass", "model.gravity[2]", "tendons.t3.end_offset",
-        "effects.gravity.g_x", "effects.tip_payload.mass",
-        "effects.actuator_gain.gain", "effects.stiffness_scale.bending", "effects.stiffness_scale.torsion",
-        "effects.precurvature.kappa_y", "effects.routing_twist.angle_tip", "effects.hole_clearance.clearance",
-        "effects.tendon_stretch.axial_stiffness", "effects.creep.rate",
     ],
     "per hole": [
-        "backbone.youngs_modulus", "backbone.length", "disks.positions[2]", "tendons.t1.friction_coefficient",
-        "steps[0].tensions.t1", "steps[2].tensions.t3", "effects.friction_coefficient.mu",
-        "effects.hole_adhesion.drop", "effects.tendon_stretch.axial_stiffness", "effects.hole_clearance.clearance",
-        "effects.gravity.g_y", "effects.actuator_gain.gain", "effects.routing_twist.angle_tip",
+        "backbone.youngs_modulus", "backbone.length", "disks.positions[2]",
+        "tendons.t1.friction_coefficient", "steps[0].tensions.t1", "steps[2].tensions.t3",
     ],
-    "per tendon": ["tendons.friction_coefficient", "tendons.t1.offset", "effects.stiffness_scale.torsion"],
+    "per tendon": ["tendons.friction_coefficient", "tendons.t1.offset"],
     "elastic, adhesion": ["tendons.axial_stiffness", "tendons.friction_coefficient", "backbone.length"],
     "displacements": [
-        "backbone.youngs_modulus", "tendons.friction_coefficient", "tendons.t1.offset", "steps[0].tensions.t1",
-        "steps[2].displacements.t1", "effects.actuator_gain.gain", "backbone.length",
+        "backbone.youngs_modulus", "tendons.friction_coefficient", "tendons.t1.offset",
+        "steps[0].tensions.t1", "steps[2].displacements.t1", "backbone.length",
     ],
-    "inextensible, displacements": ["backbone.youngs_modulus", "tendons.friction_coefficient", "tendons.t1.offset"],
+    "inextensible, displacements": [
+        "backbone.youngs_modulus", "tendons.friction_coefficient", "tendons.t1.offset"
+    ],
     "pretension": [
         "tendons.axial_stiffness", "backbone.length", "tendons.friction_coefficient", "tendons.t1.offset",
-        "effects.pretension.tension", "effects.tendon_stretch.axial_stiffness", "steps[1].displacements.t2",
+        "steps[1].displacements.t2",
     ],
     "taper": ["backbone.length", "backbone.density", "backbone.youngs_modulus", "backbone.taper[2][1]"],
     "places": ["backbone.length", "backbone.youngs_modulus", "backbone.patches[0].bending"],
@@ -190,8 +184,7 @@ SLOW = {
     ],
     "continuous": [
         "backbone.youngs_modulus", "backbone.length", "tendons.t1.offset", "tendons.axial_stiffness",
-        "backbone.superelastic.plateau_ratio", "steps[1].displacements.t2", "effects.routing_twist.angle_tip",
-        "effects.creep.rate",
+        "backbone.superelastic.plateau_ratio", "steps[1].displacements.t2",
     ],
     "Stribeck": [
         "backbone.youngs_modulus", "tendons.friction.static", "tendons.friction.stribeck_rate",

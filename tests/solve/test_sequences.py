@@ -1,7 +1,5 @@
 """Loading sequences with history: reversals, bounds, paths, driven tendons, pretension."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

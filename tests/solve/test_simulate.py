@@ -1,7 +1,5 @@
 """The paper's robot through loading sequences: known values, and robots of every kind."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -120,17 +118,3 @@ def test_a_load_that_cannot_be_reached_keeps_what_was_solved_and_names_the_step(
     assert degrees(result)[0] == pytest.approx(35.1878, abs=1e-3)
     for word in ("step 2", "too much", "residual", "Check the input first", "steps[1].tensions.t1 = 50000 N"):
         assert word in result.message
-
-
-def test_a_result_holds_what_acted_in_each_step():
-    """Inputs and loads at the end of the step, those carried over from earlier steps included."""
-    robot = paper()
-    load = Load(0.25, force=(0.0, 0.01, 0.0))
-    result = simulate(
-        robot,
-        Model(friction="none", elements_per_bay=1),
-        [LoadStep("", {"t1": 0.5}, loads={"tip": load}), LoadStep("", {"t1": 0.8})],
-    )
-    assert [s.actuation.values[0] for s in result.steps] == [0.5, 0.8]
-    assert all(s.actuation.loads == {"tip": load} for s in result.steps)
-    assert not result.steps[0].actuation.by_displacement.any()

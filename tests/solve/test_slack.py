@@ -1,7 +1,5 @@
 """Tendons that become slack and taut: complementarity problems against exhaustive search, and whole robots."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 

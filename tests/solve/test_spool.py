@@ -1,7 +1,5 @@
 """A motor that winds a tendon on a spool, with a series spring: angle in, tension out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import exudyn as exu

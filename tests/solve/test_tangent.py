@@ -1,7 +1,5 @@
 """Tangent of robots alone: against differences, Exudyn's Jacobian and connectors; its banded form."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

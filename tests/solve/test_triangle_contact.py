@@ -1,13 +1,12 @@
 """Spheres of a robot against triangles of a ``GeneralContact``: tangent, and `SolveTDCR` against Exudyn's solver."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 import pytest
+from contacts import DISK, STIFFNESS, add_sphere, add_triangles, general_contact
 from robots import distance, scene, solve, three
 
 from tdcr_fe.elements.native.hooks import SceneHooks
@@ -17,7 +16,6 @@ from tdcr_fe.solve.equations.kernel import StaticKernel
 
 register()
 
-RADIUS, STIFFNESS = 0.005, 2000.0
 #: Of sphere and triangle in series.
 SERIES = 0.5 * STIFFNESS
 NORMAL = np.array([-2.0, 1.0, 0.5]) / np.linalg.norm([-2.0, 1.0, 0.5])
@@ -26,31 +24,6 @@ AXES /= np.linalg.norm(AXES, axis=1)[:, None]
 #: By the nearest point of a triangle, where the sphere's centre is over its plane, in the axes of the plane [m].
 OVER = {"face": (0.0, 0.0), "edge": (0.0, -0.0215), "vertex": (0.0, 0.0415)}
 CORNERS = np.array([[-0.03, -0.02], [0.03, -0.02], [0.0, 0.04]])
-
-
-def general_contact(mbs: exu.MainSystem, friction: float = 0.0) -> Any:
-    contact = mbs.AddGeneralContact()
-    contact.SetFrictionPairings(np.full((1, 1), friction))
-    contact.SetSearchTreeCellSize([4, 4, 4])
-    contact.SetSearchTreeBox([-0.5] * 3, [0.5] * 3)
-    return contact
-
-
-def add_triangles(contact: Any, marker: Any, triangles: np.ndarray) -> None:
-    contact.AddTrianglesRigidBodyBased(
-        rigidBodyMarkerIndex=marker,
-        contactStiffness=STIFFNESS,
-        contactDamping=0.0,
-        frictionMaterialIndex=0,
-        pointList=triangles.reshape(-1, 3).tolist(),
-        triangleList=np.arange(3 * len(triangles)).reshape(-1, 3).tolist(),
-    )
-
-
-def add_sphere(contact: Any, marker: Any) -> None:
-    contact.AddSphereWithMarker(
-        marker, radius=RADIUS, contactStiffness=STIFFNESS, contactDamping=0.0, frictionMaterialIndex=0
-    )
 
 
 class Touching(NamedTuple):
@@ -121,7 +94,7 @@ def touching(over: str, *, moving: bool, spheres: bool = True, friction: float =
     else:
         body, offset = mbs.AddObject(eii.ObjectGround()), carrier
     marker = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=body, localPosition=list(offset)))
-    near = NORMAL * (RADIUS - 6e-4)
+    near = NORMAL * (DISK - 6e-4)
     triangles, ends = [], [handle.nNodes[-1], handle.nNodes[-2]]
     for number in (-1, -2):
         centre = np.array([0.0, 0.0, handle.arc_lengths[number]])
@@ -204,4 +177,4 @@ def test_a_robot_leans_on_a_ridge(mu):
     _keep, mbs, handle = against_mesh(mu)
     assert pulled(mbs, handle, 1.0) <= 30
     free = solve(three(mu), [LoadStep("", {"t1": 1.0})], elements_per_bay=1).tips[-1]
-    assert distance(handle.tip_position, free) > RADIUS
+    assert distance(handle.tip_position, free) > DISK
