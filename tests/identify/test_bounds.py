@@ -6,7 +6,7 @@ import pytest
 from identify_data import measured, problem_of
 
 from tdcr_fe.effects import effect
-from tdcr_fe.identify.criteria import BOUND_PENALTY, at_bound, bic, rank
+from tdcr_fe.identify.criteria import BOUND_PENALTY, bic, rank
 from tdcr_fe.identify.problem import evaluate
 
 
@@ -23,16 +23,6 @@ def models():
 
     largest = effect("stiffness_scale").bounds(problem.experiment)["bending"][1]
     return problem, model("stiffness_scale", "bending", largest), model("actuator_gain", "gain", 0.8)
-
-
-def test_only_a_free_parameter_away_from_its_null_value_is_at_a_bound(models):
-    problem, bounded, inside = models
-    assert at_bound(problem, bounded) and not at_bound(problem, inside)
-    assert not at_bound(problem, replace(bounded, free=()))
-    friction = effect("friction_coefficient")
-    null = {friction.name: friction.null_values(problem.experiment)}
-    at_null = replace(bounded, effects=(friction,), values=null, free=((friction.name, "mu"),))
-    assert null[friction.name]["mu"] == 0.0 and not at_bound(problem, at_null)
 
 
 @pytest.mark.parametrize(("share", "first"), [(0.8, "inside"), (1.2, "bounded")])

@@ -1,7 +1,5 @@
 """Derivatives of readings by parameters of effects equal central differences, along histories with reversals."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

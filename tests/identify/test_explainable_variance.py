@@ -82,11 +82,6 @@ def test_noise_has_no_ceiling_below_itself():
     assert 0.8 * np.mean(NOISE[HELD] ** 2) <= least.chi2_per_dof <= np.mean(NOISE[HELD] ** 2)
 
 
-def test_without_held_out_steps_there_is_none():
-    nothing = FitProblem.of(DATA, PROBLEM.sigma, np.zeros(HELD.size, dtype=bool), ForwardModel())
-    assert held_out_ceiling(nothing, fit(NOISE), fit(NOISE)) is None
-
-
 def test_result_and_report_say_how_much_can_be_removed():
     found = result(GRAVITY, ceiling=Misfit(1.7e-4, None, 4e-4, 1.0))
     assert found.to_json()["ceiling"]["held_out"]["rms_position"] == 1.7e-4

@@ -7,7 +7,7 @@ import pytest
 from identify_data import measured, problem_of
 
 from tdcr_fe.effects import Experiment, effect, with_effects
-from tdcr_fe.identify.fitting import can_be_seen, fit
+from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.screening import screen
 
@@ -46,11 +46,3 @@ def test_the_offset_of_one_marker_is_found_below_a_noise_of_fifty_typical_steps(
     # Eleven readings of x determine it; the section turns, and shares it with the others.
     assert value == pytest.approx(OFFSET, abs=4.0 * SIGMA / np.sqrt(11.0)) and len(found.free) == 6
     assert declared.cost - found.cost > 50.0
-
-
-def test_what_no_allowed_value_brings_above_noise_is_not_seen():
-    step = np.zeros((100, 4))
-    step[:, 0], step[:5, 1], step[:5, 2] = 0.1, 0.06, 0.06
-    step[:, 3] = np.nan
-    assert can_be_seen(step, np.array([1.0, 100.0, 10.0, 100.0])).tolist() == [True, True, False, False]
-    assert not can_be_seen(np.zeros((100, 1)), np.array([1e9])).any()

@@ -1,6 +1,5 @@
 """Held-out branches by pattern: whole branches, and errors that name the branches there are."""
 
-import json
 from dataclasses import replace
 
 import pytest
@@ -77,12 +76,3 @@ def command(data, folder):
 def test_the_command_refuses_a_pattern_that_matches_nothing(data, tmp_path, capsys):
     assert main([*command(data, tmp_path), "triple*"]) == 2
     assert "one_up, one_down" in capsys.readouterr().err and not (tmp_path / "out").exists()
-
-
-@pytest.mark.integration
-def test_the_command_holds_out_what_matches_and_fits_the_rest(data, tmp_path):
-    assert main([*command(data, tmp_path), "pair*"]) == 0
-    document = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert document["held_out_steps"] == [9, 10, 11]
-    assert document["verdict"] == "explained" and document["effects"][0]["effect"] == "gravity"
-    assert document["after"]["held_out"]["chi2_per_dof"] < 2.0

@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 
-import identify_data
 import numpy as np
 import pytest
 from identify_data import (
@@ -21,9 +20,9 @@ from identify_data import (
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import Experiment, effect
-from tdcr_fe.identify import NotSolved, fitting, identification, identify
+from tdcr_fe.identify import fitting, identification, identify
 from tdcr_fe.identify.criteria import residual_is_noise
-from tdcr_fe.identify.forward import ForwardModel, Job, run_settings
+from tdcr_fe.identify.forward import ForwardModel, Job
 from tdcr_fe.identify.load_steps import blocks, choose_held_out
 from tdcr_fe.identify.noise import chi_square_z_score, estimate_sigma, is_noise, outliers, structure
 from tdcr_fe.identify.problem import Fit, refine
@@ -144,19 +143,6 @@ def test_runs_are_solved_with_the_settings_of_model_toml():
     assert np.linalg.norm(tips["own"] - tips["default"]) > 1e-5 * LENGTH
 
 
-def test_what_model_toml_leaves_at_its_default_is_chosen_by_the_identification():
-    chosen = run_settings(SolverSettings(presliding=2e-6), 5e-5)
-    assert (chosen.path_tolerance, chosen.presliding, chosen.mesh_tolerance) == (5e-5, 2e-6, np.inf)
-    assert run_settings(SolverSettings(path_tolerance=2e-6, max_substeps=40), 5e-5).path_tolerance == 2e-6
-    assert run_settings(SolverSettings(path_tolerance=2e-6, max_substeps=40), 5e-5).max_substeps == 40
-
-
-def test_settings_of_the_data_reach_the_solver():
-    one_iteration = SolverSettings(max_iterations=1, min_substep=1.0, max_turn=1e-3)
-    with pytest.raises(NotSolved, match="declared model"):
-        identify(replace(measured(), settings=one_iteration))
-
-
 # -------------------------------------------------------------------------------------------------- the loop
 
 
@@ -193,46 +179,6 @@ def test_a_soft_bay_is_found_with_place_and_size():
     (found,) = result.effects
     assert (result.verdict, found.name) == ("explained", "soft_bay")
     assert found.parameters["s"].value == pytest.approx(0.075) and within_errors(found, {"factor": 0.5})
-
-
-def timed():
-    """The loading sequence with a second between its steps."""
-    return tuple(replace(s, time=float(k)) for k, s in enumerate(identify_data.sequence(), 1))
-
-
-def displaced():
-    """Both tendons driven by displacement, let out as well as pulled in."""
-    values = [(0, 0), (1, -1), (2, -2), (3, -3), (2, -2), (1, -1), (0, 0), (-1, 1), (-2, 2), (-1, 3)]
-    values += [(-0.5, 2), (0, 1), (1, 1), (1, 0), (2, 0), (2, -1)]
-    return tuple(LoadStep(displacements={"t1": 1e-3 * a, "t2": 1e-3 * b}) for a, b in values)
-
-
-ELASTIC = {
-    "robot": ROBOT.with_tendons(axial_stiffness=500.0),
-    "model": Model(friction="none", elements_per_bay=2),
-}
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize(
-    ("truth", "steps", "given"),
-    [
-        ({"base_compliance": {"stiffness": 0.08}}, None, {}),
-        ({"time_lag": {"lag": 0.2}}, timed, {}),
-        ({"pretension": {"tension_t1": 0.9, "tension_t2": 0.4}}, displaced, ELASTIC),
-        ({"kink": {"s": 0.125, "kappa_x": 0.6, "kappa_y": -0.8}}, None, {}),
-        ({"side_spring": {"s": 0.1, "stiffness": 1.5}}, None, {}),
-        ({"gravity": {"g_y": -9.81}, "marker_offset": {"offset_x": 1e-3, "offset_y": 0.0}}, None, {}),
-    ],
-    ids=lambda x: "+".join(x) if isinstance(x, dict) else "",
-)
-def test_effects_are_found_with_their_numbers(truth, steps, given, monkeypatch):
-    if steps is not None:
-        made = steps()
-        monkeypatch.setattr(identify_data, "sequence", lambda: made)
-    result = identify(measured(truth, **given))
-    assert result.verdict == "explained" and {e.name for e in result.effects} == set(truth)
-    assert all(within_errors(e, truth[e.name]) for e in result.effects)
 
 
 def test_an_interruption_keeps_what_was_found(monkeypatch):

@@ -82,15 +82,8 @@ def test_large_errors_of_a_few_steps_are_no_scatter():
 def test_the_report_says_what_the_inputs_would_account_for():
     state = state_of(on_fine_mesh(data(1.0 + errors(0.04, len(PULLS)), 0.0)))
     scatter = find_input_noise(state.problem, state.best)
-    says_so(concluded(state, input_noise=scatter))
+    result = concluded(state, input_noise=scatter)
 
-
-@pytest.mark.campaign
-def test_no_effect_is_named_where_inputs_scatter():
-    says_so(identify(data(1.0 + errors(0.04, len(PULLS)), 0.0)))
-
-
-def says_so(result):
     assert (result.verdict, result.remaining.where) == ("cannot tell", "the inputs")
     assert 0.02 < result.input_noise.size < 0.06
     assert result.to_json()["input_scatter"]["kind"] == "relative"

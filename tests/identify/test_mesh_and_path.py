@@ -5,10 +5,8 @@ from dataclasses import replace
 import numpy as np
 from identify_data import FRICTIONAL, ROBOT, measured, problem_of
 
-from tdcr_fe.effects import effect
-from tdcr_fe.identify import fitting
 from tdcr_fe.identify.forward import ForwardModel, Task, run_settings, simulate_experiment
-from tdcr_fe.identify.problem import ORDER, evaluate, fit_of_run, refine
+from tdcr_fe.identify.problem import ORDER, refine
 from tdcr_fe.identify.run import mesh_nodes
 from tdcr_fe.model.loading import SolverSettings
 
@@ -74,30 +72,3 @@ def test_the_error_of_the_path_is_not_counted_as_error_of_the_mesh():
     true_error = float(np.sqrt(np.mean((coarse - exact) ** 2)))
     found = refined.mesh_error * refined.experiment.model.elements_per_bay**ORDER
     assert 0.8 * true_error < found < 1.25 * true_error
-
-
-def test_a_model_on_the_substeps_of_another_one_is_near_its_own():
-    """Why a candidate is simulated with substeps of its own only where it may be the best one."""
-    own = problem(measured({"hole_adhesion": {"drop": 0.05}}, robot=ROBOT, model=FRICTIONAL), 1e-4)
-    declared, gravity = evaluate(own, (), {}), effect("gravity")
-    at = {"gravity": {"g_x": 1.0, "g_y": -2.0, "g_z": 3.0}}
-    free = (("gravity", "g_x"),)
-    fits = [fitting.evaluated(own, (gravity,), at, free, along) for along in (declared, None)]
-    along, alone = fitting.run_fits(own, fits)
-    away = float(np.sqrt(np.mean((along.residual - alone.residual) ** 2)))
-    assert along.distance_from_path > fitting.NEAR_PATH and alone.distance_from_path == 0.0
-    assert away < 0.02 * along.distance_from_path
-
-
-def test_derivatives_along_the_own_path_are_those_of_the_run_itself():
-    """After the mesh was refined, the best model was simulated twice, the second time for its derivatives."""
-    truth = {"hole_adhesion": {"drop": 0.05}}
-    own = problem_of(measured(truth, robot=ROBOT, model=FRICTIONAL))
-    effects, free = (effect("hole_adhesion"),), (("hole_adhesion", "drop"),)
-    _, (run,) = own.residuals(effects, [truth], record=True)
-    there = fit_of_run(own, effects, truth, run)
-    fits = [fitting.evaluated(own, effects, truth, free, along) for along in (None, there)]
-    alone, along = fitting.run_fits(own, fits)
-    np.testing.assert_allclose(along.residual, alone.residual, atol=2e-3)
-    scale = np.abs(alone.jacobian).max()
-    np.testing.assert_allclose(along.jacobian, alone.jacobian, rtol=1e-4, atol=1e-4 * scale)

@@ -13,10 +13,9 @@ from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.next_experiment import candidate_sequences, choose_next, leading_rivals
 from tdcr_fe.identify.result import IdentificationResult
 from tdcr_fe.identify.run import Reader
-from tdcr_fe.identify.sentences import next_sentence
 from tdcr_fe.io.loading_table import read_loading
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import LoadStep, SolverSettings
+from tdcr_fe.model.loading import SolverSettings
 
 SEARCH = searching()
 #: A stiffer backbone, where the tip forces were applied but nothing was read: a gain below one looks the same.
@@ -104,30 +103,3 @@ def test_the_loading_file_is_read_as_it_was_planned(ambiguous, tmp_path):
     assert (ids, branches) == ((1, 2, 3), ("next",) * 3)
     assert [s.tensions for s in steps] == [dict(s.tensions) for s in planned.steps]
     assert [s.loads["tip"].force for s in steps] == [s.loads["tip"].force for s in planned.steps]
-
-
-def test_no_candidate_leaves_the_robot_at_rest():
-    """Tendons driven by displacement, one never pulled in: each candidate moves the robot, so none is three times
-    'no load', as seen on such data before."""
-    data = measured(TRUTH)
-    pulls = ((0.0, 0.0), (2e-3, -1e-3), (4e-3, -2e-3), (2e-3, -1e-3), (0.0, 0.0))
-    steps = tuple(LoadStep(displacements={"t1": a, "t2": b}) for a, b in pulls)
-    ids = tuple(range(1, 6))
-    readings = tuple(r for r in data.readings if r.step in ids)
-    data = replace(data, step_ids=ids, steps=steps, branches=("",) * 5, readings=readings)
-    sequences = candidate_sequences(problem_of(data))
-    assert sequences
-    assert all(any(s.displacements["t1"] != 0.0 for s in steps) for steps in sequences)
-
-
-def test_the_report_says_when_no_experiment_helps(ambiguous):
-    planned = choose_next(SEARCH, ambiguous)
-
-    class Made:
-        next_experiment, data = planned, ambiguous.problem.data
-
-    (text,) = next_sentence(Made())
-    assert text.startswith("Next experiment") and "no load" not in text
-    Made.next_experiment = replace(planned, separation={}, parameter="a.b", remaining_share=0.97)
-    (text,) = next_sentence(Made())
-    assert text.startswith("No experiment within the measured inputs helps much.")

@@ -9,7 +9,7 @@ import pytest
 from identify_data import LENGTH, measured
 
 from tdcr_fe.cli import main
-from tdcr_fe.effects import EFFECTS, Experiment
+from tdcr_fe.effects import EFFECTS
 from tdcr_fe.identify import IdentifySettings, identify
 from tdcr_fe.io.measured import write_measured
 from tdcr_fe.io.problems import InputError
@@ -26,10 +26,6 @@ def example(tmp_path):
     path = tmp_path / "cable_pull.py"
     path.write_text(EXAMPLE, encoding="utf-8")
     return path
-
-
-def test_the_example_has_twenty_lines():
-    assert len([line for line in EXAMPLE.splitlines() if line.strip()]) <= 20
 
 
 @pytest.mark.integration
@@ -56,15 +52,6 @@ def test_the_example_of_the_page_is_found_and_runs(example, tmp_path, capsys):
     steps = pd.read_csv(tmp_path / "run" / "steps.csv", dtype={"label": str}).set_index("label")
     tips = [r for r in data.readings if r.location == LENGTH and r.quantity == "position_x"]
     assert all(abs(steps.loc[str(r.step), "tip_x"] - r.value) < 5.0 * r.sigma for r in tips)
-
-
-@pytest.mark.campaign
-def test_without_it_the_cause_is_not_found(example):
-    """The listed effects do not explain a force at the tip: the file makes the difference."""
-    (own,) = read_own_effects([example])
-    data = measured({"cable_pull": TRUTH}, catalogue=(*EFFECTS, own))
-    result = identify(data, IdentifySettings(max_effects=1))
-    assert result.verdict != "explained"
 
 
 @pytest.mark.parametrize(
@@ -105,17 +92,3 @@ def test_mistakes_in_apply_show_before_anything_is_simulated(example, change, te
     with pytest.raises(InputError) as caught:
         identify(measured(), IdentifySettings(own_effects=own))
     assert text in str(caught.value) and str(example) in str(caught.value)
-
-
-def test_a_file_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
-        read_own_effects([tmp_path / "missing.py"])
-
-
-def test_own_effects_are_applied_after_the_listed_ones(example):
-    own = read_own_effects([example])
-    catalogue = IdentifySettings(own_effects=own).catalogue
-    assert catalogue[:-1] == EFFECTS and catalogue[-1].name == "cable_pull"
-    data = measured()
-    experiment = Experiment(data.robot, data.model, data.steps)
-    assert own[0].apply(experiment, TRUTH).steps[3].loads["cable"].force == tuple(TRUTH.values())

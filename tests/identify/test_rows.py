@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 
-import identify_result
 import numpy as np
 import pytest
 from identify_data import (
@@ -34,7 +33,6 @@ from tdcr_fe.identify.load_steps import (
     inputs,
 )
 from tdcr_fe.identify.report import render
-from tdcr_fe.identify.result import SearchLog
 from tdcr_fe.identify.sentences import sentences
 from tdcr_fe.identify.settings import ALL_STEPS, CEILING, SMALLER_MODELS, IdentifySettings
 from tdcr_fe.io.readings import Reading
@@ -122,13 +120,6 @@ def test_data_that_turn_at_every_step_keep_pieces_without_gaps():
     assert {k in range(60, 120) for k in found.steps} == {True, False}
 
 
-def test_without_friction_twice_as_many_rows_are_taken(chosen):
-    """Every step is solved for itself: no history has to be kept, and a step costs a tenth."""
-    data, held, found = chosen
-    more = choose_rows(data, sorted(held), history=False)
-    assert 1.6 * len(found.steps) < len(more.steps) <= 2 * SEARCHED
-
-
 @pytest.mark.parametrize(("true", "kept"), [(0.0, False), (0.3, True)])
 @pytest.mark.integration
 def test_declared_friction_stays_where_the_model_is_better_with_it(true, kept):
@@ -145,16 +136,6 @@ def test_declared_friction_stays_where_the_model_is_better_with_it(true, kept):
     assert (state.problem.experiment.model.friction == "per-hole") is kept
     assert state.best.names == ("precurvature",) and state.best.cost < 1.5 * np.count_nonzero(problem.fitted)
     assert ("left out" in state.history[-1]) is not kept
-
-
-def test_the_report_says_when_all_errors_are_of_the_chosen_rows(chosen):
-    """As after an interruption, where there is no fit to all rows."""
-    data, _, found = chosen
-    described = found.described(found.of(data))
-    assert not described.fitted_to_all and described.total == len(data.steps)
-    assert described.steps == tuple(data.step_ids[k] for k in found.steps) == found.described(data).steps
-    made = identify_result.result(log=SearchLog(steps=described))
-    assert any("all errors are of these" in text for text in sentences(made))
 
 
 def test_friction_has_the_same_history_on_the_chosen_steps_of_a_branch():

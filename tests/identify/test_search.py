@@ -24,7 +24,7 @@ from tdcr_fe.identify.criteria import UNNAMED, price
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.forward import Job
-from tdcr_fe.identify.search import _was_extended, elsewhere, exchange, search_causes
+from tdcr_fe.identify.search import elsewhere, exchange, search_causes
 from tdcr_fe.model.routing import MisplacedRouting
 
 
@@ -68,15 +68,6 @@ def test_a_hole_that_holds_fast_is_found_although_its_derivative_is_that_of_a_sm
     *_, state = search_causes(searching(), state_of(own))
     assert state.best.names == ("stuck_hole (tendon = 2, s = 0.05)",)
     assert state.best.cost < 2.0 * own.count < 0.1 * state.declared.cost
-
-
-@pytest.mark.integration
-def test_a_soft_bay_is_found_at_its_place():
-    result = identify(measured({"soft_bay": {"s": 0.125, "factor": 0.4}}, robot=ROBOT, model=FRICTIONAL))
-    (added,) = result.effects
-    assert (result.verdict, added.name) == ("explained", "soft_bay")
-    assert added.parameters["s"].value == 0.125
-    assert abs(added.parameters["factor"].value - 0.4) < 3.0 * added.parameters["factor"].std_error
 
 
 def test_causes_that_an_exchange_makes_unnecessary_are_dropped():
@@ -204,10 +195,3 @@ def test_one_hole_or_one_disk_is_moved_and_no_other():
         np.subtract(robot.disks.positions, ROBOT.disks.positions),
         np.eye(len(ROBOT.disks.positions))[1] * 2e-3,
     )
-
-
-def test_a_model_extended_by_listed_effects_alone_is_extended_again_as_the_best():
-    """Otherwise a cause without a name is never tried beside an effect that was not the best model at first."""
-    state = begun(measured(GRAVITY))
-    state = replace(state, extended=frozenset({(frozenset(), "listed")}))
-    assert _was_extended(state, state.declared, True) and not _was_extended(state, state.declared, False)

@@ -9,8 +9,6 @@ from identify_data import (
     GRAVITY,
     measured,
     problem_of,
-    searching,
-    state_of,
 )
 
 from tdcr_fe.effects import EFFECTS, effect
@@ -19,13 +17,11 @@ from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.screening import screen
-from tdcr_fe.identify.search_state import cut_short
 from tdcr_fe.identify.sentences import headline, sentences
 from tdcr_fe.identify.settings import (
     CEILING,
     EXCHANGES,
     FURTHER_EFFECTS,
-    NEXT_EXPERIMENT,
     OutOfTime,
 )
 
@@ -71,27 +67,6 @@ def test_search_without_time_ends_with_the_first_effect_and_says_what_is_not_tri
     assert headline(result).startswith("Unfinished: the search ran out of time")
     assert any("too short for further effects" in s for s in sentences(result))
     assert result.after.fit.rms_position < result.before.fit.rms_position
-
-
-@pytest.mark.parametrize(("deadline", "noted"), [(0.0, (EXCHANGES,)), (float("inf"), ())])
-def test_a_search_whose_fits_end_with_the_time_has_not_tried_everything(deadline, noted):
-    """Its last fits ended where they were; nothing else noted it."""
-    own = problem(ForwardModel())
-    search, left = searching(deadline), state_of(own)
-    assert cut_short(search, left, EXCHANGES).not_tried == noted
-    noise = replace(left, best=replace(left.best, residual=np.zeros(own.count), cost=0.0, held_cost=0.0))
-    assert cut_short(search, noise, EXCHANGES).not_tried == ()
-
-
-@pytest.mark.integration
-@pytest.mark.parametrize(
-    ("stage", "missed", "truth"),
-    [("exchanges", EXCHANGES, GRAVITY), ("exchanges", EXCHANGES, TWO)],
-)
-def test_what_was_found_before_the_time_limit_remains(monkeypatch, stage, missed, truth):
-    result = identified(monkeypatch, measured(truth), {stage: 1.2}, candidates=2)
-    assert {e.name for e in result.effects} == set(truth) and result.verdict == "explained"
-    assert missed in result.log.not_tried and NEXT_EXPERIMENT in result.log.not_tried
 
 
 def test_a_simulation_ends_at_its_deadline():

@@ -25,15 +25,10 @@ from tdcr_fe.identify.state_loads import (
     ABOUT_X,
     BENDING,
     CURVATURE,
-    DEFLECTION,
-    DISPLACED,
-    POSITION,
     ROW,
-    TENDONS,
     TIME,
     Term,
     library,
-    sentence,
 )
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
@@ -127,20 +122,6 @@ def test_derivatives_with_a_load_that_depends_on_the_state_are_those_of_differen
         np.testing.assert_allclose(matrix[:, j], difference, atol=2e-3 * np.abs(difference).max())
 
 
-@pytest.mark.parametrize(
-    ("term", "unit", "product", "kind"),
-    [
-        (HARDENING, "N m^3", "|kappa| kappa", ("stiffness", ("curvature",))),
-        (Term((TIME,), BENDING), "N m^2 s^-1", "t kappa", ("stiffness", ("time",))),
-        (Term((POSITION,), TENDONS), "m^-1", "s m_T", ("routing", ("place",))),
-        (Term((TIME,), TENDONS), "s^-1", "t m_T", ("input", ("time",))),
-        (Term((DEFLECTION, DEFLECTION), DISPLACED, 2), "N m^-3", "|u|^2 u", ("force", ("position",))),
-    ],
-)
-def test_a_term_has_its_unit_and_its_kind(term, unit, product, kind):
-    assert (term.unit, term.product, term.kind) == (unit, product, kind)
-
-
 def test_products_that_a_listed_effect_has_are_no_terms():
     keys = {t.key for t in library(4, ROW)}
     assert not keys & {"kappa", "e_x", "e_y", "m_T"} and {"|kappa| kappa", "row kappa"} <= keys
@@ -149,13 +130,6 @@ def test_products_that_a_listed_effect_has_are_no_terms():
 def test_the_sign_of_the_last_command_stays_while_a_tendon_rests():
     commands = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.5], [0.2, 0.5]])
     assert last_direction(commands).tolist() == [[0, 1], [1, 1], [1, -1], [-1, -1]]
-
-
-def test_a_term_in_words():
-    assert (
-        sentence(HARDENING)
-        == "a bending moment along the curvature, proportional to the square of the curvature"
-    )
 
 
 # ----------------------------------------------------------------------------------------------- identification

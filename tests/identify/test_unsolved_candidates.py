@@ -1,7 +1,5 @@
 """Candidates whose model is not solved, or is impossible, end as such; the search goes on."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

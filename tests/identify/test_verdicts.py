@@ -1,18 +1,11 @@
 """Verdicts on insufficient data, interruptions of the command, and the end of its workers."""
 
-import json
-import signal
-import subprocess
-import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from identify_data import GRAVITY, begun, concluded, measured, searching, with_model
-from interrupts import start_python
 
-from tdcr_fe.cli import main
 from tdcr_fe.effects import EFFECTS, Experiment, effect
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.criteria import mostly_estimated_noise, unknown_noise, unusable_data
@@ -21,28 +14,12 @@ from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.search import worth_fitting
 from tdcr_fe.identify.sentences import headline, sentences
 from tdcr_fe.identify.verdict import separating_experiments
-from tdcr_fe.io.measured import write_measured
-from tdcr_fe.io.processes import STATUS_SIGINT, STATUS_SIGTERM
 
 
 @pytest.fixture(scope="module")
 def bent():
     """Readings of a robot with gravity that is not declared."""
     return measured(GRAVITY)
-
-
-def test_readings_in_millimetres_without_sigma_stop_the_run(bent, tmp_path, capsys):
-    """e3bbe5d: most rows were left out, the rest taken as metres: "nothing missing", exit status 0."""
-    write_measured(bent, tmp_path / "set")
-    path = tmp_path / "set" / "observations.csv"
-    head, *rows = path.read_text().splitlines()
-    fields = [r.split(",") for r in rows]
-    rows = [",".join([*f[:3], f"{1e3 * float(f[3]):.6f}", ""]) for f in fields]
-    path.write_text("\n".join([head, *rows]) + "\n")
-    assert main(["identify", str(tmp_path / "set"), "-o", str(tmp_path / "out"), "-q"]) == 2
-    text = capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-    assert "for a robot of 0.2 m: are they in mm?" in text and "rows would be left" in text
 
 
 def some(data, chosen, **changes):
@@ -143,87 +120,6 @@ def test_several_causes_that_leave_noise_together_are_stated_but_not_named():
     assert document["effects"] == [] and list(document["stand_ins"]) == list(truth)
     assert all(cause["probability"] < 0.6 for cause in document["causes"])
     assert "none of it is certain" in render(result)
-
-
-# ------------------------------------------------------------------------------------------- interruptions
-
-#: The command, with a search that does not end by itself. Workers import nothing of it, as those of the real command.
-SCRIPT = """
-import sys, time
-
-if __name__ == "__main__":
-    from tdcr_fe.cli import main
-    from tdcr_fe.identify import identification
-
-    real = identification.search_causes
-
-    def endless(search, state):
-        state.problem.forward.map(abs, [1, 2])  # starts the workers
-        print("searching", flush=True)
-        state = yield from real(search, state)
-        time.sleep(120.0)
-        return state
-
-    identification.search_causes = endless
-    sys.exit(main(["identify", sys.argv[1], "-o", sys.argv[2], "-q", "--processes", "2"]))
-"""
-
-
-def children(pid):
-    """Worker processes of a process, by Linux's table of processes; not Python's tracker of resources."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                if "spawn_main" not in (entry / "cmdline").read_text():
-                    continue
-                fields = (entry / "stat").read_text().rsplit(")", 1)[1].split()
-            except OSError:
-                continue
-            if int(fields[1]) == pid and fields[0] != "Z":
-                found.append(int(entry.name))
-    return found
-
-
-def running(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except OSError:
-        return False
-
-
-@pytest.mark.integration
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's table of processes")
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGKILL"])
-def test_an_interruption_ends_all_processes_and_keeps_what_was_found(bent, tmp_path, name):
-    """e3bbe5d: after SIGTERM nothing was written and a worker kept running; after SIGKILL all workers did."""
-    write_measured(bent, tmp_path / "set")
-    script = tmp_path / "command.py"
-    script.write_text(SCRIPT)
-    process = start_python(str(script), str(tmp_path / "set"), str(tmp_path / "out"), stderr=subprocess.PIPE)
-    try:
-        assert process.stdout.readline() == "searching\n"
-        begun = time.perf_counter()
-        while len(workers := children(process.pid)) < 2:
-            assert time.perf_counter() - begun < 60.0
-            time.sleep(0.1)
-        time.sleep(1.0)
-        process.send_signal(getattr(signal, name))
-        begun = time.perf_counter()
-        while any(running(p) for p in workers):
-            assert time.perf_counter() - begun < 20.0
-            time.sleep(0.05)
-        errors = process.communicate(timeout=60)[1]
-    finally:
-        process.kill()
-    if name == "SIGKILL":
-        assert process.returncode == -signal.SIGKILL
-        return
-    assert process.returncode == {"SIGINT": STATUS_SIGINT, "SIGTERM": STATUS_SIGTERM}[name], errors
-    document = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert document["verdict"] == "unfinished" and document["interrupted"]
-    assert "interrupted" in errors
-    assert "nfinished" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_forms_of_one_effect_are_separated_by_one_experiment():
