@@ -1,7 +1,5 @@
 """Synthetic results for tests of tables and pictures: every step is a circular arc."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -1,7 +1,5 @@
 """Lengths and angles of tendons in solved steps, by what the campaigns check."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tdcr_fe.model.loading import Model

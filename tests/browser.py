@@ -1,7 +1,5 @@
 """A headless Chromium driven through its DevTools pipe, with the standard library alone; for tests of pages."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

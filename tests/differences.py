@@ -1,7 +1,5 @@
 """Derivatives of whole simulations by central differences, along the same substeps."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

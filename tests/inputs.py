@@ -1,7 +1,5 @@
 """A robot and a scenario as files, and ways to change them."""
 
-from __future__ import annotations
-
 import copy
 import tomllib
 from pathlib import Path

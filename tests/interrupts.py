@@ -1,7 +1,5 @@
 """Processes for tests that interrupt them."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Slips that are bilinear in the load factor and the unknowns, in place of a robot's."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState, SmallFactors

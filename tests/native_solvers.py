@@ -1,7 +1,5 @@
 """Settings of Exudyn's own solvers, and a robot whose tip is damped, for tests that use these solvers."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import exudyn as exu

@@ -1,7 +1,5 @@
 """Files of a robot with every routing and of a scenario, as written by hand."""
 
-from __future__ import annotations
-
 ROBOT = """
 [backbone]
 length = 0.25

@@ -1,7 +1,5 @@
 """Small sweeps for tests, and executors that solve in this process."""
 
-from __future__ import annotations
-
 from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any

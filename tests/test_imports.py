@@ -1,7 +1,5 @@
 """The layers: nothing imports a layer above its own, and numerics neither print nor open files."""
 
-from __future__ import annotations
-
 import ast
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`import tdcr_fe` gives the public names, fast and without Exudyn, in a clone or installed, as pyproject.toml says."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import re

@@ -1,7 +1,5 @@
 """Two tendons without a robot, of four and of two segments, for tests of the friction along a tendon."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The command: exit statuses, output and files. The solver is replaced by a mock."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os
@@ -13,7 +11,7 @@ import pytest
 from arcs import arc_result
 from inputs import ROBOT, SCENARIO, changed, write
 
-from tdcr_fe import __version__, cli
+from tdcr_fe import cli
 from tdcr_fe.io.result_files import RESULT_FILES
 from tdcr_fe.model.results import Interrupted
 
@@ -148,12 +146,6 @@ def test_demo_is_the_papers_robot_pulled_loaded_and_released(tmp_path, calls, ca
     }
     assert "release to 0.0 N" in capsys.readouterr().out
     assert cli.main(["run", str(out / "scenario.toml"), "-o", str(out)]) == 0  # as the demo advises
-
-
-def test_version_is_printed(capsys):
-    with pytest.raises(SystemExit, match="0"):
-        cli.main(["--version"])
-    assert capsys.readouterr().out == f"tdcr-fe {__version__}\n"
 
 
 def test_command_that_is_none_returns_2_and_the_nearest_is_named(capsys):

@@ -1,7 +1,5 @@
 """``tdcr-fe follow``: the loading sequence it writes, solved again by ``tdcr-fe run``, leads through the targets."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

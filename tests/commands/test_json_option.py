@@ -1,7 +1,5 @@
 """``--json`` of ``run`` and ``identify`` prints one object on stdout, whatever happens, and nothing else there."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

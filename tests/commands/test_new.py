@@ -1,7 +1,5 @@
 """``tdcr-fe new``: the files it writes are read, solved, and name every key of the schema with its default."""
 
-from __future__ import annotations
-
 import json
 import re
 

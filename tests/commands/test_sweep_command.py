@@ -1,7 +1,5 @@
 """``tdcr-fe sweep``: files, exit statuses, and what is kept where it is interrupted or killed."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

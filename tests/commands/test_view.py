@@ -1,7 +1,5 @@
 """``tdcr-fe view`` as users call it: where the page goes, and what is wrong with a folder."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

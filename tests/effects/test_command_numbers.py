@@ -1,7 +1,5 @@
 """Gains, idle tensions and lags: for all commands, for each tendon, for each folder of measured data."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -52,14 +50,6 @@ def test_a_tendon_is_never_pulled_by_less_than_the_idle_tension():
     driven = replace(ALONE, steps=(LoadStep(tensions={"t1": 1.0}, displacements={"t2": 1e-3}),))
     (step,) = with_effects(driven, {"idle_tension": {"tension": 0.2}}).steps
     assert step.tensions == {"t1": 1.0, "t3": 0.2} and step.displacements == {"t2": 1e-3}
-
-
-def test_idle_tensions_are_tried_where_commands_are_smaller():
-    idle, excitation = effect("idle_tension"), ExcitationRange(tension=1.0)
-    assert idle.probe_points(ALONE, excitation) == [[{"tension": 0.02}]]
-    taut = replace(ALONE, steps=(LoadStep(tensions={"t1": 0.5, "t2": 0.4, "t3": 0.3}),))
-    travel = replace(ALONE, steps=(LoadStep(displacements={"t1": 1e-3}),))
-    assert idle.probe_points(taut, excitation) == idle.probe_points(travel, excitation) == []
 
 
 def test_forms_are_for_tendons_and_with_several_folders_for_folders():

@@ -13,7 +13,7 @@ from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effect, with_effec
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.toml import read_scenario
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
-from tdcr_fe.model.backbone import Backbone, NonlinearMaterial, Superelastic
+from tdcr_fe.model.backbone import Backbone, Superelastic
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import HelicalRouting, ParallelRouting
@@ -280,11 +280,6 @@ def test_they_are_tried_on_soft_bodies_alone(name):
     assert effect(name).forms(wire) == ()
 
 
-def test_density_is_tried_where_the_declared_model_has_weight():
-    light = replace(SOFT_SETUP, model=replace(SOFT_MODEL, gravity=(0.0, 0.0, 0.0)))
-    assert effect("density_scale").forms(light) == ()
-
-
 def test_modulus_density_and_tension_by_one_factor_change_nothing():
     """Static shapes depend on the ratios of stiffness, weight and tension alone."""
     every = with_effect(with_effect(SOFT_SETUP, "modulus_scale", factor=1.3), "density_scale", factor=1.3)
@@ -297,14 +292,6 @@ def test_declared_stiffnesses_are_scaled_too():
     declared = replace(SOFT_SETUP, robot=SOFT.with_backbone(bending_stiffness=2e-3, axial_stiffness=90.0))
     scaled = with_effect(declared, "modulus_scale", factor=2.0).robot.backbone
     assert pytest.approx((4e-3, 180.0, 2.0 * BODY.GJ)) == (scaled.EI, scaled.EA, scaled.GJ)
-
-
-def test_a_nonlinear_material_replaces_the_declared_one():
-    law = with_effect(SOFT_SETUP, "nonlinear_material", quadratic=-1.0, cubic=2.0)
-    assert law.robot.backbone.nonlinear == NonlinearMaterial(-1.0, 2.0)
-    kept = with_effect(law, "nonlinear_material", cubic=3.0)
-    assert kept.robot.backbone.nonlinear == NonlinearMaterial(-1.0, 3.0)
-    assert with_effect(SOFT_SETUP, "nonlinear_material").robot == SOFT
 
 
 # ------------------------------------------------------------------------------------------------ from files

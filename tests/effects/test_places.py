@@ -1,7 +1,5 @@
 """Effects at one place and at the base: against the reference, closed forms, and loads of equal size."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

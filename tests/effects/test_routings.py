@@ -1,7 +1,5 @@
 """Effects that are other routings: misplaced channels, and tilted disks as a user would write them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 
@@ -12,13 +10,8 @@ from robots import paper, scene
 
 from tdcr_fe.effects import Experiment, effect, with_effect
 from tdcr_fe.effects.base import Effect, Parameter
-from tdcr_fe.identify.derivatives import Column, Request, linearize
-from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.problem import FitProblem
-from tdcr_fe.io.measured import MeasuredData
-from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
+from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, Routing
 from tdcr_fe.model.tendon import Tendon
@@ -65,26 +58,6 @@ def test_a_search_tries_it_on_bodies_without_disks_alone():
     assert [len(f.parameters) for f in forms] == [1, 4, 5, 6]
     disks = replace(soft.robot, disks=Disks.equally_spaced(6, 0.3, radius=9e-3))
     assert effect("misplaced_channels").forms(replace(soft, robot=disks)) == ()
-
-
-def test_derivatives_of_all_forms_are_those_of_whole_simulations():
-    soft = setup(*CHANNELS)
-    readings = tuple(Reading(k, f"position_{x}", 0.3, 0.0, 1.0) for k in (1, 2) for x in "xyz")
-    data = MeasuredData("soft", soft.robot, MODEL, (1, 2), STEPS, ("", ""), readings)
-    forward = ForwardModel(settings=SolverSettings(tolerance=1e-11))
-    problem = FitProblem.of(data, np.ones(6), np.zeros(6, dtype=bool), forward)
-    for form in effect("misplaced_channels").forms(soft):
-        null = form.null_values(soft)
-        values = {form.name: {n: x + 0.1 for n, x in null.items()}}
-        columns = tuple(Column(form, n, values[form.name], 1e-3) for n in null)
-        (found,) = linearize(problem, [Request((form,), values, columns)])
-        assert not found.differenced
-        for name, column in zip(null, found.matrix.T, strict=True):
-            points = [
-                {form.name: {**values[form.name], name: values[form.name][name] + h}} for h in (1e-4, -1e-4)
-            ]
-            (up, down), _ = problem.residuals((form,), points)
-            assert (down - up) / 2e-4 == pytest.approx(column, rel=1e-5, abs=1e-7)
 
 
 # ------------------------------------------------------------ tilted disks

@@ -1,7 +1,5 @@
 """A simulated run of the rod: what is commanded, what acts, and where the nodes are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

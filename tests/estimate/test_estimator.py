@@ -1,7 +1,5 @@
 """Estimation frame by frame: calibrated, through friction, at unknown places, without readings, and past failures."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

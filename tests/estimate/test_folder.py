@@ -1,7 +1,5 @@
 """``tdcr-fe estimate``: its files, and what it says of folders that it cannot estimate."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

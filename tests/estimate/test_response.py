@@ -1,7 +1,5 @@
 """Derivatives of a solved state by inputs, loads and the history of the holes, against differences of load steps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Tracking: the tip follows a path with reversals in bounded steps, by the inputs that are measured."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The volume term takes the bias from the most probable state."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,9 +49,3 @@ def test_the_same_reading_again_and_again_leads_to_the_mean_of_an_unknown_factor
     density = np.exp(-0.5 * (a / 0.2) ** 2 - 0.5 * ((y * np.exp(-a) - 1.0) / 0.4) ** 2 - a)
     expected = a @ density / density.sum()
     assert abs(factors[-1] - expected) < 0.33 * abs(factors[0] - expected)
-
-
-def test_a_reading_in_which_the_prior_is_not_seen_has_no_slope():
-    certain = 1e-9 * PRIOR
-    volume = Volume().renewed(Product(0.9).solved(MEAN), certain)
-    np.testing.assert_array_equal(volume.change_of_mean(certain), 0.0)

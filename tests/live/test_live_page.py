@@ -1,13 +1,9 @@
 """The live page in a browser: sliders, the mouse on the robot, and the end of its server."""
 
-from __future__ import annotations
-
-import random
-import time
 from collections.abc import Iterator
 
 import pytest
-from browser import NO_GL, Browser, browser, needs_chromium
+from browser import Browser, browser, needs_chromium
 from robots import three
 
 import tdcr_fe as tdcr
@@ -94,27 +90,3 @@ def test_the_page_on_a_phone(opened):
     page, served = opened
     page.open(served.url, 390, 844, dark=True)
     assert page.ask("document.documentElement.scrollWidth") <= 390
-
-
-@needs_chromium
-@pytest.mark.campaign
-@pytest.mark.parametrize("opened", [NO_GL], indirect=True, ids=["without drawing"])
-def test_a_thousand_random_drags_fail_with_a_message_only(opened):
-    """Without WebGL: in software, one picture takes longer than many load steps."""
-    page, served = opened
-    draw = random.Random(0)
-    for number in range(1000):
-        if number % 10 == 0:
-            slide(page, draw.randrange(3), round(draw.uniform(0.0, 3.0), 3))
-            answered(page)
-        x, y = tip(page)
-        end = (
-            min(max(x + draw.uniform(-200, 200), 60), 800),
-            min(max(y + draw.uniform(-150, 150), 180), 600),
-        )
-        page.drag((x, y), end)
-        page.until(f"!{CONTROL}.asking", 60.0)
-        time.sleep(0.01)
-    assert errors(page, served) == []
-    again = tdcr.simulate(served._played.robot, served._played.model, served.steps[:50])
-    assert again.converged

@@ -1,7 +1,5 @@
 """The server of a live page answers its page only, and says why it rejects what it does."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import random

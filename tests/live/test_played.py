@@ -1,7 +1,5 @@
 """A played robot: its sequence leads `simulate` to the same shapes, and a pull is in balance with its spring."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -80,20 +78,6 @@ def test_a_step_that_fails_leaves_the_robot_where_it_was():
     robot._sequence.simulation.settings = settings
     robot.drive({"t1": 1.0}, {})
     assert np.allclose(robot.last.result.steps[-1].tip, tip, atol=1e-7)
-
-
-def test_a_switch_of_the_friction_that_fails_leaves_sequence_and_friction_as_they_were():
-    robot = played()
-    robot.drive({"t1": 2.0, "t2": 0.5}, {})
-    steps, model, tip = list(robot.steps), robot.model, robot.last.result.steps[-1].tip
-    settings, robot.settings = robot.settings, replace(robot.settings, max_iterations=1, min_substep=1.0)
-    answer = robot.switch_friction(False)
-    assert "not solved" in answer.message and not answer.made
-    assert robot.steps == steps and robot.model == model
-    robot.settings = settings
-    robot.drive({"t1": 2.0}, {})
-    assert np.allclose(robot.last.result.steps[-1].tip, tip, atol=1e-7)
-    assert robot.switch_friction(False).made and robot.model.friction == "none"
 
 
 @pytest.mark.parametrize(

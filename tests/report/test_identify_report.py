@@ -1,7 +1,5 @@
 """The report on an identification: first screen, next step, remarks on values; on a result made by hand."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The page of all reports: formatted numbers, sections from templates, no external files."""
 
-from __future__ import annotations
-
 import base64
 import math
 import re

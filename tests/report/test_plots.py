@@ -1,7 +1,5 @@
 """Pictures and videos: contents, labels and units, for few steps and for many, and of scenes."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import replace
 

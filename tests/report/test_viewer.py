@@ -1,7 +1,5 @@
 """The 3D panel: its data are those of the results, its page needs nothing else, and it answers mouse and keys."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

@@ -1,7 +1,5 @@
 """Keys of a sweep, and mistakes in it: found before anything is solved, with file, key, value and what is allowed."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path
@@ -177,12 +175,6 @@ def test_what_is_implausible_is_warned_of_before_any_case_is_solved(tmp_path):
     robot = ROBOT.replace("[backbone]", "[backbone]\nbending_stiffness = 1e3\n")
     with pytest.warns(tdcr.PlausibilityWarning, match="backbone.bending_stiffness = 1000 N m"):
         tdcr.read_sweep(write_files(tmp_path, robot=robot))
-
-
-def test_a_factor_given_as_a_value_is_warned_of_with_its_variation(tmp_path):
-    text = HEAD + '[[vary]]\nkey = "backbone.youngs_modulus"\nvalues = [0.8, 1.2]\n'
-    with pytest.warns(tdcr.PlausibilityWarning, match=r"vary\[0\]: backbone.youngs_modulus = 0.8 Pa"):
-        tdcr.read_sweep(write_files(tmp_path, text))
 
 
 # ------------------------------------------------------------ keys

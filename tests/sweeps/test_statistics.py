@@ -1,7 +1,5 @@
 """Designs and samples follow their distributions; Sobol indices against closed forms and SciPy's."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A sweep gives what single runs give, in the order of cases, whatever happens on the way."""
 
-from __future__ import annotations
-
 import math
 import os
 

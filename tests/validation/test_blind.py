@@ -108,18 +108,6 @@ def test_a_turned_frame_and_markers_beside_the_backbone_are_read_as_declared():
     np.testing.assert_allclose(seen, (0.0, 2e-3, length, 0.0, 0.0), atol=1e-12)
 
 
-def test_a_divided_step_is_read_at_its_end():
-    robot = draw_robot("single", np.random.default_rng(0))
-    steps = tuple(LoadStep(tensions={robot.tendon_names[0]: t}) for t in (0.5, 0.7, 1.0))
-    setup = Experiment(robot, Model(), steps, ends=((0, 1.0), (1, 0.5), (1, 1.0)))
-    result = solve_reference(robot, Model(friction="none"), steps, settings=ReferenceSettings())
-    result = replace(
-        result, steps=tuple(replace(x, displacements=np.array([0.1 * k])) for k, x in enumerate(result.steps))
-    )
-    marks = [(k, "tendon_displacement", robot.tendon_names[0]) for k in range(2)]
-    assert read(result, setup, marks).tolist() == [0.0, 0.2]
-
-
 # ---------------------------------------------------------------------------------------------- marking
 
 

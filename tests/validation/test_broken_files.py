@@ -1,7 +1,5 @@
 """Broken input files and data with one fault each: a named error and nothing written, or a valid run."""
 
-from __future__ import annotations
-
 import itertools
 import json
 

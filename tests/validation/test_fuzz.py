@@ -1,11 +1,10 @@
 """Random robots: what is drawn, how solutions are compared and checked, and that the checks see what is wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import Load, LoadStep, Model
@@ -63,44 +62,61 @@ def test_an_arc_has_the_twists_of_its_curvature():
     np.testing.assert_allclose(relative_twists(positions, rotations), expected, atol=1e-14)
 
 
+def moved(step):
+    """A node by a hundredth of a micrometre."""
+    positions = step.positions.copy()
+    positions[5, 0] += 1e-8
+    return replace(step, positions=positions)
+
+
+def turned(step):
+    """A section by a thousandth of a radian."""
+    rotations = step.rotations.copy()
+    rotations[5] = rotations[5] @ Rotation.from_rotvec([0.0, 0.0, 1e-3]).as_matrix()
+    return replace(step, rotations=rotations)
+
+
+def tightened(step):
+    """One segment by a hundredth: more than friction allows where the hole slips."""
+    tensions = tuple(t.copy() for t in step.tensions)
+    tensions[0][2] *= 1.01
+    return replace(step, tensions=tensions)
+
+
+def exchanged(step):
+    """Pull and release at the holes of the first tendon."""
+    other = {"release": "pull", "pull": "release"}
+    return replace(
+        step, hole_states=(tuple(other.get(x, x) for x in step.hole_states[0]), *step.hole_states[1:])
+    )
+
+
+def with_actuation(step, **changes):
+    return replace(step, actuation=replace(step.actuation, **changes))
+
+
 @pytest.mark.parametrize(
-    "what", ["tension", "position", "rotation", "displacement", "input", "state", "load"]
+    ("wrong", "check"),
+    [
+        (moved, "equilibrium of every free body"),
+        (turned, "equilibrium of every free body"),
+        (tightened, "equilibrium of every free body"),
+        (
+            lambda s: with_actuation(s, loads={"side": replace(s.actuation.loads["side"], at=0.2)}),
+            "equilibrium of every free body",
+        ),
+        (lambda s: replace(s, displacements=s.displacements + 1e-6), "displacements from lengths"),
+        (lambda s: with_actuation(s, values=s.actuation.values * 1.001), "prescribed inputs"),
+        (exchanged, "slipping holes at their bound"),
+    ],
+    ids=["position", "rotation", "tension", "load", "displacement", "input", "state"],
 )
-def test_the_checks_see_what_is_wrong(what):
+def test_the_checks_see_what_is_wrong(wrong, check):
     result = solved()
     step = result.steps[1]
     good = check_step(result.robot, result.model, step)
     assert all(value <= TOLERANCES[name] for name, value in good.items())
-    tensions = tuple(t.copy() for t in step.tensions)
-    positions, rotations = step.positions.copy(), step.rotations.copy()
-    expected, wrong = "equilibrium of every free body", step
-    if what == "tension":  # one segment by a hundredth: more than friction allows where the hole slips
-        tensions[0][2] *= 1.01
-        wrong = replace(step, tensions=tensions)
-    elif what == "position":  # by a hundredth of a micrometre
-        positions[5, 0] += 1e-8
-        wrong = replace(step, positions=positions)
-    elif what == "rotation":
-        turn = np.array([[1.0, -1e-3, 0.0], [1e-3, 1.0, 0.0], [0.0, 0.0, 1.0]])
-        rotations[5] = np.linalg.qr(rotations[5] @ turn)[0] * np.sign(
-            np.diag(np.linalg.qr(rotations[5] @ turn)[1])
-        )
-        wrong = replace(step, rotations=rotations)
-    elif what == "displacement":
-        wrong, expected = replace(step, displacements=step.displacements + 1e-6), "displacements from lengths"
-    elif what == "input":
-        changed = replace(step.actuation, values=step.actuation.values * 1.001)
-        wrong, expected = replace(step, actuation=changed), "prescribed inputs"
-    elif what == "state":
-        states = (tuple({"release": "pull", "pull": "release"}.get(x, x) for x in step.hole_states[0]),)
-        wrong, expected = (
-            replace(step, hole_states=states + step.hole_states[1:]),
-            "slipping holes at their bound",
-        )
-    else:  # the load at another place
-        load = replace(step.actuation.loads["side"], at=0.2)
-        wrong = replace(step, actuation=replace(step.actuation, loads={"side": load}))
-    assert check_step(result.robot, result.model, wrong)[expected] > TOLERANCES[expected]
+    assert check_step(result.robot, result.model, wrong(step))[check] > TOLERANCES[check]
 
 
 def test_tension_beyond_the_capstan_bounds_is_seen():

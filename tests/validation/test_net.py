@@ -1,8 +1,5 @@
 """The safety net: what is computed now is what is stored, and what moves is found."""
 
-from __future__ import annotations
-
-import json
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +7,6 @@ import pytest
 
 from tdcr_fe.validation.campaigns.net import CAMPAIGN, Case
 from tdcr_fe.validation.net.comparison import differences, report
-from tdcr_fe.validation.net.identified import read_identified
 from tdcr_fe.validation.net.storage import read_part, write_part
 from tdcr_fe.validation.runner import main
 
@@ -69,23 +65,3 @@ def test_the_command_ends_with_status_1_where_a_stored_number_is_another(tmp_pat
         arguments = ["--stored", str(tmp_path / name), "-o", str(tmp_path / name)]
         assert main(["net", "--parts", "robots", *arguments]) == status
     assert "robots | 0, step 3 | positions" in capsys.readouterr().out
-
-
-def test_values_that_were_identified_move_in_standard_errors(tmp_path: Path) -> None:
-    """A verdict, a value within its standard error and one beyond, from the files of a campaign."""
-    document = {
-        "seed": 3, "verdict": "explained", "named": ["gravity"], "before": 1e-2, "after": 2e-4,
-        "found": {"gravity": {"g_x": [1.0, 0.1], "g_y": [2.0, 0.1]}},
-    }  # fmt: skip
-    (tmp_path / "plan" / "results").mkdir(parents=True)
-    file = tmp_path / "plan" / "results" / "3.json"
-    file.write_text(json.dumps(document))
-    stored = read_identified(tmp_path)
-    document["found"]["gravity"] = {"g_x": [1.001, 0.1], "g_y": [2.5, 0.1]}
-    file.write_text(json.dumps({**document, "verdict": "partly explained"}))
-    now = read_identified(tmp_path)
-    assert list(now) == ["plan/3"]
-    moved = differences("identify", "plan/3", stored["plan/3"], now["plan/3"], 0.1)
-    assert {d.quantity: d.beyond for d in moved} == {
-        "gravity.g_x": False, "gravity.g_y": True, "verdict": True
-    }  # fmt: skip

@@ -1,7 +1,5 @@
 """The paper's cases and tables, and the verdicts on its claims."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

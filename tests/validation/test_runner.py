@@ -1,7 +1,5 @@
 """The runner of campaigns: the list, options, resuming, tables; and the mutations of the product."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -86,13 +84,6 @@ def test_results_of_other_code_are_refused(squares, tmp_path, capsys, monkeypatc
     assert main(["squares", "-o", str(tmp_path)]) == 2
     assert len(squares.solved) == 4
     assert "source differ" in capsys.readouterr().err
-
-
-def test_some_cases_by_their_keys(squares, tmp_path, capsys):
-    assert main(["squares", "-o", str(tmp_path), "--only", "3", "1"]) == 0
-    assert squares.solved == [1, 3]
-    assert main(["squares", "-o", str(tmp_path), "--only", "7"]) == 2
-    assert "no case '7'; there are 0, 1, 2, 3" in capsys.readouterr().err
 
 
 def test_an_unknown_campaign_gets_the_nearest_name(squares, capsys):

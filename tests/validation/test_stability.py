@@ -1,7 +1,5 @@
 """Stability of solved states, against Euler's column and the potential of the forces."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
