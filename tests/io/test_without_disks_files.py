@@ -5,7 +5,6 @@ import pytest
 from tdcr_fe.cli import main
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.toml import read_model, read_robot, read_scenario
-from tdcr_fe.io.write_toml import robot_to_toml
 from tdcr_fe.model.loading import Model
 
 ROBOT = """
@@ -33,15 +32,6 @@ def write(folder, robot=ROBOT, model=""):
     (folder / "robot.toml").write_text(robot)
     (folder / "scenario.toml").write_text(f'robot = "robot.toml"\n{model}\n{STEPS}')
     return folder / "scenario.toml"
-
-
-@pytest.mark.parametrize("text", [ROBOT, POINTS], ids=["converging", "points"])
-def test_a_robot_without_disks_goes_through_the_file(tmp_path, text):
-    write(tmp_path, text)
-    robot = read_robot(tmp_path / "robot.toml")
-    assert robot.without_disks and "[disks]" not in robot_to_toml(robot)
-    (tmp_path / "again.toml").write_text(robot_to_toml(robot))
-    assert read_robot(tmp_path / "again.toml") == robot
 
 
 def test_points_of_a_course_are_equally_spaced_up_to_its_end(tmp_path):

@@ -106,7 +106,9 @@ def test_more_disks_approach_the_continuous_model():
     routing = HelicalRouting(4.5e-3, 1.0)
     exact = run(robot(routing), pulls(1.5), "continuous").steps[0].tip
     counts = np.array([10, 20, 40])
-    errors = [np.linalg.norm(run(robot(routing, int(n)), pulls(1.5)).steps[0].tip - exact) for n in counts]
+    errors = [
+        np.linalg.norm(run(robot(routing, disks=int(n)), pulls(1.5)).steps[0].tip - exact) for n in counts
+    ]
     assert np.all(np.diff(np.log(errors)) / np.log(2.0) < -0.8)
 
 
