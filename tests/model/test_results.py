@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pandas as pd
 import pytest
-from arcs import arc_result, paper_robot
+from arcs import arc_result, arc_step, paper_robot
 
 from tdcr_fe.io.result_files import write_results
 from tdcr_fe.model.loading import LoadStep
@@ -30,6 +30,12 @@ def test_a_result_prints_in_ten_lines():
         "2, the first: step 2: first",
     ):
         assert part in text
+
+
+def test_angles_and_offset_of_an_arc_in_any_plane():
+    step = arc_step(paper_robot(), 1, 1.2, 0.7, np.array([1.0]))
+    assert (step.bending_angle, step.chord_angle) == pytest.approx((1.2, 0.6))
+    assert step.tip_offset == pytest.approx(0.25 / 1.2 * (1.0 - np.cos(1.2)))
 
 
 def test_a_failed_result_names_its_step_and_raises_when_asked():
