@@ -2,6 +2,7 @@
 
 import json
 import re
+import time
 
 import numpy as np
 import pandas as pd
@@ -114,6 +115,16 @@ def test_derivatives_and_responses_are_written(tmp_path, capsys, tendon_path, fr
     assert cli.main(["run", str(scenario), "-o", str(out), "--no-pictures", "-q"]) == 0
     assert not (out / "sensitivities.csv").exists()
     assert "tip_response" not in json.loads((out / "summary.json").read_text())["steps"][0]
+
+
+def test_an_interruption_that_is_lost_is_sent_again(monkeypatch):
+    """As where a callback of Exudyn swallows it, in a load step that would take for ever."""
+    sent = []
+    monkeypatch.setattr("tdcr_fe.commands.run.LOOK", 0.02)
+    monkeypatch.setattr("tdcr_fe.commands.run._thread.interrupt_main", lambda: sent.append(1))
+    with command._Clock(1, minutes=1e-4).running():
+        time.sleep(0.5)
+    assert len(sent) > 2
 
 
 # ------------------------------------------------------------ properties

@@ -20,7 +20,7 @@ from identify_data import (
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import Experiment, effect
-from tdcr_fe.identify import fitting, identification, identify
+from tdcr_fe.identify import NotSolved, fitting, identification, identify
 from tdcr_fe.identify.criteria import residual_is_noise
 from tdcr_fe.identify.forward import ForwardModel, Job
 from tdcr_fe.identify.load_steps import blocks, choose_held_out
@@ -141,6 +141,12 @@ def test_runs_are_solved_with_the_settings_of_model_toml():
     expected = simulate(robot, experiment.model, steps, replace(own, max_substeps=16)).steps[-1].tip
     assert tips["own"] == pytest.approx(expected, abs=1e-12)
     assert np.linalg.norm(tips["own"] - tips["default"]) > 1e-5 * LENGTH
+
+
+def test_settings_of_the_data_reach_the_solver():
+    one_iteration = SolverSettings(max_iterations=1, min_substep=1.0, max_turn=1e-3)
+    with pytest.raises(NotSolved, match="declared model"):
+        identify(replace(measured(), settings=one_iteration))
 
 
 # -------------------------------------------------------------------------------------------------- the loop

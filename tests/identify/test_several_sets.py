@@ -58,6 +58,13 @@ def test_effects_with_a_history_begin_anew_with_every_sequence():
     assert [e.steps for e in joined.sequences] == [e.steps for e in alone]
 
 
+def test_a_sequence_that_is_not_solved_leaves_its_steps_and_those_after_it_open():
+    bad = replace(both(), steps=(FIRST[0], LoadStep(tensions={"t1": 5e4}), *FIRST[2:], *SECOND))
+    run = simulate_experiment(Task(bad, replace(SETTINGS, max_iterations=3, min_substep=1.0)))
+    assert run.solved == 1 and len(run.positions) == 5
+    assert np.isfinite(run.positions[0]).all() and np.isnan(run.positions[1:]).all()
+
+
 def sets():
     """The same loading twice, the second time only its first eight steps, with other noise; an offset is declared."""
     known = {"marker_offset": {"offset_z_marker_2": 0.0}}

@@ -341,11 +341,12 @@ def described():
     settings = SolverSettings(
         **{n: middle(x) for n, x in keys_of(SolverSettings).json_schema["properties"].items()}
     )
+    # Zeros of keys that must be given are written, too.
     backbone = Backbone(
-        0.25, 0.4e-3, 85e9, 0.3, axial_stiffness=5e3, shear_stiffness=2e3, retardation_time=1e-3
+        0.25, 0.4e-3, 85e9, 0.0, axial_stiffness=5e3, shear_stiffness=2e3, retardation_time=1e-3
     )
     robot = Robot(
-        backbone, Disks.equally_spaced(5, 0.25), (Tendon("t", ParallelRouting(1e-3), spool=Spool(8e-3)),)
+        backbone, Disks.equally_spaced(5, 0.25), (Tendon("t", ParallelRouting(0.0), spool=Spool(8e-3)),)
     )
     steps = (LoadStep(motor_angles={"t": 0.1}),)
     found = [(robot, Model(hysteresis="dahl"), settings, steps)]

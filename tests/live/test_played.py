@@ -67,15 +67,20 @@ def test_friction_is_switched_at_equal_inputs():
     assert answer.result.steps[-1].bending_angle < 0.9 * released
 
 
-def test_a_step_that_fails_leaves_the_robot_where_it_was():
+@pytest.mark.parametrize("why", ["not solved", "its time limit was reached at 0% of the load"])
+def test_a_step_that_fails_leaves_the_robot_where_it_was(monkeypatch, why):
     robot = played()
     robot.drive({"t1": 1.0}, {})
     steps, tip = list(robot.steps), robot.last.result.steps[-1].tip
     settings = robot._sequence.simulation.settings
-    robot._sequence.simulation.settings = replace(settings, max_iterations=1, min_substep=1.0)
+    if why == "not solved":
+        robot._sequence.simulation.settings = replace(settings, max_iterations=1, min_substep=1.0)
+    else:
+        monkeypatch.setattr("tdcr_fe.live.played.LONGEST_STEP", 0.0)
     answer = robot.drive({"t1": 1.0, "t2": 60.0}, {})
-    assert "not solved" in answer.message and robot.steps == steps
+    assert why in answer.message and robot.steps == steps
     robot._sequence.simulation.settings = settings
+    monkeypatch.undo()
     robot.drive({"t1": 1.0}, {})
     assert np.allclose(robot.last.result.steps[-1].tip, tip, atol=1e-7)
 

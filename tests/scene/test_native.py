@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import exudyn as exu
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from native_solvers import damped, dynamic_settings, recommended, static_settings
 from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, scene, solve, three
 
+from tdcr_fe.elements.native import hooks
 from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.model.friction import StribeckFriction
 from tdcr_fe.model.loading import LoadStep
@@ -232,3 +234,16 @@ def test_a_law_of_friction_that_no_tensions_satisfy_ends_a_run_with_a_message(mo
     handle.set_inputs_over_time(lambda t: [0.02 * t])
     with pytest.raises(exu.ModelError, match=r"robot 'paper': at .* no tensions satisfy the law of friction"):
         mbs.SolveDynamic(recommended(handle, 0.1, 1e-3))
+
+
+def test_a_run_of_tiny_steps_ends_with_its_cause(monkeypatch):
+    """Two runs with spectralRadius = 1 were not done after twenty times the time, and said nothing."""
+    monkeypatch.setattr(hooks, "round_off", lambda mesh: 1e-6)
+    settings = dynamic_settings(1.0, 1e-3)
+    settings.timeIntegration.generalizedAlpha.spectralRadius = 1.0
+    sizes = hooks.StepSizes()
+    with pytest.raises(RuntimeError, match=r"take 0\.9"):
+        for time in 1e-8 * np.arange(1, hooks.MOST + 1):
+            solver = SimpleNamespace(it=SimpleNamespace(currentTime=time))
+            system = SimpleNamespace(sys={"dynamicSolver": solver, "simulationSettings": settings})
+            sizes.check(system, time, ["a backbone"])

@@ -41,6 +41,14 @@ def test_an_installed_numba_that_cannot_be_imported_is_said(monkeypatch):
         compiled._numba.cache_clear()
 
 
+def test_plain_where_a_compiled_function_meets_a_singular_matrix(monkeypatch):
+    def singular(value):
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr(compiled, "_compiled", lambda function: singular)
+    assert compiled.run_compiled(lambda value: value + 1, 2) == 3
+
+
 def test_plain_from_then_on_where_numba_cannot_compile(monkeypatch):
     class NumbaError(Exception):
         pass
