@@ -27,6 +27,7 @@ from tdcr_fe.identify.load_steps import blocks, choose_held_out
 from tdcr_fe.identify.noise import chi_square_z_score, estimate_sigma, is_noise, outliers, structure
 from tdcr_fe.identify.problem import Fit, refine
 from tdcr_fe.identify.report import render
+from tdcr_fe.identify.result import Profile
 from tdcr_fe.identify.sentences import summary
 from tdcr_fe.io.measured import MeasuredData, write_measured
 from tdcr_fe.io.readings import Reading
@@ -245,3 +246,24 @@ def test_the_command_finds_an_effect_and_writes_result_and_report(tmp_path, caps
 def test_wrong_input_ends_with_status_two(tmp_path, capsys):
     assert main(["identify", str(tmp_path / "nothing"), "-o", str(tmp_path / "out")]) == 2
     assert "no such folder" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+# ------------------------------------------------------------ profiles
+
+
+DISTANCES = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+
+
+def test_a_linear_parameter_has_a_normal_profile_and_its_interval():
+    """Value 3, standard error 0.5."""
+    profile = Profile("a.b", 3.0 + 0.5 * DISTANCES, DISTANCES)
+    assert profile.is_normal
+    assert profile.interval == pytest.approx((3.0 - 0.98, 3.0 + 0.98))
+
+
+def test_the_interval_of_a_parameter_that_is_not_normal_is_that_of_its_profile():
+    """A misfit that grows by the logarithm of the value: the interval is not symmetric about the estimate of one."""
+    profile = Profile("a.b", np.exp(0.5 * DISTANCES), 1.3 * DISTANCES)
+    assert not profile.is_normal
+    low, high = profile.interval
+    assert high - 1.0 > 1.5 * (1.0 - low)
