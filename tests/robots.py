@@ -62,6 +62,12 @@ def distance(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.max(np.linalg.norm(np.atleast_2d(a - b), axis=-1))) / LENGTH
 
 
+def system() -> tuple[exu.SystemContainer, exu.MainSystem]:
+    """An empty system; the container must be kept while it is used."""
+    container = exu.SystemContainer()
+    return container, container.AddSystem()
+
+
 def scene(
     robot: Robot, *, assemble: bool = True, **rest: Any
 ) -> tuple[exu.SystemContainer, exu.MainSystem, TDCR]:
@@ -71,8 +77,7 @@ def scene(
         for k in ("friction", "elements_per_bay", "tendon_path", "gravity", "hysteresis")
         if k in rest
     }
-    container = exu.SystemContainer()
-    mbs = container.AddSystem()
+    container, mbs = system()
     handle = CreateTDCR(mbs, robot, Model(**{"friction": "per-hole", "elements_per_bay": 1, **model}), **rest)
     if assemble:
         mbs.Assemble()
@@ -81,8 +86,7 @@ def scene(
 
 def hinged_platform(stiffness: float) -> tuple[exu.SystemContainer, exu.MainSystem, Any]:
     """A system with a body at the origin on a torsional spring about y [N m/rad], and a marker to put a robot on."""
-    container = exu.SystemContainer()
-    mbs = container.AddSystem()
+    container, mbs = system()
     ground = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.AddObject(eii.ObjectGround())))
     node = mbs.AddNode(eii.NodeRigidBodyEP(referenceCoordinates=[0, 0, 0, 1, 0, 0, 0]))
     inertia = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]

@@ -7,7 +7,7 @@ import exudyn.graphics as graphics
 import exudyn.itemInterface as eii
 import numpy as np
 import pytest
-from robots import BACKBONE, DISKS, paper, scene, three
+from robots import BACKBONE, DISKS, paper, scene, system, three
 
 import tdcr_fe as tdcr
 from tdcr_fe import (
@@ -147,8 +147,7 @@ SOLVES = [
 
 def created(**given):
     """A robot in a scene, to which nothing is added where an argument is wrong."""
-    container = exu.SystemContainer()
-    mbs = container.AddSystem()
+    _container, mbs = system()
     try:
         tdcr.CreateTDCR(mbs, three(0.0), **given)
     except (ValueError, TypeError):
@@ -158,8 +157,7 @@ def created(**given):
 
 def on_a_body(**given):
     """A robot on a marker that is turned and moved."""
-    container = exu.SystemContainer()
-    mbs = container.AddSystem()
+    _container, mbs = system()
     turned = exu.HT(rotation=TURN, translation=[0.5, 0.0, 0.1])
     marker = eii.MarkerBodyRigid(bodyNumber=mbs.CreateGround(), localHT=turned)
     tdcr.CreateTDCR(mbs, three(0.0), baseMarker=mbs.AddMarker(marker), **given)
@@ -182,8 +180,8 @@ def twice(mbs, arm):
 
 
 def without_robot():
-    container = exu.SystemContainer()
-    tdcr.SolveTDCR(container.AddSystem())
+    _container, mbs = system()
+    tdcr.SolveTDCR(mbs)
 
 
 TURN = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from contacts import CENTRE, DISK, QUAD, SPHERE, STIFFNESS
 from native_solvers import static_settings
-from robots import BACKBONE, LENGTH, distance, scene, three
+from robots import BACKBONE, LENGTH, distance, scene, system, three
 
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Disks
@@ -89,8 +89,7 @@ def test_a_robot_bent_to_a_ring_touches_itself():
 
 def facing_each_other(robot, apart, elements=1):
     """Two robots, the second turned towards the first and apart from it [m], in contact."""
-    keep = exu.SystemContainer()
-    mbs = keep.AddSystem()
+    keep, mbs = system()
     model = Model(friction="per-hole", elements_per_bay=elements)
     a = CreateTDCR(mbs, robot, model, name="a")
     there = {"referencePosition": [apart, 0.0, 0.0], "referenceRotationMatrix": np.diag([-1.0, -1.0, 1.0])}

@@ -9,7 +9,19 @@ import numpy as np
 import pytest
 from exudyn.utilities import InertiaCuboid
 from native_solvers import recommended
-from robots import BACKBONE, DISKS, LENGTH, distance, hinged_platform, paper, pull, scene, solve, three
+from robots import (
+    BACKBONE,
+    DISKS,
+    LENGTH,
+    distance,
+    hinged_platform,
+    paper,
+    pull,
+    scene,
+    solve,
+    system,
+    three,
+)
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
@@ -24,12 +36,6 @@ register()
 
 MODEL = Model(friction="per-hole", elements_per_bay=1)
 STRAIGHT = np.array([0.0, 0.0, LENGTH])
-
-
-def system() -> tuple[exu.SystemContainer, exu.MainSystem]:
-    """An empty system; the container must be kept."""
-    keep = exu.SystemContainer()
-    return keep, keep.AddSystem()
 
 
 def single_tip(mu: float = 0.3, tension: float = 1.0, **load) -> np.ndarray:

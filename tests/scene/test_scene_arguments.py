@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from exudyn.utilities import InertiaCuboid
 from native_solvers import dynamic_settings, recommended, static_settings
-from robots import LENGTH, distance, paper, scene, three
+from robots import LENGTH, distance, paper, scene, system, three
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.model.loading import Model
@@ -31,8 +31,7 @@ def bent(mbs, handle):
 
 def test_gravity_colour_graphics_and_a_dict_are_as_in_exudyns_functions():
     _keep, mbs, handle = scene(three(0.0), assemble=False, gravity=tuple(HEAVY), referenceRotationMatrix=TURN)
-    keep = exu.SystemContainer()
-    other = keep.AddSystem()
+    _keep, other = system()
     made = CreateTDCR(
         other,
         three(0.0),
@@ -55,8 +54,7 @@ def test_gravity_colour_graphics_and_a_dict_are_as_in_exudyns_functions():
 
 def carrier(position, rotation):
     """A free body with a rigid marker at a pose."""
-    keep = exu.SystemContainer()
-    mbs = keep.AddSystem()
+    keep, mbs = system()
     node = mbs.AddNode(eii.NodeRigidBodyEP(referenceCoordinates=[0.1, 0.2, 0.3, 1, 0, 0, 0]))
     inertia = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
     body = mbs.AddObject(eii.ObjectRigidBody(nodeNumber=node, mass=1.0, inertia=inertia))
@@ -75,8 +73,7 @@ def test_the_pose_of_the_base_is_that_of_its_marker():
 def test_a_robot_on_a_body_in_free_flight_moves_with_it():
     """Body and robot begin with one velocity and one spin, about the axis of all centres of mass, and keep them."""
     velocity, spin, end = [0.3, -0.2, 0.1], [0.0, 0.0, 2.0], 0.05
-    keep = exu.SystemContainer()
-    mbs = keep.AddSystem()
+    _keep, mbs = system()
     motion = {"initialVelocity": velocity, "initialAngularVelocity": spin}
     body = mbs.CreateRigidBody(inertia=InertiaCuboid(500.0, [0.05] * 3), **motion)
     marker = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=body))
@@ -166,8 +163,7 @@ def test_a_system_is_built_again_after_a_reset_with_other_items_first():
     ],
 )
 def test_items_deleted_before_those_of_a_robot_are_refused(use):
-    keep = exu.SystemContainer()
-    mbs = keep.AddSystem()
+    _keep, mbs = system()
     ground = mbs.CreateGround(referencePosition=[1.0, 0.0, 0.0])
     handle = mbs.CreateTDCR(three(0.3))
     mbs.DeleteObject(ground)

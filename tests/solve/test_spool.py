@@ -2,12 +2,11 @@
 
 from dataclasses import replace
 
-import exudyn as exu
 import numpy as np
 import pytest
 from inputs import ROBOT, SCENARIO, changed, write
 from native_solvers import static_settings
-from robots import BACKBONE, LENGTH, Robot, three
+from robots import BACKBONE, LENGTH, Robot, system, three
 from scipy.optimize import brentq
 
 import tdcr_fe as tdcr
@@ -89,8 +88,7 @@ def test_a_spring_is_an_elastic_tendon_of_its_stiffness():
 
 def test_scenes_and_exudyn_follow_the_angles():
     """`SolveTDCR` step by step, then ``mbs.SolveStatic``, against `simulate`."""
-    container = exu.SystemContainer()
-    mbs = container.AddSystem()
+    _keep, mbs = system()
     arm = tdcr.CreateTDCR(mbs, wound(STIFFNESS), tdcr.Model(elements_per_bay=1))
     mbs.Assemble()
     for step in steps()[:2]:
