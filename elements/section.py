@@ -9,8 +9,9 @@ Eq. 9 together with the point wrench where the tendon ends (derivation: docs/the
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,8 +81,44 @@ class ContinuousTendons:
         return total, gradient.sum(axis=-2)
 
 
+class Material(ABC):
+    """What a nonlinear material adds to the forces of a linear elastic section."""
+
+    precurvature: Array  # (E, 3): Of the elements in the unloaded state, in beam axes [1/m]
+
+    @abstractmethod
+    def wrench(self, n: Array, bend: Array) -> Array:
+        """Axial force and bending moments beyond linear elasticity, shape (..., 3) [N, N m, N m].
+
+        Parameters
+        ----------
+        n, bend
+            Stretch [1] and curvature [1/m], see `strain`.
+        """
+
+    @abstractmethod
+    def stiffness(self, n: Array, bend: Array) -> Array:
+        """Derivative of `wrench` by stretch and curvatures, shape (..., 3, 3)."""
+
+    def strain(self, twists: Array, lengths: Array) -> tuple[Array, Array]:
+        """Stretch of the axis, shape (..., E) [1], and curvature beyond the unloaded one, (..., E, 2) [1/m]."""
+        return twists[..., 0] / lengths - 1.0, twists[..., 4:] / lengths[:, None] - self.precurvature[:, 1:]
+
+    def gradient(self, twists: Array, lengths: Array) -> Array:
+        """Gradient of the energy beyond linear elasticity with respect to the twists, shape (..., E, 6)."""
+        found = self.wrench(*self.strain(twists, lengths))
+        gradient = np.zeros_like(twists)
+        gradient[..., 0], gradient[..., 4:] = found[..., 0], found[..., 1:]
+        return gradient
+
+    def at_points(self) -> Self:
+        """The same for strains at several points of every element, shapes (..., E, points)."""
+        arrays = {k: v[:, None] for k, v in vars(self).items() if isinstance(v, np.ndarray)}
+        return replace(self, **arrays)  # type: ignore[type-var]
+
+
 @dataclass(frozen=True)
-class SuperelasticSection:
+class SuperelasticSection(Material):
     """Bending moment that softens with curvature.
 
     ``M(k) = EI [r k + (1 - r) (k - w (softplus((k - kc)/w) - softplus(-kc/w)))]`` with ``w = kc / 40``; the
@@ -91,23 +128,35 @@ class SuperelasticSection:
     bending_stiffness: Array  # (E,): EI of every element [N m^2]
     threshold: Array  # (E,): Curvature kc where the plateau begins [1/m]
     ratio: float  # Slope beyond it over the slope before it [1]
-    precurvature: Array  # (E, 3): Of the elements in the unloaded state, in beam axes [1/m]
+    precurvature: Array  # (E, 3): As of `Material`
 
-    def gradient(self, twists: Array, lengths: Array) -> Array:
-        """Gradient of the energy beyond linear elasticity with respect to the twists, shape (..., E, 6)."""
-        bend = twists[..., 4:] / lengths[:, None] - self.precurvature[..., 1:]
+    def _moment(self, bend: Array) -> tuple[Array, Array, Array]:
+        """Curvature, moment over it beyond linear elasticity, and the derivative of the moment, shape (...)."""
         k = np.sqrt(np.einsum("...i,...i->...", bend, bend))
-        w = self.threshold / 40.0
-        kc = self.threshold
+        w, kc = self.threshold / 40.0, self.threshold
         missing = np.logaddexp(0.0, (k - kc) / w) - np.logaddexp(0.0, -kc / w)
         moment = -(1.0 - self.ratio) * w * missing * self.bending_stiffness
-        gradient = np.zeros_like(twists)
-        gradient[..., 4:] = bend * (moment / np.where(k > 0.0, k, 1.0))[..., None]
-        return gradient
+        slope = -(1.0 - self.ratio) * self.bending_stiffness * 0.5 * (1.0 + np.tanh(0.5 * (k - kc) / w))
+        return k, moment / np.where(k > 0.0, k, 1.0), slope
+
+    def wrench(self, n: Array, bend: Array) -> Array:
+        """See `Material.wrench`."""
+        found = np.zeros((*n.shape, 3))
+        found[..., 1:] = bend * self._moment(bend)[1][..., None]
+        return found
+
+    def stiffness(self, n: Array, bend: Array) -> Array:
+        """See `Material.stiffness`."""
+        k, secant, slope = self._moment(bend)
+        along = bend / np.where(k > 0.0, k, 1.0)[..., None]
+        found = np.zeros((*n.shape, 3, 3))
+        found[..., 1:, 1:] = secant[..., None, None] * np.eye(2)
+        found[..., 1:, 1:] += (slope - secant)[..., None, None] * along[..., :, None] * along[..., None, :]
+        return found
 
 
 @dataclass(frozen=True)
-class NonlinearSection:
+class NonlinearSection(Material):
     """Fibres along the backbone with the stress ``E (e + b e^2 + c e^3)`` at the strain ``e``.
 
     A fibre at the distance ``x`` from the axis of bending has the strain ``e = n - k x`` with the stretch ``n`` of the
@@ -121,25 +170,10 @@ class NonlinearSection:
     radius: Array  # (E,): R of the round section with these stiffnesses, ``2 sqrt(EI / EA)`` [m]
     quadratic: Array  # (E,): b and c [1]
     cubic: Array  # as `quadratic`
-    precurvature: Array  # (E, 3): Of the elements in the unloaded state, in beam axes [1/m]
-
-    def strain(self, twists: Array, lengths: Array) -> tuple[Array, Array]:
-        """Stretch of the axis, shape (..., E) [1], and curvature beyond the unloaded one, (..., E, 2) [1/m]."""
-        return twists[..., 0] / lengths - 1.0, twists[..., 4:] / lengths[:, None] - self.precurvature[:, 1:]
-
-    def at_points(self) -> NonlinearSection:
-        """The same for strains at several points of every element, shapes (..., E, points)."""
-        fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        return NonlinearSection(**{k: v[:, None] for k, v in fields.items()})
+    precurvature: Array  # (E, 3): As of `Material`
 
     def wrench(self, n: Array, bend: Array) -> Array:
-        """Axial force and bending moments beyond linear elasticity, shape (..., 3) [N, N m, N m].
-
-        Parameters
-        ----------
-        n, bend
-            Stretch [1] and curvature [1/m], see `strain`.
-        """
+        """See `Material.wrench`."""
         b, c, squared = self.quadratic, self.cubic, np.einsum("...i,...i->...", bend, bend)
         found = np.empty((*n.shape, 3))
         found[..., 0] = self.axial_stiffness * (b + c * n) * n**2
@@ -152,7 +186,7 @@ class NonlinearSection:
         return (2.0 * self.quadratic + 3.0 * self.cubic * n) * n + 0.5 * self.cubic * self.radius**2 * squared
 
     def stiffness(self, n: Array, bend: Array) -> Array:
-        """Derivative of `wrench` by stretch and curvatures, shape (..., 3, 3)."""
+        """See `Material.stiffness`."""
         b, c, squared = self.quadratic, self.cubic, np.einsum("...i,...i->...", bend, bend)
         found = np.empty((*n.shape, 3, 3))
         found[..., 0, 0] = self.axial_stiffness * (2.0 * b + 3.0 * c * n) * n
@@ -164,44 +198,22 @@ class NonlinearSection:
         found[..., 1:, 1:] += (self.bending_stiffness * self._factor(n, squared))[..., None, None] * np.eye(2)
         return found
 
-    def gradient(self, twists: Array, lengths: Array) -> Array:
-        """Gradient of the energy beyond linear elasticity with respect to the twists, shape (..., E, 6)."""
-        found = self.wrench(*self.strain(twists, lengths))
-        gradient = np.zeros_like(twists)
-        gradient[..., 0], gradient[..., 4:] = found[..., 0], found[..., 1:]
-        return gradient
-
 
 @dataclass(frozen=True)
 class SectionForces:
-    """Section forces of one backbone: classical tendons, superelastic softening and nonlinear fibres."""
+    """Section forces of one backbone: classical tendons, and a nonlinear material."""
 
     lengths: Array  # (E,): Of the elements [m]
     tendons: ContinuousTendons | None = None
-    superelastic: SuperelasticSection | None = None
-    nonlinear: NonlinearSection | None = None
-
-    @property
-    def material(self) -> bool:
-        """Whether the material is not linear."""
-        return self.superelastic is not None or self.nonlinear is not None
-
-    def material_gradient(self, twists: Array) -> Array:
-        """Gradient of the material's energy beyond linear elasticity with respect to the twists, (..., E, 6)."""
-        g = np.zeros_like(twists)
-        if self.superelastic is not None:
-            g = g + self.superelastic.gradient(twists, self.lengths)
-        if self.nonlinear is not None:
-            g = g + self.nonlinear.gradient(twists, self.lengths)
-        return g
+    material: Material | None = None
 
     def gradient(self, twists: Array, tensions: Array) -> Array:
         """Gradient of the energy with respect to the twists, shape (..., E, 6)."""
         g = np.zeros_like(twists)
         if self.tendons is not None:
             g = g + np.einsum("m,m...->...", tensions, self.tendons.evaluate(twists, self.lengths)[1])
-        if self.material:
-            g = g + self.material_gradient(twists)
+        if self.material is not None:
+            g = g + self.material.gradient(twists, self.lengths)
         return g
 
     def wrenches(self, twists: Array, tensions: Array) -> Array:

@@ -154,12 +154,9 @@ def ground_springs(robot: Robot, mesh: BackboneMesh, base: BasePose | None = Non
 
 def section_forces(robot: Robot, mesh: BackboneMesh, rigid: Mask, continuous: bool) -> SectionForces | None:
     """Forces inside the section, those of continuous tendons too; None where there are none."""
-    parts = (
-        continuous_tendons(robot, mesh) if continuous else None,
-        superelastic_section(robot, mesh, rigid),
-        nonlinear_section(robot, mesh, rigid),
-    )
-    return None if all(part is None for part in parts) else SectionForces(mesh.lengths, *parts)
+    tendons = continuous_tendons(robot, mesh) if continuous else None
+    material = superelastic_section(robot, mesh, rigid) or nonlinear_section(robot, mesh, rigid)
+    return None if tendons is None and material is None else SectionForces(mesh.lengths, tendons, material)
 
 
 def continuous_tendons(robot: Robot, mesh: BackboneMesh) -> ContinuousTendons:

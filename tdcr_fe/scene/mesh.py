@@ -16,6 +16,7 @@ from tdcr_fe.elements.backbone import (
     subdivide,
 )
 from tdcr_fe.elements.forces import ForceModel
+from tdcr_fe.elements.section import SuperelasticSection
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
 
@@ -133,9 +134,9 @@ def softened(forces: ForceModel, mesh: BackboneMesh, rigid: NDArray[np.bool_], f
         On the compliance in bending and torsion [1].
     """
     section = forces.section
-    if section is not None and section.superelastic is not None:
+    if section is not None and isinstance(section.material, SuperelasticSection):
         bending = np.where(rigid, 0.0, mesh.stiffness[:, 5] / factor)
-        section = replace(section, superelastic=replace(section.superelastic, bending_stiffness=bending))
+        section = replace(section, material=replace(section.material, bending_stiffness=bending))
     softer = mesh.stiffness.copy()
     # The bending flexibility within the shear grows by the same factor.
     add_residual_flexibility(softer, mesh.lengths, factor - 1.0)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import add_residual_flexibility
 from tdcr_fe.elements.poses import coefficients, cross, exp_matrix, skew
-from tdcr_fe.elements.section import NonlinearSection, SectionForces
+from tdcr_fe.elements.section import Material, SectionForces
 from tdcr_fe.scene import TDCR
 
 Array = NDArray[np.float64]
@@ -107,27 +107,8 @@ def _tendon_gradient(section: SectionForces, strain: Array, tensions: Array) -> 
     return total
 
 
-def _softened_curvature(section: SectionForces, moment: Array, bend: Array, compliance: Array) -> Array:
-    """Curvature change of a superelastic section under a bending moment, by Newton from a known one, (S, E, 4, 2)."""
-    law = section.superelastic
-    assert law is not None
-    kc, lost = law.threshold[:, None], 1.0 - law.ratio
-    w = kc / 40.0
-    size = np.sqrt(np.einsum("...i,...i->...", moment, moment))
-    goal = size * compliance
-    k = np.sqrt(np.einsum("...i,...i->...", bend, bend))
-    for _ in range(3):
-        x = (k - kc) / w
-        value = k - lost * w * (np.logaddexp(0.0, x) - np.logaddexp(0.0, -kc / w))
-        slope = 1.0 - lost * 0.5 * (1.0 + np.tanh(0.5 * x))
-        k = np.maximum(k + (goal - value) / slope, 0.0)
-    return np.asarray(moment * (k / np.where(size > 0.0, size, 1.0))[..., None])
-
-
-def _fibre_strain(
-    law: NonlinearSection, wrench: Array, strain: Array, unloaded: Array, compliance: Array
-) -> Array:
-    """Stretch and curvatures of nonlinear fibres under a wrench, by one Newton step from known ones, (S, E, 4, 3)."""
+def _strain_under(law: Material, wrench: Array, strain: Array, unloaded: Array, compliance: Array) -> Array:
+    """Stretch and curvatures of a nonlinear material under a wrench, by a Newton step from known ones, (S, E, 4, 3)."""
     points, known = law.at_points(), strain[..., _FIBRES]
     change = (strain - unloaded)[..., _FIBRES]
     linear = np.broadcast_to(1.0 / compliance[..., _FIBRES], known.shape)
@@ -141,8 +122,8 @@ def force_gradient(model: ElementModel, twists: Array, tensions: Array) -> Array
     h = model.lengths[:, None]
     gradient = model.element_stiffness * (twists / h - model.reference_strain)
     section = model.section
-    if section is not None and section.material:
-        gradient = gradient + section.material_gradient(twists)
+    if section is not None and section.material is not None:
+        gradient = gradient + section.material.gradient(twists, model.lengths)
     if section is not None and section.tendons is not None:
         strain = np.broadcast_to((twists / h)[..., None, :], (*twists.shape[:-1], len(POINTS), 6))
         gradient = gradient + np.einsum("g,segi->sei", WEIGHTS, _tendon_gradient(section, strain, tensions))
@@ -153,23 +134,10 @@ def stiffness_times(model: ElementModel, twists: Array, strain: Array) -> Array:
     """Stiffness of the elements times changes of their twists, shape (S, E, 6)."""
     h = model.lengths[:, None]
     force = model.element_stiffness / h * strain
-    if model.section is not None and model.section.nonlinear is not None:
-        fibres = model.section.nonlinear
-        slope = fibres.stiffness(*fibres.strain(twists, model.lengths)) / h[..., None]
+    if model.section is not None and model.section.material is not None:
+        material = model.section.material
+        slope = material.stiffness(*material.strain(twists, model.lengths)) / h[..., None]
         force[..., _FIBRES] += (slope @ strain[..., _FIBRES, None])[..., 0]
-    law = None if model.section is None else model.section.superelastic
-    if law is not None:
-        bend = twists[..., 4:] / h - law.precurvature[..., 1:]
-        k = np.sqrt(np.einsum("...i,...i->...", bend, bend))
-        x = (k - law.threshold) / (law.threshold / 40.0)
-        lost = (1.0 - law.ratio) * law.bending_stiffness / model.lengths
-        secant = np.logaddexp(0.0, x) - np.logaddexp(0.0, -40.0)
-        secant *= law.threshold / 40.0 / np.where(k > 0.0, k, 1.0)
-        along = bend / np.where(k > 0.0, k, 1.0)[..., None]
-        part = np.einsum("...i,...i->...", along, strain[..., 4:])
-        slope = 0.5 * (1.0 + np.tanh(0.5 * x))
-        force[..., 4:] -= (lost * secant)[..., None] * strain[..., 4:]
-        force[..., 4:] -= (lost * (slope - secant) * part)[..., None] * along
     return force
 
 
@@ -226,13 +194,8 @@ def exact_elements(
         if section is not None and section.tendons is not None:
             wrench = wrench - _tendon_gradient(section, strain, tensions)
         new = unloaded + wrench * compliance
-        if section is not None and section.nonlinear is not None:
-            new[..., _FIBRES] = _fibre_strain(section.nonlinear, wrench, strain, unloaded, compliance)
-        if section is not None and section.superelastic is not None:
-            bend = strain[..., 4:] - unloaded[..., 4:]
-            new[..., 4:] = unloaded[..., 4:] + _softened_curvature(
-                section, wrench[..., 4:], bend, compliance[..., 5]
-            )
+        if section is not None and section.material is not None:
+            new[..., _FIBRES] = _strain_under(section.material, wrench, strain, unloaded, compliance)
         strain = new
         rates = poses[..., :3] @ strain.dot(_RATES).reshape(*start.shape[:-1], 3, 4)
         every = integrals @ rates.reshape(*start.shape[:-1], 12)

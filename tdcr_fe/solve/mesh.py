@@ -281,14 +281,9 @@ def bay_loads(model: ElementModel, twists: Array, tensions: Array) -> Array:
         return found
     compression = -force_gradient(model, twists, tensions)[..., 0]
     bending = np.min(model.element_stiffness[:, 4:], axis=1)
-    law = None if model.section is None else model.section.superelastic
-    if law is not None:
-        bend = np.linalg.norm(twists[..., 4:] / model.lengths[:, None] - law.precurvature[..., 1:], axis=-1)
-        slope = 0.5 * (1.0 + np.tanh(0.5 * (bend - law.threshold) / (law.threshold / 40.0)))
-        bending = bending - (1.0 - law.ratio) * slope * law.bending_stiffness
-    if model.section is not None and model.section.nonlinear is not None:
-        fibres = model.section.nonlinear
-        slope = fibres.stiffness(*fibres.strain(twists, model.lengths))[..., 1:, 1:]
+    if model.section is not None and model.section.material is not None:
+        material = model.section.material
+        slope = material.stiffness(*material.strain(twists, model.lengths))[..., 1:, 1:]
         bending = np.maximum(bending + np.linalg.eigvalsh(slope)[..., 0], 1e-3 * bending)
     share = np.where(model.flexible, compression / bending, 0.0)
     for bay in range(bays):

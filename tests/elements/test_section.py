@@ -78,7 +78,7 @@ def test_tangent_of_the_nonlinear_section_is_its_stiffness_in_elements_of_any_le
     lengths = np.array([length, 0.1])
     twists = lengths[:, None] * np.array([[1.01, 0.0, 0.0, 0.0, 4.0, -7.0], [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
     exact = law.stiffness(*law.strain(twists[:1], lengths[:1]))[0] / length
-    tangent = SectionForces(lengths, nonlinear=law).wrench_tangent(twists, np.zeros(0))[0]
+    tangent = SectionForces(lengths, material=law).wrench_tangent(twists, np.zeros(0))[0]
     which = np.ix_([6, 10, 11], [6, 10, 11])
     # The wrench also turns with the node, which is small beside the stiffness of so short an element.
     assert tangent[which] == pytest.approx(-exact, rel=1e-2, abs=1e-3 * np.abs(exact).max())
