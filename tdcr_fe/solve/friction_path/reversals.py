@@ -17,7 +17,7 @@ from tdcr_fe.solve.friction_path.known_states import InterpolationPoint
 from tdcr_fe.solve.friction_path.path import FrictionPath
 from tdcr_fe.solve.friction_path.rates import columns_of, tension_columns
 from tdcr_fe.solve.friction_path.response import TautTendons
-from tdcr_fe.solve.friction_path.slips import SlipModel
+from tdcr_fe.solve.friction_path.slips import InterpolatedSlips
 from tdcr_fe.solve.friction_path.transfer import tension_transfer
 
 Array = NDArray[np.float64]
@@ -69,7 +69,8 @@ class SubstepSlips(NamedTuple):
     """Slips of the tendons under tension in a substep that was solved as a whole."""
 
     states: SolvedStates  # Of the substep
-    model: SlipModel  # The slips in it
+    slips: InterpolatedSlips  # In it
+    presliding: Array  # (k,): Presliding distances of the holes [m]
     tension: Array  # (q,): Of the segments at its start [N]
     before: Array  # (k,): Mobilisations at its start and its end [1]
     after: Array  # as `before`
@@ -88,10 +89,11 @@ class SubstepSlips(NamedTuple):
         holes, k = taut.holes, len(taut.holes)
         start, end = points[0].state, points[-1].state
         data = [taut.slip_data(point.state, states.targets, point.factor, point.load) for point in points]
-        model = SlipModel(tension_transfer(taut.tendons), data, taut.presliding, taut.unknown)
+        presliding = taut.presliding
+        slips = InterpolatedSlips.between(data, tension_transfer(taut.tendons), presliding, taut.unknown)
         before, after = start.mobilisation[holes], end.mobilisation[holes]
         base = taut.base_tensions(1)
-        last = model.slips.at(1.0, np.append(after, base), data[-1].tension).derivatives
+        last = slips.at(1.0, np.append(after, base), data[-1].tension).derivatives
         every, pulled = np.arange(k), k + np.flatnonzero(base > 0.0)
         matrix, tensions = columns_of(last, every).T, tension_columns(last, every).T
         if pulled.size:
@@ -103,7 +105,9 @@ class SubstepSlips(NamedTuple):
         slip = (end.slips - start.slips)[holes]
         assert end.response is not None
         first, columns = taut.base_tensions(0), end.response.nodes @ tensions
-        return cls(states, model, data[0].tension, before, after, first, slip, matrix[:k], columns)
+        return cls(
+            states, slips, presliding, data[0].tension, before, after, first, slip, matrix[:k], columns
+        )
 
     def follow(self, defect_factor: float = 1.0) -> FrictionPath:
         """The friction states followed through the substep.
@@ -111,19 +115,19 @@ class SubstepSlips(NamedTuple):
         Parameters
         ----------
         defect_factor
-            Factor on the parabola in the slip rates, see `SlipModel` [1].
+            Factor on the parabola in the slip rates, see `Intervals.with_defect` [1].
         """
-        model = self.model if defect_factor == 1.0 else self.model.with_defect_factor(defect_factor)
-        return follow_friction(model.slips, self.before, self.base, self.tension)
+        intervals = self.slips.intervals.with_defect(defect_factor)
+        return follow_friction(self.slips._replace(intervals=intervals), self.before, self.base, self.tension)
 
     def corrected(self, trial: Array) -> Array:
         """Mobilisations at the end for other trial mobilisations there [1], to first order, shape (k,)."""
-        right = self.model.presliding * (trial - self.after) + self.matrix @ self.after
+        right = self.presliding * (trial - self.after) + self.matrix @ self.after
         return solve_box(self.matrix, right, self.after)[0]
 
     def with_reversals(self, path: FrictionPath) -> Array:
         """Mobilisations at the end, counted from the last reversals of a path [1], shape (k,)."""
-        since = (self.slip - path.reversal_slip) / self.model.presliding
+        since = (self.slip - path.reversal_slip) / self.presliding
         return self.corrected(path.reversal_mobilisation + since)
 
     def at_end(self, path: FrictionPath) -> Array:
@@ -148,7 +152,7 @@ class SubstepSlips(NamedTuple):
         mobilisation
             At the end [1], shape (k,).
         """
-        presliding = self.model.presliding
+        presliding = self.presliding
         error = self.slip_error if path.complete else np.abs(self.slip) + presliding
         side = np.trunc(mobilisation)
         return self.corrected(np.where(side != 0.0, side * (1.0 - error / presliding), mobilisation))
@@ -160,12 +164,12 @@ class SubstepSlips(NamedTuple):
     @property
     def slip_error(self) -> Array:
         """Uncertainty of the change of the slips: what the parabola in their rates adds to it [m], shape (k,)."""
-        return np.abs(self.model.defect)
+        return np.abs(self.slips.intervals.defect[: len(self.presliding)])
 
     @property
     def largest_slip(self) -> float:
         """Largest change of a slip, at least the presliding distance [m]."""
-        return max(float(np.abs(self.slip).max()), self.model.slips.presliding)
+        return max(float(np.abs(self.slip).max()), self.slips.presliding)
 
     @property
     def is_rough(self) -> bool:
@@ -203,8 +207,10 @@ class SubstepSlips(NamedTuple):
 
         Only by those holes whose mobilisation at the end depends on it, see `FrictionPath.insensitive_holes`.
         """
-        error = self.slip_error + self.model.error_off_line(path.segments.start, path.segments.tension)
-        which = np.flatnonzero(~path.insensitive_holes(error, self.model.presliding))
+        segments, count = path.segments, len(self.presliding)
+        off_line = self.slips.intervals.error_off_line(segments.start, segments.tension, count)
+        error = self.slip_error + off_line
+        which = np.flatnonzero(~path.insensitive_holes(error, self.presliding))
         if not which.size:
             return 0.0
         response = self.columns[:, which] @ np.linalg.inv(self.matrix[np.ix_(which, which)])

@@ -82,11 +82,18 @@ class Intervals(NamedTuple):
     parabola: float
 
     @classmethod
-    def between(cls, states: Sequence[SlipData], defect_factor: float) -> Intervals:
-        """Between states, by load factor; see `tdcr_fe.solve.friction_path.slips.SlipModel` for the factor."""
-        every = [_interval(first, last, defect_factor) for first, last in pairwise(states)]
+    def between(cls, states: Sequence[SlipData]) -> Intervals:
+        """Between states, by load factor."""
+        every = [_interval(first, last) for first, last in pairwise(states)]
         arrays = [np.array(own) for own in zip(*every, strict=True)]
-        return cls._make([*arrays, defect_factor - 1.0])
+        return cls._make([*arrays, 0.0])
+
+    def with_defect(self, factor: float) -> Intervals:
+        """With another parabola in the rates along the line, larger by a factor, to see what is uncertain in it [1]."""
+        coefficients, cubic = self.coefficients.copy(), self.coefficients[:, 3]
+        coefficients[:, 2] -= 1.5 * (factor - 1.0) * cubic
+        coefficients[:, 3] = factor * cubic
+        return self._replace(coefficients=coefficients, parabola=factor - 1.0)
 
     @property
     def defect(self) -> Array:
@@ -113,12 +120,12 @@ class Intervals(NamedTuple):
         return np.asarray(np.abs(change).max(axis=0))
 
 
-def _interval(first: SlipData, last: SlipData, defect_factor: float) -> tuple[float | Array, ...]:
+def _interval(first: SlipData, last: SlipData) -> tuple[float | Array, ...]:
     """What `Intervals` has of one interval."""
     length, change = last.factor - first.factor, last.tension - first.tension
     slopes = [length * at.by_load + at.by_tension @ change for at in (first, last)]
     # What the trapezoidal rule leaves out: the integral of the parabola in the rates.
-    defect = defect_factor * (last.values - first.values - 0.5 * (slopes[0] + slopes[1]))
+    defect = last.values - first.values - 0.5 * (slopes[0] + slopes[1])
     square = 0.5 * (slopes[1] - slopes[0]) + 3.0 * defect
     rate, by_tension_change = change / length, last.by_tension - first.by_tension
     coefficients = np.array((first.values, slopes[0], square, -2.0 * defect))
@@ -155,6 +162,30 @@ class InterpolatedSlips(NamedTuple):
     elastic_slip: Array
     identity: Array  # (q, q)
     presliding: float  # The smallest presliding distance [m]
+
+    @classmethod
+    def between(
+        cls,
+        states: Sequence[SlipData],
+        transfer: CapstanTransfer | LawTransfer,
+        presliding: Array,
+        unknown: int,
+    ) -> InterpolatedSlips:
+        """Between solved states.
+
+        Parameters
+        ----------
+        states
+            Slips in both ends of the substep, and in states within it, by load factor.
+        transfer
+            How tension passes along the tendons.
+        presliding
+            Presliding distances of the frictional holes [m], shape (k,).
+        unknown
+            Number of unknown tensions at the base.
+        """
+        elastic_slip, identity = np.append(presliding, np.zeros(unknown)), np.eye(len(states[0].tension))
+        return cls(transfer, Intervals.between(states), elastic_slip, identity, float(presliding.min()))
 
     @property
     def compilable(self) -> bool:
@@ -214,61 +245,3 @@ def slips_at(slips: InterpolatedSlips, factor: float, z: Array, tension: Array) 
         np.empty(by_tension.shape),
     )
     return SlipState(tension, slip, derivatives)
-
-
-class SlipModel:
-    """The slips in a substep between solved states, and what is uncertain in them.
-
-    Parameters
-    ----------
-    transfer
-        How tension passes along the tendons.
-    states
-        Slips in both ends of the substep, and in states within it, by load factor.
-    presliding
-        Presliding distances of the frictional holes [m], shape (k,).
-    unknown
-        Number of unknown tensions at the base.
-    defect_factor
-        Factor on the parabola in the rates of the slips along the line between the tensions of two states, which leads
-        from the values in the first to those in the second; other than 1 to see what is uncertain in it [1].
-
-    Attributes
-    ----------
-    slips : InterpolatedSlips
-    """
-
-    def __init__(
-        self,
-        transfer: CapstanTransfer | LawTransfer,
-        states: Sequence[SlipData],
-        presliding: Array,
-        unknown: int,
-        defect_factor: float = 1.0,
-    ) -> None:
-        self._states, self._transfer, self._unknown = states, transfer, unknown
-        self.presliding, self.holes = presliding, len(presliding)
-        elastic_slip, least = np.append(presliding, np.zeros(unknown)), float(presliding.min())
-        intervals, identity = Intervals.between(states, defect_factor), np.eye(len(states[0].tension))
-        self.slips = InterpolatedSlips(transfer, intervals, elastic_slip, identity, least)
-
-    @property
-    def defect(self) -> Array:
-        """Change of the slips beyond that by the mean of their rates at both ends of the first interval [m], (k,)."""
-        return self.slips.intervals.defect[: self.holes]
-
-    def error_off_line(self, factors: Array, tensions: Array) -> Array:
-        """Largest error of the slips by tensions off the straight line [m], shape (k,).
-
-        Parameters
-        ----------
-        factors
-            Load factors within the first interval [1], shape (p,).
-        tensions
-            Of the segments there [N], shape (p, q).
-        """
-        return self.slips.intervals.error_off_line(factors, tensions, self.holes)
-
-    def with_defect_factor(self, factor: float) -> SlipModel:
-        """The same with another factor on the parabola in the rates."""
-        return SlipModel(self._transfer, self._states, self.presliding, self._unknown, factor)
