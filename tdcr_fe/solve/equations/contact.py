@@ -15,7 +15,7 @@ penalty contact itself, as a semismooth equation (L. Qi, J. Sun, Math. Program. 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
@@ -29,9 +29,6 @@ from scipy.spatial.distance import cdist
 Array = NDArray[np.float64]
 Index = NDArray[np.int_]
 
-#: Iterations after which a solve with triangles is given up where the residual is not below the first one: a sphere is
-#: then too far inside, as where an equilibrium without contact was found first, and goes from triangle to triangle.
-CONTACT_TRIALS = 5
 #: Change of a coordinate for the differences, over the smallest radius of a sphere.
 RELATIVE_STEP = 1e-4
 #: Objects whose states are functions of the present gap alone. Friction of these depends on the slip rate, and is zero
@@ -88,10 +85,6 @@ class TriangleContact:
         self._nodes = _nodes_of_coordinates(mbs)
         self._couplings: tuple[list[bytes], NDArray[np.bool_]] | None = None
 
-    def goes_astray(self, residuals: Sequence[float]) -> bool:
-        """Whether iterations with these relative residuals have not come nearer to a solution [1]."""
-        return self.present and len(residuals) > CONTACT_TRIALS and residuals[-1] >= residuals[0]
-
     def couplings(self, compute: Callable[[], Array]) -> NDArray[np.bool_]:
         """Which coordinates these contacts couple, shape (n2, n2), found anew where active sets have changed.
 
@@ -104,11 +97,6 @@ class TriangleContact:
         if self._couplings is None or self._couplings[0] != active:
             self._couplings = active, compute() != 0.0
         return self._couplings[1]
-
-    @property
-    def present(self) -> bool:
-        """Whether there is any."""
-        return bool(self._all)
 
     @property
     def touching(self) -> bool:

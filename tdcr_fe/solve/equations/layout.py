@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -155,27 +155,10 @@ class Numbering(NamedTuple):
     total: int  # All, mobilisations included
 
     @classmethod
-    def of(
-        cls,
-        robots: Sequence[TendonActuation],
-        nodes: Sequence[slice],
-        reduced: int,
-        clamped: Collection[int],
-    ) -> Numbering:
-        """Number the unknowns of a scene.
-
-        Parameters
-        ----------
-        robots
-            All robots.
-        nodes
-            By robot, its nodes among those of all robots.
-        reduced
-            Unknowns of the reduced scene.
-        clamped
-            Numbers of the robots with a clamped base.
-        """
-        driven = [np.flatnonzero(r.drives.winds) for r in robots]
+    def of(cls, layout: SceneLayout, winds: Sequence[NDArray[np.bool_]]) -> Numbering:
+        """Number the unknowns of a scene; ``winds``: by robot, whose displacement is prescribed, shape (m,)."""
+        robots, nodes, reduced = layout.space.robots, layout.space.slices, layout.reduction.count
+        driven = [np.flatnonzero(own) for own in winds]
         linear = reduced + sum(d.size for d in driven)
         parts, tension, hole = [], reduced, linear
         for i, (robot, own) in enumerate(zip(robots, nodes, strict=True)):
@@ -185,7 +168,7 @@ class Numbering(NamedTuple):
             inside = slice(6 * own.start, 6 * own.stop)
             adhesive = np.any(robot.law.parameters.adhesion > 0.0, axis=1)
             unknowns = RobotUnknowns(
-                i, inside, driven[i], tensions, frictional, holes, adhesive, i in clamped
+                i, inside, driven[i], tensions, frictional, holes, adhesive, i in layout.clamps
             )
             parts.append(unknowns)
             tension, hole = tensions.stop, holes.stop

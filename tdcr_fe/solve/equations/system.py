@@ -107,13 +107,15 @@ class SceneSystem:
         """Length of the longest backbone [m]."""
         return self.layout.scales.length
 
-    def numbering(self, with_friction: bool = True) -> Numbering:
-        """Order of the unknowns for the current driving of the tendons, with or without the mobilisations."""
-        driven = tuple(robot.drives.winds.tobytes() for robot in self.robots)
+    def numbering(self, with_friction: bool = True, by_tension: int | None = None) -> Numbering:
+        """Order of the unknowns, with or without the mobilisations.
+
+        For the current driving of the tendons; ``by_tension``: number of a robot whose tensions are taken as given.
+        """
+        winds = [robot.drives.winds & (i != by_tension) for i, robot in enumerate(self.robots)]
+        driven = tuple(own.tobytes() for own in winds)
         if driven not in self.layout.numberings:
-            self.layout.numberings[driven] = Numbering.of(
-                self.robots, self.layout.space.slices, self.layout.reduction.count, self.layout.clamps
-            )
+            self.layout.numberings[driven] = Numbering.of(self.layout, winds)
         numbering = self.layout.numberings[driven]
         return numbering if with_friction else numbering.without_friction()
 
@@ -256,15 +258,6 @@ class SceneSystem:
     def has_contact(self) -> bool:
         """Whether the scene has items of contact."""
         return self._kernel.contact.present
-
-    @property
-    def has_triangles(self) -> bool:
-        """Whether there is contact with triangles, whose force has kinks where a sphere goes from one to the next."""
-        return self._kernel.triangles.present
-
-    def contact_goes_astray(self, residuals: Sequence[float]) -> bool:
-        """Whether iterations in contact with these relative residuals have not come nearer to a solution [1]."""
-        return self._kernel.triangles.goes_astray(residuals)
 
     def contact_motion_limit(self, state: SolverState) -> float:
         """By how much a node may move from a state without jumping over a contact [m]."""

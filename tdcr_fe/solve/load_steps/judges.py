@@ -142,8 +142,11 @@ def is_continuous(
     ramp, system = solver.ramp, solver.system
     if ramp.nonlinear or ramp.before_increment is not None or not system.tangent_follows_from_elements():
         return False
-    first = Equilibrium.at(system, before, ramp.apply(system, start))
-    last = Equilibrium.at(system, after, ramp.apply(system, end))
+    try:
+        first = Equilibrium.at(system, before, ramp.apply(system, start))
+        last = Equilibrium.at(system, after, ramp.apply(system, end))
+    except np.linalg.LinAlgError:
+        return False
     taut = TautTendons.of((first, last))
     if not (first.balanced and taut.tendons):
         return False

@@ -16,7 +16,7 @@ from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.load_path import Ramp, SolvedPath, StepFailed, one_substep
 from tdcr_fe.solve.newton.contact_stability import freely_moving, unstable_motion
 from tdcr_fe.solve.newton.convergence import NewtonStatus
-from tdcr_fe.solve.newton.newton import NewtonResult, newton, under_inputs
+from tdcr_fe.solve.newton.newton import NewtonResult, newton
 from tdcr_fe.solve.newton.prediction import predict
 from tdcr_fe.solve.newton.steps import MOST_DAMPING
 
@@ -84,7 +84,7 @@ class SubstepSolver:
         first = (
             None if linear is None else predict(self.system, state, target, changes, linear, self.settings)
         )
-        if first is not None and not self._among_triangles(first.state, state, target):
+        if first is not None:
             result = newton(self.system, first.state, target, self.settings)
             if result.converged:
                 # Without any iteration, the linearisation is that of the step before.
@@ -93,18 +93,6 @@ class SubstepSolver:
             spent = result.iterations
         result = newton(self.system, state, target, self.settings)
         return result._replace(iterations=result.iterations + spent), None
-
-    def _among_triangles(self, predicted: SolverState, state: SolverState, target: Target) -> bool:
-        """Whether a prediction, which knows nothing of contact, has larger unbalanced forces than the state itself.
-
-        It then lies inside an obstacle of triangles, and Newton's method may not find out of it.
-        """
-        if not self.system.has_triangles:
-            return False
-        numbering = self.system.numbering()
-        both = (under_inputs(self.system, each, target) for each in (predicted, state))
-        inside, outside = (self.system.residual(each, target, numbering).size for each in both)
-        return not inside <= outside
 
     def _unless_wrong_in_contact(
         self, result: NewtonResult, start: SolverState, *, may_jump: bool = False

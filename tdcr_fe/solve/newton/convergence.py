@@ -52,9 +52,6 @@ class Iterate(NamedTuple):
     """What the tests see of an iteration."""
 
     residual: float  # Largest unbalanced force, gap or miss of a prescribed displacement over its scale [1]
-    # Change of all unknowns that led here, for `ResidualScales.step_size`; None at the start
-    step: Array | None
-    scales: ResidualScales
     forces: tuple[TendonForces, ...]  # By robot
     mobilisation: tuple[Array, ...]  # By robot [1]
     history: tuple[FrictionState, ...]  # By robot, at the last solution

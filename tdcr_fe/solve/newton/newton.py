@@ -168,10 +168,10 @@ class _Solve(NamedTuple):
             residuals.append(residual.size)
             if not isfinite(residual.size):
                 return end(NewtonStatus.NOT_FINITE)
-            unmet = first_unmet(self._iterate(residual, step), settings)
+            unmet = first_unmet(self._iterate(residual), settings)
             if unmet is None:
                 return end(NewtonStatus.CONVERGED)
-            if len(residuals) > limit or (not damped and system.contact_goes_astray(residuals)):
+            if len(residuals) > limit:
                 return end(unmet.status, unmet)
             try:
                 if damping is None:
@@ -188,17 +188,15 @@ class _Solve(NamedTuple):
                 trial, residual.target, numbering, len(residuals), hold_contact=not damped
             )
             last = stalled(before, residual.size, step.change, system.layout.scales, settings)
-            if last and first_unmet(self._iterate(residual, step), settings, balance=False) is None:
+            if last and first_unmet(self._iterate(residual), settings, balance=False) is None:
                 residuals.append(residual.size)
                 return end(NewtonStatus.STALLED)
 
-    def _iterate(self, residual: Residual, step: NewtonStep | None) -> Iterate:
-        """What the convergence tests see after a step; None at the start."""
+    def _iterate(self, residual: Residual) -> Iterate:
+        """What the convergence tests see."""
         state = residual.state
         return Iterate(
             residual.size,
-            None if step is None else step.change,
-            self.system.layout.scales,
             residual.forces,
             state.mobilisation,
             state.friction,

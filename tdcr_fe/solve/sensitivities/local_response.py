@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from tdcr_fe.model.results import LocalResponse
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.solve.equations.configuration import SolverState, Target
-from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.sensitivities.linear_response import Disturbance, SolvedPoint
 from tdcr_fe.solve.simulation import Simulation, one_thread
@@ -61,7 +60,7 @@ def response_at(
     mesh, m = actuation.mesh, actuation.count
     node = len(mesh.arc_lengths) - 1 if s is None else mesh.node_at(s, 1e-6)
     target = Target(state.inputs, state.loads, state.time)
-    numbering = _by_tension(system.numbering(), robot)
+    numbering = system.numbering(by_tension=robot)
     solved = SolvedPoint.of(system, state, target, numbering=numbering, all_stick=reversal)
     disturbances = [Disturbance.none(own, 6 + m) for own in solved.forces]
     rotation = state.configuration.poses[robot][1][node]
@@ -90,22 +89,3 @@ def response_at(
         motion[:, 6:] @ stiffness,
         stiffness,
     )
-
-
-def _by_tension(numbering: Numbering, robot: int) -> Numbering:
-    """The numbering with all tendons of one robot driven by tension."""
-    removed = numbering.robots[robot].driven.size
-    parts, gone = [], 0
-    for part in numbering.robots:
-        own = part.robot == robot
-        first = part.tensions.start - gone
-        count = 0 if own else part.driven.size
-        gone += removed if own else 0
-        parts.append(
-            part._replace(
-                driven=part.driven[:0] if own else part.driven,
-                tensions=slice(first, first + count),
-                mobilisations=slice(part.mobilisations.start - removed, part.mobilisations.stop - removed),
-            )
-        )
-    return Numbering(tuple(parts), numbering.reduced, numbering.linear - removed, numbering.total - removed)
