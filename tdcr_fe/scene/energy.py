@@ -136,11 +136,11 @@ def elastic_energy(
     twists = relative_twists(motion.positions, motion.rotations)
     away = twists - mesh.reference_twists
     found = 0.5 * float(np.sum(mesh.twist_stiffness * away**2))
-    material = None if section is None else section.material
-    if isinstance(material, SuperelasticSection):
-        found += superelastic_energy(material, twists, mesh.lengths)
-    if isinstance(material, NonlinearSection):
-        found += fibre_energy(material, away, twists, mesh.lengths)
+    nonlinear = None if section is None else section.material
+    if isinstance(nonlinear, SuperelasticSection):
+        found += superelastic_energy(nonlinear, twists, mesh.lengths)
+    if isinstance(nonlinear, NonlinearSection):
+        found += fibre_energy(nonlinear, away, twists, mesh.lengths)
     if law.elastic:  # T^2 l0 / (2 EA) of every segment, and that of the springs at the drives
         p, field = law.parameters, forces.field
         sprung = p.spring * (field.tension[:, 0] - p.pretension)
