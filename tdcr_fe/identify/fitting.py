@@ -312,12 +312,10 @@ def finish(problem: FitProblem, now: Fit, race: Race, max_iterations: int = 12) 
     return now
 
 
-def smaller(
-    problem: FitProblem, effects: Sequence[Effect], starts: Sequence[Point], best: Fit, race: Race
-) -> Fitting:
-    """Fit a part of the best model on its path, unless the race leaves it behind; to the end where it is as good."""
-    now = yield from begin(problem, effects, starts, Race(), best)
-    now = yield from descend(problem, now, race)
+def smaller(problem: FitProblem, effects: Sequence[Effect], start: Point, best: Fit) -> Fitting:
+    """Fit a model beside the best one, on its path, unless that leaves it behind; to the end where it is as good."""
+    now = yield from begin(problem, effects, [start], Race(), best)
+    now = yield from descend(problem, now, Race(best.cost))
     if now.cost <= Race(best.cost).limit:
         now = yield from finish(problem, now, Race())
     return now

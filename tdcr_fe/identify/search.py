@@ -360,7 +360,7 @@ def refitted(state: SearchState, parts: Sequence[tuple[Effect, ...]]) -> tuple[S
         except ValueError:  # there is no such robot: not solved
             continue
         if effects and (key, whole) not in state.refits:
-            fittings.append(fitting.smaller(problem, effects, [start], best, fitting.Race()))
+            fittings.append(fitting.smaller(problem, effects, start, best))
     for new in fitting.run_fits(problem, fittings):
         known = state.fits.get(frozenset(new.names))
         if known is None or known.pruned or new.cost < known.cost:
@@ -642,7 +642,7 @@ def elsewhere(search: Search, state: SearchState) -> Stage:
                     start = {
                         x.name: best.values[own.name] for x, own in zip(effects, best.effects, strict=True)
                     }
-                    moved.append(fitting.smaller(problem, effects, [start], best, fitting.Race()))
+                    moved.append(fitting.smaller(problem, effects, start, best))
         fits = fitting.run_fits(problem, moved)
         for fit in fits:
             state = state.with_fit(fit)
