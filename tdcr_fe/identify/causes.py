@@ -45,7 +45,8 @@ class Cause(Effect):
     @property
     def family(self) -> str:
         """What it shares with the same cause at other places, or from other rows on; empty where it acts everywhere."""
-        return "" if self.kind.where == "everywhere" else self.sentence
+        numbers = " ".join(p.name for p in self.parameters)
+        return "" if self.kind.where == "everywhere" else f"{self.sentence} {numbers}"
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """One direction for each parameter."""

@@ -312,7 +312,7 @@ def routings(problem: FitProblem) -> list[Cause]:
             )
             return experiment.with_robot(tendons=tendons)
 
-        text = "the holes of a tendon are elsewhere, at another angle or distance"
+        text = f"the holes of tendon {name} are elsewhere, at another angle or distance"
         for suffix, depends, own in (("", "nothing", numbers), (" along s", "place", along)):
             kind = Kind("routing", (depends,), f"tendon {name}")
             found.append(ChangedDescription(f"routing of {name}{suffix}", kind, own, moved, text))

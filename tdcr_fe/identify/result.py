@@ -164,8 +164,11 @@ class Law(NamedTuple):
     @property
     def sentence(self) -> str:
         """In words."""
-        places = ("" if c.kind.where == "everywhere" else f" ({c.kind.where})" for c in self.causes)
-        return "; ".join(f"{c.sentence}{place}" for c, place in zip(self.causes, places, strict=True))
+
+        def said(c: AddedEffect) -> bool:
+            return c.kind.where == "everywhere" or c.kind.where in c.sentence
+
+        return "; ".join(c.sentence if said(c) else f"{c.sentence} ({c.kind.where})" for c in self.causes)
 
     @property
     def alternatives(self) -> tuple[str, ...]:

@@ -168,6 +168,18 @@ def test_the_place_of_a_cause_is_compared_with_its_neighbours():
     assert state.best.names == (places[2].name,)
 
 
+def test_causes_of_one_family_have_the_same_numbers_at_different_places():
+    """One begins at the values of the other: the holes of a tendon that turn along the backbone have other numbers."""
+    families = {}
+    for e in whole_dictionary(problem_of(measured())):
+        if not is_named(e) and e.family:
+            families.setdefault(e.family, []).append(e)
+    assert max(map(len, families.values())) > 3
+    for own in families.values():
+        assert len({tuple(p.name for p in e.parameters) for e in own}) == 1
+        assert len({e.kind.where for e in own}) > 1 or len(own) == 1
+
+
 def test_one_hole_or_one_disk_is_moved_and_no_other():
     """A disk slips along the backbone, turns with its holes, or has one hole elsewhere."""
     problem = problem_of(measured())
