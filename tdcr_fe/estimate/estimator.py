@@ -84,11 +84,12 @@ class Estimator:
         self.simulation = Simulation(robot, model, resolve(robot, self.steps), settings)
         loaded = np.array([self.simulation.handle.mesh.node_at(s, 1e-6) for s in places])
         components = 6 if load.sigma_moment > 0.0 else 3
-        self._problem = Problem(self.simulation, observation or Observation(), loaded, components)
         # Uniform along the body where it is unknown.
         of_place = length / np.sqrt(12.0) if load.at == "unknown" else 0.0
         of_load = np.repeat((load.sigma, load.sigma_moment), 3)[:components]
-        self._sigmas = np.concatenate((inputs.sigmas(robot.tendon_names), of_load, [of_place]))
+        of_inputs = inputs.sigmas(robot.tendon_names)
+        self._sigmas = np.concatenate((of_inputs, of_load, [of_place]))
+        self._problem = Problem(self.simulation, observation or Observation(), loaded, components, of_inputs)
         self._typical = np.zeros(len(self._sigmas))
         self._typical[-1] = 0.5 * length if load.at == "unknown" else places[0]
         self._mean = self._typical

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -114,13 +115,24 @@ def _read_priors(path: Path) -> tuple[LoadPrior, InputPrior]:
     return LoadPrior(**load), InputPrior(**inputs)
 
 
-def _implausible_load(estimation: Estimation) -> list[str]:
-    """Whether a load as large as the standard deviation is beyond what the robot can carry, as a sentence."""
+def _implausible_priors(estimation: Estimation) -> list[str]:
+    """Standard deviations of load and inputs that are beyond what the robot can carry, as sentences."""
     data, sigma = estimation.data, estimation.load.sigma
-    load = LoadStep(loads={"expected": Load(data.robot.backbone.length, (sigma, 0.0, 0.0))})
-    key = "steps[0].loads.expected.force"
-    found = plausibility(data.robot, data.model, [load]).warnings
-    return [text.replace(key, "estimate.toml: load.sigma") for text in found if key in text]
+    errors = dict(
+        zip(data.robot.tendon_names, estimation.inputs.sigmas(data.robot.tendon_names), strict=True)
+    )
+    drives: dict[str, Any] = {
+        drive.inputs: {n: errors[n] for n in given} for drive, given in data.steps[0].inputs() if given
+    }
+    loads = {"expected": Load(data.robot.backbone.length, (sigma, 0.0, 0.0))}
+    found = []
+    for step, own, key in (
+        (LoadStep(loads=loads), "load.sigma", r"steps\[0\]\.loads\.expected\.force"),
+        (replace(LoadStep(), **drives), "inputs.sigma", rf"steps\[0\]\.(?:{'|'.join(drives)})[.\w]*"),
+    ):
+        texts = plausibility(data.robot, data.model, [step]).warnings
+        found += [re.sub(key, f"estimate.toml: {own}", text) for text in texts if re.match(key, text)]
+    return found
 
 
 def run_estimation(
@@ -143,7 +155,7 @@ def run_estimation(
     data, experiment = estimation.data, estimation.data.experiment
     for category, texts in first_checks(data).items():
         issue(
-            [*texts, *_implausible_load(estimation)] if category is PlausibilityWarning else texts, category
+            [*texts, *_implausible_priors(estimation)] if category is PlausibilityWarning else texts, category
         )
     by_step: dict[int, list[Reading]] = {n: [] for n in data.step_ids}
     for reading in data.readings:

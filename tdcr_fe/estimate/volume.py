@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.estimate.frame import Solved
-from tdcr_fe.estimate.most_probable import posterior_covariance
 
 Array = NDArray[np.float64]
 
@@ -53,12 +52,11 @@ def _slope(solved: Solved, covariance: Array, weight: Array) -> Array:
     """What a direction of the readings adds to the slope, shape (n,).
 
     It is taken over one standard deviation of the prior, so that holes between stick and slip count with their
-    probability; and it is followed by one at most, since at such a hole it may be any.
+    probability; and it is one over a standard deviation at most, since at such a hole it may be any.
     """
     jacobian = solved.jacobian
     near = solved.frame.solved(solved.unknowns + covariance @ jacobian.T @ weight, solved)
     if near is None:
         return np.zeros(len(covariance))
     slope = 2.0 * weight @ (near.jacobian - jacobian)
-    squared = float(slope @ posterior_covariance(covariance, jacobian) @ slope)
-    return np.asarray(slope / math.sqrt(max(1.0, 0.25 * squared)))
+    return np.asarray(slope / max(1.0, math.sqrt(float(slope @ covariance @ slope))))

@@ -97,16 +97,19 @@ def test_mistakes_are_named(folder, tmp_path, capsys, file, old, new, said):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_load_in_mn_is_warned_of(folder, tmp_path, capsys):
+def test_a_load_and_inputs_in_mn_are_warned_of(folder, tmp_path, capsys):
     wrong = tmp_path / "set"
     shutil.copytree(folder, wrong)
     (wrong / "estimate.toml").write_text((wrong / "estimate.toml").read_text().replace("0.05", "500.0"))
     (wrong / "observations.csv").write_text(
         "step,quantity,location,value,sigma\n1,position_x,0.25,0.0,1e-4\n"
     )
+    text = (wrong / "estimate.toml").read_text().replace("0.01", "500.0")
+    (wrong / "estimate.toml").write_text(text)
     main(["estimate", str(wrong), "-o", str(tmp_path / "out")])
     said = capsys.readouterr().err
     assert "estimate.toml: load.sigma = 500 N:" in said and "was it meant in mN" in said
+    assert "estimate.toml: inputs.sigma" in said
 
 
 def test_times_are_needed(folder, tmp_path, capsys):
