@@ -13,12 +13,6 @@ from tdcr_fe.solve.friction_path.rates import Bounds, bounded, sides
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-#: The error of a slip rate is taken as a parabola that is zero at both ends of the substep; this much of its scale is
-#: added, so that rates near the ends are compared with something [1].
-RATE_ERROR_AT_ENDS = 1e-2
-#: Presliding distances of slip in one direction that leave nothing of the mobilisation before: from -1 to 1.
-FORGETTING_SLIP = 2.0
-
 
 class PathSegment(NamedTuple):
     """A part of the substep over which the rates of all unknowns are constant.
@@ -187,9 +181,10 @@ class FrictionPath(NamedTuple):
         # From which path segment on the hole slips in its last direction up to the end.
         final = np.logical_and.accumulate((side == last)[::-1])[::-1]
         distance = last * np.where(final, length[:, None] * rate, 0.0).sum(axis=0)
-        # Where in each path segment the parabola is largest.
+        # Where in each path segment the parabola is largest; that is at no end of the substep.
         at = np.clip(0.5, start, start + length)
-        relative_rate = last * rate / (6.0 * at * (1.0 - at) + RATE_ERROR_AT_ENDS)[:, None]
+        relative_rate = last * rate / (6.0 * at * (1.0 - at))[:, None]
         slowest = np.where(final, relative_rate, np.inf).min(axis=0)
-        forgotten = final[0] | (distance >= FORGETTING_SLIP * presliding + error)
+        # From one bound of the mobilisation to the other nothing is left of what it was.
+        forgotten = final[0] | (distance >= 2.0 * presliding + error)
         return np.asarray((last != 0.0) & (slowest >= error) & forgotten)
