@@ -35,7 +35,7 @@ BUDGET = {
     "tdcr_fe/model": 2739,
     "tdcr_fe/report": 1226,
     "tdcr_fe/scene": 1487,
-    "tdcr_fe/solve": 7518,
+    "tdcr_fe/solve": 7513,
     "tdcr_fe/sweeps": 1477,
     "validation": 7140,
     "tests": 14563,

@@ -15,9 +15,6 @@ from tdcr_fe.solve.newton.steps import slip_changes
 
 Array = NDArray[np.float64]
 
-#: Slips below this fraction of the presliding distance are zero [1].
-SMALL = 1e-2
-
 
 def slips_steadily(
     before: SolverState,
@@ -41,15 +38,13 @@ def slips_steadily(
     """
     if not _all_slip(before, result.state, linear) or _any_changes(before, result.state, linear):
         return False
-    none = SMALL * min(own.model.law.hysteresis.presliding for own in result.forces)
-    return _rates_agree(before, result, linear, none)
+    return _rates_agree(before, result, linear)
 
 
 def _rates_agree(
     before: SolverState,
     result: NewtonResult,
     linear: Linearization,
-    none: float,
 ) -> bool:
     """Whether all slip rates at both ends of the substep have the direction of the friction."""
     after, numbering = result.state, linear.numbering
@@ -60,7 +55,7 @@ def _rates_agree(
     tense = [p.may_be_tense(t)[:, None] for p, t in zip(numbering.robots, after.base_tension, strict=True)]
     side = pick([s * own for s, own in zip(after.mobilisation, tense, strict=True)])
     first = 2.0 * slips - rate
-    return bool(min((side * rate).min(), (side * first).min()) >= -none)
+    return bool(min((side * rate).min(), (side * first).min()) >= 0.0)
 
 
 def _any_changes(before: SolverState, after: SolverState, linear: Linearization) -> bool:
