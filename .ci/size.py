@@ -26,9 +26,9 @@ from pathlib import Path
 BUDGET = {
     "elements": 3154,
     "tdcr_fe": 262,
-    "tdcr_fe/commands": 1026,
+    "tdcr_fe/commands": 1027,
     "tdcr_fe/effects": 1360,
-    "tdcr_fe/estimate": 1020,
+    "tdcr_fe/estimate": 1018,
     "tdcr_fe/identify": 6282,
     "tdcr_fe/io": 1975,
     "tdcr_fe/live": 375,

@@ -12,6 +12,7 @@ from tdcr_fe.estimate.report import write_estimates
 from tdcr_fe.estimate.run import read_estimation, run_estimation
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.model.messages import count
+from tdcr_fe.report.environment import quantity
 
 
 def run(args: argparse.Namespace) -> int:
@@ -32,10 +33,10 @@ def run(args: argparse.Namespace) -> int:
     written = write_estimates(result, out)
     failed = result.failed
     if not args.quiet:
-        times = [frame.milliseconds for frame in result.frames]
+        median, most = 1e-3 * np.quantile([frame.milliseconds for frame in result.frames], (0.5, 0.95))
         print(
-            f"{count(len(times), 'frame')} estimated, {np.median(times):.3g} ms each (median), 95 % within "
-            f"{np.quantile(times, 0.95):.3g} ms\nWritten to {out}: " + ", ".join(p.name for p in written)
+            f"{count(len(result.frames), 'frame')} estimated, {quantity(median, 's')} each (median), 95 % within "
+            f"{quantity(most, 's')}\nWritten to {out}: " + ", ".join(p.name for p in written)
         )
     if failed:
         first = next(frame.message for frame in result.frames if frame.message)

@@ -125,7 +125,9 @@ def _page(result: EstimateResult) -> Page:
             Card(str(len(frames)), "frames"),
             Card(quantity(typical[0], "N"), "standard deviation of the force, median"),
             Card(quantity(typical[1], "N"), "standard deviation of a tension, median"),
-            Card(f"{np.median([f.milliseconds for f in frames]):.3g} ms", "per frame, median"),
+            Card(
+                quantity(1e-3 * float(np.median([f.milliseconds for f in frames])), "s"), "per frame, median"
+            ),
         ),
         pictures=tuple(pictures),
         sections=(
