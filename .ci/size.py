@@ -24,7 +24,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 3154,
+    "elements": 3161,
     "tdcr_fe": 262,
     "tdcr_fe/commands": 1027,
     "tdcr_fe/effects": 1360,
@@ -35,7 +35,7 @@ BUDGET = {
     "tdcr_fe/model": 2739,
     "tdcr_fe/report": 1226,
     "tdcr_fe/scene": 1487,
-    "tdcr_fe/solve": 7513,
+    "tdcr_fe/solve": 7515,
     "tdcr_fe/sweeps": 1477,
     "validation": 7140,
     "tests": 14563,

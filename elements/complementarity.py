@@ -11,6 +11,8 @@ from tdcr_fe.compiled import compilable, compiled_as
 Array = NDArray[np.float64]
 Index = NDArray[np.int_]
 
+#: Smallest eigenvalue of `positive_definite_near` over the largest magnitude of those it began with [1].
+LEAST_EIGENVALUE = 0.05
 #: Block pivots that may leave as many violated indices as before until single pivots follow. With more of them a
 #: problem in which block pivots cycle takes longer; with fewer, others are given to single pivots, which are slow.
 MOST_IDLE_BLOCKS = 3
@@ -179,3 +181,21 @@ def solve_nonnegative(matrix: Array, right: Array, start: Array) -> tuple[Array,
         violated, fewest, idle_left = exchanged(violated, count, fewest, idle_left)
         positive = positive ^ violated
     return start, False
+
+
+def positive_definite_near(matrix: Array) -> Array:
+    """A symmetric positive definite matrix near a given one, with which `solve_nonnegative` always has one solution.
+
+    The symmetric part, scaled to diagonal entries of 1 or -1; where any of its eigenvalues is below `LEAST_EIGENVALUE`
+    times the largest magnitude, what it lacks is added to all of them.
+
+    Parameters
+    ----------
+    matrix
+        Shape (k, k); no zeros on its diagonal.
+    """
+    root = np.sqrt(np.maximum(np.abs(np.diagonal(matrix)), 1e-300))
+    scaled = 0.5 * (matrix + matrix.T) / root / root[:, None]
+    values = np.linalg.eigvalsh(scaled)
+    lifted = scaled + max(0.0, LEAST_EIGENVALUE * np.abs(values).max() - values[0]) * np.eye(len(root))
+    return np.asarray(lifted * root * root[:, None])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from tdcr_fe.elements.backbone import ElementChain
-from tdcr_fe.elements.complementarity import solve_nonnegative
+from tdcr_fe.elements.complementarity import positive_definite_near, solve_nonnegative
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.layout import Numbering, zero_bases
@@ -261,7 +261,8 @@ class Linearization(NamedTuple):
         length than its base lets out: a complementarity problem in the tensions, with the robot in equilibrium.
 
         Far from a solution the problem may have none: with friction against the pull, or near buckling, a tendon that
-        is pulled may let others go. Slack tendons then stay slack in the step, and taut ones taut.
+        is pulled may let others go. The step is then that of a positive definite matrix nearby, which has one always;
+        without it, slack tendons would stay slack, and the iteration where it is.
 
         Parameters
         ----------
@@ -279,6 +280,8 @@ class Linearization(NamedTuple):
         start = factors.inner.solve(-unbalanced)
         at_zero = gap + factors.rows @ start - factors.schur @ tension
         new, solved = solve_nonnegative(factors.schur, at_zero, tension)
+        if not solved:
+            new, solved = solve_nonnegative(positive_definite_near(factors.schur), at_zero, tension)
         if not solved:
             missed = np.where(factors.slack, tension, gap)
             return self, factors.solve(-np.concatenate((unbalanced, missed)))
