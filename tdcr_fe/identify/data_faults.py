@@ -164,11 +164,8 @@ def _mended(problem: FitProblem, declared: Fit, grid: _Grid) -> str:
         text += f", or if {drives.partition(' if ')[2]}" if other <= limit else ""
     if cost > limit:
         return impossible_place(problem.data)
-    return (
-        text
-        if cost <= EXPLAINED
-        else text.replace("fit if", "fit far better, though not to their noise, if", 1)
-    )
+    how = "fit" if cost <= EXPLAINED else "fit far better, though not to their noise,"
+    return text.replace("fit", how, 1)
 
 
 def _mean_square(r: Array) -> float:

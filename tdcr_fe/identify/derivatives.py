@@ -100,11 +100,11 @@ def linearize_each(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear]:
     runs = first.run([part.job for part in ready])
     jobs = [part.differences(run) for part, run in zip(ready, runs, strict=True)]
     beside = iter(first.run(list(itertools.chain(*jobs))))
-    found = {
-        id(part): _linear(part, run, list(itertools.islice(beside, len(own))))
+    found = (
+        _linear(part, run, list(itertools.islice(beside, len(own))))
         for part, run, own in zip(ready, runs, jobs, strict=True)
-    }
-    return [part if isinstance(part, Linear) else found[id(part)] for part in parts]
+    )
+    return [part if isinstance(part, Linear) else next(found) for part in parts]
 
 
 def _part(problem: FitProblem, request: Request) -> _Part | Linear:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Effect, EffectAtPlace
 from tdcr_fe.effects.base import Points
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.causes import is_named
+from tdcr_fe.identify.causes import Cause, is_named
 from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
     at_bound,
@@ -389,7 +389,8 @@ def grow(search: Search, state: SearchState) -> Stage:
         if search.out_of_time and state.best.effects:
             state = state.without_trying(FURTHER_EFFECTS)
             break
-        progress, before, pool = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1)), state.best, list[Proposal]()
+        progress, before = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1)), state.best
+        pool: list[Proposal] = []
         for propose, parent, named in tries:
             beside = listed_names(parent.names) or "the declared model"
             search.report(f"round {number}: candidates beside {beside}", progress)
@@ -657,7 +658,9 @@ def elsewhere(search: Search, state: SearchState) -> Stage:
 
 def _family(e: Effect) -> str:
     """What a cause shares with the same one at other places; empty where it has no place."""
-    return e.listed if isinstance(e, EffectAtPlace) else getattr(e, "family", "")
+    if isinstance(e, Cause):
+        return e.family
+    return e.listed if isinstance(e, EffectAtPlace) else ""
 
 
 def exchange(search: Search, state: SearchState) -> Stage:
