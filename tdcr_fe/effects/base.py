@@ -6,15 +6,13 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.observed_step import ObservedStep
+from tdcr_fe.model.observed_step import Observation
 from tdcr_fe.model.robot import Robot
 
 Array = NDArray[np.float64]
@@ -25,73 +23,6 @@ Points = list[list[dict[str, float]]]
 DISTINGUISHED_BY = "Distinguished by: "
 #: Lowest and highest value of every parameter.
 Bounds = dict[str, tuple[float, float]]
-
-
-@dataclass(frozen=True)
-class Observation:
-    """Map from the robot's pose to the measured position: ``measured = shift + Exp(rotation) (p + R offset)``.
-
-    Attributes
-    ----------
-    rotation : (float, float, float)
-        Rotation vector of the measuring frame against the base [rad]. Directions, and so angles from the
-        z axis, are turned as well.
-    offset : (float, float)
-        Markers off the backbone, along x and y of their sections [m].
-    along : float
-        Markers before or beyond the arc length that they are assigned to, along the tangent of that section [m].
-    shift : (float, float, float)
-        The base in the measuring frame [m].
-    markers : tuple of float
-        Arc lengths that markers are assigned to, ascending [m]; empty where they are not known.
-    single : tuple of ((float, float, float), ...)
-        For each of ``markers``, what its offset differs by from that of all [m]; empty where they are alike.
-    """
-
-    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    offset: tuple[float, float] = (0.0, 0.0)
-    along: float = 0.0
-    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    markers: tuple[float, ...] = ()
-    single: tuple[tuple[float, float, float], ...] = ()
-
-    @cached_property
-    def frame(self) -> Array:
-        """Rotation from the base to the measuring frame, shape (3, 3)."""
-        return np.asarray(Rotation.from_rotvec(np.array(self.rotation)).as_matrix())
-
-    def seen(self, positions: Array) -> Array:
-        """Points of the base's frame as the instrument shows them [m], shape (..., 3)."""
-        return np.asarray(positions @ self.frame.T + np.array(self.shift))
-
-    def in_base(self, measured: Array) -> Array:
-        """Measured points in the base's frame [m], shape (..., 3): the inverse of `seen`."""
-        return np.asarray((measured - np.array(self.shift)) @ self.frame)
-
-    def step(
-        self,
-        s: Array,
-        positions: Array,
-        rotations: Array,
-        displacements: Array,
-        base_tensions: Array,
-        distal_tensions: Array,
-        tendon_names: tuple[str, ...],
-    ) -> ObservedStep:
-        """A solved step as it is observed; the arguments are fields of `ObservedStep`."""
-        return ObservedStep(
-            s,
-            positions,
-            rotations,
-            displacements,
-            base_tensions,
-            distal_tensions,
-            tendon_names,
-            self.frame,
-            np.array([*self.offset, self.along]),
-            np.array(self.shift),
-            tuple((at, np.array(x)) for at, x in zip(self.markers, self.single, strict=False)),
-        )
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import ClassVar
 
 from tdcr_fe.effects.base import (
     Bounds,
@@ -69,15 +70,22 @@ class TendonNumber(SharedNumber):
     Besides that of all tendons, ``NAME_segment_K`` is the number of those that end at the same disk, counted from the
     base, and ``NAME_TENDON`` that of one tendon. The most particular one that is given counts. Where a number is given
     for several tendons that declare different ones, it is their mean.
+
+    Attributes
+    ----------
+    field : str
+        Of a tendon, which has the number.
     """
+
+    field: ClassVar[str]
 
     def declared(self, experiment: Experiment, tendon: Tendon) -> float:
         """What a tendon declares."""
-        raise NotImplementedError
+        return float(getattr(tendon, self.field))
 
     def with_number(self, tendon: Tendon, value: float) -> Tendon:
         """A tendon with another number."""
-        raise NotImplementedError
+        return replace(tendon, **{self.field: value})
 
     def applies_to(self, tendon: Tendon) -> bool:
         """Whether a tendon has such a number."""
@@ -242,24 +250,16 @@ class Pretension(TendonNumber):
     Distinguished by: let one tendon out step by step until it is slack.
     """
 
-    name = "pretension"
+    name = field = "pretension"
     kind = Kind("input", ("nothing",))
     after = ("tendon_stretch",)
     parameters = (
         Parameter("tension", "N", 0.0, 1e3, 0.0, 0.05, "of the tendons in the straight, unloaded robot"),
     )
 
-    def declared(self, experiment: Experiment, tendon: Tendon) -> float:
-        """Its pretension."""
-        return tendon.pretension
-
     def applies_to(self, tendon: Tendon) -> bool:
         """Where there are elastic tendons, to those: the tension of one that does not stretch follows from them."""
         return tendon.axial_stiffness is not None
-
-    def with_number(self, tendon: Tendon, value: float) -> Tendon:
-        """With another pretension."""
-        return replace(tendon, pretension=value)
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from tdcr_fe.effects.base import (
     Bounds,
@@ -19,7 +19,7 @@ from tdcr_fe.effects.base import (
     Values,
     with_friction,
 )
-from tdcr_fe.effects.by_tendon import TendonNumber, for_each, mean, shifted
+from tdcr_fe.effects.by_tendon import TendonNumber, for_each
 from tdcr_fe.model.routing import MisplacedRouting, TwistedRouting
 from tdcr_fe.model.tendon import Tendon
 
@@ -32,7 +32,7 @@ class HoleFriction(TendonNumber):
     Distinguished by: measure the tension at the far end of a tendon while pulling and while letting out.
     """
 
-    name = "friction_coefficient"
+    name = field = "friction_coefficient"
     kind = Kind("transmission", ("turning angle",))
     needs_disks = needs_friction = True
     parameters = (Parameter("mu", "1", 0.0, 3.0, 0.0, 0.03, "coefficient of friction at the holes"),)
@@ -44,10 +44,6 @@ class HoleFriction(TendonNumber):
     def applies_to(self, tendon: Tendon) -> bool:
         """Laws of the coefficient are kept."""
         return tendon.friction is None
-
-    def with_number(self, tendon: Tendon, value: float) -> Tendon:
-        """With another coefficient."""
-        return replace(tendon, friction_coefficient=value)
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`; friction is switched on where the model has none."""
@@ -63,28 +59,7 @@ class HoleFriction(TendonNumber):
         return with_friction(super().apply(experiment, values))
 
 
-class CommonNumber(Effect):
-    """An effect whose parameter is the mean of one field of all tendons; where these differ, in proportion."""
-
-    field: str = ""
-
-    def null_values(self, experiment: Experiment) -> dict[str, float]:
-        """The mean of the tendons' declared values."""
-        declared = [getattr(t, self.field) for t in experiment.robot.tendons]
-        return {self.parameters[0].name: mean(declared) if declared else 0.0}
-
-    def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`; numbers that differ between tendons keep their proportions."""
-        name = self.parameters[0].name
-        value, null = values[name], self.null_values(experiment)[name]
-        tendons = []
-        for t in experiment.robot.tendons:
-            changed: dict[str, Any] = {self.field: shifted(getattr(t, self.field), null, value)}
-            tendons.append(replace(t, **changed))
-        return experiment.with_robot(tendons=tuple(tendons))
-
-
-class HoleAdhesion(CommonNumber):
+class HoleAdhesion(TendonNumber):
     """A tension drop at every hole that does not grow with the tension.
 
     Every hole takes a fixed piece of tension: a tight fit, dirt, a sheath that pinches, glue that ran.
@@ -97,9 +72,13 @@ class HoleAdhesion(CommonNumber):
     needs_disks = needs_friction = True
     parameters = (Parameter("drop", "N", 0.0, 10.0, 0.0, 5e-3, "tension that one hole takes"),)
 
-    def null_values(self, experiment: Experiment) -> dict[str, float]:
-        """The mean of the tendons' declared values; zero where the model has no friction."""
-        return {"drop": 0.0} if experiment.model.friction == "none" else super().null_values(experiment)
+    def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
+        """The same for all tendons."""
+        return Effect.forms(self, experiment)
+
+    def declared(self, experiment: Experiment, tendon: Tendon) -> float:
+        """Its drop; zero where the model has no friction."""
+        return 0.0 if experiment.model.friction == "none" else tendon.adhesion
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """All holes together take a twentieth, or a fifth, of the largest tension."""
@@ -113,7 +92,7 @@ class HoleAdhesion(CommonNumber):
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`; friction is switched on where the model has none."""
-        if values["drop"] == self.null_values(experiment)["drop"]:
+        if all(x == self.null_value(experiment, name) for name, x in values.items()):
             return experiment
         return with_friction(super().apply(experiment, values))
 
@@ -140,7 +119,7 @@ class RoutingTwist(Effect):
         return experiment.with_robot(tendons=tendons)
 
 
-class HoleClearance(CommonNumber):
+class HoleClearance(TendonNumber):
     """The tendon shifts inside an oversized hole.
 
     Holes are wider than the tendon, so that where the robot bends the tendon shifts towards the inside of the
@@ -153,6 +132,10 @@ class HoleClearance(CommonNumber):
     kind = Kind("routing", ("curvature",))
     needs_disks = True
     parameters = (Parameter("clearance", "m", 0.0, 5e-3, 0.0, 1e-4, "how far the tendon can shift sideways"),)
+
+    def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
+        """The same for all tendons."""
+        return Effect.forms(self, experiment)
 
     def bounds(self, experiment: Experiment) -> Bounds:
         """At most half of the smallest offset, or the declared value."""

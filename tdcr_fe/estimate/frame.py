@@ -250,7 +250,7 @@ class Solved:
         positions, rotations = simulation.state.configuration.poses[0]
         tensions = simulation.handle.tensions()
         base, distal = np.array([(x[0], x[-1]) for x in tensions.values()]).T
-        return self.frame.problem.observation.step(
+        return ObservedStep(
             self.frame.problem.s,
             positions,
             rotations @ BEAM_TO_SECTION.T,
@@ -258,6 +258,7 @@ class Solved:
             base,
             distal,
             tuple(tensions),
+            self.frame.problem.observation,
         )
 
     @cached_property

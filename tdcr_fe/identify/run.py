@@ -346,7 +346,7 @@ class Reader:
 
     def _observed(self, run: Run, experiment: Experiment, steps: slice | int) -> ObservedStep:
         """What is observed of some of a run's steps."""
-        return experiment.observation.step(
+        return ObservedStep(
             np.broadcast_to(run.s, run.positions.shape[:2])[steps],
             run.positions[steps],
             run.rotations[steps],
@@ -354,6 +354,7 @@ class Reader:
             run.base_tensions[steps],
             run.distal_tensions[steps],
             self._tendon_names,
+            experiment.observation,
         )
 
     def read(self, run: Run, experiment: Experiment) -> Array:
@@ -420,7 +421,7 @@ def _marker_changes(
 ) -> Array:
     """Derivatives of measured positions of markers at arc lengths in some steps, shape (m, 3, P)."""
     nearest = np.argmin(np.abs(s[:, None] - run.s), axis=1)
-    levers = np.einsum("nij,nj->ni", run.rotations[steps, nearest], frame.offsets(s))
+    levers = np.einsum("nij,nj->ni", run.rotations[steps, nearest], frame.observation.offsets(s))
     if np.max(np.abs(run.s[nearest] - s), initial=0.0) < AT_NODE and not np.any(by.arc_lengths):
         moved = by.positions[steps, nearest]
     else:
@@ -437,4 +438,4 @@ def _marker_changes(
         ends = p[steps, k], r[steps, k], p[steps, k + 1], r[steps, k + 1]
         moved = within_elements_change(*ends, share, change)
     turned = np.cross(by.rotations[steps, nearest], levers[..., None], axis=1)
-    return np.asarray(frame.frame @ (moved + turned))
+    return np.asarray(frame.observation.frame @ (moved + turned))

@@ -360,22 +360,8 @@ def read_scenario_tables(path: str | os.PathLike[str]) -> ScenarioTables:
     InputError
         The scenario cannot be read, or is not TOML.
     """
-    data, sha256 = read_toml(path)
-    return with_robot_table(data, Path(path), sha256)
-
-
-def with_robot_table(scenario: dict[str, Any], path: Path, sha256: str = "") -> ScenarioTables:
-    """Tables of a scenario, with those of the robot that it names.
-
-    Parameters
-    ----------
-    scenario
-        Contents of the file.
-    path
-        Of the scenario; that of the robot is relative to its folder.
-    sha256
-        Of the scenario.
-    """
+    scenario, sha256 = read_toml(path)
+    path = Path(path)
     digests, name = {str(path): sha256}, scenario.get("robot")
     if not isinstance(name, str):
         return ScenarioTables(scenario, None, path, path, digests)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -17,6 +16,55 @@ Array = NDArray[np.float64]
 
 #: An arc length that is this near to a node is at the node [m].
 AT_NODE = 2e-6
+
+
+@dataclass(frozen=True)
+class Observation:
+    """Map from the robot's pose to the measured position: ``measured = shift + Exp(rotation) (p + R offset)``.
+
+    Attributes
+    ----------
+    rotation : (float, float, float)
+        Rotation vector of the measuring frame against the base [rad]. Directions, and so angles from the
+        z axis, are turned as well.
+    offset : (float, float)
+        Markers off the backbone, along x and y of their sections [m].
+    along : float
+        Markers before or beyond the arc length that they are assigned to, along the tangent of that section [m].
+    shift : (float, float, float)
+        The base in the measuring frame [m].
+    markers : tuple of float
+        Arc lengths that markers are assigned to, ascending [m]; empty where they are not known.
+    single : tuple of ((float, float, float), ...)
+        For each of ``markers``, what its offset differs by from that of all [m]; empty where they are alike.
+    """
+
+    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    offset: tuple[float, float] = (0.0, 0.0)
+    along: float = 0.0
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    markers: tuple[float, ...] = ()
+    single: tuple[tuple[float, float, float], ...] = ()
+
+    @cached_property
+    def frame(self) -> Array:
+        """Rotation from the base to the measuring frame, shape (3, 3)."""
+        return np.asarray(Rotation.from_rotvec(np.array(self.rotation)).as_matrix())
+
+    def seen(self, positions: Array) -> Array:
+        """Points of the base's frame as the instrument shows them [m], shape (..., 3)."""
+        return np.asarray(positions @ self.frame.T + np.array(self.shift))
+
+    def in_base(self, measured: Array) -> Array:
+        """Measured points in the base's frame [m], shape (..., 3): the inverse of `seen`."""
+        return np.asarray((measured - np.array(self.shift)) @ self.frame)
+
+    def offsets(self, s: Array) -> Array:
+        """Offsets of markers at arc lengths from the backbone, in their sections [m], shape (n_markers, 3)."""
+        found = np.tile([*self.offset, self.along], (len(s), 1))
+        for at, own in zip(self.markers, self.single, strict=False):
+            found[np.abs(s - at) < AT_NODE] += own
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,14 +112,7 @@ class ObservedStep:
     displacements, base_tensions, distal_tensions : ndarray, shape (..., n_tendons)
         Pulled in at the base [m]; tensions above the base plate and at the anchor [N].
     tendon_names : tuple of str
-    frame : ndarray, shape (3, 3)
-        Rotation of what is measured against the world: measured = shift + frame (p + R offset).
-    offset : ndarray, shape (3,)
-        Markers off the backbone, in their sections [m].
-    shift : ndarray, shape (3,)
-        The base in the measuring frame [m].
-    single : tuple of (float, ndarray)
-        Arc length [m] of a marker, and what its offset differs by from the others' [m], shape (3,).
+    observation : Observation
     """
 
     s: Array
@@ -81,48 +122,26 @@ class ObservedStep:
     base_tensions: Array
     distal_tensions: Array
     tendon_names: tuple[str, ...]
-    frame: Array = field(default_factory=lambda: np.eye(3))
-    offset: Array = field(default_factory=lambda: np.zeros(3))
-    shift: Array = field(default_factory=lambda: np.zeros(3))
-    single: tuple[tuple[float, Array], ...] = ()
+    observation: Observation = field(default_factory=Observation)
 
     @classmethod
-    def of(
-        cls,
-        step: StepResult,
-        tendon_names: tuple[str, ...],
-        rotation: Sequence[float] = (0.0, 0.0, 0.0),
-        offset: Sequence[float] = (0.0, 0.0),
-    ) -> ObservedStep:
-        """From a solved step, the rotation vector of the measuring frame [rad] and the markers' offset [m]."""
-        return cls(
-            step.s,
-            step.positions,
-            step.rotations,
-            np.asarray(step.displacements, dtype=float),
-            np.asarray(step.base_tensions, dtype=float),
-            np.array([t[-1] for t in step.tensions], dtype=float),
-            tendon_names,
-            Rotation.from_rotvec(np.array(rotation, dtype=float)).as_matrix(),
-            np.array([*offset, *(0.0,) * (3 - len(offset))]),
-        )
+    def of(cls, step: StepResult, names: tuple[str, ...], observation: Observation) -> ObservedStep:
+        """A solved step of a robot with tendons of these names."""
+        distal = np.array([t[-1] for t in step.tensions])
+        tensions = step.displacements, step.base_tensions, distal
+        return cls(step.s, step.positions, step.rotations, *tensions, names, observation)
 
     @property
     def nodes(self) -> Array:
         """Arc lengths of the nodes in the first step of a stack [m], shape (n,)."""
         return self.s.reshape(-1, self.s.shape[-1])[0]
 
-    def offsets(self, s: Array) -> Array:
-        """Offsets of markers at arc lengths from the backbone, in their sections [m], shape (n_markers, 3)."""
-        found = np.tile(self.offset, (len(s), 1))
-        for at, own in self.single:
-            found[np.abs(s - at) < AT_NODE] += own
-        return found
-
     def levers(self, s: Array) -> Array:
-        """The same in the world [m], shape (..., n_markers, 3)."""
+        """Offsets of markers at arc lengths from the backbone, in the world [m], shape (..., n_markers, 3)."""
         nodes = np.argmin(np.abs(s[:, None] - self.nodes), axis=1)
-        return np.asarray(np.einsum("...nij,nj->...ni", self.rotations[..., nodes, :, :], self.offsets(s)))
+        return np.asarray(
+            np.einsum("...nij,nj->...ni", self.rotations[..., nodes, :, :], self.observation.offsets(s))
+        )
 
     def markers(self, s: Array) -> Array:
         """Measured positions of markers at arc lengths [m], shape (..., n_markers, 3)."""
@@ -141,18 +160,18 @@ class ObservedStep:
         share = (s - self.s[..., k]) / (self.s[..., k + 1] - self.s[..., k])
         p, r = self.positions, self.rotations
         ends = p[..., k, :], r[..., k, :, :], p[..., k + 1, :], r[..., k + 1, :, :]
-        return np.asarray((within_elements(*ends, share) + self.levers(s)) @ self.frame.T + self.shift)
+        return self.observation.seen(within_elements(*ends, share) + self.levers(s))
 
     @property
     def tip(self) -> Array:
         """Measured position of the tip [m], shape (..., 3)."""
         lever = self.levers(self.nodes[-1:])[..., 0, :]
-        return np.asarray((self.positions[..., -1, :] + lever) @ self.frame.T + self.shift)
+        return self.observation.seen(self.positions[..., -1, :] + lever)
 
     @property
     def tangent(self) -> Array:
         """Measured direction of the tip, shape (..., 3)."""
-        return np.asarray(self.rotations[..., -1, :, 2] @ self.frame.T)
+        return np.asarray(self.rotations[..., -1, :, 2] @ self.observation.frame.T)
 
     def curvature(self, s: Array) -> Array:
         """Turning rates of the section about its own axes [1/m], shape (..., n, 3).

@@ -172,6 +172,27 @@ class Motion:
             gap = np.minimum(gap, np.linalg.norm(tips - tips[chosen[-1]], axis=1))
         return sorted(set(chosen))
 
+    def at_steps(self, kept: Sequence[int]) -> Motion:
+        """The motion with some of its steps (from 0) alone."""
+        markers = self.markers
+        return replace(
+            self,
+            steps=tuple(self.steps[k] for k in kept),
+            labels=tuple(self.labels[k] for k in kept),
+            positions=self.positions[kept],
+            rotations=self.rotations[kept],
+            tensions=tuple(t[kept] for t in self.tensions),
+            hole_states=tuple(tuple(states[k] for k in kept) for states in self.hole_states),
+            base_tensions=self.base_tensions[kept],
+            displacements=self.displacements[kept],
+            driven_by_displacement=self.driven_by_displacement[kept],
+            loads=tuple(self.loads[k] for k in kept),
+            markers=None
+            if markers is None
+            else replace(markers, measured=markers.measured[kept], declared=markers.declared[kept]),
+            ellipsoids=tuple(self.ellipsoids[k] for k in kept) if self.ellipsoids else (),
+        )
+
     def matrices(self, step: int) -> Array:
         """World rotations of all sections in a step (from 0), shape (n, 3, 3)."""
         return Rotation.from_quat(np.roll(self.rotations[step], -1, axis=1)).as_matrix()
@@ -388,21 +409,15 @@ def between(motion: Motion, time: float) -> Motion:
     def mix(values: Array) -> Array:
         return np.asarray((1.0 - share) * values[k : k + 1] + share * values[after : after + 1])
 
-    first, second = motion.rotations[k], motion.rotations[after]
+    near, first, second = motion.at_steps([step]), motion.rotations[k], motion.rotations[after]
     sign = np.where(np.sum(first * second, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
     turned = (1.0 - share) * first + share * sign * second
     return replace(
-        motion,
-        steps=motion.steps[step : step + 1],
-        labels=motion.labels[step : step + 1],
+        near,
         positions=mix(motion.positions),
         rotations=(turned / np.linalg.norm(turned, axis=1, keepdims=True))[None],
         tensions=tuple(mix(t) for t in motion.tensions),
-        hole_states=tuple(states[step : step + 1] for states in motion.hole_states),
         base_tensions=mix(motion.base_tensions),
         displacements=mix(motion.displacements),
-        driven_by_displacement=motion.driven_by_displacement[step : step + 1],
-        loads=motion.loads[step : step + 1],
         markers=None,
-        ellipsoids=motion.ellipsoids[step : step + 1],
     )

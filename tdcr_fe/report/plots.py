@@ -233,21 +233,22 @@ _MARKERS = {
 }
 
 
-def tensions(result: SequenceResult) -> Figure:
+def tensions(result: SequenceResult) -> Figure | None:
     """Tension along every tendon, segment by segment, for steps spread over the sequence.
 
     Parameters
     ----------
     result
-        With at least one step and one tendon.
+        With at least one step.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    matplotlib.figure.Figure or None
+        None where there are no tendons.
     """
     motion = motion_of(result)
     if not motion.tendons:
-        raise ValueError("the robot has no tendons whose tension could be drawn")
+        return None
     drawn = sorted({*spread(len(motion.steps), 24), *motion.distinct_steps(DRAWN_STEPS)})
     # States of the holes between base and anchor, by tendon, of shape (n_steps, n_holes).
     states = [np.array(STATES)[codes[:, :-1]] for codes in hole_codes(motion)]
@@ -379,14 +380,10 @@ def _branches(axes: Axes, values: Array, angle: Array, colours: _StepColours) ->
 # --------------------------------------------------------------------------------------------------- pictures
 
 
-def _tensions_if_any(result: SequenceResult) -> Figure | None:
-    return tensions(result) if result.robot.tendons else None
-
-
 #: Pictures by file name; a function returns None where there is nothing to draw.
 PICTURES: dict[str, Callable[[SequenceResult], Figure | None]] = {
     "shapes.png": shapes,
-    "tensions.png": _tensions_if_any,
+    "tensions.png": tensions,
     "hysteresis.png": hysteresis,
 }
 

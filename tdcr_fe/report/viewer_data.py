@@ -72,7 +72,7 @@ def thinned(motion: Motion, poses: int = POSES) -> Motion:
     room = max(0, max(SECTIONS, poses // len(motion.steps)) - len(required))
     kept = np.union1d(required, others[spread(len(others), room)] if room and len(others) else [])
     motion = _sections(motion, kept.astype(np.intp))
-    return _steps(motion, spread(len(motion.steps), max(2, poses // len(motion.s))))
+    return motion.at_steps(spread(len(motion.steps), max(2, poses // len(motion.s))))
 
 
 def _sections(motion: Motion, kept: NDArray[np.intp]) -> Motion:
@@ -86,27 +86,6 @@ def _sections(motion: Motion, kept: NDArray[np.intp]) -> Motion:
         rotations=motion.rotations[:, kept],
         disks=place[motion.disks],
         tendons=tuple(replace(t, frames=place[t.frames]) for t in motion.tendons),
-    )
-
-
-def _steps(motion: Motion, kept: list[int]) -> Motion:
-    markers = motion.markers
-    return replace(
-        motion,
-        steps=tuple(motion.steps[k] for k in kept),
-        labels=tuple(motion.labels[k] for k in kept),
-        positions=motion.positions[kept],
-        rotations=motion.rotations[kept],
-        tensions=tuple(t[kept] for t in motion.tensions),
-        hole_states=tuple(tuple(states[k] for k in kept) for states in motion.hole_states),
-        base_tensions=motion.base_tensions[kept],
-        displacements=motion.displacements[kept],
-        driven_by_displacement=motion.driven_by_displacement[kept],
-        loads=tuple(motion.loads[k] for k in kept),
-        markers=None
-        if markers is None
-        else replace(markers, measured=markers.measured[kept], declared=markers.declared[kept]),
-        ellipsoids=tuple(motion.ellipsoids[k] for k in kept) if motion.ellipsoids else (),
     )
 
 

@@ -14,6 +14,7 @@ from tdcr_fe.identify.run import Reader
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import channel
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
+from tdcr_fe.model.observed_step import ObservedStep
 from tdcr_fe.solve.simulate import simulate
 
 MODEL = Model(elements_per_bay=1)
@@ -112,7 +113,7 @@ def test_a_marker_offset_along_the_tangent_is_beyond_its_section():
     seen = with_effect(SETUP, "marker_offset", offset_x=1e-3, offset_y=0.0, offset_z=3e-3).observation
     s, none = np.array([0.125, LENGTH]), np.zeros(2)
     straight = np.column_stack((none, none, s)), np.tile(np.eye(3), (2, 1, 1))
-    step = seen.step(s, *straight, none, none, none, ("a", "b"))
+    step = ObservedStep(s, *straight, none, none, none, ("a", "b"), seen)
     found = [channel(f"position_{axis}").predict(step, [LENGTH])[0] for axis in "xyz"]
     np.testing.assert_allclose(found, (1e-3, 0.0, LENGTH + 3e-3), atol=1e-12)
 

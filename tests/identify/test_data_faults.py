@@ -153,7 +153,7 @@ def test_exchanged_curvatures_are_named(clean):
     run = simulate(ROBOT, clean.model, clean.steps)
     read = []
     for n, step in zip(clean.step_ids, run.steps, strict=True):
-        kappa = ObservedStep.of(step, tuple(ROBOT.tendon_names)).curvature(np.array([0.11]))[0]
+        kappa = ObservedStep.of(step, ROBOT.tendon_names, clean.observation).curvature(np.array([0.11]))[0]
         read += [Reading(n, f"curvature_{'yx'[k]}", 0.11, float(kappa[k]), 0.1) for k in (0, 1)]
     assert "x = curvature_y, y = curvature_x" in fault_of(replace(clean, readings=tuple(read)))
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.model.channels import CHANNELS, QUANTITIES, channel
 from tdcr_fe.model.interpolation import ElementChange, within_elements, within_elements_change
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.observed_step import ObservedChange, ObservedStep
+from tdcr_fe.model.observed_step import Observation, ObservedChange, ObservedStep
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
@@ -54,8 +54,7 @@ def test_angles_and_offset_of_an_arc():
 
 
 def test_curvature_belongs_to_the_section_and_not_to_the_measuring_frame():
-    frame = Rotation.from_rotvec((0.3, -0.2, 0.1)).as_matrix()
-    step = arc(frame=frame, offset=np.array([1e-3, 2e-3, 0.0]))
+    step = arc(observation=Observation((0.3, -0.2, 0.1), (1e-3, 2e-3)))
     assert predicted("curvature_y", step, 0.1) == pytest.approx(KAPPA, rel=1e-12)
     assert predicted("position_x", step, 0.1) != pytest.approx(predicted("position_x", arc(), 0.1), abs=1e-4)
 
@@ -70,7 +69,12 @@ def test_curvature_of_a_finite_element_model_is_that_of_the_reference():
     names = tuple(robot.tendon_names)
     for a, b in zip(fe.steps, reference.steps, strict=True):
         found, exact = (
-            np.array([channel(f"curvature_{axis}").predict(ObservedStep.of(x, names), s) for axis in "xy"])
+            np.array(
+                [
+                    channel(f"curvature_{axis}").predict(ObservedStep.of(x, names, Observation()), s)
+                    for axis in "xy"
+                ]
+            )
             for x in (a, b)
         )
         size = np.max(np.abs(exact))
@@ -104,8 +108,8 @@ def test_an_unknown_quantity_names_those_that_exist():
 def test_derivatives_of_an_arc_are_those_of_whole_arcs(quantity: str) -> None:
     """By its curvature, and by where its nodes lie on it, which changes no reading; the instrument is turned."""
     known, h, s = channel(quantity), 1e-5, LENGTH * np.linspace(0.0, 1.0, 9) ** 1.1
-    frame = Rotation.from_rotvec([0.1, -0.2, 0.3]).as_matrix()
-    step = arc(KAPPA, s, frame=frame)
+    turned = {"observation": Observation((0.1, -0.2, 0.3))}
+    step = arc(KAPPA, s, **turned)
     positions, rotations = np.zeros((2, s.size, 3, 2))
     x = KAPPA * s
     positions[:, ::2, 0] = np.stack((x * np.sin(x) - 1.0 + np.cos(x), x * np.cos(x) - np.sin(x)), axis=1)
@@ -120,7 +124,7 @@ def test_derivatives_of_an_arc_are_those_of_whole_arcs(quantity: str) -> None:
     )
     locations = {"arc length": (0.033, s[3], s[-1]), "tendon": ("t1",), "": (None,)}[known.location]
     found = known.derivatives(step, change, locations)
-    ahead, behind = (known.predict(arc(k, s, frame=frame), locations) for k in (KAPPA + h, KAPPA - h))
+    ahead, behind = (known.predict(arc(k, s, **turned), locations) for k in (KAPPA + h, KAPPA - h))
     expected = (ahead - behind) / (2.0 * h)
     if known.location == "tendon":
         expected = np.array(
@@ -132,11 +136,11 @@ def test_derivatives_of_an_arc_are_those_of_whole_arcs(quantity: str) -> None:
 
 @pytest.mark.parametrize("quantity", [q for q in QUANTITIES if q.startswith("position")])
 def test_markers_off_the_backbone_turn_with_their_sections(quantity: str) -> None:
-    step = arc(offset=np.array([1e-3, 2e-3, 3e-3]))
+    step = arc(observation=Observation(offset=(1e-3, 2e-3), along=3e-3))
     rotations = np.tile(np.array([0.1, 0.2, 0.3])[:, None], (9, 1, 1))
     change = ObservedChange(0.0 * rotations, rotations, *np.zeros((3, 1, 1)), np.zeros((9, 1)))
     (found,) = channel(quantity).derivatives(step, change, [step.s[4]])
-    expected = np.cross([0.1, 0.2, 0.3], step.rotations[4] @ step.offset)["xyz".index(quantity[-1])]
+    expected = np.cross([0.1, 0.2, 0.3], step.rotations[4] @ [1e-3, 2e-3, 3e-3])["xyz".index(quantity[-1])]
     assert found == pytest.approx([expected], abs=1e-10)
 
 

@@ -12,6 +12,7 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import channel
+from tdcr_fe.model.observed_step import ObservedStep
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.reference import Extras, ReferenceSettings, solve_reference
@@ -94,15 +95,7 @@ def read(result: SequenceResult, setup: Experiment, marks: Sequence[Mark]) -> Ar
     # Where effects divide a step, its end is read.
     steps = {k: result.steps[j] for j, (k, _) in enumerate(setup.step_ends)}
     observed = {
-        k: setup.observation.step(
-            x.s,
-            x.positions,
-            x.rotations,
-            np.asarray(x.displacements, dtype=float),
-            np.asarray(x.base_tensions, dtype=float),
-            np.array([t[-1] for t in x.tensions], dtype=float),
-            names,
-        )
+        k: ObservedStep.of(x, names, setup.observation)
         for k, x in steps.items()
         if k in {mark[0] for mark in marks}
     }

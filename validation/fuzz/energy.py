@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, resolve
+from tdcr_fe.effects.actuation import loads_between
+from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.fuzz.state import State, elements, unloaded_pose
@@ -42,18 +43,12 @@ def divided(robot: Robot, steps: Sequence[LoadStep], parts: int) -> list[LoadSte
                     step.label,
                     {name: value for name, value, pulled in rows if not pulled},
                     {name: value for name, value, pulled in rows if pulled},
-                    {n: _between(before.loads.get(n), load, x) for n, load in end.loads.items()},
+                    loads_between(before.loads, end.loads, x),
                     time=(1.0 - x) * before.time + x * end.time if step.time is not None else None,
                 )
             )
         before = end
     return found
-
-
-def _between(first: Load | None, last: Load, x: float) -> Load:
-    start = (0.0,) * 6 if first is None else (*first.force, *first.moment)
-    now = ((1.0 - x) * np.array(start) + x * np.array((*last.force, *last.moment))).tolist()
-    return replace(last, force=tuple(now[:3]), moment=tuple(now[3:]))
 
 
 def is_covered(robot: Robot, model: Model, steps: Sequence[LoadStep]) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
@@ -27,14 +28,10 @@ def constant_strain(strain: Array, length: float) -> tuple[Array, Array]:
     tuple of numpy.ndarray
         Rotation (3, 3) and position [m] (3,) of the end in the frame of the start.
     """
-    angle = float(np.linalg.norm(strain[:3])) * length
-    turn = hat(strain[:3]) * length
-    if angle < 1e-8:
-        return np.eye(3) + turn + turn @ turn / 2.0, length * (np.eye(3) + turn / 2.0) @ strain[3:]
-    square = turn @ turn
-    rotation = np.eye(3) + np.sin(angle) / angle * turn + (1.0 - np.cos(angle)) / angle**2 * square
-    shift = np.eye(3) + (1.0 - np.cos(angle)) / angle**2 * turn + (angle - np.sin(angle)) / angle**3 * square
-    return rotation, length * shift @ strain[3:]
+    twist = np.zeros((4, 4))
+    twist[:3, :3], twist[:3, 3] = hat(strain[:3]), strain[3:]
+    end = expm(length * twist)
+    return end[:3, :3], end[:3, 3]
 
 
 def helix_wrench(turn: float, twist: float, bending: float, torsional: float) -> Array:
