@@ -25,7 +25,7 @@ from tdcr_fe.effects import Experiment, with_effect
 from tdcr_fe.model.robot import SideSpring
 from tdcr_fe.model.tendon import TightHole
 from tdcr_fe.sweeps.description import Range
-from tdcr_fe.sweeps.sampling import LogNormal, Normal, Uniform
+from tdcr_fe.sweeps.sampling import Normal, Uniform
 from tdcr_fe.validation.reference import ReferenceSettings
 
 tdcr.register()
@@ -77,21 +77,16 @@ DESCRIPTIONS = [
     (lambda: replace(three(), springs=(SideSpring(0.3, 1.0),)), "beyond the tip"),
     (lambda: SOFT.with_tendons(["a"], end=0.31), r"tendons\[0\].end: 0.31; beyond the tip"),
     (lambda: SOFT.with_tendons(["a"], clearance=1e-3), r"clearance: given; a robot without disks has no holes"),
-    (lambda: Model(gravity=(0.0, 0.0, NAN)), r"Model.gravity\[2\] = .*three finite numbers"),
     (lambda: Model(tendon_path="curved"), 'tendon_path = "curved": must be "straight" or "continuous"'),
     (lambda: Model(elements_per_bay=0), 'elements_per_bay = 0: must be "auto" or a whole number from 1 to 64'),
-    (lambda: Model(elements_per_bay=1000), "elements_per_bay = 1000"),
-    (lambda: Model(friction="sticky"), 'friction = "sticky"'),
     (lambda: Model("continuous", "per-tendon"), "has no friction"),
     (lambda: LoadStep(tensions={"t1": NAN}), "LoadStep.tensions.t1 = .*zero or more"),
     (lambda: Uniform(2.0, 1.0), "lower must be below upper"),
     (lambda: Uniform(0.0, NAN), "must be a finite number"),
     (lambda: Normal(0.0, -1.0), "must be a positive number"),
     (lambda: Normal(0.0, 1.0, lower=40.0), "leave out the whole distribution"),
-    (lambda: LogNormal(-1.0, 0.1), "must be a positive number"),
     (lambda: Range(-1.0, 1.0, 3, "logarithmic"), "both positive or both negative"),
     (lambda: ReferenceSettings(substeps=0), "substeps = 0"),
-    (lambda: ReferenceSettings(presliding=0), "presliding = 0"),
 ]  # fmt: skip
 EFFECTS = [
     (lambda: changed("magic", x=1.0), "there are"),
@@ -118,7 +113,6 @@ SOLVES = [
     (lambda: differentiated("disks.positions[12]"), "at the tip"),
     (lambda: differentiated("loads.nowhere.force_x"), "no step names the load"),
     (lambda: differentiated("steps[0].substeps"), "names no number"),
-    (lambda: differentiated("inputs.t9"), "names no number"),
     (lambda: differentiated("backbone.radius", "backbone.radius"), "named twice"),
     (lambda: tdcr.simulate(three(), Model(), PULL, sensitivities="backbone.radius"), "must be a list of names"),
     (lambda: tracked("steps[0].tensions.t1"), "names no number"),
@@ -132,11 +126,9 @@ SOLVES = [
     (lambda: follow(drive_by="displacement"), "needs a pretension above zero"),
     (lambda: follow(tolerance=0.0), "above zero"),
     (lambda: follow(targets=[[1.0, 2.0]]), r"shape \(n, 3\)"),
-    (lambda: follow(targets=[[0.0, NAN, 0.2]]), "must be"),
     (lambda: follow(targets=[[40.0, 0.0, 192.0]]), r"targets\[0\].position = 196.122 m: .* was it meant in mm\?"),
     (lambda: follow(robot=replace(paper(), tendons=())), "no tendons"),
     (lambda: tdcr.TipTarget((0.0, 0.0, 0.2), (0.0, 0.0, 0.0)), "must not be zero"),
-    (lambda: tdcr.TipTarget((None, None, None)), "must be"),
     (lambda: LoadPrior(sigma=0.0), "sigma = 0"),
     (lambda: estimator(load=LoadPrior(at=0.3)), "at most the length"),
     (lambda: estimator(inputs=InputPrior(sigma={"t1": 0.1})), "must name t1, t2, t3"),
@@ -211,7 +203,6 @@ SCENES = [
     (without_robot, "CreateTDCR"),
     (lambda: used(lambda mbs, arm: tdcr.SolveTDCR(mbs)), "Assemble"),
     (lambda: used(lambda mbs, arm: arm.tip_position), r"mbs\.Assemble"),
-    (lambda: used(lambda mbs, arm: arm.tensions()), r"mbs\.Assemble"),
     (lambda: used(lambda mbs, arm: arm.set_tensions({"x": 1.0})), "no tendon 'x'"),
     (lambda: used(lambda mbs, arm: arm.set_tensions([1.0, 2.0])), "2 values for 3 tendons"),
     (lambda: used(lambda mbs, arm: arm.set_tensions({"t1": -1.0})), "tension >= 0"),
@@ -224,7 +215,6 @@ SCENES = [
     (lambda: used(lambda mbs, arm: arm.recommended_settings(NAN, 1e-3)), "recommended_settings"),
     (lambda: used(lambda mbs, arm: arm.add_load("y", 0.124)), "nearest"),
     (lambda: used(twice), "already"),
-    (lambda: used(lambda mbs, arm: arm.add_motor("x", 1.0, 1.0)), "no tendon 'x'"),
     (lambda: used(lambda mbs, arm: arm.add_motor("t1", 0.0, 1.0)), "inertia = 0.0"),
     (lambda: used(lambda mbs, arm: arm.add_motor("t1", 1.0, -1.0)), "radius = -1.0"),
     (lambda: used(lambda mbs, arm: mbs.TDCREigenvalues(holes="free"), True), "must be 'stuck' or 'sliding'"),

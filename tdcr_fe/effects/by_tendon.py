@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from tdcr_fe.effects.base import (
     Bounds,
@@ -85,7 +85,8 @@ class TendonNumber(SharedNumber):
 
     def with_number(self, tendon: Tendon, value: float) -> Tendon:
         """A tendon with another number."""
-        return replace(tendon, **{self.field: value})
+        changed: dict[str, Any] = {self.field: value}
+        return replace(tendon, **changed)
 
     def applies_to(self, tendon: Tendon) -> bool:
         """Whether a tendon has such a number."""
