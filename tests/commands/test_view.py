@@ -83,4 +83,6 @@ def test_a_video_that_cannot_be_written_is_refused_before_anything_is(folder, tm
     monkeypatch.setattr(video.shutil, "which", lambda name: None)
     text = refused([folder, "--video", tmp_path / "robot.mp4", "--vtk", tmp_path / "vtk"], capsys)
     assert "robot.mp4: needs the program ffmpeg, which is not installed; install it, or write a .gif" in text
+    text = refused([folder, "--video", tmp_path / "robot.avi"], capsys)
+    assert "must end in .gif or .mp4" in text
     assert sorted(p.name for p in tmp_path.iterdir()) == ["out"] and not (folder / "view.html").exists()

@@ -9,7 +9,6 @@ from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
-import pandas as pd
 import pytest
 from arcs import arc_result, paper_robot
 from hypothesis import given
@@ -60,13 +59,6 @@ def test_quaternions_run_on_at_half_a_turn():
     turns = Rotation.from_rotvec(np.outer([0.9 * np.pi, np.pi, np.pi], [1.0, 0.0, 0.0]))
     q = quaternions(turns.as_matrix())
     assert np.all(q[:, 1] > 0.9) and np.all(q[:, 0] >= 0.0)
-
-
-def test_label_with_comma_quote_and_line_break_comes_back(tmp_path):
-    label = 'a, "b"\nc'
-    write_results(arc_result(steps=[LoadStep(label, {"t1": 1.0})]), tmp_path, pictures=False)
-    assert pd.read_csv(tmp_path / "steps.csv")["label"].tolist() == [label]
-    assert json.loads((tmp_path / "summary.json").read_text("utf-8"))["steps"][0]["label"] == label
 
 
 def test_summary_names_versions_settings_digest_and_outcome(tmp_path):

@@ -143,14 +143,6 @@ def test_what_is_kept_is_not_solved_again(store):
     assert dict(store.recall(["3"])) == {"3": {"square": 9}}
 
 
-def test_an_interruption_keeps_what_was_found(store):
-    with closing(solve_all({str(k): k for k in range(5)}, square, store, own_process=False)) as found:
-        for _ in range(2):
-            next(found)
-    known = [key for key, _, known in solved(store, {str(k): k for k in range(5)}) if known]
-    assert known == ["0", "1"]
-
-
 @pytest.mark.integration
 def test_processes_find_the_same(store):
     with closing(solve_all({str(k): k for k in range(7)}, square, store, processes=2)) as found:

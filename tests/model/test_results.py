@@ -54,7 +54,6 @@ def test_a_result_without_any_step_or_tendon_prints_too():
         arc_result(), steps=(), converged=False, failed_step=1, message="step 1 failed"
     )
     assert "0 solved, step 1 not" in str(nothing)
-    assert nothing.to_frame().empty and nothing.shape_frame().empty and nothing.tensions_frame().empty
     robot = dataclasses.replace(paper_robot(), tendons=())
     assert "no tendons" in str(arc_result(robot, [LoadStep("still")]))
 

@@ -183,9 +183,6 @@ def test_what_nothing_holds_is_named():
         mbs.SolveTDCR(SolverSettings(min_substep=0.5))
 
 
-# ---------------------------------------------------------------- several robots
-
-
 # ---------------------------------------------------------------- hooks
 
 
@@ -304,14 +301,6 @@ def test_a_force_sensor_on_a_segment_that_is_only_drawn_is_refused():
     mbs.Assemble()
     with pytest.raises(ValueError, match=r"sensor 'pull': .* only drawn, .* arm.add_sensors\(\)"):
         handle.set_tensions([1.0])
-
-
-def test_reading_before_solving_gives_the_unloaded_state():
-    _keep, _mbs, handle = scene(three(0.3))
-    assert distance(handle.tip_position, STRAIGHT) < 1e-12
-    assert np.all(handle.tensions()["t2"] == 0.0)
-    assert handle.hole_states()["t1"][:2] == ("stick", "stick")
-    assert handle.displacements()["t1"] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_base_joint_carries_the_load_and_the_robot_follows_its_support():

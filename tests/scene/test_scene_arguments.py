@@ -52,19 +52,12 @@ def test_gravity_colour_graphics_and_a_dict_are_as_in_exudyns_functions():
 # ---------------------------------------------------------------- base marker
 
 
-def carrier(position, rotation):
-    """A free body with a rigid marker at a pose."""
-    keep, mbs = system()
-    node = mbs.AddNode(eii.NodeRigidBodyEP(referenceCoordinates=[0.1, 0.2, 0.3, 1, 0, 0, 0]))
-    inertia = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
-    body = mbs.AddObject(eii.ObjectRigidBody(nodeNumber=node, mass=1.0, inertia=inertia))
-    frame = exu.HT(rotation=rotation, translation=np.array(position) - [0.1, 0.2, 0.3])
-    return keep, mbs, mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=body, localHT=frame))
-
-
 def test_the_pose_of_the_base_is_that_of_its_marker():
     turn = Rotation.from_euler("xyz", [0.3, -0.4, 1.0]).as_matrix()
-    _keep, mbs, marker = carrier([0.5, 0.0, 0.1], turn)
+    _keep, mbs = system()
+    body = mbs.CreateRigidBody(inertia=InertiaCuboid(1e3, [0.05] * 3), referencePosition=[0.1, 0.2, 0.3])
+    at_body = exu.HT(rotation=turn, translation=[0.4, -0.2, -0.2])
+    marker = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=body, localHT=at_body))
     handle = CreateTDCR(mbs, paper(), MODEL, baseMarker=marker)
     mbs.Assemble()
     assert distance(handle.tip_position, [0.5, 0.0, 0.1] + turn @ [0.0, 0.0, LENGTH]) < 1e-12

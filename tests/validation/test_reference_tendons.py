@@ -21,7 +21,6 @@ from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.random_robots import draw
 from tdcr_fe.validation.reference import path as path_module
 from tdcr_fe.validation.reference import sequence, solve_reference
-from tdcr_fe.validation.reference.newton import natural_residual, solve_box
 
 L = 0.25
 BACKBONE = Backbone(L, 0.4e-3, 85e9, 0.3, density=5600.0)
@@ -61,17 +60,6 @@ def test_friction_of_the_papers_robot():
     assert np.degrees(step.bending_angle) == pytest.approx(80.2627, abs=1e-4)
     assert step.tensions[0][-1] == pytest.approx(1.69753, abs=1e-5)
     assert step.hole_states[0] == ("pull",) * 12 + ("anchor",)
-
-
-CYCLE = (1.0, 2.5, 1.5, 0.2, 0.0, 1.0, 2.5)
-
-
-@pytest.mark.parametrize("friction", ["per-hole", "per-tendon"])
-def test_no_friction_coefficient_is_no_friction_to_the_last_bit(friction):
-    steps = pulls(*CYCLE, loads=SIDE)
-    one, other = run(robot(), steps, friction=friction), run(robot(mu=0.3), steps, friction="none")
-    np.testing.assert_array_equal(one.tips, other.tips)
-    assert set(one.steps[-1].hole_states[0]) == {"stick", "anchor"}
 
 
 @pytest.mark.integration
@@ -120,19 +108,6 @@ def test_a_failing_step_is_named_with_a_cure(monkeypatch):
     assert result.failed_step == 2
     assert len(result.steps) == 1
     assert "smaller load steps" in result.message
-
-
-def test_box_problems_with_positive_minors_are_solved():
-    draw = np.random.default_rng(3)
-    for _ in range(50):
-        n = 12
-        root = draw.normal(size=(n, n))
-        skew = draw.normal(size=(n, n))
-        matrix = root @ root.T + 0.01 * np.eye(n) + skew - skew.T
-        offset = 5.0 * draw.normal(size=n)
-        lower, upper = -np.ones(n), np.where(np.arange(n) < 6, 1.0, np.inf)
-        v = solve_box(matrix, offset, np.zeros(n), lower, upper)
-        np.testing.assert_allclose(natural_residual(matrix @ v + offset, v, lower, upper), 0.0, atol=1e-8)
 
 
 # ------------------------------------------------------------ friction laws
