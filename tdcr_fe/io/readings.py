@@ -246,6 +246,4 @@ def refuse_if_doubtful(bad: Sequence[BadRow], sound: Sequence[Reading], robot: R
 
 def observations_table(readings: Iterable[Reading]) -> pd.DataFrame:
     """Readings as ``observations.csv`` has them."""
-    rows = [[getattr(r, name) for name in OBSERVATION_COLUMNS] for r in readings]
-    rows = [["" if x is None else x for x in row] for row in rows]
-    return pd.DataFrame(rows, columns=list(OBSERVATION_COLUMNS))
+    return pd.DataFrame([vars(r) for r in readings], columns=list(OBSERVATION_COLUMNS))
