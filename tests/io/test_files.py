@@ -75,16 +75,6 @@ def test_scenario_is_read_as_written(tmp_path):
     assert isinstance(scenario.steps[0].tensions["t3"], float)
 
 
-def test_robot_is_found_relative_to_the_scenario(tmp_path, monkeypatch):
-    (tmp_path / "robots").mkdir()
-    (tmp_path / "scenarios").mkdir()
-    (tmp_path / "robots" / "mine.toml").write_text(ROBOT)
-    path = tmp_path / "scenarios" / "s.toml"
-    path.write_text(SCENARIO.replace("robot.toml", "../robots/mine.toml"))
-    monkeypatch.chdir(tmp_path / "robots")
-    assert read_scenario(path).robot.name == "single-segment"
-
-
 def test_model_table_may_be_missing_and_means_straight_per_hole_no_gravity(tmp_path):
     path = write(tmp_path, scenario=changed(SCENARIO, {"model": REMOVED}))
     assert read_scenario(path).model == Model("straight", "per-hole", "auto", (0.0, 0.0, 0.0))

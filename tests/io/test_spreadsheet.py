@@ -67,8 +67,3 @@ def test_ambiguous_file_is_refused_with_a_word_for_the_reason(tmp_path, content,
     (found,) = caught.value.problems
     assert (found.file, found.key) == (str(path), key)
     assert word in found.allowed
-
-
-def test_file_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
-        read_table(tmp_path / "t.csv")
