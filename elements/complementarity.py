@@ -9,7 +9,6 @@ from scipy.linalg.lapack import dgesv
 from tdcr_fe.compiled import compilable, compiled_as
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int_]
 
 #: Smallest eigenvalue of `positive_definite_near` over the largest magnitude of those it began with [1].
 LEAST_EIGENVALUE = 0.05
@@ -20,16 +19,6 @@ MOST_IDLE_BLOCKS = 3
 BOX_ROUND_OFF = 1e-11
 #: And of ``w`` in `solve_nonnegative`, over the largest entry of the right side [1].
 SIGN_ROUND_OFF = 1e-13
-
-
-def as_slice(numbers: Index) -> slice | Index:
-    """The same numbers as a slice, where they are evenly spaced."""
-    if len(numbers) < 2:
-        return slice(int(numbers[0]), int(numbers[0]) + 1) if len(numbers) else slice(0, 0)
-    steps = np.diff(numbers)
-    if steps[0] > 0 and np.all(steps == steps[0]):
-        return slice(int(numbers[0]), int(numbers[-1]) + 1, int(steps[0]))
-    return numbers
 
 
 @compiled_as(lambda values: values.max())

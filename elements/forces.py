@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BackboneMesh, NodeStiffness, relative_twists, strain_matrices
 from tdcr_fe.elements.capstan import HoleSlopes, TensionField
-from tdcr_fe.elements.complementarity import as_slice
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.poses import skew
@@ -79,11 +78,6 @@ class ForceModel:
         if self.geometry is None:
             return self.hole_nodes[:0]
         return self.hole_nodes[: self.geometry.nodes.shape[1]]
-
-    @cached_property
-    def cable_rows(self) -> slice | NDArray[np.int_]:
-        """The same as a slice, where they are evenly spaced."""
-        return as_slice(self.cable_nodes)
 
     def measure(self, positions: Array, rotations: Array, twists: Array | None = None) -> Measurement:
         """Lengths and angles of the tendons in a configuration.
@@ -286,8 +280,7 @@ class TendonForces(NamedTuple):
         """Wrench ``[f, m]`` of tendons, section forces and springs on every node, in its own frame, shape (N, 6)."""
         total = np.zeros((self.model.mesh.arc_lengths.size, 6))
         if self.model.geometry is not None:
-            pulled = self.measured.shape.lines.wrenches(self.field.tension)
-            total[self.model.cable_rows] = pulled
+            total[self.model.cable_nodes] = self.measured.shape.lines.wrenches(self.field.tension)
         if self.model.section is not None:
             total += self.section_wrenches()
         if self.measured.poses is not None and self.model.springs is not None:

@@ -102,8 +102,9 @@ def generalized_forces(wrenches: Array, rotations: Array, parameters: Array) -> 
 
 
 def add_neighbours(k: Array, stiffness: NodeStiffness, nodes: NDArray[np.int_]) -> None:
-    """Add the blocks of neighbours in a row of nodes to a matrix by body-frame increments, shape (6 N, 6 N)."""
-    blocks = k.reshape(len(k) // 6, 6, len(k) // 6, 6)
+    """Add the blocks of neighbours in a row of nodes to a matrix that begins with body-frame increments of nodes."""
+    (row, column), n = k.strides, len(k) // 6
+    blocks: Array = np.ndarray((n, 6, n, 6), k.dtype, k, 0, (6 * row, row, 6 * column, column))
     near, far = nodes[:-1], nodes[1:]
     blocks[nodes, :, nodes, :] += stiffness.itself
     blocks[near, :, far, :] += stiffness.after

@@ -103,7 +103,7 @@ class StraightTendons:
     def __init__(self, model: ForceModel) -> None:
         geometry, law = model.geometry, model.law
         assert geometry is not None
-        self._rows, self._nodes, self._size = model.cable_rows, model.cable_nodes, model.mesh.arc_lengths.size
+        self._nodes, self._size = model.cable_nodes, model.mesh.arc_lengths.size
         self._presliding = law.hysteresis.presliding
         self._offsets: Array = np.ascontiguousarray(geometry.offsets.transpose(1, 0, 2))
         self._levers: Array = np.concatenate(skew(geometry.offsets), axis=-1)
@@ -129,7 +129,7 @@ class StraightTendons:
         if len(pull.forces) == self._size:
             return pull.forces.reshape(-1)
         found = np.zeros((self._size, 7))
-        found[self._rows] = pull.forces
+        found[self._nodes] = pull.forces
         return found.reshape(-1)
 
     def friction(self, pull: Pull, time: float) -> FrictionState:
@@ -196,7 +196,7 @@ class StraightTendons:
             Holes that stick and slide as predicted, in place of the law of friction. The law is taken nevertheless
             where it agrees, and where the prediction is of no use: tensions below zero, or more than doubled.
         """
-        nodes = coordinates[self._rows]
+        nodes = coordinates[self._nodes]
         e = nodes[:, 3:]
         frames = (e[:, :, None] * e[:, None, :]).reshape(-1, 16).dot(_FRAMES)
         frames += _EYE9

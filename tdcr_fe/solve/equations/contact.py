@@ -22,8 +22,6 @@ from typing import Any, NamedTuple
 import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
 Array = NDArray[np.float64]
@@ -83,20 +81,6 @@ class TriangleContact:
                 radii += [contact.GetSphereMarkerBased(i, addData=True)["radius"] for i in range(spheres)]
         self._step = RELATIVE_STEP * min(radii, default=0.0)
         self._nodes = _nodes_of_coordinates(mbs)
-        self._couplings: tuple[list[bytes], NDArray[np.bool_]] | None = None
-
-    def couplings(self, compute: Callable[[], Array]) -> NDArray[np.bool_]:
-        """Which coordinates these contacts couple, shape (n2, n2), found anew where active sets have changed.
-
-        Parameters
-        ----------
-        compute
-            Gives Exudyn's Jacobian of their forces, shape (n2, n2), of which only the pattern is used.
-        """
-        active = [found.tobytes() for each in self._all for found in each.active]
-        if self._couplings is None or self._couplings[0] != active:
-            self._couplings = active, compute() != 0.0
-        return self._couplings[1]
 
     @property
     def touching(self) -> bool:
@@ -115,48 +99,27 @@ class TriangleContact:
             for each, active in zip(self._all, before, strict=True):
                 each.contact.isActive = active
 
-    def derivative(self, evaluate: Callable[[], object], couplings: NDArray[np.bool_]) -> Array:
+    def derivative(self, evaluate: Callable[[], object]) -> Array:
         """Derivative of the forces of these contacts by the ODE2 coordinates, shape (n2, n2).
 
         Parameters
         ----------
         evaluate
             Lets Exudyn compute the forces in the current configuration, which is left as it is.
-        couplings
-            See `couplings`: bodies that are not coupled are moved at the same time.
         """
-        found = np.zeros(couplings.shape)
         current: Array = self._mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Current, copy=False)
-        start = current.copy()
+        found = np.zeros((len(current), len(current)))
         with self._forces_kept():
             evaluate()
-            groups = self._coupled(self._forces(), couplings)
-            for k in range(max(map(len, groups), default=0)):
-                columns = np.array([group[k] for group in groups if k < len(group)])
-                change = np.zeros(len(start))
+            for k in np.flatnonzero(np.isin(self._nodes, self._nodes[np.flatnonzero(self._forces())])):
+                start = current[k]
                 for step in (self._step, -self._step):
-                    current[columns] = start[columns] + step
+                    current[k] = start + step
                     evaluate()
-                    change += self._forces() / (2.0 * step)
-                current[columns] = start[columns]
-                for group in groups:
-                    if k < len(group):
-                        found[group, group[k]] = change[group]
+                    found[:, k] += self._forces() / (2.0 * step)
+                current[k] = start
             evaluate()
         return found
-
-    def _coupled(self, forces: Array, couplings: NDArray[np.bool_]) -> list[Index]:
-        """Coordinates of the bodies on which contact acts, those of bodies that are coupled together."""
-        touched = np.flatnonzero(np.isin(self._nodes, self._nodes[np.flatnonzero(forces)]))
-        _, body = np.unique(self._nodes[touched], return_inverse=True)
-        size = int(body.max(initial=-1)) + 1
-        if not all(each.contact.sphereSphereContact for each in self._all):
-            # Then Exudyn's Jacobian has nothing of these contacts, so no pattern either.
-            return [touched]
-        row, column = np.nonzero(couplings[np.ix_(touched, touched)])
-        graph = coo_array((np.ones(len(row)), (body[row], body[column])), shape=(size, size))
-        count, group = connected_components(graph, directed=False)
-        return [touched[group[body] == g] for g in range(count)]
 
     def _forces(self) -> Array:
         """Generalised forces of these contacts, as last evaluated, shape (n2,)."""

@@ -82,11 +82,7 @@ class StaticKernel:
         n2 = self._mbs.systemData.ODE2Size()
         with self.triangles.switched_off():
             found = self._exudyns_jacobian(loads, constraints).copy()
-        rest = found[:n2, :n2]
-        couplings = self.triangles.couplings(
-            lambda: self._exudyns_jacobian(loads, constraints=False)[:n2, :n2] - rest
-        )
-        rest += self.triangles.derivative(self.residual, couplings)
+        found[:n2, :n2] += self.triangles.derivative(self.residual)
         return found
 
     def _exudyns_jacobian(self, loads: bool, constraints: bool) -> Array:

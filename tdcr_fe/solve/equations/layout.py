@@ -16,7 +16,7 @@ from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.scene.mesh import of_backbone
 from tdcr_fe.solve.equations.band import BandLayout
 from tdcr_fe.solve.equations.configuration import ConfigurationSpace
-from tdcr_fe.solve.equations.reduction import BodyFrameReduction, RobotNodes
+from tdcr_fe.solve.equations.reduction import BodyFrameReduction
 
 Array = NDArray[np.float64]
 
@@ -279,8 +279,7 @@ class SceneLayout:
             [*norms, *(i for joint in clamps.values() for i in joint)], dtype=int
         )
         coordinates = np.concatenate([r.coordinates for r in robots])
-        items = [int(r.connectors.forces) for r in robots]
-        reduction = BodyFrameReduction(mbs, coordinates, dropped, _rows_of_nodes(robots), items)
+        reduction = BodyFrameReduction(mbs, coordinates, dropped)
         space = ConfigurationSpace(mbs, robots, reduction, clamps)
         loads = [mbs.GetLoad(i) for i in range(data.NumberOfLoads())]
         # Forces fixed in the world have no derivative at a node; all other loads may have one.
@@ -301,8 +300,7 @@ class SceneLayout:
     def alone(self, mbs: exu.MainSystem, i: int) -> SceneLayout:
         """That of one robot, which nothing couples with the others and no load turns with; all else stays as it is."""
         robots, joint = [self.space.robots[i]], self.clamps[i]
-        everything = np.arange(self.reduction.size)
-        reduction = BodyFrameReduction(mbs, robots[0].coordinates, everything, _rows_of_nodes(robots))
+        reduction = BodyFrameReduction(mbs, robots[0].coordinates, np.arange(self.reduction.size))
         return replace(
             self,
             clamps={0: joint},
@@ -325,16 +323,6 @@ def _clamps(mbs: exu.MainSystem, robots: Sequence[TendonActuation]) -> dict[int,
         joint = mbs.GetObject(robot.clamp.joint)
         if joint["activeConnector"] and all(joint["constrainedAxes"]) and not joint["offsetUserFunction"]:
             found[i] = np.array(mbs.systemData.GetObjectLTGAE(robot.clamp.joint), dtype=int)
-    return found
-
-
-def _rows_of_nodes(robots: Sequence[TendonActuation]) -> list[RobotNodes]:
-    """Of every robot, the numbers of its nodes and of those with holes, among the nodes of all robots."""
-    found, first = [], 0
-    for robot in robots:
-        every = first + np.arange(len(robot.nodes))
-        found.append(RobotNodes(every, every[robot.model.cable_nodes]))
-        first += len(every)
     return found
 
 

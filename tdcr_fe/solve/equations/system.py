@@ -11,6 +11,7 @@ section "Newton's method in strain space".
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 
 import exudyn as exu
@@ -31,11 +32,9 @@ from tdcr_fe.solve.equations.linearization import (
     Factors,
     Linearization,
 )
-from tdcr_fe.solve.equations.reduction import SceneTangent
 from tdcr_fe.solve.equations.tangent import (
-    add_couplings,
     add_damping,
-    add_geometric_stiffness,
+    add_forces,
     add_unbalanced,
     backbone_tangent,
     border,
@@ -100,7 +99,15 @@ class SceneSystem:
         raw = self._raw().copy()
         if robots == 1 or len(layout.clamps) < robots or not self.clamps_are_closed(raw):
             return [self]
-        return [RobotSystem(self, i, raw) for i in range(robots)]
+        return [self._alone(i, raw) for i in range(robots)]
+
+    def _alone(self, i: int, raw: Array) -> SceneSystem:
+        """The equations of one robot that nothing couples with the rest; ``raw``: Exudyn's residual of the scene."""
+        own = copy(self)
+        own.robots, own.point_loads = [self.robots[i]], self.hooks.robots[i].point_loads
+        own._raw = RobotKernel(self.mbs, self.robots[i], own.point_loads, raw).residual
+        own.layout, own._reactions = self.layout.alone(self.mbs, i), self._reactions.alone(i)
+        return own
 
     @property
     def length(self) -> float:
@@ -281,24 +288,27 @@ class SceneSystem:
         approach = np.linalg.norm(contact.relative_positions() - start, axis=1)
         return bool(np.any(approach > limits))
 
-    def scene_tangent(self, residual: Residual) -> SceneTangent:
+    def scene_tangent(self, residual: Residual) -> Array:
         """Exudyn's Jacobian: everything but the forces of the tendons and inside the sections.
 
         Parameters
         ----------
         residual
             The last one evaluated, whose state is in the scene.
+
+        Returns
+        -------
+        ndarray, shape (reduced, reduced)
+            Exudyn's sign: minus the stiffness.
         """
-        layout, frames = self.layout, residual.state.configuration.frames
+        layout = self.layout
         j = self._kernel.jacobian(
             loads=len(layout.turning) > 0, constraints=len(layout.reduction.other_multipliers) > 0
         )
         extra = self.hooks.user_jacobian(residual.target.time)
         if extra is not None:
             j[: extra.shape[0], : extra.shape[1]] += extra
-        # Contact and the user's additions may couple further nodes.
-        changing = extra is not None or self.mbs.NumberOfGeneralContacts() > 0
-        return layout.reduction.tangent(j, frames, search_couplings=changing)
+        return layout.reduction.tangent(j, residual.state.configuration.frames)
 
     def contact_too_deep(self, state: SolverState) -> bool:
         """Whether a body is so deep in another one that contact no longer separates them; leaves it in the scene."""
@@ -333,22 +343,10 @@ class SceneSystem:
         )
 
     def tangent(self, residual: Residual) -> Array:
-        """Derivative of the reduced residual at fixed friction and tensions at the base.
-
-        Parameters
-        ----------
-        residual
-            The last one evaluated, whose state is in the scene.
-
-        Returns
-        -------
-        ndarray, shape (reduced, reduced)
-            Exudyn's sign: minus the stiffness.
-        """
-        scene = self.scene_tangent(residual)
-        add_geometric_stiffness(scene, residual)
-        k = scene.dense(self.layout.reduction.count)
-        add_couplings(k, residual, self.layout.space.slices)
+        """Derivative of the reduced residual at fixed friction and tensions at the base; as `scene_tangent`."""
+        k = self.scene_tangent(residual)
+        for own, nodes in zip(residual.forces, self.layout.space.slices, strict=True):
+            add_forces(k, own, nodes)
         return k
 
     def linearize(self, residual: Residual, numbering: Numbering, damping: float = 0.0) -> Linearization:
@@ -388,15 +386,10 @@ class SceneSystem:
 
     def _factors_of_scene(self, residual: Residual, numbering: Numbering, damping: float) -> Factors:
         """The same from Exudyn's Jacobian, as a full matrix."""
-        layout = self.layout
-        nodes = layout.space.slices
-        scene = self.scene_tangent(residual)
-        add_unbalanced(scene, residual, nodes)
-        add_geometric_stiffness(scene, residual)
-        k = scene.dense(numbering.reduced)
-        add_couplings(k, residual, nodes)
+        k = self.tangent(residual)
+        add_unbalanced(k, residual, self.layout.space.slices)
         if damping > 0.0:
-            add_damping(k, layout.reduction.nodes, damping, self.length)
+            add_damping(k, self.layout.reduction.nodes, damping, self.length)
         hold(k, numbering.clamped)
         return DenseFactors.of(k)
 
@@ -416,24 +409,3 @@ class SceneSystem:
     def with_base_reactions(self, residual: Residual) -> Configuration:
         """The configuration of a state in equilibrium with the reactions of its clamps."""
         return self._reactions.balance(residual)
-
-
-class RobotSystem(SceneSystem):
-    """Equations of one robot of a scene that nothing couples with the rest of it.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    number
-        Of the robot in it.
-    raw
-        Exudyn's residual of the present scene.
-    """
-
-    def __init__(self, scene: SceneSystem, number: int, raw: Array) -> None:
-        self.mbs, self.hooks, self._kernel = scene.mbs, scene.hooks, scene._kernel
-        self.robots, self.point_loads = [scene.robots[number]], self.hooks.robots[number].point_loads
-        self._raw = RobotKernel(self.mbs, self.robots[0], self.point_loads, raw).residual
-        self._user_residual = None
-        self.layout, self._reactions = scene.layout.alone(self.mbs, number), scene._reactions.alone(number)

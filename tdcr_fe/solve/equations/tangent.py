@@ -12,7 +12,6 @@ from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.native.coordinates import add_neighbours
 from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import Numbering, zero_bases
-from tdcr_fe.solve.equations.reduction import SceneTangent
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -44,41 +43,38 @@ def robot_tangent(backbone: NodeStiffness, forces: TendonForces) -> Array:
     count = len(backbone.itself)
     k = np.zeros((6 * count, 6 * count))
     add_neighbours(k, backbone, np.arange(count))
-    if forces.model.geometry is not None:
-        add_neighbours(k, forces.geometric_stiffness(), forces.model.cable_nodes)
-    _add_coupling(k, forces)
+    add_forces(k, forces, slice(0, count))
     return k
 
 
-def add_unbalanced(tangent: SceneTangent, residual: Residual, nodes: Sequence[slice]) -> None:
+def add_unbalanced(k: Array, residual: Residual, nodes: Sequence[slice]) -> None:
     """Add to Exudyn's Jacobian the geometric terms of unbalanced wrenches; ``nodes`` by robot among those of all."""
     configuration = residual.state.configuration
     for i, own in enumerate(nodes):
         wrenches = residual.unbalanced[6 * own.start : 6 * own.stop]
         terms = configuration.chains[i].unbalanced_terms(wrenches, *configuration.poses[i])
-        tangent.add(tangent.pattern.robots[i].backbone, terms)
+        add_neighbours(k, terms, np.arange(own.start, own.stop))
 
 
-def add_geometric_stiffness(tangent: SceneTangent, residual: Residual) -> None:
-    """Add the geometric stiffness of straight tendon segments to the blocks of a tangent."""
-    for own, robot in zip(residual.forces, tangent.pattern.robots, strict=True):
-        if own.model.geometry is not None:
-            tangent.add(robot.holes, own.geometric_stiffness())
+def add_forces(k: Array, forces: TendonForces, nodes: slice) -> None:
+    """Add the forces of one robot to a tangent: of tendons, inside the sections, and of springs to ground.
 
-
-def add_couplings(k: Array, residual: Residual, nodes: Sequence[slice]) -> None:
-    """Add the change of the tensions with the nodes, section forces, and springs to ground, to a dense tangent."""
-    for own, at in zip(residual.forces, nodes, strict=True):
-        inside = slice(6 * at.start, 6 * at.stop)
-        _add_coupling(k[inside, inside], own)
-
-
-def _add_coupling(k: Array, forces: TendonForces) -> None:
-    """The same of one robot."""
+    Parameters
+    ----------
+    k
+        By the nodes of all robots, and what follows them; changed in place.
+    forces
+        Of the robot.
+    nodes
+        Its nodes.
+    """
+    if forces.model.geometry is not None:
+        add_neighbours(k, forces.geometric_stiffness(), nodes.start + forces.model.cable_nodes)
+    inside = slice(6 * nodes.start, 6 * nodes.stop)
     if len(forces.base_tension) or forces.model.section is not None:
-        forces.add_coupling(k)
+        forces.add_coupling(k[inside, inside])
     elif forces.model.springs is not None:
-        forces.add_springs(k)
+        forces.add_springs(k[inside, inside])
 
 
 def border(residual: Residual, numbering: Numbering) -> tuple[Array, Array, Array, Flags]:
