@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -142,7 +142,7 @@ class TensionDerivatives(NamedTuple):
     by_mobilisation: Array  # (m, n, g): By the mobilisations, where these are independent unknowns [N]
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(eq=False)
 class TensionField:
     """Tensions along all tendons, and their derivatives, which are computed when first used."""
 
@@ -163,27 +163,21 @@ class TensionField:
     # Gives the derivatives hole by hole, see `tdcr_fe.elements.capstan.HoleSlopes`; None where the tension
     # behind a hole depends on more than that before it, its angle and its mobilisation
     at_holes: Slopes | None = None
-    _derivatives: TensionDerivatives | None = field(default=None, init=False)
-    _hole_slopes: HoleSlopes | None = field(default=None, init=False)
 
     @property
     def base_slip(self) -> Array:
         """Tendon pulled in at the base plate, ``u_0`` [m], shape (m,)."""
         return np.asarray(self.released_length.sum(axis=1))
 
-    @property
+    @cached_property
     def derivatives(self) -> TensionDerivatives:
         """Of the tensions."""
-        if self._derivatives is None:
-            self._derivatives = self.derive()
-        return self._derivatives
+        return self.derive()
 
-    @property
+    @cached_property
     def hole_slopes(self) -> HoleSlopes | None:
         """Of the tensions hole by hole; None where `at_holes` is."""
-        if self._hole_slopes is None and self.at_holes is not None:
-            self._hole_slopes = self.at_holes()
-        return self._hole_slopes
+        return None if self.at_holes is None else self.at_holes()
 
     @property
     def d_length(self) -> Array:

@@ -16,8 +16,7 @@ from tdcr_fe.elements.backbone import BackboneMesh, NodeStiffness, relative_twis
 from tdcr_fe.elements.capstan import HoleSlopes, TensionField
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.hysteresis import FrictionState
-from tdcr_fe.elements.poses import skew
-from tdcr_fe.elements.section import SectionForces, nodal_sum
+from tdcr_fe.elements.section import SectionForces, add_element_tangent, nodal_sum
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
 
 Array = NDArray[np.float64]
@@ -113,8 +112,7 @@ class ForceModel:
         d = np.zeros((m, n_nodes, 6))
         d[:, :-1] += by_nodes[:, :, 0, :6]
         d[:, 1:] += by_nodes[:, :, 0, 6:]
-        derivatives = d.reshape(m, 1, -1), np.zeros((m, 0, d[0].size))
-        return CableShape(length[:, None], np.zeros((m, 0)), lambda _: derivatives)
+        return CableShape(length[:, None], np.zeros((m, 0)), along=d.reshape(m, 1, -1))
 
     def at_mobilisation(
         self,
@@ -346,16 +344,8 @@ class TendonForces(NamedTuple):
     def _add_section_tangent(self, k: Array) -> None:
         """Section forces: derivatives by the twists and by the frames in which they are expressed."""
         assert self.model.section is not None
-        element = self.model.section.wrench_tangent(self.measured.twists, self.field.tension[:, 0])
-        for e, block in enumerate(element):
-            k[6 * e : 6 * e + 12, 6 * e : 6 * e + 12] += block
-        wrench = self.section_wrenches()
-        turned = skew(wrench[:, :3]), skew(wrench[:, 3:])
-        # The residual is expressed in the nodes' moving frames; Exudyn's Jacobian of it has these terms too.
-        for n in range(len(wrench)):
-            i = 6 * n
-            k[i : i + 3, i + 3 : i + 6] -= turned[0][n]
-            k[i + 3 : i + 6, i + 3 : i + 6] -= 0.5 * turned[1][n]
+        blocks = self.model.section.wrench_tangent(self.measured.twists, self.field.tension[:, 0])
+        add_element_tangent(k, blocks, self.section_wrenches())
 
     def hole_slopes(self) -> HoleSlopes:
         """Derivatives of the tensions hole by hole; `has_hole_slopes` tells whether there are any."""

@@ -59,24 +59,18 @@ def rotation_of_euler_parameters(e: Array) -> Array:
     return r.reshape(*e.shape[:-1], 3, 3)
 
 
-#: Row ``i`` of the symmetric 4 x 4 matrix ``4 e_i e`` of Euler parameters, from ``[1, r00, r01, ... r22]``.
-_SHEPPERD: Array = np.zeros((10, 4, 4))
-for _i, _signs in enumerate(
-    ((1.0, 1.0, 1.0, 1.0), (1.0, 1.0, -1.0, -1.0), (1.0, -1.0, 1.0, -1.0), (1.0, -1.0, -1.0, 1.0))
-):
-    for _column, _sign in zip((0, 1, 5, 9), _signs, strict=True):
-        _SHEPPERD[_column, _i, _i] = _sign
-for _i, _j, _plus, _minus in (
-    (0, 1, (2, 1), (1, 2)), (0, 2, (0, 2), (2, 0)), (0, 3, (1, 0), (0, 1)),
-):  # fmt: skip
-    for _index, _sign in ((_plus, 1.0), (_minus, -1.0)):
-        _entry = 1 + 3 * _index[0] + _index[1]
-        _SHEPPERD[_entry, _i, _j] = _SHEPPERD[_entry, _j, _i] = _sign
-for _i, _j in ((1, 2), (1, 3), (2, 3)):
-    for _index in ((_i - 1, _j - 1), (_j - 1, _i - 1)):
-        _entry = 1 + 3 * _index[0] + _index[1]
-        _SHEPPERD[_entry, _i, _j] = _SHEPPERD[_entry, _j, _i] = 1.0
-_SHEPPERD_CONSTANT, _SHEPPERD_LINEAR = _SHEPPERD.reshape(10, 16)[0], _SHEPPERD.reshape(10, 16)[1:]
+def _euler_products() -> tuple[Array, Array]:
+    """What takes a rotation matrix, row by row, to ``4 e e^T`` of its Euler parameters, and what is added to that.
+
+    It is the inverse of `EULER_ROTATION`, where ``e e^T`` is symmetric and has the trace 1.
+    """
+    table = EULER_ROTATION.reshape(4, 4, 9)
+    symmetric = 0.5 * (table + table.swapaxes(0, 1)).reshape(16, 9)
+    inverse = np.round(4.0 * np.linalg.pinv(np.column_stack((symmetric, np.eye(4).ravel()))))
+    return inverse[:9], inverse[9] - _EYE9 @ inverse[:9]
+
+
+_SHEPPERD_LINEAR, _SHEPPERD_CONSTANT = _euler_products()
 
 
 def euler_parameters_of_rotation(r: Array) -> Array:
@@ -108,11 +102,8 @@ def euler_parameters_near(r: Array, near: Array) -> Array:
 
 #: ``e @ EULER_RATE`` is the matrix of `euler_rate_matrix`, row by row.
 EULER_RATE: Array = np.zeros((4, 4, 3))
-for _e, _row, _col, _way in (
-    (1, 0, 0, -1), (2, 0, 1, -1), (3, 0, 2, -1), (0, 1, 0, 1), (3, 1, 1, -1), (2, 1, 2, 1),
-    (3, 2, 0, 1), (0, 2, 1, 1), (1, 2, 2, -1), (2, 3, 0, -1), (1, 3, 1, 1), (0, 3, 2, 1),
-):  # fmt: skip
-    EULER_RATE[_e, _row, _col] = 0.5 * _way
+EULER_RATE[0, 1:], EULER_RATE[1:, 0] = 0.5 * _EYE3, -0.5 * _EYE3
+EULER_RATE[1:, 1:] = 0.5 * _SKEW.reshape(3, 3, 3)
 EULER_RATE = EULER_RATE.reshape(4, 12)
 
 

@@ -10,14 +10,16 @@ Eq. 9 together with the point wrench where the tendon ends (derivation: docs/the
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import spence
 
 from tdcr_fe.elements.backbone import strain_matrices
-from tdcr_fe.elements.poses import cross
+from tdcr_fe.elements.poses import cross, skew
 
 Array = NDArray[np.float64]
 
@@ -111,6 +113,15 @@ class Material(ABC):
         gradient[..., 0], gradient[..., 4:] = found[..., 0], found[..., 1:]
         return gradient
 
+    def energy(self, twists: Array, lengths: Array) -> float:
+        """Energy of all elements beyond linear elasticity [J].
+
+        Work on the straight way from the unloaded state, exact for wrenches up to the seventh degree.
+        """
+        n, bend = self.strain(twists, lengths)
+        mean = _WEIGHTS @ np.array([self.wrench(x * n, x * bend).ravel() for x in _POINTS])
+        return float(mean @ (lengths[:, None] * np.column_stack((n, bend))).ravel())
+
     def at_points(self) -> Self:
         """The same for strains at several points of every element, shapes (..., E, points)."""
         arrays = {k: v[:, None] for k, v in vars(self).items() if isinstance(v, np.ndarray)}
@@ -153,6 +164,21 @@ class SuperelasticSection(Material):
         found[..., 1:, 1:] = secant[..., None, None] * np.eye(2)
         found[..., 1:, 1:] += (slope - secant)[..., None, None] * along[..., :, None] * along[..., None, :]
         return found
+
+    def energy(self, twists: Array, lengths: Array) -> float:
+        """See `Material.energy`: the integral of the moment."""
+        k = np.linalg.norm(self.strain(twists, lengths)[1], axis=-1)
+        w, kc = self.threshold / 40.0, self.threshold
+        area = w * (_softplus_integral((k - kc) / w) - _softplus_integral(-kc / w))
+        area -= np.logaddexp(0.0, -kc / w) * k
+        return -float(np.sum((1.0 - self.ratio) * w * self.bending_stiffness * lengths * area))
+
+
+def _softplus_integral(x: Array) -> Array:
+    """Integral of ``log(1 + exp(x))`` from minus infinity: ``-Li2(-exp(x))``."""
+    low = -spence(1.0 + np.exp(np.minimum(x, 0.0)))
+    high = np.pi**2 / 6.0 + 0.5 * x**2 + spence(1.0 + np.exp(-np.maximum(x, 0.0)))
+    return np.where(x > 0.0, high, low)
 
 
 @dataclass(frozen=True)
@@ -229,10 +255,43 @@ class SectionForces:
         """
         stretch, bend = STRAIN_DIFFERENCE, STRAIN_DIFFERENCE / (THINNEST * self.lengths.sum())
         step = self.lengths[:, None] * np.repeat((stretch, bend), 3)
-        shifts = np.concatenate((np.eye(6), -np.eye(6)))[:, None, :] * step
-        w = self.wrenches(twists + shifts, tensions)
-        by_twist = np.moveaxis((w[:6] - w[6:]) / (2.0 * step.T[..., None]), 0, -1)
-        return by_twist @ strain_matrices(twists)
+        return wrench_tangent(lambda moved: self.wrenches(moved, tensions), twists, step)
+
+
+def wrench_tangent(wrenches: Callable[[Array], Array], twists: Array, step: Array) -> Array:
+    """Derivative of wrenches on both nodes of every element by the motions of both, shape (E, 12, 12).
+
+    Parameters
+    ----------
+    wrenches
+        From twists (..., E, 6) to wrenches (..., E, 12).
+    twists, step
+        Of the elements, and by how much they are changed for the differences, shape (E, 6).
+    """
+    shifts = np.concatenate((np.eye(6), -np.eye(6)))[:, None, :] * step
+    w = wrenches(twists + shifts)
+    by_twist = np.moveaxis((w[:6] - w[6:]) / (2.0 * step.T[..., None]), 0, -1)
+    return by_twist @ strain_matrices(twists)
+
+
+def add_element_tangent(k: Array, blocks: Array, wrenches: Array) -> None:
+    """Add the tangent of forces between neighbouring nodes, written in the nodes' moving frames, in Exudyn's sign.
+
+    Parameters
+    ----------
+    k
+        Changed in place, shape (6 N, 6 N).
+    blocks
+        See `wrench_tangent`.
+    wrenches
+        ``[f, m]`` on the nodes, shape (N, 6).
+    """
+    for e, block in enumerate(blocks):
+        k[6 * e : 6 * e + 12, 6 * e : 6 * e + 12] += block
+    for n, (force, moment) in enumerate(zip(skew(wrenches[:, :3]), skew(wrenches[:, 3:]), strict=True)):
+        i = 6 * n
+        k[i : i + 3, i + 3 : i + 6] -= force
+        k[i + 3 : i + 6, i + 3 : i + 6] -= 0.5 * moment
 
 
 def wrenches_on_nodes(conjugate: Array, by_nodes: Array) -> Array:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -21,89 +21,67 @@ _TURNED = 0.5 * (np.eye(9) + np.eye(9)[np.arange(9).reshape(3, 3).T.ravel()]) - 
 _ACROSS = np.array([-1.0, -1.0, -1.0, 1.0])
 
 
+@dataclass(eq=False)
 class CableShape:
     """Lengths and angles of all tendons of a robot, with derivatives, and the forces of given tensions.
 
     Derivatives are with respect to the body-frame twists ``[v, w]`` of the nodes that carry holes, laid out as
     ``6 * node + component``; they are computed at the first access. Each has entries of two or three nodes only:
-    `CableLines.segments` and `turns` have these.
-
-    Attributes
-    ----------
-    lengths : ndarray, shape (m, n)
-        Of the segments, zero where padded [m].
-    angles : ndarray, shape (m, n-1)
-        By which each tendon turns at its holes 1 .. n-1, zero where padded [rad].
+    `CableLines.segments` and `CableLines.turns` have these.
     """
 
-    __slots__ = ("_derivatives", "_derive", "_lines", "_turn", "_turns", "_width", "angles", "lengths")
+    lengths: Array  # (m, n): Of the segments, zero where padded [m]
+    angles: Array  # (m, n-1): By which each tendon turns at its holes 1 .. n-1, zero where padded [rad]
+    # The straight segments; None of tendons that follow the backbone, with the derivatives of their lengths, (m, 1, W)
+    straight: CableLines | None = None
+    along: Array | None = None
+    width: int = 0  # Number W of body-frame components of the nodes that carry straight segments
 
-    def __init__(
-        self,
-        lengths: Array,
-        angles: Array,
-        derive: Callable[[CableShape], tuple[Array, Array]],
-        lines: CableLines | None = None,
-        turn: Callable[[], Array] | None = None,
-        width: int = 0,
-    ) -> None:
-        self.lengths = lengths
-        self.angles = angles
-        self._derive = derive
-        self._derivatives: tuple[Array, Array] | None = None
-        self._lines = lines
-        self._turn = turn
-        self._turns: Array | None = None
-        self._width = width
-
-    @property
+    @cached_property
     def derivatives(self) -> tuple[Array, Array]:
         """`d_lengths` and `d_angles`."""
-        if self._derivatives is None:
-            self._derivatives = self._derive(self)
-        return self._derivatives
+        (m, n), h = self.lengths.shape, self.angles.shape[1]
+        if self.along is not None:
+            return self.along, np.zeros((m, h, self.along.shape[2]))
+        d_lengths, d_angles = np.zeros((m, n, self.width)), np.zeros((m, h, self.width))
+        along_nodes(d_lengths, 12)[...] = self.lines.segments[:, :, 3].transpose(1, 0, 2)
+        if h:
+            along_nodes(d_angles, 18)[...] = self.lines.turns.transpose(1, 0, 2)
+        return d_lengths, d_angles
 
     @property
     def d_lengths(self) -> Array:
-        """Derivatives of the lengths, shape (m, n, 6 N)."""
+        """Derivatives of the lengths, shape (m, n, W)."""
         return self.derivatives[0]
 
     @property
     def d_angles(self) -> Array:
-        """Derivatives of the angles, shape (m, n-1, 6 N)."""
+        """Derivatives of the angles, shape (m, n-1, W)."""
         return self.derivatives[1]
 
     @property
     def lines(self) -> CableLines:
         """The straight segments; `ValueError` for tendons that follow the backbone."""
-        if self._lines is None:
+        if self.straight is None:
             raise ValueError("these tendons follow the backbone and have no straight segments")
-        return self._lines
-
-    @property
-    def turns(self) -> Array:
-        """Derivatives of the angles at holes 1 .. n-1 by the nodes before, at and behind the hole, (n-1, m, 18)."""
-        if self._turns is None:
-            assert self._turn is not None, "these tendons follow the backbone and have no holes"
-            self._turns = self._turn()
-        return self._turns
+        return self.straight
 
     def lengths_to_nodes(self, weights: Array) -> Array:
         """Weighted sums of the derivatives of the lengths of each tendon, weights (m, n), shape (m, 6 N)."""
-        if self._lines is None:
+        if self.straight is None:
             return np.asarray((weights[:, None, :] @ self.d_lengths)[:, 0])
-        (m, n), rows = weights.shape, self._lines.segments[:, :, 3].transpose(1, 0, 2) * weights[:, :, None]
-        total = np.zeros((m, self._width // 6, 6))
+        (m, n), rows = weights.shape, self.straight.segments[:, :, 3].transpose(1, 0, 2) * weights[:, :, None]
+        total = np.zeros((m, self.width // 6, 6))
         total[:, :n] = rows[:, :, :6]
         total[:, 1 : n + 1] += rows[:, :, 6:]
         return total.reshape(m, -1)
 
     def angles_to_nodes(self, weights: Array) -> Array:
         """The same of the derivatives of the angles, weights (m, n-1)."""
-        if self._lines is None:
+        if self.straight is None:
             return np.asarray((weights[:, None, :] @ self.d_angles)[:, 0])
-        (m, h), rows = weights.shape, self.turns.transpose(1, 0, 2) * weights[:, :, None]
-        total = np.zeros((m, self._width // 6, 6))
+        (m, h), rows = weights.shape, self.straight.turns.transpose(1, 0, 2) * weights[:, :, None]
+        total = np.zeros((m, self.width // 6, 6))
         for k in range(3):
             total[:, k : k + h] += rows[:, :, 6 * k : 6 * k + 6]
         return total.reshape(m, -1)
@@ -123,15 +101,15 @@ class CableShape:
         lengths, angles : ndarray, shapes (m, n) and (m, n-1)
             [m], [rad]; the latter zero where not needed.
         """
-        if self._lines is None:
+        if self.straight is None:
             d_lengths, d_angles = self.derivatives
             return d_lengths @ increments, d_angles @ increments
         n = self.lengths.shape[1]
         both = _windows(increments, 12, n)
-        lengths = (self._lines.segments[:, :, 3] @ both[:, :, None])[..., 0].T
+        lengths = (self.straight.segments[:, :, 3] @ both[:, :, None])[..., 0].T
         if not angles:
             return lengths, np.zeros_like(self.angles)
-        return lengths, (self.turns @ _windows(increments, 18, n - 1)[:, :, None])[..., 0].T
+        return lengths, (self.straight.turns @ _windows(increments, 18, n - 1)[:, :, None])[..., 0].T
 
 
 def _windows(increments: Array, width: int, count: int) -> Array:
@@ -141,7 +119,7 @@ def _windows(increments: Array, width: int, count: int) -> Array:
 
 
 class Segments(NamedTuple):
-    """Straight segments between holes; segment or hole first, then tendon, or the other way round."""
+    """Straight segments between holes; segment or hole first, then tendon."""
 
     lengths: Array  # (n, m): [m], and one over them [1/m]; zero where padded
     inverse: Array  # as `lengths`
@@ -179,42 +157,20 @@ class Segments(NamedTuple):
         return before, after
 
 
+@dataclass(eq=False)
 class CableLines:
-    """Straight segments of all tendons in one configuration.
+    """Straight segments of all tendons in one configuration."""
 
-    Parameters
-    ----------
-    frames
-        Rotations of the nodes that carry the holes, shape (n+1, 3, 3).
-    offsets
-        Of the holes, in the frames of their nodes [m], shape (m, n+1, 3).
-    lever
-        From a force on a hole, in its node's frame, to the wrench on the node, shape (m, n+1, 6, 3).
-    directions
-        Unit vectors of the segments from base to anchor, zero where padded, shape (m, n, 3).
-    inverse
-        One over their lengths, zero where padded [1/m], shape (m, n).
-    """
+    frames: Array  # (n+1, 3, 3): Rotations of the nodes that carry the holes
+    offsets: Array  # (m, n+1, 3): Of the holes, in the frames of their nodes [m]
+    # (m, n+1, 6, 3): From a force on a hole, in its node's frame, to the wrench on the node
+    lever: Array
+    between: Segments  # From hole to hole; segment or hole first
 
-    __slots__ = ("_frames", "_inverse", "_lever", "_maps", "_offsets", "_segments", "directions")
-
-    def __init__(
-        self, frames: Array, offsets: Array, lever: Array, directions: Array, inverse: Array
-    ) -> None:
-        self._frames = frames
-        self._offsets = offsets
-        self._lever = lever
-        self._inverse = inverse
-        self._maps: Array | None = None
-        self._segments: Array | None = None
-        self.directions = directions
-
-    @property
+    @cached_property
     def maps(self) -> Array:
         """From a force on a hole, in world axes, to the wrench on its node in its own frame, (m, n+1, 6, 3)."""
-        if self._maps is None:
-            self._maps = self._lever @ self._frames.swapaxes(-1, -2)
-        return self._maps
+        return np.asarray(self.lever @ self.frames.swapaxes(-1, -2))
 
     def softening(self, change: Array) -> Array:
         """Pull on the nodes of changes of the tensions, of shape (m, n, W): shape (n+1, 6, W)."""
@@ -227,7 +183,7 @@ class CableLines:
 
     def pulls(self, tension: Array) -> Array:
         """Forces on the holes in world axes [N], shape (m, n+1, 3), of tensions (m, n)."""
-        along = tension[..., None] * self.directions
+        along = tension[..., None] * self.between.directions.swapaxes(0, 1)
         m, n, _ = along.shape
         force = np.zeros((m, n + 1, 3))
         force[:, :-1] = along
@@ -239,22 +195,28 @@ class CableLines:
         each = self.maps @ self.pulls(tension)[..., None]
         return np.asarray((each.sum(axis=0) if len(each) != 1 else each[0])[..., 0])
 
-    @property
+    @cached_property
     def segments(self) -> Array:
         """Motion of the far hole of each segment relative to its near one, by those of both nodes: (n, m, 4, 12).
 
         By segment and tendon three rows in world axes, and a fourth along the segment: the change of its length.
         """
-        if self._segments is None:
-            maps = self.maps.transpose(1, 0, 3, 2)
-            m, n, _ = self.directions.shape
-            rows: Array = np.empty((n, m, 4, 12))
-            np.negative(maps[:-1], out=rows[:, :, :3, :6])
-            rows[:, :, :3, 6:] = maps[1:]
-            along = self.directions.transpose(1, 0, 2)
-            np.matmul(along[:, :, None], rows[:, :, :3], out=rows[:, :, 3:])
-            self._segments = rows
-        return self._segments
+        maps, along = self.maps.transpose(1, 0, 3, 2), self.between.directions
+        rows: Array = np.empty((*along.shape[:2], 4, 12))
+        np.negative(maps[:-1], out=rows[:, :, :3, :6])
+        rows[:, :, :3, 6:] = maps[1:]
+        np.matmul(along[:, :, None], rows[:, :, :3], out=rows[:, :, 3:])
+        return rows
+
+    @cached_property
+    def turns(self) -> Array:
+        """Derivatives of the angles at holes 1 .. n-1 by the nodes before, at and behind the hole, (n-1, m, 18)."""
+        before, after = self.between.turns_by_directions()
+        motions = self.segments[:, :, :3]
+        turns = np.zeros((*before.shape[:2], 18))
+        turns[:, :, :12] = (before[:, :, None] @ motions[:-1])[:, :, 0]
+        turns[:, :, 6:] += (after[:, :, None] @ motions[1:])[:, :, 0]
+        return turns
 
     def stiffness(self, tension: Array) -> NodeStiffness:
         """Geometric stiffness: derivative of `wrenches` at fixed tensions (m, n).
@@ -265,15 +227,15 @@ class CableLines:
         (derivation: docs/algorithms.md, section "Tendons in the tangent").
         """
         m, n = tension.shape
-        weight = (tension * self._inverse).T[:, :, None] * _ACROSS
+        weight = (tension.T * self.between.inverse)[:, :, None] * _ACROSS
         rows = self.segments.reshape(n, 4 * m, 12)
         block = rows.swapaxes(1, 2) @ (rows * weight.reshape(n, 4 * m, 1))
         itself = np.zeros((n + 1, 6, 6))
         itself[:-1] = block[:, :6, :6]
         itself[1:] += block[:, 6:, 6:]
         # f o^T summed over the holes of a node.
-        local = self.pulls(tension).transpose(1, 0, 2) @ self._frames
-        outer = local.swapaxes(1, 2) @ self._offsets.transpose(1, 0, 2)
+        local = self.pulls(tension).transpose(1, 0, 2) @ self.frames
+        outer = local.swapaxes(1, 2) @ self.offsets.transpose(1, 0, 2)
         itself[:, 3:, 3:] += outer.reshape(-1, 9).dot(_TURNED).reshape(-1, 3, 3)
         return NodeStiffness(itself, block[:, :6, 6:])
 
@@ -373,14 +335,6 @@ class CableGeometry:
             self.nominal + local * np.where(inner, self.clearance[:, None] / size, 0.0)[..., None]
         )
 
-    def holes(self, positions: Array, rotations: Array) -> Array:
-        """World positions of all holes [m], shape (m, n+1, 3)."""
-        return positions[self.nodes] + (rotations[self.nodes] @ self.offsets[..., None])[..., 0]
-
-    def lengths(self, positions: Array, rotations: Array) -> Array:
-        """Lengths of the segments only [m], shape (m, n)."""
-        return np.linalg.norm(np.diff(self.holes(positions, rotations), axis=1), axis=2) * self.mask
-
     def evaluate(self, positions: Array, rotations: Array) -> CableShape:
         """Lengths and angles.
 
@@ -390,37 +344,12 @@ class CableGeometry:
             Of the nodes that carry holes [m], shapes (N, 3) and (N, 3, 3).
         """
         count = self.nodes.shape[1]
-        frames, at = rotations[:count], positions[:count]
-        found = self._segments(frames, at)
-        lines = CableLines(frames, self.offsets, self._lever, found.directions, found.inverse)
-        turns = partial(_turns, lines, found)
-        return CableShape(found.lengths, found.angles, self._derivatives, lines, turns, self._width)
-
-    def _segments(self, frames: Array, positions: Array) -> Segments:
-        """The straight segments, tendon first."""
+        frames = rotations[:count]
         holes = (frames @ self.offsets[..., None])[..., 0]
-        holes += positions
-        found = Segments.between(holes.swapaxes(0, 1), None if self._exists is None else self._exists.T)
-        return Segments(*(x.swapaxes(0, 1) for x in found))
-
-    def _derivatives(self, shape: CableShape) -> tuple[Array, Array]:
-        """Derivatives of lengths and angles by all nodes that carry holes."""
-        (m, n), width = self.mask.shape, self._width
-        d_lengths, d_angles = np.zeros((m, n, width)), np.zeros((m, n - 1, width))
-        along_nodes(d_lengths, 12)[...] = shape.lines.segments[:, :, 3].transpose(1, 0, 2)
-        if n > 1:
-            along_nodes(d_angles, 18)[...] = shape.turns.transpose(1, 0, 2)
-        return d_lengths, d_angles
-
-
-def _turns(lines: CableLines, found: Segments) -> Array:
-    """Derivatives of the angles, see `CableShape.turns`."""
-    before, after = Segments(*(x.swapaxes(0, 1) for x in found)).turns_by_directions()
-    motions = lines.segments[:, :, :3]
-    turns = np.zeros((*before.shape[:2], 18))
-    turns[:, :, :12] = (before[:, :, None] @ motions[:-1])[:, :, 0]
-    turns[:, :, 6:] += (after[:, :, None] @ motions[1:])[:, :, 0]
-    return turns
+        holes += positions[:count]
+        between = Segments.between(holes.swapaxes(0, 1), None if self._exists is None else self._exists.T)
+        lines = CableLines(frames, self.offsets, self._lever, between)
+        return CableShape(between.lengths.T, between.angles.T, lines, width=self._width)
 
 
 def along_nodes(rows: Array, width: int, size: int = 6) -> Array:

@@ -23,16 +23,12 @@ from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_tangent, twists_by_coordinates
 from tdcr_fe.elements.native.items import SystemReference
 from tdcr_fe.elements.native.straight_tendons import HolePrediction, Pull, StraightTendons
-from tdcr_fe.elements.poses import skew
-from tdcr_fe.elements.section import wrenches_on_nodes
+from tdcr_fe.elements.section import add_element_tangent, wrench_tangent, wrenches_on_nodes
 
 Array = NDArray[np.float64]
 
 #: Step of the central differences by the relative twists [1].
 _STEP = 1e-5
-
-
-_EYE6 = np.eye(6)
 
 
 class IteratedBackbone:
@@ -115,20 +111,14 @@ def constant_wrench_tangent(wrenches: Array, twists: Array, rotations: Array, pa
     rotations, parameters
         Of the nodes, shapes (N, 3, 3) and, of Euler parameters, (N, 4).
     """
-    shifts = np.concatenate((_EYE6, -_EYE6)) * _STEP
-    on_nodes = -(wrenches[:, None] @ strain_matrices(twists + shifts[:, None, :]))[:, :, 0]
-    by_twists = np.moveaxis((on_nodes[:6] - on_nodes[6:]) / (2.0 * _STEP), 0, -1)
-    by_nodes = strain_matrices(twists)
-    blocks = by_twists @ by_nodes
-    n = len(rotations)
-    k = np.zeros((6 * n, 6 * n))
-    for e, block in enumerate(blocks):
-        k[6 * e : 6 * e + 12, 6 * e : 6 * e + 12] += block
-    of_nodes = wrenches_on_nodes(wrenches, by_nodes)
-    for node, (force, moment) in enumerate(zip(skew(of_nodes[:, :3]), skew(of_nodes[:, 3:]), strict=True)):
-        i = 6 * node
-        k[i : i + 3, i + 3 : i + 6] -= force
-        k[i + 3 : i + 6, i + 3 : i + 6] -= 0.5 * moment
+    blocks = wrench_tangent(
+        lambda moved: -(wrenches[:, None] @ strain_matrices(moved))[..., 0, :],
+        twists,
+        np.full(twists.shape, _STEP),
+    )
+    of_nodes = wrenches_on_nodes(wrenches, strain_matrices(twists))
+    k = np.zeros((of_nodes.size, of_nodes.size))
+    add_element_tangent(k, blocks, of_nodes)
     return generalized_tangent(k, of_nodes[:, 3:], twists_by_coordinates(rotations, parameters))
 
 

@@ -16,7 +16,6 @@ import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import spence
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, relative_twists
 from tdcr_fe.elements.disks import disk_inertia
@@ -27,7 +26,6 @@ from tdcr_fe.elements.native.condensation import ElasticTendons
 from tdcr_fe.elements.native.coordinates import NodeCoordinates, twists_by_coordinates
 from tdcr_fe.elements.native.material_damping import MaterialDamping
 from tdcr_fe.elements.poses import log_so3
-from tdcr_fe.elements.section import NonlinearSection, SuperelasticSection
 from tdcr_fe.model.loading import Vector
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.loads import PointLoad
@@ -47,8 +45,6 @@ ENERGY_COLUMNS = (
 )
 #: How many of them are sums.
 _SUMS = 4
-#: Points and weights of a rule on [-1, 1] that is exact up to degree 7.
-_GAUSS = np.polynomial.legendre.leggauss(4)
 
 
 # ---------------------------------------------------------------- motion and inertia
@@ -134,13 +130,9 @@ def elastic_energy(
     """
     mesh, section, springs = actuation.mesh, actuation.model.section, actuation.model.springs
     twists = relative_twists(motion.positions, motion.rotations)
-    away = twists - mesh.reference_twists
-    found = 0.5 * float(np.sum(mesh.twist_stiffness * away**2))
-    nonlinear = None if section is None else section.material
-    if isinstance(nonlinear, SuperelasticSection):
-        found += superelastic_energy(nonlinear, twists, mesh.lengths)
-    if isinstance(nonlinear, NonlinearSection):
-        found += fibre_energy(nonlinear, away, twists, mesh.lengths)
+    found = 0.5 * float(np.sum(mesh.twist_stiffness * (twists - mesh.reference_twists) ** 2))
+    if section is not None and section.material is not None:
+        found += section.material.energy(twists, mesh.lengths)
     if law.elastic:  # T^2 l0 / (2 EA) of every segment, and that of the springs at the drives
         p, field = law.parameters, forces.field
         sprung = p.spring * (field.tension[:, 0] - p.pretension)
@@ -152,42 +144,6 @@ def elastic_energy(
         moved = springs.rest - motion.positions[springs.nodes]
         found += 0.5 * float(np.einsum("qi,qij,qj->", moved, springs.stiffness, moved))
     return found
-
-
-def superelastic_energy(law: SuperelasticSection, twists: Array, lengths: Array) -> float:
-    """Energy of a superelastic section beyond that of linear elasticity [J]: the integral of its moment."""
-    bend = twists[:, 4:] / lengths[:, None] - law.precurvature[:, 1:]
-    k = np.sqrt(np.einsum("ei,ei->e", bend, bend))
-    w, kc = law.threshold / 40.0, law.threshold
-    at_zero = np.logaddexp(0.0, -kc / w)
-    area = w * (_softplus_integral((k - kc) / w) - _softplus_integral(-kc / w)) - at_zero * k
-    return -float(np.sum((1.0 - law.ratio) * w * law.bending_stiffness * lengths * area))
-
-
-def fibre_energy(law: NonlinearSection, away: Array, twists: Array, lengths: Array) -> float:
-    """Energy of nonlinear fibres beyond that of linear elasticity [J].
-
-    The integral of their forces on the straight way from the unloaded twists, exact because these are cubic on it.
-
-    Parameters
-    ----------
-    law
-        The fibres.
-    away, twists
-        Twists of the elements less those of the unloaded state, and the twists, shape (E, 6).
-    lengths
-        Of the elements [m], shape (E,).
-    """
-    shares = 0.5 * (_GAUSS[0] + 1.0)
-    forces = law.gradient(twists - (1.0 - shares)[:, None, None] * away, lengths)
-    return 0.5 * float(np.einsum("s,sei,ei->", _GAUSS[1], forces, away))
-
-
-def _softplus_integral(x: Array) -> Array:
-    """Integral of ``log(1 + exp(x))`` from minus infinity: ``-Li2(-exp(x))``."""
-    low = -spence(1.0 + np.exp(np.minimum(x, 0.0)))
-    high = np.pi**2 / 6.0 + 0.5 * x**2 + spence(1.0 + np.exp(-np.maximum(x, 0.0)))
-    return np.where(x > 0.0, high, low)
 
 
 # ---------------------------------------------------------------- sums over the steps

@@ -90,7 +90,7 @@ def cable_lengths(geometry: CableGeometry, mesh: BackboneMesh, hole_nodes: NDArr
     """Lengths of all segments of the unloaded robot [m], shape (m, n), with tendons shifted in their holes."""
     positions, rotations = reference_poses(mesh, np.zeros(3), BEAM_TO_SECTION)
     geometry.shift_in_holes(positions[hole_nodes], rotations[hole_nodes])
-    return geometry.lengths(positions[hole_nodes], rotations[hole_nodes])
+    return geometry.evaluate(positions[hole_nodes], rotations[hole_nodes]).lengths
 
 
 def tendon_law(robot: Robot, friction: str, lengths: Array, mask: Mask, hysteresis: Hysteresis) -> TendonLaw:

@@ -17,7 +17,7 @@ from tdcr_fe.model.robot import Disks
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.native import register
-from tdcr_fe.scene.energy import ENERGY_COLUMNS, fibre_energy, superelastic_energy
+from tdcr_fe.scene.energy import ENERGY_COLUMNS
 from tdcr_fe.solve.statics import SolveTDCR
 
 EA, INERTIA, RADIUS, TORQUE = 400.0, 1e-4, 0.01, 1e-3
@@ -215,7 +215,7 @@ def test_energy_of_a_superelastic_section_is_the_integral_of_its_moment():
             return law.gradient(at, lengths)[e, 3:] @ (lengths[e] * way)
 
         expected += quad(slope, 0.0, 1.0, limit=200, epsabs=1e-15)[0]
-    assert superelastic_energy(law, twists, lengths) == pytest.approx(expected, rel=1e-9)
+    assert law.energy(twists, lengths) == pytest.approx(expected, rel=1e-9)
 
 
 def test_the_force_of_nonlinear_fibres_is_the_derivative_of_their_energy():
@@ -230,7 +230,7 @@ def test_the_force_of_nonlinear_fibres_is_the_derivative_of_their_energy():
     twists = unloaded + rng.uniform(-1.0, 1.0, (2, 6)) * [1e-4, 1e-4, 1e-4, 0.1, 0.3, 0.3]
 
     def energy(at):
-        return fibre_energy(law, at - unloaded, at, lengths)
+        return law.energy(at, lengths)
 
     found, expected = np.zeros((2, 6)), law.gradient(twists, lengths)
     for e, k in np.ndindex(2, 6):

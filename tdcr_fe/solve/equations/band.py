@@ -158,7 +158,7 @@ class BandLayout:
         to.tensions[...] = 1.0
         if n > 1:
             by_angle = -at_hole.by_angle.T[:, :, None, None]
-            np.multiply(by_angle, lines.turns.reshape(n - 1, m, 3, 6), out=to.turned)
+            np.multiply(by_angle, lines.lines.turns.reshape(n - 1, m, 3, 6), out=to.turned)
             np.negative(at_hole.by_tension.T, out=to.passed)
         if clamped:
             to.itself[0], to.after[0], to.next_disk[0], to.pulled[0, 0] = _EYE6, 0.0, 0.0, 0.0

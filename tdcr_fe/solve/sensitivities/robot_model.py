@@ -233,7 +233,7 @@ class TendonStack:
             if s is not None and s.tendons is not None
         ]
         lengths = np.concatenate(found)[:, None]
-        return CableShape(lengths, np.zeros((len(lengths), 0)), lambda _: (lengths, lengths))
+        return CableShape(lengths, np.zeros((len(lengths), 0)))
 
 
 def _joined_geometry(models: Sequence[CableGeometry]) -> CableGeometry:
