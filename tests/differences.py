@@ -124,11 +124,11 @@ def errors(
     own = found[parameter.name]
     best: dict[str, float] = {}
     for h in relative:
-        at = stencil(experiment, replace(parameter, size=parameter.size * h / 1e-5))
-        found_there = [_whole(e, len(experiment.steps), path) for e in at.experiments]
-        if not all(same_states(path, made) for _, made in found_there):
+        near = replace(parameter, size=parameter.size * h / 1e-5)
+        at = stencil(experiment, near, lambda each: _whole(each, len(experiment.steps), path))
+        if not all(same_states(path, made) for _, made in at.models):
             continue  # differences across a change of state say nothing about the derivative
-        neighbours = [values for values, _ in found_there]
+        neighbours = [values for values, _ in at.models]
         weights = [at.base_weight, *at.weights]
         all_values = [base, *neighbours]
 

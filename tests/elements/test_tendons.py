@@ -92,4 +92,4 @@ def test_clearance_shifts_the_tendon_towards_where_it_is_pulled():
     assert np.all(np.abs(shift[0, 1:-1, 1] - gap) < 0.01 * gap)
     assert np.all(shift[0, -1] == 0.0) and np.all(shift[..., 0] == 0.0)
     tight = CableGeometry(nodes, offsets, mask, count + 1).evaluate(p, r).lengths.sum()
-    assert cable.lengths(p, r).sum() < tight
+    assert cable.evaluate(p, r).lengths.sum() < tight

@@ -15,7 +15,7 @@ from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.friction_path.known_states import InterpolationPoint, twist_change, twists
 from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons
 from tdcr_fe.solve.load_steps.load_path import SolvedPath, StepFailed
-from tdcr_fe.solve.load_steps.loop import HALF, Instead, Judge, Proposal, StepProgress, Trial, take_substeps
+from tdcr_fe.solve.load_steps.loop import HALF, Instead, Judge, Proposal, Trial, take_substeps
 from tdcr_fe.solve.load_steps.solve_with_reversals import (
     allowed_error,
     follows_path,
@@ -36,7 +36,7 @@ def converged(trial: Trial) -> Trial | Instead:
         return trial
     if trial.solver.may_be_halved(trial.length, trial.result.status):
         return trial.divided()
-    return Instead(trial.progress, ())
+    return Instead(trial.begin, ())
 
 
 def on_this_branch(trial: Trial) -> Trial | Instead:
@@ -116,10 +116,10 @@ def _distance_of_halves(
     """How far from a state its halves end, over the length [1], infinite where they fail; and their iterations."""
     halves = (Proposal(0.5 * (start + end)), Proposal(end, after))
     try:
-        path = take_substeps(solver, StepProgress(SolvedPath(before), start), halves, judges).path
+        path = take_substeps(solver, SolvedPath(before, start), halves, judges)
     except StepFailed as failure:
         return np.inf, failure.iterations
-    return solver.distance(path.state, after), path.iterations + path.rejected
+    return solver.distance(path.state, after), path.iterations_total
 
 
 def is_continuous(

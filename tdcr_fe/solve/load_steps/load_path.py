@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -178,6 +178,7 @@ class SolvedPath:
     """A solved part of a load step."""
 
     state: SolverState  # At its end
+    load_factor: float = 0.0  # There, in [0, 1] [1]
     # By robot, in that state; empty if the scene was last evaluated in another state
     forces: tuple[TendonForces, ...] = ()
     # The last one of the last substep; None if that substep needed no iteration
@@ -187,8 +188,8 @@ class SolvedPath:
     rejected: int = 0  # Iterations of attempts that were not accepted
     residual: float = 0.0  # Relative residual at the end [1]
     snapped: bool = False  # Whether the robot jumped to another equilibrium
-    # Estimated displacement of a node by what is not resolved of the path, over the length, where it is beyond
-    # the tolerance; else 0 [1]
+    # Estimated displacement of a node by what is not resolved of the path, over the length; of a whole load step 0
+    # where it is within the tolerance [1]
     refinement_error: float = 0.0
     end: Equilibrium | None = None  # The state at its end with its linearisation, where friction needed it
     # Whether the state at its end is known to be unstable; this is examined in scenes with contact
@@ -198,6 +199,11 @@ class SolvedPath:
     def substeps(self) -> int:
         """Number of accepted substeps."""
         return sum(each.parts for each in self.increments)
+
+    @property
+    def iterations_total(self) -> int:
+        """Iterations with those of attempts that were not accepted."""
+        return self.iterations + self.rejected
 
     @property
     def presliding_factor(self) -> float:
@@ -210,18 +216,13 @@ class SolvedPath:
 
     def then(self, other: SolvedPath) -> SolvedPath:
         """Join another part that begins where this one ends."""
-        return SolvedPath(
-            other.state,
-            other.forces,
-            other.linearization,
-            self.increments + other.increments,
-            self.iterations + other.iterations,
-            self.rejected + other.rejected,
-            other.residual,
-            self.snapped or other.snapped,
-            max(self.refinement_error, other.refinement_error),
-            other.end,
-            other.unstable,
+        return replace(
+            other,
+            increments=self.increments + other.increments,
+            iterations=self.iterations + other.iterations,
+            rejected=self.rejected + other.rejected,
+            snapped=self.snapped or other.snapped,
+            refinement_error=self.refinement_error + other.refinement_error,
         )
 
 
@@ -235,6 +236,7 @@ def one_substep(
     """A converged solve as one substep; arguments as the fields of `SolvedSubstep`."""
     return SolvedPath(
         result.state,
+        load_factor,
         result.forces,
         result.linearization,
         (SolvedSubstep(load_factor, result.state, history, presliding_factor, located),),
@@ -289,20 +291,7 @@ class LoadStepReport:
     @classmethod
     def of(cls, *paths: SolvedPath) -> LoadStepReport:
         """Report on a load step that was solved along a path; on the largest values where there are several."""
-        every = [
-            (
-                path.iterations,
-                path.iterations + path.rejected,
-                path.substeps,
-                path.residual,
-                path.snapped,
-                path.presliding_factor,
-                path.refinement_error,
-                path.unstable,
-            )
-            for path in paths
-        ]
-        return cls(*map(max, zip(*every, strict=True)))
+        return cls(*(max(getattr(path, each.name) for path in paths) for each in fields(cls)))
 
 
 class StepFailed(Exception):

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.friction_path.response import Equilibrium
@@ -21,32 +20,6 @@ from tdcr_fe.solve.newton.newton import NewtonResult, with_unknowns_of
 
 #: Where substeps are divided, as a fraction of them [1].
 HALF = 0.5
-
-
-class StepProgress(NamedTuple):
-    """How far a load step has been solved."""
-
-    path: SolvedPath  # Of the accepted substeps
-    load_factor: float = 0.0  # At its end [1]
-    # Largest displacement of a node that reversals left out of account may cause, over the length [1]
-    error: float = 0.0
-    equilibrium: Equilibrium | None = None  # The state at its end with its linearisation, where known
-
-    def with_rejected(self, iterations: int) -> StepProgress:
-        """The same after an attempt that was not accepted."""
-        return self._replace(path=replace(self.path, rejected=self.path.rejected + iterations))
-
-    def late(self) -> StepFailed:
-        """The error where there is no time for another substep."""
-        message = f"its time limit was reached at {self.load_factor:.0%} of the load"
-        return StepFailed(
-            message, self.load_factor, np.nan, self.path.state, self.path.iterations + self.path.rejected
-        )
-
-    def resolved(self, settings: SolverSettings) -> SolvedPath:
-        """The path, with its error where that is beyond the tolerance."""
-        error = self.error if self.error > settings.path_tolerance else 0.0
-        return replace(self.path, refinement_error=error, end=self.equilibrium)
 
 
 class Proposal(NamedTuple):
@@ -61,7 +34,7 @@ class Trial(NamedTuple):
     """A substep that was solved, and what the judges have found out about it."""
 
     solver: SubstepSolver
-    progress: StepProgress  # Where it begins
+    begin: SolvedPath  # The path up to where it begins
     end: float  # Load factor at its end [1]
     substeps: int  # Of the load step, if it is accepted and nothing is divided further
     result: NewtonResult
@@ -79,12 +52,12 @@ class Trial(NamedTuple):
     @property
     def before(self) -> SolverState:
         """The state in which it begins."""
-        return self.progress.path.state
+        return self.begin.state
 
     @property
     def start(self) -> float:
         """Load factor at its beginning [1]."""
-        return self.progress.load_factor
+        return self.begin.load_factor
 
     @property
     def within(self) -> tuple[tuple[float, SolverState], ...]:
@@ -96,69 +69,66 @@ class Trial(NamedTuple):
         """As a part of the load step [1]."""
         return self.end - self.start
 
-    def accepted(self) -> StepProgress:
-        """How far the load step is solved with it."""
+    def accepted(self) -> SolvedPath:
+        """The path with it."""
         history = self.before.friction if self.located is None else self.located.history
         path = one_substep(self.result, self.end, history, located=self.located)
-        path = replace(path, rejected=self.rejected)
-        return StepProgress(
-            self.progress.path.then(path), self.end, self.progress.error + self.error, self.final
-        )
+        path = replace(path, rejected=self.rejected, refinement_error=self.error, end=self.final)
+        return self.begin.then(path)
 
-    def rescued(self) -> StepProgress:
-        """How far the load step is solved, where no smaller substep is allowed and this one did not converge."""
+    def rescued(self) -> SolvedPath:
+        """The path with it, where no smaller substep is allowed and this one did not converge."""
         spent = self.rejected + self.result.iterations
         try:
             path = self.solver.rescue(self.before, self.start, self.end, self.result)
         except StepFailed as failure:
-            failure.iterations += self.progress.path.iterations + self.progress.path.rejected + self.rejected
+            failure.iterations += self.begin.iterations_total + self.rejected
             raise
-        path = self.progress.path.then(replace(path, rejected=path.rejected + spent))
-        return StepProgress(path, self.end, self.progress.error)
+        return self.begin.then(replace(path, rejected=path.rejected + spent))
 
     def divided(self, fraction: float = HALF) -> Instead:
         """Proposes a first part of it, a fraction of it [1], and the rest; what is known of its ends is kept."""
         rest = Proposal(self.end)
         if self.final is not None and not self.solver.jump_suspected(self.before, self.result.state):
             rest = Proposal(self.end, self.final.state, self.final.linearization)
-        progress = self.progress.with_rejected(self.rejected + self.result.iterations)
-        if self.final is not None:
-            progress = progress._replace(equilibrium=self.first)
-        return Instead(progress, (Proposal(self.start + fraction * self.length), rest))
+        spent = self.begin.rejected + self.rejected + self.result.iterations
+        end = self.begin.end if self.final is None else self.first
+        path = replace(self.begin, rejected=spent, end=end)
+        return Instead(path, (Proposal(self.start + fraction * self.length), rest))
 
 
 class Instead(NamedTuple):
     """What is to be solved instead of a substep that was not accepted; nothing where it cannot be any smaller."""
 
-    progress: StepProgress
+    path: SolvedPath  # Up to where that begins
     proposals: tuple[Proposal, ...]
 
 
-def solved(solver: SubstepSolver, progress: StepProgress, proposal: Proposal, ahead: int) -> Trial:
+def solved(solver: SubstepSolver, path: SolvedPath, proposal: Proposal, ahead: int) -> Trial:
     """Solve a proposed substep: from the state near its end, or where that fails or is not known, from its start.
 
     Parameters
     ----------
     solver
         Of the load step.
-    progress
-        Where the substep begins.
+    path
+        Up to where the substep begins.
     proposal
         The substep.
     ahead
         How many others are proposed after it.
     """
-    before, substeps = progress.path.state, progress.path.substeps + ahead + 1
+    before, substeps = path.state, path.substeps + ahead + 1
     spent = 0
     if proposal.warm_start is not None:
         near, linear = with_unknowns_of(proposal.warm_start, before), proposal.linearization
         result = solver.solve(near, proposal.end, linear, before)
         if result.converged:
-            return Trial(solver, progress, proposal.end, substeps, result, linear, from_start=False)
+            return Trial(solver, path, proposal.end, substeps, result, linear, from_start=False)
         spent = result.iterations
-    linear = progress.path.linearization
+    linear = path.linearization
     result = solver.solve(before, proposal.end, linear, before)
-    return Trial(solver, progress, proposal.end, substeps, result, linear, rejected=spent)
+    return Trial(solver, path, proposal.end, substeps, result, linear, rejected=spent)
 
 
 #: Returns the substep, perhaps solved better, or what is to be solved instead.
@@ -166,16 +136,16 @@ Judge = Callable[[Trial], Trial | Instead]
 
 
 def take_substeps(
-    solver: SubstepSolver, progress: StepProgress, proposals: Sequence[Proposal], judges: Sequence[Judge]
-) -> StepProgress:
+    solver: SubstepSolver, path: SolvedPath, proposals: Sequence[Proposal], judges: Sequence[Judge]
+) -> SolvedPath:
     """Solve substeps one after the other; what does not pass the judges is replaced by what they propose.
 
     Parameters
     ----------
     solver
         Of the load step.
-    progress
-        Where the first substep begins.
+    path
+        Up to where the first substep begins.
     proposals
         The substeps, in order.
     judges
@@ -189,20 +159,21 @@ def take_substeps(
     ahead = list(reversed(proposals))
     while ahead:
         if solver.is_late:
-            raise progress.late()
-        trial = solved(solver, progress, ahead.pop(), len(ahead))
+            message = f"its time limit was reached at {path.load_factor:.0%} of the load"
+            raise StepFailed(message, path.load_factor, np.nan, path.state, path.iterations_total)
+        trial = solved(solver, path, ahead.pop(), len(ahead))
         verdict = _judged(trial, judges)
         if isinstance(verdict, Trial):
-            progress = verdict.accepted()
+            path = verdict.accepted()
         elif verdict.proposals:
-            progress = verdict.progress
+            path = verdict.path
             ahead.extend(reversed(verdict.proposals))
         else:
-            progress = trial.rescued()
-    if progress.equilibrium is not None:
+            path = trial.rescued()
+    if path.end is not None:
         # The search for reversals looked at other loads.
         solver.ramp.apply(solver.system, 1.0)
-    return progress
+    return path
 
 
 def _judged(trial: Trial, judges: Sequence[Judge]) -> Trial | Instead:

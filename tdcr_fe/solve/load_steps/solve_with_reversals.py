@@ -95,7 +95,7 @@ def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:
 def allowed_error(trial: Trial) -> float:
     """Displacement of a node that what is not resolved of a substep may cause, over the length [1]."""
     tolerance = trial.solver.settings.path_tolerance
-    return max(SHARE * (tolerance - trial.progress.error), LEAST_SHARE * tolerance)
+    return max(SHARE * (tolerance - trial.begin.refinement_error), LEAST_SHARE * tolerance)
 
 
 def _may_be_refined(solver: SubstepSolver) -> bool:
@@ -110,7 +110,7 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
     Where they are uncertain, the slips are interpolated through more states within the substep.
     """
     solver = trial.solver
-    most = min(MOST_INTERVALS, solver.settings.max_substeps - trial.progress.path.substeps)
+    most = min(MOST_INTERVALS, solver.settings.max_substeps - trial.begin.substeps)
     for _ in range(MOST_CORRECTIONS):
         if found.history is None:
             break
@@ -162,10 +162,10 @@ def _corrected(trial: Trial, history: SlipHistory, known: KnownStates) -> Newton
 
 def _first(trial: Trial, numbering: Numbering) -> Equilibrium:
     """The state at the beginning of a substep, linearised exactly."""
-    solver, first = trial.solver, trial.progress.equilibrium
+    solver, first = trial.solver, trial.begin.end
     if first is not None and first.numbering.same_unknowns(numbering):
         return first if first.exact else _linearised(solver, first.state, trial.start)
-    state, linear = trial.before, trial.progress.path.linearization
+    state, linear = trial.before, trial.begin.linearization
     if linear is not None and numbering.same_unknowns(linear.numbering) and near_enough(state, linear):
         return Equilibrium.of(state, solver.system.forces(state, state.time), linear)
     return _linearised(solver, state, trial.start)

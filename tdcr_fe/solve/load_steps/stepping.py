@@ -16,7 +16,7 @@ import numpy as np
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.load_steps.judges import MUST_CONVERGE, PATH_RESOLVED
 from tdcr_fe.solve.load_steps.load_path import Increment, Position, SolvedPath, StepFailed
-from tdcr_fe.solve.load_steps.loop import Judge, Proposal, StepProgress, take_substeps
+from tdcr_fe.solve.load_steps.loop import Judge, Proposal, take_substeps
 from tdcr_fe.solve.load_steps.substep import SubstepSolver, has_rates
 
 #: Parts of a load step to begin with where functions of the user set inputs or loads.
@@ -79,9 +79,11 @@ class LoadStepper:
 
     def _taken(self, proposals: Sequence[Proposal], judges: Sequence[Judge]) -> SolvedPath:
         """The load step in substeps."""
-        path = SolvedPath(self.begin.state, linearization=self.begin.linearization)
-        begin = StepProgress(path, equilibrium=self.begin.end)
-        return take_substeps(self.solver, begin, proposals, judges).resolved(self.solver.settings)
+        state, linearization, end = self.begin
+        begin = SolvedPath(state, linearization=linearization, end=end)
+        path = take_substeps(self.solver, begin, proposals, judges)
+        resolved = path.refinement_error <= self.solver.settings.path_tolerance
+        return replace(path, refinement_error=0.0) if resolved else path
 
     def _with_path_resolved(self, proposals: Sequence[Proposal]) -> SolvedPath:
         """The load step with its path dependence resolved.
@@ -105,7 +107,7 @@ class LoadStepper:
                 break
             error = self.solver.distance(finer.state, path.state)
             agreed = agreed + 1 if error <= tolerance else 0
-            path = replace(finer, rejected=finer.rejected + path.iterations + path.rejected)
+            path = replace(finer, rejected=finer.rejected + path.iterations_total)
         return path if agreed == 2 else replace(path, refinement_error=max(path.refinement_error, error))
 
     def _depends_on_rates(self, after: SolverState) -> bool:

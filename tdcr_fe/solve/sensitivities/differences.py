@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from tdcr_fe.solve.sensitivities.robot_model import RobotModel
 from tdcr_fe.solve.simulation import Simulation
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 #: Difference steps: central, or to one side where the other is impossible; offsets and weights in units of the step.
 _RULES = (((1.0, -1.0), (0.5, -0.5), 0.0), ((1.0, 2.0), (2.0, -0.5), -1.5), ((-1.0, -2.0), (-2.0, 0.5), 1.5))
@@ -42,18 +43,19 @@ class NoDerivative(ValueError):
 
 
 @dataclass(frozen=True, eq=False)
-class Stencil:
+class Stencil(Generic[T]):
     """Experiments at neighbouring values, and the weights with which they give a derivative."""
 
     offsets: np.ndarray  # (k,): Of the neighbours' values from the present one
     weights: np.ndarray  # as `offsets`
     base_weight: float  # Of the present experiment
     experiments: tuple[Experiment, ...]  # The neighbours
+    models: tuple[T, ...]  # What was built from them
 
 
 def stencil(
-    experiment: Experiment, parameter: ModelParameter, fits: Callable[[Experiment], None] | None = None
-) -> Stencil:
+    experiment: Experiment, parameter: ModelParameter, build: Callable[[Experiment], T]
+) -> Stencil[T]:
     """Neighbours of an experiment by a parameter: on both sides, or on one where the other is impossible.
 
     Parameters
@@ -62,8 +64,8 @@ def stencil(
         The present one.
     parameter
         What is changed.
-    fits
-        Raises `StructureChanged` where an experiment cannot be compared with the present one.
+    build
+        Makes something of a neighbour; raises `StructureChanged` where it cannot be compared with the present one.
 
     Raises
     ------
@@ -75,14 +77,12 @@ def stencil(
     for offsets, weights, base in _RULES:
         try:
             found = tuple(parameter.apply(experiment, parameter.value + step * x) for x in offsets)
-            for each in found:
-                if fits is not None:
-                    fits(each)
+            models = tuple(map(build, found))
         except ValueError as error:
             if not isinstance(reason, StructureChanged):
                 reason = error
             continue
-        return Stencil(step * np.array(offsets), np.array(weights) / step, base / step, found)
+        return Stencil(step * np.array(offsets), np.array(weights) / step, base / step, found, models)
     raise NoDerivative(parameter, reason) from reason
 
 
@@ -128,16 +128,11 @@ def same_structure(present: Sequence[LoadStep], other: Sequence[LoadStep]) -> bo
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Neighbours:
-    """Models at neighbouring values of one parameter."""
-
-    number: int  # Of the parameter
-    stencil: Stencil
-    models: tuple[RobotModel, ...]  # Of the stencil's experiments
+#: Models at neighbouring values, by number of the parameter.
+Neighbours = Mapping[int, Stencil[RobotModel]]
 
 
-def neighbours(present: RobotModel, chosen: Sequence[Parameter]) -> tuple[Neighbours, ...]:
+def neighbours(present: RobotModel, chosen: Sequence[Parameter]) -> Neighbours:
     """Models at neighbouring values of all parameters of the description.
 
     Parameters
@@ -152,21 +147,17 @@ def neighbours(present: RobotModel, chosen: Sequence[Parameter]) -> tuple[Neighb
     ValueError
         A parameter changes the mesh or the tendons' holes, so that there is no derivative.
     """
-    found = []
-    for number, parameter in enumerate(chosen):
-        if not isinstance(parameter, ModelParameter):
-            continue
-        models: dict[int, RobotModel] = {}
 
-        def build(each: Experiment, models: dict[int, RobotModel] = models) -> None:
-            """Build and keep the model of a neighbour."""
-            model = present.beside(each)
-            _check_structure(present, model)
-            models[id(each)] = model
+    def build(experiment: Experiment) -> RobotModel:
+        model = present.beside(experiment)
+        _check_structure(present, model)
+        return model
 
-        at = stencil(present.experiment, parameter, build)
-        found.append(Neighbours(number, at, tuple(models[id(e)] for e in at.experiments)))
-    return tuple(found)
+    return {
+        number: stencil(present.experiment, parameter, build)
+        for number, parameter in enumerate(chosen)
+        if isinstance(parameter, ModelParameter)
+    }
 
 
 def _check_structure(present: RobotModel, other: RobotModel) -> None:
@@ -240,7 +231,7 @@ class InputDerivatives:
         experiment: Experiment,
         simulation: Simulation,
         chosen: Sequence[Parameter],
-        found: Sequence[Neighbours],
+        found: Neighbours,
         frictional: bool,
     ) -> InputDerivatives:
         """Derivatives by all parameters; see `neighbours`. ``frictional``: whether any hole has friction.
@@ -256,13 +247,12 @@ class InputDerivatives:
         loads = np.zeros((steps, len(keys), 6, len(chosen)))
         times = np.zeros((steps, len(chosen)))
         present = resolve(experiment.robot, experiment.steps)
-        for each in found:
-            weights = (each.stencil.base_weight, *each.stencil.weights)
-            others = each.stencil.experiments
+        for number, each in found.items():
+            weights, others = (each.base_weight, *each.weights), each.experiments
             same_inputs = all(e.steps == experiment.steps for e in others)
             if same_inputs and not any(step.motor_angles for step in experiment.steps):
                 continue
-            parameter = chosen[each.number]
+            parameter = chosen[number]
             ordered = frictional and isinstance(parameter, ModelParameter) and not parameter.approximate
             try:
                 actions = [present, *(_actions_like(experiment, present, e, ordered) for e in others)]
@@ -270,11 +260,11 @@ class InputDerivatives:
                 raise NoDerivative(parameter, error) from error
             for weight, sequence in zip(weights, actions, strict=True):
                 for k, (action, same) in enumerate(zip(sequence, present, strict=True)):
-                    tendons[k, :, each.number] += weight * action.values
-                    times[k, each.number] += weight * action.time
+                    tendons[k, :, number] += weight * action.values
+                    times[k, number] += weight * action.time
                     for name, load in action.loads.items():
                         at = keys.index(simulation.load_key(name, same.loads[name]))
-                        loads[k, at, :, each.number] += weight * np.array([*load.force, *load.moment])
+                        loads[k, at, :, number] += weight * np.array([*load.force, *load.moment])
         restarts = np.array([isinstance(p, StepInput) for p in chosen], dtype=bool)
         for number, parameter in enumerate(chosen):
             if not isinstance(parameter, StepInput):

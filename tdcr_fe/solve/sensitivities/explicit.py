@@ -6,7 +6,6 @@ known of what a parameter means.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.sensitivities.differences import Neighbours
-from tdcr_fe.solve.sensitivities.robot_model import ModelStack, RobotModel, RobotPoint
+from tdcr_fe.solve.sensitivities.robot_model import ModelStack, RobotModel, RobotPoint, Values
 
 Array = NDArray[np.float64]
 
@@ -28,47 +27,39 @@ class Inherited(NamedTuple):
     elapsed: Array  # as `time`
 
 
-class ForceChange(NamedTuple):
-    """Change of the forces of a robot whose nodes, tensions at the base and mobilisations are kept."""
+def with_rates(change: Values, own: TendonForces, rate: Array, inherited: Inherited | None) -> Values:
+    """The change of forces where the rates of slip follow, of one where they are kept.
 
-    wrenches: Array  # (6 N, P): On the nodes, in their own frames [N, N m]
-    tension: Array  # (m, n, P): Tensions [N] and released lengths [m] of the segments
-    released: Array  # as `tension`
+    Rates are slips since the beginning of an increment over its duration. What changes them acts like released
+    lengths, whose effect the forces know. Differences would have to be small against the slip at which a law's
+    coefficient falls, which no parameter knows.
 
-    def with_rates(self, own: TendonForces, rate: Array, inherited: Inherited | None) -> ForceChange:
-        """The change where the rates of slip follow, of one where they are kept.
-
-        Rates are slips since the beginning of an increment over its duration. What changes them acts like released
-        lengths, whose effect the forces know. Differences would have to be small against the slip at which a law's
-        coefficient falls, which no parameter knows.
-
-        Parameters
-        ----------
-        own
-            Forces in the present state.
-        rate
-            Of the slips [m/s], shape (m, g).
-        inherited
-            Changes of the slips from which the rates are counted, and of the duration; None where there are none.
-        """
-        field, law = own.field, own.model.law
-        if not field.depends_on_length:
-            return self
-        released = self.released
-        if inherited is not None:
-            by_slip = np.stack([np.linalg.pinv(law.slip_operator * exists) for exists in law.parameters.mask])
-            released = released - by_slip @ (inherited.slip + rate[:, :, None] * inherited.elapsed)
-        by_length = field.released_d_length[:, :, None]
-        longer = np.zeros_like(self.tension)
-        np.divide(released, by_length, out=longer, where=by_length != 0.0)
-        change = field.d_length @ longer
-        wrenches = self.wrenches.reshape(-1, 6, self.wrenches.shape[1]).copy()
-        wrenches[own.model.cable_nodes] += own.measured.shape.lines.softening(change)
-        return ForceChange(
-            wrenches.reshape(self.wrenches.shape),
-            self.tension + change,
-            self.released + field.released_d_tension[:, :, None] * change,
-        )
+    Parameters
+    ----------
+    change
+        Of a robot whose nodes, tensions at the base and mobilisations are kept; parameters are the last axis.
+    own
+        Forces in the present state.
+    rate
+        Of the slips [m/s], shape (m, g).
+    inherited
+        Changes of the slips from which the rates are counted, and of the duration; None where there are none.
+    """
+    field, law = own.field, own.model.law
+    if not field.depends_on_length:
+        return change
+    released = change.released
+    if inherited is not None:
+        by_slip = np.stack([np.linalg.pinv(law.slip_operator * exists) for exists in law.parameters.mask])
+        released = released - by_slip @ (inherited.slip + rate[:, :, None] * inherited.elapsed)
+    by_length = field.released_d_length[:, :, None]
+    longer = np.zeros_like(change.tension)
+    np.divide(released, by_length, out=longer, where=by_length != 0.0)
+    moved = field.d_length @ longer
+    wrenches = change.wrenches.copy()
+    wrenches[own.model.cable_nodes] += own.measured.shape.lines.softening(moved)
+    by_tension = field.released_d_tension[:, :, None]
+    return Values(wrenches, change.tension + moved, change.released + by_tension * moved)
 
 
 class ExplicitDerivatives:
@@ -91,17 +82,17 @@ class ExplicitDerivatives:
         Derivatives of the arc lengths of the nodes [m].
     """
 
-    def __init__(self, present: RobotModel, neighbours: Sequence[Neighbours], count: int) -> None:
+    def __init__(self, present: RobotModel, neighbours: Neighbours, count: int) -> None:
         self.present = present
         models, self._owner = [present], np.full(1, -1)
         self._offsets = np.zeros(1)
-        for each in neighbours:
+        for number, each in neighbours.items():
             models += each.models
-            self._owner = np.append(self._owner, np.full(len(each.models), each.number))
-            self._offsets = np.append(self._offsets, each.stencil.offsets)
+            self._owner = np.append(self._owner, np.full(len(each.models), number))
+            self._offsets = np.append(self._offsets, each.offsets)
         self._weights = np.zeros((len(models), count))
-        for each in neighbours:
-            self._weights[self._owner == each.number, each.number] = each.stencil.weights
+        for number, each in neighbours.items():
+            self._weights[self._owner == number, number] = each.weights
         self._stack = ModelStack(models)
         self.law = self._stack.tendons.law.law
         self.arc_lengths = self._derivative(np.stack([m.forces.mesh.arc_lengths for m in models]))
@@ -124,7 +115,7 @@ class ExplicitDerivatives:
         rate: Array,
         times: tuple[float, float],
         inherited: Inherited,
-    ) -> ForceChange:
+    ) -> Values:
         """Derivatives in a state by all parameters, which are the last axis.
 
         Parameters
@@ -142,9 +133,10 @@ class ExplicitDerivatives:
         """
         begin, end = times
         if len(self._owner) == 1:  # inputs alone, as in inverse statics
-            nodes, count = 6 * len(point.positions), self._weights.shape[1]
+            count = self._weights.shape[1]
             still = np.zeros((*own.field.tension.shape, count))
-            return ForceChange(np.zeros((nodes, count)), still, still).with_rates(own, rate, inherited)
+            none = Values(np.zeros((len(point.positions), 6, count)), still, still)
+            return with_rates(none, own, rate, inherited)
         by_parameter = np.append(inherited.time, 0.0)
         rates = np.broadcast_to(rate, (len(self._owner), *rate.shape))
         if end <= begin and rate.shape == inherited.slip_rate.shape[:2]:
@@ -152,6 +144,4 @@ class ExplicitDerivatives:
             by_rate = np.append(inherited.slip_rate, np.zeros((*rate.shape, 1)), axis=2)
             rates = rates + np.moveaxis(by_rate[..., self._owner] * self._offsets, -1, 0)
         values = self._stack.at(point, rates, end + by_parameter[self._owner] * self._offsets)
-        found = ForceChange(*map(self._derivative, values))
-        found = found._replace(wrenches=found.wrenches.reshape(-1, self._weights.shape[1]))
-        return found.with_rates(own, rate, inherited)
+        return with_rates(Values(*map(self._derivative, values)), own, rate, inherited)

@@ -23,8 +23,8 @@ from tdcr_fe.solve.equations.layout import Numbering, RobotUnknowns, zero_bases
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.steps import FrictionCoupling
-from tdcr_fe.solve.sensitivities.explicit import ForceChange
-from tdcr_fe.solve.sensitivities.robot_model import RobotPoint, TendonStack
+from tdcr_fe.solve.sensitivities.explicit import with_rates
+from tdcr_fe.solve.sensitivities.robot_model import RobotPoint, TendonStack, Values
 
 Array = NDArray[np.float64]
 
@@ -184,7 +184,10 @@ class SolvedPoint:
         point = RobotPoint(
             *poses, self.state.configuration.twists[robot], own.base_tension, own.field.mobilisation
         )
-        none[robot] = none[robot]._replace(**_pushed(own, point, places)._asdict())
+        wrenches, tension, released = _pushed(own, point, places)
+        none[robot] = none[robot]._replace(
+            wrenches=wrenches.reshape(none[robot].wrenches.shape), tension=tension, released=released
+        )
         by_shift = self._respond_with_holes(tuple(none))
         rows = _shifts(geometry, poses[0][which], poses[1][which])[places]
 
@@ -287,7 +290,7 @@ class SolvedPoint:
         return fixed + response.columns @ change[which], list(changes)
 
 
-def _pushed(own: TendonForces, point: RobotPoint, places: NDArray[np.bool_]) -> ForceChange:
+def _pushed(own: TendonForces, point: RobotPoint, places: NDArray[np.bool_]) -> Values:
     """Change of the forces with the tendons' places in their holes, which are chosen by shape (m, n+1, 3)."""
     law, offsets = own.model.law, own.measured.offsets
     assert offsets is not None
@@ -301,8 +304,7 @@ def _pushed(own: TendonForces, point: RobotPoint, places: NDArray[np.bool_]) -> 
     by_place = [np.moveaxis(x[: len(units)] - x[len(units) :], 0, -1) / (2.0 * step) for x in values]
     wrenches = np.zeros((len(point.positions), 6, len(units)))
     wrenches[own.model.cable_nodes] = by_place[0]
-    found = ForceChange(wrenches.reshape(-1, len(units)), by_place[1], by_place[2])
-    return found.with_rates(own, rate, None)
+    return with_rates(Values(wrenches, by_place[1], by_place[2]), own, rate, None)
 
 
 def _shifts(geometry: CableGeometry, positions: Array, rotations: Array) -> Array:

@@ -145,7 +145,7 @@ class RobotPoint(NamedTuple):
 
 
 class Values(NamedTuple):
-    """What every model of a stack has in one state."""
+    """Forces of a robot in one state: of every model of a stack, or, parameters being the last axis, derivatives."""
 
     wrenches: Array  # (S, N, 6): On the nodes, in their own frames [N, N m]; (S, n+1, 6) of tendons alone
     tension: Array  # (S, m, n): Tensions [N] and released lengths [m] of the segments

@@ -260,7 +260,7 @@ class SensitivityHistory:
         explicit = self.explicit.at(own, point, rate, (history.time, time), inherited)
         disturbances = [Disturbance.none(x, len(self.parameters)) for x in solved.forces]
         disturbances[robot] = Disturbance(
-            explicit.wrenches + self._load_wrenches(poses[1], inputs.loads),
+            explicit.wrenches.reshape(-1, len(self.parameters)) + self._load_wrenches(poses[1], inputs.loads),
             inputs.tendons,
             explicit.tension,
             explicit.released,
@@ -407,7 +407,7 @@ def _load_factor_change(
 
 def _models(
     handle: TDCR, experiment: Experiment, chosen: Sequence[Parameter]
-) -> tuple[RobotModel, tuple[Neighbours, ...]]:
+) -> tuple[RobotModel, Neighbours]:
     """Models of a robot in a scene at the present and at neighbouring values of all parameters."""
     counts, clamp = elements_of_bays(handle.robot, handle.model), handle.actuation.clamp
     base = None if clamp is None else BasePose(clamp.position, clamp.rotation @ BEAM_TO_SECTION.T)
