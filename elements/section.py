@@ -23,11 +23,10 @@ from tdcr_fe.elements.poses import cross, skew
 
 Array = NDArray[np.float64]
 
-#: Gauss points on [0, 1] for the length of a tendon along one element.
-_POINTS, _WEIGHTS = (
-    0.5 * (np.polynomial.legendre.leggauss(4)[0] + 1.0),
-    0.5 * np.polynomial.legendre.leggauss(4)[1],
-)
+_GAUSS = np.polynomial.legendre.leggauss(4)
+#: Gauss points on [0, 1] along one element, and their weights.
+POINTS: Array = 0.5 * (_GAUSS[0] + 1.0)
+WEIGHTS: Array = 0.5 * _GAUSS[1]
 
 #: Change of a strain for numerical derivatives [1].
 STRAIN_DIFFERENCE = 1e-5
@@ -37,7 +36,7 @@ THINNEST = 0.1
 
 def gauss_arc_lengths(nodes: Array) -> Array:
     """Arc lengths of the integration points of every element [m], shape (E, 4)."""
-    return nodes[:-1, None] + np.diff(nodes)[:, None] * _POINTS
+    return nodes[:-1, None] + np.diff(nodes)[:, None] * POINTS
 
 
 @dataclass(frozen=True)
@@ -67,20 +66,23 @@ class ContinuousTendons:
         gradient : ndarray, shape (m, ..., E, 6)
             With respect to the twists.
         """
-        lead = (slice(None),) + (None,) * (twists.ndim - 2)
-        offset, slope = self.offset[lead], self.slope[lead]
-        strain = (twists / lengths[:, None])[..., None, :]
-        e = (
-            strain[..., :3]
-            + cross(np.broadcast_to(strain[..., 3:], (*strain.shape[:-2], 4, 3)), offset)
-            + slope
-        )
+        stretch, by_strain = self.along((twists / lengths[:, None])[..., None, :])
+        length = (WEIGHTS * stretch * lengths[:, None]).sum(axis=(-1, -2))
+        return length, (WEIGHTS[:, None] * by_strain).sum(axis=-2)
+
+    def along(self, strain: Array) -> tuple[Array, Array]:
+        """Length of every tendon by that of the backbone, and its gradient with respect to the strain.
+
+        Shapes (m, ..., E, 4) and (m, ..., E, 4, 6), for strains at the Gauss points (..., E, 4 or 1, 6).
+        """
+        lead = (slice(None),) + (None,) * (strain.ndim - 3)
+        offset, slope, weight = self.offset[lead], self.slope[lead], self.weight[lead][..., None]
+        bend = np.broadcast_to(strain[..., 3:], (*strain.shape[:-2], len(POINTS), 3))
+        e = strain[..., :3] + cross(bend, offset) + slope
         norm = np.sqrt(np.einsum("...i,...i->...", e, e))
-        factor = _WEIGHTS * self.weight[lead][..., None]
-        total = np.sum(factor * norm * lengths[:, None], axis=(-1, -2))
-        t = e * (factor / norm)[..., None]
-        gradient = np.concatenate((t, cross(np.broadcast_to(offset, t.shape), t)), axis=-1)
-        return total, gradient.sum(axis=-2)
+        t = e * (weight / norm)[..., None]
+        by_strain = np.concatenate((t, cross(np.broadcast_to(offset, t.shape), t)), axis=-1)
+        return weight * norm, by_strain
 
 
 class Material(ABC):
@@ -119,7 +121,7 @@ class Material(ABC):
         Work on the straight way from the unloaded state, exact for wrenches up to the seventh degree.
         """
         n, bend = self.strain(twists, lengths)
-        mean = _WEIGHTS @ np.array([self.wrench(x * n, x * bend).ravel() for x in _POINTS])
+        mean = WEIGHTS @ np.array([self.wrench(x * n, x * bend).ravel() for x in POINTS])
         return float(mean @ (lengths[:, None] * np.column_stack((n, bend))).ravel())
 
     def at_points(self) -> Self:
@@ -234,10 +236,11 @@ class SectionForces:
     material: Material | None = None
 
     def gradient(self, twists: Array, tensions: Array) -> Array:
-        """Gradient of the energy with respect to the twists, shape (..., E, 6)."""
+        """Gradient of the energy with respect to the twists, shape (..., E, 6), with tensions (m,) or (..., m)."""
         g = np.zeros_like(twists)
         if self.tendons is not None:
-            g = g + np.einsum("m,m...->...", tensions, self.tendons.evaluate(twists, self.lengths)[1])
+            for i, own in enumerate(self.tendons.evaluate(twists, self.lengths)[1]):
+                g = g + tensions[..., i, None, None] * own
         if self.material is not None:
             g = g + self.material.gradient(twists, self.lengths)
         return g

@@ -9,15 +9,10 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import add_residual_flexibility
 from tdcr_fe.elements.poses import coefficients, cross, exp_matrix, skew
-from tdcr_fe.elements.section import Material, SectionForces
+from tdcr_fe.elements.section import POINTS, WEIGHTS, Material, SectionForces
 from tdcr_fe.scene import TDCR
 
 Array = NDArray[np.float64]
-
-_QUADRATURE_POINTS, _QUADRATURE_WEIGHTS = np.polynomial.legendre.leggauss(4)
-#: Gauss points on [0, 1] and their weights; the same points at which `SectionForces` has the tendons.
-POINTS: Array = 0.5 * (_QUADRATURE_POINTS + 1.0)
-WEIGHTS: Array = 0.5 * _QUADRATURE_WEIGHTS
 
 
 def _collocation_matrix() -> Array:
@@ -87,24 +82,8 @@ class ElementModel:
     def section_stiffness(self) -> Array:
         """Of the section itself: without the residual flexibility of bending in the shear, shape (E, 6)."""
         stiffness = self.element_stiffness.copy()
-        residual = self.lengths[:, None] ** 2 / (12.0 * stiffness[:, 5:3:-1])
-        stiffness[:, 1:3] = 1.0 / (1.0 / stiffness[:, 1:3] - residual)
+        add_residual_flexibility(stiffness, self.lengths, -1.0)
         return stiffness
-
-
-def _tendon_gradient(section: SectionForces, strain: Array, tensions: Array) -> Array:
-    """Wrench that the tendons along the backbone give the section, at the Gauss points, shape (S, E, 4, 6)."""
-    assert section.tendons is not None
-    total = np.zeros_like(strain)
-    for i, (offset, slope, weight) in enumerate(
-        zip(section.tendons.offset, section.tendons.slope, section.tendons.weight, strict=True)
-    ):
-        a = strain[..., :3] + cross(strain[..., 3:], offset) + slope
-        pull = tensions[:, i, None] * weight
-        t = a * (pull[..., None] / np.sqrt(np.einsum("...i,...i->...", a, a)))[..., None]
-        total[..., :3] += t
-        total[..., 3:] += cross(offset, t)
-    return total
 
 
 def _strain_under(law: Material, wrench: Array, strain: Array, unloaded: Array, compliance: Array) -> Array:
@@ -121,13 +100,7 @@ def force_gradient(model: ElementModel, twists: Array, tensions: Array) -> Array
     """Derivative of the elements' energy by their twists, shape (S, E, 6)."""
     h = model.lengths[:, None]
     gradient = model.element_stiffness * (twists / h - model.reference_strain)
-    section = model.section
-    if section is not None and section.material is not None:
-        gradient = gradient + section.material.gradient(twists, model.lengths)
-    if section is not None and section.tendons is not None:
-        strain = np.broadcast_to((twists / h)[..., None, :], (*twists.shape[:-1], len(POINTS), 6))
-        gradient = gradient + np.einsum("g,segi->sei", WEIGHTS, _tendon_gradient(section, strain, tensions))
-    return gradient
+    return gradient if model.section is None else gradient + model.section.gradient(twists, tensions)
 
 
 def stiffness_times(model: ElementModel, twists: Array, strain: Array) -> Array:
@@ -192,7 +165,7 @@ def exact_elements(
             both[..., 1, :] += cross(along * p - below[..., :-1, :], weight[..., None, :])
         wrench = (both @ poses[..., :3]).reshape(start.shape)
         if section is not None and section.tendons is not None:
-            wrench = wrench - _tendon_gradient(section, strain, tensions)
+            wrench = wrench - np.einsum("sm,ms...->s...", tensions, section.tendons.along(strain)[1])
         new = unloaded + wrench * compliance
         if section is not None and section.material is not None:
             new[..., _FIBRES] = _strain_under(section.material, wrench, strain, unloaded, compliance)

@@ -19,6 +19,7 @@ from tdcr_fe.solve.equations.linearization import BorderedFactors, Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.slips import SlipData
 from tdcr_fe.solve.friction_path.transfer import TendonsInSubstep
+from tdcr_fe.solve.newton.convergence import BALANCED
 from tdcr_fe.solve.newton.steps import mobilisations
 
 Array = NDArray[np.float64]
@@ -29,8 +30,6 @@ Index = NDArray[np.int_]
 #: Largest turn of an element since the last linearisation with which that is as good as a new one [rad]. With four
 #: times as much, one of twenty random robots ended 1.5e-5 of the length off.
 EXACT_TURN = 1e-5
-#: Relative residual below which forces balance [1].
-BALANCED = 1e-3
 
 
 class LoadResponse(NamedTuple):

@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 
 #: Largest allowed difference between a mobilisation and that of its trial state [1].
 FRICTION_TOLERANCE = 1e-4
-#: Only below this relative residual may an iteration end because its steps have become too small [1].
-STALLED_RESIDUAL = 1e-3
+#: Relative residual below which forces balance but for round-off: an iteration may end because its steps are small [1].
+BALANCED = 1e-3
 #: And only where the last step has not brought the residual below this fraction of what it was [1].
 STALLED_REDUCTION = 0.5
 
@@ -153,5 +153,5 @@ def stalled(
         Of the solver.
     """
     useless = STALLED_REDUCTION * before <= after
-    small = max(before, after) < STALLED_RESIDUAL and scales.step_size(step) <= settings.step_tolerance
+    small = max(before, after) < BALANCED and scales.step_size(step) <= settings.step_tolerance
     return useless and small
