@@ -193,6 +193,15 @@ class NodeStiffness(NamedTuple):
     # (N-1, 6, 6): Of every node by the next one; the transposed block is that of the next one by it
     after: Array
 
+    def add_to(self, k: Array, nodes: NDArray[np.int_]) -> None:
+        """Add the blocks of nodes of these numbers to a matrix that begins with body-frame increments of nodes."""
+        (row, column), n = k.strides, len(k) // 6
+        blocks: Array = np.ndarray((n, 6, n, 6), k.dtype, k, 0, (6 * row, row, 6 * column, column))
+        near, far = nodes[:-1], nodes[1:]
+        blocks[nodes, :, nodes, :] += self.itself
+        blocks[near, :, far, :] += self.after
+        blocks[far, :, near, :] += self.after.swapaxes(1, 2)
+
 
 class NodePoses(NamedTuple):
     """Poses of the nodes of one backbone, in beam axes."""

@@ -301,10 +301,25 @@ class TendonForces(NamedTuple):
         """
         return self.measured.shape.lines.stiffness(self.field.tension)
 
-    def add_coupling(self, k: Array) -> None:
-        """Add the change of the tensions with the configuration, and the tangents of section forces and springs.
+    def add_tangent(self, k: Array, first: int = 0) -> None:
+        """Add the derivative of `nodal_wrenches` by the nodes, written in frames that stay, in Exudyn's sign.
 
-        With `geometric_stiffness` it is the derivative of `nodal_wrenches` by the nodes, written in frames that stay.
+        Parameters
+        ----------
+        k
+            By the nodes of all robots, and what follows them; changed in place.
+        first
+            Number of the first node of this robot among them.
+        """
+        if self.model.geometry is not None:
+            self.geometric_stiffness().add_to(k, first + self.model.cable_nodes)
+        inside = slice(6 * first, 6 * (first + self.model.mesh.arc_lengths.size))
+        if len(self.base_tension) or self.model.section is not None:
+            self.add_coupling(k[inside, inside])
+        self._add_springs(k[inside, inside])
+
+    def add_coupling(self, k: Array) -> None:
+        """Add the change of the tensions with the configuration, and the tangent of section forces.
 
         Parameters
         ----------
@@ -330,10 +345,9 @@ class TendonForces(NamedTuple):
                 k[np.ix_(columns[: len(pull)], columns)] += pull
         if self.model.section is not None:
             self._add_section_tangent(k)
-        self.add_springs(k)
 
-    def add_springs(self, k: Array) -> None:
-        """Add the tangent of the springs to ground, in Exudyn's sign; ``k`` as in `add_coupling`."""
+    def _add_springs(self, k: Array) -> None:
+        """Add the tangent of the springs to ground; ``k`` as in `add_coupling`."""
         if self.measured.poses is None or self.model.springs is None:
             return
         for node, block in zip(

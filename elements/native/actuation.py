@@ -255,10 +255,8 @@ class TendonActuation:
         t
             Time [s].
         """
-        if self.motors:
-            nodes, inputs = self._wound(displacements, t)
-            return self._scene_forces.generalized_with_motors(nodes, t, inputs, self._elastic(), self.motors)
-        return self._scene_forces.generalized(np.array(displacements), t, self.inputs, self._elastic())
+        nodes, inputs = self._wound(displacements, t)
+        return self._scene_forces.generalized(nodes, t, inputs, self._elastic(), self.motors)
 
     def jacobian_on_coordinates(
         self, displacements: Sequence[float], t: float, by_position: float, by_velocity: float
@@ -284,13 +282,9 @@ class TendonActuation:
             )
         if not self.connected:
             return self._no_jacobian
-        if self.motors:
-            nodes, inputs = self._wound(displacements, t)
-            tangent = self._scene_forces.tangent_with_motors(nodes, t, inputs, self._elastic(), self.motors)
-        else:
-            nodes, tendons = np.array(displacements), self._elastic()
-            holes = self._assumed_holes(by_position, by_velocity)
-            tangent = self._scene_forces.tangent(nodes, t, self.inputs, tendons, holes)
+        nodes, inputs = self._wound(displacements, t)
+        holes = "present" if self.motors else self._assumed_holes(by_position, by_velocity)
+        tangent = self._scene_forces.tangent(nodes, t, inputs, self._elastic(), holes, self.motors)
         # Both factors together are those of an iteration in time; derivatives for linearised systems are exact.
         if by_velocity != 0.0 and by_position != 0.0:
             excess = self._backbone.excess_tangent(self.mesh, nodes)
@@ -322,9 +316,11 @@ class TendonActuation:
         """
         return self._scene_forces.by_inputs(self._elastic(), stuck)
 
-    def _wound(self, displacements: Sequence[float], t: float) -> tuple[Array, Array]:
+    def _wound(self, displacements: Sequence[float], t: float) -> tuple[Array, Inputs]:
         """Coordinates of the nodes, and inputs with what the motors have wound."""
         moved, count = np.array(displacements), len(self.motors)
+        if not count:
+            return moved, self.inputs
         values = values_at(self.inputs, t)
         return moved[:-count], wound(self.motors, values, moved[-count:], self.drives.winds)
 

@@ -9,7 +9,6 @@ import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.backbone import NodeStiffness
 from tdcr_fe.elements.native.items import SystemReference
 from tdcr_fe.elements.poses import euler_rate_matrix, rotation_of_euler_parameters
 
@@ -99,16 +98,6 @@ def generalized_forces(wrenches: Array, rotations: Array, parameters: Array) -> 
     found[:, :3] = (rotations @ wrenches[:, :3, None])[:, :, 0]
     found[:, 3:] = 4.0 * (euler_rate_matrix(parameters) @ wrenches[:, 3:, None])[:, :, 0]
     return found.reshape(-1)
-
-
-def add_neighbours(k: Array, stiffness: NodeStiffness, nodes: NDArray[np.int_]) -> None:
-    """Add the blocks of neighbours in a row of nodes to a matrix that begins with body-frame increments of nodes."""
-    (row, column), n = k.strides, len(k) // 6
-    blocks: Array = np.ndarray((n, 6, n, 6), k.dtype, k, 0, (6 * row, row, 6 * column, column))
-    near, far = nodes[:-1], nodes[1:]
-    blocks[nodes, :, nodes, :] += stiffness.itself
-    blocks[near, :, far, :] += stiffness.after
-    blocks[far, :, near, :] += stiffness.after.swapaxes(1, 2)
 
 
 def generalized_tangent(k: Array, moments: Array, to_twist: Array) -> Array:

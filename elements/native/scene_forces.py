@@ -13,7 +13,6 @@ from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.condensation import ElasticTendons, add_condensed, forces_by_inputs
 from tdcr_fe.elements.native.coordinates import (
     NodeCoordinates,
-    add_neighbours,
     generalized_forces,
     generalized_tangent,
     twists_by_coordinates,
@@ -141,61 +140,67 @@ class SceneForces:
 
     # ------------------------------------------------------------------ on the coordinates of the nodes
 
-    def generalized(self, coordinates: Array, t: float, inputs: Inputs, tendons: ElasticTendons) -> Array:
-        """Generalised forces on the coordinates of the nodes, shape (7 N,); arguments as in `at`."""
-        if self._straight is not None and not tendons.driven.any():
-            reference, state = self._coordinates.reference, tendons.history.friction
-            return self._straight.forces(coordinates, reference, t, state, values_at(inputs, t))
-        found = self.at(coordinates, t, inputs, tendons)
-        return generalized_forces(found.forces.nodal_wrenches(), found.rotations, found.parameters)
-
-    def tangent(
-        self, coordinates: Array, t: float, inputs: Inputs, tendons: ElasticTendons, holes: Holes
+    def generalized(
+        self,
+        coordinates: Array,
+        t: float,
+        inputs: Inputs,
+        tendons: ElasticTendons,
+        motors: Sequence[Motor] = (),
     ) -> Array:
-        """Derivative of `generalized` by the coordinates of the nodes, shape (7 N, 7 N).
+        """Generalised forces on the coordinates of the nodes, then the torques on motors [N m], shape (7 N + k,).
 
         Parameters
         ----------
         coordinates, t, inputs, tendons
-            As in `at`.
+            As in `at`; the inputs include what motors have wound.
+        motors
+            Of the robot.
+        """
+        if self._straight is not None and not tendons.driven.any() and not motors:
+            reference, state = self._coordinates.reference, tendons.history.friction
+            return self._straight.forces(coordinates, reference, t, state, values_at(inputs, t))
+        found = self.at(coordinates, t, inputs, tendons)
+        on_nodes = generalized_forces(found.forces.nodal_wrenches(), found.rotations, found.parameters)
+        return np.append(on_nodes, torques(motors, found.forces))
+
+    def tangent(
+        self,
+        coordinates: Array,
+        t: float,
+        inputs: Inputs,
+        tendons: ElasticTendons,
+        holes: Holes,
+        motors: Sequence[Motor] = (),
+    ) -> Array:
+        """Derivative of `generalized` by the coordinates of nodes and motors, shape (7 N + k, 7 N + k).
+
+        Parameters
+        ----------
+        coordinates, t, inputs, tendons, motors
+            As in `generalized`.
         holes
             What is assumed of holes with friction: the derivative of the forces, or that all stick or slide on.
         """
-        if self._straight is not None and holes == "present" and not tendons.driven.any():
+        if self._straight is not None and holes == "present" and not tendons.driven.any() and not motors:
             reference, state = self._coordinates.reference, tendons.history.friction
             return self._straight.tangent(coordinates, reference, t, state, values_at(inputs, t))
         found = self.matching(coordinates, t, inputs, tendons)
-        forces, model = found.forces, tendons.model
+        forces = found.forces
         if holes != "present":
             forces = tendons.at_rest(forces.measured)
         n = len(found.rotations)
         k = np.zeros((6 * n, 6 * n))
-        forces.add_coupling(k)
+        forces.add_tangent(k)
         if holes != "present":
             taut = tendons.driven & (forces.base_tension > 0.0)
             add_condensed(k, forces, taut, holes == "stuck")
-        if model.geometry is not None:
-            add_neighbours(k, forces.geometric_stiffness(), model.cable_nodes)
         to_twist = twists_by_coordinates(found.rotations, found.parameters)
-        return generalized_tangent(k, forces.nodal_wrenches()[:, 3:], to_twist)
-
-    def generalized_with_motors(
-        self, coordinates: Array, t: float, inputs: Inputs, tendons: ElasticTendons, motors: Sequence[Motor]
-    ) -> Array:
-        """Forces as in `generalized`, then the torques on motors [N m]; the inputs include what these have wound."""
-        found = self.at(coordinates, t, inputs, tendons)
-        on_nodes = generalized_forces(found.forces.nodal_wrenches(), found.rotations, found.parameters)
-        return np.concatenate((on_nodes, torques(motors, found.forces)))
-
-    def tangent_with_motors(
-        self, coordinates: Array, t: float, inputs: Inputs, tendons: ElasticTendons, motors: Sequence[Motor]
-    ) -> Array:
-        """Derivative of `generalized_with_motors` by the coordinates of nodes and motors, (7 N + k, 7 N + k)."""
-        tangent = self.tangent(coordinates, t, inputs, tendons, "present")
-        found = self.matching(coordinates, t, inputs, tendons)
-        to_twist = twists_by_coordinates(found.rotations, found.parameters)
+        tangent = generalized_tangent(k, forces.nodal_wrenches()[:, 3:], to_twist)
+        if not motors:
+            return tangent
         return with_motors(
-            motors, tangent, found.forces, tendons.driven, found.rotations, found.parameters, to_twist
+            motors, tangent, forces, tendons.driven, found.rotations, found.parameters, to_twist
         )
 
     def by_inputs(self, tendons: ElasticTendons, stuck: bool) -> Array:

@@ -34,7 +34,6 @@ from tdcr_fe.solve.equations.linearization import (
 )
 from tdcr_fe.solve.equations.tangent import (
     add_damping,
-    add_forces,
     add_unbalanced,
     backbone_tangent,
     border,
@@ -233,11 +232,13 @@ class SceneSystem:
                 size = max(size, layout.scales.displacement_error(own, displacement, part.driven))
         return Residual(state, target, forces, unbalanced, tuple(on_bases), raw, size)
 
-    def unbalanced(self, state: SolverState, target: Target, forces: tuple[TendonForces, ...]) -> Array:
+    def unbalanced(
+        self, state: SolverState, target: Target, forces: tuple[TendonForces, ...], numbering: Numbering
+    ) -> Array:
         """The reduced residual of a state under a target, where the forces of the robots in that state are known."""
         self._write(state, target)
         _, found = self._balance(state, forces)
-        zero_bases(found, self.numbering().clamped)
+        zero_bases(found, numbering.clamped)
         return found
 
     def _write(
@@ -346,7 +347,7 @@ class SceneSystem:
         """Derivative of the reduced residual at fixed friction and tensions at the base; as `scene_tangent`."""
         k = self.scene_tangent(residual)
         for own, nodes in zip(residual.forces, self.layout.space.slices, strict=True):
-            add_forces(k, own, nodes)
+            own.add_tangent(k, nodes.start)
         return k
 
     def linearize(self, residual: Residual, numbering: Numbering, damping: float = 0.0) -> Linearization:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import NodeStiffness
 from tdcr_fe.elements.forces import TendonForces
-from tdcr_fe.elements.native.coordinates import add_neighbours
 from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import Numbering, zero_bases
 
@@ -42,8 +41,8 @@ def robot_tangent(backbone: NodeStiffness, forces: TendonForces) -> Array:
     """Tangent of one robot as a full matrix, from that of its backbone, shape (6 N, 6 N)."""
     count = len(backbone.itself)
     k = np.zeros((6 * count, 6 * count))
-    add_neighbours(k, backbone, np.arange(count))
-    add_forces(k, forces, slice(0, count))
+    backbone.add_to(k, np.arange(count))
+    forces.add_tangent(k)
     return k
 
 
@@ -53,28 +52,7 @@ def add_unbalanced(k: Array, residual: Residual, nodes: Sequence[slice]) -> None
     for i, own in enumerate(nodes):
         wrenches = residual.unbalanced[6 * own.start : 6 * own.stop]
         terms = configuration.chains[i].unbalanced_terms(wrenches, *configuration.poses[i])
-        add_neighbours(k, terms, np.arange(own.start, own.stop))
-
-
-def add_forces(k: Array, forces: TendonForces, nodes: slice) -> None:
-    """Add the forces of one robot to a tangent: of tendons, inside the sections, and of springs to ground.
-
-    Parameters
-    ----------
-    k
-        By the nodes of all robots, and what follows them; changed in place.
-    forces
-        Of the robot.
-    nodes
-        Its nodes.
-    """
-    if forces.model.geometry is not None:
-        add_neighbours(k, forces.geometric_stiffness(), nodes.start + forces.model.cable_nodes)
-    inside = slice(6 * nodes.start, 6 * nodes.stop)
-    if len(forces.base_tension) or forces.model.section is not None:
-        forces.add_coupling(k[inside, inside])
-    elif forces.model.springs is not None:
-        forces.add_springs(k[inside, inside])
+        terms.add_to(k, np.arange(own.start, own.stop))
 
 
 def border(residual: Residual, numbering: Numbering) -> tuple[Array, Array, Array, Flags]:

@@ -193,7 +193,7 @@ class Equilibrium(NamedTuple):
     def load_response(self, system: SceneSystem, other: Target) -> LoadResponse:
         """Response to the change to another target's loads, which are in the scene, at fixed tensions."""
         assert self.response is not None
-        unbalanced = system.unbalanced(self.state, other, self.forces)
+        unbalanced = system.unbalanced(self.state, other, self.forces, self.numbering)
         return self.response.to_load(self.linearization, self.forces, unbalanced)
 
 

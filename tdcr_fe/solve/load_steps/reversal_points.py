@@ -97,7 +97,8 @@ def _rates(
     if not ramp.changes_beyond_inputs:
         return inputs, None
     far = max(span, key=lambda end: abs(end - load_factor))
-    unbalanced = system.unbalanced(point.state, ramp.apply(system, far), point.forces)
+    target = ramp.apply(system, far)
+    unbalanced = system.unbalanced(point.state, target, point.forces, point.numbering)
     return inputs, unbalanced / (far - load_factor)
 
 
