@@ -170,14 +170,9 @@ _HAT = _HAT.reshape(6, 16)
 _EYE4 = np.eye(4)
 
 
-def twist_matrix(xi: Array) -> Array:
-    """4 x 4 matrices of twists: (..., 6) to (..., 4, 4)."""
-    return xi.reshape(-1, 6).dot(_HAT).reshape(*xi.shape[:-1], 4, 4)
-
-
 def exp_matrix(xi: Array, c: Array) -> Array:
     """Exponential of twists (..., 6) as 4 x 4 matrices, with the `coefficients` of their rotations."""
-    x = twist_matrix(xi)
+    x = xi.reshape(-1, 6).dot(_HAT).reshape(*xi.shape[:-1], 4, 4)
     powers = np.empty((*xi.shape[:-1], 2, 4, 4))
     square, cube = powers[..., 0, :, :], powers[..., 1, :, :]
     np.matmul(x, x, out=square)
@@ -226,16 +221,11 @@ _AD[3:, :3, :3] = _AD[3:, 3:, 3:] = _AD[:3, :3, 3:] = _SKEW.reshape(3, 3, 3)
 _AD = _AD.reshape(6, 36)
 
 
-def adjoint_map(xi: Array) -> Array:
-    """``ad`` of twists, with ``ad(x) y`` the Lie bracket: (..., 6) to (..., 6, 6)."""
-    return xi.reshape(-1, 6).dot(_AD).reshape(*xi.shape, 6)
-
-
 def adjoint_powers(xi: Array) -> Array:
     """``ad``, ``ad^2``, ``ad^3``, ``ad^4`` of twists: (..., 6) to (..., 4, 6, 6)."""
     powers: Array = np.empty((*xi.shape[:-1], 4, 6, 6))
     ad, square, cube, fourth = (powers[..., k, :, :] for k in range(4))
-    ad[...] = adjoint_map(xi)
+    ad[...] = xi.reshape(-1, 6).dot(_AD).reshape(*xi.shape, 6)
     np.matmul(ad, ad, out=square)
     np.matmul(square, ad, out=cube)
     np.matmul(square, square, out=fourth)

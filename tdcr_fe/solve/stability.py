@@ -121,7 +121,7 @@ def scaled_tangent(simulation: Simulation) -> tuple[Array, Array]:
     return free.T @ tangent @ free, to_nodes @ free
 
 
-def strain_tangent(system: SceneSystem, state: SolverState, robot: int = 0) -> tuple[Array, Array]:
+def strain_tangent(system: SceneSystem, state: SolverState) -> tuple[Array, Array]:
     """Tangent stiffness in the twists of the elements, base and mobilisations kept.
 
     Parameters
@@ -130,8 +130,6 @@ def strain_tangent(system: SceneSystem, state: SolverState, robot: int = 0) -> t
         The scene.
     state
         At an equilibrium; only there is the tangent the same in all coordinates.
-    robot
-        Number of the robot in the scene.
 
     Returns
     -------
@@ -151,10 +149,9 @@ def strain_tangent(system: SceneSystem, state: SolverState, robot: int = 0) -> t
             "Take the robot alone through tdcr_fe.solve.simulate.Simulation"
         )
     residual = system.residual(state, Target(state.inputs, state.loads, state.time), system.numbering())
-    nodes = system.layout.space.slices[robot]
-    inside = slice(6 * (nodes.start + 1), 6 * nodes.stop)
-    by_nodes = -system.tangent(residual)[inside, inside]
-    blocks = strain_matrices(state.configuration.twists[robot])
+    nodes = slice(6, 6 * system.layout.reduction.nodes)
+    by_nodes = -system.tangent(residual)[nodes, nodes]
+    blocks = strain_matrices(state.configuration.twists[0])
     count = len(blocks)
     to_nodes = np.zeros((6 * count, 6 * count))
     for e, block in enumerate(blocks):

@@ -109,13 +109,6 @@ class ConfigurationSpace:
         self._beam = (
             reduction.beam if joints is None else np.arange(reduction.beam.size).reshape(reduction.beam.shape)
         )
-        flat = self._beam.ravel()
-        #: Where the beam nodes' coordinates lie, if in one piece and in order.
-        self._span = (
-            slice(int(flat[0]), int(flat[-1]) + 1)
-            if np.array_equal(np.diff(flat), np.ones(len(flat) - 1))
-            else None
-        )
 
     def from_scene(self) -> Configuration:
         """The current configuration of Exudyn's scene; clamped bases have the pose of their clamps."""
@@ -148,7 +141,7 @@ class ConfigurationSpace:
             Euler parameters that have these signs, shape (N, 4), where they are known.
         """
         if near is None:
-            near = self._beams(unknowns.coordinates)[:, 3:] + self._reference[:, 3:]
+            near = (unknowns.coordinates[self._beam] + self._reference)[:, 3:]
         # Both signs of Euler parameters are the same rotation; Exudyn's own solvers continue from the nearer one.
         found = [
             ElementChain.with_poses(twists, base, near[own])
@@ -157,11 +150,9 @@ class ConfigurationSpace:
         chains, every = tuple([chain for chain, _ in found]), [poses for _, poses in found]
         whole = every[0] if len(every) == 1 else NodePoses(*map(np.concatenate, zip(*every, strict=True)))
         coordinates = unknowns.coordinates.copy()
-        beams = self._beams(coordinates)
-        np.subtract(whole.positions, self._reference[:, :3], out=beams[:, :3])
-        np.subtract(whole.parameters, self._reference[:, 3:], out=beams[:, 3:])
-        if not self._span:
-            coordinates[self._beam] = beams
+        coordinates[self._beam] = (
+            np.concatenate((whole.positions, whole.parameters), axis=1) - self._reference
+        )
         written = Unknowns(coordinates, unknowns.multipliers, unknowns.twists, unknowns.bases)
         poses = tuple([(own.positions, own.rotations) for own in every])
         measured = tuple(
@@ -176,11 +167,7 @@ class ConfigurationSpace:
 
     def nodes_of(self, configuration: Configuration, robot: int) -> Array:
         """Coordinates of a robot's nodes as in Exudyn, shape (N, 7)."""
-        return self._beams(configuration.unknowns.coordinates)[self.slices[robot]]
-
-    def _beams(self, coordinates: Array) -> Array:
-        """Coordinates of the beam nodes, shape (N, 7); a view where they lie in one piece."""
-        return coordinates[self._span].reshape(-1, 7) if self._span else coordinates[self._beam]
+        return np.asarray(configuration.unknowns.coordinates[self._beam[self.slices[robot]]])
 
     def move(
         self, start: Configuration, step: Array, chains: Sequence[ElementChain], max_turn: float

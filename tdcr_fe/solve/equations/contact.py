@@ -39,6 +39,11 @@ TURNS = ("ConnectorTorsionalSpringDamper",)
 APPROACH_LIMIT = 0.5
 
 
+def general_contacts(mbs: exu.MainSystem) -> list[Any]:
+    """Every ``GeneralContact`` of a system."""
+    return [mbs.GetGeneralContact(k) for k in range(mbs.NumberOfGeneralContacts())]
+
+
 class GeneralTriangles(NamedTuple):
     """A ``GeneralContact`` with spheres and triangles."""
 
@@ -70,15 +75,15 @@ class TriangleContact:
     def __init__(self, mbs: exu.MainSystem) -> None:
         self._mbs = mbs
         self._all: list[GeneralTriangles] = []
-        radii = []
-        for contact in map(mbs.GetGeneralContact, range(mbs.NumberOfGeneralContacts())):
+        radii: list[float] = []
+        for contact in general_contacts(mbs):
             about = contact.GetPythonObject()
             spheres = int(about["numberOfSpheresMarkerBased"])
             if spheres and about["numberOfTrigsRigidBodyBased"]:
                 offsets = about["globalContactIndexOffsets"]
                 first = int(offsets[int(exu.ContactTypeIndex.IndexTrigsRigidBodyBased)])
                 self._all.append(GeneralTriangles(contact, spheres, first))
-                radii += [contact.GetSphereMarkerBased(i, addData=True)["radius"] for i in range(spheres)]
+                radii += GeneralSpheres.of(contact).radii.tolist()
         self._step = RELATIVE_STEP * min(radii, default=0.0)
         self._nodes = _nodes_of_coordinates(mbs)
 
@@ -152,16 +157,22 @@ class GeneralSpheres(NamedTuple):
 
     markers: NDArray[np.int_]  # (n,)
     radii: Array  # (n,): [m]
+    size: float  # How far a body may move into a contact without leaving it on the other side [m]
 
     @classmethod
-    def of(cls, mbs: exu.MainSystem, number: int) -> GeneralSpheres:
-        """Those of the general contact of a number."""
-        contact = mbs.GetGeneralContact(number)
-        count = contact.GetPythonObject()["numberOfSpheresMarkerBased"]
+    def of(cls, contact: Any) -> GeneralSpheres:
+        """Those of a general contact; its size is that of its two smallest, or of its smallest one and a triangle."""
+        counts = contact.GetPythonObject()
+        if counts["numberOfANCFCable2D"]:
+            raise ValueError("GeneralContact with ANCF cables is not solved by the quasi-static solver")
+        count = counts["numberOfSpheresMarkerBased"]
         spheres = [contact.GetSphereMarkerBased(i, addData=True) for i in range(count)]
+        radii = np.array([float(s["radius"]) for s in spheres])
+        smallest = np.sort(radii)[: 1 if counts["numberOfTrigsRigidBodyBased"] else 2]
         return cls(
             np.array([int(s["markerIndex"]) for s in spheres], dtype=int),
-            np.array([float(s["radius"]) for s in spheres]),
+            radii,
+            float(smallest.sum()) if count else np.inf,
         )
 
     def centers_inside(self, mbs: exu.MainSystem, configuration: Any) -> NDArray[np.bool_]:
@@ -209,13 +220,11 @@ class ContactStates:
         pairs = np.array([item["markerNumbers"] for item in sized.values()], dtype=int).reshape(-1, 2)
         self._markers, numbers = np.unique(pairs, return_inverse=True)
         self._pairs = numbers.reshape(-1, 2)
-        self._general_size = min(
-            (_general_size(mbs, k) for k in range(mbs.NumberOfGeneralContacts())), default=np.inf
-        )
+        general = [GeneralSpheres.of(contact) for contact in general_contacts(mbs)]
+        self._general_size = min((spheres.size for spheres in general), default=np.inf)
         # Spheres that lie in each other from the beginning are built so, as those of a wall.
         self._general_spheres = [
-            (spheres, spheres.centers_inside(mbs, exu.ConfigurationType.Reference))
-            for spheres in (GeneralSpheres.of(mbs, k) for k in range(mbs.NumberOfGeneralContacts()))
+            (spheres, spheres.centers_inside(mbs, exu.ConfigurationType.Reference)) for spheres in general
         ]
         self._mbs = mbs
         self._foreign = np.setdiff1d(np.arange(data.DataSize()), np.fromiter(own_data, dtype=int))
@@ -305,21 +314,6 @@ def _size(item: dict[str, Any]) -> float:
 def _depth(item: dict[str, Any]) -> float:
     """Penetration at which the centre of a sphere is on the surface of another one [m]; none for triangles."""
     return float("inf") if "trianglePoints" in item else float(min(item["spheresRadii"]))
-
-
-def _general_size(mbs: exu.MainSystem, number: int) -> float:
-    """The same for a ``GeneralContact``: of its two smallest spheres, or its smallest one and a triangle."""
-    contact = mbs.GetGeneralContact(number)
-    counts = contact.GetPythonObject()
-    if counts["numberOfANCFCable2D"]:
-        raise ValueError("GeneralContact with ANCF cables is not solved by the quasi-static solver")
-    radii = sorted(
-        float(contact.GetSphereMarkerBased(i, addData=True)["radius"])
-        for i in range(counts["numberOfSpheresMarkerBased"])
-    )
-    if not radii:
-        return float("inf")
-    return radii[0] if counts["numberOfTrigsRigidBodyBased"] else sum(radii[:2])
 
 
 def _check(item: dict[str, Any]) -> None:

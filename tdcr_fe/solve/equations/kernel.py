@@ -137,10 +137,7 @@ def _initialised(
     mbs: exu.MainSystem, hooks: SceneHooks, settings: exu.SimulationSettings, contact: ContactStates
 ) -> Any:
     """Exudyn's static solver, ready to evaluate residual and Jacobian; the scene stays as it is."""
-    kernel, data = exu.MainSolverStatic(), mbs.systemData
-    start = np.array(data.GetODE2Coordinates())
-    multipliers = np.array(data.GetAECoordinates())
-    states = np.array(data.GetDataCoordinates())
+    kernel, before = exu.MainSolverStatic(), mbs.systemData.GetSystemState()
     # Exudyn's advice on large systems is about its own solvers.
     warned = exu.config.suppressWarnings
     exu.config.suppressWarnings = True
@@ -152,11 +149,7 @@ def _initialised(
         exu.config.suppressWarnings = warned
     if not ready:
         raise RuntimeError("Exudyn could not initialise its static solver for this system")
-    data.SetODE2Coordinates(start)
-    if multipliers.size:
-        data.SetAECoordinates(multipliers)
-    if states.size:
-        data.SetDataCoordinates(states)
+    mbs.systemData.SetSystemState(before)
     return kernel
 
 

@@ -20,7 +20,6 @@ from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.slips import SlipData
 from tdcr_fe.solve.friction_path.transfer import TendonsInSubstep
 from tdcr_fe.solve.newton.convergence import BALANCED
-from tdcr_fe.solve.newton.steps import mobilisations
 
 Array = NDArray[np.float64]
 #: By robot, numbers of some of its tendons.
@@ -179,7 +178,7 @@ class Equilibrium(NamedTuple):
     @property
     def mobilisation(self) -> Array:
         """Of the frictional holes [1], shape (k,)."""
-        return mobilisations(self.numbering, self.state)
+        return self.numbering.at_frictional_holes(self.state.mobilisation)
 
     def with_response(self, tendons: Tendons) -> Equilibrium:
         """The same with the response to the tensions of some tendons; all others are slack."""

@@ -21,7 +21,7 @@ from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.equations.tangent import damping_of_node
-from tdcr_fe.solve.newton.steps import FrictionCoupling, mobilisations
+from tdcr_fe.solve.newton.steps import FrictionCoupling
 
 Array = NDArray[np.float64]
 
@@ -83,7 +83,8 @@ def _compliance(
     right[which, np.arange(len(which))] = -1.0
     moved = linear.factorisation.solve(right)
     if numbering.has_friction:
-        stuck = np.flatnonzero(np.abs(mobilisations(numbering, residual.state)) < 1.0)
+        mobilised = numbering.at_frictional_holes(residual.state.mobilisation)
+        stuck = np.flatnonzero(np.abs(mobilised) < 1.0)
         flexibility = numbering.at_frictional_holes([own.resting_flexibility for own in residual.forces])
         coupling = FrictionCoupling.of(numbering, residual.forces, linear.slack)
         response = coupling.response(linear.factorisation.solve, stuck, flexibility)

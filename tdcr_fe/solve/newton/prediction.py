@@ -19,7 +19,7 @@ from tdcr_fe.solve.equations.configuration import Configuration, SolverState, Ta
 from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization, SolvedStep, same_loads, unknowns
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.newton.steps import mobilisations, slip_changes
+from tdcr_fe.solve.newton.steps import slip_changes
 
 Array = NDArray[np.float64]
 
@@ -109,7 +109,7 @@ def _length_of(last: SolvedStep, loading: Array) -> float | None:
 
 def _all_keep_slipping(state: SolverState, slips: Array, numbering: Numbering) -> bool:
     """Whether all holes of tendons under tension slip, and continue in the same direction."""
-    mobilised = mobilisations(numbering, state)
+    mobilised = numbering.at_frictional_holes(state.mobilisation)
     if np.minimum(np.abs(mobilised) - 1.0, mobilised * slips).min() >= 0.0:
         return True
     tension = [

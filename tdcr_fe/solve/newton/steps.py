@@ -33,11 +33,6 @@ DAMPED_TURN = 0.5
 MOST_DAMPING = 1e9
 
 
-def mobilisations(numbering: Numbering, state: SolverState) -> Array:
-    """Mobilisations that are unknowns, of all robots one after the other, shape (k,)."""
-    return numbering.at_frictional_holes(state.mobilisation)
-
-
 def slip_changes(
     numbering: Numbering, forces: Sequence[TendonForces], step: Array, inputs: Sequence[Array] | None = None
 ) -> list[Array]:
@@ -203,7 +198,7 @@ def friction_step(
     fixed
         Step at fixed friction, shape (linear,).
     residual, mobilisation
-        See `slip_residual` and `mobilisations`, shape (k,).
+        See `slip_residual`; mobilisations that are unknowns, of all robots one after the other, shape (k,).
     """
     side, (slips, flexibility) = np.trunc(mobilisation), residual
     which = np.flatnonzero((side == 0.0) | (side * slips < 0.0))
@@ -242,10 +237,11 @@ def full_step(
     if not numbering.has_friction:
         return NewtonStep(fixed, linear, damping)
     state, forces = residual.state, residual.forces
-    mobilised = mobilisations(numbering, state)
+    mobilised = numbering.at_frictional_holes(state.mobilisation)
     slips = slip_residual(numbering, forces, state, fixed, softening)
     if all_keep_slipping(mobilised, slips.excess):
-        return NewtonStep(_padded(fixed, numbering), linear, damping)
+        unchanged = np.zeros(numbering.total - numbering.linear)
+        return NewtonStep(np.append(fixed, unchanged), linear, damping)
     coupling = FrictionCoupling.of(numbering, forces, linear.slack)
     change = friction_step(coupling, linear.factorisation.solve, fixed, slips, mobilised)
     return NewtonStep(change, linear, damping)
@@ -284,13 +280,6 @@ def _climbs(system: SceneSystem, linear: Linearization, state: SolverState) -> b
     if isinstance(factors, BorderedFactors):
         return system.layout.reduction.other.size == 0 and factors.sign < 0
     return factors.sign * state.tangent_sign < 0
-
-
-def _padded(fixed: Array, numbering: Numbering) -> Array:
-    """A step at fixed friction as one of all unknowns."""
-    step = np.zeros(numbering.total)
-    step[: numbering.linear] = fixed
-    return step
 
 
 def advanced(
