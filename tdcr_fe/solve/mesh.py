@@ -205,6 +205,7 @@ def _finite(moved: Array) -> Array:
     return np.where(np.isfinite(moved), moved, np.inf)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def estimate(model: ElementModel, states: Sequence[SolvedState], goal: float = np.inf) -> list[MeshEstimate]:
     """Estimated discretisation error of solved states of one mesh.
 
@@ -227,15 +228,6 @@ def estimate(model: ElementModel, states: Sequence[SolvedState], goal: float = n
     twists = np.stack([s.twists for s in states])
     rotations = np.stack([s.rotations for s in states])
     tensions = np.stack([s.tensions for s in states])
-    with np.errstate(over="ignore", invalid="ignore"):
-        return _estimate(model, states, goal, (twists, rotations, tensions))
-
-
-def _estimate(
-    model: ElementModel, states: Sequence[SolvedState], goal: float, arrays: tuple[Array, Array, Array]
-) -> list[MeshEstimate]:
-    """`estimate` from the twists, rotations and tensions of the states, each with one axis for the states in front."""
-    twists, rotations, tensions = arrays
     forces, couples = defects(model, twists, rotations, tensions)
     moved = _finite(displacements(states, twists, rotations, forces, couples))
     loads = bay_loads(model, twists, tensions)

@@ -130,7 +130,7 @@ def simulate(
     result = SequenceResult(
         robot=robot,
         model=model,
-        steps=tuple(_estimated(step, e) for step, e in zip_longest(kept.solved, estimates)),
+        steps=tuple(with_estimate(*each) for each in zip_longest(kept.solved, estimates)),
         converged=message == CONVERGED,
         message=message,
         failed_step=failed,
@@ -210,7 +210,7 @@ def _outcome_on_coarser_mesh(kept: _Run, last: _Run) -> tuple[int | None, str]:
     return number, f"step {number} was not solved, since the refined mesh failed before it: {last.message}"
 
 
-def _estimated(step: StepResult, estimate: MeshEstimate | None) -> StepResult:
+def with_estimate(step: StepResult, estimate: MeshEstimate | None) -> StepResult:
     """A step with its discretisation error, where that was estimated."""
     if estimate is None:
         return step

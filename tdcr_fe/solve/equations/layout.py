@@ -216,6 +216,18 @@ class Numbering(NamedTuple):
             found[part.robot], first = new, last
         return tuple(found)
 
+    def at_driven(self, by_robot: Sequence[Array]) -> Array:
+        """Values (m,) of the tendons with prescribed displacement, of all robots one after the other."""
+        return np.concatenate([by_robot[p.robot][p.driven] for p in self.robots])
+
+    def with_driven(self, by_robot: Sequence[Array], values: Array) -> tuple[Array, ...]:
+        """The inverse of `at_driven`: values of all tendons with those of the driven ones replaced."""
+        found, first = [x.copy() for x in by_robot], 0
+        for part in self.robots:
+            found[part.robot][part.driven] = values[first : first + part.driven.size]
+            first += part.driven.size
+        return tuple(found)
+
     @property
     def clamped(self) -> tuple[slice, ...]:
         """Unknowns of the clamped bases."""

@@ -189,9 +189,8 @@ class SolvedStep(NamedTuple):
 
 def unknowns(state: SolverState, numbering: Numbering) -> Array:
     """Twists of all elements, then tensions of tendons with prescribed displacement, of all robots."""
-    parts = [twists.reshape(-1) for twists in state.configuration.twists]
-    parts += [state.base_tension[p.robot][p.driven] for p in numbering.robots if p.driven.size]
-    return np.concatenate(parts)
+    twists = [own.reshape(-1) for own in state.configuration.twists]
+    return np.concatenate((*twists, numbering.at_driven(state.base_tension)))
 
 
 def input_changes(before: SolverState, target: Target) -> tuple[Array, ...]:
@@ -290,14 +289,8 @@ class Linearization(NamedTuple):
 
     def _gaps(self, forces: tuple[TendonForces, ...], inputs: tuple[Array, ...]) -> tuple[Array, Array]:
         """By how much displacements exceed those prescribed [m], and the tensions of these tendons [N], (k,) each."""
-        robots = self.numbering.robots
-        gaps = [
-            (forces[p.robot].field.base_slip - inputs[p.robot])[p.driven] for p in robots if p.driven.size
-        ]
-        tensions = [forces[p.robot].base_tension[p.driven] for p in robots if p.driven.size]
-        if len(gaps) == 1:
-            return gaps[0], tensions[0]
-        return np.concatenate(gaps), np.concatenate(tensions)
+        gaps = [own.field.base_slip - given for own, given in zip(forces, inputs, strict=True)]
+        return self.numbering.at_driven(gaps), self.numbering.at_driven([own.base_tension for own in forces])
 
     def turn_since(self, twists: tuple[Array, ...]) -> float:
         """Largest change of the rotation of any element since, with the present twists by robot [rad]."""

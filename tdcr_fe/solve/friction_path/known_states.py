@@ -130,11 +130,8 @@ def with_path_unknowns(point: Equilibrium, taut: TautTendons, unknowns: Array) -
     state, numbering, k = point.state, point.numbering, len(taut.holes)
     mobilised = point.mobilisation.copy()
     mobilised[taut.holes] = unknowns[:k]
-    tensions = list(state.base_tension)
-    for part in numbering.robots:
-        if part.driven.size:
-            tensions[part.robot] = tensions[part.robot].copy()
-            tensions[part.robot][part.driven] = 0.0
+    slack = np.zeros(numbering.linear - numbering.reduced)
+    tensions = list(numbering.with_driven(state.base_tension, slack))
     for own, robot in zip(taut.tendons, taut.robots, strict=True):
         driven = own.which[own.driven]
         tensions[robot][driven] = unknowns[k : k + len(driven)]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import zip_longest
 from math import isfinite
 
 import numpy as np
@@ -36,7 +37,7 @@ from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve.inverse_statics.target_search import Objective, SearchResult, TargetSearch
 from tdcr_fe.solve.inverse_statics.trials import TrialSteps
 from tdcr_fe.solve.mesh import MOST_MESHES, MeshMonitor, error_order, mesh_warnings, refined
-from tdcr_fe.solve.simulate import CONVERGED, INTERRUPTED
+from tdcr_fe.solve.simulate import CONVERGED, INTERRUPTED, with_estimate
 from tdcr_fe.solve.simulation import Simulation, one_thread, step_warnings
 
 Array = NDArray[np.float64]
@@ -352,12 +353,7 @@ class _FollowRun:
         """The loading sequence, and what it reaches."""
         task, estimates = self.task, self.monitor.estimates
         handle = self.trials.simulation.handle
-        for k, estimate in enumerate(estimates):
-            self.solved[k] = replace(
-                self.solved[k],
-                discretisation_error=estimate.largest,
-                buckling_load_fraction=float(estimate.bay_loads.max()),
-            )
+        self.solved = [with_estimate(*each) for each in zip_longest(self.solved, estimates)]
         warnings = [
             *implausible,
             *self.warnings,

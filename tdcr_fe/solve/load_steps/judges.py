@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.solve.equations.configuration import SolverState
-from tdcr_fe.solve.friction_path.known_states import InterpolationPoint, twist_change, twists
-from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons
+from tdcr_fe.solve.friction_path.known_states import Span, twist_change, twists
+from tdcr_fe.solve.friction_path.response import Equilibrium
 from tdcr_fe.solve.load_steps.load_path import SolvedPath, StepFailed
 from tdcr_fe.solve.load_steps.loop import HALF, Instead, Judge, Proposal, Trial, take_substeps
 from tdcr_fe.solve.load_steps.solve_with_reversals import (
@@ -22,6 +22,7 @@ from tdcr_fe.solve.load_steps.solve_with_reversals import (
     is_steady,
     with_reversals,
 )
+from tdcr_fe.solve.load_steps.states_within import known_states
 from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver
 
 Array = NDArray[np.float64]
@@ -147,17 +148,11 @@ def is_continuous(
         last = Equilibrium.at(system, after, ramp.apply(system, end))
     except np.linalg.LinAlgError:
         return False
-    taut = TautTendons.of((first, last))
-    if not (first.balanced and taut.tendons):
+    known = known_states(solver, [(0.0, first), (1.0, last)], Span(start, end))
+    if not (first.balanced and known.taut.tendons):
         return False
-    first, last = (point.with_response(taut.numbers) for point in (first, last))
-    from_end = last.load_response(system, ramp.apply(system, start)).times(-1.0)
-    from_start = first.load_response(system, ramp.apply(system, end))
-    tension = taut.tensions(last) - taut.tensions(first)
-    slopes = [
-        twist_change(point, tension, 1.0)
-        for point in (InterpolationPoint(0.0, first, from_start), InterpolationPoint(1.0, last, from_end))
-    ]
+    tension = known.taut.tensions(last) - known.taut.tensions(first)
+    slopes = [twist_change(point, tension, 1.0) for point in known.points]
     change = twists(last) - twists(first)
     return _rotation(change - 0.5 * (slopes[0] + slopes[1])) <= UNEXPLAINED * _rotation(change)
 

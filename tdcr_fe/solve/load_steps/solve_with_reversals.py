@@ -78,7 +78,7 @@ def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:
     """A substep with exact linearisations at both ends: accepted, solved again with its reversals, or divided."""
     solver, allowed = trial.solver, allowed_error(trial)
     known = known_states(solver, [(0.0, first), (1.0, final)], Span(trial.start, trial.end))
-    if known is None:
+    if not known.taut.holes.size:
         return trial
     found = _reversals(solver, known, allowed)
     trial = trial._replace(first=known.start, final=known.end)
@@ -136,7 +136,6 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
             return trial._replace(rejected=trial.rejected + result.iterations)
         states = [*states, (1.0, _final(solver, result, known))]
         linked = known_states(solver, states, known.span, known)
-        assert linked is not None
         again = _reversals(solver, linked, allowed, solved_with_reversals=True)
         assert again is not None
         diverges = again.effect > found.effect

@@ -37,8 +37,8 @@ def known_states(
     states: Sequence[tuple[float, Equilibrium]],
     span: Span,
     before: KnownStates | None = None,
-) -> KnownStates | None:
-    """States with their responses to tensions and loads; None where no friction acts in the substep.
+) -> KnownStates:
+    """States with their responses to tensions and loads.
 
     Parameters
     ----------
@@ -52,8 +52,6 @@ def known_states(
         States of the same substep, of which some are kept.
     """
     taut = TautTendons.of([state for _, state in states])
-    if not taut.holes.size:
-        return None
     ramp, system = solver.ramp, solver.system
     ready = [(x, point.with_response(taut.numbers)) for x, point in states]
     if not ramp.changes_beyond_inputs:

@@ -35,6 +35,18 @@ RESCUE_FACTORS = (1.0, 10.0, 100.0)
 SMALLEST_PART = 1e-4
 
 
+#: What to try where a step fails, by the status of the last solve, where that alone says it.
+ADVICE = {
+    NewtonStatus.SINGULAR: "Fix or support what moves freely.",
+    NewtonStatus.CONTACT_TOO_DEEP: "Give contact a larger stiffness, or the robot a smaller load.",
+    NewtonStatus.CONTACT_PASSED: "No equilibrium in contact was found near the last one; try smaller load steps.",
+    NewtonStatus.UNSTABLE: (
+        "A real robot slides off to one side, and no equilibrium was found there; try smaller load steps."
+    ),
+    NewtonStatus.NO_CONTACT_STATE: "Try smaller load steps, or a smaller contact stiffness.",
+}
+
+
 def has_rates(system: SceneSystem) -> bool:
     """Whether coefficients of friction follow laws, which may depend on slip rates."""
     return any(law is not None for robot in system.robots for law in robot.law.parameters.laws)
@@ -241,18 +253,8 @@ def advice(status: NewtonStatus, moments: bool = False, rates: bool = False) -> 
     moments, rates
         Whether there are concentrated moments, and coefficients of friction that may depend on slip rates.
     """
-    if status is NewtonStatus.SINGULAR:
-        return "Fix or support what moves freely."
-    if status is NewtonStatus.CONTACT_TOO_DEEP:
-        return "Give contact a larger stiffness, or the robot a smaller load."
-    if status is NewtonStatus.CONTACT_PASSED:
-        return "No equilibrium in contact was found near the last one; try smaller load steps."
-    if status is NewtonStatus.UNSTABLE:
-        return (
-            "A real robot slides off to one side, and no equilibrium was found there; try smaller load steps."
-        )
-    if status is NewtonStatus.NO_CONTACT_STATE:
-        return "Try smaller load steps, or a smaller contact stiffness."
+    if status in ADVICE:
+        return ADVICE[status]
     if status is NewtonStatus.NO_FRICTION_STATE and not moments:
         return (
             "Try smaller load steps, or a larger presliding distance: presliding = 1e-5 in the [solver] table "

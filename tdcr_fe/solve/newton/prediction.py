@@ -91,7 +91,7 @@ def predict(
     bend = last.curvature(length, slope)
     if float(np.abs(bend).max()) > MOST_CURVED * float(np.abs(slope).max()):
         return None
-    there = _moved(system, state, slope + bend, settings.max_turn)
+    there = _moved(system, state, slope + bend, numbering, settings.max_turn)
     return None if there is None else Prediction(there, slope)
 
 
@@ -128,19 +128,18 @@ def _slope(linear: Linearization, step: Array) -> Array:
     return np.concatenate((*parts, step[linear.numbering.reduced :]))
 
 
-def _moved(system: SceneSystem, state: SolverState, change: Array, max_turn: float) -> SolverState | None:
+def _moved(
+    system: SceneSystem, state: SolverState, change: Array, numbering: Numbering, max_turn: float
+) -> SolverState | None:
     """A state with changed unknowns; None where an element turns by more than allowed [rad]."""
     configuration = moved_elements(system, state, change, max_turn)
     if configuration is None:
         return None
-    tension, at = list(state.base_tension), sum(x.size for x in state.configuration.twists)
-    for part in system.numbering().robots:
-        if part.driven.size:
-            new = tension[part.robot].copy()
-            new[part.driven] = np.maximum(new[part.driven] + change[at : at + part.driven.size], 0.0)
-            tension[part.robot] = new
-            at += part.driven.size
-    return state._replace(configuration=configuration, base_tension=tuple(tension))
+    if not numbering.any_driven:
+        return state._replace(configuration=configuration)
+    pulled = numbering.at_driven(state.base_tension) + change[numbering.reduced - numbering.linear :]
+    tension = numbering.with_driven(state.base_tension, np.maximum(pulled, 0.0))
+    return state._replace(configuration=configuration, base_tension=tension)
 
 
 def moved_elements(
