@@ -180,10 +180,12 @@ class IteratedTendons:
     ----------
     tendons
         Compute the forces.
+    nodes
+        On which they act.
     """
 
-    def __init__(self, tendons: StraightTendons) -> None:
-        self._tendons = tendons
+    def __init__(self, tendons: StraightTendons, nodes: NodeCoordinates) -> None:
+        self._tendons, self._nodes = tendons, nodes
         self._last: IteratedTwists | None = None
         self._before: IteratedTwists | None = None
         self._past: PastStep | None = None
@@ -195,7 +197,6 @@ class IteratedTendons:
     def _at(
         self,
         coordinates: Array,
-        reference: Array,
         time: float,
         state: FrictionState,
         base_tension: Array,
@@ -212,14 +213,12 @@ class IteratedTendons:
         elif self._by_tangent and not (last is not None and last.state is state):
             # A step that is tried again with another size was not solved with the prediction.
             prediction = predicted_holes(self._past, state, time)
-        there = coordinates.reshape(-1, 7) + reference
+        there = coordinates.reshape(-1, 7) + self._nodes.reference
         pull = self._tendons.pull(there, base_tension, state, prediction)
         self._last, self._before = IteratedTwists(coordinates, time, state, base_tension, pull), same
         return pull
 
-    def forces(
-        self, coordinates: Array, reference: Array, time: float, state: FrictionState, base_tension: Array
-    ) -> Array:
+    def forces(self, coordinates: Array, time: float, state: FrictionState, base_tension: Array) -> Array:
         """Generalised forces on the coordinates of all nodes, shape (7 N,).
 
         The first evaluation of a step is for holes that stick and slide as predicted; see `HolePrediction`.
@@ -228,8 +227,6 @@ class IteratedTendons:
         ----------
         coordinates
             Of the nodes, without reference values, shape (7 N,).
-        reference
-            Their reference values, shape (N, 7).
         time
             At the end of the step [s].
         state
@@ -237,22 +234,20 @@ class IteratedTendons:
         base_tension
             [N], shape (m,).
         """
-        pull = self._at(coordinates, reference, time, state, base_tension, by_law=True)
+        pull = self._at(coordinates, time, state, base_tension, by_law=True)
         return self._tendons.forces(pull)
 
-    def tangent(
-        self, coordinates: Array, reference: Array, time: float, state: FrictionState, base_tension: Array
-    ) -> Array:
+    def tangent(self, coordinates: Array, time: float, state: FrictionState, base_tension: Array) -> Array:
         """Tangent of `forces` for Newton's method, shape (7 N, 7 N); arguments as there."""
         self._linearised = state
-        pull = self._at(coordinates, reference, time, state, base_tension, by_law=False)
+        pull = self._at(coordinates, time, state, base_tension, by_law=False)
         return self._tendons.tangent(pull, None if self._before is None else self._before.pull)
 
     def step_end(
-        self, coordinates: Array, reference: Array, time: float, state: FrictionState, base_tension: Array
+        self, coordinates: Array, time: float, state: FrictionState, base_tension: Array
     ) -> tuple[FrictionState, Array, Pull]:
         """History of friction where a solved step ends, and tendon pulled in at the base [m]; arguments as there."""
-        pull = self._at(coordinates, reference, time, state, base_tension, by_law=True)
+        pull = self._at(coordinates, time, state, base_tension, by_law=True)
         friction = self._tendons.friction(pull, time)
         self._past = PastStep.of(state, pull, friction, self._past)
         if time > state.time:

@@ -75,7 +75,7 @@ class SceneForces:
         self._coordinates = coordinates
         self._last: Evaluation | None = None
         straight = StraightTendons.of(model)
-        self._straight = None if straight is None else IteratedTendons(straight)
+        self._straight = None if straight is None else IteratedTendons(straight, coordinates)
 
     def forget(self) -> None:
         """Forget the last evaluation, after another `Assemble`."""
@@ -121,9 +121,8 @@ class SceneForces:
     def step_end(self, coordinates: Array, t: float, inputs: Inputs, tendons: ElasticTendons) -> StepEnd:
         """What is to be committed where a solved step ends; arguments as in `at`."""
         if self._straight is not None and not tendons.driven.any():
-            values = values_at(inputs, t)
-            reference, state = self._coordinates.reference, tendons.history.friction
-            friction, base_slip, pull = self._straight.step_end(coordinates, reference, t, state, values)
+            values, state = values_at(inputs, t), tendons.history.friction
+            friction, base_slip, pull = self._straight.step_end(coordinates, t, state, values)
             return StepEnd(friction, values, values, pull.tension.T, pull.straight.lengths.T, base_slip, None)
         found = self.matching(coordinates, t, inputs, tendons)
         forces, field = found.forces, found.forces.field
@@ -158,8 +157,8 @@ class SceneForces:
             Of the robot.
         """
         if self._straight is not None and not tendons.driven.any() and not motors:
-            reference, state = self._coordinates.reference, tendons.history.friction
-            return self._straight.forces(coordinates, reference, t, state, values_at(inputs, t))
+            state = tendons.history.friction
+            return self._straight.forces(coordinates, t, state, values_at(inputs, t))
         found = self.at(coordinates, t, inputs, tendons)
         on_nodes = generalized_forces(found.forces.nodal_wrenches(), found.rotations, found.parameters)
         return np.append(on_nodes, torques(motors, found.forces))
@@ -183,8 +182,8 @@ class SceneForces:
             What is assumed of holes with friction: the derivative of the forces, or that all stick or slide on.
         """
         if self._straight is not None and holes == "present" and not tendons.driven.any() and not motors:
-            reference, state = self._coordinates.reference, tendons.history.friction
-            return self._straight.tangent(coordinates, reference, t, state, values_at(inputs, t))
+            state = tendons.history.friction
+            return self._straight.tangent(coordinates, t, state, values_at(inputs, t))
         found = self.matching(coordinates, t, inputs, tendons)
         forces = found.forces
         if holes != "present":

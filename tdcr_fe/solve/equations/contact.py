@@ -54,13 +54,9 @@ class GeneralTriangles(NamedTuple):
     @property
     def touching(self) -> bool:
         """Whether a sphere is in contact with a triangle, by the present active sets."""
-        return any(bool(np.any(np.abs(found) >= self.first)) for found in self.active)
-
-    @property
-    def active(self) -> list[Index]:
-        """By sphere, Exudyn's numbers of what it is in contact with."""
         kind = exu.ContactTypeIndex.IndexSpheresMarkerBased
-        return [np.array(self.contact.GetActiveContacts(kind, i), dtype=int) for i in range(self.spheres)]
+        active = [self.contact.GetActiveContacts(kind, i) for i in range(self.spheres)]
+        return any(abs(int(number)) >= self.first for numbers in active for number in numbers)
 
 
 class TriangleContact:
@@ -93,16 +89,16 @@ class TriangleContact:
         return any(each.touching for each in self._all)
 
     @contextmanager
-    def switched_off(self) -> Iterator[None]:
-        """Let these contacts exert no forces."""
-        before = [each.contact.isActive for each in self._all]
+    def all_with(self, attribute: str, value: bool) -> Iterator[None]:
+        """Set an attribute of all of them, as ``isActive``: without it they exert no forces."""
+        before = [getattr(each.contact, attribute) for each in self._all]
         try:
             for each in self._all:
-                each.contact.isActive = False
+                setattr(each.contact, attribute, value)
             yield
         finally:
-            for each, active in zip(self._all, before, strict=True):
-                each.contact.isActive = active
+            for each, own in zip(self._all, before, strict=True):
+                setattr(each.contact, attribute, own)
 
     def derivative(self, evaluate: Callable[[], object]) -> Array:
         """Derivative of the forces of these contacts by the ODE2 coordinates, shape (n2, n2).
@@ -114,7 +110,7 @@ class TriangleContact:
         """
         current: Array = self._mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Current, copy=False)
         found = np.zeros((len(current), len(current)))
-        with self._forces_kept():
+        with self.all_with("computeContactForces", True):
             evaluate()
             for k in np.flatnonzero(np.isin(self._nodes, self._nodes[np.flatnonzero(self._forces())])):
                 start = current[k]
@@ -129,18 +125,6 @@ class TriangleContact:
     def _forces(self) -> Array:
         """Generalised forces of these contacts, as last evaluated, shape (n2,)."""
         return np.sum([each.contact.GetSystemODE2RhsContactForces(copy=True) for each in self._all], axis=0)
-
-    @contextmanager
-    def _forces_kept(self) -> Iterator[None]:
-        """Let Exudyn keep the forces of these contacts by themselves."""
-        before = [each.contact.computeContactForces for each in self._all]
-        try:
-            for each in self._all:
-                each.contact.computeContactForces = True
-            yield
-        finally:
-            for each, kept in zip(self._all, before, strict=True):
-                each.contact.computeContactForces = kept
 
 
 def _nodes_of_coordinates(mbs: exu.MainSystem) -> Index:

@@ -80,7 +80,7 @@ class StaticKernel:
         if not self.triangles.touching:
             return self._exudyns_jacobian(loads, constraints)
         n2 = self._mbs.systemData.ODE2Size()
-        with self.triangles.switched_off():
+        with self.triangles.all_with("isActive", False):
             found = self._exudyns_jacobian(loads, constraints).copy()
         found[:n2, :n2] += self.triangles.derivative(self.residual)
         return found

@@ -89,8 +89,23 @@ _DERIVED = {
     "axial_stiffness": "EA",
     "shear_stiffness": "GA",
 }
-#: Size of a change, by unit, where a parameter is zero or an angle.
-_SIZES = {"rad": 1.0, "deg": 57.0, "m/s^2": 10.0, "N": 1.0, "N m": 1e-2, "kg": 1e-2, "1/s": 1e-2, "1": 1.0}
+#: Size of a change, by key of the files, where a number is zero.
+_SIZES = {
+    "gravity": 10.0,
+    "mass": 1e-2,
+    "tip_mass": 1e-2,
+    "density": 1e3,
+    "force": 1.0,
+    "tensions": 1.0,
+    "moment": 1e-2,
+    "time": 1.0,
+    "adhesion": 0.1,
+    "pretension": 1.0,
+    "drop": 0.1,
+    "stiffness": 1.0,
+    "creep_rate": 1e-2,
+    "friction_coefficient": 0.1,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,30 +315,15 @@ def _number(experiment: Experiment, name: str, path: Sequence[str]) -> ModelPara
 def _size(robot: Robot, path: Sequence[str], value: float) -> float:
     """Size of a typical value of a number: its own, where it is neither zero nor an angle."""
     last = next(t for t in reversed(path) if not t.isdigit())
-    if last in ("angle_deg", "angle_x_deg", "angle_y_deg") or last.endswith("_deg"):
-        return _SIZES["deg"]
+    if last.endswith("_deg"):
+        return 57.0
     if path[0] == "robot" and last in ("start", "end", "at"):
         return shortest_part(robot)
     if value != 0.0:
         return abs(value)
-    units = {
-        "gravity": _SIZES["m/s^2"],
-        "precurvature": 1.0 / robot.backbone.length,
-        "mass": _SIZES["kg"],
-        "tip_mass": _SIZES["kg"],
-        "density": 1e3,
-        "force": _SIZES["N"],
-        "tensions": _SIZES["N"],
-        "moment": _SIZES["N m"],
-        "time": 1.0,
-        "adhesion": 0.1 * _SIZES["N"],
-        "pretension": _SIZES["N"],
-        "drop": 0.1 * _SIZES["N"],
-        "stiffness": 1.0,
-        "creep_rate": _SIZES["1/s"],
-        "friction_coefficient": 0.1,
-    }
-    known = next((units[t] for t in reversed(path) if t in units), None)
+    if last == "precurvature":
+        return 1.0 / robot.backbone.length
+    known = next((_SIZES[t] for t in reversed(path) if t in _SIZES), None)
     return known if known is not None else 1e-2 * robot.backbone.length
 
 
@@ -386,10 +386,9 @@ def _disk_position(robot: Robot, name: str, k: int) -> ModelParameter:
             f"sensitivities: {name!r}: the disk is at the tip and cannot move beyond it; backbone.length moves the tip"
         )
 
-    def apply(experiment: Experiment, value: float) -> Experiment:
-        return with_disk_at(experiment, present, value)
-
-    return ModelParameter(name, present, shortest_part(robot), apply)
+    return ModelParameter(
+        name, present, shortest_part(robot), lambda experiment, new: with_disk_at(experiment, present, new)
+    )
 
 
 # ---------------------------------------------------------------------- inputs of the current step
