@@ -30,15 +30,15 @@ BUDGET = {
     "tdcr_fe/effects": 1304,
     "tdcr_fe/estimate": 1019,
     "tdcr_fe/identify": 6284,
-    "tdcr_fe/io": 1968,
+    "tdcr_fe/io": 1961,
     "tdcr_fe/live": 375,
     "tdcr_fe/model": 2738,
     "tdcr_fe/report": 1218,
     "tdcr_fe/scene": 1465,
     "tdcr_fe/solve": 7175,
     "tdcr_fe/sweeps": 1477,
-    "validation": 7123,
-    "tests": 14462,
+    "validation": 7111,
+    "tests": 14455,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")

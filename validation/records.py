@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import closing
+from functools import partial
 from typing import Any, TypeVar
 
 from tdcr_fe.io.processes import worker_pool
@@ -51,9 +52,7 @@ def solve_all(
     solve: Callable[[Task], Record],
     store: Records,
     processes: int = 1,
-    initializer: Callable[[], None] | None = None,
     *,
-    own_process: bool = True,
     again: Callable[[Record], bool] | None = None,
 ) -> Generator[tuple[str, Record, bool], None, None]:
     """Records of all tasks: those that are kept first, the others as they are found.
@@ -70,11 +69,7 @@ def solve_all(
     store
         Where records are kept.
     processes
-        Number of tasks at a time.
-    initializer
-        Called once in every process.
-    own_process
-        Whether one process at a time is a worker, too; otherwise it is this one.
+        Number of tasks at a time; a single one is solved in this process.
     again
         Whether a record that is kept does not count; None: all of them count.
 
@@ -93,20 +88,28 @@ def solve_all(
     left = [(key, task) for key, task in tasks.items() if key not in known]
     if not left:
         return
-    if processes <= 1 and not own_process:
-        if initializer is not None:
-            initializer()
+    quiet = partial(_quietly, solve)
+    if processes <= 1:
         for key, task in left:
-            with warnings_to():
-                record = solve(task)
+            record = quiet(task)
             store.keep(key, record)
             yield key, record, False
         return
     with (
-        worker_pool(min(processes, len(left)), initializer) as pool,
-        closing(as_completed(pool, solve, left, 2 * processes)) as found,
+        worker_pool(min(processes, len(left))) as pool,
+        closing(as_completed(pool, quiet, left, 2 * processes)) as found,
     ):
         for key, future in found:
             record = future.result()
             store.keep(key, record)
             yield key, record, False
+
+
+def _quietly(solve: Callable[[Task], Record], task: Task) -> Record:
+    """A record found with one thread for linear algebra, no warnings, and no messages of Exudyn on the terminal."""
+    import exudyn
+    from threadpoolctl import threadpool_limits
+
+    exudyn.config.printToConsole = False
+    with threadpool_limits(1), warnings_to():
+        return solve(task)

@@ -196,15 +196,7 @@ def _work(name: str, campaign: Campaign, cases: Mapping[str, Any], options: argp
     with sigterm_as_interrupt() as termination:
         try:
             campaign.prepare(out)
-            found = solve_all(
-                cases,
-                partial(_run, name, out),
-                store,
-                options.processes,
-                start_worker,
-                own_process=False,
-                again=again,
-            )
+            found = solve_all(cases, partial(_run, name, out), store, options.processes, again=again)
             records = _collected(found, len(cases), campaign.unit)
         except KeyboardInterrupt:
             print("interrupted; start it again to resume", file=sys.stderr)
@@ -236,15 +228,6 @@ def _collected(
 def _run(name: str, out: Path, case: Any) -> Record:
     record: Record = plain(asdict(load(name).run(case, out)))
     return record
-
-
-def start_worker() -> None:
-    """One thread for linear algebra, and no messages of Exudyn on the terminal."""
-    import exudyn
-    from threadpoolctl import threadpool_limits
-
-    threadpool_limits(1)
-    exudyn.config.printToConsole = False
 
 
 @cache

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -71,9 +71,7 @@ def sigterm_as_interrupt() -> Iterator[Termination]:
 
 
 @contextmanager
-def worker_pool(
-    processes: int, initializer: Callable[[], None] | None = None
-) -> Iterator[ProcessPoolExecutor]:
+def worker_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
     """A pool of worker processes that ends with this process.
 
     Workers leave Ctrl-C and warnings to the parent and use one thread for linear algebra. When the block ends by an
@@ -83,8 +81,6 @@ def worker_pool(
     ----------
     processes
         Number of workers.
-    initializer
-        Called once in every worker; a function of a module.
 
     Yields
     ------
@@ -94,9 +90,7 @@ def worker_pool(
         "spawn"
     )  # the only method on all platforms; a fork would inherit the pipe of its siblings
     alive, owned = context.Pipe(duplex=False)
-    pool = ProcessPoolExecutor(
-        max(1, processes), mp_context=context, initializer=_start_worker, initargs=(alive, initializer)
-    )
+    pool = ProcessPoolExecutor(max(1, processes), context, _start_worker, (alive,))
     try:
         yield pool
     except BaseException:
@@ -110,7 +104,7 @@ def worker_pool(
             alive.close()
 
 
-def _start_worker(alive: Connection, initializer: Callable[[], None] | None) -> None:
+def _start_worker(alive: Connection) -> None:
     """First thing in a worker."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_exit_with_parent, args=(alive,), daemon=True, name="parent-watch").start()
@@ -120,8 +114,6 @@ def _start_worker(alive: Connection, initializer: Callable[[], None] | None) -> 
 
     threadpool_limits(1)  # for libraries that are loaded already
     ignore_warnings()
-    if initializer is not None:
-        initializer()
 
 
 def _exit_with_parent(alive: Connection) -> None:

@@ -204,12 +204,12 @@ SCENARIO, TARGETS = "scenario", "targets.csv"
 
 def write_follow(
     result: FollowResult,
-    out: str | os.PathLike[str],
-    settings: SolverSettings | None = None,
-    digests: Mapping[str, str] | None = None,
-    targets_asked: int | None = None,
-    options: Mapping[str, object] | None = None,
-    pictures: bool = True,
+    out: Path,
+    settings: SolverSettings,
+    digests: Mapping[str, str],
+    asked: int,
+    options: Mapping[str, object],
+    pictures: bool,
 ) -> list[Path]:
     """Write a followed path; `tdcr-fe run` solves ``scenario/scenario.toml`` again.
 
@@ -223,8 +223,8 @@ def write_follow(
         Numerics that it was solved with.
     digests
         SHA-256 of the input files, by name.
-    targets_asked
-        Number of targets; None means that there is a result for each.
+    asked
+        Number of targets; there is a result of each that was tried.
     options
         Bounds and choices, for the summary.
     pictures
@@ -235,14 +235,13 @@ def write_follow(
     list of pathlib.Path
         Every file written.
     """
-    out, sequence = Path(out), result.simulation
+    sequence = result.simulation
 
     def write_scenario(folder: Path) -> None:
         scenario = scenario_to_toml(sequence.model, result.steps, settings=settings)
         (folder / "robot.toml").write_text(robot_to_toml(result.robot), encoding="utf-8")
         (folder / "scenario.toml").write_text(scenario, encoding="utf-8")
 
-    asked = len(result.targets) if targets_asked is None else targets_asked
     steps_asked = len(result.steps) - len(result.targets) + asked
     targets = {
         "asked": asked,
@@ -251,7 +250,7 @@ def write_follow(
         "not_converged": result.not_converged,
         "largest_error": float(result.errors.max()) if result.targets else None,
         "load_steps_tried": sum(x.trials for x in result.targets),
-        **(options or {}),
+        **options,
     }
 
     def write_targets(folder: Path) -> None:

@@ -124,7 +124,7 @@ def square(x):
 
 
 def solved(store, tasks, **more):
-    with closing(solve_all(tasks, square, store, own_process=False, **more)) as found:
+    with closing(solve_all(tasks, square, store, **more)) as found:
         return list(found)
 
 

@@ -92,16 +92,6 @@ def test_the_seed_decides_the_sample(method):
     assert np.array_equal(a, b) and not np.array_equal(a, c)
 
 
-def test_rows_of_the_saltelli_design():
-    """A, B, then A with one coordinate of B, for every base sample: complete where a sweep was interrupted."""
-    points = unit_points("saltelli", 8, 3, seed=0).reshape(8, 5, 3)
-    for a, b, *mixed in points:
-        for k, row in enumerate(mixed):
-            expected = a.copy()
-            expected[k] = b[k]
-            assert np.array_equal(row, expected)
-
-
 @pytest.mark.parametrize(
     ("mine", "theirs"),
     [

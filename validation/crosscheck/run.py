@@ -13,7 +13,7 @@ from tdcr_fe.validation.crosscheck.cases import Case
 from tdcr_fe.validation.crosscheck.compare import TIP_TOLERANCE, compare
 from tdcr_fe.validation.crosscheck.studies import Study
 from tdcr_fe.validation.records import Record, Records, solve_all
-from tdcr_fe.validation.runner import source_digest, start_worker
+from tdcr_fe.validation.runner import source_digest
 
 Task = Case | Study
 
@@ -88,9 +88,7 @@ def run(
     except OtherHead:
         store.begin()
     by_id = {task.id: task for task in tasks}
-    solved = solve_all(
-        by_id, solve, store, processes, start_worker, again=lambda record: bool(record["error"])
-    )
+    solved = solve_all(by_id, solve, store, processes, again=lambda record: bool(record["error"]))
     # Closed explicitly: on an interruption the workers end before this function does.
     with closing(solved):
         records: dict[str, Record] = {}
