@@ -13,7 +13,7 @@ from tdcr_fe.effects import EFFECTS, Experiment, Observation
 from tdcr_fe.io.measured import read_measured
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.validation.blind.declared import draw_robot
-from tdcr_fe.validation.blind.hidden import DRAW, RANGES
+from tdcr_fe.validation.blind.hidden import DETECTABLE, DRAW, RANGES
 from tdcr_fe.validation.blind.maker import make_blind
 from tdcr_fe.validation.blind.readings import read
 from tdcr_fe.validation.blind.recipes import (
@@ -72,7 +72,7 @@ def test_the_folder_has_the_declared_robot_and_not_the_answer(made):
     }
     assert data.robot.backbone.precurvature == (0.0, 0.0)
     assert answer.effects["precurvature"]["kappa_x"] != 0.0
-    assert answer.detectable
+    assert answer.declared_off >= DETECTABLE
     hidden = [f"{v:g}"[:6] for v in answer.effects["precurvature"].values()]
     for path in folder.glob("*.toml"):
         assert not [h for h in hidden if h in path.read_text("utf-8")]

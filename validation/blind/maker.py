@@ -13,7 +13,7 @@ from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.io.measured import MeasuredData, write_measured
 from tdcr_fe.model.loading import Model
 from tdcr_fe.validation.blind.declared import draw_loading, draw_robot, largest_commands
-from tdcr_fe.validation.blind.hidden import DETECTABLE, Values, detectable, draw_values
+from tdcr_fe.validation.blind.hidden import Values, detectable, draw_values
 from tdcr_fe.validation.blind.readings import (
     attempts,
     draw_markers,
@@ -41,11 +41,6 @@ class Answer:
     noise_free: list[float]  # readings without noise, in their order
     declared_off: float  # root mean square of the declared model's misfit, without noise, over sigma [1]
     robot: str
-
-    @property
-    def detectable(self) -> bool:
-        """Whether the declared model is off by enough."""
-        return self.declared_off >= DETECTABLE
 
     @classmethod
     def from_json(cls, document: dict[str, Any]) -> Answer:
