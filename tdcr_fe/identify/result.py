@@ -15,7 +15,7 @@ from tdcr_fe.effects import EFFECTS, Effect, Experiment
 from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify.run import Trajectory
 from tdcr_fe.io.atomic import plain
-from tdcr_fe.io.loading_table import loading_table
+from tdcr_fe.io.loading_table import loading_text
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.model.loading import LoadStep, SolverSettings
@@ -461,8 +461,7 @@ class IdentificationResult:
         if self.next_experiment is None:
             return None
         steps = self.next_experiment.steps
-        table = loading_table(self.data.robot, range(1, len(steps) + 1), steps, ["next"] * len(steps))
-        return str(table.to_csv(index=False))
+        return loading_text(self.data.robot, range(1, len(steps) + 1), steps, ["next"] * len(steps))
 
     def __repr__(self) -> str:
         from tdcr_fe.identify.sentences import summary

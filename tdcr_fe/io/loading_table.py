@@ -271,6 +271,13 @@ def without_columns(robot: Robot, states: Sequence[Actuation]) -> list[str]:
     return sorted(set(found))
 
 
+def loading_text(
+    robot: Robot, step_ids: Sequence[int], steps: Sequence[LoadStep], branches: Sequence[str]
+) -> str:
+    """A loading sequence as the text of a ``loading.csv``, see `loading_table`; numerics write no tables."""
+    return str(loading_table(robot, step_ids, steps, branches).to_csv(index=False))
+
+
 def read_path(path: str | os.PathLike[str], length: float) -> tuple[TipTarget, ...]:
     """Read ``path.csv``.
 
