@@ -392,11 +392,6 @@ class TendonLaw:
             flexibility = self.hysteresis.flexibility(field.mobilisation, direction)
             by_released = (sticks / flexibility)[:, :, None] * self.slip_operator
             by_length = by_released * field.released_d_length[:, None, :]
-            if not self.elastic:
-                d_length = field.by_mobilisation @ by_length
-                if field.depends_on_length:
-                    d_length = d_length + field.d_length
-                return TensionDerivatives(d_length, field.d_angle, field.d_base, field.by_mobilisation)
             scaled = self._matrix(field, flexibility) / flexibility[:, :, None]
             jacobian = np.where(sticks[:, :, None], scaled, np.eye(self.groups))
             by_tension = by_released * field.released_d_tension[:, None, :]

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import exudyn as exu
 import numpy as np
@@ -107,17 +107,6 @@ def _asked(settings: exu.SimulationSettings) -> float:
     return float(integration.endTime - integration.startTime) / max(1, int(integration.numberOfSteps))
 
 
-class StepObserver(Protocol):
-    """What is to see every solved step before its history is committed."""
-
-    #: Number of the data node in which it keeps what it has seen.
-    node: Any
-
-    def observe(self, t: float) -> None:
-        """See the step that ended at a time [s]."""
-        ...
-
-
 @dataclass(eq=False)
 class RobotInScene:
     """One robot of a system, and what was added to it."""
@@ -127,7 +116,7 @@ class RobotInScene:
     # The concentrated loads on it, of `tdcr_fe.scene.loads`
     point_loads: list[Any] = field(default_factory=list)
     # What sees every step of Exudyn's own solvers before the history is committed
-    observers: list[StepObserver] = field(default_factory=list)
+    observers: list[Callable[[float], None]] = field(default_factory=list)
 
     def add_load(self, load: Any) -> None:
         """Add a concentrated load."""
@@ -136,10 +125,10 @@ class RobotInScene:
             RecordedItems.of(self.actuation.mbs, [], [load.nApplied], load.numbers)
         )
 
-    def add_observer(self, observer: StepObserver) -> None:
-        """Let an observer see every step."""
-        self.observers.append(observer)
-        self.items = self.items.joined(RecordedItems.of(self.actuation.mbs, [], [observer.node]))
+    def add_observer(self, observe: Callable[[float], None], node: Any) -> None:
+        """Let a function see the end of every step [s]; in a data node it keeps what it has seen."""
+        self.observers.append(observe)
+        self.items = self.items.joined(RecordedItems.of(self.actuation.mbs, [], [node]))
 
 
 class SceneHooks:
@@ -304,8 +293,8 @@ class SceneHooks:
         self._check_counts()
         self._step_sizes.check(mbs, t, [robot.actuation.mesh for robot in self.robots])
         for robot in self.robots:
-            for observer in robot.observers:
-                observer.observe(t)
+            for observe in robot.observers:
+                observe(t)
             robot.actuation.commit_scene(t)
             for load in robot.point_loads:
                 load.applied = load.value

@@ -319,7 +319,7 @@ class TDCR(AssembledRobot):
         """
         masses = Masses.of(self.robot, self.actuation, self.model.gravity)
         sums = EnergySums(self.actuation, masses, self.damping, self.loads)
-        SceneHooks.of(self.mbs).robot(self.actuation).add_observer(sums)
+        SceneHooks.of(self.mbs).robot(self.actuation).add_observer(sums.observe, sums.node)
         maker = SensorMaker(self.mbs, self.name, fileName, storeInternal)
         self.sensors |= maker.of_function("energy", sums.measure)
         return self.sensors["energy"]

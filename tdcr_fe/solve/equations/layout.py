@@ -196,7 +196,9 @@ class Numbering(NamedTuple):
         parts = [by_robot[p.robot][p.frictional] for p in self.robots if p.has_friction]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
-    def with_frictional_holes(self, by_robot: Sequence[Array], values: Array) -> tuple[Array, ...]:
+    def with_frictional_holes(
+        self, by_robot: Sequence[NDArray[Any]], values: NDArray[Any]
+    ) -> tuple[NDArray[Any], ...]:
         """The inverse of `at_frictional_holes`: values at all holes with those at the frictional ones replaced.
 
         Parameters

@@ -98,8 +98,12 @@ class Bounds(NamedTuple):
     near_upper: Array  # as `near_lower`
 
     @classmethod
-    def of(cls, lower: Array, upper: Array, round_off: Array) -> Bounds:
-        """Bounds, and the distance from them that counts as none, shape (n,) each."""
+    def of(cls, holes: int, base_tension: Array) -> Bounds:
+        """Bounds of so many mobilisations, then of the tensions (c,), which begin with these."""
+        one, largest_tension = np.ones(holes), float(base_tension.max(initial=1.0))
+        lower = np.append(-one, np.zeros_like(base_tension))
+        upper = np.append(one, np.full_like(base_tension, UNBOUNDED))
+        round_off = NEAR_BOUND * np.append(one, np.full_like(base_tension, largest_tension))
         return cls(lower, upper, lower + round_off, upper - round_off)
 
 
@@ -147,7 +151,7 @@ class PathUnknowns(NamedTuple):
             holes,
             presliding,
             RATE_TOLERANCE * presliding,
-            _bounds(holes, base_tension),
+            Bounds.of(holes, base_tension),
             np.append(at_holes, at_base),
         )
 
@@ -168,17 +172,6 @@ def fixed_by_slack(unknowns: PathUnknowns, slack: Array) -> Flags:
     fixed = np.zeros(len(unknowns.scale), dtype=np.bool_)
     fixed[unknowns.holes :] = slack > unknowns.tolerance
     return fixed
-
-
-def _bounds(holes: int, base_tension: Array) -> Bounds:
-    """Bounds of the mobilisations, then those of the tensions."""
-    one, count = np.ones(holes), len(base_tension)
-    round_off = np.full(count, NEAR_BOUND * max(1.0, float(base_tension.max(initial=0.0))))
-    return Bounds.of(
-        np.append(-one, np.zeros(count)),
-        np.append(one, np.full(count, UNBOUNDED)),
-        np.append(np.full(holes, NEAR_BOUND), round_off),
-    )
 
 
 class SlipDerivatives(NamedTuple):

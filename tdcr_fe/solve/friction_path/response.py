@@ -38,11 +38,6 @@ class LoadResponse(NamedTuple):
     lengths: Array  # (q,): [m]
     angles: Array  # (r,): [rad]
 
-    @classmethod
-    def zero(cls, response: TensionResponse) -> LoadResponse:
-        """Where no load changes, beside a response to tensions."""
-        return cls(*(np.zeros(len(x)) for x in (response.nodes, response.flexibility, response.angles)))
-
     def times(self, factor: float) -> LoadResponse:
         """The response to a change that is larger by a factor."""
         return LoadResponse(factor * self.nodes, factor * self.lengths, factor * self.angles)
@@ -278,7 +273,7 @@ class TautTendons(NamedTuple):
         assert response is not None
         flexibility, turning = response.flexibility, response.angles
         if load is None:
-            load = LoadResponse.zero(response)
+            load = LoadResponse(*(np.zeros(len(x)) for x in (response.nodes, flexibility, turning)))
         values, by_tension, by_load = [], [], []
         bases: list[tuple[Array, Array, Array]] = []
         segment = 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -13,10 +12,9 @@ from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.friction_path.follow import follow_friction
-from tdcr_fe.solve.friction_path.known_states import InterpolationPoint
+from tdcr_fe.solve.friction_path.known_states import KnownStates
 from tdcr_fe.solve.friction_path.path import FrictionPath
 from tdcr_fe.solve.friction_path.rates import columns_of, tension_columns
-from tdcr_fe.solve.friction_path.response import TautTendons
 from tdcr_fe.solve.friction_path.slips import InterpolatedSlips
 from tdcr_fe.solve.friction_path.transfer import tension_transfer
 
@@ -33,29 +31,6 @@ UNDECIDED = 2.0
 #: Error of reversals located through twice as many states within the substep as before, over what they changed [1].
 #: With a quarter of it, one of twenty random robots ended 2.2e-5 of the length off.
 REFINED_ERROR = 0.5
-#: Displacement of a node up to which the end of a followed path and the solution to first order with its reversals are
-#: the same, over the length, where less is allowed [1]: the path has an error of its integration, seen up to 6.5e-7.
-AGREEMENT = 2e-6
-
-
-class SolvedStates(NamedTuple):
-    """Solved states of a substep, from its start to its end, between which slips are interpolated."""
-
-    points: Sequence[InterpolationPoint]
-    taut: TautTendons  # The tendons under tension in any of them
-    targets: tuple[Target, Target]  # Inputs and loads at both ends
-    length: float  # Of the longest backbone [m]
-    allowed: float  # Largest displacement of a node that reversals may cause, over the length [1]
-
-    @property
-    def numbering(self) -> Numbering:
-        """Of the unknowns."""
-        return self.points[-1].state.numbering
-
-    @property
-    def agreement(self) -> float:
-        """Displacement of a node up to which the end of a path and the solution to first order are the same [m]."""
-        return max(self.allowed, AGREEMENT) * self.length
 
 
 class PathError(NamedTuple):
@@ -68,7 +43,8 @@ class PathError(NamedTuple):
 class SubstepSlips(NamedTuple):
     """Slips of the tendons under tension in a substep that was solved as a whole."""
 
-    states: SolvedStates  # Of the substep
+    known: KnownStates  # Of the substep
+    allowed: float  # Largest displacement of a node that reversals may cause [m]
     slips: InterpolatedSlips  # In it
     presliding: Array  # (k,): Presliding distances of the holes [m]
     tension: Array  # (q,): Of the segments at its start [N]
@@ -83,12 +59,11 @@ class SubstepSlips(NamedTuple):
     columns: Array
 
     @classmethod
-    def of(cls, states: SolvedStates) -> SubstepSlips:
-        """From its solved states."""
-        taut, points = states.taut, states.points
+    def of(cls, known: KnownStates, targets: tuple[Target, Target], allowed: float) -> SubstepSlips:
+        """From its solved states; further arguments as of `find_reversals`."""
+        taut, start, end = known.taut, known.start, known.end
         holes, k = taut.holes, len(taut.holes)
-        start, end = points[0].state, points[-1].state
-        data = [taut.slip_data(point.state, states.targets, point.factor, point.load) for point in points]
+        data = [taut.slip_data(point.state, targets, point.factor, point.load) for point in known.points]
         presliding = taut.presliding
         slips = InterpolatedSlips.between(data, tension_transfer(taut.tendons), presliding, taut.unknown)
         before, after = start.mobilisation[holes], end.mobilisation[holes]
@@ -106,7 +81,17 @@ class SubstepSlips(NamedTuple):
         assert end.response is not None
         first, columns = taut.base_tensions(0), end.response.nodes @ tensions
         return cls(
-            states, slips, presliding, data[0].tension, before, after, first, slip, matrix[:k], columns
+            known,
+            allowed,
+            slips,
+            presliding,
+            data[0].tension,
+            before,
+            after,
+            first,
+            slip,
+            matrix[:k],
+            columns,
         )
 
     def follow(self, defect_factor: float = 1.0) -> FrictionPath:
@@ -138,7 +123,7 @@ class SubstepSlips(NamedTuple):
         """
         first_order = self.with_reversals(path)
         last = path.unknowns[: len(first_order)]
-        if path.complete and self.displacement(last - first_order) > self.states.agreement:
+        if path.complete and self.displacement(last - first_order) > self.allowed:
             return last
         return first_order
 
@@ -159,7 +144,7 @@ class SubstepSlips(NamedTuple):
 
     def displacement(self, change: Array) -> float:
         """Largest displacement of a node by a change of the mobilisations [1], shape (k,), to first order [m]."""
-        return _largest_displacement(self.columns @ change, self.states.numbering)
+        return _largest_displacement(self.columns @ change, self.known.end.numbering)
 
     @property
     def slip_error(self) -> Array:
@@ -189,7 +174,7 @@ class SubstepSlips(NamedTuple):
         mobilisation
             Those at the end that follow from it [1], shape (k,).
         """
-        allowed, first_order = self.states.allowed * self.states.length, self._displacement_by_error(path)
+        allowed, first_order = self.allowed, self._displacement_by_error(path)
         if first_order == 0.0:
             return PathError(0.0, False)
         if self.is_rough:
@@ -214,7 +199,7 @@ class SubstepSlips(NamedTuple):
         if not which.size:
             return 0.0
         response = self.columns[:, which] @ np.linalg.inv(self.matrix[np.ix_(which, which)])
-        return _largest_displacement(np.abs(response) @ error[which], self.states.numbering)
+        return _largest_displacement(np.abs(response) @ error[which], self.known.end.numbering)
 
 
 def _largest_displacement(step: Array, numbering: Numbering) -> float:
@@ -234,7 +219,7 @@ class SlipHistory(NamedTuple):
 
     def of(self, state: SolverState) -> SolverState:
         """A state with this history, and with the mobilisations that follow from it."""
-        numbering = self.slips.states.numbering
+        numbering = self.slips.known.end.numbering
         slips = numbering.with_frictional_holes([f.slip for f in state.friction], self.slip)
         counted = numbering.with_frictional_holes([f.mobilisation for f in state.friction], self.mobilisation)
         friction = [
@@ -246,7 +231,7 @@ class SlipHistory(NamedTuple):
 
     def distance(self, state: SolverState) -> float:
         """Largest displacement of a node between the end that follows from the path, and a solved one [m]."""
-        off = self.slips.states.numbering.at_frictional_holes(state.mobilisation) - self.at_end
+        off = self.slips.known.end.numbering.at_frictional_holes(state.mobilisation) - self.at_end
         return self.slips.displacement(off[self.followed])
 
 
@@ -264,13 +249,25 @@ class Reversals(NamedTuple):
         return self.effect + self.error
 
 
-def find_reversals(states: SolvedStates, solved_with_reversals: bool = False) -> Reversals | None:
+def find_reversals(
+    known: KnownStates,
+    targets: tuple[Target, Target],
+    length: float,
+    allowed: float,
+    solved_with_reversals: bool = False,
+) -> Reversals | None:
     """Reversals of slips between two solved states.
 
     Parameters
     ----------
-    states
+    known
         Of the substep; the last one is solved from the first as a whole.
+    targets
+        Inputs and loads at both ends.
+    length
+        Of the longest backbone [m].
+    allowed
+        Largest displacement of a node that reversals may cause, over the length [1].
     solved_with_reversals
         Whether the last state was solved with reversals located before; else as a whole.
 
@@ -279,12 +276,12 @@ def find_reversals(states: SolvedStates, solved_with_reversals: bool = False) ->
     Reversals or None
         None where every slip is monotone, so that the substep is exact as a whole.
     """
-    substep, length = SubstepSlips.of(states), states.length
+    substep = SubstepSlips.of(known, targets, allowed * length)
     path = substep.follow()
     corrected = substep.at_end(path)
     effect = substep.displacement(corrected - substep.after) / length
     history = _history(substep, path, corrected) if path.complete else None
-    if history is not None and len(states.points) > 2:
+    if history is not None and len(known.points) > 2:
         return Reversals(effect, REFINED_ERROR * effect, history, path)
     if path.complete:
         found = substep.path_error(path, corrected)
@@ -302,8 +299,8 @@ def _history(substep: SubstepSlips, path: FrictionPath, at_end: Array) -> SlipHi
 
     The path has the mobilisations ``at_end`` at the end of the substep [1], shape (k,).
     """
-    points, holes = substep.states.points, substep.states.taut.holes
-    start, end = points[0].state, points[-1].state
+    known, holes = substep.known, substep.known.taut.holes
+    start, end = known.start, known.end
     slip, counted, last = start.slips.copy(), start.mobilisation.copy(), end.mobilisation.copy()
     slip[holes] += path.reversal_slip
     counted[holes], last[holes] = path.reversal_mobilisation, at_end

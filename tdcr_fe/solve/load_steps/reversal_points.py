@@ -121,5 +121,5 @@ def _among_all(numbering: Numbering, taut: TautTendons, state: SolverState, flag
 
 def _by_robot(numbering: Numbering, state: SolverState, flags: Flags) -> tuple[Flags, ...]:
     """Flags of all frictional holes as arrays of shape (m, g)."""
-    none = [np.zeros(own.shape) for own in state.mobilisation]
-    return tuple(own > 0.0 for own in numbering.with_frictional_holes(none, flags.astype(float)))
+    none = [np.zeros(own.shape, dtype=bool) for own in state.mobilisation]
+    return numbering.with_frictional_holes(none, flags)

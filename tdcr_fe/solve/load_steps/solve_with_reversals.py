@@ -15,7 +15,7 @@ from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.known_states import KnownStates, Span
 from tdcr_fe.solve.friction_path.response import Equilibrium, near_enough
-from tdcr_fe.solve.friction_path.reversals import Reversals, SlipHistory, SolvedStates, find_reversals
+from tdcr_fe.solve.friction_path.reversals import Reversals, SlipHistory, find_reversals
 from tdcr_fe.solve.friction_path.steady import slips_steadily
 from tdcr_fe.solve.load_steps.load_path import LocatedReversals
 from tdcr_fe.solve.load_steps.loop import HALF, Trial
@@ -188,5 +188,4 @@ def _reversals(
     """Slip reversals in a substep, see `find_reversals`."""
     system, ramp = solver.system, solver.ramp
     targets = ramp.apply(system, known.span.start), ramp.apply(system, known.span.end)
-    states = SolvedStates(known.points, known.taut, targets, system.length, allowed)
-    return find_reversals(states, solved_with_reversals)
+    return find_reversals(known, targets, system.length, allowed, solved_with_reversals)

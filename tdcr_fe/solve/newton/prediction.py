@@ -25,9 +25,7 @@ Array = NDArray[np.float64]
 
 #: Changes of the inputs are in one direction if they are proportional up to this [1].
 SAME_DIRECTION = 1e-6
-#: No prediction for a step that is longer than the last one times this [1].
-LONGEST = 2.5
-#: Nor where the polynomial adds more than this fraction of the linear change [1].
+#: No prediction where the polynomial adds more than this fraction of the linear change [1].
 MOST_CURVED = 0.5
 
 
@@ -96,15 +94,14 @@ def predict(
 
 
 def _length_of(last: SolvedStep, loading: Array) -> float | None:
-    """Length of the last step over that of this one; None where it has another direction or is too short."""
+    """Length of the last step over that of this one; None where it has another direction."""
     size = float(loading @ loading)
     if size == 0.0:
         return None
     length = float(last.loading @ loading) / size
-    if length * LONGEST < 1.0:
-        return None
     off = float(np.abs(last.loading - length * loading).max())
-    return length if off <= SAME_DIRECTION * float(np.abs(last.loading).max()) else None
+    same = length > 0.0 and off <= SAME_DIRECTION * float(np.abs(last.loading).max())
+    return length if same else None
 
 
 def _all_keep_slipping(state: SolverState, slips: Array, numbering: Numbering) -> bool:

@@ -74,14 +74,7 @@ class Disturbance(NamedTuple):
         law = forces.model.law
         (m, n), g = law.shape, law.groups
         nodes = 6 * forces.model.mesh.arc_lengths.size
-        return cls(
-            np.zeros((nodes, count)),
-            np.zeros((m, count)),
-            np.zeros((m, n, count)),
-            np.zeros((m, n, count)),
-            np.zeros((m, g, count)),
-            np.zeros((m, g, count)),
-        )
+        return cls(*(np.zeros((*x, count)) for x in ((nodes,), (m,), (m, n), (m, n), (m, g), (m, g))))
 
 
 class HoleFlexibility(NamedTuple):

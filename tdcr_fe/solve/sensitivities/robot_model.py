@@ -253,20 +253,13 @@ def _joined_law(laws: Sequence[TendonLaw]) -> TendonLaw:
     first = laws[0]
     mobilised = next((x.law for x in laws if x.law.active), first.law)
     parameters = [x.parameters if x.law.active else _without_friction(x.parameters) for x in laws]
-    return TendonLaw(
-        TendonParameters(
-            np.concatenate([p.lengths for p in parameters]),
-            np.concatenate([p.mask for p in parameters]),
-            np.concatenate([p.friction for p in parameters]),
-            np.concatenate([p.adhesion for p in parameters]),
-            np.concatenate([p.compliance for p in parameters]),
-            np.concatenate([p.pretension for p in parameters]),
-            np.concatenate([p.spring for p in parameters]),
-            tuple(law for p in parameters for law in (p.laws or (None,) * first.shape[0])),
-        ),
-        mobilised,
-        first.hysteresis,
-    )
+    joined = {
+        f.name: np.concatenate([getattr(p, f.name) for p in parameters])
+        for f in fields(TendonParameters)
+        if f.name != "laws"
+    }
+    laws = tuple(law for p in parameters for law in (p.laws or (None,) * first.shape[0]))
+    return TendonLaw(TendonParameters(**joined, laws=laws), mobilised, first.hysteresis)
 
 
 def _without_friction(parameters: TendonParameters) -> TendonParameters:
