@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BackboneMesh, NodeStiffness, relative_twists, strain_matrices
-from tdcr_fe.elements.capstan import HoleSlopes, TensionField
+from tdcr_fe.elements.capstan import TensionField
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.section import SectionForces, add_element_tangent, nodal_sum
@@ -97,11 +97,9 @@ class ForceModel:
             return Measurement(strained, self._along_the_backbone(strained), None, poses)
         if self.columns is not None:
             positions, rotations = positions[self.hole_nodes], rotations[self.hole_nodes]
-        if self.geometry.clearance is None:
-            return Measurement(strained, self.geometry.evaluate(positions, rotations), None, poses)
         self.geometry.shift_in_holes(positions, rotations)
-        shape = self.geometry.evaluate(positions, rotations)
-        return Measurement(strained, shape, self.geometry.offsets, poses)
+        shifted = None if self.geometry.clearance is None else self.geometry.offsets
+        return Measurement(strained, self.geometry.evaluate(positions, rotations), shifted, poses)
 
     def _along_the_backbone(self, twists: Array) -> CableShape:
         """Lengths of tendons that follow the backbone."""
@@ -360,12 +358,6 @@ class TendonForces(NamedTuple):
         assert self.model.section is not None
         blocks = self.model.section.wrench_tangent(self.measured.twists, self.field.tension[:, 0])
         add_element_tangent(k, blocks, self.section_wrenches())
-
-    def hole_slopes(self) -> HoleSlopes:
-        """Derivatives of the tensions hole by hole; `has_hole_slopes` tells whether there are any."""
-        found = self.field.hole_slopes
-        assert found is not None
-        return found
 
     @property
     def has_hole_slopes(self) -> bool:

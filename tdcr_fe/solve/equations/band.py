@@ -152,13 +152,14 @@ class BandLayout:
         ):
             np.add(part, change, out=part)
 
-        lines, at_hole = forces.measured.shape, forces.hole_slopes()
-        rows = lines.lines.segments[:, :, 3].reshape(n, m, 2, 6)
+        lines, at_hole = forces.measured.shape.lines, forces.field.hole_slopes
+        assert at_hole is not None
+        rows = lines.segments[:, :, 3].reshape(n, m, 2, 6)
         np.negative(rows.transpose(0, 2, 3, 1), out=to.pulled)
         to.tensions[...] = 1.0
         if n > 1:
             by_angle = -at_hole.by_angle.T[:, :, None, None]
-            np.multiply(by_angle, lines.lines.turns.reshape(n - 1, m, 3, 6), out=to.turned)
+            np.multiply(by_angle, lines.turns.reshape(n - 1, m, 3, 6), out=to.turned)
             np.negative(at_hole.by_tension.T, out=to.passed)
         if clamped:
             to.itself[0], to.after[0], to.next_disk[0], to.pulled[0, 0] = _EYE6, 0.0, 0.0, 0.0

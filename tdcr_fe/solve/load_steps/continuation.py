@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
 
@@ -81,18 +80,12 @@ def _is_as_left(system: SceneSystem, last: LastSolution) -> bool:
 
 
 def _scene(system: SceneSystem) -> tuple[Array, ...]:
-    """Coordinates, multipliers, data and the user's own loads of a scene."""
+    """State and the user's own loads of a scene."""
     mbs, data = system.mbs, system.mbs.systemData
-    current = exu.ConfigurationType.Current
     ramped = {int(number) for item in system.point_loads for number in item.numbers}
     loads = [
         np.atleast_1d(mbs.GetLoadParameter(i, "load" if "load" in load else "loadVector"))
         for i, load in ((i, mbs.GetLoad(i)) for i in range(data.NumberOfLoads()))
         if i not in ramped
     ]
-    return (
-        data.GetODE2Coordinates(current).copy(),
-        np.array(data.GetAECoordinates(current)),
-        np.array(data.GetDataCoordinates(current)),
-        np.concatenate([np.asarray(x, dtype=float) for x in loads]) if loads else np.zeros(0),
-    )
+    return *map(np.array, data.GetSystemState()), *(np.asarray(x, dtype=float) for x in loads)

@@ -328,30 +328,31 @@ class SensitivityHistory:
             return Sensitivities()
         robot = self.handle.robot
         counts = [len(robot.hole_arc_lengths(t)) - 1 for t in robot.tendons]
-        continuous = self.explicit.present.forces.geometry is None
-        found = []
-        for k, parameter in enumerate(self.parameters):
-            tensions, slips = [], []
-            for i, n in enumerate(counts):
-                along = np.array([s.tendons.tension[i, :, k] for s in self.steps]).reshape(
-                    len(self.steps), -1
-                )
-                tensions.append(np.repeat(along[:, :1], n, axis=1) if continuous else along[:, :n])
-                through = np.array([s.slips[i, :, k] for s in self.steps]).reshape(len(self.steps), -1)
-                slips.append(through[:, : n - 1])
-            found.append(
-                Sensitivity(
-                    parameter.name,
-                    parameter.value if isinstance(parameter, ModelParameter) else np.nan,
-                    np.array([s.nodes[:, :, k] for s in self.steps]),
-                    np.array([s.rotations[:, :, k] for s in self.steps]),
-                    np.array([s.tendons.base_tension[:, k] for s in self.steps]),
-                    np.array([s.displacements[:, k] for s in self.steps]),
-                    tuple(tensions),
-                    tuple(slips),
-                    self.explicit.arc_lengths[:, k],
-                )
+        nodes, rotations, displacements, slips = (
+            np.array([getattr(step, name) for step in self.steps])
+            for name in ("nodes", "rotations", "displacements", "slips")
+        )
+        tension, base_tension = (
+            np.array([getattr(step.tendons, name) for step in self.steps])
+            for name in ("tension", "base_tension")
+        )
+        if self.explicit.present.forces.geometry is None:
+            # Tendons that follow the backbone have one tension.
+            tension = np.repeat(tension[:, :, :1], max(counts, default=1), axis=2)
+        found = [
+            Sensitivity(
+                parameter.name,
+                parameter.value if isinstance(parameter, ModelParameter) else np.nan,
+                nodes[..., k],
+                rotations[..., k],
+                base_tension[..., k],
+                displacements[..., k],
+                tuple(tension[:, i, :n, k] for i, n in enumerate(counts)),
+                tuple(slips[:, i, : n - 1, k] for i, n in enumerate(counts)),
+                self.explicit.arc_lengths[:, k],
             )
+            for k, parameter in enumerate(self.parameters)
+        ]
         return Sensitivities({each.parameter: each for each in found})
 
 
