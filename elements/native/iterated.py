@@ -23,12 +23,14 @@ from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_tangent, twists_by_coordinates
 from tdcr_fe.elements.native.items import SystemReference
 from tdcr_fe.elements.native.straight_tendons import HolePrediction, Pull, StraightTendons
-from tdcr_fe.elements.section import add_element_tangent, wrench_tangent, wrenches_on_nodes
+from tdcr_fe.elements.section import (
+    STRAIN_DIFFERENCE,
+    add_element_tangent,
+    wrench_tangent,
+    wrenches_on_nodes,
+)
 
 Array = NDArray[np.float64]
-
-#: Step of the central differences by the relative twists [1].
-_STEP = 1e-5
 
 
 class IteratedBackbone:
@@ -114,7 +116,7 @@ def constant_wrench_tangent(wrenches: Array, twists: Array, rotations: Array, pa
     blocks = wrench_tangent(
         lambda moved: -(wrenches[:, None] @ strain_matrices(moved))[..., 0, :],
         twists,
-        np.full(twists.shape, _STEP),
+        np.full(twists.shape, STRAIN_DIFFERENCE),
     )
     of_nodes = wrenches_on_nodes(wrenches, strain_matrices(twists))
     k = np.zeros((of_nodes.size, of_nodes.size))

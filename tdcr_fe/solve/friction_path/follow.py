@@ -31,6 +31,7 @@ from tdcr_fe.solve.friction_path.path import (
     set_segment,
 )
 from tdcr_fe.solve.friction_path.rates import (
+    NEAR_BOUND,
     Bounds,
     PathUnknowns,
     Rates,
@@ -67,13 +68,8 @@ REUSED_LOAD_CHANGE, REUSED_TENSION_CHANGE = 0.02, 0.02
 REUSED_FOR_REVERSAL = 0.25
 #: Shortest path segment: events nearer to each other are taken one after the other over it [1].
 SHORTEST_SEGMENT = 1e-5
-#: Slip beyond a reversal that was not foreseen, over the presliding distance, which is left as it is; where it is more,
-#: the path segment is shortened [1].
-OVERSHOOT = 1e-4
 #: By which fraction of itself a path segment is shortened at most at once [1], and how often in succession.
 MOST_SHORTENED, MOST_SHORTENINGS = 0.75, 4
-#: Round-off of load factors [1].
-ROUND_OFF = 1e-12
 
 
 class FreeUnknowns(NamedTuple):
@@ -266,7 +262,7 @@ def _integrated(
             last.factor[turned] = factor
         shortenings = 0
         set_free(constraints, rates.side == 0.0, z, state, unknowns)
-        if factor >= breakpoints[passed] - ROUND_OFF:
+        if factor >= breakpoints[passed] - NEAR_BOUND:
             passed += 1
             if passed == len(breakpoints):
                 return z, last, path, count, True
@@ -275,7 +271,7 @@ def _integrated(
         set_segment(path, count, segment)
         factor, z, tension = end_of_segment(path, count, unknowns.bounds)
         count += 1
-        known = factor < breakpoints[passed] - ROUND_OFF and _is_near(evaluation, factor, tension, 1.0)
+        known = factor < breakpoints[passed] - NEAR_BOUND and _is_near(evaluation, factor, tension, 1.0)
         known = known and not left_branch(state.derivatives, branches_at(slips.transfer, z, tension))
         if known:
             state = extrapolated(state, segment.length, tension, rates.rate, rates.complement)
@@ -326,7 +322,7 @@ def _fraction_before_reversal(
     1 where the slip after their reversals makes no difference. Rates are taken as linear between those at both ends
     of the path segment. Slips also reverse where a free unknown of another hole comes to its bound within it.
     """
-    length, negligible = path.length[i], OVERSHOOT * unknowns.presliding
+    length, negligible = path.length[i], unknowns.tolerance
     # The rates just before its end, where nothing had turned or come to a bound.
     free, rate = (path.side[i] == 0.0).nonzero()[0], state.derivatives.by_load
     if free.size:

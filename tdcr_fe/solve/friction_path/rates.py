@@ -25,12 +25,13 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int_]
 Flags = NDArray[np.bool_]
 
-#: Distance from a bound that is round-off, over the size of the unknown [1].
+#: Distance from a bound, or between load factors, that is round-off, over the size of the unknown [1].
 NEAR_BOUND = 1e-12
 #: Upper bound of tensions, beyond all that occur [N].
 UNBOUNDED = 1e100
-#: Slip rates below this fraction of the presliding distance per substep are zero [1].
-RATE_TOLERANCE = 1e-4
+#: Slips below this fraction of the presliding distance are negligible: rates that lead to less in a substep are zero,
+#: and what was slipped beyond a reversal that was not foreseen is left as it is [1].
+NEGLIGIBLE = 1e-4
 #: Smallest tension by which those at the base are scaled to lengths [N].
 LEAST_SCALE = 1e-3
 
@@ -126,7 +127,7 @@ class PathUnknowns(NamedTuple):
 
     holes: int  # Number of mobilisations
     presliding: float  # Presliding distance [m]
-    tolerance: float  # Rates of slip below it are zero [m]
+    tolerance: float  # Slips below it are negligible [m]
     bounds: Bounds
     scale: Array  # (n,): From the unknowns to lengths [m, m/N]
 
@@ -150,7 +151,7 @@ class PathUnknowns(NamedTuple):
         return cls(
             holes,
             presliding,
-            RATE_TOLERANCE * presliding,
+            NEGLIGIBLE * presliding,
             Bounds.of(holes, base_tension),
             np.append(at_holes, at_base),
         )

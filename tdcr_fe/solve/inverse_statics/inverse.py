@@ -34,7 +34,7 @@ from tdcr_fe.model.targets import (
     tip_targets,
 )
 from tdcr_fe.scene.mesh import elements_of_bays
-from tdcr_fe.solve.inverse_statics.target_search import Objective, SearchResult, TargetSearch
+from tdcr_fe.solve.inverse_statics.target_search import AGREEMENT, Objective, SearchResult, TargetSearch
 from tdcr_fe.solve.inverse_statics.trials import TrialSteps
 from tdcr_fe.solve.mesh import MOST_MESHES, MeshMonitor, error_order, mesh_warnings, refined
 from tdcr_fe.solve.simulate import CONVERGED, INTERRUPTED, with_estimate
@@ -45,8 +45,6 @@ Array = NDArray[np.float64]
 TOLERANCE = 1e-3
 #: Tensions from which the search is started at most before a target is said to be out of reach.
 MOST_STARTS = 4
-#: A point is the nearest one where the linearised robot could come nearer by less than this share of the tolerance [1].
-STATIONARY = 0.1
 
 
 def follow_path(
@@ -323,7 +321,7 @@ class _FollowRun:
         error, direction_error = objective.errors(trial)
         if objective.size(trial) <= objective.tolerance:
             status = ReachStatus.REACHED
-        elif best.possible_gain <= STATIONARY * objective.tolerance:
+        elif best.possible_gain <= AGREEMENT * objective.tolerance:
             status = ReachStatus.OUT_OF_REACH
         else:
             status = ReachStatus.NOT_CONVERGED

@@ -30,7 +30,8 @@ PRECISION = 1e-4
 FIRST_RADIUS = 0.5
 #: Trial steps of one search.
 MOST_TRIALS = 40
-#: Searches that end as near have found the nearest point, to this share of the tolerance [1].
+#: Share of the tolerance by which a point may be farther away than the nearest one: that of another search, or what the
+#: linearised robot could still gain [1].
 AGREEMENT = 0.1
 
 

@@ -88,4 +88,4 @@ def _scene(system: SceneSystem) -> tuple[Array, ...]:
         for i, load in ((i, mbs.GetLoad(i)) for i in range(data.NumberOfLoads()))
         if i not in ramped
     ]
-    return *map(np.array, data.GetSystemState()), *(np.asarray(x, dtype=float) for x in loads)
+    return *map(np.array, data.GetSystemState()), np.concatenate((np.zeros(0), *loads))

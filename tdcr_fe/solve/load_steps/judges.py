@@ -15,7 +15,7 @@ from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.friction_path.known_states import Span, twist_change, twists
 from tdcr_fe.solve.friction_path.response import Equilibrium
 from tdcr_fe.solve.load_steps.load_path import SolvedPath, StepFailed
-from tdcr_fe.solve.load_steps.loop import HALF, Instead, Judge, Proposal, Trial, take_substeps
+from tdcr_fe.solve.load_steps.loop import Instead, Judge, Proposal, Trial, take_substeps
 from tdcr_fe.solve.load_steps.solve_with_reversals import (
     allowed_error,
     follows_path,
@@ -70,7 +70,7 @@ def _compared(trial: Trial) -> Trial:
         return trial
     away, spent = _distance_of_halves(solver, trial.before, start, trial.result.state, trial.end, HALVES)
     solver.ramp.apply(solver.system, trial.end)
-    division = None if away <= allowed_error(trial) else HALF
+    division = None if away <= allowed_error(trial) else 0.5
     return trial._replace(error=trial.error + away, division=division, rejected=trial.rejected + spent)
 
 

@@ -18,9 +18,6 @@ from tdcr_fe.solve.load_steps.load_path import LocatedReversals, SolvedPath, Ste
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
 from tdcr_fe.solve.newton.newton import NewtonResult, with_unknowns_of
 
-#: Where substeps are divided, as a fraction of them [1].
-HALF = 0.5
-
 
 class Proposal(NamedTuple):
     """A substep that is still to be solved, from where the one before ends."""
@@ -86,7 +83,7 @@ class Trial(NamedTuple):
             raise
         return self.begin.then(replace(path, rejected=path.rejected + spent))
 
-    def divided(self, fraction: float = HALF) -> Instead:
+    def divided(self, fraction: float = 0.5) -> Instead:
         """Proposes a first part of it, a fraction of it [1], and the rest; what is known of its ends is kept."""
         rest = Proposal(self.end)
         if self.final is not None and not self.solver.jump_suspected(self.before, self.result.state):

@@ -18,7 +18,7 @@ from tdcr_fe.solve.friction_path.response import Equilibrium, near_enough
 from tdcr_fe.solve.friction_path.reversals import Reversals, SlipHistory, find_reversals
 from tdcr_fe.solve.friction_path.steady import slips_steadily
 from tdcr_fe.solve.load_steps.load_path import LocatedReversals
-from tdcr_fe.solve.load_steps.loop import HALF, Trial
+from tdcr_fe.solve.load_steps.loop import Trial
 from tdcr_fe.solve.load_steps.states_within import known_states, refined
 from tdcr_fe.solve.load_steps.substep import SubstepSolver, has_rates
 from tdcr_fe.solve.newton.newton import NewtonResult, with_unknowns_of
@@ -84,7 +84,7 @@ def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:
     trial = trial._replace(first=known.start, final=known.end)
     if found is None:
         return trial
-    trial = trial._replace(error=found.total, division=None if found.total <= allowed else HALF)
+    trial = trial._replace(error=found.total, division=None if found.total <= allowed else 0.5)
     if trial.division is None:
         return trial
     if found.path is None or not (found.error <= allowed or _may_be_refined(solver)):
@@ -143,7 +143,7 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
         accepted = found.total <= allowed
         trial = corrected._replace(
             error=found.total,
-            division=None if accepted else HALF,
+            division=None if accepted else 0.5,
             first=known.start,
             final=known.end,
             located=located._replace(known=known, path=found.path or located.path),

@@ -31,10 +31,10 @@ SYMMETRIC = 1e-4
 PUSH = 1e-3
 #: Factors on the presliding distance that are tried where the smallest substep does not converge [1].
 RESCUE_FACTORS = (1.0, 10.0, 100.0)
+
+
 #: Smallest part of a load step that is divided further for the sake of slip reversals [1].
 SMALLEST_PART = 1e-4
-
-
 #: What to try where a step fails, by the status of the last solve, where that alone says it.
 ADVICE = {
     NewtonStatus.SINGULAR: "Fix or support what moves freely.",
