@@ -153,7 +153,7 @@ class ConfigurationSpace:
         coordinates[self._beam] = (
             np.concatenate((whole.positions, whole.parameters), axis=1) - self._reference
         )
-        written = Unknowns(coordinates, unknowns.multipliers, unknowns.twists, unknowns.bases)
+        written = unknowns._replace(coordinates=coordinates)
         poses = tuple([(own.positions, own.rotations) for own in every])
         measured = tuple(
             [

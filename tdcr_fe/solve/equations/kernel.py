@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import exudyn as exu
@@ -13,7 +13,7 @@ from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.scene.loads import PointLoad
-from tdcr_fe.solve.equations.configuration import Configuration, SolverState, Target, Unknowns
+from tdcr_fe.solve.equations.configuration import Configuration, SolverState, Target
 from tdcr_fe.solve.equations.contact import ContactStates, TriangleContact
 from tdcr_fe.solve.equations.layout import SceneLayout
 
@@ -94,8 +94,10 @@ class StaticKernel:
         return found
 
 
-class RobotKernel:
-    """Exudyn's residual where one robot alone moves: the forces of its beams are all that changes.
+def residual_of_robot(
+    mbs: exu.MainSystem, robot: TendonActuation, loads: Sequence[PointLoad], raw: Array
+) -> Callable[[], Array]:
+    """Gives Exudyn's residual where one robot alone moves: the forces of its beams, and loads, are all that changes.
 
     Parameters
     ----------
@@ -108,29 +110,21 @@ class RobotKernel:
     raw
         Exudyn's residual of the present scene.
     """
+    coordinates, what = robot.coordinates, exu.ComputeItemType.ODE2LHS
+    loaded = [coordinates[robot.nodes.index(load.node), :3] for load in loads]
 
-    def __init__(
-        self, mbs: exu.MainSystem, robot: TendonActuation, loads: Sequence[PointLoad], raw: Array
-    ) -> None:
-        self._mbs, self._robot, self._loads = mbs, robot, loads
-        self._nodes = [robot.coordinates[robot.nodes.index(load.node), :3] for load in loads]
-        self._rest = raw.copy()
-        self._add(self._rest, -1.0)
-
-    def residual(self) -> Array:
-        """As of `StaticKernel`; only what belongs to the robot is that of the present scene."""
-        found = self._rest.copy()
-        self._add(found, 1.0)
+    def acting() -> Array:
+        """Forces of beams and loads in the present scene, shape (size,)."""
+        found = np.zeros_like(raw)
+        beams = np.array([mbs.ComputeItem(beam, what) for beam in robot.connectors.beams])
+        found[coordinates[:-1]] -= beams[:, :7]
+        found[coordinates[1:]] -= beams[:, 7:]
+        for load, at in zip(loads, loaded, strict=True):
+            found[at] += load.value[:3]
         return found
 
-    def _add(self, residual: Array, factor: float) -> None:
-        """Add the forces of beams and loads, times a factor."""
-        nodes, compute, what = self._robot.coordinates, self._mbs.ComputeItem, exu.ComputeItemType.ODE2LHS
-        beams = factor * np.array([compute(beam, what) for beam in self._robot.connectors.beams])
-        residual[nodes[:-1]] -= beams[:, :7]
-        residual[nodes[1:]] -= beams[:, 7:]
-        for load, at in zip(self._loads, self._nodes, strict=True):
-            residual[at] += factor * load.value[:3]
+    rest = raw - acting()
+    return lambda: rest + acting()
 
 
 def _initialised(
@@ -203,5 +197,4 @@ class ClampReactions(NamedTuple):
         multipliers = old.multipliers.copy()
         for (i, joint), acting in zip(self.joints.items(), residual.on_bases, strict=True):
             multipliers[joint] -= self.influence[i] @ acting
-        unknowns = Unknowns(old.coordinates, multipliers, old.twists, old.bases)
-        return configuration._replace(unknowns=unknowns)
+        return configuration._replace(unknowns=old._replace(multipliers=multipliers))

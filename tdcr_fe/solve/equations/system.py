@@ -24,7 +24,7 @@ from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.solve.equations.band import BandFactors
 from tdcr_fe.solve.equations.configuration import Configuration, SolverState, StoredState, Target
-from tdcr_fe.solve.equations.kernel import ClampReactions, Residual, RobotKernel, StaticKernel
+from tdcr_fe.solve.equations.kernel import ClampReactions, Residual, StaticKernel, residual_of_robot
 from tdcr_fe.solve.equations.layout import Numbering, SceneLayout, zero_bases
 from tdcr_fe.solve.equations.linearization import (
     BorderedFactors,
@@ -104,7 +104,7 @@ class SceneSystem:
         """The equations of one robot that nothing couples with the rest; ``raw``: Exudyn's residual of the scene."""
         own = copy(self)
         own.robots, own.point_loads = [self.robots[i]], self.hooks.robots[i].point_loads
-        own._raw = RobotKernel(self.mbs, self.robots[i], own.point_loads, raw).residual
+        own._raw = residual_of_robot(self.mbs, self.robots[i], own.point_loads, raw)
         own.layout, own._reactions = self.layout.alone(self.mbs, i), self._reactions.alone(i)
         return own
 

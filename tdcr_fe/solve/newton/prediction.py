@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.model.loading import SolverSettings
-from tdcr_fe.solve.equations.configuration import Configuration, SolverState, Target, Unknowns
+from tdcr_fe.solve.equations.configuration import Configuration, SolverState, Target
 from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization, SolvedStep, same_loads, unknowns
 from tdcr_fe.solve.equations.system import SceneSystem
@@ -163,5 +163,4 @@ def moved_elements(
             return None
         twists.append(before + moved)
         at += before.size
-    there = Unknowns(old.coordinates, old.multipliers, tuple(twists), old.bases)
-    return system.layout.space.build(there, state.configuration.parameters)
+    return system.layout.space.build(old._replace(twists=tuple(twists)), state.configuration.parameters)
