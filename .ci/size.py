@@ -24,7 +24,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 3088,
+    "elements": 3077,
     "tdcr_fe": 262,
     "tdcr_fe/commands": 1027,
     "tdcr_fe/effects": 1304,
@@ -35,7 +35,7 @@ BUDGET = {
     "tdcr_fe/model": 2738,
     "tdcr_fe/report": 1218,
     "tdcr_fe/scene": 1465,
-    "tdcr_fe/solve": 7175,
+    "tdcr_fe/solve": 7138,
     "tdcr_fe/sweeps": 1477,
     "validation": 7108,
     "tests": 14455,
