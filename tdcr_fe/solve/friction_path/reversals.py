@@ -25,9 +25,16 @@ Index = NDArray[np.int_]
 ROUGH = 0.1
 #: Factor on the parabola in the interpolated slip rates with which the path is followed once more to see its error [1].
 DEFECT_FACTOR = 2.0
+#: Error over that allowed that is taken where the other path shows none although holes may be wrong to first order: it
+#: asks for a state within the substep. Once in 700 load steps of random robots 1e-3 of the length was missing [1].
+UNDECIDED = 2.0
 #: Error of reversals located through twice as many states within the substep as before, over what they changed [1].
 #: With a quarter of it, one of twenty random robots ended 2.2e-5 of the length off.
 REFINED_ERROR = 0.5
+
+#: Displacement of a node up to which the end of a followed path and the solution to first order with its reversals are
+#: the same, over the length, where less is allowed [1]: the path has an error of its integration, seen up to 6.5e-7.
+AGREEMENT = 2e-6
 
 
 class PathError(NamedTuple):
@@ -41,7 +48,10 @@ class SubstepSlips(NamedTuple):
     """Slips of the tendons under tension in a substep that was solved as a whole."""
 
     known: KnownStates  # Of the substep
-    allowed: float  # Largest displacement of a node that reversals may cause [m]
+    # Largest displacement of a node that reversals may cause, and up to which the end of a path and the solution to
+    # first order are the same [m]
+    allowed: float
+    agreement: float
     slips: InterpolatedSlips  # In it
     presliding: Array  # (k,): Presliding distances of the holes [m]
     tension: Array  # (q,): Of the segments at its start [N]
@@ -56,7 +66,9 @@ class SubstepSlips(NamedTuple):
     columns: Array
 
     @classmethod
-    def of(cls, known: KnownStates, targets: tuple[Target, Target], allowed: float) -> SubstepSlips:
+    def of(
+        cls, known: KnownStates, targets: tuple[Target, Target], allowed: float, agreement: float
+    ) -> SubstepSlips:
         """From its solved states; further arguments as of `find_reversals`."""
         taut, start, end = known.taut, known.start, known.end
         holes, k = taut.holes, len(taut.holes)
@@ -80,6 +92,7 @@ class SubstepSlips(NamedTuple):
         return cls(
             known,
             allowed,
+            agreement,
             slips,
             presliding,
             data[0].tension,
@@ -120,7 +133,7 @@ class SubstepSlips(NamedTuple):
         """
         first_order = self.with_reversals(path)
         last = path.unknowns[: len(first_order)]
-        if path.complete and self.displacement(last - first_order) > self.allowed:
+        if path.complete and self.displacement(last - first_order) > self.agreement:
             return last
         return first_order
 
@@ -161,9 +174,8 @@ class SubstepSlips(NamedTuple):
     def path_error(self, path: FrictionPath, mobilisation: Array) -> PathError | None:
         """What the interpolation leaves uncertain in a complete path; None where it is too rough to say.
 
-        Where the error may be larger than allowed to first order, and the other path shows nothing of it, that one is
-        taken, so that states within the substep decide: the other path has one error of many. Once in 700 load steps
-        of random robots 1e-3 of the length was missing.
+        Where the error may be larger than allowed to first order, and the other path shows nothing of it, states within
+        the substep have to decide: that path has one error of many.
 
         Parameters
         ----------
@@ -182,7 +194,7 @@ class SubstepSlips(NamedTuple):
             return None
         moved = self.displacement(mobilisation - self.at_end(other))
         if moved <= allowed < first_order:
-            return PathError(first_order, True)
+            return PathError(UNDECIDED * allowed, True)
         return PathError(moved, bool(other.reversed.any()))
 
     def _displacement_by_error(self, path: FrictionPath) -> float:
@@ -274,7 +286,7 @@ def find_reversals(
     Reversals or None
         None where every slip is monotone, so that the substep is exact as a whole.
     """
-    substep = SubstepSlips.of(known, targets, allowed * length)
+    substep = SubstepSlips.of(known, targets, allowed * length, max(allowed, AGREEMENT) * length)
     path = substep.follow()
     corrected = substep.at_end(path)
     effect = substep.displacement(corrected - substep.after) / length
