@@ -258,8 +258,8 @@ def _joined_law(laws: Sequence[TendonLaw]) -> TendonLaw:
         for f in fields(TendonParameters)
         if f.name != "laws"
     }
-    laws = tuple(law for p in parameters for law in (p.laws or (None,) * first.shape[0]))
-    return TendonLaw(TendonParameters(**joined, laws=laws), mobilised, first.hysteresis)
+    of_coefficients = tuple(x for p in parameters for x in (p.laws or (None,) * first.shape[0]))
+    return TendonLaw(TendonParameters(**joined, laws=of_coefficients), mobilised, first.hysteresis)
 
 
 def _without_friction(parameters: TendonParameters) -> TendonParameters:
