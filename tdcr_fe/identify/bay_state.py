@@ -82,6 +82,13 @@ class Action(NamedTuple):
         upright = np.broadcast_to(np.eye(3), (steps, bays, 3, 3))
         return cls(np.zeros((steps, bays, COMPONENTS)), upright)
 
+    def in_frames(self, rotation: Array) -> Action:
+        """The same about the axes of other middle sections, shape (K, n_bays, 3, 3); moments about their z are lost."""
+        values = self.values.copy()
+        world = np.einsum("kbij,kbj->kbi", self.rotation[..., :2], self.values[..., :2])
+        values[..., :2] = np.einsum("kbji,kbj->kbi", rotation, world)[..., :2]
+        return Action(values, rotation)
+
 
 def with_action(experiment: Experiment, action: Action) -> Experiment:
     """The experiment, possibly with divided steps, with an action as concentrated loads."""

@@ -42,12 +42,6 @@ class Cause(Effect):
     sentence: str = ""
     price: float = 0.0
 
-    @property
-    def family(self) -> str:
-        """What it shares with the same cause at other places, or from other rows on; empty where it acts everywhere."""
-        numbers = " ".join(p.name for p in self.parameters)
-        return "" if self.kind.where == "everywhere" else f"{self.sentence} {numbers}"
-
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """One direction for each parameter."""
         null = self.null_values(experiment)
@@ -177,8 +171,7 @@ class PointForce(StateLoad):
             Parameter(a, "m", -far, far, 0.0, 0.05 * self.reach, f"{a} of the point") for a in ("x", "y", "z")
         )
         self.parameters = (*places, *law)
-        declared = np.array([0.0, 0.0, at]) + state.moved[:, bay]
-        self.path = declared[np.isfinite(declared).all(axis=1)]
+        self.declared = state.moved[:, bay]
 
     def pull(self, distance: Array, values: Values) -> Array:
         """The force towards the point at a distance [N]."""
@@ -191,38 +184,63 @@ class PointForce(StateLoad):
     def action(self, state: BayState, values: Values) -> Array:
         """See `StateLoad.action`."""
         found = np.zeros((*state.shape, COMPONENTS))
-        apart = self._point(values) - np.array([0.0, 0.0, self.at]) - state.moved[:, self.bay]
-        distance = np.sqrt(np.sum(apart**2, axis=1) + (1e-3 * self.reach) ** 2)
-        found[:, self.bay, 2:] = (self.pull(distance, values) / distance)[:, None] * apart
+        found[:, self.bay, 2:] = self.force(state.moved[:, self.bay], values)
         return found
+
+    def force(self, moved: Array, values: Values) -> Array:
+        """On the point of the backbone where that has moved so far [N], shape (K, 3) both."""
+        apart = self._point(values) - np.array([0.0, 0.0, self.at]) - moved
+        distance = np.sqrt(np.sum(apart**2, axis=1) + (1e-3 * self.reach) ** 2)
+        return np.asarray((self.pull(distance, values) / distance)[:, None] * apart)
+
+    def stiffness(self, moved: Array, values: Values) -> Array:
+        """Derivative of the force by what the point has moved [N/m], shape (K, 3, 3)."""
+        h = 1e-6 * self.reach
+        ends = [(self.force(moved + x, values), self.force(moved - x, values)) for x in h * np.eye(3)]
+        return np.stack([(above - below) / (2.0 * h) for above, below in ends], axis=-1)
 
     @staticmethod
     def _point(values: Values) -> Array:
         return np.array([values[a] for a in ("x", "y", "z")])
 
+    def by_values(self, moved: Array, values: Values) -> Array:
+        """Derivatives of the force by all parameters, shape (K, 3, P)."""
+        here, h = self.force(moved, values), 1e-6 * self.reach
+        found = [
+            self.force(moved, {**values, "k": 1.0})
+            if p.name == "k"
+            else (self.force(moved, {**values, p.name: values[p.name] + h}) - here) / h
+            for p in self.parameters
+        ]
+        return np.stack(found, axis=-1)
+
     def by_value(self, state: BayState, values: Values, name: str) -> Array:
         """See `StateLoad.by_value`."""
-        if name == "k":
-            return self.action(state, {**values, "k": 1.0})
-        h = 1e-6 * self.reach
-        moved = {**values, name: values[name] + h}
-        return (self.action(state, moved) - self.action(state, values)) / h
+        found = np.zeros((*state.shape, COMPONENTS))
+        number = [p.name for p in self.parameters].index(name)
+        found[:, self.bay, 2:] = self.by_values(state.moved[:, self.bay], values)[..., number]
+        return found
 
     def unidentifiable_at_null(self, experiment: Experiment) -> tuple[str, ...]:
         """All but the strength."""
         return tuple(p.name for p in self.parameters if p.name != "k")
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
-        """Points around the robot, at several distances from its middle."""
+        """The first point of `tries`; `tdcr_fe.identify.balance.best_points` tries all."""
+        return [[self.tries(self.declared)[0]]]
+
+    def tries(self, moved: Array) -> list[dict[str, float]]:
+        """Points around the robot, at several distances from its middle; ``moved``: as in `force`."""
         length = 2.0 * self.reach
         middle = np.array([0.0, 0.0, 0.6 * length])
+        path = np.array([0.0, 0.0, self.at]) + moved
         found = []
         for distance in self.distances:
             for direction in _DIRECTIONS:
                 point = middle + distance * length * direction
                 x, y, z = (float(c) for c in point)
-                apart = np.linalg.norm(point - self.path, axis=1)
-                found += [[{"x": x, "y": y, "z": z, **law}] for law in self.laws(apart)]
+                apart = np.linalg.norm(point - path, axis=1)
+                found += [{"x": x, "y": y, "z": z, **law} for law in self.laws(apart)]
         return found
 
     #: Of the points that are tried, over the length [1].
@@ -288,7 +306,7 @@ class Cord(PointForce):
     def laws(self, distance: Array) -> list[dict[str, float]]:
         """Taut in most rows, and in a few."""
         k = self.parameters[3].scale
-        return [{"k": k, "slack": float(np.quantile(distance, q))} for q in (0.3, 0.8)]
+        return [{"k": k, "slack": float(np.nanquantile(distance, q))} for q in (0.3, 0.8)]
 
 
 def _sphere() -> Array:

@@ -12,7 +12,8 @@ How a derivative is taken follows from what the parameter changes:
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -20,12 +21,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.effects import Effect, Experiment
+from tdcr_fe.effects import Effect, Experiment, Parameter
+from tdcr_fe.identify.balance import agreed, of_readings, through_state
 from tdcr_fe.identify.bay_state import (
-    COMPONENTS,
     LOAD,
     Action,
-    BayState,
     Response,
     action_inputs,
     loads_of_action,
@@ -33,7 +33,7 @@ from tdcr_fe.identify.bay_state import (
     with_action,
 )
 from tdcr_fe.identify.causes import ReadingCause, StateLoad
-from tdcr_fe.identify.forward import Job
+from tdcr_fe.identify.forward import Job, advance
 from tdcr_fe.identify.problem import FitProblem, Point
 from tdcr_fe.identify.run import Acted, Run, RunDerivatives
 from tdcr_fe.solve.sensitivities.differences import RELATIVE_STEP, Tabulated, same_structure, tabulated
@@ -57,6 +57,16 @@ class Column(NamedTuple):
     def key(self) -> tuple[str, str]:
         """Effect and parameter."""
         return self.effect.name, self.parameter
+
+    @property
+    def about(self) -> Parameter:
+        """The parameter."""
+        return next(p for p in self.effect.parameters if p.name == self.parameter)
+
+    @property
+    def coordinate(self) -> float:
+        """Its coordinate, at which the derivative is taken."""
+        return self.about.coordinate(self.values[self.parameter])
 
 
 class Request(NamedTuple):
@@ -92,36 +102,42 @@ def linearize_each(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear]:
     that exclude each other, counts as not solved, and so does a load that does not balance with the state it depends
     on.
     """
-    parts = [_part(problem, request) for problem, request in pairs]
-    ready = [part for part in parts if isinstance(part, _Part)]
-    if not ready:
-        return [part for part in parts if isinstance(part, Linear)]
     first = pairs[0][0]
-    runs = first.run([part.job for part in ready])
-    jobs = [part.differences(run) for part, run in zip(ready, runs, strict=True)]
-    beside = iter(first.run(list(itertools.chain(*jobs))))
-    found = (
-        _linear(part, run, list(itertools.islice(beside, len(own))))
-        for part, run, own in zip(ready, runs, jobs, strict=True)
-    )
-    return [part if isinstance(part, Linear) else next(found) for part in parts]
+
+    def simulated(asked: Sequence[Sequence[Job]]) -> list[list[Run]]:
+        runs = iter(first.run([job for jobs in asked for job in jobs]))
+        return [list(itertools.islice(runs, len(jobs))) for jobs in asked]
+
+    return advance([_linearized(problem, request) for problem, request in pairs], simulated)
 
 
-def _part(problem: FitProblem, request: Request) -> _Part | Linear:
-    """What is simulated for a model, with balanced loads; what stands for it where it is not solved."""
+#: A load agrees with the state that it depends on where what is missing is less than this: moments over EI/L, forces
+#: over EI/L^2; it is then added to first order. So many runs are made for it at most [1].
+BALANCED, ITERATIONS = 1e-2, 12
+
+
+def _linearized(problem: FitProblem, request: Request) -> Generator[list[Job], list[Run], Linear]:
+    """Linearise one model; yields what has to be simulated.
+
+    Loads that depend on the state are made to agree with it, run by run, see `tdcr_fe.identify.balance`.
+    """
+    smallest = math.inf
     try:
-        action, reference = balanced(problem, request)
-        return _Part(problem, request._replace(reference=reference), action)
+        action = first_action(problem, request)
+        for _ in range(ITERATIONS):
+            part = _Part(problem, request, action)
+            (plain,) = yield [part.job]
+            run, missing = part.balanced(plain)
+            if missing <= BALANCED:
+                beside = yield part.differences(plain)
+                return part.linear(run, plain, beside)
+            if not missing < 4.0 * smallest or run.acted is None:
+                break
+            smallest = min(missing, smallest)
+            action, request = run.acted.action, request._replace(reference=run)
+        raise ValueError("the load does not balance with the state it depends on")
     except ValueError as error:
         return _unsolved(problem, request, error)
-
-
-def _linear(part: _Part, run: Run, beside: Sequence[Run]) -> Linear:
-    """What follows from the runs of a model."""
-    try:
-        return part.linear(run, beside)
-    except ValueError as error:  # not all steps are solved
-        return _unsolved(part.problem, part.request, error)
 
 
 def _unsolved(problem: FitProblem, request: Request, reason: ValueError) -> Linear:
@@ -131,102 +147,23 @@ def _unsolved(problem: FitProblem, request: Request, reason: ValueError) -> Line
     return Linear(nothing, np.zeros((problem.count, len(request.columns))), run, {})
 
 
-#: Iterations of a load and the state it depends on at most, and the change that ends them: moments over EI/L, forces
-#: over EI/L^2 [1].
-ITERATIONS, TOLERANCE = 12, 1e-5
+def first_action(problem: FitProblem, request: Request) -> Action | None:
+    """The action with which a model is simulated first: that of its reference, moved by the change of its loads.
 
-
-def balanced(problem: FitProblem, request: Request) -> tuple[Action | None, Run | None]:
-    """The action at which the loads of a model agree with the state that they depend on, and a run with it.
-
-    Both agree where ``a = F(x(a))``. That is solved by Newton's method with the exact response ``H`` of the state to an
-    action, evaluated once: ``(I - F' H) da = F(x) - a``.
-
-    Returns
-    -------
-    action
-        None where neither the model nor a column has loads that depend on the state.
-    run
-        The reference of the request where the model has no such loads.
-
-    Raises
-    ------
-    ValueError
-        It does not converge.
+    None where neither the model nor a column has loads that depend on the state.
     """
-    loads = [e for e in request.effects if isinstance(e, StateLoad)]
+    loads = _loads(request.effects)
     if not loads and not any(isinstance(c.effect, StateLoad) for c in request.columns):
-        return None, request.reference
-    experiment = problem.with_effects(request.effects, request.values)
-    steps, bays = experiment.step_ends[-1][0] + 1, len(experiment.robot.bay_edges) - 1
-    none, reference = Action.none(steps, bays), request.reference
-    if not loads:
-        return none, reference
-
-    def missing(run: Run, acted: Acted) -> tuple[Array, Array]:
-        """What the loads give beyond the action, and the Newton step."""
-        assert run.bays is not None
-        gap = -acted.action.values
-        for e in loads:
-            gap = gap + e.action(run.bays, request.values[e.name])
-        matrix = _coupling(loads, request.values, run.bays, acted.response)
-        return gap, np.asarray(np.linalg.solve(matrix, gap.reshape(steps, -1, 1))).reshape(gap.shape)
-
-    if reference is None or reference.acted is None or reference.bays is None:
-        plain = Request((), {}, (), reference)
-        effects = tuple(e for e in request.effects if not isinstance(e, StateLoad))
-        part = _Part(problem, plain._replace(effects=effects, values=request.values), none)
-        (run,) = problem.run([part.job])
-        run = part.linear(run, []).run
-        if run.solved < steps or run.acted is None:
-            raise ValueError(run.message or "not solved")
-        reference = run
-    assert reference.acted is not None
-    backbone = experiment.robot.backbone
-    scale = np.array([backbone.EI / backbone.length] * 2 + [backbone.EI / backbone.length**2] * 3)
-    acted, run = reference.acted, reference
-    smallest = np.inf
-    for _ in range(ITERATIONS):
-        _, step = missing(run, acted)
-        assert run.bays is not None
-        action = Action(acted.action.values + step, run.bays.rotation)
-        (run,) = problem.run([Job(with_action(experiment, action), run, True, states=True)])
-        if run.solved < steps:
-            raise ValueError(run.message or "not solved")
-        acted = Acted(action, acted.response)
-        gap, _ = missing(run, acted)
-        size = float(np.max(np.abs(gap) / scale))
-        if size <= TOLERANCE:
-            return action, replace(run, acted=acted)
-        if not size < 4.0 * smallest:
-            break
-        smallest = min(size, smallest)
-    raise ValueError("the load does not balance with the state it depends on")
+        return None
+    reference = request.reference
+    if loads and reference is not None and reference.acted is not None:
+        return agreed(loads, request.values, reference, problem.experiment.robot).action
+    experiment = problem.experiment
+    return Action.none(experiment.step_ends[-1][0] + 1, len(experiment.robot.bay_edges) - 1)
 
 
-def _through_state(loads: Sequence[StateLoad], values: Point, state: BayState, moved: Array) -> Array:
-    """Change of the action by changes of the state, shape (K, 5 n_bays, P) both."""
-    slope = sum(
-        (e.slope(state, values[e.name]) for e in loads), np.zeros((*state.shape, COMPONENTS, COMPONENTS))
-    )
-    rows = moved.reshape(*state.shape, COMPONENTS, -1)
-    return np.einsum("kbij,kbjp->kbip", slope, rows).reshape(moved.shape)
-
-
-def _coupling(loads: Sequence[StateLoad], values: Point, state: BayState, response: Response) -> Array:
-    """The matrix ``I - F' H`` of every step, shape (K, 5 n_bays, 5 n_bays)."""
-    through = _through_state(loads, values, state, response.state)
-    return np.asarray(np.eye(through.shape[1]) - through)
-
-
-def of_readings(problem: FitProblem, actions: Array, response: Response) -> Array:
-    """Change of the predictions over sigma by actions of shape (K, 5 n_bays, q) to first order, shape (n, q)."""
-    out = np.zeros((problem.count, actions.shape[-1]))
-    steps = problem.readings.reader.step
-    for k in np.unique(steps):
-        mine = steps == k
-        out[mine] = response.readings[mine] @ actions[k]
-    return out
+def _loads(effects: Sequence[Effect]) -> list[StateLoad]:
+    return [e for e in effects if isinstance(e, StateLoad)]
 
 
 class _Part:
@@ -309,19 +246,17 @@ class _Part:
         """
         column = self.request.columns[number]
         e = column.effect
-        parameter = next(p for p in e.parameters if p.name == column.parameter)
         low, high = self.problem.bounds(e, column.parameter)
         if not low <= coordinate <= high:
             raise ValueError(f"{e.name}.{column.parameter} must be from {low:g} to {high:g}")
         effects = [x for x in self.effects if x.name != e.name]
-        own = {**column.values, column.parameter: parameter.value(coordinate)}
+        own = {**column.values, column.parameter: column.about.value(coordinate)}
         return self._acted(self.problem.with_effects([*effects, e], {**self.values, e.name: own}))
 
     def _table(self, number: int, relative_step: float | None = None) -> Tabulated:
         """Neighbours of the experiment by a column's parameter."""
         column = self.request.columns[number]
-        about = next(p for p in column.effect.parameters if p.name == column.parameter)
-        start = about.coordinate(column.values[column.parameter])
+        start, about = column.coordinate, column.about
         # From zero most are linear, and a longer step has less round-off.
         size = max(abs(start), about.scale) if start != 0.0 else 100.0 * about.scale
         if relative_step is not None:
@@ -333,6 +268,28 @@ class _Part:
         assert isinstance(table, Tabulated)
         return table
 
+    def balanced(self, run: Run) -> tuple[Run, float]:
+        """The run with what its loads are missing added to first order, and its size over those of the rod [1].
+
+        Raises
+        ------
+        ValueError
+            The loads are not solved.
+        """
+        loads, by = _loads(self.effects), run.derivatives
+        if loads and run.solved < len(run.positions):
+            raise ValueError(run.message or "not solved")
+        if self.action is None or by is None or not by.names:
+            return run, 0.0
+        actions = self._by_actions(run, by)
+        acted = Acted(self.action, self._response(run, actions))
+        run = replace(run, acted=acted)
+        if not loads:
+            return run, 0.0
+        found = agreed(loads, self.values, run, self.experiment.robot)
+        acted = acted._replace(action=found.action)
+        return replace(run.moved(actions.times(found.change)), bays=found.state, acted=acted), found.missing
+
     def differences(self, run: Run) -> list[Job]:
         """Runs beside this one, for derivatives that did not come out of it."""
         if run.derivatives is not None:
@@ -342,66 +299,68 @@ class _Part:
             return []
         for number in self.differenced:
             try:
-                self.beside[number] = self._moved(number, self._coordinate(number) + self._step(number))
+                coordinate = self.request.columns[number].coordinate + self._step(number)
+                self.beside[number] = self._moved(number, coordinate)
             except ValueError:  # there is no such robot: the parameter stays where it is
                 continue
         return [Job(moved, reference) for moved in self.beside.values()]
-
-    def _coordinate(self, number: int) -> float:
-        """Present coordinate of a column."""
-        column = self.request.columns[number]
-        about = next(p for p in column.effect.parameters if p.name == column.parameter)
-        return about.coordinate(column.values[column.parameter])
 
     def _step(self, number: int) -> float:
         """Difference step of a column, within its bounds."""
         column = self.request.columns[number]
         low, high = self.problem.bounds(column.effect, column.parameter)
-        z, h = self._coordinate(number), column.step
+        z, h = column.coordinate, column.step
         if not low <= z + h <= high:
             h = -h
         if not low <= z + h <= high:
             h = max(high - z, low - z, key=abs)
         return h
 
-    def linear(self, run: Run, beside: Sequence[Run]) -> Linear:
-        """What follows from the runs."""
+    def residual(self, experiment: Experiment, run: Run) -> Array:
+        """Reading less prediction over sigma, shape (n,)."""
+        return self.problem.residual(experiment, run) - self.problem.shift(self.effects, self.values, run)
+
+    def linear(self, run: Run, plain: Run, beside: Sequence[Run]) -> Linear:
+        """What follows from the runs: that with balanced loads, the same as it was simulated, and those beside that."""
         problem, read = self.problem, partial(self.problem.readings.reader.read, run)
-        residual = problem.residual(self.experiment, run) - problem.shift(self.effects, self.values, run)
+        residual = self.residual(self.experiment, run)
         matrix = np.zeros((residual.size, len(self.request.columns)))
-        by, acted = run.derivatives, None
+        by = run.derivatives
         if by is not None and by.names:
             exact = [j for j, name in enumerate(by.names) if name in self.exact]
             numbers = [self.exact[by.names[j]] for j in exact]
             if exact:
                 matrix[:, numbers] = self._of(run, by.part(exact))
-            if self.action is not None:
-                acted = Acted(self.action, self._response(run, by))
-                self._add_loads(matrix, run, acted.response, numbers, state_change(run, by.part(exact)))
+            if run.acted is not None:
+                moved = state_change(run, by.part(exact))
+                self._add_loads(matrix, run, run.acted.response, numbers, moved)
         for number, table in self.observed.items():
             values = {k: read(e) for k, e in table.experiments.items()}
             change = _difference(values, read(self.experiment), table.step)
             matrix[:, number] += problem.whitened(change / problem.sigma)
-        for (number, moved), other in zip(self.beside.items(), beside, strict=True):
-            plain = problem.residual(moved, other) - problem.shift(self.effects, self.values, other)
-            matrix[:, number] = (residual - plain) / self._step(number)
+        for (number, experiment), other in zip(self.beside.items(), beside, strict=True):
+            change = self.residual(self.experiment, plain) - self.residual(experiment, other)
+            matrix[:, number] = change / self._step(number)
         for number, column in enumerate(self.request.columns):
             if isinstance(column.effect, ReadingCause):
                 unit = {p.name: 0.0 for p in column.effect.parameters} | {column.parameter: 1.0}
                 matrix[:, number] = problem.whitened(column.effect.shift(problem, run, unit) / problem.sigma)
         matrix = np.where(np.isfinite(matrix), matrix, 0.0)
-        return Linear(residual, matrix, replace(run, derivatives=None, acted=acted), self.differenced)
+        return Linear(residual, matrix, replace(run, derivatives=None), self.differenced)
 
     def _of(self, run: Run, by: RunDerivatives) -> Array:
         """Derivatives of the predictions over sigma, shape (n, P)."""
         found = self.problem.readings.reader.derivatives(replace(run, derivatives=by), self.experiment)
         return self.problem.whitened(found / self.problem.sigma[:, None])
 
-    def _response(self, run: Run, by: RunDerivatives) -> Response:
-        """Of readings and bays to actions."""
+    def _by_actions(self, run: Run, by: RunDerivatives) -> RunDerivatives:
+        """Derivatives by actions."""
         assert run.bays is not None
         named = [j for j, name in enumerate(by.names) if name.startswith(f"{LOAD} ")]
-        actions = by.part(named).times(loads_of_action(run.bays.rotation))
+        return by.part(named).times(loads_of_action(run.bays.rotation))
+
+    def _response(self, run: Run, actions: RunDerivatives) -> Response:
+        """Of readings and bays to actions."""
         rows = self._of(run, actions)
         return Response(np.where(np.isfinite(rows), rows, 0.0), state_change(run, actions))
 
@@ -412,7 +371,7 @@ class _Part:
         assert run.bays is not None
         state, problem = run.bays, self.problem
         steps = len(run.positions)
-        loads = [e for e in self.effects if isinstance(e, StateLoad)]
+        loads = _loads(self.effects)
         own = [
             (n, c.effect, c.parameter, c.values)
             for n, c in enumerate(self.request.columns)
@@ -421,7 +380,7 @@ class _Part:
         actions = [e.by_value(state, values, name).reshape(steps, -1) for _, e, name, values in own]
         columns = [n for n, *_ in own]
         if loads:
-            by_state = _through_state(loads, self.values, state, moved)
+            by_state = through_state(loads, self.values, state, moved)
             actions += list(np.moveaxis(by_state, 2, 0))
             columns += list(numbers)
         if not actions:
@@ -429,7 +388,7 @@ class _Part:
         stacked = np.stack(actions, axis=-1)
         if loads:
             solved = np.all(np.isfinite(stacked), axis=(1, 2))
-            coupling = _coupling(loads, self.values, state, response)
+            coupling = np.eye(stacked.shape[1]) - through_state(loads, self.values, state, response.state)
             stacked[solved] = np.linalg.solve(coupling[solved], stacked[solved])
         matrix[:, columns] += of_readings(problem, stacked, response)
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from scipy.optimize import lsq_linear
 from tdcr_fe.effects import Effect
 from tdcr_fe.identify.causes import ReadingCause
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
+from tdcr_fe.identify.forward import advance
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.result import Profile
 from tdcr_fe.identify.settings import OutOfTime, clock
@@ -83,32 +85,7 @@ def run_fits(problem: FitProblem, fittings: Sequence[Fitting]) -> list[Fit]:
     OutOfTime
         The deadline has passed before each had a complete model.
     """
-    found: list[Fit | None] = [None] * len(fittings)
-    pending: dict[int, Request] = {}
-
-    def advance(number: int, linear: Linear | OutOfTime | None) -> None:
-        fitting = fittings[number]
-        try:
-            if isinstance(linear, OutOfTime):
-                pending[number] = fitting.throw(linear)
-            else:
-                pending[number] = next(fitting) if linear is None else fitting.send(linear)
-        except StopIteration as end:
-            found[number] = end.value
-
-    for number in range(len(fittings)):
-        advance(number, None)
-    while pending:
-        numbers, requests = list(pending), list(pending.values())
-        pending.clear()
-        answers: Sequence[Linear | OutOfTime]
-        try:
-            answers = linearize(problem, requests)
-        except OutOfTime as end:
-            answers = [end] * len(requests)
-        for number, answer in zip(numbers, answers, strict=True):
-            advance(number, answer)
-    return [f for f in found if f is not None]
+    return advance(fittings, partial(linearize, problem))
 
 
 def fit(

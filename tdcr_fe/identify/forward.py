@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
@@ -217,6 +217,8 @@ def _differentiated(
 
 
 Given = TypeVar("Given")
+Asked = TypeVar("Asked")
+Answer = TypeVar("Answer")
 Found = TypeVar("Found")
 
 #: Experiments with an effect that are kept in memory: neighbouring models share most of their effects.
@@ -341,3 +343,35 @@ def _timed(
     except OutOfTime:
         return (), time.process_time() - begun
     return found, time.process_time() - begun
+
+
+def advance(
+    work: Sequence[Generator[Asked, Answer, Found]], answers: Callable[[list[Asked]], Sequence[Answer]]
+) -> list[Found]:
+    """Advance several generators to their ends together; what all of them ask for at a time is answered at a time.
+
+    Where the time is over, each is told so by `OutOfTime`.
+    """
+    found: dict[int, Found] = {}
+    asked: dict[int, Asked] = {}
+
+    def go_on(number: int, step: Callable[[], Asked]) -> None:
+        try:
+            asked[number] = step()
+        except StopIteration as end:
+            found[number] = end.value
+
+    for number, one in enumerate(work):
+        go_on(number, partial(next, one))
+    while asked:
+        numbers, questions = list(asked), list(asked.values())
+        asked.clear()
+        try:
+            given = answers(questions)
+        except OutOfTime as end:
+            for number in numbers:
+                go_on(number, partial(work[number].throw, end))
+            continue
+        for number, answer in zip(numbers, given, strict=True):
+            go_on(number, partial(work[number].send, answer))
+    return [found[number] for number in range(len(work))]

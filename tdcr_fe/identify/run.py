@@ -307,6 +307,13 @@ class Run:
         }
         return cls(s=nodes, **tables, solved=0, message=like.message)
 
+    def moved(self, change: RunDerivatives) -> Run:
+        """The run with a change added, to first order: derivatives by one parameter."""
+        turned = Rotation.from_rotvec(change.rotations.reshape(-1, 3)).as_matrix()
+        tables = {n: getattr(self, n) + getattr(change, n)[..., 0] for n in _BY_STEP if n != "rotations"}
+        rotations = turned.reshape(self.rotations.shape) @ self.rotations
+        return replace(self, **tables, rotations=rotations)
+
     @property
     def curvature(self) -> Array:
         """Of the elements, as turning rates about the section's axes x, y, z [1/m], shape (n_steps, n-1, 3)."""

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from tdcr_fe.effects import Effect, Experiment
-from tdcr_fe.identify.causes import ReadingCause, StateLoad
+from tdcr_fe.identify.balance import best_points
+from tdcr_fe.identify.causes import PointForce, ReadingCause, StateLoad
 from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.fitting import can_be_seen
-from tdcr_fe.identify.problem import Fit, FitProblem, Point
+from tdcr_fe.identify.problem import SAME, Fit, FitProblem, Point
+from tdcr_fe.identify.run import Run
 
 Array = NDArray[np.float64]
+
+#: Relative error of predictions by first-order columns, as a sum of squares [1].
+FIRST_ORDER = 0.02
 
 #: A direction of a candidate whose change is smaller than this share of its largest one does not count.
 SEEN = 1e-6
@@ -27,11 +33,12 @@ class Score:
 
     effects: tuple[Effect, ...]
     drop: float  # fall of the sum of squares over the fitted readings, to first order
-    starts: list[Point]  # where a fit may begin
+    starts: list[Point]  # where a fit may begin: to first order all of them promise as much
     predicted: Array  # residual over sigma that it would leave, to first order, shape (n,)
     signature: Array  # change of the predictions over sigma, by direction, shape (n, k)
     note: str = ""  # reason of refusal; empty where it is not refused
     probe: _ProbeSet | None = None  # to which the signature belongs
+    fallback: tuple[Point, ...] = ()  # where it may begin if the starts are worse than the model without
     # typical steps of its parameters in their fitted coordinates
     scales: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
@@ -41,7 +48,7 @@ class Score:
     ) -> Score:
         """Of an effect that is not tried beside a model."""
         nothing = np.zeros((fit.residual.size, 0))
-        return cls((effect,), 0.0, [], fit.residual, nothing, note, None, scales or {})
+        return cls((effect,), 0.0, [], fit.residual, nothing, note, scales=scales or {})
 
     @property
     def effect(self) -> Effect:
@@ -55,11 +62,12 @@ class Score:
 
     @property
     def count(self) -> int:
-        """Parameters of the candidates that change anything: the rank of the signature."""
-        if not self.signature.size:
+        """Parameters of the candidates that change anything: the rank of the signature, and those that it holds."""
+        if not self.signature.size or self.probe is None:
             return sum(len(e.parameters) for e in self.effects)
         size = np.linalg.norm(self.signature, axis=0)
-        return int(np.count_nonzero(size > SEEN * np.max(size)))
+        held = sum(self.probe.start[name] != null for name, null in self.probe.null.items())
+        return int(np.count_nonzero(size > SEEN * np.max(size))) + held
 
 
 def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> tuple[list[Score], Fit]:
@@ -118,14 +126,6 @@ def _possible(problem: FitProblem, fit: Fit, e: Effect, points: Sequence[dict[st
     return True
 
 
-#: Effect, parameter and values at which a derivative is taken.
-_ColumnKey = tuple[str, str, tuple[float, ...]]
-
-
-def _column_key(column: Column) -> _ColumnKey:
-    return (*column.key, tuple(column.values.values()))
-
-
 @dataclass(frozen=True)
 class _ProbeSet:
     """One of the alternatives of `Effect.probe_points`."""
@@ -156,9 +156,9 @@ class _ProbeSet:
                     found.setdefault(name, Column(self.differentiated, name, self.start, change))
         return found
 
-    def key(self, name: str) -> _ColumnKey:
+    def key(self, name: str) -> tuple[str, str, tuple[float, ...]]:
         """Of the column of a parameter; the same where the derivative is the same."""
-        return _column_key(Column(self.effect, name, self.start, 0.0))
+        return self.effect.name, name, tuple(self.start.values())
 
     def signature(self, derivatives: Mapping[str, Array], count: int) -> Array:
         """Change of the predictions towards every point, from the derivatives by parameter, shape (count, k)."""
@@ -174,33 +174,18 @@ class _ProbeSet:
 def _signatures(problem: FitProblem, fit: Fit, sets: Sequence[_ProbeSet]) -> tuple[list[Array], Fit]:
     """Signatures of all probe sets from one run, and the model with that run.
 
-    Alternatives that begin at the same values share a derivative; those that need differences each have their own.
+    Alternatives that begin at the same values share a derivative.
     """
-    exact: dict[_ColumnKey, int] = {}
-    columns: list[Column] = []
+    columns: dict[tuple[str, str, tuple[float, ...]], Column] = {}
     for one in sets:
         for name, column in one.columns.items():
-            if one.key(name) not in exact:
-                exact[one.key(name)] = len(columns)
-                columns.append(column)
-    count = fit.residual.size
-    (linear,) = linearize(problem, [Request(fit.effects, fit.values, tuple(columns), fit.run)])
-    by_key = {key: linear.matrix[:, j] for key, j in exact.items()}
-    more = [
-        column
+            columns.setdefault(one.key(name), column)
+    (linear,) = linearize(problem, [Request(fit.effects, fit.values, tuple(columns.values()), fit.run)])
+    by_key = dict(zip(columns, linear.matrix.T, strict=True))
+    found = [
+        one.signature({name: by_key[one.key(name)] for name in one.columns}, fit.residual.size)
         for one in sets
-        for name, column in one.columns.items()
-        if exact[one.key(name)] in linear.differenced and column.step != columns[exact[one.key(name)]].step
     ]
-    extra: dict[tuple[_ColumnKey, float], Array] = {}
-    if more:
-        (other,) = linearize(problem, [Request(fit.effects, fit.values, tuple(more), fit.run)])
-        for column, values in zip(more, other.matrix.T, strict=True):
-            extra[(_column_key(column), column.step)] = values
-    found = []
-    for one in sets:
-        own = {n: extra.get((one.key(n), c.step), by_key[one.key(n)]) for n, c in one.columns.items()}
-        found.append(one.signature(own, count))
     reference = (
         fit if linear.run.trajectory is None or not linear.run.solved else replace(fit, run=linear.run)
     )
@@ -257,10 +242,19 @@ class _Space:
         return problem.point(fit.effects, fit.values, fit.free, z), np.asarray(left - fit.jacobian @ own)
 
 
+class _Probed(NamedTuple):
+    """One of the alternatives of a candidate, with its best amplitudes."""
+
+    drop: float  # fall of the sum of squares
+    amplitude: Array  # shape (k,)
+    probe: _ProbeSet
+    signature: Array  # shape (n, k)
+
+
 def _score(problem: FitProblem, fit: Fit, space: _Space, sets: Sequence[tuple[_ProbeSet, Array]]) -> Score:
     """The best of the alternatives of one candidate."""
     e = sets[0][0].effect
-    found: list[tuple[float, Array, _ProbeSet, Array]] = []
+    found: list[_Probed] = []
     scales: dict[tuple[str, str], float] = {}
     for one, signature in sets:
         low, high = np.array([_amplitude_range(problem, e, one.null, d) for d in one.directions]).T
@@ -270,21 +264,44 @@ def _score(problem: FitProblem, fit: Fit, space: _Space, sets: Sequence[tuple[_P
         for name, j in ((n, j) for d in one.directions for n, j in d.items()):
             if j != 0.0:
                 scales[(e.name, name)] = abs(j)
-        found.append((drop, amplitude, one, signature))
+        found.append(_Probed(drop, amplitude, one, signature))
     if not found:
         return Score.refused(e, fit, "it changes nothing on these data", scales)
-    drop, amplitude, one, signature = max(found, key=lambda x: x[0])
+    if isinstance(e, PointForce):
+        return replace(_at_points(problem, space, e, fit.run, fit.cost), scales=scales)
+    drop, amplitude, one, signature = max(found, key=lambda x: x.drop)
     points = [_mix(problem, one, factor * amplitude) for factor in (1.0, 0.5)]
     values, predicted = space.adapted(signature @ amplitude)
-    starts = [{**values, e.name: points[0]}, *({**fit.values, e.name: point} for point in points)]
-    return Score((e,), drop, starts, predicted, signature, "", one, scales)
+    fallback = tuple({**fit.values, e.name: point} for point in points)
+    start = {**values, e.name: points[0]}
+    return Score((e,), drop, [start], predicted, signature, "", one, fallback, scales)
 
 
-def rescored(problem: FitProblem, fit: Fit, score: Score) -> Score:
-    """A candidate beside another model, with the columns that it has."""
-    one = score.probe
+def _at_points(
+    problem: FitProblem, space: _Space, e: PointForce, run: Run, cost: float, follows: bool = True
+) -> Score:
+    """A force towards a point beside a model of some cost, from all points that first order does not tell apart."""
+    found = best_points(problem, run, e, space, follows)
+    if not found:
+        return Score.refused(e, space.fit, "")  # beside another model it may
+    best, *others = found
+    alike = [best]
+    for x in others:
+        other = all(float(np.sum((x.change - y.change) ** 2)) > SAME for y in alike)
+        if other and x.drop > best.drop - FIRST_ORDER * cost:
+            alike.append(x)
+    adapted = [space.adapted(x.change) for x in alike]
+    starts = [{**values, e.name: x.values} for x, (values, _) in zip(alike, adapted, strict=True)]
+    probe = _ProbeSet.of(e, [best.values], problem.experiment)
+    return Score((e,), best.drop, starts, adapted[0][1], best.change[:, None], "", probe)
+
+
+def rescored(problem: FitProblem, fit: Fit, score: Score, run: Run) -> Score:
+    """A candidate beside another model, with the columns that it has beside the model of a run."""
+    one, space = score.probe, _Space.of(problem, fit)
     assert one is not None
-    space = _Space.of(problem, fit)
+    if isinstance(one.effect, PointForce):
+        return _at_points(problem, space, one.effect, run, fit.cost, follows=False)
     low, high = np.array([_amplitude_range(problem, one.effect, one.null, d) for d in one.directions]).T
     amplitude, drop = space.amplitudes(score.signature, low, high)
     values, predicted = space.adapted(score.signature @ amplitude)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Effect, EffectAtPlace
 from tdcr_fe.effects.base import Points
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.causes import Cause, is_named
+from tdcr_fe.identify.causes import is_named
 from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
     at_bound,
@@ -42,7 +42,7 @@ from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.result import Candidate
-from tdcr_fe.identify.screening import Score, apart, rescored, screen
+from tdcr_fe.identify.screening import FIRST_ORDER, Score, apart, rescored, screen
 from tdcr_fe.identify.search_state import (
     Search,
     SearchState,
@@ -57,9 +57,6 @@ from tdcr_fe.identify.search_state import (
 from tdcr_fe.identify.settings import EXCHANGES, FURTHER_EFFECTS, OutOfTime
 
 Array = NDArray[np.float64]
-
-#: Relative error of predictions by first-order columns, as a sum of squares [1].
-FIRST_ORDER = 0.02
 
 #: Models of listed effects that are extended besides the best model.
 EXTENDED = 2
@@ -95,7 +92,6 @@ def search_causes(search: Search, state: SearchState) -> Stage:
             state = state.without_trying(EXCHANGES)
             break
         search.report("exchanges", 0.75)
-        state = yield from in_time(state, elsewhere(search, state), EXCHANGES)
         grown = state.best
         state = yield from in_time(state, exchange(search, state), EXCHANGES)
         if state.best is grown or state.best is before:
@@ -139,33 +135,10 @@ def scores_beside(
     return state, done, reference
 
 
-def own_price(problem: FitProblem, scores: Sequence[Score]) -> float:
-    """What candidates cost by themselves: their parameters and their prior, as in the criterion."""
-    prior = sum(price(x.effects, problem.data.robot) for x in scores)
-    prior += sum(price_of_gravity(problem, x.starts[0]) for x in scores if x.starts and "gravity" in x.names)
-    return sum(x.count for x in scores) * math.log(problem.count) + prior
-
-
-def promised(problem: FitProblem, fit: Fit, drop: float, scores: Sequence[Score]) -> float:
-    """Criterion over the fitted readings that a candidate promises to first order, with its prior.
-
-    The predicted residual is not taken below the noise and the error of first order: there, simpler candidates come
-    first.
-    """
-    least = float(np.count_nonzero(problem.fitted)) + FIRST_ORDER * fit.cost
-    return max(fit.cost - drop, least) + own_price(problem, scores)
-
-
-def worth_fitting(search: Search, problem: FitProblem, fit: Fit, scores: Sequence[Score]) -> list[Score]:
-    """Candidates that promise more than chance and leave degrees of freedom, the most promising first."""
-    noise = reduced_chi_square(problem, fit)
-    spare = int(np.count_nonzero(problem.fitted)) - len(fit.free)
-    found = [
-        x
-        for x in scores
-        if x.starts and x.count < spare and x.drop > required_drop(x.count, search.significance, noise)
-    ]
-    return sorted(found, key=lambda x: promised(problem, fit, x.drop, (x,)))
+def own_price(problem: FitProblem, score: Score) -> float:
+    """What a candidate costs by itself: its parameters and its prior, as in the criterion."""
+    gravity = price_of_gravity(problem, score.starts[0]) if "gravity" in score.names else 0.0
+    return score.count * math.log(problem.count) + price(score.effects, problem.data.robot) + gravity
 
 
 class Proposal(NamedTuple):
@@ -191,14 +164,32 @@ class Proposal(NamedTuple):
         return all(map(is_named, (*self.parent.effects, *self.score.effects)))
 
 
+def worth_fitting(
+    search: Search, problem: FitProblem, parent: Fit, scores: Sequence[Score], reference: Fit | None = None
+) -> list[Proposal]:
+    """Candidates beside a model that promise more than chance and leave degrees of freedom, the most promising first.
+
+    The residual that one predicts is not taken below the noise and the error of first order: there, simpler candidates
+    come first. ``reference``: the model with another run, from which fits begin.
+    """
+    noise, found = reduced_chi_square(problem, parent), []
+    fitted = int(np.count_nonzero(problem.fitted))
+    for x in scores:
+        drop = required_drop(x.count, search.significance, noise)
+        if x.starts and x.count < fitted - len(parent.free) and x.drop > drop:
+            cost = max(parent.cost - x.drop, fitted + FIRST_ORDER * parent.cost)
+            criterion = cost + own_price(problem, x) + parent_price(problem, parent)
+            found.append(Proposal(reference or parent, x, criterion))
+    return sorted(found, key=lambda x: x.criterion)
+
+
 def singles(
     search: Search, state: SearchState, parent: Fit, named: bool, costly: bool = False
 ) -> tuple[SearchState, list[Proposal]]:
     """Single causes beside a model that are worth a fit; ``named``: listed effects alone."""
     state, scores, reference = scores_beside(state, parent, named, costly)
     found = [x for x in scores if (is_named(x.effect) or not named) and not _saturates(x.effect)]
-    found = worth_fitting(search, state.problem, parent, found)
-    return state, [_proposal(state.problem, parent, x, reference) for x in found]
+    return state, worth_fitting(search, state.problem, parent, found, reference)
 
 
 def costly_singles(
@@ -214,17 +205,9 @@ def costly_singles(
 def pairs(search: Search, state: SearchState, parent: Fit, named: bool) -> tuple[SearchState, list[Proposal]]:
     """Effects that show only beside another one, together with that one."""
     state, _, reference = scores_beside(state, parent, named, False)
-    problem = state.problem
-    if len(parent.effects) + 2 > search.settings.max_effects or lacks_test(problem, parent):
+    if len(parent.effects) + 2 > search.settings.max_effects or lacks_test(state.problem, parent):
         return state, []
-    found = worth_fitting(search, problem, parent, together(state, reference))
-    return state, [_proposal(problem, parent, x, reference) for x in found]
-
-
-def _proposal(problem: FitProblem, parent: Fit, score: Score, reference: Fit | None = None) -> Proposal:
-    """A candidate beside a model; with the model as a reference for its fit, where there is another one."""
-    criterion = parent_price(problem, parent) + promised(problem, parent, score.drop, (score,))
-    return Proposal(reference or parent, score, criterion)
+    return state, worth_fitting(search, state.problem, parent, together(state, reference), reference)
 
 
 # ------------------------------------------------------------------------------------------------------- fits
@@ -313,7 +296,7 @@ def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal) -> bool:
     if forms or not x.signature.size or criterion < limit:
         return True
     left, whole = apart(problem, parent, parent.residual - ahead.residual, x)
-    own = parent_price(problem, parent) + own_price(problem, (x,))
+    own = parent_price(problem, parent) + own_price(problem, x)
     return ahead.cost + max(0.0, left - FIRST_ORDER * whole) + own < limit
 
 
@@ -328,13 +311,13 @@ def _begun(problem: FitProblem, found: Sequence[Proposal]) -> list[Fit]:
     def evaluated(x: Proposal, starts: Sequence[Point]) -> fitting.Fitting:
         return fitting.begin(problem, (*x.parent.effects, *x.score.effects), starts, fitting.Race(), x.parent)
 
-    fits = fitting.run_fits(problem, [evaluated(x, x.score.starts[:1]) for x in found])
+    fits = fitting.run_fits(problem, [evaluated(x, x.score.starts) for x in found])
     again = [
         k
         for k, (x, now) in enumerate(zip(found, fits, strict=True))
-        if not now.cost < x.parent.cost and len(x.score.starts) > 1
+        if not now.cost < x.parent.cost and x.score.fallback
     ]
-    more = fitting.run_fits(problem, [evaluated(found[k], found[k].score.starts[1:]) for k in again])
+    more = fitting.run_fits(problem, [evaluated(found[k], found[k].score.fallback) for k in again])
     for k, other in zip(again, more, strict=True):
         fits[k] = min(fits[k], other, key=lambda f: f.cost)
     return fits
@@ -397,7 +380,7 @@ def grow(search: Search, state: SearchState) -> Stage:
             stage = "listed" if named else propose.__name__
             state = replace(state, extended=state.extended | {(frozenset(parent.names), stage)})
             state, new = propose(search, state, parent, named)
-            new = sorted((x for x in new if len(x.names) <= most_effects), key=lambda x: x.criterion)
+            new = [x for x in new if len(x.names) <= most_effects]
             pool += new
             search.report(f"fitting {listed_names([x.score.names[-1] for x in new[:5]])}", progress)
             ahead = state.best if search.explained(state) else None
@@ -593,9 +576,10 @@ def at_full_strength(
         if new.solved:
             start, left = fitting.linear_optimum(problem, new)
             drop = parent.cost - problem.cost(left)[0]
-            starts = [start, new.values] if new.free else [start]
-            scores.append(Score((e,), drop, starts, left, np.zeros((problem.count, 0))))
-    found = [_proposal(problem, parent, x) for x in worth_fitting(search, problem, parent, scores)[:2]]
+            fallback = (new.values,) if new.free else ()
+            nothing = np.zeros((problem.count, 0))
+            scores.append(Score((e,), drop, [start], left, nothing, fallback=fallback))
+    found = worth_fitting(search, problem, parent, scores)[:2]
     # those that were fitted from small values begin anew
     kept = {k: f for k, f in state.fits.items() if k not in {x.names for x in found}}
     return replace(state, fits=kept), found
@@ -623,46 +607,6 @@ def backward_selection(search: Search, state: SearchState) -> Stage:
     return state
 
 
-def elsewhere(search: Search, state: SearchState) -> Stage:
-    """Move every cause of the best model to the places before and after its own, as long as that is better.
-
-    The first order tells little about places of a cord or a wall, and the place that is fitted first looks certain
-    where its neighbours are not.
-    """
-    while True:
-        problem, best, moved = state.problem, state.best, []
-        for e in best.effects:
-            places = [
-                x for x in state.dictionary if x.name == e.name or (_family(e) and _family(x) == _family(e))
-            ]
-            at = [x.name for x in places].index(e.name)
-            for other in (places[k] for k in (at - 1, at + 1) if 0 <= k < len(places)):
-                effects = tuple(other if x is e else x for x in best.effects)
-                known = state.fits.get(frozenset(x.name for x in effects))
-                if (known is None or known.pruned) and not search.out_of_time:
-                    start = {
-                        x.name: best.values[own.name] for x, own in zip(effects, best.effects, strict=True)
-                    }
-                    moved.append(fitting.smaller(problem, effects, start, best))
-        fits = fitting.run_fits(problem, moved)
-        for fit in fits:
-            state = state.with_fit(fit)
-        new = min([best, *fits], key=lambda f: rank(problem, f) if f.solved else math.inf)
-        if new is best:
-            return state
-        state = replace(state, best=new).with_history(
-            f"{listed_names(new.names)}: a neighbouring place explains more"
-        )
-        yield state
-
-
-def _family(e: Effect) -> str:
-    """What a cause shares with the same one at other places; empty where it has no place."""
-    if isinstance(e, Cause):
-        return e.family
-    return e.listed if isinstance(e, EffectAtPlace) else ""
-
-
 def exchange(search: Search, state: SearchState) -> Stage:
     """Exchange every cause, and every two, of the best model for one other; the best of all is taken.
 
@@ -687,11 +631,11 @@ def exchange(search: Search, state: SearchState) -> Stage:
             (base,) = fitting.run_fits(problem, [fitting.evaluated(problem, rest, values, free, best)])
         if not base.solved:
             continue
-        state, scores, _ = scores_beside(state, best, costly=not search.is_noise(problem, best))
+        state, scores, reference = scores_beside(state, best, costly=not search.is_noise(problem, best))
         problem, names = state.problem, {e.listed for e in (*gone, *rest)}
         others = [x for x in scores if x.starts and x.effect.listed not in names and x.signature.size]
-        others = [rescored(problem, base, x) for x in others]
-        near = [_proposal(problem, base, x) for x in worth_fitting(search, problem, base, others)]
+        others = [rescored(problem, base, x, reference.run) for x in others]
+        near = worth_fitting(search, problem, base, others)
         state, more = fit_proposals(search, state, near, best)
         fits += more
     better = [f for f in fits if rank(problem, f) < rank(problem, best) and _admissible(search, state, f)]

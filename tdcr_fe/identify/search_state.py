@@ -19,7 +19,7 @@ from tdcr_fe.identify.criteria import (
     robust_threshold,
 )
 from tdcr_fe.identify.noise import with_input_sigma
-from tdcr_fe.identify.problem import Fit, FitProblem, fit_of_run, refine
+from tdcr_fe.identify.problem import SAME, Fit, FitProblem, fit_of_run, refine
 from tdcr_fe.identify.result import Candidate
 from tdcr_fe.identify.screening import Score
 from tdcr_fe.identify.settings import MAY_EXPLAIN, IdentifySettings, OutOfTime, clock
@@ -32,9 +32,6 @@ Progress = Callable[[str, float], None]
 
 #: A stage of the search: yields every complete state, and returns the last one.
 Stage = Generator["SearchState", None, "SearchState"]
-
-#: Predictions that differ by less than this in all readings together, as a sum of squares over sigma, are the same [1].
-SAME = 1.0
 
 #: Repetitions of refining the discretisation, at most.
 REPETITIONS = 3

@@ -24,7 +24,7 @@ from tdcr_fe.identify.criteria import UNNAMED, price
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.forward import Job
-from tdcr_fe.identify.search import elsewhere, exchange, search_causes
+from tdcr_fe.identify.search import exchange, search_causes
 from tdcr_fe.model.routing import MisplacedRouting
 
 
@@ -154,30 +154,6 @@ def test_a_jump_of_an_input_begins_at_its_row_and_leaves_the_other_inputs():
     for n, before, after in zip(problem.data.step_ids, problem.experiment.steps, moved.steps, strict=True):
         change = {t: after.tensions[t] - x for t, x in before.tensions.items()}
         assert change == pytest.approx({"t1": 0.1 if n >= 7 else 0.0, "t2": 0.0})
-
-
-def test_the_place_of_a_cause_is_compared_with_its_neighbours():
-    """A wall at the tip was stated at another disk with a probability of 1: its neighbours had not been fitted."""
-    truth = {"kink": {"s": 0.125, "kappa_x": 3.0, "kappa_y": 0.0}}
-    state = begun(measured(truth))
-    places = [effect("kink").at({"s": s}) for s in (0.025, 0.075, 0.125, 0.175)]
-    wrong = fit(state.problem, places[:1], [{places[0].name: {"kappa_x": 1.0, "kappa_y": 0.0}}])
-    state = replace(state.with_fit(wrong), best=wrong, dictionary=tuple(places))
-    for latest in elsewhere(searching(), state):
-        state = latest
-    assert state.best.names == (places[2].name,)
-
-
-def test_causes_of_one_family_have_the_same_numbers_at_different_places():
-    """One begins at the values of the other: the holes of a tendon that turn along the backbone have other numbers."""
-    families = {}
-    for e in whole_dictionary(problem_of(measured())):
-        if not is_named(e) and e.family:
-            families.setdefault(e.family, []).append(e)
-    assert max(map(len, families.values())) > 3
-    for own in families.values():
-        assert len({tuple(p.name for p in e.parameters) for e in own}) == 1
-        assert len({e.kind.where for e in own}) > 1 or len(own) == 1
 
 
 def test_one_hole_or_one_disk_is_moved_and_no_other():

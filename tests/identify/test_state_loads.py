@@ -15,11 +15,12 @@ from tdcr_fe.identify import identify
 from tdcr_fe.identify.bay_state import Action, last_direction, with_action
 from tdcr_fe.identify.causes import Attraction, Cord, StateLoad
 from tdcr_fe.identify.corrected import corrected_files
-from tdcr_fe.identify.derivatives import TOLERANCE, Column, Request, balanced, linearize
+from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.forward import Job
-from tdcr_fe.identify.problem import with_elements
+from tdcr_fe.identify.problem import evaluate, with_elements
 from tdcr_fe.identify.report import render
+from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.sentences import headline, summary
 from tdcr_fe.identify.state_loads import (
     ABOUT_X,
@@ -82,9 +83,9 @@ def test_a_hardening_law_holds_in_the_arc_that_a_moment_gives():
     problem = problem_of(MeasuredData("rod", rod, MODEL, (1, 2), steps, ("", ""), readings))
     load, c = load_of(HARDENING), 0.25 * rod.backbone.EI / 4.0
     values = {load.name: {"coefficient": -c}}
-    action, run = balanced(problem, Request((load,), values, ()))
-    gap = load.action(run.bays, values[load.name]) - action.values
-    assert np.abs(gap).max() <= TOLERANCE * rod.backbone.EI / LENGTH
+    run = linearize(problem, [Request((load,), values, ())])[0].run
+    gap = load.action(run.bays, values[load.name]) - run.acted.action.values
+    assert np.abs(gap).max() <= 1e-5 * rod.backbone.EI / LENGTH
     for k, share in enumerate((0.5, 1.0)):
         kappa = (-rod.backbone.EI + np.sqrt(rod.backbone.EI**2 + 4.0 * c * share * moment)) / (2.0 * c)
         np.testing.assert_allclose(run.bays.curvature[k, :, 1], kappa, rtol=1e-4)
@@ -120,6 +121,32 @@ def test_derivatives_with_a_load_that_depends_on_the_state_are_those_of_differen
     for j, (e, name, h) in enumerate(free):
         difference = (at((e, name), -h).residual - at((e, name), h).residual) / (2.0 * h)
         np.testing.assert_allclose(matrix[:, j], difference, atol=2e-3 * np.abs(difference).max())
+
+
+@pytest.mark.parametrize(
+    ("kind", "law", "own"),
+    [(Attraction, (2, 1e-3), {"k": 5e-5}), (Cord, (0.01,), {"k": 0.2, "slack": 0.19})],
+    ids=["attraction", "cord"],
+)
+def test_a_force_towards_a_point_is_proposed_where_it_acts(kind, law, own):
+    """From the declared model alone, all its numbers; at another disk less is explained."""
+    data = measured()
+    problem = problem_of(data)
+    (run,) = problem.run([Job(problem.experiment, states=True)])
+    tip = run.bays.shape[1] - 1
+    pull, other = kind(LENGTH, tip, run.bays, *law), kind(float(run.bays.edges[tip]), tip - 1, run.bays, *law)
+    values = {"x": -0.15, "y": -0.1, "z": 0.2, **own}
+    (true,) = linearize(problem, [Request((pull,), {pull.name: values}, ())])
+    read = problem.readings.values - true.residual * problem.sigma
+    read = tuple(replace(r, value=float(v), sigma=1e-5) for r, v in zip(data.readings, read, strict=True))
+    problem = problem_of(replace(data, readings=read))
+    (at_tip, at_disk), _ = screen(problem, evaluate(problem, (), {}), (pull, other))
+    assert at_tip.effect is pull
+    proposed = min(
+        (p[pull.name] for p in at_tip.starts), key=lambda v: sum((v[n] - x) ** 2 for n, x in values.items())
+    )
+    assert proposed == pytest.approx(values, rel=0.05)
+    assert at_tip.drop > at_disk.drop
 
 
 def test_products_that_a_listed_effect_has_are_no_terms():

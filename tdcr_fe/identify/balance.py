@@ -1,0 +1,165 @@
+"""Loads that depend on the state of the robot: the action at which both agree, where the state follows it linearly.
+
+Near a run the state ``x`` follows the action ``a`` by the exact response ``H`` of that run. Loads ``F`` agree with it
+where ``a = F(x + H (a - a0))``, which Newton's method solves: ``(I - F' H) da = F - a``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from tdcr_fe.identify.bay_state import COMPONENTS, Action, BayState, Response
+from tdcr_fe.identify.causes import PointForce, StateLoad
+from tdcr_fe.identify.problem import FitProblem, Point
+from tdcr_fe.identify.run import Run
+from tdcr_fe.model.robot import Robot
+
+Array = NDArray[np.float64]
+
+#: Newton's iterations at most; they end where what is missing does not fall to this share of it [1].
+ITERATIONS, FALLS = 10, 0.5
+
+#: Points from which all numbers of a force are fitted, and steps of each fit at most.
+POINTS, EVALUATIONS = 3, 40
+
+
+class Space(Protocol):
+    """Weighted readings that are fitted, less what the parameters of a model can bring."""
+
+    @property
+    def rest(self) -> Array:
+        """The residual, shape (m,)."""
+
+    def free(self, signature: Array) -> Array:
+        """Columns of changes of the predictions over sigma, from shape (n, k) to (m, k)."""
+
+
+class Agreement(NamedTuple):
+    """Loads and state near a run."""
+
+    action: Action
+    change: Array  # of the action from that of the run, shape (K, 5 n_bays, 1)
+    state: BayState  # with the change
+    coupling: Array  # ``I - F' H``, shape (K, 5 n_bays, 5 n_bays)
+    missing: float  # what the loads give beyond the action of the run, over `scale` [1]
+
+
+def scale(robot: Robot) -> Array:
+    """Moments and forces that bend a backbone by about its length, in the order of an action, shape (5,)."""
+    backbone = robot.backbone
+    return np.array([backbone.EI / backbone.length] * 2 + [backbone.EI / backbone.length**2] * 3)
+
+
+def agreed(loads: Sequence[StateLoad], values: Point, run: Run, robot: Robot) -> Agreement:
+    """Loads and state near a run that carries an action."""
+    assert run.bays is not None and run.acted is not None
+    response, start = run.acted.response, run.acted.action.in_frames(run.bays.rotation)
+    shape, size = start.values.shape, scale(robot)
+    change, sizes = np.zeros((shape[0], shape[1] * COMPONENTS, 1)), list[float]()
+    while True:
+        state = run.bays.corrected((response.state @ change).reshape(shape))
+        action = start.values + change.reshape(shape)
+        gap = sum((e.action(state, values[e.name]) for e in loads), -action)
+        coupling = np.eye(change.shape[1]) - through_state(loads, values, state, response.state)
+        sizes.append(float(np.max(np.abs(gap) / size)))
+        if len(sizes) > ITERATIONS or (len(sizes) > 2 and not sizes[-1] < FALLS * sizes[-2]):
+            return Agreement(Action(action, start.rotation), change, state, coupling, sizes[0])
+        change = change + np.linalg.solve(coupling, gap.reshape(change.shape))
+
+
+def through_state(loads: Sequence[StateLoad], values: Point, state: BayState, moved: Array) -> Array:
+    """Change of the action by changes of the state, shape (K, 5 n_bays, P) both."""
+    slope = sum(
+        (e.slope(state, values[e.name]) for e in loads), np.zeros((*state.shape, COMPONENTS, COMPONENTS))
+    )
+    rows = moved.reshape(*state.shape, COMPONENTS, -1)
+    return np.einsum("kbij,kbjp->kbip", slope, rows).reshape(moved.shape)
+
+
+def of_readings(problem: FitProblem, actions: Array, response: Response) -> Array:
+    """Change of the predictions over sigma by actions of shape (K, 5 n_bays, q) to first order, shape (n, q)."""
+    out = np.zeros((problem.count, actions.shape[-1]))
+    steps = problem.readings.reader.step
+    for k in np.unique(steps):
+        mine = steps == k
+        out[mine] = response.readings[mine] @ actions[k]
+    return out
+
+
+class BestPoint(NamedTuple):
+    """A force towards a point that explains a residual better than neighbouring points do."""
+
+    drop: float  # fall of the sum of squares
+    values: dict[str, float]
+    change: Array  # of the predictions over sigma, shape (n,)
+
+
+def best_points(
+    problem: FitProblem, run: Run, cause: PointForce, space: Space, follows: bool = True
+) -> list[BestPoint]:
+    """Forces towards points that explain a residual best, where the robot follows them linearly; the best first.
+
+    Parameters
+    ----------
+    problem, run
+        The readings, and a run with its response to actions.
+    cause
+        The force. It is tried at all points of `PointForce.tries`; from the best ones all its numbers are fitted.
+    space
+        The residual, less what the parameters of the model can bring.
+    follows
+        Whether the force moves the robot from where it is in the run; False: the run is where the force holds it.
+    """
+    assert run.bays is not None and run.acted is not None
+    own = slice(COMPONENTS * cause.bay + 2, COMPONENTS * (cause.bay + 1))
+    response, by_force = run.acted.response.state[:, own, own], run.acted.response.readings[:, None, own]
+    response = response if follows else np.zeros_like(response)
+    names, steps = [p.name for p in cause.parameters], problem.readings.reader.step
+    before, before_force = run.bays.moved[:, cause.bay], np.zeros((len(response), 3, 1))
+
+    def change(z: Array) -> tuple[Array, Array]:
+        """Of the predictions, and its derivatives, by Newton's method for the force."""
+        values, force = dict(zip(names, z.tolist(), strict=True)), before_force
+        for _ in range(3):
+            moved = before + (response @ force)[..., 0]
+            missing = cause.force(moved, values)[..., None] - force
+            matrix = np.eye(3) - cause.stiffness(moved, values) @ response
+            force = force + np.linalg.solve(matrix, missing)
+        by_values = np.linalg.solve(matrix, cause.by_values(moved, values))
+        return (by_force @ force[steps])[:, 0, 0], (by_force @ by_values[steps])[:, 0]
+
+    def left(z: Array) -> Array:
+        return space.rest - space.free(change(z)[0][:, None])[:, 0]
+
+    def slopes(z: Array) -> Array:
+        return -space.free(change(z)[1])
+
+    starts = [np.array([values[n] for n in names]) for values in cause.tries(before)]
+    low, high = (np.array([getattr(p, end) for p in cause.parameters]) for end in ("lower", "upper"))
+    strength, every = names.index("k"), []
+    forces = np.stack(
+        [cause.force(before, dict(zip(names, z.tolist(), strict=True))) for z in starts], axis=-1
+    )
+    columns = space.free((by_force @ forces[steps])[:, 0])
+    size = np.maximum(np.sum(columns**2, axis=0), 1e-300)
+    amplitudes = columns.T @ space.rest / size
+    for z, amplitude in zip(starts, amplitudes, strict=True):
+        z[strength] = np.clip(amplitude * z[strength], 0.999 * low[strength], 0.999 * high[strength])
+    ordered = sorted(range(len(starts)), key=lambda i: -size[i] * amplitudes[i] ** 2)
+    for i in [i for i in ordered if starts[i][strength] > low[strength]][:POINTS]:
+        found = least_squares(
+            left,
+            starts[i],
+            slopes,
+            bounds=(low, high),
+            x_scale=[p.scale for p in cause.parameters],
+            max_nfev=EVALUATIONS,
+        )
+        values = dict(zip(names, found.x.tolist(), strict=True))
+        every.append(BestPoint(float(space.rest @ space.rest) - 2.0 * found.cost, values, change(found.x)[0]))
+    return sorted(every, key=lambda x: -x.drop)
