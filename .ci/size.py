@@ -35,7 +35,7 @@ BUDGET = {
     "tdcr_fe/model": 2738,
     "tdcr_fe/report": 1218,
     "tdcr_fe/scene": 1465,
-    "tdcr_fe/solve": 7144,
+    "tdcr_fe/solve": 7151,
     "tdcr_fe/sweeps": 1477,
     "validation": 7108,
     "tests": 14461,

@@ -131,7 +131,11 @@ def _initialised(
     mbs: exu.MainSystem, hooks: SceneHooks, settings: exu.SimulationSettings, contact: ContactStates
 ) -> Any:
     """Exudyn's static solver, ready to evaluate residual and Jacobian; the scene stays as it is."""
-    kernel, before = exu.MainSolverStatic(), mbs.systemData.GetSystemState()
+    kernel, data = exu.MainSolverStatic(), mbs.systemData
+    # Without velocities: after a motion dampers would act on the state at rest.
+    start = np.array(data.GetODE2Coordinates())
+    multipliers = np.array(data.GetAECoordinates())
+    states = np.array(data.GetDataCoordinates())
     # Exudyn's advice on large systems is about its own solvers.
     warned = exu.config.suppressWarnings
     exu.config.suppressWarnings = True
@@ -143,7 +147,11 @@ def _initialised(
         exu.config.suppressWarnings = warned
     if not ready:
         raise RuntimeError("Exudyn could not initialise its static solver for this system")
-    mbs.systemData.SetSystemState(before)
+    data.SetODE2Coordinates(start)
+    if multipliers.size:
+        data.SetAECoordinates(multipliers)
+    if states.size:
+        data.SetDataCoordinates(states)
     return kernel
 
 
