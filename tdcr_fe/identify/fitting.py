@@ -219,7 +219,7 @@ def descend(
     if not np.isfinite(now.cost):
         return now
     damping = 1e-3
-    error = float("inf") if predicted is None else _distance(problem, now.residual, predicted)
+    error = float("inf") if predicted is None else distance(problem, now.residual, predicted)
     for _ in range(max_iterations if now.free else 0):
         if race.out_of_time:
             break
@@ -240,7 +240,7 @@ def descend(
                 break
             continue
         gain = now.cost - trial.cost
-        error = _distance(problem, trial.residual, now.residual - now.jacobian @ step)
+        error = distance(problem, trial.residual, now.residual - now.jacobian @ step)
         if gain > 0.25 * promised:
             damping = max(1e-6, 0.1 * damping)
         now = trial
@@ -267,7 +267,7 @@ def reachable_cost(problem: FitProblem, now: Fit) -> float:
     return max(0.0, now.cost - _proposal(problem, now, 0.0)[2])
 
 
-def _distance(problem: FitProblem, a: Array, b: Array) -> float:
+def distance(problem: FitProblem, a: Array, b: Array) -> float:
     """Root of the robust sum of squares of a difference of residuals, over the fitted readings."""
     return float(np.sqrt(problem.cost(a - b)[0]))
 

@@ -246,11 +246,7 @@ def fit_proposals(
         except OutOfTime:
             break
         found = [
-            (
-                fitting.reachable_cost(problem, now) - FIRST_ORDER * now.cost + parent_price(problem, now),
-                now,
-                x,
-            )
+            (fitting.reachable_cost(problem, now) + parent_price(problem, now), now, x)
             for now, x in zip(begun, chosen.values(), strict=True)
             if now.solved
         ]
@@ -258,8 +254,8 @@ def fit_proposals(
         while queue:
             together: list[fitting.Fitting] = []
             while queue and len(together) < problem.forward.processes:
-                least, now, x = queue.pop(0)
-                if left[x.named] and (ahead is None or least <= _limit(problem, ahead)):
+                _, now, x = queue.pop(0)
+                if left[x.named] and (ahead is None or _may_reach(problem, ahead, now, x)):
                     left[x.named] -= 1
                     together.append(_fitted(problem, now, x.score.predicted, races[x.named]))
             for now in fitting.run_fits(problem, together):
@@ -298,6 +294,13 @@ def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal) -> bool:
     left, whole = apart(problem, parent, parent.residual - ahead.residual, x)
     own = parent_price(problem, parent) + own_price(problem, x)
     return ahead.cost + max(0.0, left - FIRST_ORDER * whole) + own < limit
+
+
+def _may_reach(problem: FitProblem, ahead: Fit, now: Fit, proposal: Proposal) -> bool:
+    """Whether an evaluated model may become about as probable as another one, by the error of its prediction."""
+    error = fitting.distance(problem, now.residual, proposal.score.predicted)
+    limit = _limit(problem, ahead) - parent_price(problem, now)
+    return math.sqrt(fitting.reachable_cost(problem, now)) - error <= math.sqrt(max(limit, 0.0))
 
 
 def parent_price(problem: FitProblem, fit: Fit) -> float:
