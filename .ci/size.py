@@ -29,7 +29,7 @@ BUDGET = {
     "tdcr_fe/commands": 1027,
     "tdcr_fe/effects": 1304,
     "tdcr_fe/estimate": 1019,
-    "tdcr_fe/identify": 6355,
+    "tdcr_fe/identify": 6360,
     "tdcr_fe/io": 1965,
     "tdcr_fe/live": 375,
     "tdcr_fe/model": 2738,
