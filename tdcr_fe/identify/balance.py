@@ -45,7 +45,6 @@ class Agreement(NamedTuple):
     action: Action
     change: Array  # of the action from that of the run, shape (K, 5 n_bays, 1)
     state: BayState  # with the change
-    coupling: Array  # ``I - F' H``, shape (K, 5 n_bays, 5 n_bays)
     missing: float  # what the loads give beyond the action of the run, over `scale` [1]
 
 
@@ -65,11 +64,11 @@ def agreed(loads: Sequence[StateLoad], values: Point, run: Run, robot: Robot) ->
         state = run.bays.corrected((response.state @ change).reshape(shape))
         action = start.values + change.reshape(shape)
         gap = sum((e.action(state, values[e.name]) for e in loads), -action)
-        coupling = np.eye(change.shape[1]) - through_state(loads, values, state, response.state)
         sizes.append(float(np.max(np.abs(gap) / size)))
         if len(sizes) > ITERATIONS or (len(sizes) > 2 and not sizes[-1] < FALLS * sizes[-2]):
-            return Agreement(Action(action, start.rotation), change, state, coupling, sizes[0])
-        change = change + np.linalg.solve(coupling, gap.reshape(change.shape))
+            return Agreement(Action(action, start.rotation), change, state, sizes[0])
+        matrix = coupling(loads, values, state, response)
+        change = change + np.linalg.solve(matrix, gap.reshape(change.shape))
 
 
 def through_state(loads: Sequence[StateLoad], values: Point, state: BayState, moved: Array) -> Array:
@@ -79,6 +78,12 @@ def through_state(loads: Sequence[StateLoad], values: Point, state: BayState, mo
     )
     rows = moved.reshape(*state.shape, COMPONENTS, -1)
     return np.einsum("kbij,kbjp->kbip", slope, rows).reshape(moved.shape)
+
+
+def coupling(loads: Sequence[StateLoad], values: Point, state: BayState, response: Response) -> Array:
+    """The matrix ``I - F' H`` of every step, shape (K, 5 n_bays, 5 n_bays)."""
+    through = through_state(loads, values, state, response.state)
+    return np.asarray(np.eye(through.shape[1]) - through)
 
 
 def of_readings(problem: FitProblem, actions: Array, response: Response) -> Array:
@@ -120,11 +125,14 @@ def best_points(
     response, by_force = run.acted.response.state[:, own, own], run.acted.response.readings[:, None, own]
     response = response if follows else np.zeros_like(response)
     names, steps = [p.name for p in cause.parameters], problem.readings.reader.step
-    before, before_force = run.bays.moved[:, cause.bay], np.zeros((len(response), 3, 1))
+    before, none = run.bays.moved[:, cause.bay], np.zeros((len(response), 3, 1))
+
+    def named(z: Array) -> dict[str, float]:
+        return dict(zip(names, z.tolist(), strict=True))
 
     def change(z: Array) -> tuple[Array, Array]:
         """Of the predictions, and its derivatives, by Newton's method for the force."""
-        values, force = dict(zip(names, z.tolist(), strict=True)), before_force
+        values, force = named(z), none
         for _ in range(3):
             moved = before + (response @ force)[..., 0]
             missing = cause.force(moved, values)[..., None] - force
@@ -142,9 +150,7 @@ def best_points(
     starts = [np.array([values[n] for n in names]) for values in cause.tries(before)]
     low, high = (np.array([getattr(p, end) for p in cause.parameters]) for end in ("lower", "upper"))
     strength, every = names.index("k"), []
-    forces = np.stack(
-        [cause.force(before, dict(zip(names, z.tolist(), strict=True))) for z in starts], axis=-1
-    )
+    forces = np.stack([cause.force(before, named(z)) for z in starts], axis=-1)
     columns = space.free((by_force @ forces[steps])[:, 0])
     size = np.maximum(np.sum(columns**2, axis=0), 1e-300)
     amplitudes = columns.T @ space.rest / size
@@ -160,6 +166,6 @@ def best_points(
             x_scale=[p.scale for p in cause.parameters],
             max_nfev=EVALUATIONS,
         )
-        values = dict(zip(names, found.x.tolist(), strict=True))
-        every.append(BestPoint(float(space.rest @ space.rest) - 2.0 * found.cost, values, change(found.x)[0]))
+        drop = float(space.rest @ space.rest) - 2.0 * found.cost
+        every.append(BestPoint(drop, named(found.x), change(found.x)[0]))
     return sorted(every, key=lambda x: -x.drop)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, Experiment, Parameter
-from tdcr_fe.identify.balance import agreed, of_readings, through_state
+from tdcr_fe.identify.balance import agreed, coupling, of_readings, through_state
 from tdcr_fe.identify.bay_state import (
     LOAD,
     Action,
@@ -388,8 +388,8 @@ class _Part:
         stacked = np.stack(actions, axis=-1)
         if loads:
             solved = np.all(np.isfinite(stacked), axis=(1, 2))
-            coupling = np.eye(stacked.shape[1]) - through_state(loads, self.values, state, response.state)
-            stacked[solved] = np.linalg.solve(coupling[solved], stacked[solved])
+            matrices = coupling(loads, self.values, state, response)
+            stacked[solved] = np.linalg.solve(matrices[solved], stacked[solved])
         matrix[:, columns] += of_readings(problem, stacked, response)
 
 

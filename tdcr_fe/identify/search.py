@@ -369,9 +369,7 @@ def grow(search: Search, state: SearchState) -> Stage:
     for number in itertools.count(1):
         heads = [f for f in _heads(search, state) if not _was_extended(state, f, f is not state.best)]
         head = next((f for f in heads if len(f.effects) < most_effects), None)
-        tries: list[_Try] = _hidden(search, state) if head is None else []
-        if head is not None:
-            tries = [(singles, head, head is not state.best)]
+        tries: list[_Try] = [(singles, head, head is not state.best)] if head else _hidden(search, state)
         full = (frozenset(state.best.names), at_full_strength.__name__)
         # Several causes that leave more than noise may stand for one that saturates.
         if len(state.best.effects) > 1 and full not in state.extended and not search.explained(state):
