@@ -7,6 +7,7 @@ where ``a = F(x + H (a - a0))``, which Newton's method solves: ``(I - F' H) da =
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -127,13 +128,11 @@ def best_points(
     names, steps = [p.name for p in cause.parameters], problem.readings.reader.step
     before, none = run.bays.moved[:, cause.bay], np.zeros((len(response), 3, 1))
 
-    def named(z: Array) -> dict[str, float]:
-        return dict(zip(names, z.tolist(), strict=True))
-
-    def change(z: Array) -> tuple[Array, Array]:
-        """Of the predictions, and its derivatives, by Newton's method for the force."""
-        values, force = named(z), none
-        for _ in range(3):
+    @lru_cache(maxsize=1)  # residual and derivatives are asked for one after the other
+    def at(*z: float) -> tuple[Array, Array]:
+        """Change of the predictions, and its derivatives, by Newton's method for the force."""
+        values, force = dict(zip(names, z, strict=True)), none
+        for _ in range(3 if follows else 1):
             moved = before + (response @ force)[..., 0]
             missing = cause.force(moved, values)[..., None] - force
             matrix = np.eye(3) - cause.stiffness(moved, values) @ response
@@ -142,15 +141,16 @@ def best_points(
         return (by_force @ force[steps])[:, 0, 0], (by_force @ by_values[steps])[:, 0]
 
     def left(z: Array) -> Array:
-        return space.rest - space.free(change(z)[0][:, None])[:, 0]
+        return space.rest - space.free(at(*z.tolist())[0][:, None])[:, 0]
 
     def slopes(z: Array) -> Array:
-        return -space.free(change(z)[1])
+        return -space.free(at(*z.tolist())[1])
 
-    starts = [np.array([values[n] for n in names]) for values in cause.tries(before)]
+    tries = cause.tries(before)
+    starts = [np.array([values[n] for n in names]) for values in tries]
     low, high = (np.array([getattr(p, end) for p in cause.parameters]) for end in ("lower", "upper"))
     strength, every = names.index("k"), []
-    forces = np.stack([cause.force(before, named(z)) for z in starts], axis=-1)
+    forces = np.stack([cause.force(before, values) for values in tries], axis=-1)
     columns = space.free((by_force @ forces[steps])[:, 0])
     size = np.maximum(np.sum(columns**2, axis=0), 1e-300)
     amplitudes = columns.T @ space.rest / size
@@ -167,5 +167,6 @@ def best_points(
             max_nfev=EVALUATIONS,
         )
         drop = float(space.rest @ space.rest) - 2.0 * found.cost
-        every.append(BestPoint(drop, named(found.x), change(found.x)[0]))
+        values = dict(zip(names, found.x.tolist(), strict=True))
+        every.append(BestPoint(drop, values, at(*values.values())[0]))
     return sorted(every, key=lambda x: -x.drop)

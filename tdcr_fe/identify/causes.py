@@ -189,30 +189,34 @@ class PointForce(StateLoad):
 
     def force(self, moved: Array, values: Values) -> Array:
         """On the point of the backbone where that has moved so far [N], shape (K, 3) both."""
-        apart = self._point(values) - np.array([0.0, 0.0, self.at]) - moved
-        distance = np.sqrt(np.sum(apart**2, axis=1) + (1e-3 * self.reach) ** 2)
+        apart, distance = self._apart(moved, values)
         return np.asarray((self.pull(distance, values) / distance)[:, None] * apart)
 
     def stiffness(self, moved: Array, values: Values) -> Array:
         """Derivative of the force by what the point has moved [N/m], shape (K, 3, 3)."""
+        apart, distance = self._apart(moved, values)
         h = 1e-6 * self.reach
-        ends = [(self.force(moved + x, values), self.force(moved - x, values)) for x in h * np.eye(3)]
-        return np.stack([(above - below) / (2.0 * h) for above, below in ends], axis=-1)
+        here, above, below = (self.pull(x, values) / x for x in (distance, distance + h, distance - h))
+        along = (above - below) / (2.0 * h) / distance
+        return np.asarray(
+            -here[:, None, None] * np.eye(3) - along[:, None, None] * apart[:, :, None] * apart[:, None]
+        )
 
-    @staticmethod
-    def _point(values: Values) -> Array:
-        return np.array([values[a] for a in ("x", "y", "z")])
+    def _apart(self, moved: Array, values: Values) -> tuple[Array, Array]:
+        """The way from the point of the backbone to the fixed one, shape (K, 3), and its length, never quite zero."""
+        apart = np.array([values[a] for a in ("x", "y", "z")]) - np.array([0.0, 0.0, self.at]) - moved
+        return apart, np.sqrt(np.sum(apart**2, axis=1) + (1e-3 * self.reach) ** 2)
 
     def by_values(self, moved: Array, values: Values) -> Array:
         """Derivatives of the force by all parameters, shape (K, 3, P)."""
         here, h = self.force(moved, values), 1e-6 * self.reach
-        found = [
+        by_law = [
             self.force(moved, {**values, "k": 1.0})
             if p.name == "k"
             else (self.force(moved, {**values, p.name: values[p.name] + h}) - here) / h
-            for p in self.parameters
+            for p in self.parameters[3:]
         ]
-        return np.stack(found, axis=-1)
+        return np.concatenate((-self.stiffness(moved, values), np.stack(by_law, axis=-1)), axis=-1)
 
     def by_value(self, state: BayState, values: Values, name: str) -> Array:
         """See `StateLoad.by_value`."""

@@ -24,7 +24,7 @@ from tdcr_fe.identify.causes import ReadingCause
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
 from tdcr_fe.identify.forward import advance
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
-from tdcr_fe.identify.result import Profile
+from tdcr_fe.identify.result import PROFILED, Profile
 from tdcr_fe.identify.settings import OutOfTime, clock
 
 Array = NDArray[np.float64]
@@ -350,16 +350,12 @@ def _bounded_step(j: Array, r: Array, damping: float, low: Array, high: Array) -
     return np.asarray(solution.x / norm)
 
 
-#: Where a profile is computed, in standard errors from the fit [1].
-DISTANCES = np.array([-2.0, -1.0, 1.0, 2.0])
-
-
 def profiles(problem: FitProblem, fit: Fit) -> tuple[Profile, ...]:
     """Likelihood profiles of all free parameters of a fit: how the misfit grows as one is moved and the others follow.
 
     Where a parameter is normally distributed, the misfit grows with the square of the distance in standard errors.
     Where it is not, its 95 % interval is that of the profile (Bates and Watts, Nonlinear Regression Analysis, Sec.
-    6.1). The others follow along the ridge that the covariance gives, so that a profile takes four runs. Those for
+    6.1). The others follow along the ridge that the covariance gives, so that a profile takes two runs. Those for
     which the time of the problem does not suffice are left out.
     """
     spread = covariance(problem, fit)
@@ -374,7 +370,7 @@ def profiles(problem: FitProblem, fit: Fit) -> tuple[Profile, ...]:
         if not deviation[i] > 0.0 or isinstance(by_name[key[0]], ReadingCause):  # the latter are linear
             continue
         step = spread[:, i] / deviation[i]
-        ridge = z + DISTANCES[:, None] * step
+        ridge = z + PROFILED[:, None] * step
         inside = np.all((ridge >= limits[:, 0]) & (ridge <= limits[:, 1]), axis=1)
         points = [problem.point(fit.effects, fit.values, fit.free, x) for x in ridge[inside]]
         fits = [evaluated(problem, fit.effects, p, (), fit) for p in points]
@@ -384,7 +380,7 @@ def profiles(problem: FitProblem, fit: Fit) -> tuple[Profile, ...]:
             break
         # In units of the growth by one standard error where the model is linear.
         growth = np.sqrt(np.maximum(cost - fit.cost, 0.0)) / np.linalg.norm(jacobian @ step)
-        roots = np.append(np.sign(DISTANCES[inside]) * growth, 0.0)
+        roots = np.append(np.sign(PROFILED[inside]) * growth, 0.0)
         values = np.array([p[key[0]][key[1]] for p in (*points, fit.values)])
         order = np.argsort(values)
         order = order[np.isfinite(roots[order])]

@@ -24,7 +24,9 @@ Array = NDArray[np.float64]
 
 #: Half-width of a 95 % interval over the standard error [1].
 HALF_WIDTH = 1.96
-#: A parameter is not normally distributed where its profile is off by so many standard errors at one of these [1].
+#: Where a profile is computed, in standard errors from the estimate [1].
+PROFILED = np.array([-2.0, 2.0])
+#: A parameter is not normally distributed where its profile is off by so many standard errors there [1].
 NOT_NORMAL = 0.25
 #: An experiment helps if it separates explanations by so many sigma, or leaves so much of a standard error at most.
 LEAST_SEPARATION, MOST_REMAINING = 2.0, 0.9
@@ -311,18 +313,16 @@ class Profile(NamedTuple):
     """How the misfit grows as one fitted parameter is moved and the others follow."""
 
     name: str  # EFFECT.PARAMETER
-    values: Array  # of the parameter, ascending, shape (5,); fewer where it meets a bound or is not solved
+    values: Array  # of the parameter, ascending, shape (3,); fewer where it meets a bound or is not solved
     # signed root of the growth of the misfit, over that by one standard error in a linear model, shape as `values` [1]
     roots: Array
 
     @property
     def is_normal(self) -> bool:
         """Whether it is that of a normal distribution."""
-        middle = int(np.argmin(np.abs(self.roots)))
-        if len(self.roots) < 3 or middle in (0, len(self.roots) - 1):
+        if len(self.roots) <= len(PROFILED):
             return False
-        expected = np.arange(len(self.roots)) - middle
-        return bool(np.max(np.abs(self.roots - expected)) < NOT_NORMAL)
+        return bool(np.max(np.abs(np.sort(self.roots)[[0, -1]] - PROFILED)) < NOT_NORMAL)
 
     @property
     def interval(self) -> tuple[float, float]:
