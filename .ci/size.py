@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import functools
 import io
 import re
 import subprocess
@@ -29,7 +30,7 @@ BUDGET = {
     "tdcr_fe/commands": 1027,
     "tdcr_fe/effects": 1304,
     "tdcr_fe/estimate": 1019,
-    "tdcr_fe/identify": 6360,
+    "tdcr_fe/identify": 6344,
     "tdcr_fe/io": 1965,
     "tdcr_fe/live": 375,
     "tdcr_fe/model": 2738,
@@ -38,7 +39,7 @@ BUDGET = {
     "tdcr_fe/solve": 7151,
     "tdcr_fe/sweeps": 1477,
     "validation": 7108,
-    "tests": 14461,
+    "tests": 14463,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
@@ -102,6 +103,7 @@ def _add(size: Size, name: str, text: str) -> None:
         size.numbers[room] += sum(_named_numbers(node) for node in tree.body)
 
 
+@functools.cache  # most files are the same before and after a change
 def _lines_with_tokens(text: str) -> set[int]:
     lines: set[int] = set()
     for token in tokenize.generate_tokens(io.StringIO(text).readline):

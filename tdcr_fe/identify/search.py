@@ -1,10 +1,9 @@
 """The search for causes over one dictionary: models are extended, the best first, exchanged and reduced.
 
 One run of a model linearises it by all causes of the dictionary (`tdcr_fe.identify.screening`). They are ordered by the
-evidence that they promise; the first are fitted. In every round one model is extended: the best of all, or one of the
-best with listed effects alone, unless it cannot become better than the best of all. Where nothing helps, what first
-order hardly shows is tried. At the end causes of the best model are exchanged for others, and those dropped that the
-others make unnecessary.
+evidence that they promise; the first are fitted. In every round the best model is extended. Where nothing helps, what
+first order hardly shows is tried. Where several causes leave more than noise, and at the end, causes of the best model
+are exchanged for others, and those dropped that the others make unnecessary.
 
 Stages (`search_causes`, `grow`, `backward_selection`, `exchange`) are generators of states, so that an interruption
 keeps the last one that was complete.
@@ -58,9 +57,6 @@ from tdcr_fe.identify.settings import EXCHANGES, FURTHER_EFFECTS, OutOfTime
 
 Array = NDArray[np.float64]
 
-#: Models of listed effects that are extended besides the best model.
-EXTENDED = 2
-
 #: Number of causes from which on a further one has to remove at least this part of the misfit on held-out steps [1].
 MANY, WORTHWHILE = 4, 0.1
 
@@ -104,12 +100,10 @@ def search_causes(search: Search, state: SearchState) -> Stage:
 # -------------------------------------------------------------------------------------------------- candidates
 
 
-def scores_beside(
-    state: SearchState, fit: Fit, named: bool = False, costly: bool = True
-) -> tuple[SearchState, list[Score], Fit]:
+def scores_beside(state: SearchState, fit: Fit, costly: bool = False) -> tuple[SearchState, list[Score], Fit]:
     """Scores of all causes of the dictionary beside a fitted model, computed once; and the model as a reference.
 
-    ``named``: of the listed effects alone; ``costly``: also of causes without a name that take a run each.
+    ``costly``: also of causes without a name that take a run each.
     """
     key = frozenset(fit.names)
     done, reference = state.scores.get(key, ([], fit))
@@ -118,9 +112,7 @@ def scores_beside(
     others = [
         e
         for e in state.dictionary
-        if e.listed not in known
-        and e.name not in seen
-        and (is_named(e) or (not named and (costly or e.exact_derivatives)))
+        if e.listed not in known and e.name not in seen and (is_named(e) or costly or e.exact_derivatives)
     ]
     if others:
         scores, reference = screen(state.problem, fit, others)
@@ -159,6 +151,11 @@ class Proposal(NamedTuple):
         return frozenset(e.listed for e in (*self.parent.effects, *self.score.effects))
 
     @property
+    def perturbs(self) -> set[str]:
+        """What its causes perturb."""
+        return {e.kind.perturbs for e in (*self.parent.effects, *self.score.effects)}
+
+    @property
     def named(self) -> bool:
         """Whether all causes are listed effects."""
         return all(map(is_named, (*self.parent.effects, *self.score.effects)))
@@ -184,27 +181,25 @@ def worth_fitting(
 
 
 def singles(
-    search: Search, state: SearchState, parent: Fit, named: bool, costly: bool = False
+    search: Search, state: SearchState, parent: Fit, costly: bool = False
 ) -> tuple[SearchState, list[Proposal]]:
-    """Single causes beside a model that are worth a fit; ``named``: listed effects alone."""
-    state, scores, reference = scores_beside(state, parent, named, costly)
-    found = [x for x in scores if (is_named(x.effect) or not named) and not _saturates(x.effect)]
+    """Single causes beside a model that are worth a fit."""
+    state, scores, reference = scores_beside(state, parent, costly)
+    found = [x for x in scores if not _saturates(x.effect)]
     return state, worth_fitting(search, state.problem, parent, found, reference)
 
 
-def costly_singles(
-    search: Search, state: SearchState, parent: Fit, named: bool
-) -> tuple[SearchState, list[Proposal]]:
+def costly_singles(search: Search, state: SearchState, parent: Fit) -> tuple[SearchState, list[Proposal]]:
     """Single causes that take a run each, beside the declared model."""
     if parent.effects:
         return state, []
-    state, found = singles(search, state, parent, named, True)
+    state, found = singles(search, state, parent, True)
     return state, [x for x in found if not (x.named or x.score.effect.exact_derivatives)]
 
 
-def pairs(search: Search, state: SearchState, parent: Fit, named: bool) -> tuple[SearchState, list[Proposal]]:
+def pairs(search: Search, state: SearchState, parent: Fit) -> tuple[SearchState, list[Proposal]]:
     """Effects that show only beside another one, together with that one."""
-    state, _, reference = scores_beside(state, parent, named, False)
+    state, _, reference = scores_beside(state, parent)
     if len(parent.effects) + 2 > search.settings.max_effects or lacks_test(state.problem, parent):
         return state, []
     return state, worth_fitting(search, state.problem, parent, together(state, reference), reference)
@@ -284,10 +279,11 @@ def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal) -> bool:
     """Whether a candidate may become about as probable as another model, to first order.
 
     It does where it promises as much, or can make the change of the predictions that the other model makes. Other forms
-    of the same effects always may.
+    of the same effects always may, and listed effects that perturb the same: how far first order is off is not known.
     """
     parent, x, criterion = proposal
     forms = proposal.listed == {e.listed for e in ahead.effects}
+    forms |= proposal.named and proposal.perturbs == {e.kind.perturbs for e in ahead.effects}
     limit = _limit(problem, ahead)
     if forms or not x.signature.size or criterion < limit:
         return True
@@ -360,20 +356,25 @@ def refitted(state: SearchState, parts: Sequence[tuple[Effect, ...]]) -> tuple[S
 
 
 def grow(search: Search, state: SearchState) -> Stage:
-    """Extend the best model, and the best of listed effects, by a cause as long as the evidence grows.
+    """Extend the best model by a cause as long as the evidence grows.
 
-    What first order hardly shows is tried where nothing else helps.
+    Where several leave more than noise, they are exchanged. What first order hardly shows is tried where nothing helps.
     """
     settings = search.settings
     most_effects = 1 if lacks_test(state.problem, state.declared) else settings.max_effects
     for number in itertools.count(1):
-        heads = [f for f in _heads(search, state) if not _was_extended(state, f, f is not state.best)]
-        head = next((f for f in heads if len(f.effects) < most_effects), None)
-        tries: list[_Try] = [(singles, head, head is not state.best)] if head else _hidden(search, state)
-        full = (frozenset(state.best.names), at_full_strength.__name__)
-        # Several causes that leave more than noise may stand for one that saturates.
-        if len(state.best.effects) > 1 and full not in state.extended and not search.explained(state):
-            tries = [(at_full_strength, state.best, False)]
+        names, whole = frozenset(state.best.names), state.best
+        more = len(names) < most_effects and (names, singles.__name__) not in state.extended
+        tries: list[_Try] = [(singles, state.best)] if more else _hidden(search, state)
+        # Several causes that leave more than noise may stand for others, or for one that saturates.
+        if len(state.best.effects) > 1 and not search.explained(state):
+            if (names, exchange.__name__) not in state.extended:
+                state = replace(state, extended=state.extended | {(names, exchange.__name__)})
+                state = yield from exchange(search, state, costly=False)
+                if state.best is not whole:
+                    continue
+            if (names, at_full_strength.__name__) not in state.extended:
+                tries = [(at_full_strength, state.best)]
         if not tries:
             break
         if search.out_of_time and state.best.effects:
@@ -381,12 +382,12 @@ def grow(search: Search, state: SearchState) -> Stage:
             break
         progress, before = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1)), state.best
         pool: list[Proposal] = []
-        for propose, parent, named in tries:
+        for propose, parent in tries:
             beside = listed_names(parent.names) or "the declared model"
             search.report(f"round {number}: candidates beside {beside}", progress)
-            stage = "listed" if named else propose.__name__
-            state = replace(state, extended=state.extended | {(frozenset(parent.names), stage)})
-            state, new = propose(search, state, parent, named)
+            tried = (frozenset(parent.names), propose.__name__)
+            state = replace(state, extended=state.extended | {tried})
+            state, new = propose(search, state, parent)
             new = [x for x in new if len(x.names) <= most_effects]
             pool += new
             search.report(f"fitting {listed_names([x.score.names[-1] for x in new[:5]])}", progress)
@@ -416,8 +417,8 @@ def grow(search: Search, state: SearchState) -> Stage:
     return state
 
 
-#: A search for candidates beside a model, that model, and whether listed effects alone are candidates.
-_Try = tuple[Callable[[Search, SearchState, Fit, bool], tuple[SearchState, list[Proposal]]], Fit, bool]
+#: A search for candidates beside a model, and that model.
+_Try = tuple[Callable[[Search, SearchState, Fit], tuple[SearchState, list[Proposal]]], Fit]
 
 
 def _hidden(search: Search, state: SearchState) -> list[_Try]:
@@ -431,35 +432,11 @@ def _hidden(search: Search, state: SearchState) -> list[_Try]:
     stages = (pairs,) if explained else (at_full_strength, pairs, costly_singles)
     models = {frozenset(f.names): f for f in (state.best, state.fits[frozenset()])}
     return [
-        (propose, parent, False)
+        (propose, parent)
         for names, parent in models.items()
         for propose in stages
         if (names, propose.__name__) not in state.extended
     ]
-
-
-def _was_extended(state: SearchState, fit: Fit, named: bool) -> bool:
-    """Whether further causes, or ``named``: listed effects at least, were added to a model."""
-    names = frozenset(fit.names)
-    return (names, "singles") in state.extended or (named and (names, "listed") in state.extended)
-
-
-def _heads(search: Search, state: SearchState) -> list[Fit]:
-    """Models to extend: the best one, and the best of listed effects where they may become better than that."""
-    problem, best = state.problem, state.best
-    explained = search.explained(state)
-    least = min(best.cost + best.held_cost, float(problem.count)) + math.log(problem.count)
-    listed = [
-        f
-        for f in state.fits.values()
-        if _all_named(f)
-        and f.solved
-        and f.effects
-        and not (explained and least + parent_price(problem, f) > rank(problem, best))
-        and _admissible(search, state, f)
-    ]
-    listed.sort(key=lambda f: rank(problem, f))
-    return [best, *(f for f in listed[:EXTENDED] if f is not best)]
 
 
 def _admissible(search: Search, state: SearchState, fit: Fit) -> bool:
@@ -557,13 +534,9 @@ def _saturates(effect: Effect) -> bool:
     return isinstance(effect, EffectAtPlace) and effect.general.saturates
 
 
-def at_full_strength(
-    search: Search, state: SearchState, parent: Fit, named: bool
-) -> tuple[SearchState, list[Proposal]]:
+def at_full_strength(search: Search, state: SearchState, parent: Fit) -> tuple[SearchState, list[Proposal]]:
     """Causes that saturate, simulated at full strength beside the best model: their derivatives tell the direction."""
     problem = state.problem
-    if named:
-        return state, []
     causes = [
         e
         for e in state.dictionary
@@ -571,7 +544,7 @@ def at_full_strength(
         and _saturates(e)
         and e.listed not in {x.listed for x in parent.effects}
     ]
-    state, known, _ = scores_beside(state, parent, costly=False)
+    state, known, _ = scores_beside(state, parent)
     drops = {x.effect.name: x.drop for x in known}
     scores = []
     if parent.effects:
@@ -614,11 +587,11 @@ def backward_selection(search: Search, state: SearchState) -> Stage:
     return state
 
 
-def exchange(search: Search, state: SearchState) -> Stage:
+def exchange(search: Search, state: SearchState, costly: bool = True) -> Stage:
     """Exchange every cause, and every two, of the best model for one other; the best of all is taken.
 
     What a cause explains is the difference of the models with and without it. Which others may explain it follows from
-    their columns beside the best model.
+    their columns beside the best model. ``costly``: see `scores_beside`; never where the model leaves noise.
     """
     best, problem = state.best, state.problem
     fits: list[Fit] = []
@@ -638,7 +611,8 @@ def exchange(search: Search, state: SearchState) -> Stage:
             (base,) = fitting.run_fits(problem, [fitting.evaluated(problem, rest, values, free, best)])
         if not base.solved:
             continue
-        state, scores, reference = scores_beside(state, best, costly=not search.is_noise(problem, best))
+        costly = costly and not search.is_noise(problem, best)
+        state, scores, reference = scores_beside(state, best, costly=costly)
         problem, names = state.problem, {e.listed for e in (*gone, *rest)}
         others = [x for x in scores if x.starts and x.effect.listed not in names and x.signature.size]
         others = [rescored(problem, base, x, reference.run) for x in others]
