@@ -135,7 +135,7 @@ def test_derivatives_with_dahl_are_those_of_whole_simulations(axial_stiffness):
         robot = paper(
             0.3, backbone=replace(BACKBONE, youngs_modulus=modulus), axial_stiffness=axial_stiffness
         )
-        return simulate(robot, model, STEPS, settings, sensitivities=sensitivities)
+        return simulate(robot, model, STEPS[1:3], settings, sensitivities=sensitivities)
 
     found = run(85e9, ["backbone.youngs_modulus"]).sensitivities["backbone.youngs_modulus"].positions
     size = 85e9 * 1e-5

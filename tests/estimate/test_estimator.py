@@ -58,7 +58,7 @@ def test_forces_along_the_rod_are_not_biased_towards_compression_which_makes_it_
 
 
 def test_with_friction_in_the_model_the_force_is_found_and_without_it_is_not():
-    count, friction = 60, 0.2
+    count, friction = 40, 0.2
     truth = Truth(count, 1, friction=friction)
     errors, inside = {}, {}
     for modelled in (friction, 0.0):

@@ -45,8 +45,10 @@ def opposed():
     return data_of(steps, positions(true, SIGMA, 2, 1e-4), OPPOSED, branches=names)
 
 
-@pytest.mark.integration
-@pytest.mark.parametrize("declared", [None, 20_000.0])
+@pytest.mark.parametrize(
+    "declared",
+    [pytest.param(None, marks=pytest.mark.integration), pytest.param(20_000.0, marks=pytest.mark.campaign)],
+)
 def test_stretch_and_pretension_are_found_together(opposed, declared):
     """Stretch alone leaves one tendon slack; pretension acts on elastic tendons only. As one step they leave noise.
 
