@@ -1,5 +1,6 @@
 """Robots that the tests of the finite-element model share."""
 
+from dataclasses import replace
 from typing import Any
 
 import exudyn as exu
@@ -18,6 +19,7 @@ from tdcr_fe.solve.simulate import simulate
 LENGTH = 0.25
 BACKBONE = Backbone(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0)
 DISKS = Disks.equally_spaced(13, LENGTH, mass=0.17e-3, radius=5e-3)
+SEVEN = Disks.equally_spaced(7, LENGTH, mass=0.3e-3, radius=5e-3)
 
 
 def tendon(name: str = "t1", angle_deg: float = 0.0, mu: float = 0.3, **rest: Any) -> Tendon:
@@ -35,6 +37,16 @@ def three(mu: float = 0.3, backbone: Backbone = BACKBONE, disks: Disks = DISKS, 
     return Robot(
         backbone, disks, tuple(tendon(f"t{i + 1}", 120.0 * i, mu, **rest) for i in range(3)), name="three"
     )
+
+
+def seven(mu: float = 0.3, backbone: Backbone = BACKBONE, disks: Disks = SEVEN, **rest: Any) -> Robot:
+    """The same with seven disks, which costs half as much."""
+    return three(mu, backbone, disks, **rest)
+
+
+def single(mu: float = 0.0, **rest: Any) -> Robot:
+    """Seven disks and one tendon."""
+    return replace(paper(mu, **rest), disks=SEVEN)
 
 
 def pull(*tensions: float, name: str = "t1", **rest: Any) -> list[LoadStep]:

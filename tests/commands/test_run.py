@@ -51,14 +51,14 @@ def test_settings_of_the_file_are_those_of_the_run(tmp_path):
 def test_long_run_is_announced_by_what_it_has_solved(tmp_path, capsys, monkeypatch):
     """310 s of processor time passed without a word, where the estimate was made from the number of elements."""
     path = write_robot(tmp_path, "straight", "none")
-    monkeypatch.setattr(command, "LOOK", 0.2)
-    monkeypatch.setattr(command, "LONG_RUN", 1.0)
-    path.write_text(path.read_text() + "\n[[steps]]\ntensions = { parallel = 1.0 }\n" * 8000)
-    arguments = ["-o", str(tmp_path / "out"), "--no-pictures", "--minutes", "0.05"]
+    monkeypatch.setattr(command, "LOOK", 0.1)
+    monkeypatch.setattr(command, "LONG_RUN", 0.3)
+    path.write_text(path.read_text() + "\n[[steps]]\ntensions = { parallel = 1.0 }\n" * 4000)
+    arguments = ["-o", str(tmp_path / "out"), "--no-pictures", "--minutes", "0.02"]
     assert cli.main(["run", str(path), *arguments]) == 1
     said = capsys.readouterr().err
-    assert re.search(r"of 8002 load steps solved in \d s: .*--minutes keeps what is solved", said)
-    assert "stopped at the time limit of 0.05 minutes in step" in said
+    assert re.search(r"of 4002 load steps solved in \d s: .*--minutes keeps what is solved", said)
+    assert "stopped at the time limit of 0.02 minutes in step" in said
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert not summary["converged"] and len(summary["steps"]) >= 1
     assert len(pd.read_csv(tmp_path / "out" / "steps.csv")) == len(summary["steps"])
@@ -150,9 +150,9 @@ def check_tables(scenario, result, out):
 
 #: More of them before a release.
 TIERS = [
-    *range(20),
-    *(pytest.param(k, marks=pytest.mark.integration) for k in range(20, 40)),
-    *(pytest.param(k, marks=pytest.mark.campaign) for k in range(40, 500)),
+    *range(8),
+    *(pytest.param(k, marks=pytest.mark.integration) for k in range(8, 20)),
+    *(pytest.param(k, marks=pytest.mark.campaign) for k in range(20, 500)),
 ]
 
 

@@ -18,7 +18,7 @@ MANY = """
 scenario = "scenario.toml"
 [sampling]
 method = "latin-hypercube"
-samples = 60
+samples = 30
 seed = 2
 [[vary]]
 key = "steps[0].tensions.t1"
@@ -41,22 +41,22 @@ def here(monkeypatch):
 
 
 def test_table_summary_report_and_pictures(tmp_path, capsys, here):
-    path = write_files(tmp_path, MANY.replace("60", "24"))
+    path = write_files(tmp_path, MANY.replace("30", "12"))
     out = tmp_path / "out"
     assert cli.main(["sweep", str(path), "-o", str(out)]) == 0
     names = {p.name for p in out.iterdir()}
     pictures = {"distributions.png", "main_effects.png", "workspace.png"}
     assert names == {".cases.lock", "cases.csv", "cases.jsonl", "summary.json", "report.html", *pictures}
     printed = capsys.readouterr().out
-    assert "24 converged" in printed and "bending angle [deg]: mean" in printed
+    assert "12 converged" in printed and "bending angle [deg]: mean" in printed
     page = (out / "report.html").read_text()
-    assert "All 24 cases converged." in page
+    assert "All 12 cases converged." in page
     for text in ("Main effects", "Workspace", "What was varied", "95 % of the cases"):
         assert text in page
     assert "http://www.w3.org" not in page.replace("data:image", "") and "<script src" not in page
     frame = pd.read_csv(out / "cases.csv")
     summary = json.loads((out / "summary.json").read_text())
-    assert summary["sampling"] == {"method": "latin-hypercube", "samples": 24, "seed": 2}
+    assert summary["sampling"] == {"method": "latin-hypercube", "samples": 12, "seed": 2}
     assert summary["statistics"]["tip_x"]["mean"] == pytest.approx(frame["tip_x"].mean(), rel=1e-12)
     assert summary["statistics"]["tip_x"]["std"] == pytest.approx(frame["tip_x"].std(), rel=1e-12)
 
@@ -92,12 +92,20 @@ def wait_for_lines(process, journal, count):
     raise AssertionError("the sweep ended, or nothing was solved")
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The same sweep, not stopped."""
+    folder = tmp_path_factory.mktemp("whole")
+    tdcr.sweep(write_files(folder, MANY), folder / "out", executor=InProcess(), report=False)
+    return folder / "out"
+
+
 @pytest.mark.integration
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 @pytest.mark.parametrize(
     "number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=["INT", "TERM", "KILL"]
 )
-def test_a_sweep_that_was_stopped_continues(tmp_path, number):
+def test_a_sweep_that_was_stopped_continues(tmp_path, whole, number):
     path, out = write_files(tmp_path, MANY), tmp_path / "out"
     command = ["-m", "tdcr_fe", "sweep", str(path), "-o", str(out), "--processes", "1", "-q", "--no-pictures"]
     process = start_python(*command)
@@ -112,8 +120,7 @@ def test_a_sweep_that_was_stopped_continues(tmp_path, number):
         states = pd.read_csv(out / "cases.csv")["status"].value_counts()
         assert states["not run"] > 0 and states["converged"] >= 3
     kept = (out / "cases.jsonl").read_bytes().count(b"\n") - 1
-    assert 3 <= kept < 60
+    assert 3 <= kept < 30
     result = tdcr.sweep(path, out, executor=InProcess(), report=False)
-    assert result.solved_now <= 60 - kept + 1 and result.converged
-    tdcr.sweep(path, tmp_path / "whole", executor=InProcess(), report=False)
-    assert (out / "cases.csv").read_bytes() == (tmp_path / "whole" / "cases.csv").read_bytes()
+    assert result.solved_now <= 30 - kept + 1 and result.converged
+    assert (out / "cases.csv").read_bytes() == (whole / "cases.csv").read_bytes()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robots import BACKBONE, LENGTH, paper, three
+from robots import BACKBONE, LENGTH, paper, seven, single, three
 
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effect, with_effects
 from tdcr_fe.io.problems import InputError
@@ -59,19 +59,22 @@ def test_the_list_has_every_effect_that_is_promised():
 
 #: A robot whose builder has declared whatever an effect can say of it.
 DECLARED = replace(
-    three(0.1)
+    seven(0.1)
     .with_backbone(precurvature=(0.3, -0.2), superelastic=Superelastic(2e-4, 0.6), creep_rate=1e-3)
     .with_disks(thickness=1e-3)
-    .with_tendons(adhesion=0.01, clearance=2e-4),
+    .with_tendons(adhesion=1e-3, clearance=2e-4),
     tip_mass=1e-3,
 )
-TIMED = (LoadStep(tensions={"t1": 0.5}, time=10.0), LoadStep(tensions={"t1": 1.0}, time=60.0))
+TIMED = (LoadStep(tensions={"t1": 0.2}, time=10.0), LoadStep(tensions={"t1": 1.0}, time=60.0))
 
 
 @pytest.mark.parametrize("e", EFFECTS, ids=lambda e: e.name)
 def test_null_values_keep_what_is_declared(e):
     """With the null values the robot is the declared one, whether it declares much or little."""
-    for s in (Experiment(DECLARED, replace(MODEL, gravity=(0.0, 0.0, -9.81)), TIMED[:1]), setup(0.2)):
+    for s in (
+        Experiment(DECLARED, replace(MODEL, gravity=(0.0, 0.0, -9.81)), TIMED[:1]),
+        setup(robot=single(0.2)),
+    ):
         changed = e.apply(s, e.null_values(s))
         assert changed.robot.backbone.superelastic == s.robot.backbone.superelastic
         assert changed.robot.backbone.creep_rate == s.robot.backbone.creep_rate

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from balance import cables
 from native_solvers import damped, dynamic_settings
-from robots import BACKBONE, DISKS, distance, solve, tendon
+from robots import BACKBONE, SEVEN, distance, solve, tendon
 
 from tdcr_fe.elements.coefficients import normal_forces
 from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
@@ -17,12 +17,12 @@ STRIBECK = StribeckFriction(static=0.3, kinetic=0.15, stribeck_rate=5e-3, viscou
 
 
 def with_law(law, **rest) -> Robot:
-    """The paper's robot with one tendon and this law of the coefficient."""
-    return Robot(BACKBONE, DISKS, (replace(tendon(mu=0.0, **rest), friction=law),), name="law")
+    """A robot with one tendon and this law of the coefficient."""
+    return Robot(BACKBONE, SEVEN, (replace(tendon(mu=0.0, **rest), friction=law),), name="law")
 
 
 def constant(mu: float, **rest) -> Robot:
-    return Robot(BACKBONE, DISKS, (tendon(mu=mu, **rest),), name="constant")
+    return Robot(BACKBONE, SEVEN, (tendon(mu=mu, **rest),), name="constant")
 
 
 def timed(tensions, duration):

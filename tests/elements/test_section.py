@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import BACKBONE, DISKS, LENGTH, paper, pull, solve
+from robots import BACKBONE, DISKS, LENGTH, solve
 from scipy.optimize import brentq
 
 from tdcr_fe.elements.section import (
@@ -82,10 +82,3 @@ def test_tangent_of_the_nonlinear_section_is_its_stiffness_in_elements_of_any_le
     which = np.ix_([6, 10, 11], [6, 10, 11])
     # The wrench also turns with the node, which is small beside the stiffness of so short an element.
     assert tangent[which] == pytest.approx(-exact, rel=1e-2, abs=1e-3 * np.abs(exact).max())
-
-
-def test_classical_parallel_tendon_bends_to_a_circular_arc():
-    """Tension T at offset r: section forces are a moment r T (compression neglected): k = r T / EI, paper Eq. 9."""
-    robot = replace(paper(), backbone=replace(BACKBONE, axial_stiffness=1e9, shear_stiffness=1e9))
-    step = solve(robot, pull(1.0), friction="none", tendon_path="continuous").steps[0]
-    assert step.bending_angle == pytest.approx(4.5e-3 * 1.0 * LENGTH / BACKBONE.EI, rel=1e-6)

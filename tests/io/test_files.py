@@ -291,7 +291,7 @@ leaf = st.one_of(
 )
 
 
-@settings(suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=50, suppress_health_check=[HealthCheck.too_slow])
 @given(st.data())
 def test_no_value_of_any_key_raises_an_unexpected_error(tmp_path_factory, data):
     """Any value of any key is accepted or refused; no other error occurs."""

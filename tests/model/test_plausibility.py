@@ -163,7 +163,7 @@ def test_a_load_far_beyond_the_limit_is_refused_before_solving(steps, words):
 
 
 def test_a_failure_names_the_implausible_input_and_no_smaller_load_steps():
-    robot = WIRE.with_backbone(youngs_modulus=200e3)
+    robot = replace(WIRE.with_backbone(youngs_modulus=200e3), disks=Disks.equally_spaced(3, 0.2, radius=8e-3))
     with warnings_to():
         result = tdcr_fe.simulate(
             robot, Model(elements_per_bay=1), PULL, tdcr_fe.SolverSettings(max_substeps=1)

@@ -13,7 +13,7 @@ from contacts import (
     wall,
 )
 from native_solvers import static_settings
-from robots import LENGTH, distance, scene, three
+from robots import LENGTH, distance, scene, seven, three
 
 from tdcr_fe.native import register
 
@@ -21,7 +21,7 @@ register()
 
 
 def with_contact(add, mu=0.0, **rest):
-    keep, mbs, handle = scene(three(mu), assemble=False)
+    keep, mbs, handle = scene(seven(mu), assemble=False)
     add(mbs, handle, **rest)
     mbs.Assemble()
     return keep, mbs, handle
@@ -60,7 +60,7 @@ def test_every_contact_gives_the_shape_of_the_static_solver_of_exudyn(kind, mu):
     compared.set_inputs_over_time(lambda t: [2.0 * t, 0.0, 0.0])
     assert other.SolveStatic(static_settings(80))
     assert distance(handle.shape()[0], compared.shape()[0]) < (1e-3 if mu else 1e-4)
-    _keep_free, free_mbs, free = scene(three(mu))
+    _keep_free, free_mbs, free = scene(seven(mu))
     free.set_tensions({"t1": 2.0})
     free_mbs.SolveTDCR()
     assert distance(handle.shape()[0], free.shape()[0]) > 0.05
@@ -112,7 +112,7 @@ def test_contact_opens_again_and_leaves_nothing_behind():
     for tension in (0.4, 2.0, 0.4):
         handle.set_tensions({"t1": tension})
         mbs.SolveTDCR()
-    _keep_free, free_mbs, free = scene(three(0.0))
+    _keep_free, free_mbs, free = scene(seven(0.0))
     free.set_tensions({"t1": 0.4})
     free_mbs.SolveTDCR()
     assert distance(handle.shape()[0], free.shape()[0]) < 1e-9

@@ -7,7 +7,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from native_solvers import dynamic_settings, recommended, static_settings
-from robots import BACKBONE, DISKS, LENGTH, Robot, paper, scene, tendon, three
+from robots import BACKBONE, LENGTH, SEVEN, Robot, paper, scene, seven, tendon, three
 from scipy.integrate import quad
 from scipy.optimize import curve_fit
 
@@ -185,12 +185,12 @@ def measured(robot, frame="world", **rest):
 def test_elastic_and_gravitational_energy_are_those_of_closed_forms():
     """A moment ``M`` at the tip stores ``M^2 L / (2 EI)``; a straight robot weighs on the middle and on its disks."""
     m, g = 3e-3, 9.81
-    _keep, mbs, _, load, sensor = measured(three(0.0), gravity=(0.0, 0.0, -g))
-    disks = sum(DISKS.mass * s for s in DISKS.positions)
+    _keep, mbs, _, load, sensor = measured(seven(0.0), gravity=(0.0, 0.0, -g))
+    disks = sum(SEVEN.mass * s for s in SEVEN.positions)
     height = BACKBONE.mass_per_length * LENGTH**2 / 2.0 + disks
     assert present(mbs, sensor)["gravity"] == pytest.approx(g * height, rel=1e-12)
     assert present(mbs, sensor)["elastic"] == pytest.approx(0.0, abs=1e-18)
-    _keep, mbs, _, load, sensor = measured(three(0.0))
+    _keep, mbs, _, load, sensor = measured(seven(0.0))
     load.set([0.0, 0.0, 0.0], [0.0, m, 0.0])
     SolveTDCR(mbs)
     assert present(mbs, sensor)["elastic"] == pytest.approx(m**2 * LENGTH / (2.0 * BACKBONE.EI), rel=1e-9)
@@ -301,7 +301,7 @@ def test_the_energy_of_random_motions_is_conserved_for_half_a_second(seed):
 
 
 def test_a_swing_loses_what_the_material_dissipates():
-    robot = replace(three(0.0), backbone=replace(BACKBONE, retardation_time=3e-3))
+    robot = replace(seven(0.0), backbone=replace(BACKBONE, retardation_time=3e-3))
     _keep, mbs, handle, load, sensor = measured(robot)
     load.set([0.02, 0.0, 0.0])
     SolveTDCR(mbs)
@@ -317,7 +317,7 @@ def test_a_swing_loses_what_the_material_dissipates():
 
 def test_loads_and_weight_that_the_static_solver_ramps_do_the_work_of_the_ramp():
     """``mbs.SolveStatic`` multiplies them by a factor from 0 to 1: a load does half its final value times the way."""
-    _keep, mbs, handle, load, sensor = measured(three(0.0), gravity=(0.5, 0.0, 0.0))
+    _keep, mbs, handle, load, sensor = measured(seven(0.0), gravity=(0.5, 0.0, 0.0))
     load.set([2e-3, 0.0, 0.0])
     assert mbs.SolveStatic(static_settings(20))
     found, away = present(mbs, sensor), handle.tip_position[0]

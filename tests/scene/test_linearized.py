@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from native_solvers import dynamic_settings
-from robots import LENGTH, scene, three
+from robots import LENGTH, scene, seven
 from scipy.linalg import eig
 
 from tdcr_fe.model.loading import SolverSettings
@@ -31,7 +31,7 @@ def test_modes_without_tension_are_those_of_a_cantilever_and_a_finer_mesh_lowers
     Time integration lowers frequencies, so that at a kept step a finer mesh may be worse. W. Weaver, S. P. Timoshenko,
     D. H. Young, Vibration Problems in Engineering, sec. 5.11.
     """
-    robot, errors = three(0.0).with_disks(mass=0.0), []
+    robot, errors = seven(0.0).with_disks(mass=0.0), []
     unit = np.sqrt(robot.backbone.EI / robot.backbone.mass_per_length) / (2.0 * np.pi * LENGTH**2)
     for elements in (1, 2):
         _keep, mbs, _ = scene(robot, elements_per_bay=elements)
@@ -76,7 +76,7 @@ def test_a_robot_swings_with_its_frequencies(mu, rest, force, mode, end):
 
     Version 0.1 left the tendons out: 38 % less with tendons driven by displacement, 46 % less with stuck holes.
     """
-    _keep, mbs, handle = scene(three(mu, **rest), assemble=False, friction="per-hole" if mu else "none")
+    _keep, mbs, handle = scene(seven(mu, **rest), assemble=False, friction="per-hole" if mu else "none")
     load = handle.add_load("tip", LENGTH)
     sensor = handle.add_sensors()["tip_position"]
     mbs.Assemble()
@@ -98,7 +98,7 @@ def test_linearised_systems_of_exudyn_have_the_same_frequencies(mu, rest):
 
     Stiffness with friction is not symmetric, as the latter assumes unless complex eigenvalues are asked for.
     """
-    _keep, mbs, handle = scene(three(mu, **rest))
+    _keep, mbs, handle = scene(seven(mu, **rest))
     if rest:
         handle.set_displacements(PULLED_IN)
     else:
@@ -113,7 +113,7 @@ def test_linearised_systems_of_exudyn_have_the_same_frequencies(mu, rest):
 
 
 def test_the_scene_is_left_as_it_was():
-    _keep, mbs, handle = scene(three(0.3))
+    _keep, mbs, handle = scene(seven(0.3))
     handle.set_tensions([1.0, 0.0, 0.0])
     SolveTDCR(mbs)
     before = np.concatenate(mbs.systemData.GetSystemState())
@@ -131,7 +131,7 @@ def test_the_scene_is_left_as_it_was():
 
 def at_rest(drive: str, mu: float = 0.0, **rest):
     """A bent robot with a sensor at its tip."""
-    keep, mbs, handle = scene(three(mu, **rest), assemble=False, presliding=PRESLIDING if mu else 1e-6)
+    keep, mbs, handle = scene(seven(mu, **rest), assemble=False, presliding=PRESLIDING if mu else 1e-6)
     sensor = handle.add_sensors()["tip_position"]
     mbs.Assemble()
     if mu:
@@ -167,7 +167,7 @@ def test_the_static_gain_is_what_statics_give(drive, mu):
 def test_after_slip_the_gain_is_that_of_a_pull_that_goes_on_and_with_stuck_holes_that_of_a_release(rest):
     """A controller moves the tendons at once: with stuck holes the tip would seem to move by less than half of that."""
     settings = SolverSettings(presliding=1e-5)
-    _keep, mbs, handle = scene(three(0.3, **rest), assemble=False, presliding=1e-5)
+    _keep, mbs, handle = scene(seven(0.3, **rest), assemble=False, presliding=1e-5)
     sensor = handle.add_sensors()["tip_position"]
     mbs.Assemble()
     tips = []

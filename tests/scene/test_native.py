@@ -8,7 +8,7 @@ import exudyn as exu
 import numpy as np
 import pytest
 from native_solvers import damped, dynamic_settings, recommended, static_settings
-from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, scene, solve, three
+from robots import BACKBONE, DISKS, LENGTH, SEVEN, distance, pull, scene, seven, single, solve
 
 from tdcr_fe.elements.native import hooks
 from tdcr_fe.model.backbone import Superelastic
@@ -29,10 +29,10 @@ register()
 @pytest.mark.parametrize("friction", ["none", "per-tendon", "per-hole"])
 def test_static_solver_of_exudyn_finds_the_same_tip(friction):
     """To 2.5 N, within a millionth of the length."""
-    _keep, mbs, handle = scene(paper(0.3), friction=friction)
+    _keep, mbs, handle = scene(single(0.3), friction=friction)
     handle.set_inputs_over_time(lambda t: [2.5 * t])
     assert mbs.SolveStatic(static_settings())
-    expected = solve(paper(0.3), pull(2.5), friction=friction).steps[-1]
+    expected = solve(single(0.3), pull(2.5), friction=friction).steps[-1]
     assert distance(handle.tip_position, expected.tip) < 1e-6
     assert handle.tensions()["t1"] == pytest.approx(expected.tensions[0], abs=1e-6)
 
@@ -40,7 +40,7 @@ def test_static_solver_of_exudyn_finds_the_same_tip(friction):
 @pytest.mark.integration
 def test_static_solver_with_prescribed_displacements_of_elastic_tendons():
     """3 mm pulled in, with friction; the other tendons are slack."""
-    robot = three(0.3, axial_stiffness=400.0)
+    robot = seven(0.3, axial_stiffness=400.0)
     _keep, mbs, handle = scene(robot)
     handle.set_displacements([0.0, 0.0, 0.0])
     handle.set_inputs_over_time(lambda t: [3e-3 * t, -6e-3 * t, -6e-3 * t])
@@ -59,7 +59,7 @@ def test_static_solver_with_prescribed_displacements_of_elastic_tendons():
 
 def test_dynamics_include_the_friction_history_and_statics_go_on_from_there():
     """To 1.5 N and back to 0.75 N; after the release the tip differs from that of a pull to the same tension."""
-    _keep, mbs, handle = damped(paper(0.3))
+    _keep, mbs, handle = damped(single(0.3))
 
     def tension(t):
         if t < 1.0:
@@ -68,7 +68,7 @@ def test_dynamics_include_the_friction_history_and_statics_go_on_from_there():
 
     handle.set_inputs_over_time(tension)
     assert mbs.SolveDynamic(dynamic_settings(3.0, 2e-2))
-    back, pulled = (solve(paper(0.3), s).tips[-1] for s in (pull(1.5, 0.75), pull(0.75)))
+    back, pulled = (solve(single(0.3), s).tips[-1] for s in (pull(1.5, 0.75), pull(0.75)))
     assert distance(handle.tip_position, back) < 2e-3
     assert distance(handle.tip_position, pulled) > 0.02
     assert handle.tensions()["t1"][0] == pytest.approx(0.75, abs=1e-12)
@@ -87,7 +87,7 @@ def test_dynamics_after_statics_begin_at_rest(drive):
     In version 0.1 those driven by displacement lengthened by T L / EA at once: a jolt of 0.6 mm, and holes remembered a
     release, or the tension became 1e13 N.
     """
-    _keep, mbs, handle = scene(three(0.3))
+    _keep, mbs, handle = scene(seven(0.3))
     if drive == "tension":
         handle.set_tensions([1.5, 0.3, 0.2])
     else:
@@ -107,7 +107,7 @@ def test_dynamics_after_statics_begin_at_rest(drive):
 def test_a_robot_without_mass_is_refused_in_dynamics_and_solved_at_rest():
     """In version 0.1 Newton failed in the first step, for no reason given."""
     light = Disks.equally_spaced(13, LENGTH, mass=0.0, radius=5e-3)
-    _keep, mbs, handle = scene(three(0.3, backbone=replace(BACKBONE, density=0.0), disks=light))
+    _keep, mbs, handle = scene(seven(0.3, backbone=replace(BACKBONE, density=0.0), disks=light))
     handle.set_tensions([0.5, 0.0, 0.0])
     SolveTDCR(mbs)
     assert handle.tip_position[0] > 0.01
@@ -135,7 +135,7 @@ def test_a_cut_tendon_and_a_sudden_pull_of_two_newton_are_solved(change, step, t
     iteration and the other way in the next, and the sudden pull took 8.5 times the steps. With the geometric stiffness
     of whatever axial forces an iterate has, steps of 5 ms took 4.5 times as many, and 9 to 13 times with thick disks.
     """
-    _keep, mbs, handle = scene(three(0.3, disks=replace(DISKS, thickness=thickness)))
+    _keep, mbs, handle = scene(seven(0.3, disks=replace(DISKS, thickness=thickness)))
     if change == "cut":
         handle.set_tensions([2.0, 0.0, 0.0])
         SolveTDCR(mbs)
@@ -156,16 +156,16 @@ THICK = Disks.equally_spaced(13, LENGTH, mass=0.17e-3, radius=5e-3, thickness=4e
 DAMPED = replace(BACKBONE, retardation_time=1e-2)
 #: Robots by what is special about them, and arguments of the model.
 ROBOTS = {
-    "thick disks": (three(0.3, disks=THICK), {}),
-    "one tendon": (paper(0.3), {}),
-    "thick disks, damped": (three(0.3, disks=THICK, backbone=DAMPED), {}),
-    "elastic tendons": (three(0.3, axial_stiffness=400.0), {}),
-    "continuous": (three(0.0), {"tendon_path": "continuous", "friction": "none"}),
-    "per tendon": (three(0.3), {"friction": "per-tendon"}),
-    "long elements": (three(0.3, disks=Disks.equally_spaced(5, LENGTH, mass=0.5e-3)), {}),
-    "disks without mass": (three(0.3).with_disks(mass=0.0), {}),
-    "superelastic": (three(0.3).with_backbone(superelastic=Superelastic(0.005, 0.3)), {}),
-    "tapered": (three(0.3).with_backbone(taper=((0.0, 0.4e-3), (LENGTH, 0.2e-3))), {}),
+    "thick disks": (seven(0.3, disks=THICK), {}),
+    "one tendon": (single(0.3), {}),
+    "thick disks, damped": (seven(0.3, disks=THICK, backbone=DAMPED), {}),
+    "elastic tendons": (seven(0.3, axial_stiffness=400.0), {}),
+    "continuous": (seven(0.0), {"tendon_path": "continuous", "friction": "none"}),
+    "per tendon": (seven(0.3), {"friction": "per-tendon"}),
+    "long elements": (seven(0.3, disks=Disks.equally_spaced(5, LENGTH, mass=0.5e-3)), {}),
+    "disks without mass": (seven(0.3).with_disks(mass=0.0), {}),
+    "superelastic": (seven(0.3).with_backbone(superelastic=Superelastic(0.005, 0.3)), {}),
+    "tapered": (seven(0.3).with_backbone(taper=((0.0, 0.4e-3), (LENGTH, 0.2e-3))), {}),
 }
 
 
@@ -203,7 +203,7 @@ def test_the_script_of_the_docs_shows_joint_forces_that_grow_without_numerical_d
 
 def test_recommended_settings_serve_exudyns_statics():
     """At rest, where Exudyn's tolerances fail, and in a pull, to the tip of `SolveTDCR`."""
-    _keep, mbs, handle = scene(three(0.3))
+    _keep, mbs, handle = scene(seven(0.3))
     handle.set_tensions([1.0, 0.2, 0.2])
     SolveTDCR(mbs)
     start = handle.tip_position
@@ -229,7 +229,7 @@ def test_a_law_of_friction_that_no_tensions_satisfy_ends_a_run_with_a_message(mo
 
     monkeypatch.setattr(StribeckFriction, "coefficient", lost)
     tendon = Tendon("t1", ParallelRouting(4.5e-3), friction=law, axial_stiffness=2000.0)
-    _keep, mbs, handle = scene(Robot(BACKBONE, DISKS, (tendon,), name="paper"))
+    _keep, mbs, handle = scene(Robot(BACKBONE, SEVEN, (tendon,), name="paper"))
     handle.set_displacements([0.0])
     handle.set_inputs_over_time(lambda t: [0.02 * t])
     with pytest.raises(exu.ModelError, match=r"robot 'paper': at .* no tensions satisfy the law of friction"):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from exudyn.utilities import InertiaCuboid
 from native_solvers import dynamic_settings, recommended, static_settings
-from robots import LENGTH, distance, paper, scene, system, three
+from robots import LENGTH, distance, scene, seven, single, system
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.model.loading import Model
@@ -30,11 +30,11 @@ def bent(mbs, handle):
 
 
 def test_gravity_colour_graphics_and_a_dict_are_as_in_exudyns_functions():
-    _keep, mbs, handle = scene(three(0.0), assemble=False, gravity=tuple(HEAVY), referenceRotationMatrix=TURN)
+    _keep, mbs, handle = scene(seven(0.0), assemble=False, gravity=tuple(HEAVY), referenceRotationMatrix=TURN)
     _keep, other = system()
     made = CreateTDCR(
         other,
-        three(0.0),
+        seven(0.0),
         MODEL,
         referenceRotationMatrix=TURN,
         gravity=HEAVY,
@@ -58,7 +58,7 @@ def test_the_pose_of_the_base_is_that_of_its_marker():
     body = mbs.CreateRigidBody(inertia=InertiaCuboid(1e3, [0.05] * 3), referencePosition=[0.1, 0.2, 0.3])
     at_body = exu.HT(rotation=turn, translation=[0.4, -0.2, -0.2])
     marker = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=body, localHT=at_body))
-    handle = CreateTDCR(mbs, paper(), MODEL, baseMarker=marker)
+    handle = CreateTDCR(mbs, single(), MODEL, baseMarker=marker)
     mbs.Assemble()
     assert distance(handle.tip_position, [0.5, 0.0, 0.1] + turn @ [0.0, 0.0, LENGTH]) < 1e-12
 
@@ -70,7 +70,7 @@ def test_a_robot_on_a_body_in_free_flight_moves_with_it():
     motion = {"initialVelocity": velocity, "initialAngularVelocity": spin}
     body = mbs.CreateRigidBody(inertia=InertiaCuboid(500.0, [0.05] * 3), **motion)
     marker = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=body))
-    handle = CreateTDCR(mbs, three(0.3), MODEL, baseMarker=marker, **motion)
+    handle = CreateTDCR(mbs, seven(0.3), MODEL, baseMarker=marker, **motion)
     mbs.Assemble()
     assert mbs.SolveDynamic(recommended(handle, end, 1e-3))
     position, rotation = handle.shape()
@@ -86,7 +86,7 @@ def test_a_robot_on_a_body_in_free_flight_moves_with_it():
 
 def test_a_tension_set_after_inputs_over_time_leaves_the_other_tendons_as_they_are():
     """In version 0.1 the tensions of t2 and t3 were set to zero."""
-    _keep, mbs, handle = scene(three(0.0), friction="none")
+    _keep, mbs, handle = scene(seven(0.0), friction="none")
     handle.set_inputs_over_time(lambda t: [0.2 * t, 0.5 * t, 0.1 * t])
     assert mbs.SolveStatic(static_settings(20))
     handle.set_tensions({"t1": 0.3})
@@ -106,7 +106,7 @@ def test_a_tension_set_after_inputs_over_time_leaves_the_other_tendons_as_they_a
 @pytest.mark.parametrize("solver", ["SolveTDCR", "SolveStatic", "SolveDynamic"])
 def test_wrong_inputs_over_time_are_refused_by_every_solver(solver, values, words):
     """In version 0.1 one value acted on three tendons, and -0.5 N pushed."""
-    _keep, mbs, handle = scene(three(0.3))
+    _keep, mbs, handle = scene(seven(0.3))
     handle.set_inputs_over_time(lambda t: values)
     settings = {"SolveStatic": [static_settings(5)], "SolveDynamic": [dynamic_settings(0.01, 1e-3)]}
     with pytest.raises((ValueError, RuntimeError), match=words):
@@ -114,7 +114,7 @@ def test_wrong_inputs_over_time_are_refused_by_every_solver(solver, values, word
 
 
 def test_round_off_below_zero_tension_is_zero():
-    _keep, mbs, handle = scene(three(0.3))
+    _keep, mbs, handle = scene(seven(0.3))
     handle.set_inputs_over_time(lambda t: [-1e-16, 0.1 * t, 0.0])
     mbs.SolveTDCR()
     assert handle.tensions()["t1"][0] == 0.0
@@ -135,11 +135,11 @@ def solved(mbs, handle):
 
 
 def test_a_system_is_built_again_after_a_reset_with_other_items_first():
-    _keep, mbs, old = scene(three(0.3), elements_per_bay=1)
+    _keep, mbs, old = scene(seven(0.3), elements_per_bay=1)
     expected = solved(mbs, old)
     mbs.Reset()
     mbs.AddNode(eii.NodePointGround())
-    new = mbs.CreateTDCR(three(0.3), old.model)
+    new = mbs.CreateTDCR(seven(0.3), old.model)
     mbs.Assemble()
     assert np.abs(solved(mbs, new) - expected).max() < 1e-9 * LENGTH
     for use in (lambda: old.tip_position, lambda: old.set_tensions(INPUTS)):
@@ -158,7 +158,7 @@ def test_a_system_is_built_again_after_a_reset_with_other_items_first():
 def test_items_deleted_before_those_of_a_robot_are_refused(use):
     _keep, mbs = system()
     ground = mbs.CreateGround(referencePosition=[1.0, 0.0, 0.0])
-    handle = mbs.CreateTDCR(three(0.3))
+    handle = mbs.CreateTDCR(seven(0.3))
     mbs.DeleteObject(ground)
     mbs.Assemble()
     with pytest.raises((ValueError, RuntimeError), match="because items were deleted"):
@@ -166,7 +166,7 @@ def test_items_deleted_before_those_of_a_robot_are_refused(use):
 
 
 def test_solve_tdcr_in_a_step_function_is_refused():
-    _keep, mbs, handle = scene(three(0.3))
+    _keep, mbs, handle = scene(seven(0.3))
 
     def before(mbs, t):
         SolveTDCR(mbs)
@@ -185,8 +185,8 @@ def test_solve_tdcr_in_a_step_function_is_refused():
 
 def test_a_robot_whose_base_joint_is_switched_off_is_refused_unless_something_else_holds_it():
     """Without its base it has no position at rest."""
-    _keep, mbs, handle = scene(three(0.3), assemble=False)
-    expected = solved(*scene(three(0.3))[1:])
+    _keep, mbs, handle = scene(seven(0.3), assemble=False)
+    expected = solved(*scene(seven(0.3))[1:])
     ground = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.CreateGround()))
     stiffness = np.diag([1e6] * 3 + [1e3] * 3)
     spring = mbs.AddObject(

@@ -5,7 +5,7 @@ from dataclasses import replace
 import exudyn as exu
 import numpy as np
 import pytest
-from robots import LENGTH, hinged_platform, scene, three
+from robots import LENGTH, hinged_platform, scene, seven
 
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 from tdcr_fe.model.robot import Robot, SideSpring
@@ -26,7 +26,7 @@ NAMES = [
 
 def test_a_robot_alone_has_the_derivatives_of_simulate():
     """Wherever its base is: springs to ground are at rest where the unloaded robot is."""
-    robot = replace(three(0.3), springs=(SideSpring(0.15, 1.5),))
+    robot = replace(seven(0.3), springs=(SideSpring(0.15, 1.5),))
     steps = [
         LoadStep("", {"t1": 1.0, "t2": 0.3}, loads={"tip": Load(LENGTH)}, substeps=2),
         LoadStep("", {"t1": 0.6}, loads={"tip": Load(LENGTH, (0.0, 0.02, 0.0))}, substeps=2),
@@ -60,7 +60,7 @@ def carried(robot: Robot) -> tuple[exu.SystemContainer, exu.MainSystem, TDCR]:
 @pytest.mark.parametrize("field", ["youngs_modulus", "radius"])
 def test_the_platform_that_gives_way_is_in_the_derivative(field):
     """Against central differences of whole solutions; the weight of the robot turns the platform."""
-    robot = three(0.2)
+    robot = seven(0.2)
     value = getattr(robot.backbone, field)
 
     def tips(factor: float) -> np.ndarray:

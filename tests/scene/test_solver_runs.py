@@ -9,7 +9,7 @@ import pytest
 from contacts import CONTACTS
 from exudyn.utilities import LoadSolutionFile, SetSolutionState
 from native_solvers import damped, dynamic_settings, recommended
-from robots import LENGTH, distance, scene, three
+from robots import LENGTH, distance, scene, seven
 
 from tdcr_fe.native import register
 from tdcr_fe.solve.statics import SolveTDCR
@@ -43,7 +43,7 @@ def test_a_second_dynamic_run_is_the_first_one_again():
 
     In version 0.1 tensions left in the springs entered the initial accelerations: the tip ended kilometres away.
     """
-    _keep, mbs, handle = damped(three(0.3))
+    _keep, mbs, handle = damped(seven(0.3))
     handle.set_inputs_over_time(rise)
     shapes = []
     for _ in range(2):
@@ -60,10 +60,10 @@ def test_a_second_dynamic_run_is_the_first_one_again():
 
 def test_tensions_set_in_a_prestep_function_are_those_of_inputs_over_time():
     """A control loop: the tensions of a step are set at its beginning, from what the last one has measured."""
-    _keep, mbs, expected = scene(three(0.3))
+    _keep, mbs, expected = scene(seven(0.3))
     expected.set_inputs_over_time(swing)
     assert mbs.SolveDynamic(recommended(expected, 0.04, 1e-3))
-    _keep_other, other, handle = scene(three(0.3))
+    _keep_other, other, handle = scene(seven(0.3))
     handle.set_tensions(swing(0.0))
     seen = []
 
@@ -83,7 +83,7 @@ def test_tensions_set_in_a_prestep_function_are_those_of_inputs_over_time():
 
 def test_a_stored_state_restores_tensions_and_holes():
     """By `GetSystemState` and `SetSystemState`; in version 0.1 the holes kept their later states."""
-    _keep, mbs, handle = scene(three(0.3))
+    _keep, mbs, handle = scene(seven(0.3))
     for inputs in ([1.5, 0.2, 0.1], [1.0, 0.2, 0.1]):
         handle.set_tensions(inputs)
         SolveTDCR(mbs)
@@ -115,7 +115,7 @@ def test_a_state_recorded_in_contact_is_gone_on_from(kind):
     The active sets of a `GeneralContact` are in no state of Exudyn: `UpdateContacts` finds them again. Without it
     `mbs.SolveDynamic` began with those of the state before, and moved by 2e-3 of the length.
     """
-    _keep, mbs, handle = scene(three(0.3), assemble=False)
+    _keep, mbs, handle = scene(seven(0.3), assemble=False)
     CONTACTS[kind](mbs, handle)
     mbs.Assemble()
     pull(mbs, handle, 0.7)
@@ -145,7 +145,7 @@ def test_a_state_recorded_in_contact_is_gone_on_from(kind):
 
 def test_frames_of_a_solution_file_restore_the_run(tmp_path):
     """As `SolutionViewer` sets them: shape, tensions and holes of every frame."""
-    _keep, mbs, handle = scene(three(0.3))
+    _keep, mbs, handle = scene(seven(0.3))
     handle.set_inputs_over_time(swing)
     settings = recommended(handle, 0.08, 1e-3)
     settings.solution.file.write, settings.solution.file.writePeriod = True, 0.02
@@ -174,7 +174,7 @@ def test_a_run_goes_on_from_the_restart_file_of_exudyn(tmp_path):
     """In another system, after the run was stopped by an error: the same end, holes and sums of energy too."""
 
     def made():
-        keep, mbs, handle = scene(three(0.3), assemble=False)
+        keep, mbs, handle = scene(seven(0.3), assemble=False)
         sensor = handle.add_energy_sensor()
         mbs.Assemble()
         handle.set_inputs_over_time(swing)
@@ -213,7 +213,7 @@ def test_a_run_goes_on_from_the_restart_file_of_exudyn(tmp_path):
 
 
 def made_and_dropped(solve: bool) -> weakref.ref:
-    _keep, mbs, handle = scene(three(0.3))
+    _keep, mbs, handle = scene(seven(0.3))
     if solve:
         pull(mbs, handle, 0.1)
     return weakref.ref(handle.actuation)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from robots import BACKBONE, LENGTH, tendon, three
+from robots import BACKBONE, LENGTH, seven, tendon
 
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import Load, LoadStep, Model
@@ -27,8 +27,8 @@ def two_segments(mu: float) -> Robot:
 
 
 CASES = {
-    "no friction": (three(0.0), Model(friction="none", elements_per_bay=1)),
-    "friction": (three(0.2), Model(elements_per_bay=1)),
+    "no friction": (seven(0.0), Model(friction="none", elements_per_bay=1)),
+    "friction": (seven(0.2), Model(elements_per_bay=1)),
     "two segments": (two_segments(0.2), Model(elements_per_bay=1)),
 }
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import BACKBONE, DISKS, LENGTH, paper, pull, scene, three
+from robots import BACKBONE, DISKS, LENGTH, paper, pull, scene, seven
 
 from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
@@ -39,8 +39,8 @@ def solved(robot, tensions, settings=None, **model):
     ("robot", "tensions", "model"),
     [
         pytest.param(paper(), [1.0], {"friction": "none"}, id="no friction"),
-        pytest.param(three(0.3), [1.0, 0.4, 0.0], {"friction": "per-tendon"}, id="per-tendon"),
-        pytest.param(three(0.3), [0.5, 0.2, 0.0], {"friction": "per-hole"}, id="per-hole"),
+        pytest.param(seven(0.3), [1.0, 0.4, 0.0], {"friction": "per-tendon"}, id="per-tendon"),
+        pytest.param(seven(0.3), [0.5, 0.2, 0.0], {"friction": "per-hole"}, id="per-hole"),
         pytest.param(HELIX, [1.0], {"friction": "per-hole"}, id="helical"),
         pytest.param(paper(), [1.0], {"friction": "none", "tendon_path": "continuous"}, id="continuous"),
         pytest.param(
@@ -117,9 +117,9 @@ def test_error_of_a_prediction_falls_with_nearly_the_fourth_power_of_the_step():
     [
         (paper(0.3), "tensions", (2.0,)),
         (paper(0.3), "displacements", (4e-3,)),
-        (three(0.3), "tensions", (2.0, 0.0, 0.0)),
-        (three(0.3, axial_stiffness=3000.0), "tensions", (2.0, 0.0, 0.0)),
-        (three(0.3, axial_stiffness=3000.0), "displacements", (4e-3, -2e-3, -2e-3)),
+        (seven(0.3), "tensions", (2.0, 0.0, 0.0)),
+        (seven(0.3, axial_stiffness=3000.0), "tensions", (2.0, 0.0, 0.0)),
+        (seven(0.3, axial_stiffness=3000.0), "displacements", (4e-3, -2e-3, -2e-3)),
     ],
 )
 def test_predictions_do_not_change_results(robot, driven, full):

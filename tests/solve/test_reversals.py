@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from linear_slips import LinearSlips
-from robots import LENGTH, distance, paper, pull, solve, three
+from robots import LENGTH, distance, paper, pull, seven, solve, three
 
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
@@ -93,7 +93,7 @@ def test_a_hole_whose_last_reversal_the_interpolation_misses_is_found_by_states_
     model = replace(case.model, elements_per_bay=1)
     found = simulate(case.robot, model, case.steps[:3])
     assert found.steps[-1].hole_states[-1][3] == "stick"
-    fine = simulate(case.robot, model, [replace(step, substeps=400) for step in case.steps[:3]])
+    fine = simulate(case.robot, model, [replace(step, substeps=200) for step in case.steps[:3]])
     assert np.abs(found.tips - fine.tips).max() < 1e-5 * case.robot.backbone.length
 
 
@@ -129,9 +129,9 @@ def moved_across() -> list[LoadStep]:
 def test_reversals_located_in_a_substep_are_solved_with_it():
     """As with many small steps; and again along its recorded path, with fewer iterations."""
     steps, model, path = moved_across(), Model(friction="per-hole", elements_per_bay=1), []
-    located = simulate(three(0.3), model, steps, record_path=path)
-    again = simulate(three(0.3), model, steps, reference_path=path)
-    fine = solve(three(0.3), [replace(s, substeps=512) for s in steps])
+    located = simulate(seven(0.3), model, steps, record_path=path)
+    again = simulate(seven(0.3), model, steps, reference_path=path)
+    fine = solve(seven(0.3), [replace(s, substeps=256) for s in steps])
     spent = [sum(s.details["iterations_total"] for s in each.steps) for each in (located, again)]
     assert spent[1] < spent[0]
     for result in (located, again):

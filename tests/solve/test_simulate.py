@@ -1,10 +1,8 @@
 """The paper's robot through loading sequences: known values, and robots of every kind."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from robots import BACKBONE, DISKS, LENGTH, degrees, distance, paper, pull, solve, three
+from robots import BACKBONE, LENGTH, degrees, distance, paper, pull, solve, three
 
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
@@ -67,9 +65,6 @@ def test_turning_the_robot_turns_the_answer(phi):
         assert turn @ x.rotations @ turn.T == pytest.approx(y.rotations, abs=1e-8)
 
 
-# ---------------------------------------------------------------- iterations
-
-
 # ---------------------------------------------------------------- robots of every shape
 
 
@@ -77,14 +72,6 @@ def test_unloaded_robot_stays_as_it_was():
     result = solve(three(), [LoadStep(""), LoadStep("", {"t1": 0.0})])
     assert [s.iterations for s in result.steps] == [0, 0]
     assert distance(result.tips[-1], np.array([0.0, 0.0, LENGTH])) < 1e-14
-
-
-def test_precurved_backbone_without_load_is_the_arc():
-    """Curvature k about y: the tip of a circular arc of radius 1/k."""
-    k = 4.0
-    robot = Robot(replace(BACKBONE, precurvature=(0.0, k)), DISKS, ())
-    tip = solve(robot, [LoadStep("")]).tips[0]
-    assert tip == pytest.approx([(1 - np.cos(k * LENGTH)) / k, 0.0, np.sin(k * LENGTH) / k], abs=1e-12)
 
 
 # ---------------------------------------------------------------- gravity

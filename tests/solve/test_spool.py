@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from inputs import ROBOT, SCENARIO, changed, write
 from native_solvers import static_settings
-from robots import BACKBONE, LENGTH, Robot, system, three
+from robots import BACKBONE, LENGTH, Robot, seven, system
 from scipy.optimize import brentq
 
 import tdcr_fe as tdcr
@@ -25,7 +25,7 @@ ANGLES = (0.3, 0.6, 0.2, 0.5)
 
 def wound(stiffness: float | None, mu: float = 0.3, **rest) -> Robot:
     """The robot with three tendons on spools."""
-    robot = three(mu, **rest)
+    robot = seven(mu, **rest)
     spool = tdcr.Spool(RADIUS, stiffness)
     return replace(robot, tendons=tuple(replace(t, spool=spool) for t in robot.tendons))
 
@@ -42,7 +42,7 @@ def test_the_tension_is_that_of_the_spring():
     result = tdcr.simulate(wound(STIFFNESS), MODEL, steps())
     first = result.steps[0]
     tensions = dict(zip(("t1", "t2", "t3"), first.base_tensions, strict=True))
-    pulled = tdcr.simulate(three(0.3), MODEL, [tdcr.LoadStep(tensions=tensions)])
+    pulled = tdcr.simulate(seven(0.3), MODEL, [tdcr.LoadStep(tensions=tensions)])
     spring = STIFFNESS * (RADIUS * ANGLES[0] - pulled.steps[0].displacements[0])
     assert first.base_tensions == pytest.approx([spring, 0.0, 0.0], abs=1e-8)
     assert np.abs(first.positions - pulled.steps[0].positions).max() < 1e-10
@@ -68,14 +68,14 @@ def test_a_straight_robot_with_elastic_tendons_in_closed_form():
 @pytest.mark.parametrize(("stiffness", "tolerance"), [(None, 1e-12), (1e9, 1e-6)])
 def test_a_stiff_spring_is_a_displacement(stiffness, tolerance):
     by_angle = tdcr.simulate(wound(stiffness), MODEL, steps())
-    by_length = tdcr.simulate(three(0.3), MODEL, steps(RADIUS, "displacements"))
+    by_length = tdcr.simulate(seven(0.3), MODEL, steps(RADIUS, "displacements"))
     for a, b in zip(by_angle.steps, by_length.steps, strict=True):
         assert np.abs(a.positions - b.positions).max() < tolerance * LENGTH
 
 
 def test_a_spring_is_an_elastic_tendon_of_its_stiffness():
     """Without friction the tension is one along the tendon, so that the stretch of spring and tendon add."""
-    elastic = tdcr.simulate(three(0.0, axial_stiffness=400.0), MODEL, steps(RADIUS, "displacements"))
+    elastic = tdcr.simulate(seven(0.0, axial_stiffness=400.0), MODEL, steps(RADIUS, "displacements"))
     step = elastic.steps[1]
     tension = step.base_tensions[0]
     # u = L - l / (1 + T / EA), with the present length l of the tendon between base plate and anchor.

@@ -6,7 +6,7 @@ from typing import Any
 import exudyn.itemInterface as eii
 import numpy as np
 import pytest
-from robots import LENGTH, paper, pull, scene, tendon, three
+from robots import LENGTH, paper, pull, scene, seven, tendon
 
 from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.model.loading import LoadStep, Model, resolve
@@ -50,7 +50,7 @@ def node_motions(twists: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_tangent_is_the_derivative_of_the_forces_by_the_twists_away_from_equilibrium(per_bay, seed):
     """With the node motions J by the twists: d(J^T W) = J^T K J, W the wrenches and K the tangent of a Newton step."""
-    _keep, system, residual = perturbed(three(0.0), seed, elements_per_bay=per_bay)
+    _keep, system, residual = perturbed(seven(0.0), seed, elements_per_bay=per_bay)
     assert system.robots_only
     twists = residual.state.configuration.twists[0]
     assert residual.size > 1.0
@@ -77,7 +77,7 @@ def test_tangent_is_the_derivative_of_the_forces_by_the_twists_away_from_equilib
 @pytest.mark.parametrize("per_bay", [1, 3])
 def test_forces_and_tangent_of_tendons_are_those_of_exudyns_connectors(per_bay):
     """Residual and Jacobian of the scene with spring-dampers that carry the tensions, against the matrix products."""
-    _keep, system, residual = perturbed(three(0.0), 3, elements_per_bay=per_bay)
+    _keep, system, residual = perturbed(seven(0.0), 3, elements_per_bay=per_bay)
     k = system.tangent(residual)
     frames = residual.state.configuration.frames
     robot = system.robots[0]
@@ -137,7 +137,7 @@ CASES: dict[str, tuple[Robot, dict[str, Any], LoadStep]] = {
     "one sign per tendon": (paper(0.3), {"friction": "per-tendon"}, pull(2.0)[0]),
     "two elements a bay": (paper(0.3), {"elements_per_bay": 2}, pull(2.0)[0]),
     "different ends": (short_and_long(), {}, LoadStep("", {"t1": 1.0, "t2": 0.6, "t3": 0.9})),
-    "displacements": (three(0.3), {}, LoadStep("", displacements={"t1": 2e-3, "t2": -1e-3, "t3": -1.2e-3})),
+    "displacements": (seven(0.3), {}, LoadStep("", displacements={"t1": 2e-3, "t2": -1e-3, "t3": -1.2e-3})),
     "free end": (free_end(), {}, pull(2.0)[0]),
 }
 

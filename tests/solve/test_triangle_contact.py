@@ -7,7 +7,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from contacts import DISK, STIFFNESS, add_sphere, add_triangles, general_contact
-from robots import distance, scene, solve, three
+from robots import distance, scene, seven, solve
 
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model.loading import LoadStep
@@ -81,7 +81,7 @@ class Touching(NamedTuple):
 
 def touching(over: str, *, moving: bool, spheres: bool = True, friction: float = 0.0) -> Touching:
     """Triangles across the tip and the node before it, on ground or on a body that moves."""
-    keep, mbs, handle = scene(three(0.0), assemble=False)
+    keep, mbs, handle = scene(seven(0.0), assemble=False)
     contact = general_contact(mbs, friction)
     contact.sphereSphereContact = spheres
     offset = np.array([0.01, 0.02, -0.01])
@@ -152,7 +152,7 @@ def last_markers(handle: Any) -> list[Any]:
 
 
 def against_mesh(mu: float) -> tuple[Any, exu.MainSystem, Any]:
-    keep, mbs, handle = scene(three(mu), assemble=False)
+    keep, mbs, handle = scene(seven(mu), assemble=False)
     contact = general_contact(mbs)
     ground = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.AddObject(eii.ObjectGround())))
     add_triangles(contact, ground, TETRAHEDRON)
@@ -176,5 +176,5 @@ def test_a_robot_leans_on_a_ridge(mu):
     """An oblique edge where two faces meet. With Exudyn's Jacobian this ended as not converged."""
     _keep, mbs, handle = against_mesh(mu)
     assert pulled(mbs, handle, 1.0) <= 30
-    free = solve(three(mu), [LoadStep("", {"t1": 1.0})], elements_per_bay=1).tips[-1]
+    free = solve(seven(mu), [LoadStep("", {"t1": 1.0})], elements_per_bay=1).tips[-1]
     assert distance(handle.tip_position, free) > DISK
