@@ -166,8 +166,8 @@ class ReachedTarget:
         At the base [N].
     displacements : ndarray, shape (n_tendons,)
         Pulled in at the base [m].
-    at_largest, at_pretension : tuple of str
-        Tendons whose tension is at its upper and lower bound.
+    at_largest : tuple of str
+        Tendons whose tension is at its upper bound.
     possible_gain : float
         By how much the linearised robot could still come closer within the bounds, less the price of the tensions, as a
         fraction of its length [1].
@@ -188,7 +188,6 @@ class ReachedTarget:
     tensions: Array
     displacements: Array
     at_largest: tuple[str, ...]
-    at_pretension: tuple[str, ...]
     possible_gain: float
     trials: int
     starts: int

@@ -32,7 +32,7 @@ def force_model(
     mesh: BackboneMesh,
     rigid: Mask,
     hysteresis: Hysteresis,
-    base: BasePose | None = None,
+    base: BasePose | None,
 ) -> ForceModel:
     """Tendons, friction and section forces of a robot.
 
@@ -129,7 +129,7 @@ def tendon_law(robot: Robot, friction: str, lengths: Array, mask: Mask, hysteres
     return TendonLaw(parameters, FRICTION_MODELS[friction], hysteresis)
 
 
-def ground_springs(robot: Robot, mesh: BackboneMesh, base: BasePose | None = None) -> GroundSprings | None:
+def ground_springs(robot: Robot, mesh: BackboneMesh, base: BasePose | None) -> GroundSprings | None:
     """Springs from the backbone to ground, at rest where the unloaded robot is; None where there are none.
 
     Parameters

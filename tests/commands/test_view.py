@@ -7,6 +7,7 @@ from arcs import arc_result
 
 from tdcr_fe import cli
 from tdcr_fe.io.result_files import write_results
+from tdcr_fe.model.loading import LoadStep
 
 
 @pytest.fixture
@@ -68,12 +69,14 @@ def test_a_run_without_a_solved_step_cannot_be_drawn(tmp_path, capsys):
 
 
 @pytest.mark.integration
-def test_video_and_vtk_are_written_beside_the_page(folder, tmp_path, capsys):
+def test_video_and_vtk_are_written_beside_the_page(tmp_path, capsys):
+    folder = tmp_path / "two steps"
+    write_results(arc_result(steps=[LoadStep("", {"t1": t}) for t in (0.5, 1.0)]), folder, pictures=False)
     args = ["view", str(folder), "--vtk", str(tmp_path / "vtk"), "--video", str(tmp_path / "robot.gif")]
     assert cli.main(args) == 0
     said = capsys.readouterr().out
-    assert "robot.pvd and 10 files beside it" in said and "robot.gif (" in said
-    assert len(list((tmp_path / "vtk").iterdir())) == 11
+    assert "robot.pvd and 2 files beside it" in said and "robot.gif (" in said
+    assert len(list((tmp_path / "vtk").iterdir())) == 3
     assert (tmp_path / "robot.gif").read_bytes()[:4] == b"GIF8"
 
 

@@ -226,13 +226,13 @@ def test_between_two_steps_positions_are_halfway_and_rotations_turn_by_half():
 
 
 def test_a_gif_has_all_pictures_and_they_differ(tmp_path):
-    motion, said = short(3), []
+    motion, said = short(2), []
     path = write_video(motion, tmp_path / "robot.gif", said.append)
     with Image.open(path) as picture:
-        assert picture.n_frames == len(times(3)) == len(said) == 13
+        assert picture.n_frames == len(times(2)) == len(said)
         assert picture.size == (960, 500)
         frames = []
-        for k in (0, 12):
+        for k in (0, picture.n_frames - 1):
             picture.seek(k)
             frames.append(np.asarray(picture.convert("RGB")))
     assert np.count_nonzero(np.any(frames[0] != frames[1], axis=-1)) > 500

@@ -66,8 +66,8 @@ def swing(mbs, load, sensor, force, end: float = 1.5) -> float:
     [
         (0.0, {}, [0.0, 1e-3, 0.0], 0, 1.5),
         (0.0, {}, [1e-3, 0.0, 0.0], 1, 1.5),
-        (0.0, ELASTIC, [1e-3, 0.0, 0.0], 1, 1.5),
-        (0.3, {}, [0.0, 1e-6, 0.0], 0, 3.0),
+        (0.0, ELASTIC, [1e-3, 0.0, 0.0], 1, 1.0),
+        (0.3, {}, [0.0, 1e-6, 0.0], 0, 2.0),
     ],
     ids=["across", "in the plane", "driven by displacement", "stuck"],
 )

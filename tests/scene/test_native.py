@@ -97,7 +97,7 @@ def test_dynamics_after_statics_begin_at_rest(drive):
     assert max(t[0] for t in tensions.values()) > 0.5
     moved = []
     mbs.SetPostStepUserFunction(lambda m, t: moved.append(distance(handle.shape()[0], start)) or True)
-    assert mbs.SolveDynamic(dynamic_settings(0.1, 1e-3))
+    assert mbs.SolveDynamic(dynamic_settings(0.03, 1e-3))
     assert max(moved) < 1e-6
     for name, before in tensions.items():
         assert np.abs(handle.tensions()[name] - before).max() < 1e-4 * max(1e-3, before[0])

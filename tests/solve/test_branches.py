@@ -19,7 +19,7 @@ from tdcr_fe.solve.stability import ExternalCompression
 from tdcr_fe.validation.fuzz.drawing import draw
 from tdcr_fe.validation.fuzz.energy import divided
 
-PARTS = 8
+PARTS = 4
 
 
 @pytest.mark.parametrize("number", [2597, 2532])

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import BACKBONE, LENGTH, paper, pull
+from robots import BACKBONE, LENGTH, pull, single
 
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.results import Interrupted, SequenceResult
@@ -28,12 +28,12 @@ def true_errors(coarse: SequenceResult, fine: SequenceResult) -> np.ndarray:
 @pytest.mark.parametrize(
     ("robot", "model", "load"),
     [
-        (paper(), Model(friction="none"), (0.0, 0.0, 0.0)),
-        (paper(), Model(friction="none"), (0.0, 0.05, 0.0)),
-        (paper(0.3), Model(), (0.0, 0.05, 0.0)),
-        (paper(), Model("continuous", "none"), (0.0, 0.05, 0.0)),
+        (single(), Model(friction="none"), (0.0, 0.0, 0.0)),
+        (single(), Model(friction="none"), (0.0, 0.05, 0.0)),
+        (single(0.3), Model(), (0.0, 0.05, 0.0)),
+        (single(), Model("continuous", "none"), (0.0, 0.05, 0.0)),
         (
-            paper(backbone=replace(BACKBONE, density=2e4)),
+            single(backbone=replace(BACKBONE, density=2e4)),
             Model(friction="none", gravity=(9.81, 0, 0)),
             (0, 0, 0),
         ),
@@ -52,13 +52,13 @@ def test_the_estimate_tends_to_the_true_error(
 
 def test_a_pure_moment_has_no_discretisation_error() -> None:
     """A continuous parallel tendon bends the backbone into an arc, which one element follows exactly."""
-    result = simulate(paper(), Model("continuous", "none", 1), pull(2.5))
+    result = simulate(single(), Model("continuous", "none", 1), pull(2.5))
     assert result.steps[0].discretisation_error < 1e-12
 
 
 def test_the_automatic_mesh_meets_its_tolerance() -> None:
     """Three disks a segment: 0.07 to 0.12 % of the length off with four elements a bay on e3bbe5d, no warning."""
-    robot = paper()
+    robot = single()
     robot = replace(robot, disks=Disks.equally_spaced(3, LENGTH))
     steps = [LoadStep("", {"t1": 2.5}, loads={"tip": Load(LENGTH, (0.0, 0.05, 0.0))})]
     result = simulate(robot, Model(friction="none"), steps)
@@ -72,8 +72,8 @@ def test_refinement_begins_where_a_coarse_start_is_not_enough() -> None:
     """A tolerance below the error of the first mesh makes it finer, and the result keeps the user's model."""
     model = Model(friction="none")
     settings = SolverSettings(mesh_tolerance=1e-6)
-    result = simulate(paper(), model, pull(1.0, 2.5), settings)
-    assert max(result.elements_per_bay) > max(elements_of_bays(paper(), model))
+    result = simulate(single(), model, pull(1.0, 2.5), settings)
+    assert max(result.elements_per_bay) > max(elements_of_bays(single(), model))
     assert all(s.discretisation_error < 1e-6 * LENGTH for s in result.steps)
     assert result.model == model
     assert len(result.steps) == 2
@@ -98,9 +98,9 @@ def test_steps_of_the_coarser_mesh_are_kept_where_the_refined_one_fails(monkeypa
     fail_on_refined_meshes(monkeypatch, 2, StepFailed("no balance", 0.0, 1.0, None, 5))
     path: PathRecord = []
     settings = SolverSettings(mesh_tolerance=1e-6)
-    result = simulate(paper(), Model(friction="none"), pull(1.0, 2.0, 2.5), settings, record_path=path)
+    result = simulate(single(), Model(friction="none"), pull(1.0, 2.0, 2.5), settings, record_path=path)
     assert result.converged and len(result.steps) == len(path) == 3
-    assert result.elements_per_bay == elements_of_bays(paper(), Model())
+    assert result.elements_per_bay == elements_of_bays(single(), Model())
     assert all(s.discretisation_error > 1e-6 * LENGTH for s in result.steps)
     assert any("on which 3 steps were solved" in w and "step 2" in w for w in result.warnings)
     assert any("too coarse" in w for w in result.warnings)
@@ -110,7 +110,7 @@ def test_steps_of_the_coarser_mesh_are_kept_where_the_refined_run_is_interrupted
     fail_on_refined_meshes(monkeypatch, 1, KeyboardInterrupt())
     settings = SolverSettings(mesh_tolerance=1e-6)
     with pytest.raises(Interrupted) as stop:
-        simulate(paper(), Model(friction="none"), pull(1.0, 2.5), settings)
+        simulate(single(), Model(friction="none"), pull(1.0, 2.5), settings)
     result = stop.value.result
     assert (result.converged, result.message, len(result.steps)) == (False, "interrupted", 2)
     assert any("was interrupted" in w for w in result.warnings)
@@ -118,7 +118,7 @@ def test_steps_of_the_coarser_mesh_are_kept_where_the_refined_run_is_interrupted
 
 def test_a_given_number_of_elements_is_kept_and_its_error_reported() -> None:
     """Three disks with one element a bay are far off; the run reports it, with the size of the error."""
-    robot = replace(paper(), disks=Disks.equally_spaced(3, LENGTH))
+    robot = replace(single(), disks=Disks.equally_spaced(3, LENGTH))
     result = simulate(robot, Model(friction="none", elements_per_bay=1), pull(2.5))
     assert result.elements_per_bay == (1, 1, 1, 1)
     assert result.steps[0].discretisation_error > 1e-4 * LENGTH
@@ -137,7 +137,7 @@ def test_a_bay_under_a_known_force_has_the_fraction_of_eulers_load() -> None:
 
 def test_elements_per_bay_can_be_given_for_every_bay() -> None:
     counts = (3, 1, 2, 4)
-    robot = replace(paper(), disks=Disks((0.05, 0.1, 0.2)), tendons=())
+    robot = replace(single(), disks=Disks((0.05, 0.1, 0.2)), tendons=())
     result = simulate(robot, Model(friction="none", elements_per_bay=counts), [LoadStep()])
     assert len(result.steps[0].s) == 1 + sum(counts)
 

@@ -37,30 +37,30 @@ def by_tension(scale: float = 1.0) -> tuple[LoadStep, ...]:
     tip = {"tip": Load(LENGTH, (0.01, 0.02, 0.0), (0.0, 5e-4, 3e-4))}
     inside = {"middle": Load(0.07, (0.02, 0.0, 0.01), (0.0, 0.0, 5e-4), "section")}
     return (
-        LoadStep("", {"t1": 1.2 * scale, "t2": 0.3 * scale}, substeps=4, time=1.0),
-        LoadStep("", {"t1": 0.9 * scale}, loads=tip, substeps=4, time=2.0),
-        LoadStep("", {"t1": 0.5 * scale, "t3": 0.6 * scale}, loads=inside, substeps=4, time=3.0),
-        LoadStep("", {"t1": 1.0 * scale, "t2": 0.5 * scale}, substeps=4, time=4.0),
+        LoadStep("", {"t1": 1.2 * scale, "t2": 0.3 * scale}, substeps=2, time=1.0),
+        LoadStep("", {"t1": 0.9 * scale}, loads=tip, substeps=2, time=2.0),
+        LoadStep("", {"t1": 0.5 * scale, "t3": 0.6 * scale}, loads=inside, substeps=2, time=3.0),
+        LoadStep("", {"t1": 1.0 * scale, "t2": 0.5 * scale}, substeps=2, time=4.0),
     )
 
 
 def by_displacement() -> tuple[LoadStep, ...]:
     """From tensions to displacements and back, with a reversal."""
     return (
-        LoadStep("", {"t1": 0.8, "t2": 0.2}, substeps=4, time=1.0),
-        LoadStep("", {"t1": 0.9}, displacements={"t2": 1e-3}, substeps=4, time=2.0),
-        LoadStep("", displacements={"t1": 3e-3, "t2": 0.5e-3}, substeps=4, time=3.0),
-        LoadStep("", displacements={"t1": 2e-3, "t2": 1.1e-3}, substeps=4, time=4.0),
-        LoadStep("", {"t1": 0.3}, substeps=4, time=5.0),
+        LoadStep("", {"t1": 0.8, "t2": 0.2}, substeps=2, time=1.0),
+        LoadStep("", {"t1": 0.9}, displacements={"t2": 1e-3}, substeps=2, time=2.0),
+        LoadStep("", displacements={"t1": 3e-3, "t2": 0.5e-3}, substeps=2, time=3.0),
+        LoadStep("", displacements={"t1": 2e-3, "t2": 1.1e-3}, substeps=2, time=4.0),
+        LoadStep("", {"t1": 0.3}, substeps=2, time=5.0),
     )
 
 
 def tightened() -> tuple[LoadStep, ...]:
     """At displacement zero, then one tendon pulled in and the others let out, and back."""
     return (
-        LoadStep("", displacements={"t1": 0.0, "t2": 0.0, "t3": 0.0}, substeps=4, time=1.0),
-        LoadStep("", displacements={"t1": 2e-3, "t2": -6e-4, "t3": -5e-4}, substeps=4, time=2.0),
-        LoadStep("", displacements={"t1": 1.2e-3, "t2": 2e-4}, substeps=4, time=3.0),
+        LoadStep("", displacements={"t1": 0.0, "t2": 0.0, "t3": 0.0}, substeps=2, time=1.0),
+        LoadStep("", displacements={"t1": 2e-3, "t2": -6e-4, "t3": -5e-4}, substeps=2, time=2.0),
+        LoadStep("", displacements={"t1": 1.2e-3, "t2": 2e-4}, substeps=2, time=3.0),
     )
 
 

@@ -125,10 +125,9 @@ def test_friction_that_drives_would_be_seen():
 
 
 @pytest.mark.integration
-@pytest.mark.parametrize("number", [0, 6])
-def test_finite_elements_and_reference_agree_with_default_settings(tmp_path, number):
+def test_finite_elements_and_reference_agree_with_default_settings(tmp_path):
     """To the error that the finite elements announce."""
-    found = runner.load("random_robots").run(number, tmp_path)
+    found = runner.load("random_robots").run(6, tmp_path)
     assert found.passed
     assert max(found.gaps) < 2.0 * max(found.estimates) + 1e-6
 

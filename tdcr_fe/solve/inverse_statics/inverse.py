@@ -325,12 +325,7 @@ class _FollowRun:
             status = ReachStatus.OUT_OF_REACH
         else:
             status = ReachStatus.NOT_CONVERGED
-        near = 1e-6 * task.scale
-        names = task.robot.tendon_names
-
-        def named(which: NDArray[np.bool_]) -> tuple[str, ...]:
-            return tuple(n for n, x in zip(names, which, strict=True) if x)
-
+        most = trial.tensions >= task.upper - 1e-6 * task.scale
         return ReachedTarget(
             objective.target,
             status,
@@ -338,8 +333,7 @@ class _FollowRun:
             direction_error,
             trial.tensions,
             trial.displacements,
-            named(trial.tensions >= task.upper - near),
-            named((trial.tensions <= task.lower + near) & (trial.tensions < task.upper - near)),
+            tuple(n for n, x in zip(task.robot.tendon_names, most, strict=True) if x),
             best.possible_gain,
             trials,
             starts,

@@ -43,7 +43,7 @@ class RobotModel:
         cls,
         experiment: Experiment,
         hysteresis: Hysteresis,
-        base: BasePose | None = None,
+        base: BasePose | None,
         similar: RobotModel | None = None,
     ) -> RobotModel:
         """Model from its description; arguments as the attributes.
