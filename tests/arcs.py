@@ -1,27 +1,18 @@
 """Synthetic results for tests of tables and pictures: every step is a circular arc."""
 
 import numpy as np
+from robots import BACKBONE, DISKS, tendon
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import LoadStep, Model, resolve
 from tdcr_fe.model.results import SequenceResult, StepResult
-from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.routing import ParallelRouting
-from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.model.robot import Robot
 
 
 def paper_robot(tendons: int = 1) -> Robot:
     """The paper's single-segment robot; further tendons at equal angles about the backbone."""
-    return Robot(
-        Backbone(0.25, 0.4e-3, 85e9, 0.3, 5600.0),
-        Disks.equally_spaced(13, 0.25, mass=0.17e-3, radius=5e-3),
-        tuple(
-            Tendon(f"t{i + 1}", ParallelRouting(4.5e-3, 360.0 * i / tendons), friction_coefficient=0.3)
-            for i in range(tendons)
-        ),
-        name="single-segment",
-    )
+    each = tuple(tendon(f"t{i + 1}", 360.0 * i / tendons) for i in range(tendons))
+    return Robot(BACKBONE, DISKS, each, name="single-segment")
 
 
 def arc_step(robot: Robot, number: int, angle: float, phi: float, tensions: np.ndarray, **rest) -> StepResult:
@@ -38,8 +29,8 @@ def arc_step(robot: Robot, number: int, angle: float, phi: float, tensions: np.n
     axis = np.array([-np.sin(phi), np.cos(phi), 0.0])
     rotations = Rotation.from_rotvec(a[:, None] * axis).as_matrix()
     profiles, states = [], []
-    for tendon, tension in zip(robot.tendons, tensions, strict=True):
-        n = len(robot.hole_arc_lengths(tendon)) - 1
+    for each, tension in zip(robot.tendons, tensions, strict=True):
+        n = len(robot.hole_arc_lengths(each)) - 1
         profiles.append(tension * 0.9 ** np.arange(n))
         states.append((*("pull" if i % 2 else "stick" for i in range(n - 1)), "anchor"))
     given = dict(label="", converged=True, iterations=4, substeps=1, residual=1e-11)

@@ -1,5 +1,6 @@
 """Robots that the tests of the finite-element model share."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -8,14 +9,16 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.loading import LoadStep, Model, resolve
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.native import register
 from tdcr_fe.scene import TDCR, CreateTDCR
-from tdcr_fe.solve.simulate import simulate
+from tdcr_fe.solve.simulate import Simulation, simulate
 
+register()  # `mbs.SolveTDCR` and the like, for all tests with these robots
 LENGTH = 0.25
 BACKBONE = Backbone(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0)
 DISKS = Disks.equally_spaced(13, LENGTH, mass=0.17e-3, radius=5e-3)
@@ -67,6 +70,15 @@ def solve(robot: Robot, steps: list[LoadStep], settings: Any = None, **model: An
 def degrees(result: SequenceResult) -> np.ndarray:
     """Tip bending angles [deg]."""
     return np.degrees(result.bending_angles)
+
+
+def simulation(robot: Robot, model: Model, steps: Sequence[LoadStep], settings: Any = None) -> Simulation:
+    """A robot that has gone through load steps."""
+    targets = resolve(robot, steps)
+    found = Simulation(robot, model, targets, settings)
+    for target in targets:
+        found.advance(target)
+    return found
 
 
 def distance(a: np.ndarray, b: np.ndarray) -> float:

@@ -22,15 +22,12 @@ TENDONS = {
 ENDS = {"parallel": 6, "helical": 4, "helical-varying": 6, "converging": 5, "points": 3}
 
 
-def write_robot(folder, tendon_path, friction, end_of_all=False):
+def write_robot(folder, tendon_path, friction):
     """Write robot.toml and scenario.toml; returns the path of the latter."""
     text = ROBOT
     for name, fields in TENDONS.items():
-        if end_of_all and name == "points":
-            fields = "holes = [" + ", ".join(["[4e-3, 0.0]"] * 7) + "]"
         text += f'[[tendons]]\nname = "{name}"\nrouting = "{name}"\n{fields}\nfriction_coefficient = 0.2\n'
-        if not end_of_all:
-            text += f"end = {0.25 * ENDS[name] / 6!r}\n"
+        text += f"end = {0.25 * ENDS[name] / 6!r}\n"
     (folder / "robot.toml").write_text(text)
     path = folder / "scenario.toml"
     path.write_text(

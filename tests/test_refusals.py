@@ -22,6 +22,8 @@ from tdcr_fe import (
     TensionLimits,
 )
 from tdcr_fe.effects import Experiment, with_effect
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.model.channels import channel
 from tdcr_fe.model.robot import SideSpring
 from tdcr_fe.model.tendon import TightHole
 from tdcr_fe.sweeps.description import Range
@@ -37,6 +39,7 @@ SOFT = Robot(Backbone(0.3, 12e-3, 0.4e6, 0.45), tendons=(Tendon("a", tdcr.Conver
 PULL = [LoadStep(tensions={"t1": 1.0})]
 ABOVE = [[0.0, 0.0, 0.2]]
 ONE = TensionLimits(1.0)
+AT_STEP_9 = tdcr.Reading(9, "tip_offset", None, 0.03)
 
 
 def patched(start, end):
@@ -87,6 +90,8 @@ DESCRIPTIONS = [
     (lambda: Normal(0.0, 1.0, lower=40.0), "leave out the whole distribution"),
     (lambda: Range(-1.0, 1.0, 3, "logarithmic"), "both positive or both negative"),
     (lambda: ReferenceSettings(substeps=0), "substeps = 0"),
+    (lambda: channel("strain"), "curvature_x"),
+    (lambda: MeasuredData("x", three(), FREE, (1,), (LoadStep(),), ("",), (AT_STEP_9,)), "step 9"),
 ]  # fmt: skip
 EFFECTS = [
     (lambda: changed("magic", x=1.0), "there are"),

@@ -117,7 +117,7 @@ def test_newton_converges_quadratically_with_laws(law, axial_stiffness, friction
 # ---------------------------------------------------------------- scenes
 
 
-def sampled(law, end, step, tension, presliding=1e-6):
+def sampled(law, end, step, tension):
     """Solve with a tension over time [N]; by time step, arrays of shape (steps, holes).
 
     Returns
@@ -127,7 +127,7 @@ def sampled(law, end, step, tension, presliding=1e-6):
     rate, mobilisation : ndarray
         Slip rates [m/s] and mobilisations.
     """
-    _keep, mbs, handle = damped(with_law(law), 0.3, presliding=presliding)
+    _keep, mbs, handle = damped(with_law(law), 0.3)
     handle.set_inputs_over_time(lambda t: [tension(t)])
     found = []
 

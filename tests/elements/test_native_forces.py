@@ -13,7 +13,6 @@ from tdcr_fe.elements.poses import rotation_of_euler_parameters
 from tdcr_fe.elements.section import nodal_sum
 from tdcr_fe.model.robot import Disks
 from tdcr_fe.model.routing import HelicalRouting
-from tdcr_fe.native import register
 from tdcr_fe.solve.statics import SolveTDCR
 
 
@@ -65,7 +64,6 @@ def test_forces_and_tangent_are_those_of_the_general_evaluation(case):
 # ------------------------------------------------------------ iterated tendons
 
 
-register()
 STEP = 1e-3
 
 
@@ -87,9 +85,6 @@ def test_a_swing_with_friction_takes_few_jacobians(count):
 
 
 # ------------------------------------------------------------ iterated backbone
-
-
-register()
 
 
 def forces(q: np.ndarray, wrenches: np.ndarray) -> np.ndarray:

@@ -1,6 +1,5 @@
 """Measured data: written data are read back unchanged, bad rows are named, declared effects are part of the model."""
 
-import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -184,19 +183,6 @@ def test_missing_columns_and_empty_files_are_named(folder):
     (folder / "observations.csv").write_text("")
     with pytest.raises(InputError, match=r"observations\.csv"):
         read_measured(folder)
-
-
-def test_a_reading_of_an_unknown_step_cannot_be_made():
-    with pytest.raises(ValueError, match="step 9"):
-        MeasuredData(
-            "x",
-            three(),
-            Model(),
-            (1,),
-            (LoadStep(),),
-            ("",),
-            (Reading(9, "tip_offset", None, math.pi / 100),),
-        )
 
 
 def test_steps_that_do_not_ascend_are_warned_of(folder):

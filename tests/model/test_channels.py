@@ -98,12 +98,6 @@ def test_the_straight_robot_shows_the_rest_values():
         assert low <= c.at_rest(location) <= high
 
 
-def test_an_unknown_quantity_names_those_that_exist():
-    assert len(set(QUANTITIES)) == len(CHANNELS)
-    with pytest.raises(KeyError, match="curvature_x"):
-        channel("strain")
-
-
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_derivatives_of_an_arc_are_those_of_whole_arcs(quantity: str) -> None:
     """By its curvature, and by where its nodes lie on it, which changes no reading; the instrument is turned."""

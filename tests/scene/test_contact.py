@@ -15,10 +15,6 @@ from contacts import (
 from native_solvers import static_settings
 from robots import LENGTH, distance, scene, seven, three
 
-from tdcr_fe.native import register
-
-register()
-
 
 def with_contact(add, mu=0.0, **rest):
     keep, mbs, handle = scene(seven(mu), assemble=False)

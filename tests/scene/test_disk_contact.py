@@ -9,12 +9,10 @@ from robots import BACKBONE, LENGTH, distance, scene, seven, system, three
 
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Disks
-from tdcr_fe.native import register
 from tdcr_fe.scene import TDCR, CreateTDCR
 from tdcr_fe.solve.load_steps.load_path import StepFailed
 from tdcr_fe.solve.statics import SolveTDCR
 
-register()
 #: Disks of 9 mm radius: a robot whose tip comes back to its first disk.
 LARGE = Disks.equally_spaced(13, LENGTH, mass=0.17e-3, radius=9e-3)
 

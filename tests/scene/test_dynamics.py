@@ -16,7 +16,6 @@ from tdcr_fe.elements.section import NonlinearSection, SuperelasticSection
 from tdcr_fe.model.robot import Disks
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.native import register
 from tdcr_fe.scene.energy import ENERGY_COLUMNS
 from tdcr_fe.solve.statics import SolveTDCR
 
@@ -61,9 +60,6 @@ def test_what_does_not_turn_motors_refuses_them():
 
 
 # ------------------------------------------------------------ material damping
-
-
-register()
 
 
 def viscous(robot: Robot, time: float, **rest) -> Robot:
@@ -148,9 +144,6 @@ def wrenches(mbs, handle, velocity):
 
 
 # ------------------------------------------------------------ energy sensor
-
-
-register()
 
 
 def columns(mbs, sensor) -> dict[str, np.ndarray]:

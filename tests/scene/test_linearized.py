@@ -7,10 +7,8 @@ from robots import LENGTH, scene, seven
 from scipy.linalg import eig
 
 from tdcr_fe.model.loading import SolverSettings
-from tdcr_fe.native import register
 from tdcr_fe.solve.statics import SolveTDCR
 
-register()
 #: So large that nothing slips beyond it at a pull of 0.02 N [m].
 PRESLIDING = 1e-3
 ELASTIC = {"axial_stiffness": 400.0}

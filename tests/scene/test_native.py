@@ -17,10 +17,7 @@ from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.native import register
 from tdcr_fe.solve.statics import SolveTDCR
-
-register()
 
 # ---------------------------------------------------------------- statics
 

@@ -25,14 +25,11 @@ from robots import (
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
-from tdcr_fe.native import register
 from tdcr_fe.scene.builder import CreateTDCR
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.load_path import StepFailed
 from tdcr_fe.solve.statics import SolveTDCR
-
-register()
 
 MODEL = Model(friction="per-hole", elements_per_bay=1)
 STRAIGHT = np.array([0.0, 0.0, LENGTH])

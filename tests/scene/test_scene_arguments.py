@@ -11,11 +11,9 @@ from robots import LENGTH, distance, scene, seven, single, system
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.model.loading import Model
-from tdcr_fe.native import register
 from tdcr_fe.scene import CreateTDCR
 from tdcr_fe.solve.statics import SolveTDCR
 
-register()
 MODEL = Model(friction="per-hole", elements_per_bay=1)
 TURN = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 HEAVY = [0.0, 0.0, -9.81]
@@ -123,7 +121,6 @@ def test_round_off_below_zero_tension_is_zero():
 # ------------------------------------------------------------ edited systems
 
 
-register()
 INPUTS = [0.5, 0.1, 0.1]
 
 

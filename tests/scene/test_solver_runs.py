@@ -11,10 +11,8 @@ from exudyn.utilities import LoadSolutionFile, SetSolutionState
 from native_solvers import damped, dynamic_settings, recommended
 from robots import LENGTH, distance, scene, seven
 
-from tdcr_fe.native import register
 from tdcr_fe.solve.statics import SolveTDCR
 
-register()
 BOTH = (exu.ConfigurationType.Current, exu.ConfigurationType.Initial)
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import BACKBONE, DISKS, LENGTH, paper, pull, scene, seven
+from robots import BACKBONE, DISKS, LENGTH, paper, pull, scene, seven, simulation
 
 from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
@@ -78,33 +78,22 @@ def test_a_stored_state_is_small_and_starts_another_run():
 MODEL = Model(friction="per-hole", elements_per_bay=1)
 
 
-def simulation(robot, steps, settings=None):
-    """A robot that has gone through load steps."""
-    found = Simulation(robot, MODEL, resolve(robot, steps), settings)
-    for target in resolve(robot, steps):
-        found.advance(target)
-    return found
-
-
-def predicted(arm, *inputs, loads=()):
-    """Prediction for further inputs."""
-    goal = Target((np.array(inputs, dtype=float),), loads, arm.state.time)
-    return predict_from(arm, goal, arm.linearization())
-
-
-def predict_from(arm, goal, line, settings=None):
-    """Prediction from the state of a simulation."""
+def predict_from(arm, *inputs):
+    """Prediction for further inputs from the state of a simulation."""
+    goal = Target((np.array(inputs, dtype=float),), (), arm.state.time)
     changes = input_changes(arm.state, goal)
-    return predict(arm.system, arm.state, goal, changes, line, settings or arm.settings)
+    return predict(arm.system, arm.state, goal, changes, arm.linearization(), arm.settings)
 
 
 def test_error_of_a_prediction_falls_with_nearly_the_fourth_power_of_the_step():
     """Pull from 1 N in steps of 0.2, 0.1 and 0.05 N; the fourth solution is predicted from two before it."""
     errors = []
     for size in (0.2, 0.1, 0.05):
-        arm = simulation(paper(0.3), pull(*(1.0 + size * np.arange(3))), SolverSettings(tolerance=1e-9))
+        arm = simulation(
+            paper(0.3), MODEL, pull(*(1.0 + size * np.arange(3))), SolverSettings(tolerance=1e-9)
+        )
         goal = 1.0 + 3.0 * size
-        guess = predicted(arm, goal).state.configuration.twists[0]
+        guess = predict_from(arm, goal).state.configuration.twists[0]
         arm.advance(resolve(paper(0.3), pull(goal))[0])
         errors.append(np.abs(guess - arm.state.configuration.twists[0]).max())
     slopes = np.log2(np.array(errors[:-1]) / errors[1:])
@@ -132,9 +121,7 @@ def test_predictions_do_not_change_results(robot, driven, full):
     following, alone = (Simulation(robot, MODEL, targets, settings) for _ in range(2))
     made = 0
     for target in targets:
-        line = following.linearization()
-        goal = Target((target.values,), (), 0.0)
-        made += predict_from(following, goal, line) is not None
+        made += predict_from(following, *target.values) is not None
         following.advance(target)
         alone.restore(alone.state)
         alone.advance(target)

@@ -11,12 +11,6 @@ from tdcr_fe.solve.simulate import SolverSettings, simulate
 # ---------------------------------------------------------------- angles
 
 
-def test_tip_angles_without_friction_at_one_element_per_bay():
-    """19.0284, 38.3985, 98.5664 deg: planar integration of the discrete model, independent of this code."""
-    angles = degrees(solve(paper(), pull(0.5, 1.0, 2.5), friction="none"))
-    assert angles == pytest.approx([19.0284, 38.3985, 98.5664], rel=5e-4)
-
-
 def test_mesh_error_of_the_tip_angle_falls_with_nearly_order_four():
     """Against 98.56642 deg of the planar integration: slope of log error over log elements."""
     n = np.array([1, 2, 4, 8])
@@ -47,9 +41,9 @@ def test_monotone_loading_gives_the_same_for_per_tendon_and_per_hole():
         assert x.tensions[0] == pytest.approx(y.tensions[0], abs=1e-9)
 
 
-@pytest.mark.parametrize("phi", [40.0, 90.0])
-def test_turning_the_robot_turns_the_answer(phi):
+def test_turning_the_robot_turns_the_answer():
     """Tendons and loads rotated about z rotate the whole backbone, through a reversal of the load too."""
+    phi = 40.0
     c, s = np.cos(np.radians(phi)), np.sin(np.radians(phi))
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 

@@ -12,10 +12,7 @@ from scipy.optimize import brentq
 import tdcr_fe as tdcr
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.toml import read_scenario
-from tdcr_fe.native import register
 from tdcr_fe.solve.statics import SolveTDCR
-
-register()
 
 RADIUS, STIFFNESS = 8e-3, 2e3
 MODEL = tdcr.Model(elements_per_bay=2)

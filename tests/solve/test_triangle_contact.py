@@ -11,10 +11,7 @@ from robots import distance, scene, seven, solve
 
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model.loading import LoadStep
-from tdcr_fe.native import register
 from tdcr_fe.solve.equations.kernel import StaticKernel
-
-register()
 
 #: Of sphere and triangle in series.
 SERIES = 0.5 * STIFFNESS

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from robots import simulation
 
-from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
+from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.simulate import Simulation
 from tdcr_fe.solve.stability import stability, strain_tangent
 from tdcr_fe.validation.paper.cases import MODELS, figure
 
@@ -19,11 +19,7 @@ EULER = np.pi**2 * ROBOT.backbone.EI / (4.0 * ROBOT.backbone.length**2)
 
 
 def solved(robot, model, *steps):
-    targets = resolve(robot, steps)
-    simulation = Simulation(robot, model, targets)
-    for target in targets:
-        simulation.advance(target)
-    return simulation
+    return simulation(robot, model, steps)
 
 
 def push(share):
@@ -77,10 +73,10 @@ def test_tangent_without_friction_is_symmetric_however_far_the_robot_bends(key):
 
 def test_tangent_is_the_derivative_of_the_potential():
     """Second difference of elastic energy, tendon work and load work along the softest mode."""
-    simulation = solved(ROBOT, MODELS["discrete"], LoadStep("pull", {"t1": 1.5}), push(0.3))
-    tangent, _ = strain_tangent(simulation.system, simulation.state)
-    space, unknowns = simulation.system.layout.space, simulation.state.configuration.unknowns
-    mesh = simulation.handle.mesh
+    pulled = solved(ROBOT, MODELS["discrete"], LoadStep("pull", {"t1": 1.5}), push(0.3))
+    tangent, _ = strain_tangent(pulled.system, pulled.state)
+    space, unknowns = pulled.system.layout.space, pulled.state.configuration.unknowns
+    mesh = pulled.handle.mesh
     direction = (
         np.sin(np.arange(unknowns.twists[0].size)) * np.sqrt(mesh.lengths[:, None] / mesh.stiffness).ravel()
     )
