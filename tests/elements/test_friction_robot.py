@@ -92,8 +92,7 @@ def test_force_dependent_friction_has_the_coefficient_of_its_normal_force(axial_
         assert np.ptp(mu) > 0.005
 
 
-@pytest.mark.parametrize("friction", ["per-hole", "per-tendon"])
-@pytest.mark.parametrize("axial_stiffness", [None, 300.0], ids=["inextensible", "elastic"])
+@pytest.mark.parametrize(("friction", "axial_stiffness"), [("per-hole", None), ("per-tendon", 300.0)])
 @pytest.mark.parametrize(
     "law",
     [

@@ -180,7 +180,7 @@ def test_what_nothing_holds_is_named():
     mbs.Assemble()
     load.set([0.01, 0.0, 0.0])
     with pytest.raises(StepFailed, match="Nothing holds robot 'paper', 'cart': fix or support"):
-        mbs.SolveTDCR(SolverSettings(min_substep=0.5))
+        mbs.SolveTDCR(SolverSettings(min_substep=1.0))
 
 
 # ---------------------------------------------------------------- hooks

@@ -74,10 +74,10 @@ def test_declared_model_misses_table_1_by_seven_and_not_by_a_third_of_a_per_cent
 @pytest.mark.integration
 def test_a_helix_under_high_tension_bifurcates_under_a_load_against_its_bending():
     """The rod of the simulation, with friction: a static bifurcation at 30 N of tension, none at 20 N."""
-    robot, loads = figure("fig5").robot, (0.02, 0.04, 0.06, 0.08, 0.1)
-    found = {t: claims.critical_load(robot, Model(), t, (0, -1, 0), loads)[0] for t in (20.0, 30.0)}
-    assert found[20.0] is None
-    assert found[30.0] == pytest.approx(0.0847, rel=0.02)
+    robot = figure("fig5").robot
+    assert claims.critical_load(robot, Model(), 20.0, (0, -1, 0), (0.05, 0.1))[0] is None
+    # Stable at the first load, not at the second.
+    assert 0.083 < claims.critical_load(robot, Model(), 30.0, (0, -1, 0), (0.083, 0.0864))[0] < 0.0864
 
 
 @pytest.mark.integration
