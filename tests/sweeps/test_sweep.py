@@ -212,7 +212,7 @@ loads = { tip = { at = 0.2, force = [1e-5, 0.0, 0.0] } }
 UNCERTAIN = """
 scenario = "scenario.toml"
 [sampling]
-method = "METHOD"
+method = "sobol"
 samples = 128
 seed = 5
 [[vary]]
@@ -225,17 +225,12 @@ normal = { mean = 1.0, std = 0.2 }
 """
 
 
-@pytest.mark.parametrize(
-    ("method", "share"),
-    [("sobol", 0.02), pytest.param("latin-hypercube", 0.06, marks=pytest.mark.integration)],
-)
-def test_variance_of_the_deflection_of_a_cantilever(tmp_path, method, share):
+def test_variance_of_the_deflection_of_a_cantilever(tmp_path):
     """Tip of a cantilever: ``u = F L^3 / (3 EI) = c F / E`` (Euler, Bernoulli; shear adds 2e-5 of it).
 
     With E uniform on [a, b] and an independent F: ``E(1/E) = ln(b/a) / (b - a)``, ``E(1/E^2) = 1 / (a b)``.
     """
-    text = UNCERTAIN.replace("METHOD", method)
-    result = tdcr.sweep(write_files(tmp_path, text, LOADED, CANTILEVER), executor=InProcess())
+    result = tdcr.sweep(write_files(tmp_path, UNCERTAIN, LOADED, CANTILEVER), executor=InProcess())
     assert result.counts == {"converged": 128}
     c = 1e-5 * 0.2**3 / (3.0 * math.pi * 1e-3**4 / 4.0)
     a, b, mean_force, std_force = 0.7e9, 1.3e9, 1.0, 0.2
@@ -243,4 +238,4 @@ def test_variance_of_the_deflection_of_a_cantilever(tmp_path, method, share):
     variance = c**2 * (mean_force**2 + std_force**2) / (a * b) - mean**2
     found = result.statistics()["tip_x"]
     assert found["mean"] == pytest.approx(mean, rel=0.005)
-    assert found["std"] ** 2 == pytest.approx(variance, rel=share)
+    assert found["std"] ** 2 == pytest.approx(variance, rel=0.02)

@@ -4,12 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import simulation
+from robots import simulation, three
 
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks
-from tdcr_fe.model.routing import ParallelRouting
-from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.stability import stability, strain_tangent
 from tdcr_fe.validation.paper.cases import MODELS, figure
 
@@ -95,8 +93,7 @@ def test_tangent_is_the_derivative_of_the_potential():
 
 def test_prescribed_displacements_stiffen_the_robot():
     """Driven by displacement, only changes of shape that keep the lengths of the tendons are free."""
-    tendons = [Tendon(f"t{k + 1}", ParallelRouting(4.5e-3, 120.0 * k)) for k in range(3)]
-    robot = replace(ROBOT, tendons=tuple(tendons))
+    robot = replace(ROBOT, tendons=three(0.0).tendons)
     free = solved(robot, MODELS["discrete"], LoadStep("", {"t1": 0.5, "t2": 0.5, "t3": 0.5}), push(0.5))
     pulled = dict(zip(robot.tendon_names, free.displacement.tolist(), strict=True))
     held = solved(
