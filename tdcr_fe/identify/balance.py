@@ -129,8 +129,8 @@ def best_points(
     before, none = run.bays.moved[:, cause.bay], np.zeros((len(response), 3, 1))
 
     @lru_cache(maxsize=1)  # residual and derivatives are asked for one after the other
-    def at(*z: float) -> tuple[Array, Array]:
-        """Change of the predictions, and its derivatives, by Newton's method for the force."""
+    def at(*z: float) -> tuple[Array, Array, float]:
+        """Change of the predictions, its derivatives, and the largest force [N], by Newton's method for the force."""
         values, force = dict(zip(names, z, strict=True)), none
         for _ in range(3 if follows else 1):
             moved = before + (response @ force)[..., 0]
@@ -138,7 +138,8 @@ def best_points(
             matrix = np.eye(3) - cause.stiffness(moved, values) @ response
             force = force + np.linalg.solve(matrix, missing)
         by_values = np.linalg.solve(matrix, cause.by_values(moved, values))
-        return (by_force @ force[steps])[:, 0, 0], (by_force @ by_values[steps])[:, 0]
+        largest = float(np.max(np.linalg.norm(force, axis=1)))
+        return (by_force @ force[steps])[:, 0, 0], (by_force @ by_values[steps])[:, 0], largest
 
     def left(z: Array) -> Array:
         return space.rest - space.free(at(*z.tolist())[0][:, None])[:, 0]
@@ -166,7 +167,10 @@ def best_points(
             x_scale=[p.scale for p in cause.parameters],
             max_nfev=EVALUATIONS,
         )
-        drop = float(space.rest @ space.rest) - 2.0 * found.cost
-        values = dict(zip(names, found.x.tolist(), strict=True))
-        every.append(BestPoint(drop, values, at(*values.values())[0]))
+        z = found.x
+        if follows:  # a larger force bends or buckles the robot beyond first order
+            most = problem.data.robot.backbone.EI / cause.at**2
+            z[strength] *= min(1.0, most / max(at(*z.tolist())[2], 1e-300))
+        drop = float(space.rest @ space.rest - np.sum(left(z) ** 2))
+        every.append(BestPoint(drop, dict(zip(names, z.tolist(), strict=True)), at(*z.tolist())[0]))
     return sorted(every, key=lambda x: -x.drop)
