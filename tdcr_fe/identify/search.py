@@ -80,17 +80,10 @@ def search_causes(search: Search, state: SearchState) -> Stage:
         state = replace(state, extended=frozenset())
     state = replace(state, dictionary=every)
     for _ in range(3):
-        before = state.best
         state = yield from in_time(state, grow(search, state), FURTHER_EFFECTS)
-        if not state.best.effects:
-            break
-        if search.out_of_time:
-            state = state.without_trying(EXCHANGES)
-            break
-        search.report("exchanges", 0.75)
         grown = state.best
         state = yield from in_time(state, exchange(search, state), EXCHANGES)
-        if state.best is grown or state.best is before:
+        if state.best is grown:
             break
     state = with_rivals(search, state)
     yield state
@@ -597,10 +590,13 @@ def exchange(search: Search, state: SearchState, costly: bool = True) -> Stage:
     fits: list[Fit] = []
     every = [gone for n in (1, 2) for gone in itertools.combinations(best.effects, n)]
     left = [tuple(e for e in best.effects if e not in gone) for gone in every]
+    if every and search.out_of_time:
+        return state.without_trying(EXCHANGES)
     state, bases = refitted(state, left[: len(best.effects)])
     for gone, rest in zip(every, left, strict=True):
         if search.out_of_time:
             return state.without_trying(EXCHANGES)
+        search.report(f"other causes in place of {listed_names([e.name for e in gone])}", 0.75)
         if len(gone) == 1:
             base = bases.pop(0)
         elif not rest:
