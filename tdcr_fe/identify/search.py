@@ -356,15 +356,16 @@ def grow(search: Search, state: SearchState) -> Stage:
     settings = search.settings
     most_effects = 1 if lacks_test(state.problem, state.declared) else settings.max_effects
     for number in itertools.count(1):
-        names, whole = frozenset(state.best.names), state.best
+        names, before = frozenset(state.best.names), state.best
+        progress = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
         more = len(names) < most_effects and (names, singles.__name__) not in state.extended
         tries: list[_Try] = [(singles, state.best)] if more else _hidden(search, state)
         # Several causes that leave more than noise may stand for others, or for one that saturates.
         if len(state.best.effects) > 1 and not search.explained(state):
             if (names, exchange.__name__) not in state.extended:
                 state = replace(state, extended=state.extended | {(names, exchange.__name__)})
-                state = yield from exchange(search, state, costly=False)
-                if state.best is not whole:
+                state = yield from exchange(search, state, progress, costly=False)
+                if state.best is not before:
                     continue
             if (names, at_full_strength.__name__) not in state.extended:
                 tries = [(at_full_strength, state.best)]
@@ -373,7 +374,6 @@ def grow(search: Search, state: SearchState) -> Stage:
         if search.out_of_time and state.best.effects:
             state = state.without_trying(FURTHER_EFFECTS)
             break
-        progress, before = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1)), state.best
         pool: list[Proposal] = []
         for propose, parent in tries:
             beside = listed_names(parent.names) or "the declared model"
@@ -580,7 +580,7 @@ def backward_selection(search: Search, state: SearchState) -> Stage:
     return state
 
 
-def exchange(search: Search, state: SearchState, costly: bool = True) -> Stage:
+def exchange(search: Search, state: SearchState, progress: float = 0.75, costly: bool = True) -> Stage:
     """Exchange every cause, and every two, of the best model for one other; the best of all is taken.
 
     What a cause explains is the difference of the models with and without it. Which others may explain it follows from
@@ -596,7 +596,7 @@ def exchange(search: Search, state: SearchState, costly: bool = True) -> Stage:
     for gone, rest in zip(every, left, strict=True):
         if search.out_of_time:
             return state.without_trying(EXCHANGES)
-        search.report(f"other causes in place of {listed_names([e.name for e in gone])}", 0.75)
+        search.report(f"other causes in place of {listed_names([e.name for e in gone])}", progress)
         if len(gone) == 1:
             base = bases.pop(0)
         elif not rest:

@@ -78,7 +78,7 @@ class SearchState:
     fits: Mapping[Names, Fit]  # every model that was fitted, by the names of its effects
     # Scores of candidates beside a model, and that model as a reference for fits
     scores: Mapping[Names, tuple[list[Score], Fit]] = field(default_factory=dict)
-    # models to which further causes were added, and which: "listed" effects alone, or a function of the search
+    # models to which a function of the search was applied, and its name
     extended: frozenset[tuple[Names, str]] = frozenset()
     # parts of models that were fitted from the values of these, with them
     refits: frozenset[tuple[Names, Names]] = frozenset()
