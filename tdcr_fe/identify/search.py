@@ -362,7 +362,7 @@ def grow(search: Search, state: SearchState) -> Stage:
         tries: list[_Try] = [(singles, state.best)] if more else _hidden(search, state)
         # Several causes that leave more than noise may stand for others, or for one that saturates.
         if len(state.best.effects) > 1 and not search.explained(state):
-            if (names, exchange.__name__) not in state.extended:
+            if not search.listed_first and (names, exchange.__name__) not in state.extended:
                 state = replace(state, extended=state.extended | {(names, exchange.__name__)})
                 state = yield from exchange(search, state, progress, costly=False)
                 if state.best is not before:

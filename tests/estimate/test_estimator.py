@@ -26,7 +26,7 @@ def estimator(*, friction=0.0, load=None, inputs=None):
 
 def test_where_the_robot_is_nearly_linear_the_covariance_is_that_of_the_errors():
     """Prior and noise of a fiftieth of the test problem's; errors correlated over 0.1 s, so that the mean tells."""
-    scale, count, memory = 0.02, 240, 0.1
+    scale, count, memory = 0.02, 160, 0.1
     truth = Truth(count, 3, scale=scale, memory=memory)
     rng = np.random.default_rng(4)
     load = tdcr.LoadPrior(sigma=0.05 * scale, correlation_time=memory)

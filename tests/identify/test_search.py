@@ -24,7 +24,7 @@ from tdcr_fe.identify.criteria import UNNAMED, price
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.forward import Job
-from tdcr_fe.identify.search import exchange, grow, search_causes
+from tdcr_fe.identify.search import exchange, search_causes
 from tdcr_fe.model.routing import MisplacedRouting
 
 
@@ -62,11 +62,11 @@ def test_a_cause_at_a_place_and_one_without_a_name_have_a_price():
     assert price((taper,), ROBOT) - one == pytest.approx(2.0 * UNNAMED)
 
 
+@pytest.mark.integration
 def test_a_hole_that_holds_fast_is_found_although_its_derivative_is_that_of_a_small_drop():
     """A blind set with a stuck hole, 170 sigma from the declared robot, ended with `gravity`, partly explained."""
     own = problem_of(measured({"stuck_hole": {"tendon": 2.0, "s": 0.05}}, robot=ROBOT, model=FRICTIONAL))
-    listed = tuple(filter(is_named, whole_dictionary(own)))
-    *_, state = grow(searching(), replace(state_of(own), dictionary=listed))
+    *_, state = search_causes(searching(), state_of(own))
     assert state.best.names == ("stuck_hole (tendon = 2, s = 0.05)",)
     assert state.best.cost < 2.0 * own.count < 0.1 * state.declared.cost
 
