@@ -360,15 +360,15 @@ def grow(search: Search, state: SearchState) -> Stage:
         progress = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
         more = len(names) < most_effects and (names, singles.__name__) not in state.extended
         tries: list[_Try] = [(singles, state.best)] if more else _hidden(search, state)
-        # Several causes that leave more than noise may stand for others, or for one that saturates.
+        # Several causes that leave more than noise may stand for one that saturates, or for others.
         if len(state.best.effects) > 1 and not search.explained(state):
-            if not search.listed_first and (names, exchange.__name__) not in state.extended:
+            if (names, at_full_strength.__name__) not in state.extended:
+                tries = [(at_full_strength, state.best)]
+            elif not search.listed_first and (names, exchange.__name__) not in state.extended:
                 state = replace(state, extended=state.extended | {(names, exchange.__name__)})
                 state = yield from exchange(search, state, progress, costly=False)
                 if state.best is not before:
                     continue
-            if (names, at_full_strength.__name__) not in state.extended:
-                tries = [(at_full_strength, state.best)]
         if not tries:
             break
         if search.out_of_time and state.best.effects:
