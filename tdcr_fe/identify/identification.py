@@ -150,7 +150,7 @@ def _search(
         if fault:
             return replace(state, data_fault=fault), Found()
         state = state.ending_at(schedule.search + schedule.grace)
-        listed = replace(search, deadline=schedule.search, listed_first=prepared.rows is not None)
+        listed = replace(search, deadline=schedule.search, long_data=prepared.rows is not None)
         for latest_state in search_causes(listed, state):
             state = latest_state
         state = cut_short(listed, state, FURTHER_EFFECTS)

@@ -74,7 +74,7 @@ def search_causes(search: Search, state: SearchState) -> Stage:
     (run,) = problem.run([Job(problem.experiment, state.declared.run, states=True)])
     assert run.bays is not None
     every = dictionary(problem, run.bays)
-    if search.listed_first:
+    if search.long_data:
         state = replace(state, dictionary=tuple(filter(is_named, every)))
         state = yield from in_time(state, grow(search, state), FURTHER_EFFECTS)
         state = replace(state, extended=frozenset())
@@ -364,7 +364,7 @@ def grow(search: Search, state: SearchState) -> Stage:
         if len(state.best.effects) > 1 and not search.explained(state):
             if (names, at_full_strength.__name__) not in state.extended:
                 tries = [(at_full_strength, state.best)]
-            elif not search.listed_first and (names, exchange.__name__) not in state.extended:
+            elif not search.long_data and (names, exchange.__name__) not in state.extended:
                 state = replace(state, extended=state.extended | {(names, exchange.__name__)})
                 state = yield from exchange(search, state, progress, costly=False)
                 if state.best is not before:
@@ -592,6 +592,7 @@ def exchange(search: Search, state: SearchState, progress: float = 0.75, costly:
     left = [tuple(e for e in best.effects if e not in gone) for gone in every]
     if every and search.out_of_time:
         return state.without_trying(EXCHANGES)
+    costly = costly and not search.is_noise(problem, best)
     state, bases = refitted(state, left[: len(best.effects)])
     for gone, rest in zip(every, left, strict=True):
         if search.out_of_time:
@@ -607,7 +608,6 @@ def exchange(search: Search, state: SearchState, progress: float = 0.75, costly:
             (base,) = fitting.run_fits(problem, [fitting.evaluated(problem, rest, values, free, best)])
         if not base.solved:
             continue
-        costly = costly and not search.is_noise(problem, best)
         state, scores, reference = scores_beside(state, best, costly=costly)
         problem, names = state.problem, {e.listed for e in (*gone, *rest)}
         others = [x for x in scores if x.starts and x.effect.listed not in names and x.signature.size]

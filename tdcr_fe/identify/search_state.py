@@ -46,9 +46,9 @@ class Search:
     # reading of `tdcr_fe.identify.settings.clock` after which nothing further of the search begins, and fits
     # end where they are [s]
     deadline: float = math.inf
-    # of long data: causes without a name are tried only once no listed effect improves the model, and exchanges only
-    # at the end, which is faster
-    listed_first: bool = False
+    # whether, to be faster, causes without a name are tried only once no listed effect improves the model, and exchanges
+    # only at the end
+    long_data: bool = False
 
     @property
     def out_of_time(self) -> bool:
