@@ -46,8 +46,8 @@ class Search:
     # reading of `tdcr_fe.identify.settings.clock` after which nothing further of the search begins, and fits
     # end where they are [s]
     deadline: float = math.inf
-    # whether, to be faster, causes without a name are tried only once no listed effect improves the model, and exchanges
-    # only at the end
+    # whether, to be faster, causes without a name are tried only once no listed effect improves the model, and
+    # exchanges only at the end
     long_data: bool = False
 
     @property
