@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 #: 1, 3 and 12 of 300 frames that were not solved, with tensions known to 0.1 N; with 1.5 and 2 there was none.
 FIRST_RADIUS, LEAST_RADIUS = 2.0, 1e-3
 #: The iteration has converged where the linear model could lower the misfit by less than this [1].
-CONVERGED_GAIN = 0.02
+CONVERGED_GAIN = 0.1
 #: The iteration has failed where the linear model could still lower the misfit by more than this, and by over 1 % [1].
 FAILED_GAIN = 5.0
 #: A state whose misfit is below this for each reading explains them, though a hole that begins to slip or to stick may
