@@ -118,14 +118,13 @@ def _along(problem: FitProblem) -> list[Cause]:
     """What depends on the arc length: the radius of the backbone, and the friction of the holes."""
     robot, found = problem.experiment.robot, list[Cause]()
 
-    def add(quantity: str, perturbs: str, profile: _Profile, change: Change, limits: _Limits) -> None:
+    def add(perturbs: str, profile: _Profile, change: Change, one: Parameter) -> None:
         numbers = tuple(
-            number(f"{quantity}_{n}", "1", (limits.low, limits.high), limits.null, 0.02)
-            for n in profile.numbers
+            replace(one, name=f"{one.name}_{n}", meaning=f"{one.name} {n}") for n in profile.numbers
         )
         kind = Kind(perturbs, ("place",), profile.where)
         text = f"the {perturbs} changes along the backbone"
-        name = f"{quantity} {profile.name}"
+        name = f"{one.name} {profile.name}"
         found.append(ChangedDescription(name, kind, numbers, change, text, profile.price))
 
     for profile in _profiles(robot):
@@ -149,18 +148,15 @@ def _along(problem: FitProblem) -> list[Cause]:
                 tendons.append(replace(tendon, tight_holes=(*holes, *tendon.tight_holes)))
             return experiment.with_robot(tendons=tuple(tendons))
 
-        add("radius", "stiffness", profile, tapered, _Limits(0.4, 2.5, 1.0))
+        add("stiffness", profile, tapered, number("radius", "1", (0.4, 2.5), 1.0, 0.02))
         if problem.experiment.model.friction != "none" and not any(t.friction for t in robot.tendons):
-            add("friction", "transmission", profile, rougher, _Limits(-1.0, 2.0, 0.0))
+            add("transmission", profile, rougher, number("friction", "1", (-1.0, 2.0), 0.0, 0.02))
     return found
 
 
-class _Limits(NamedTuple):
-    """Of a number of a cause, and the value at which nothing changes."""
-
-    low: float
-    high: float
-    null: float
+#: What a change of an input is in proportion to: from all inputs of a step, the tendon's name, and progress along the
+#: rows.
+_InputLaw = Callable[[Mapping[str, float], str, float], float]
 
 
 def _inputs(problem: FitProblem) -> list[Cause]:
@@ -177,8 +173,8 @@ def _inputs(problem: FitProblem) -> list[Cause]:
     displaced = bool(actions[0].by_displacement[driven[0]])
     unit = "m" if displaced else "N"
 
-    def law(shape: Callable[[float, float], float]) -> Change:
-        """A change of all inputs by a number times what follows from the input and from progress along the rows."""
+    def law(shape: _InputLaw) -> Change:
+        """A change of all inputs by a number times what follows from the inputs and from progress along the rows."""
 
         def changed(experiment: Experiment, values: Values) -> Experiment:
             ends = [(k, x == 1.0) for k, x in experiment.step_ends]
@@ -186,9 +182,8 @@ def _inputs(problem: FitProblem) -> list[Cause]:
 
             def with_change(step: LoadStep, p: float) -> LoadStep:
                 def new(commands: Mapping[str, float], least: float) -> dict[str, float]:
-                    moved = {
-                        n: values.get(n, values.get("all", 0.0)) * shape(x, p) for n, x in commands.items()
-                    }
+                    factors = {n: values.get(n, values.get("all", 0.0)) for n in commands}
+                    moved = {n: x and x * shape(commands, n, p) for n, x in factors.items()}
                     return {n: max(x + moved[n], least) if moved[n] else x for n, x in commands.items()}
 
                 tensions, displacements = new(step.tensions, 0.0), new(step.displacements, -math.inf)
@@ -204,33 +199,34 @@ def _inputs(problem: FitProblem) -> list[Cause]:
 
         return changed
 
-    laws = [
-        ("offset of the input", "nothing", unit, most, lambda x, p: 1.0, "the inputs are off by a constant"),
-        (
-            "gain that grows",
-            "tension",
-            "1",
-            1.0,
-            lambda x, p: x * abs(x) / most,
-            "the gain of the inputs depends on their size",
-        ),
-        ("gain that drifts", clock, "1", 1.0, lambda x, p: x * p, "the gain of the inputs drifts"),
-        ("offset that drifts", clock, unit, most, lambda x, p: p, "the inputs drift"),
+    grows = "the gain of the inputs depends on their size"
+    laws: list[tuple[str, str, str, float, _InputLaw, str]] = [
+        ("offset of the input", "nothing", unit, most, lambda *_: 1.0, "the inputs are off by a constant"),
+        ("gain that grows", "tension", "1", 1.0, lambda u, n, p: u[n] * abs(u[n]) / most, grows),
+        ("gain that drifts", clock, "1", 1.0, lambda u, n, p: u[n] * p, "the gain of the inputs drifts"),
+        ("offset that drifts", clock, unit, most, lambda u, n, p: p, "the inputs drift"),
     ]
     found: list[Cause] = []
-    for name, depends, own, size, change, text in laws:
+    for name, depends, own, size, shape, text in laws:
         if not depends:
             continue
         kind = Kind("input", (depends,))
         one = number("all", own, (-0.9 * size, 3.0 * size), 0.0, 0.01 * size)
         if name.startswith("gain"):
-            found.append(ChangedDescription(f"{name} (all)", kind, (one,), law(change), text))
+            found.append(ChangedDescription(f"{name} (all)", kind, (one,), law(shape), text))
         each = tuple(replace(one, name=names[i]) for i in driven)
         if len(each) > 1:
-            found.append(ChangedDescription(f"{name} (each)", kind, each, law(change), text))
+            found.append(ChangedDescription(f"{name} (each)", kind, each, law(shape), text))
         for p in each:
             at = kind._replace(where=f"tendon {p.name}")
-            found.append(ChangedDescription(f"{name} ({p.name})", at, (p,), law(change), text))
+            found.append(ChangedDescription(f"{name} ({p.name})", at, (p,), law(shape), text))
+    couples = [(names[i], names[j]) for i, j in itertools.permutations(driven, 2)]
+    for source, name in couples:
+        share = number(name, "1", (-0.9, 0.9), 0.0, 0.01)
+        change = law(_share_of(source))
+        kind, price = Kind("input", ("tension",), f"tendon {name}"), math.log(len(couples))
+        text = f"a share of the input of tendon {source} acts in tendon {name}"
+        found.append(ChangedDescription(f"share of {source} in {name}", kind, (share,), change, text, price))
     rows = range(3, len(actions) - 2) if clock and not problem.data.parts else ()
     progress, jumps = _progress(problem.data.steps), "the zero of an input jumps"
     chosen = math.log(len(actions) * len(driven))
@@ -246,9 +242,14 @@ def _inputs(problem: FitProblem) -> list[Cause]:
     return found
 
 
-def _from(start: float) -> Callable[[float, float], float]:
+def _share_of(source: str) -> _InputLaw:
+    """The input of another tendon."""
+    return lambda commands, *_: commands.get(source, 0.0)
+
+
+def _from(start: float) -> _InputLaw:
     """One from some progress along the rows on, zero before."""
-    return lambda x, progress: float(progress >= start)
+    return lambda commands, name, progress: float(progress >= start)
 
 
 def _turned(problem: FitProblem) -> list[Cause]:

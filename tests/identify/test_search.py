@@ -45,9 +45,8 @@ def test_every_listed_effect_has_a_kind_and_names_are_unique():
 def test_causes_change_nothing_at_their_null_values():
     problem = problem_of(measured())
     for e in (x for x in whole_dictionary(problem) if not is_named(x)):
-        null = e.null_values(problem.experiment)
-        same = problem.with_effects((e,), {e.name: null})
         plain = problem.experiment
+        same = problem.with_effects((e,), {e.name: e.null_values(plain)})
         assert (same.robot, same.model, same.observation) == (plain.robot, plain.model, plain.observation), (
             e.name
         )
@@ -148,13 +147,15 @@ def test_at_an_angle_the_base_has_other_loads_that_are_the_same_in_the_world():
     assert pushed and np.linalg.norm(np.subtract(frame, np.eye(3))) > 0.2
 
 
-def test_a_jump_of_an_input_begins_at_its_row_and_leaves_the_other_inputs():
+def test_a_jump_of_an_input_begins_at_its_row_and_a_share_follows_the_other_input():
     problem = problem_of(measured())
-    cause = {e.name: e for e in whole_dictionary(problem)}["jump of the input (tendon t1, from row 7 on)"]
-    moved = cause.apply(problem.experiment, {"t1": 0.1})
-    for n, before, after in zip(problem.data.step_ids, problem.experiment.steps, moved.steps, strict=True):
-        change = {t: after.tensions[t] - x for t, x in before.tensions.items()}
-        assert change == pytest.approx({"t1": 0.1 if n >= 7 else 0.0, "t2": 0.0})
+    causes, steps = {e.name: e for e in whole_dictionary(problem)}, problem.experiment.steps
+    jump = causes["jump of the input (tendon t1, from row 7 on)"].apply(problem.experiment, {"t1": 0.1})
+    share = causes["share of t1 in t2"].apply(problem.experiment, {"t2": 0.1})
+    for n, given, jumped, shared in zip(problem.data.step_ids, steps, jump.steps, share.steps, strict=True):
+        t1, t2 = given.tensions["t1"], given.tensions["t2"]
+        assert jumped.tensions == pytest.approx({"t1": t1 + (0.1 if n >= 7 else 0.0), "t2": t2})
+        assert shared.tensions == pytest.approx({"t1": t1, "t2": t2 + 0.1 * t1})
 
 
 def test_one_hole_or_one_disk_is_moved_and_no_other():
