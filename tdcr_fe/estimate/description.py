@@ -19,7 +19,7 @@ _TIME = Quantity("correlation time of the prior; 0: nothing is known from the fr
 _WALK = Quantity(
     "growth of the standard deviation in one second, of a random walk that begins with sigma; 0: none", ge=0.0
 )
-_PLACE = 'an arc length [m], "tip" or "unknown"'
+_PLACE = 'an arc length above zero [m], "tip" or "unknown"'
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class LoadPrior(Checked):
     """
 
     at: Annotated[
-        float | Literal["tip", "unknown"], Quantity("where the load acts", "m", ge=0.0, allowed=_PLACE)
+        float | Literal["tip", "unknown"], Quantity("where the load acts", "m", gt=0.0, allowed=_PLACE)
     ] = "tip"
     sigma: Annotated[float, Quantity("standard deviation of each component of the force", "N", gt=0.0)] = 0.05
     sigma_moment: Annotated[

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -45,7 +46,7 @@ def _tendons(d: Description) -> Iterator[Value]:
         # A parallel tendon bends the backbone to the curvature T a / EI (pure moment).
         yield strain(d, key, force, force * offset / b.EI)
         if (ea := tendon.axial_stiffness or 0.0) >= limits()["tendon_stiffness"].low:
-            yield Value("tendon_strain", key, force, "N", force / ea)
+            yield Value("tendon_strain", key, force, "N", force / ea, f"{ea:g} N")
         k = int(np.argmax(np.abs(moved[:, i])))
         far, unit, key = float(moved[k, i]), "m", f"steps[{k}].displacements.{tendon.name}"
         ratio, detail = abs(far) / end, f"{end:g} m"
@@ -81,7 +82,7 @@ def _let_out(d: Description) -> Iterator[Value]:
 
 def _loads(d: Description) -> Iterator[Value]:
     """Loads against the stiffness of the backbone, and against their names."""
-    b = d.robot.backbone
+    b, ends = d.robot.backbone, [course.end for course in d.courses.values()]
     for k, step in enumerate(d.steps):
         for name, load in step.loads.items():
             key = f"steps[{k}].loads.{name}"
@@ -95,8 +96,10 @@ def _loads(d: Description) -> Iterator[Value]:
             by_moment = strain(d, f"{key}.moment", 0.0, moment / b.EI)
             yield by_moment._replace(value=moment, unit="N m")
             yield Value("moment", f"{key}.moment", moment, "N m", moment * load.at / b.EI)
-            if "tip" in name.lower():
+            if "tip" in re.split("[^a-z]+", name.lower()) and load.at not in ends:
                 yield Value("not_at_tip", f"{key}.at", load.at, "m", load.at / b.length)
+            if (force or moment) and d.robot.base_stiffness is None:
+                yield Value("at_base", f"{key}.at", load.at, "m", load.at / b.length)
 
 
 def _bends(d: Description) -> Iterator[Value]:
@@ -108,7 +111,8 @@ def _bends(d: Description) -> Iterator[Value]:
         if single.any():
             together = np.linalg.norm(d.bend(kind), axis=1)
             k = int(np.argmax(together))
-            yield Value("wound", f"steps[{k}].{kind}", math.nan, "", float(together[k]))
+            asked = kind if getattr(d.asked[k], kind) else "motor_angles"
+            yield Value("wound", f"steps[{k}].{asked}", math.nan, "", float(together[k]))
             largest = max(largest, float(np.max(np.linalg.norm(single, axis=1))))
     if largest == 0.0:
         for tendon, course in zip(d.robot.tendons, d.courses.values(), strict=True):
@@ -131,6 +135,9 @@ def _sequence(robot: Robot, steps: Sequence[LoadStep]) -> Iterator[Value]:
     for i, tendon in enumerate(robot.tendons):
         if tendon.pretension and tendon.name not in named and any(s.tensions for s in steps):
             yield Value("held", f"tendons[{i}].pretension", tendon.pretension, "N", 1.0)
+    latest = max((s.time for s in steps if s.time is not None), default=0.0)
+    rate = robot.backbone.creep_rate
+    yield Value("creep", "backbone.creep_rate", rate, "1/s", robot.backbone.compliance_factor(latest))
     same = sum(
         a.time is None and (a.tensions, a.displacements, a.loads) == (b.tensions, b.displacements, b.loads)
         for a, b in itertools.pairwise(steps)
@@ -144,9 +151,12 @@ def _slips(d: Description) -> Iterator[Value]:
     found, leaps = [], 0
     for kind, unit in (("tensions", "N"), ("displacements", "m")):
         for name in d.robot.tendon_names:
-            given = [(k, x) for k, s in enumerate(d.steps) if (x := getattr(s, kind).get(name, 0.0))]
-            leaps += sum(not 1.0 / SMOOTH <= a / b <= SMOOTH for (_, a), (_, b) in itertools.pairwise(given))
+            given = [(k, x) for k, s in enumerate(d.steps) if (x := getattr(s, kind).get(name)) is not None]
+            pairs = [(a, b) for (_, a), (_, b) in itertools.pairwise(given) if a * b]
+            leaps += sum(not 1.0 / SMOOTH <= a / b <= SMOOTH for a, b in pairs)
             for (_, before), (k, x), (_, after) in zip(given, given[1:], given[2:], strict=False):
+                if len({y for _, y in given} - {0.0}) < 3:
+                    break  # pulled and let back: no other value tells what is smooth
                 factor = 2.0 * x / (before + after) if before * after > 0.0 else 0.0
                 if any(1.0 / NEAR <= factor / slip <= NEAR for slip in (0.1, 10.0)):
                     detail = f"{before:g} {unit} before it and {after:g} {unit} after it"

@@ -7,6 +7,7 @@ warnings. What follows from a stiffness is judged where the robot itself is plau
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -79,7 +80,9 @@ def plausibility(
         )
     beyond = [v for value in values if (v := value.beyond) is not None]
     warnings = _warnings(robot.backbone, [v for v in beyond if not v.row.remark])
-    remarks = [v for v in beyond if v.row.remark and not any(v.key in text for text in warnings)]
+    named = " ".join(warnings)
+    keys = {v.key: (v.key, re.sub(r"\[\d+\]", "", v.key)) for v in beyond}  # of one, and of all
+    remarks = [v for v in beyond if v.row.remark and not any(key in named for key in keys[v.key])]
     plain = [v for v in remarks if not v.row.by_stiffness]
     if warnings or any(v.key.startswith(("backbone.", "disks.", "model.")) for v in plain):
         remarks = plain  # the others may follow from that
@@ -175,9 +178,10 @@ def understood(robot: Robot, model: Model, steps: Sequence[LoadStep] = ()) -> li
         lines.append(f"without friction, {needed:.3g} N in {tendon_name} bend it by 90 degrees{largest}")
     if d.inputs("displacements").any():
         x, y = max(d.bend("displacements"), key=np.linalg.norm)
-        angle, towards = math.degrees(math.hypot(x, y)), math.degrees(math.atan2(y, x))
+        angle, towards = math.degrees(math.hypot(x, y)), round(math.degrees(math.atan2(y, x)))
+        towards = 180 if towards == -180 else towards
         lines.append(
-            f"its displacements bend it by about {angle:.3g} degrees, towards {round(towards)} degrees from +x"
+            f"its displacements bend it by about {angle:.3g} degrees, towards {towards} degrees from +x"
         )
     return lines
 

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import ARC_TOLERANCE
-from tdcr_fe.model.limits import REMARK, Value, limits, nearest_material
+from tdcr_fe.model.friction import StribeckFriction
+from tdcr_fe.model.limits import REMARK, Value, kind_of_material, limits, nearest_material
 from tdcr_fe.model.loading import LoadStep, Model, Vector, with_displacements
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting
 from tdcr_fe.model.tendon import Tendon
 
@@ -48,15 +49,22 @@ class Description(NamedTuple):
     @classmethod
     def of(cls, robot: Robot, model: Model, steps: Sequence[LoadStep]) -> Description:
         """Of a scenario."""
-        courses = {}
+        courses, b = {}, robot.backbone
         for tendon in robot.tendons:
             holes, end = robot.holes(tendon), robot.end(tendon)
             distances = np.linalg.norm(holes, axis=1)
             offset = float(np.max(distances))
             direction = holes[0] / max(float(distances[0]), 1e-300)
-            disks = robot.disks.thickness * (np.count_nonzero(robot.hole_arc_lengths(tendon)[1:]) - 0.5)
-            by_tension = offset * (end - max(float(disks), 0.0)) / robot.backbone.EI * direction
-            courses[tendon.name] = Course(holes, offset, end, by_tension, direction / (offset or np.inf))
+            at = robot.hole_arc_lengths(tendon)
+            disks = robot.disks.thickness * (np.count_nonzero(at[1:]) - 0.5)
+            s = np.linspace(0.0, end, 100, endpoint=False) + 0.005 * end
+            lever = np.interp(s, at, distances)
+            thinner = b.radius / b.radius_at(s)
+            turn = lever * thinner**4 / b.stiffness_factors(s)[0]
+            by_tension = np.mean(turn) * (end - max(float(disks), 0.0)) / b.EI * direction
+            pressed = thinner**2 / b.material_factors(s)[0] * b.EI / b.EA
+            by_displacement = np.sum(turn) / np.sum(turn * lever + pressed) * direction
+            courses[tendon.name] = Course(holes, offset, end, by_tension, by_displacement)
         return cls(robot, model, steps, with_displacements(robot, steps), courses)
 
     def bends(self, kind: str) -> NDArray[np.float64]:
@@ -69,7 +77,8 @@ class Description(NamedTuple):
         if kind == "tensions":
             return self.bends(kind).sum(axis=2)
         # A tendon takes in its lever times the bend; least squares where there are more than two.
-        levers = np.array([c.by_displacement * c.offset**2 for c in self.courses.values()]).reshape(-1, 2)
+        factors = np.array([c.by_displacement for c in self.courses.values()]).reshape(-1, 2)
+        levers = factors / np.maximum(np.sum(factors**2, axis=1, keepdims=True), 1e-300)
         # Tendons side by side tell nothing of the bend across them.
         found = [np.linalg.lstsq(levers[u != 0.0], u[u != 0.0], rcond=0.2)[0] for u in self.inputs(kind)]
         return np.array(found).reshape(-1, 2)
@@ -99,14 +108,16 @@ def robot_values(d: Description) -> Iterator[Value]:
 def _backbone(robot: Robot) -> Iterator[Value]:
     b, disks = robot.backbone, robot.disks
     yield Value("length", "backbone.length", b.length, "m", b.length)
-    thick = robot.without_disks or b.radius < disks.radius
+    inside = _are_guides(robot) and disks.radius in (b.radius, Disks.radius)
+    thick = robot.without_disks or b.radius < disks.radius or inside
     ratio = b.radius / (b.length if thick else disks.radius)
     detail = f"radius {disks.radius:g} m"
     yield Value("radius" if thick else "radius_of_disks", "backbone.radius", b.radius, "m", ratio, detail)
     if b.taper:
         yield Value("widens", "backbone.radius", b.taper[-1][1], "m", b.taper[-1][1] / b.radius)
     yield Value("slenderness", "backbone.radius", b.radius, "m", b.length / b.radius)
-    yield Value("modulus", "backbone.youngs_modulus", b.youngs_modulus, "Pa", b.youngs_modulus)
+    limit = "modulus_of_body" if robot.without_disks else "modulus"
+    yield Value(limit, "backbone.youngs_modulus", b.youngs_modulus, "Pa", b.youngs_modulus)
     if b.density > 0.0:  # without: no weight and no inertia
         yield Value("density", "backbone.density", b.density, "kg/m^3", b.density)
     if b.superelastic is not None:
@@ -114,6 +125,13 @@ def _backbone(robot: Robot) -> Iterator[Value]:
         yield Value("threshold_strain", "backbone.superelastic.threshold_strain", strain, "", strain)
     if (curved := math.hypot(*b.precurvature)) > 0.0:
         yield Value("precurvature", "backbone.precurvature", curved, "1/m", curved * b.length)
+
+
+def _are_guides(robot: Robot) -> bool:
+    """Whether disks may be guides of channels in the backbone, in place of parts on it: without mass and thickness."""
+    b, disks = robot.backbone, robot.disks
+    is_body = b.bending_stiffness is not None or kind_of_material(b.youngs_modulus) in ("plastic", "rubber")
+    return is_body and not (disks.mass or disks.thickness)
 
 
 def _stiffnesses(robot: Robot) -> Iterator[Value]:
@@ -136,7 +154,7 @@ def _stiffnesses(robot: Robot) -> Iterator[Value]:
         both = f"EI = {b.EI:.3g} and GJ = {b.GJ:.3g} N m^2"
         ratio = b.GJ * (1.0 + b.poisson_ratio) / b.EI
         yield Value("torsion", f"backbone.{key}_stiffness", given, "N m^2", ratio, both)
-    elif b.density > 0.0:
+    elif not Value("density", "", b.density, "", b.density).is_beyond:
         name, factor = nearest_material(b.youngs_modulus, b.density)
         detail = f"{b.density:g} kg/m^3 ({name})"
         yield Value("material", "backbone.youngs_modulus", b.youngs_modulus, "Pa", factor, detail)
@@ -178,12 +196,13 @@ def _tendon(d: Description, tendon: Tendon, key: str) -> Iterator[Value]:
     robot, backbone = d.robot, d.robot.backbone
     holes, offset, end, *_ = d.courses[tendon.name]
     bays = sum(s <= end + ARC_TOLERANCE for s in robot.bay_ends)
-    for name, turns in vars(tendon.routing).items():
+    for name, value in vars(tendon.routing).items():
         if name.startswith("turns"):
-            yield Value("turns", f"{key}.{name}", turns, "turns", abs(turns) / max(1, bays))
-            if quarter := round(abs(turns) / (0.5 * math.pi)):
-                off = abs(abs(turns) / (0.5 * math.pi * quarter) - 1.0)
-                yield Value("turns_rad", f"{key}.{name}", turns, "", off, f"{quarter / 2:g}")
+            yield Value("turns", f"{key}.{name}", value, "turns", abs(value) / max(1, bays))
+        part = math.pi / (6.0 if name == "angle_deg" else 2.0)
+        if name.startswith(("turns", "angle")) and 0 < (parts := round(abs(value) / part)) <= 12:
+            off = abs(abs(value) / (parts * part) - 1.0)
+            yield Value("in_rad", f"{key}.{name}", value, "", off, f"{parts * part / math.pi:.3g}")
     if isinstance(tendon.routing, ConvergingRouting) and tendon.routing.offset > 0.0:
         wide = tendon.routing.end_offset
         yield Value("widens", f"{key}.end_offset", wide, "m", wide / tendon.routing.offset)
@@ -195,11 +214,15 @@ def _tendon(d: Description, tendon: Tendon, key: str) -> Iterator[Value]:
     for name, value in given.items():
         limit = "no_holes" if robot.without_disks else "friction"
         yield Value(limit, f"{key}.{name}", value, "", value)
+    if isinstance(law, StribeckFriction) and law.kinetic > 0.0:
+        ratio = law.static / law.kinetic
+        yield Value("stribeck", f"{key}.friction.static", law.static, "", ratio, f"{law.kinetic:g}")
     bend = tendon.adhesion * offset * end / backbone.EI
     yield Value("adhesion", f"{key}.adhesion", tendon.adhesion, "N", bend)
     if (ea := tendon.axial_stiffness) is not None:
         yield Value("tendon_stiffness", f"{key}.axial_stiffness", ea, "N", ea)
-        yield Value("soft_tendon", f"{key}.axial_stiffness", ea, "N", ea * offset**2 / backbone.EI)
+        if not any(step.tensions for step in d.steps):
+            yield Value("soft_tendon", f"{key}.axial_stiffness", ea, "N", ea * offset**2 / backbone.EI)
     if tendon.spool is not None and tendon.spool.stiffness is not None:
         k = tendon.spool.stiffness
         yield Value("soft_tendon", f"{key}.spool.stiffness", k, "N/m", k * end * offset**2 / backbone.EI)
@@ -211,8 +234,9 @@ def _tendon(d: Description, tendon: Tendon, key: str) -> Iterator[Value]:
         radius = backbone.radius_at(s)
         k = int(np.argmax(offsets / radius))
         detail = f"of radius {radius[k]:g} m at s = {s[k]:g} m"
-        yield Value("course", f"{key}.offset", offsets[k], "m", offsets[k] / radius[k], detail)
-    elif offset > 0.0 and backbone.bending_stiffness is None:
+        which = "end_offset" if k and isinstance(tendon.routing, ConvergingRouting) else "offset"
+        yield Value("course", f"{key}.{which}", offsets[k], "m", offsets[k] / radius[k], detail)
+    elif offset > 0.0 and backbone.bending_stiffness is None and not _are_guides(robot):
         yield Value("hole", f"{key}.offset", offset, "m", offset / backbone.radius)
     if len(holes) >= 5:
         away = np.linalg.norm(holes[1:-1] - 0.5 * (holes[:-2] + holes[2:]), axis=1)

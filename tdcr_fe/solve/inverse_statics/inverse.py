@@ -120,8 +120,8 @@ def follow_path(
             "of a slack tendon acts on nothing"
         )
     tolerance = TOLERANCE * robot.backbone.length if tolerance is None else tolerance
-    if not 0.0 < tolerance < np.inf:
-        raise ValueError(f"follow_path: tolerance = {tolerance:g}: must be above zero, and finite [m]")
+    if not 0.0 < tolerance < robot.backbone.length:
+        raise ValueError(f"follow_path: tolerance = {tolerance:g}: must be above 0, below the length [m]")
     task = _Task(robot, model, tip_targets(targets), lower, upper, drive_by, effort, tuple(before), tolerance)
     begun = time.perf_counter()
     positions = [target.position for target in task.targets]
