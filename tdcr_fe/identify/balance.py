@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from tdcr_fe.identify.bay_state import COMPONENTS, Action, BayState, Response
+from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, Action, BayState, Response
 from tdcr_fe.identify.causes import PointForce, StateLoad
 from tdcr_fe.identify.problem import FitProblem, Point
 from tdcr_fe.identify.run import Run
@@ -44,15 +44,15 @@ class Agreement(NamedTuple):
     """Loads and state near a run."""
 
     action: Action
-    change: Array  # of the action from that of the run, shape (K, 5 n_bays, 1)
+    change: Array  # of the action from that of the run, shape (K, 6 n_bays, 1)
     state: BayState  # with the change
     missing: float  # what the loads give beyond the action of the run, over `scale` [1]
 
 
 def scale(robot: Robot) -> Array:
-    """Moments and forces that bend a backbone by about its length, in the order of an action, shape (5,)."""
+    """Moments and forces that bend a backbone by about its length, in the order of an action, shape (6,)."""
     backbone = robot.backbone
-    return np.array([backbone.EI / backbone.length] * 2 + [backbone.EI / backbone.length**2] * 3)
+    return np.array([backbone.EI / backbone.length] * 3 + [backbone.EI / backbone.length**2] * 3)
 
 
 def agreed(loads: Sequence[StateLoad], values: Point, run: Run, robot: Robot) -> Agreement:
@@ -73,7 +73,7 @@ def agreed(loads: Sequence[StateLoad], values: Point, run: Run, robot: Robot) ->
 
 
 def through_state(loads: Sequence[StateLoad], values: Point, state: BayState, moved: Array) -> Array:
-    """Change of the action by changes of the state, shape (K, 5 n_bays, P) both."""
+    """Change of the action by changes of the state, shape (K, 6 n_bays, P) both."""
     slope = sum(
         (e.slope(state, values[e.name]) for e in loads), np.zeros((*state.shape, COMPONENTS, COMPONENTS))
     )
@@ -82,13 +82,13 @@ def through_state(loads: Sequence[StateLoad], values: Point, state: BayState, mo
 
 
 def coupling(loads: Sequence[StateLoad], values: Point, state: BayState, response: Response) -> Array:
-    """The matrix ``I - F' H`` of every step, shape (K, 5 n_bays, 5 n_bays)."""
+    """The matrix ``I - F' H`` of every step, shape (K, 6 n_bays, 6 n_bays)."""
     through = through_state(loads, values, state, response.state)
     return np.asarray(np.eye(through.shape[1]) - through)
 
 
 def of_readings(problem: FitProblem, actions: Array, response: Response) -> Array:
-    """Change of the predictions over sigma by actions of shape (K, 5 n_bays, q) to first order, shape (n, q)."""
+    """Change of the predictions over sigma by actions of shape (K, 6 n_bays, q) to first order, shape (n, q)."""
     out = np.zeros((problem.count, actions.shape[-1]))
     steps = problem.readings.reader.step
     for k in np.unique(steps):
@@ -122,7 +122,7 @@ def best_points(
         Whether the force moves the robot from where it is in the run; False: the run is where the force holds it.
     """
     assert run.bays is not None and run.acted is not None
-    own = slice(COMPONENTS * cause.bay + 2, COMPONENTS * (cause.bay + 1))
+    own = slice(COMPONENTS * cause.bay + FORCE.start, COMPONENTS * (cause.bay + 1))
     response, by_force = run.acted.response.state[:, own, own], run.acted.response.readings[:, None, own]
     response = response if follows else np.zeros_like(response)
     names, steps = [p.name for p in cause.parameters], problem.readings.reader.step

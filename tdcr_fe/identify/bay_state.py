@@ -1,8 +1,8 @@
 """What the robot knows in every bay at every load step, loads that act there, and the response to them.
 
-An action is a bending moment in every bay, about the x and y axes of its middle section [N m], and a force on the disk
-at its end, in the world frame [N]: shape (K, n_bays, 5) over K commanded load steps. A moment acts as a couple at both
-ends of its bay, so that it is internal to the backbone; actions grow linearly over a load step.
+An action is a moment in every bay, about the axes of its middle section [N m], and a force on the disk at its end, in
+the world frame [N]: shape (K, n_bays, 6) over K commanded load steps. A moment acts as a couple at both ends of its
+bay, so that it is internal to the backbone; actions grow linearly over a load step.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: Components of an action in a bay: moments about x and y, forces along x, y and z.
-COMPONENTS = 5
+#: Components of an action in a bay: moments about x, y and z, forces along them.
+COMPONENTS = 6
+MOMENT, FORCE = slice(0, 3), slice(3, 6)
 
 #: Names of the loads that carry an action begin with this.
 LOAD = "law"
@@ -53,15 +54,20 @@ class BayState:
         return 0.5 * (self.edges[1:] + self.edges[:-1])
 
     @property
+    def tip(self) -> Array:
+        """Rotation of the section at the end of the last bay, shape (K, 3, 3)."""
+        half = Rotation.from_rotvec(0.5 * (self.edges[-1] - self.edges[-2]) * self.curvature[:, -1])
+        return np.asarray(self.rotation[:, -1] @ half.as_matrix())
+
+    @property
     def shape(self) -> tuple[int, int]:
         """Steps, bays."""
         return self.curvature.shape[0], self.curvature.shape[1]
 
     def corrected(self, change: Array) -> BayState:
-        """With curvatures and displacements changed, shape (K, n_bays, 5): about x and y, along x, y and z."""
-        curvature = self.curvature.copy()
-        curvature[..., :2] += change[..., :2]
-        return replace(self, curvature=curvature, moved=self.moved + change[..., 2:])
+        """With curvatures and twist, and displacements, changed, shape (K, n_bays, 6)."""
+        curvature, moved = self.curvature + change[..., MOMENT], self.moved + change[..., FORCE]
+        return replace(self, curvature=curvature, moved=moved)
 
     @classmethod
     def joined(cls, parts: Sequence[BayState]) -> BayState:
@@ -73,7 +79,7 @@ class BayState:
 class Action(NamedTuple):
     """What acts on the bays in every commanded step."""
 
-    values: Array  # shape (K, n_bays, 5)
+    values: Array  # shape (K, n_bays, 6)
     rotation: Array  # of the middle sections, to which the moments belong, shape (K, n_bays, 3, 3)
 
     @classmethod
@@ -83,19 +89,23 @@ class Action(NamedTuple):
         return cls(np.zeros((steps, bays, COMPONENTS)), upright)
 
     def in_frames(self, rotation: Array) -> Action:
-        """The same about the axes of other middle sections, shape (K, n_bays, 3, 3); moments about their z are lost."""
+        """The same about the axes of other middle sections, shape (K, n_bays, 3, 3)."""
         values = self.values.copy()
-        world = np.einsum("kbij,kbj->kbi", self.rotation[..., :2], self.values[..., :2])
-        values[..., :2] = np.einsum("kbji,kbj->kbi", rotation, world)[..., :2]
+        values[..., MOMENT] = np.einsum("kbji,kbj->kbi", rotation, self.moments)
         return Action(values, rotation)
+
+    @property
+    def moments(self) -> Array:
+        """In the world frame, shape (K, n_bays, 3)."""
+        return np.einsum("kbij,kbj->kbi", self.rotation, self.values[..., MOMENT])
 
 
 def with_action(experiment: Experiment, action: Action) -> Experiment:
     """The experiment, possibly with divided steps, with an action as concentrated loads."""
     edges = experiment.robot.bay_edges
-    couple = np.einsum("kbij,kbj->kbi", action.rotation[..., :2], action.values[..., :2])
+    couple = action.moments
     couple[:, :-1] -= couple[:, 1:]
-    wrench = np.concatenate((action.values[..., 2:], couple), axis=-1)
+    wrench = np.concatenate((action.values[..., FORCE], couple), axis=-1)
     firsts = {0, *experiment.restarts}
     steps = []
     for step, (k, factor) in zip(experiment.steps, experiment.step_ends, strict=True):
@@ -180,31 +190,30 @@ def last_direction(values: Array, least: float = 0.0) -> Array:
 class Response(NamedTuple):
     """Derivatives by the action of the same load step, everything before the step unchanged."""
 
-    readings: Array  # of the predictions over sigma, shape (n, 5 n_bays)
-    # of curvatures about x and y and displacements of the bays, in the order of an action, shape (K, 5
-    # n_bays, 5 n_bays)
+    readings: Array  # of the predictions over sigma, shape (n, 6 n_bays)
+    # of curvatures, twist and displacements of the bays, in the order of an action, shape (K, 6 n_bays, 6 n_bays)
     state: Array
 
 
 def state_change(run: Run, by: RunDerivatives) -> Array:
-    """Derivatives of curvatures about x and y and displacements of the bays, shape (K, 5 n_bays, P)."""
+    """Derivatives of curvatures, twist and displacements of the bays, shape (K, 6 n_bays, P)."""
     assert run.bays is not None
     state, steps = run.bays, len(run.positions)
     nodes = [int(np.argmin(np.abs(run.s - e))) for e in state.edges]
     turned = by.rotations[:, nodes]
     local = np.einsum("kbij,kbip->kbjp", state.rotation, turned[:, 1:] - turned[:, :-1])
-    rates = local[:, :, :2] / np.diff(state.edges)[:, None, None]
+    rates = local / np.diff(state.edges)[:, None, None]
     both = np.concatenate((rates, by.positions[:, nodes[1:]]), axis=2)
     return np.asarray(both.reshape(steps, COMPONENTS * state.shape[1], -1))
 
 
 def loads_of_action(rotation: Array) -> Array:
-    """From an action to the loads at the ends of the bays (force, moment), shape (K, 6 n_bays, 5 n_bays)."""
+    """From an action to the loads at the ends of the bays (force, moment), shape (K, 6 n_bays, 6 n_bays)."""
     steps, bays = rotation.shape[:2]
     matrix = np.zeros((steps, bays, 6, bays, COMPONENTS))
     for b in range(bays):
-        matrix[:, b, 3:, b, :2] = rotation[:, b][:, :, :2]
+        matrix[:, b, 3:, b, MOMENT] = rotation[:, b]
         if b:
-            matrix[:, b - 1, 3:, b, :2] = -rotation[:, b][:, :, :2]
-        matrix[:, b, :3, b, 2:] = np.eye(3)
+            matrix[:, b - 1, 3:, b, MOMENT] = -rotation[:, b]
+        matrix[:, b, :3, b, FORCE] = np.eye(3)
     return matrix.reshape(steps, 6 * bays, COMPONENTS * bays)

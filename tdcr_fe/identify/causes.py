@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, Experiment, Parameter
 from tdcr_fe.effects.base import ExcitationRange, Kind, Points, Values
-from tdcr_fe.identify.bay_state import COMPONENTS, BayState
+from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.problem import FitProblem
@@ -101,7 +101,7 @@ class StateLoad(Cause):
     parameters
         Coefficients, zero where nothing acts.
     terms
-        One for each parameter: from the state of the bays to the action of a coefficient of one, shape (K, n_bays, 5).
+        One for each parameter: from the state of the bays to the action of a coefficient of one, shape (K, n_bays, 6).
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class StateLoad(Cause):
         return experiment
 
     def action(self, state: BayState, values: Values) -> Array:
-        """What acts, shape (K, n_bays, 5)."""
+        """What acts, shape (K, n_bays, 6)."""
         total = np.zeros((*state.shape, COMPONENTS))
         for p, term in zip(self.parameters, self.terms, strict=True):
             if values[p.name] != 0.0:
@@ -128,15 +128,15 @@ class StateLoad(Cause):
         return total
 
     def by_value(self, state: BayState, values: Values, name: str) -> Array:
-        """Derivative of the action by a parameter, shape (K, n_bays, 5)."""
+        """Derivative of the action by a parameter, shape (K, n_bays, 6)."""
         return self.terms[[p.name for p in self.parameters].index(name)](state)
 
     def slope(self, state: BayState, values: Values) -> Array:
-        """Derivative of the action by curvatures and displacements of the same bay, shape (K, n_bays, 5, 5)."""
+        """Derivative of the action by curvatures and displacements of the same bay, shape (K, n_bays, 6, 6)."""
         here, length = self.action(state, values), float(state.edges[-1])
         columns = []
         for c in range(COMPONENTS):
-            h = 1e-6 / length if c < 2 else 1e-6 * length
+            h = 1e-6 / length if c < MOMENT.stop else 1e-6 * length
             change = np.zeros(here.shape)
             change[..., c] = h
             columns.append((self.action(state.corrected(change), values) - here) / h)
@@ -184,7 +184,7 @@ class PointForce(StateLoad):
     def action(self, state: BayState, values: Values) -> Array:
         """See `StateLoad.action`."""
         found = np.zeros((*state.shape, COMPONENTS))
-        found[:, self.bay, 2:] = self.force(state.moved[:, self.bay], values)
+        found[:, self.bay, FORCE] = self.force(state.moved[:, self.bay], values)
         return found
 
     def force(self, moved: Array, values: Values) -> Array:
@@ -222,7 +222,7 @@ class PointForce(StateLoad):
         """See `StateLoad.by_value`."""
         found = np.zeros((*state.shape, COMPONENTS))
         number = [p.name for p in self.parameters].index(name)
-        found[:, self.bay, 2:] = self.by_values(state.moved[:, self.bay], values)[..., number]
+        found[:, self.bay, FORCE] = self.by_values(state.moved[:, self.bay], values)[..., number]
         return found
 
     def unidentifiable_at_null(self, experiment: Experiment) -> tuple[str, ...]:

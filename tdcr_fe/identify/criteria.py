@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from tdcr_fe.effects import EFFECTS, Effect, EffectAtPlace
-from tdcr_fe.identify.causes import Cause
+from tdcr_fe.identify.causes import Cause, is_named
 from tdcr_fe.identify.noise import chi_square_z_score, is_noise, lag1_autocorrelation, series, structure
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, Point
 from tdcr_fe.io.measured import MeasuredData
@@ -21,6 +21,10 @@ UNNAMED = 2.0
 #: A cause that is not in the dictionary, and that causes of it together look like, is a priori by this factor less
 #: probable than one of the list, as a logarithm.
 UNLISTED = 7.0
+
+#: A cause that removes less than this share of the squares beside one without a name may only correct its form: that
+#: need not be right to more than a tenth [1]. A cause of the right form is then as probable as any without a name.
+CORRECTION = 0.01
 
 #: What the choice of a cause from the list costs, as a logarithm.
 CHOICE = math.log(len(EFFECTS))
@@ -73,13 +77,26 @@ def price_of_gravity(problem: FitProblem, values: Point) -> float:
     return -math.log(problem.count) if abs(size - EARTH) <= EARTH_TOLERANCE else OTHER_GRAVITY
 
 
-def odds_of_unlisted(fit: Fit) -> float:
+def odds_of_unlisted(fit: Fit, declared: Fit, parts: Sequence[Fit]) -> float:
     """Prior odds of one cause that is not in the dictionary against the causes of a model, which look like it [1].
 
     Its evidence is that of a fit as good, with as many numbers; a single cause has none to be mistaken for.
+    ``declared``, ``parts``: the declared model, and what was fitted with one cause less.
     """
     further = len(fit.effects) - 1
-    return math.exp(CHOICE * further - UNLISTED) if further > 0 else 0.0
+    if further < 1:
+        return 0.0
+    least = CORRECTION * (_whole_cost(declared) - _whole_cost(fit))
+    corrected = any(
+        not all(map(is_named, part.effects)) and _whole_cost(part) - _whole_cost(fit) < least
+        for part in parts
+    )
+    return math.exp(CHOICE * further - (UNNAMED if corrected else UNLISTED))
+
+
+def _whole_cost(fit: Fit) -> float:
+    """Sum of squares over all readings."""
+    return fit.cost + fit.held_cost
 
 
 def at_bound(problem: FitProblem, fit: Fit, effect: Effect | None = None) -> bool:

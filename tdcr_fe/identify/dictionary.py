@@ -58,7 +58,7 @@ def dictionary(problem: FitProblem, state: BayState) -> tuple[Effect, ...]:
 
 def unnamed(problem: FitProblem, state: BayState) -> list[Cause]:
     """Causes on no list."""
-    found: list[Cause] = [*_along(problem), *_inputs(problem), *_turned(problem), *_readings(problem)]
+    found: list[Cause] = [*_along(problem), *_inputs(problem), *_loads_and_base(problem), *_readings(problem)]
     if not problem.experiment.robot.without_disks:
         found += [*routings(problem), *single_disks(problem)]
     return [*found, *state_loads(problem, state, _clock(problem))]
@@ -252,39 +252,55 @@ def _from(start: float) -> _InputLaw:
     return lambda commands, name, progress: float(progress >= start)
 
 
-def _turned(problem: FitProblem) -> list[Cause]:
-    """The backbone leaves the base plate at an angle, or the whole robot stands askew, where that is no turned frame.
+def _with_loads(experiment: Experiment, change: Callable[[Sequence[float]], Array]) -> Experiment:
+    """With another force and moment of every load in the world frame."""
 
-    In the frame of the base, gravity and forces then have other directions, and the instrument is turned.
+    def of(load: Load) -> Load:
+        if load.frame == "section":
+            return load
+        (a, b, c), (d, e, f) = (change(x).tolist() for x in (load.force, load.moment))
+        return replace(load, force=(a, b, c), moment=(d, e, f))
+
+    steps = tuple(replace(s, loads={n: of(x) for n, x in s.loads.items()}) for s in experiment.steps)
+    return replace(experiment, steps=steps)
+
+
+def _loads_and_base(problem: FitProblem) -> list[Cause]:
+    """Loads of another size or direction; a backbone that leaves the base plate at an angle, or a robot that is askew.
+
+    In the frame of the base, gravity and forces then have other directions, and the instrument is turned. Without
+    gravity and forces that is a turned frame.
     """
-    model, steps = problem.data.model, problem.data.steps
-    if not any(model.gravity) and not any(
-        any(x.force) or any(x.moment) for s in steps for x in s.loads.values()
-    ):
-        return []
+    loads = [x for s in problem.data.steps for x in s.loads.values() if any(x.force) or any(x.moment)]
+    found = list[Cause]()
 
-    def turned(experiment: Experiment, values: Values) -> Experiment:
+    def add(name: str, kind: Kind, numbers: Sequence[Parameter], change: Change, text: str) -> None:
+        found.append(ChangedDescription(name, kind, tuple(numbers), change, text))
+
+    def scaled(experiment: Experiment, values: Values) -> Experiment:
+        return _with_loads(experiment, lambda x: values["factor"] * np.array(x))
+
+    def redirected(experiment: Experiment, values: Values) -> Experiment:
+        return _with_loads(experiment, Rotation.from_rotvec([values[p.name] for p in angles]).apply)
+
+    def askew(experiment: Experiment, values: Values) -> Experiment:
         turn = Rotation.from_rotvec([values["rot_x"], values["rot_y"], 0.0])
-
-        def in_base(vector: Sequence[float]) -> tuple[float, float, float]:
-            x, y, z = map(float, turn.inv().apply(vector))
-            return x, y, z
-
-        def of(load: Load) -> Load:
-            if load.frame == "section":
-                return load
-            return replace(load, force=in_base(load.force), moment=in_base(load.moment))
-
-        steps = tuple(replace(s, loads={n: of(x) for n, x in s.loads.items()}) for s in experiment.steps)
-        model = replace(experiment.model, gravity=in_base(experiment.model.gravity))
+        turned = _with_loads(experiment, turn.inv().apply)
+        gx, gy, gz = turn.inv().apply(experiment.model.gravity).tolist()
         seen = Rotation.from_rotvec(experiment.observation.rotation) * turn
-        x, y, z = map(float, seen.as_rotvec())
+        x, y, z = seen.as_rotvec().tolist()
         observation = replace(experiment.observation, rotation=(x, y, z))
-        return replace(experiment, model=model, steps=steps, observation=observation)
+        return replace(turned, model=replace(experiment.model, gravity=(gx, gy, gz)), observation=observation)
 
-    numbers = tuple(number(f"rot_{a}", "rad", (-1.5, 1.5), 0.0, 0.01) for a in "xy")
-    text = "the backbone leaves the base plate at an angle"
-    return [ChangedDescription("base at an angle", Kind("base", ("nothing",), "base"), numbers, turned, text)]
+    angles = [number(f"rot_{a}", "rad", (-1.5, 1.5), 0.0, 0.01) for a in "xyz"]
+    if loads:
+        kind, factor = Kind("load", ("nothing",), "all loads"), number("factor", "1", (0.1, 10.0), 1.0, 0.02)
+        add("gain of the loads", kind, [factor], scaled, "the loads are off by a factor")
+        add("loads turned", kind, angles, redirected, "the loads have another direction")
+    if loads or any(problem.data.model.gravity):
+        kind, text = Kind("base", ("nothing",), "base"), "the backbone leaves the base plate at an angle"
+        add("base at an angle", kind, angles[:2], askew, text)
+    return found
 
 
 # ----------------------------------------------------------------------------------------------------- tendons
@@ -339,7 +355,8 @@ def single_disks(problem: FitProblem) -> list[Cause]:
             for t in robot.tendons:
                 if t.name in names:
                     holes = robot.holes(t).copy()
-                    holes[k + 1] = np.array([[c, -d], [d, c]]) @ holes[k + 1] + [values["x"], values["y"]]
+                    holes[k + 1] = np.array([[c, -d], [d, c]]) @ holes[k + 1]
+                    holes[k + 1] += values.get("x", 0.0), values.get("y", 0.0)
                     at = tuple(map(float, robot.hole_arc_lengths(t)))
                     t = replace(t, routing=PointsRouting(at, tuple((float(x), float(y)) for x, y in holes)))
                 tendons.append(t)
@@ -361,8 +378,8 @@ def single_disks(problem: FitProblem) -> list[Cause]:
             for name in through
         ]
         if len(through) > 1:
-            text = "a disk is turned about the backbone, or off its centre"
-            entries.append(("disk turned", (turn, *plane), moved, text, 1))
+            entries.append(("disk turned", (turn,), moved, "a disk is turned about the backbone", 1))
+            entries.append(("disk off its centre", plane, moved, "a disk is off its centre", 1))
         if not any(t.end for t in robot.tendons) and k < len(robot.disks.positions) - 1:
             room = 0.9 * float(min(edges[k + 1] - edges[k], edges[k + 2] - edges[k + 1]))
             # of second order: no small step shows it
@@ -422,11 +439,16 @@ def _readings(problem: FitProblem) -> list[Cause]:
         kind, text = Kind("reading", (clock,)), "the measuring frame drifts"
         drift = partial(along, weight=lambda d: _progress(d.steps), marker=None)
         found.append(shift("drift of the measuring frame", kind, text, drift))
-    numbers = (number("scale", "1", (-0.5, 0.5), 0.0, 0.01),)
-    scale = ReadingCause("scale of the positions", Kind("reading", ("position",)), numbers,
-                         (lambda p, _: np.where(p.readings.is_position, p.readings.values, 0.0),),
-                         "positions are read too large or too small by a factor")  # fmt: skip
-    found.append(scale)
+    kind, scale = Kind("reading", ("position",)), number("scale", "1", (-0.5, 0.5), 0.0, 0.01)
+    slope = number("slope", "1/m", (-0.5 / length, 0.5 / length), 0.0, 0.01 / length)
+    text = "positions are read too large or too small by a factor"
+    found.append(ReadingCause("scale of the positions", kind, (scale,), (_scaled(-1, 0),), text))
+    for axis, a in enumerate("xyz"):
+        shapes, text = (
+            (_scaled(axis, 0), _scaled(axis, 1)),
+            f"a camera looks along {a}: what is nearer is larger",
+        )
+        found.append(ReadingCause(f"perspective along {a}", kind, (scale, slope), shapes, text))
     markers = sorted({float(data.readings[i].location or 0.0) for i in np.flatnonzero(readings.is_position)})
     groups: dict[float | None, str] = {None: "all markers"}
     if len(markers) > 1:
@@ -444,3 +466,15 @@ def _readings(problem: FitProblem) -> list[Cause]:
             cause.price = math.log(len(data.steps) * (1 if marker is None else len(markers)))
         found += causes
     return found
+
+
+def _scaled(axis: int, power: int) -> Callable[[FitProblem, Run], Array]:
+    """Positions across an axis times a power of that along it; all positions where the axis is -1."""
+
+    def shape(problem: FitProblem, _: Run) -> Array:
+        r = problem.readings
+        along = np.zeros((int(np.max(r.markers)) + 1, 4))
+        along[r.markers, r.axes] = r.values
+        return np.where(r.is_position & (r.axes != axis), r.values * along[r.markers, axis] ** power, 0.0)
+
+    return shape

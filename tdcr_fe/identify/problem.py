@@ -214,10 +214,8 @@ class FitProblem:
         raw = self.lengths(r)
         angles = raw[which & self.readings.is_angle]
         p = which & self.readings.is_position
-        distance = (
-            np.sqrt(np.bincount(self.readings.markers[p], weights=raw[p] ** 2)) if np.any(p) else np.zeros(0)
-        )
-        distance = distance[np.bincount(self.readings.markers[p]) > 0] if np.any(p) else distance
+        marker = np.unique(self.readings.markers[p], return_inverse=True)[1]
+        distance = np.sqrt(np.bincount(marker, weights=raw[p] ** 2))
         return Misfit(
             float(np.sqrt(np.mean(distance**2))) if distance.size else None,
             float(np.sqrt(np.mean(angles**2))) if angles.size else None,

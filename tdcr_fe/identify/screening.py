@@ -29,9 +29,9 @@ SEEN = 1e-6
 
 @dataclass(frozen=True)
 class Score:
-    """One candidate, or several together, beside one fitted model."""
+    """One candidate beside one fitted model."""
 
-    effects: tuple[Effect, ...]
+    effect: Effect
     drop: float  # fall of the sum of squares over the fitted readings, to first order
     starts: list[Point]  # where a fit may begin: to first order all of them promise as much
     predicted: Array  # residual over sigma that it would leave, to first order, shape (n,)
@@ -48,23 +48,13 @@ class Score:
     ) -> Score:
         """Of an effect that is not tried beside a model."""
         nothing = np.zeros((fit.residual.size, 0))
-        return cls((effect,), 0.0, [], fit.residual, nothing, note, scales=scales or {})
-
-    @property
-    def effect(self) -> Effect:
-        """The candidate; the last of several."""
-        return self.effects[-1]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of the candidates."""
-        return tuple(e.name for e in self.effects)
+        return cls(effect, 0.0, [], fit.residual, nothing, note, scales=scales or {})
 
     @property
     def count(self) -> int:
-        """Parameters of the candidates that change anything: the rank of the signature, and those that it holds."""
+        """Parameters of the candidate that change anything: the rank of the signature, and those that it holds."""
         if not self.signature.size or self.probe is None:
-            return sum(len(e.parameters) for e in self.effects)
+            return len(self.effect.parameters)
         size = np.linalg.norm(self.signature, axis=0)
         held = sum(self.probe.start[name] != null for name, null in self.probe.null.items())
         return int(np.count_nonzero(size > SEEN * np.max(size))) + held
@@ -274,7 +264,7 @@ def _score(problem: FitProblem, fit: Fit, space: _Space, sets: Sequence[tuple[_P
     values, predicted = space.adapted(signature @ amplitude)
     fallback = tuple({**fit.values, e.name: point} for point in points)
     start = {**values, e.name: points[0]}
-    return Score((e,), drop, [start], predicted, signature, "", one, fallback, scales)
+    return Score(e, drop, [start], predicted, signature, "", one, fallback, scales)
 
 
 def _at_points(
@@ -293,7 +283,7 @@ def _at_points(
     adapted = [space.adapted(x.change) for x in alike]
     starts = [{**values, e.name: x.values} for x, (values, _) in zip(alike, adapted, strict=True)]
     probe = _ProbeSet.of(e, [best.values], problem.experiment)
-    return Score((e,), best.drop, starts, adapted[0][1], best.change[:, None], "", probe)
+    return Score(e, best.drop, starts, adapted[0][1], best.change[:, None], "", probe)
 
 
 def rescored(problem: FitProblem, fit: Fit, score: Score, run: Run) -> Score:

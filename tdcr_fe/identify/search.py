@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, EffectAtPlace
-from tdcr_fe.effects.base import Points
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.causes import is_named
 from tdcr_fe.identify.criteria import (
@@ -51,7 +50,6 @@ from tdcr_fe.identify.search_state import (
     mean_cost,
     parent_of,
     refined,
-    with_rival,
 )
 from tdcr_fe.identify.settings import EXCHANGES, FURTHER_EFFECTS, OutOfTime
 
@@ -63,7 +61,7 @@ MANY, WORTHWHILE = 4, 0.1
 #: Candidates of a round that the report shows.
 SHOWN = 40
 
-#: Factors on the probe points at which the first of two effects that show only together is tried [1].
+#: Typical steps with which the first of two effects that show only together is tried [1].
 STRENGTHS = (1.0, 8.0, 64.0)
 
 
@@ -122,36 +120,41 @@ def scores_beside(state: SearchState, fit: Fit, costly: bool = False) -> tuple[S
 
 def own_price(problem: FitProblem, score: Score) -> float:
     """What a candidate costs by itself: its parameters and its prior, as in the criterion."""
-    gravity = price_of_gravity(problem, score.starts[0]) if "gravity" in score.names else 0.0
-    return score.count * math.log(problem.count) + price(score.effects, problem.data.robot) + gravity
+    gravity = price_of_gravity(problem, score.starts[0]) if score.effect.name == "gravity" else 0.0
+    return score.count * math.log(problem.count) + price((score.effect,), problem.data.robot) + gravity
 
 
 class Proposal(NamedTuple):
-    """A candidate, or several, beside a model."""
+    """A candidate beside a model."""
 
     parent: Fit
     score: Score
     criterion: float  # that the model with it promises
 
     @property
+    def effects(self) -> tuple[Effect, ...]:
+        """All causes together."""
+        return (*self.parent.effects, self.score.effect)
+
+    @property
     def names(self) -> frozenset[str]:
         """Of all causes together."""
-        return frozenset({*self.parent.names, *self.score.names})
+        return frozenset({*self.parent.names, self.score.effect.name})
 
     @property
     def listed(self) -> frozenset[str]:
         """Names of the listed effects of which its causes are forms."""
-        return frozenset(e.listed for e in (*self.parent.effects, *self.score.effects))
+        return frozenset(e.listed for e in self.effects)
 
     @property
     def perturbs(self) -> set[str]:
         """What its causes perturb."""
-        return {e.kind.perturbs for e in (*self.parent.effects, *self.score.effects)}
+        return {e.kind.perturbs for e in self.effects}
 
     @property
     def named(self) -> bool:
         """Whether all causes are listed effects."""
-        return all(map(is_named, (*self.parent.effects, *self.score.effects)))
+        return all(map(is_named, self.effects))
 
 
 def worth_fitting(
@@ -188,14 +191,6 @@ def costly_singles(search: Search, state: SearchState, parent: Fit) -> tuple[Sea
         return state, []
     state, found = singles(search, state, parent, True)
     return state, [x for x in found if not (x.named or x.score.effect.exact_derivatives)]
-
-
-def pairs(search: Search, state: SearchState, parent: Fit) -> tuple[SearchState, list[Proposal]]:
-    """Effects that show only beside another one, together with that one."""
-    state, _, reference = scores_beside(state, parent)
-    if len(parent.effects) + 2 > search.settings.max_effects or lacks_test(state.problem, parent):
-        return state, []
-    return state, worth_fitting(search, state.problem, parent, together(state, reference), reference)
 
 
 # ------------------------------------------------------------------------------------------------------- fits
@@ -301,7 +296,7 @@ def _begun(problem: FitProblem, found: Sequence[Proposal]) -> list[Fit]:
     """Models with candidates at their predicted values; at other starts where these are worse than without."""
 
     def evaluated(x: Proposal, starts: Sequence[Point]) -> fitting.Fitting:
-        return fitting.begin(problem, (*x.parent.effects, *x.score.effects), starts, fitting.Race(), x.parent)
+        return fitting.begin(problem, x.effects, starts, fitting.Race(), x.parent)
 
     fits = fitting.run_fits(problem, [evaluated(x, x.score.starts) for x in found])
     again = [
@@ -383,7 +378,7 @@ def grow(search: Search, state: SearchState) -> Stage:
             state, new = propose(search, state, parent)
             new = [x for x in new if len(x.names) <= most_effects]
             pool += new
-            search.report(f"fitting {listed_names([x.score.names[-1] for x in new[:5]])}", progress)
+            search.report(f"fitting {listed_names([x.score.effect.name for x in new[:5]])}", progress)
             ahead = state.best if search.explained(state) else None
             state, fits = fit_proposals(search, state, new, ahead)
             better = _accepted(search, state, fits)
@@ -443,7 +438,7 @@ def _entry(state: SearchState, number: int, proposal: Proposal) -> Candidate:
     """A candidate for the report, with what its fit gave."""
     problem, (parent, score, _) = state.problem, proposal
     drop = score.drop / reduced_chi_square(problem, parent)
-    entry = Candidate(number, parent.names, " + ".join(score.names), drop, note=score.note)
+    entry = Candidate(number, parent.names, score.effect.name, drop, note=score.note)
     fit = state.fits.get(proposal.names)
     if fit is None:
         return entry
@@ -475,52 +470,31 @@ def _worthwhile(state: SearchState, fit: Fit) -> bool:
     return after <= (1.0 - WORTHWHILE) * before
 
 
-def together(state: SearchState, fit: Fit) -> list[Score]:
-    """Effects that data show only beside another one (`Effect.after`), each with that one, which is made strong."""
-    problem = state.problem
-    experiment = problem.with_effects(fit.effects, fit.values)
-    excitation, present = problem.excitation_range(fit.run), {e.listed for e in fit.effects}
-    found = []
-    for later in problem.catalogue:
-        firsts = [e for e in problem.catalogue if e.name in later.after and e.name not in present]
-        if later.name in present or not firsts:
-            continue
-        for first in (form for e in firsts for form in e.forms(problem.experiment)):
-            scores = []
-            for strength in STRENGTHS:
-                values = _probe_values(problem, first, strength, first.probe_points(experiment, excitation))
-                if not values or not later.probe_points(first.apply(experiment, values), excitation):
-                    continue
-                free = (*fit.free, *((first.name, name) for name in values))
-                point = {**fit.values, first.name: values}
-                (base,) = fitting.run_fits(
-                    problem, [fitting.evaluated(problem, (*fit.effects, first), point, free, fit)]
-                )
-                if base.solved:
-                    own, _ = screen(problem, base, later.forms(problem.experiment))
-                    scores += [
-                        replace(x, effects=(first, x.effect), drop=fit.cost - base.cost + x.drop)
-                        for x in own
-                        if x.starts
-                    ]
-            found += sorted(scores, key=lambda x: -x.drop)[:1]
-    return found
+def pairs(search: Search, state: SearchState, parent: Fit) -> tuple[SearchState, list[Proposal]]:
+    """Effects that show only beside another one (`Effect.after`), beside that one, which is made strong."""
+    state, scores, _ = scores_beside(state, parent)
+    found, present, problem = list[Proposal](), {e.listed for e in parent.effects}, state.problem
+    if len(parent.effects) + 2 > search.settings.max_effects or lacks_test(problem, parent):
+        return state, found
+    for later in (e for e in problem.catalogue if e.after and e.name not in present):
+        firsts = [x for x in scores if x.effect.listed in later.after and x.scales]
+        for x, strength in itertools.product(firsts, STRENGTHS):
+            (base,) = fitting.run_fits(problem, [_made_strong(problem, parent, x, strength)])
+            if base.solved:
+                own, _ = screen(problem, base, later.forms(problem.experiment))
+                found += worth_fitting(search, problem, base, own)
+    return state, found
 
 
-def _probe_values(problem: FitProblem, effect: Effect, strength: float, probes: Points) -> dict[str, float]:
-    """Values of an effect, all parameters moved from their null values by so many times the way to the probe points."""
-    if not probes:
-        return {}
-    null = effect.null_values(problem.experiment)
-    values = dict(null)
-    for point in probes[0]:
-        values |= {name: x for name, x in point.items() if x != null[name]}
-    for p in effect.parameters:
-        low, high = problem.bounds(effect, p.name)
-        start = p.coordinate(null[p.name])
-        z = start + strength * (p.coordinate(values[p.name]) - start)
-        values[p.name] = p.value(min(max(z, low), high))
-    return values
+def _made_strong(problem: FitProblem, parent: Fit, score: Score, strength: float) -> fitting.Fitting:
+    """A model with a candidate whose parameters are so many typical steps from their null values."""
+    e, values = score.effect, {}
+    null = e.null_values(problem.experiment)
+    for p in e.parameters:
+        z = p.coordinate(null[p.name]) + strength * score.scales[(e.name, p.name)]
+        values[p.name] = p.value(float(np.clip(z, *problem.bounds(e, p.name))))
+    point, free = {**parent.values, e.name: values}, (*parent.free, *((e.name, name) for name in values))
+    return fitting.evaluated(problem, (*parent.effects, e), point, free, parent)
 
 
 def _saturates(effect: Effect) -> bool:
@@ -551,7 +525,7 @@ def at_full_strength(search: Search, state: SearchState, parent: Fit) -> tuple[S
             drop = parent.cost - problem.cost(left)[0]
             fallback = (new.values,) if new.free else ()
             nothing = np.zeros((problem.count, 0))
-            scores.append(Score((e,), drop, [start], left, nothing, fallback=fallback))
+            scores.append(Score(e, drop, [start], left, nothing, fallback=fallback))
     found = worth_fitting(search, problem, parent, scores)[:2]
     # those that were fitted from small values begin anew
     kept = {k: f for k, f in state.fits.items() if k not in {x.names for x in found}}
@@ -631,7 +605,7 @@ def with_rivals(search: Search, state: SearchState) -> SearchState:
     """Name causes of other models that explain as much, each beside the cause that it replaces."""
     problem, best = state.problem, state.best
     noise = effective_noise(problem, best, search.significance)
-    state, mine = replace(state, rivals={}), set(best.names)
+    rivals, mine = dict[str, tuple[str, ...]](), set(best.names)
     for other in state.fits.values():
         if (
             not other.solved
@@ -643,5 +617,5 @@ def with_rivals(search: Search, state: SearchState) -> SearchState:
         if len(theirs - mine) != 1 or at_bound(problem, other):
             continue
         for name in mine - theirs:
-            state = with_rival(state, name, next(iter(theirs - mine)))
-    return state
+            rivals[name] = tuple(dict.fromkeys((*rivals.get(name, ()), *(theirs - mine))))
+    return replace(state, rivals=rivals)

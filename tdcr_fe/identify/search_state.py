@@ -238,14 +238,6 @@ def _shifted(problem: FitProblem, fit: Fit, shift: Array) -> Fit:
     return replace(fit, residual=r, cost=cost, held_cost=held_cost, path_residual=path)
 
 
-def with_rival(state: SearchState, name: str, rival: str) -> SearchState:
-    """With another rival of an effect, without duplicates."""
-    known = state.rivals.get(name, ())
-    if rival in known:
-        return state
-    return replace(state, rivals={**state.rivals, name: (*known, rival)})
-
-
 def mean_cost(cost: float, which: NDArray[np.bool_]) -> float:
     """Cost per reading."""
     return cost / max(1, int(np.count_nonzero(which)))
@@ -254,6 +246,13 @@ def mean_cost(cost: float, which: NDArray[np.bool_]) -> float:
 def listed_names(names: Sequence[str]) -> str:
     """Names of effects, joined by plus signs."""
     return " + ".join(names)
+
+
+def odds_of_another(state: SearchState) -> float:
+    """Prior odds of one cause that is not in the dictionary against the causes of the best model [1]."""
+    names = frozenset(state.best.names)
+    parts = [state.fits[names - {name}] for name in names if names - {name} in state.fits]
+    return odds_of_unlisted(state.best, state.declared, parts)
 
 
 def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
@@ -267,7 +266,7 @@ def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
     solved = [f for f in state.fits.values() if f.solved] or [state.best]
     logarithms = np.array([-0.5 * rank(problem, f) / noise for f in solved])
     weights = np.exp(logarithms - np.max(logarithms))
-    weights /= np.sum(weights) * (1.0 + odds_of_unlisted(state.best))
+    weights /= np.sum(weights) * (1.0 + odds_of_another(state))
     same = [float(np.sum((f.residual - state.best.residual) ** 2)) < SAME for f in solved]
     return [
         (state.best if alike else f, float(w))

@@ -65,7 +65,7 @@ def headline(result: IdentificationResult) -> str:
     explained = result.verdict in (Verdict.EXPLAINED, Verdict.LAW_FOUND) and not result.names_nothing
     names = _joined(
         [
-            words(e.name) if e.found or not explained else f"{words(e.name)}, which is not certain,"
+            words(e.name) if e.found or not explained else f"{words(e.name)} (not certain)"
             for e in result.effects
             if not e.sentence or result.verdict != Verdict.LAW_FOUND
         ]
@@ -76,7 +76,7 @@ def headline(result: IdentificationResult) -> str:
         names=names,
         law="" if result.law is None else f": {result.law.sentence}",
         beside=f", together with {names}" if names else "",
-        found=f" Found so far: {names}." if names else "",
+        found=f" The best model so far has {names}; nothing of it is certain." if names else "",
         stopped="was interrupted" if result.log.interrupted else "ran out of time",
     )
 

@@ -10,14 +10,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations_with_replacement
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Parameter
 from tdcr_fe.effects.base import Kind
-from tdcr_fe.identify.bay_state import COMPONENTS, BayState, last_direction
+from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, last_direction
 from tdcr_fe.identify.causes import Attraction, Cause, Cord, PointForce, StateLoad
 from tdcr_fe.identify.criteria import OTHER_GRAVITY, UNNAMED
 
@@ -49,7 +49,7 @@ class Direction:
     name: str
     symbol: str
     powers: tuple[int, int, int]  # of metre, newton and second
-    value: Callable[[BayState], Array]  # from a `BayState` to an action of shape (K, n_bays, 5)
+    value: Callable[[BayState], Array]  # from a `BayState` to an action of shape (K, n_bays, 6)
     perturbs: str = "stiffness"  # what a cause with this direction perturbs
     depends_on: str = ""  # what that depends on by the direction alone; empty where on nothing
     is_force: bool = False
@@ -63,7 +63,7 @@ def _moment(x: Array, y: Array) -> Array:
 
 def _force(x: Array) -> Array:
     full = np.zeros((*x.shape[:2], COMPONENTS))
-    full[..., 2:] = x
+    full[..., FORCE] = x
     return full
 
 
@@ -183,7 +183,7 @@ class Term:
         return " ".join(text) or "1"
 
     def action(self, state: BayState) -> Array:
-        """With a coefficient of one, shape (K, n_bays, 5)."""
+        """With a coefficient of one, shape (K, n_bays, 6)."""
         value = self.direction.value(state)
         for f in self.factors:
             value = value * f.value(state)[..., None]
@@ -281,7 +281,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
     """
     backbone = problem.experiment.robot.backbone
     length = backbone.length
-    size = np.array([backbone.EI / length] * 2 + [backbone.EI / length**2] * 3)
+    size = np.array([backbone.EI / length] * 3 + [backbone.EI / length**2] * 3)
     clock = TIME if progress == "time" else ROW
     bays = state.shape[1]
     found: list[Cause] = []
@@ -311,14 +311,15 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         price = math.log(10.0) + 1.5 * len(term.factors) + (math.log(bays) if term.bay is not None else 0.0)
         kind = Kind(perturbs, depends, where(term, state.edges))
         add(term.key, kind, [("coefficient", term.unit, term.action)], sentence(term), price)
-    for text, varies, unit, factor in _free_forces(clock):
-        if varies == "row" and not progress:
+    for free in _free_loads(clock):
+        if free.depends_on == "row" and not progress:
             continue
-        for bay in range(bays):
+        for bay in range(bays - 1 if free.at_tip else 0, bays):
             at = "tip" if bay == bays - 1 else f"disk at s = {state.edges[bay + 1]:.4g} m"
-            add(f"force {text} ({at})", Kind("force", (varies,), at),
-                [(a, unit, _at(bay, i, factor)) for i, a in enumerate("xyz")],
-                f"a force of fixed direction, {text}", 1.5 + (0.0 if bay == bays - 1 else math.log(bays)))  # fmt: skip
+            terms = [(a, free.unit, free.on(bay, axis)) for axis, a in enumerate("xyz")]
+            price = 1.5 + (0.0 if bay == bays - 1 else math.log(bays))
+            kind = Kind(free.perturbs, (free.depends_on,), at)
+            add(f"{free.perturbs} {free.text} ({at})", kind, terms, f"a {free.perturbs} {free.text}", price)
     tensor = [
         (n, "N m^2", partial(_by_curvature, axes=axes))
         for n, axes in (("xx", "x"), ("yy", "y"), ("xy", "xy"))
@@ -328,7 +329,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
     spread = [(a, "N/m", _spread(i)) for i, a in enumerate("xyz")]
     add("force along the backbone", Kind("force", ("nothing",), "along the backbone"), spread,
         "a constant force along the whole backbone", 0.5 * OTHER_GRAVITY - UNNAMED)  # fmt: skip
-    strength = TYPICAL * float(size[2])
+    strength = TYPICAL * float(size[-1])
     for bay, at in enumerate(state.edges[1:].tolist()):
         powers = (2, 1, 3) if bay == bays - 1 else (2,)
         points: list[PointForce] = [Attraction(at, bay, state, power, strength) for power in powers]
@@ -339,28 +340,62 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
     return found
 
 
-#: A force of free direction: in words, what it depends on, the unit of its coefficient, and its factor.
-_FreeForce = tuple[str, str, str, Callable[[BayState], Array] | None]
+class _FreeLoad(NamedTuple):
+    """A force or moment with three coefficients on one disk."""
+
+    perturbs: str  # "force" or "moment"
+    text: str
+    depends_on: str
+    unit: str  # of its coefficients
+    # direction and size of a coefficient of one along an axis, shape (K, 3), on the disk at the end of a bay
+    vector: Callable[[BayState, int, int], Array]
+    at_tip: bool = False  # whether it acts on the tip only
+
+    def on(self, bay: int, axis: int) -> Callable[[BayState], Array]:
+        """The action on the disk at the end of a bay: a moment passes through all bays below it."""
+
+        def term(state: BayState) -> Array:
+            found, vector = np.zeros((*state.shape, COMPONENTS)), self.vector(state, bay, axis)
+            if self.perturbs == "force":
+                found[:, bay, FORCE] = vector
+            else:
+                found[:, : bay + 1, MOMENT] = np.einsum("kbij,ki->kbj", state.rotation[:, : bay + 1], vector)
+            return found
+
+        return term
 
 
-def _free_forces(clock: Factor) -> list[_FreeForce]:
-    timed = clock.kind == "time"
-    return [
-        ("constant", "nothing", "N", None),
-        ("in proportion to the displacement", "position", "N/m", lambda b: np.linalg.norm(b.moved, axis=2)),
-        (f"in proportion to {clock.name}", clock.kind, "N/s" if timed else "N", clock.value),
+def _free_loads(clock: Factor) -> list[_FreeLoad]:
+    def fixed(state: BayState, bay: int, axis: int) -> Array:
+        return np.tile(np.eye(3)[axis], (state.shape[0], 1))
+
+    def turning(state: BayState, bay: int, axis: int) -> Array:
+        return state.tip[:, :, axis]
+
+    def displaced(state: BayState, bay: int, axis: int) -> Array:
+        return np.linalg.norm(state.moved[:, bay], axis=1)[:, None] * fixed(state, bay, axis)
+
+    def grows(state: BayState, bay: int, axis: int) -> Array:
+        return clock.value(state)[:, bay, None] * fixed(state, bay, axis)
+
+    def dipole(state: BayState, bay: int, axis: int) -> Array:
+        return np.cross(state.tip[:, :, 2], fixed(state, bay, axis))
+
+    constant, drift = "of fixed direction, constant", f"of fixed direction, in proportion to {clock.name}"
+    per_time = "/s" if clock.kind == "time" else ""
+    found = [
+        _FreeLoad(
+            "force", "of fixed direction, in proportion to the displacement", "position", "N/m", displaced
+        )
     ]
-
-
-def _at(bay: int, axis: int, factor: Callable[[BayState], Array] | None) -> Callable[[BayState], Array]:
-    """A force on one disk along an axis of the world."""
-
-    def term(state: BayState) -> Array:
-        found = np.zeros((*state.shape, COMPONENTS))
-        found[:, bay, 2 + axis] = 1.0 if factor is None else factor(state)[:, bay]
-        return found
-
-    return term
+    for perturbs, unit in (("force", "N"), ("moment", "N m")):
+        found += [
+            _FreeLoad(perturbs, constant, "nothing", unit, fixed),
+            _FreeLoad(perturbs, drift, clock.kind, unit + per_time, grows),
+            _FreeLoad(perturbs, "that turns with the tip", "orientation", unit, turning, True),
+        ]
+    text = "of a uniform field on a magnet along the tip"
+    return [*found, _FreeLoad("moment", text, "orientation", "N m", dipole, True)]
 
 
 def _by_curvature(state: BayState, axes: str) -> Array:
@@ -377,7 +412,7 @@ def _spread(axis: int) -> Callable[[BayState], Array]:
 
     def term(state: BayState) -> Array:
         found = np.zeros((*state.shape, COMPONENTS))
-        found[..., 2 + axis] = np.diff(state.edges)
+        found[..., FORCE.start + axis] = np.diff(state.edges)
         return found
 
     return term

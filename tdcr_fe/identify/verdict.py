@@ -18,7 +18,6 @@ from tdcr_fe.identify.criteria import (
     chi_square_threshold,
     insufficient_data,
     mostly_estimated_noise,
-    odds_of_unlisted,
     reduced_chi_square,
 )
 from tdcr_fe.identify.data_faults import wrong_sigma
@@ -51,14 +50,10 @@ from tdcr_fe.identify.result import (
     Structure,
     Verdict,
 )
-from tdcr_fe.identify.search_state import Search, SearchState, posterior
+from tdcr_fe.identify.search_state import Search, SearchState, odds_of_another, posterior
 from tdcr_fe.identify.settings import CEILING, MAY_EXPLAIN
 
 Array = NDArray[np.float64]
-
-#: A listed effect beside a cause without a name is found only where it removes such a share of the squares: it may
-#: correct the form of that cause, which need not be right to more than a tenth [1].
-CORRECTION = 0.01
 
 
 class Found(NamedTuple):
@@ -80,7 +75,7 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
     problem, best, declared, data = state.problem, state.best, state.declared, state.problem.data
     tests = structure(data, best.residual, len(best.free))
     explained = search.is_noise(problem, best)
-    odds = odds_of_unlisted(best) if explained else 0.0
+    odds = odds_of_another(state) if explained else 0.0
     unlisted = odds / (1.0 + odds)
     undecided = _undecided(state, found, explained)
     ceiling = None
@@ -267,7 +262,7 @@ def added_effects(
                 kind=kind,
                 indistinguishable_from=rivals,
                 separating_experiment=separating_experiments(e, rivals, problem.catalogue),
-                found=explained and is_named(e) and probability > NAMED and not _is_correction(state, e),
+                found=explained and is_named(e) and probability > NAMED,
                 probability=probability,
                 kind_probability=sum(w for f, w in weights if any(x.kind == kind for x in f.effects)),
                 form=e.name,
@@ -276,16 +271,6 @@ def added_effects(
         )
         before = after
     return tuple(added)
-
-
-def _is_correction(state: SearchState, e: Effect) -> bool:
-    """Whether an effect of the best model may stand for the form of a cause without a name, see `CORRECTION`."""
-    best = state.best
-    without = state.fits.get(frozenset(best.names) - {e.name})
-    if without is None or all(map(is_named, best.effects)):
-        return False
-    declared, before, after = (f.cost + f.held_cost for f in (state.declared, without, best))
-    return before - after < CORRECTION * (declared - after)
 
 
 def separating_experiments(e: Effect, rivals: Sequence[str], catalogue: Sequence[Effect]) -> str:

@@ -17,7 +17,7 @@ from identify_data import (
 
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.search import _worthwhile, grow, together
+from tdcr_fe.identify.search import _worthwhile, grow, pairs
 from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
@@ -60,8 +60,8 @@ def test_stretch_and_pretension_are_found_together(opposed, declared):
     problem = replace(problem, catalogue=tuple(e for e in EFFECTS if e.name in names))
     forms = tuple(form for e in problem.catalogue for form in e.forms(problem.experiment))
     state, search = replace(state_of(problem), dictionary=forms), searching(candidates=3)
-    pairs = together(state, state.declared)
-    assert {e.listed for x in pairs for e in x.effects} == set(names[1:3])
+    state, found = pairs(search, state, state.declared)
+    assert {e.listed for x in found for e in x.effects} == set(names[1:3])
     for latest in grow(search, state):
         state = latest
     assert {e.listed for e in state.best.effects} >= set(names[1:3])

@@ -158,6 +158,27 @@ def test_a_jump_of_an_input_begins_at_its_row_and_a_share_follows_the_other_inpu
         assert shared.tensions == pytest.approx({"t1": t1, "t2": t2 + 0.1 * t1})
 
 
+def test_loads_are_scaled_and_turned_and_a_camera_enlarges_what_is_nearer():
+    problem = problem_of(measured())
+    causes = {e.name: e for e in whole_dictionary(problem)}
+    before = [s.loads["tip"].force for s in problem.experiment.steps if "tip" in s.loads]
+    for name, values, matrix in (
+        ("gain of the loads", {"factor": 1.3}, 1.3 * np.eye(3)),
+        (
+            "loads turned",
+            {"rot_x": 0.0, "rot_y": 0.0, "rot_z": np.pi / 2},
+            [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
+        ),
+    ):
+        moved = causes[name].apply(problem.experiment, values)
+        after = [s.loads["tip"].force for s in moved.steps if "tip" in s.loads]
+        np.testing.assert_allclose(after, np.array(before) @ np.transpose(matrix), atol=1e-12)
+    assert np.any(before)
+    shift = causes["perspective along z"].shift(problem, None, {"scale": -0.1, "slope": 2.0})
+    read = problem.readings.values.reshape(-1, 3)  # x, y and z of each marker
+    np.testing.assert_allclose(shift.reshape(-1, 3), read * (2.0 * read[:, 2:] - 0.1) * [1, 1, 0], atol=1e-12)
+
+
 def test_one_hole_or_one_disk_is_moved_and_no_other():
     """A disk slips along the backbone, turns with its holes, or has one hole elsewhere."""
     problem = problem_of(measured())

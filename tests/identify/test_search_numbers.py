@@ -64,9 +64,9 @@ def test_a_sum_of_three_causes_names_none_of_them(begun, names, named):
     )
 
 
-@pytest.mark.parametrize(("share", "named"), [(0.005, False), (0.02, True)])
-def test_a_small_effect_beside_a_cause_without_a_name_may_correct_its_form(begun, share, named):
-    """Tensions that fall with every row became a drifting gain and an actuator gain of 1.006, which was named."""
+@pytest.mark.parametrize(("share", "probability"), [(0.005, 0.20), (0.02, 0.97)])
+def test_a_small_effect_beside_a_cause_without_a_name_may_correct_its_form(begun, share, probability):
+    """Two weights became a force all along the backbone, with 0.97, and a kink; a cause of another form is likelier."""
     from test_search import whole_dictionary
 
     (taper,) = [e for e in whole_dictionary(begun.problem) if e.name == "radius along s"]
@@ -77,7 +77,7 @@ def test_a_small_effect_beside_a_cause_without_a_name_may_correct_its_form(begun
     alone = replace(best, effects=(taper,), cost=50.0 + share * squares)
     state = replace(state, best=best, fits={frozenset(f.names): f for f in (begun.declared, alone, best)})
     first, _ = added_effects(searching(), state, np.zeros(0), True)
-    assert first.probability > 0.9 and first.found is named
+    assert first.probability == pytest.approx(probability, abs=0.01)
 
 
 @pytest.mark.parametrize(("drop", "better"), [(3.0, False), (5.0, True)])

@@ -57,7 +57,7 @@ def test_the_response_to_an_action_is_exact():
     problem = problem_of(measured())
     run = started(problem, load_of(HARDENING))
     rng = np.random.default_rng(0)
-    step = rng.normal(size=run.acted.action.values.shape) * np.array([1e-5, 1e-5, 1e-4, 1e-4, 1e-4])
+    step = rng.normal(size=run.acted.action.values.shape) * np.array([1e-5] * 3 + [1e-4] * 3)
     # The response is that of one step: only step 4 gets the action.
     step[np.arange(len(step)) != 3] = 0.0
     acted = [with_action(problem.experiment, Action(x * step, run.bays.rotation)) for x in (1.0, -1.0)]
@@ -69,7 +69,7 @@ def test_the_response_to_an_action_is_exact():
     np.testing.assert_allclose(change, predicted, atol=2e-4 * np.abs(predicted).max())
     bays = run.acted.response.state[3] @ step[3].ravel()
     a, b = (r.bays for r in ends)
-    parts = (a.curvature[3, :, :2] - b.curvature[3, :, :2], a.moved[3] - b.moved[3])
+    parts = (a.curvature[3] - b.curvature[3], a.moved[3] - b.moved[3])
     moved = np.concatenate(parts, axis=1) / 2.0
     np.testing.assert_allclose(moved.ravel(), bays, atol=2e-3 * np.abs(bays).max())
 
@@ -227,3 +227,25 @@ def test_a_stiffness_that_differs_between_directions_is_a_symmetric_tensor_of_th
     np.testing.assert_allclose(moment, run.bays.curvature[..., :2] @ tensor.T)
     same = section.action(run.bays, {"xx": 3.0, "yy": 3.0, "xy": 0.0})
     np.testing.assert_allclose(same, 3.0 * Term((), BENDING).action(run.bays))
+
+
+def test_moments_of_fixed_direction_and_of_a_magnet_are_loads_of_the_tip():
+    """A moment passes through all bays below it: what acts on the disks is the moment at the tip alone."""
+    problem = problem_of(measured())
+    (run,) = problem.run([Job(problem.experiment, states=True)])
+    causes = {e.name: e for e in dictionary(problem, run.bays)}
+    values = {"x": 1e-3, "y": -2e-3, "z": 5e-4}
+    given, tip = np.array([*values.values()]), run.rotations[:, -1]
+    for name, moments in {
+        "moment of fixed direction, constant (tip)": np.tile(given, (len(tip), 1)),
+        "moment that turns with the tip (tip)": tip @ given,
+        "moment of a uniform field on a magnet along the tip (tip)": np.cross(tip[:, :, 2], given),
+    }.items():
+        action = Action(causes[name].action(run.bays, values), run.bays.rotation)
+        loads = [
+            [*s.loads.values()][-len(run.bays.edges) + 1 :]
+            for s in with_action(problem.experiment, action).steps
+        ]
+        acting = np.array([[x.moment for x in own] for own in loads])
+        np.testing.assert_allclose(acting[:, -1], moments, atol=1e-7)
+        np.testing.assert_allclose(acting[:, :-1], 0.0, atol=1e-12)

@@ -105,7 +105,7 @@ def test_candidates_with_more_parameters_than_readings_are_not_fitted(bent):
     scores, _ = screen(problem, state.declared, [effect("gravity"), effect("actuator_gain")])
     strong = [replace(s, drop=1e9) for s in scores]
     fitted = worth_fitting(searching(), problem, state.declared, strong)
-    assert [x.score.names for x in fitted] == [("actuator_gain",)]
+    assert [x.score.effect.name for x in fitted] == ["actuator_gain"]
 
 
 def test_several_causes_that_leave_noise_together_are_stated_but_not_named():
