@@ -22,6 +22,7 @@ from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.spreadsheet import number
 from tdcr_fe.model.channels import CHANNELS, arc_lengths
 from tdcr_fe.model.loading import LoadStep
+from tdcr_fe.model.units import mistaken
 
 Array = NDArray[np.float64]
 
@@ -56,9 +57,17 @@ class _Fault(NamedTuple):
     chosen: float = 1.0  # how many numbers were chosen for it
 
 
+class _Drive(NamedTuple):
+    """What the declared inputs should have been."""
+
+    names: Mapping[str, str]  # which tendon those of a tendon are of
+    displacements: float = 1.0  # their factor
+    forces: float = 1.0
+
+
 @dataclass(frozen=True)
 class _Grid:
-    """Readings of positions or curvatures by step, marker and axis; NaN where there is none."""
+    """Readings of positions or curvatures by step, marker and axis, or of tendons; NaN where there is none."""
 
     family: str  # of the quantities
     # By the declared model, shape (n_steps, n_markers, n_axes)
@@ -66,7 +75,7 @@ class _Grid:
     predicted: Array
     sigma: Array
     steps: tuple[int, ...]  # numbers of the steps
-    markers: tuple[float, ...]  # arc lengths [m]
+    markers: tuple[float | str, ...]  # arc lengths [m], or names of tendons
     which: NDArray[np.int_]  # indices of the readings, shape (n,)
     at: tuple[NDArray[np.int_], ...]  # where they are
 
@@ -75,8 +84,11 @@ class _Grid:
         """Of the problem's readings and the declared model's predictions."""
         names = [c.quantity for c in CHANNELS if c.family == family]
         which = np.flatnonzero(np.isin(problem.readings.quantities, names))
-        places = arc_lengths([problem.data.readings[i].location for i in which])
-        markers, column = np.unique(places, return_inverse=True)
+        places = [problem.data.readings[i].location for i in which]
+        at_tendons = family.endswith(("displacement", "tension"))
+        markers, column = np.unique(
+            np.array(places) if at_tendons else arc_lengths(places), return_inverse=True
+        )
         rows, row = np.unique(problem.readings.reader.step[which], return_inverse=True)
         axis = np.array([names.index(q) for q in problem.readings.quantities[which]], dtype=int)
         at = row, column, axis
@@ -125,10 +137,10 @@ def data_fault(problem: FitProblem, declared: Fit) -> str:
     """The fault of the data that explains the declared model's misfit, as a sentence; empty where there is none.
 
     Tried are axes of positions or curvatures exchanged or counted the other way, heights that do not count from the
-    base, markers exchanged, readings that belong to other steps, tendons exchanged, moved on by one, or driven the
-    other way; each from some row on. Reported is only what leaves no more than noise, where the declared model does
-    not, or far less than that; and sensors that stand still while the robot moves. Readings that jump or drift are
-    causes of the dictionary.
+    base, markers exchanged, readings that belong to other steps, tendons exchanged, moved on by one, or driven or
+    pushed the other way, and readings of tendons exchanged or in another unit; each from some row on. Reported is only
+    what leaves no more than noise, where the declared model does not, or far less than that; and sensors that stand
+    still while the robot moves. Readings that jump or drift are causes of the dictionary.
 
     Parameters
     ----------
@@ -137,12 +149,11 @@ def data_fault(problem: FitProblem, declared: Fit) -> str:
     declared
         The declared model.
     """
-    seen = _declared_length(problem.data) or _opposite_sign(problem, declared)
-    if seen:
+    if seen := _declared_length(problem.data):
         return seen
     grids = [_Grid.of(problem, declared, family) for family in ("position", "curvature")]
     found = [_mended(problem, declared, g) for g in grids if len(g.steps) >= EQUAL_STEPS]
-    return next(filter(None, found), "")
+    return next(filter(None, found), "") or _tendon_readings(problem, declared)
 
 
 def _mended(problem: FitProblem, declared: Fit, grid: _Grid) -> str:
@@ -166,6 +177,27 @@ def _mended(problem: FitProblem, declared: Fit, grid: _Grid) -> str:
         return impossible_place(problem.data)
     how = "fit" if cost <= EXPLAINED else "fit far better, though not to their noise,"
     return text.replace("fit", how, 1)
+
+
+def _tendon_readings(problem: FitProblem, declared: Fit) -> str:
+    """Displacements or tensions that fit with another sign, in another unit or of another tendon, as a sentence."""
+    for family, unit in (("tendon_displacement", "m"), ("base_tension", "N"), ("distal_tension", "N")):
+        grid = _Grid.of(problem, declared, family)
+        if len(grid.steps) >= EQUAL_STEPS:
+            scales = {f"if they are in {other}": size for other, size in mistaken(unit).items()}
+            if unit == "m":
+                way = "it is positive where a tendon is pulled in, negative where it is let out"
+                scales[f"with the other sign: {way}"] = -1.0
+            read = f"the readings of {family} fit"
+            scaled = (grid.mended(grid.measured * x, f"{read} {text}") for text, x in scales.items())
+            faults = [(_mean_square(f.residual[grid.at]), f.text) for f in (*_markers(grid), *scaled)]
+            cost, text = min(faults)
+            nothing = _mean_square(
+                grid.predicted[grid.at] / grid.sigma[grid.at]
+            )  # a small factor leaves that
+            if MISFIT * cost < min(_mean_square(declared.residual[grid.which]), nothing):
+                return text.format(since="")
+    return ""
 
 
 def _mean_square(r: Array) -> float:
@@ -220,18 +252,6 @@ def _declared_length(data: MeasuredData) -> str:
     )
 
 
-def _opposite_sign(problem: FitProblem, declared: Fit) -> str:
-    """Displacements of tendons that were read with the other sign, as a sentence."""
-    read = problem.readings.quantities == "tendon_displacement"
-    r, value = declared.residual[read], problem.readings.values[read] / problem.sigma[read]
-    if np.count_nonzero(read) < EQUAL_STEPS or MISFIT * _mean_square(r - 2.0 * value) > _mean_square(r):
-        return ""
-    return (
-        "the readings of tendon_displacement fit with the other sign: it is positive where a tendon is pulled in, "
-        "negative where it is let out"
-    )
-
-
 def _rounded(grid: _Grid) -> str:
     """Positions in steps that are coarser than sigma."""
     if grid.family != "position":
@@ -267,8 +287,9 @@ def _standing_still(problem: FitProblem, declared: Fit) -> str:
             continue  # the noise may leave such readings as they are
         for run in np.split(i, np.flatnonzero(np.diff(values)) + 1):
             moves = float(np.ptp(predicted[run]))
-            if run.size >= EQUAL_STEPS and moves > MOVES:
-                first, last = readings[run[0]], readings[run[-1]]
+            first, last = readings[run[0]], readings[run[-1]]
+            slack = first.unit == "N" and first.value == 0.0 and values.any()
+            if run.size >= EQUAL_STEPS and moves > MOVES and not slack:
                 place = first.location if isinstance(first.location, str) else f"s = {first.location:g} m"
                 at = "" if first.location is None else f" at {place}"
                 text = (
@@ -316,8 +337,14 @@ def _markers(grid: _Grid) -> Iterator[_Fault]:
     for a, b in itertools.combinations(range(len(grid.markers)), 2):
         order = np.arange(len(grid.markers))
         order[[a, b]] = b, a
-        text = f"the markers at s = {grid.markers[a]:g} m and s = {grid.markers[b]:g} m are exchanged"
-        yield grid.mended(grid.measured[:, order], f"the readings fit if {{since}}{text}")
+        one, other = grid.markers[a], grid.markers[b]
+        if isinstance(one, str):
+            text = f"the readings of {grid.family} fit if {{since}}those of {one} and {other} are exchanged"
+        else:
+            text = (
+                f"the readings fit if {{since}}the markers at s = {one:g} m and s = {other:g} m are exchanged"
+            )
+        yield grid.mended(grid.measured[:, order], text)
 
 
 def _steps(grid: _Grid) -> Iterator[_Fault]:
@@ -345,15 +372,15 @@ def _steps(grid: _Grid) -> Iterator[_Fault]:
 
 
 def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[float, str]:
-    """Mean square with two tendons exchanged, those that end together moved on, or displacements counted the other way.
+    """Mean square with two tendons exchanged, those that end together moved on, displacements or forces reversed.
 
     And the sentence of what fits best.
 
     Runs without friction, which cost a tenth, show which change promises most; that one is simulated with friction.
     """
     robot, declared_drive = problem.data.robot, problem.experiment
-    changes: list[tuple[Mapping[str, str], float, str]] = [
-        ({a: b, b: a}, 1.0, f"tendons {a} and {b} are exchanged")
+    changes = [
+        (_Drive({a: b, b: a}), f"tendons {a} and {b} are exchanged")
         for a, b in itertools.combinations(robot.tendon_names, 2)
     ]
     for end in sorted({robot.end(t) for t in robot.tendons}):
@@ -361,25 +388,25 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
         for k in range(1, len(ring)) if len(ring) > 2 else ():
             turned = ring[k:] + ring[:k]
             text = f"the inputs of {', '.join(ring)} are those of {', '.join(turned)}"
-            changes.append((dict(zip(ring, turned, strict=True)), 1.0, text))
+            changes.append((_Drive(dict(zip(ring, turned, strict=True))), text))
     if problem.data.driven_by_displacement:
-        changes.append(({}, -1.0, "displacements have the opposite sign"))
+        changes.append((_Drive({}, displacements=-1.0), "displacements have the opposite sign"))
+    if any(step.loads for step in declared_drive.steps):
+        changes.append((_Drive({}, forces=-1.0), "forces at the tip have the opposite sign"))
     changes = changes[: MOST_STEPS // max(1, len(declared_drive.steps))]
-    drives = [declared_drive, *(_driven(declared_drive, names, sign) for names, sign, _ in changes)]
+    drives = [declared_drive, *(_driven(declared_drive, change) for change, _ in changes)]
     free = [
         replace(d, model=replace(d.model, friction="none"), ends=None, steps=_commanded(d)) for d in drives
     ]
     here, *others = [problem.residual(e, run) for e, run in zip(free, problem.solve(free), strict=True)]
     judged = []
-    for other, change in zip(others, changes, strict=True):
-        fault = _Fault(
-            grid.table(declared.residual + other - here), f"the readings fit if {{since}}{change[2]}"
-        )
-        judged.append((*grid.judged(fault), *change[:2]))
-    cost, text, first, names, sign = min(judged, key=lambda x: x[0], default=(np.inf, "", 0, {}, 1.0))
+    for other, (change, text) in zip(others, changes, strict=True):
+        fault = _Fault(grid.table(declared.residual + other - here), f"the readings fit if {{since}}{text}")
+        judged.append((*grid.judged(fault), change))
+    cost, text, first, change = min(judged, key=lambda x: x[0], default=(np.inf, "", 0, _Drive({})))
     if cost > 0.5 * _mean_square(declared.residual[grid.which]):
         return np.inf, ""
-    drive = _driven(declared_drive, names, sign, problem.data.step_ids.index(grid.steps[first]))
+    drive = _driven(declared_drive, change, problem.data.step_ids.index(grid.steps[first]))
     (run,) = problem.solve([drive])
     return _mean_square(problem.residual(drive, run)[grid.which]), text
 
@@ -389,15 +416,20 @@ def _commanded(experiment: Experiment) -> tuple[LoadStep, ...]:
     return tuple(experiment.steps[j] for j in last_parts(experiment))
 
 
-def _driven(experiment: Experiment, names: Mapping[str, str], sign: float, since: int = 0) -> Experiment:
-    """With the inputs of some tendons given to others, and displacements times a sign, from a commanded step on."""
+def _driven(experiment: Experiment, change: _Drive, since: int = 0) -> Experiment:
+    """With other inputs and forces from a commanded step on."""
+    names, factor, push = change
     steps = [
         step
         if k < since
         else replace(
             step,
             tensions={names.get(n, n): x for n, x in step.tensions.items()},
-            displacements={names.get(n, n): sign * x for n, x in step.displacements.items()},
+            displacements={names.get(n, n): factor * x for n, x in step.displacements.items()},
+            loads={
+                n: replace(x, force=(push * x.force[0], push * x.force[1], push * x.force[2]))
+                for n, x in step.loads.items()
+            },
         )
         for step, (k, _) in zip(experiment.steps, experiment.step_ends, strict=True)
     ]
@@ -408,7 +440,7 @@ def other_sign_solves(problem: FitProblem) -> str:
     """A sentence where the declared model, which is not solved, is solved with displacements of the other sign."""
     if not problem.data.driven_by_displacement:
         return ""
-    (run,) = problem.solve([_driven(problem.experiment, {}, -1.0)])
+    (run,) = problem.solve([_driven(problem.experiment, _Drive({}, displacements=-1.0))])
     if run.solved < len(problem.data.steps):
         return ""
     return (

@@ -12,7 +12,7 @@ from tdcr_fe.identify.data_faults import data_fault, wrong_sigma
 from tdcr_fe.identify.sentences import headline, sentences
 from tdcr_fe.io.first_checks import impossible_place
 from tdcr_fe.io.readings import BadRow, Reading
-from tdcr_fe.model.loading import LoadStep
+from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.messages import PlausibilityWarning
 from tdcr_fe.model.observed_step import ObservedStep
 from tdcr_fe.model.routing import ParallelRouting
@@ -97,14 +97,31 @@ def test_a_marker_where_no_backbone_reaches_is_named_before_anything_is_solved(c
     assert "marker at s = 0.02 m is read" in sentences(found)[0] and found.log.runs < 20
 
 
-def test_displacements_read_with_the_other_sign_are_named(clean):
+def test_displacements_read_with_the_other_sign_or_of_another_tendon_are_named(clean):
     """27 outliers were listed, and the search was unfinished."""
     run = simulate(clean.robot, clean.model, clean.steps)
-    for sign, words in ((-1.0, "fit with the other sign"), (1.0, "")):
+    a, b = clean.robot.tendon_names[:2]
+    other = {a: b, b: a}
+    exchanged = f"of tendon_displacement fit if those of {a} and {b} are exchanged"
+    for sign, names, words in (
+        (-1.0, {}, "fit with the other sign"), (1.0, {}, ""), (5.0, {}, ""), (1.0, other, exchanged)
+    ):  # fmt: skip
         read = [
-            Reading(n, "tendon_displacement", name, sign * float(x), 1e-4)
+            Reading(n, "tendon_displacement", names.get(name, name), sign * float(x), 1e-4)
             for n, step in zip(clean.step_ids, run.steps, strict=True)
             for name, x in zip(clean.robot.tendon_names, step.displacements, strict=True)
+        ]
+        found = fault_of(replace(clean, readings=(*clean.readings, *read)))
+        assert words in found and bool(words) == bool(found)
+
+
+def test_tensions_in_another_unit_are_named_and_slack_tendons_are_no_stuck_sensors(clean):
+    """A load cell that read exactly zero while another tendon was pulled was called stuck."""
+    for size, words in ((1.0, ""), (102.0, "the readings of base_tension fit if they are in gf")):
+        read = [
+            Reading(n, "base_tension", name, size * tension, 0.01)
+            for n, step in zip(clean.step_ids, clean.steps, strict=True)
+            for name, tension in step.tensions.items()
         ]
         found = fault_of(replace(clean, readings=(*clean.readings, *read)))
         assert words in found and bool(words) == bool(found)
@@ -135,6 +152,20 @@ def test_exchanged_tendons_are_named(clean):
     other = {a: b, b: a}
     steps = tuple(replace(s, tensions={other[n]: t for n, t in s.tensions.items()}) for s in clean.steps)
     assert f"tendons {a} and {b} are exchanged" in fault_of(replace(clean, steps=steps))
+
+
+def test_forces_of_the_other_sign_are_named(clean):
+    """All readings of the pushed steps were outliers."""
+    pushed = [
+        replace(s, loads={"tip": Load(0.2, (0.0, 0.02 * (k % 3), 0.0))}) for k, s in enumerate(clean.steps)
+    ]
+    other = [
+        replace(s, loads={"tip": Load(0.2, (0.0, -0.02 * (k % 3), 0.0))}) for k, s in enumerate(clean.steps)
+    ]
+    read = positions(Experiment(clean.robot, clean.model, tuple(pushed)))
+    for steps, words in ((other, "forces at the tip have the opposite sign"), (pushed, "")):
+        found = fault_of(data_of(steps, read, clean.robot))
+        assert words in found and bool(words) == bool(found)
 
 
 def test_tendons_moved_on_by_one_are_named():
