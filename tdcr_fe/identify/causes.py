@@ -6,7 +6,9 @@ Loads that depend on the solved state, and shifts of the readings, are causes wi
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,15 +39,24 @@ class Cause(Effect):
         What acts, in words, without its place.
     price : float
         What its choice among all of the same kind costs, in natural units of the logarithm of its prior probability.
+    held : mapping of str to sequence of float
+        Parameters that change nothing where the others have their null values, and values at which these are tried.
     """
 
     sentence: str = ""
     price: float = 0.0
+    held: Mapping[str, Sequence[float]] = MappingProxyType({})
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
-        """One direction for each parameter."""
+        """One direction for each parameter that is not held."""
         null = self.null_values(experiment)
-        return [[{**null, p.name: null[p.name] + p.scale} for p in self.parameters]]
+        alternatives = [dict(zip(self.held, x, strict=True)) for x in itertools.product(*self.held.values())]
+        moved = [(p.name, null[p.name] + p.scale) for p in self.parameters if p.name not in self.held]
+        return [[{**null, **held, name: value} for name, value in moved] for held in alternatives]
+
+    def unidentifiable_at_null(self, experiment: Experiment) -> tuple[str, ...]:
+        """Those that are held."""
+        return tuple(self.held)
 
 
 def number(name: str, unit: str, span: tuple[float, float], null: float, scale: float) -> Parameter:

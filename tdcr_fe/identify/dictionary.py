@@ -220,6 +220,22 @@ def _inputs(problem: FitProblem) -> list[Cause]:
         for p in each:
             at = kind._replace(where=f"tendon {p.name}")
             found.append(ChangedDescription(f"{name} ({p.name})", at, (p,), law(shape), text))
+
+    def limited(experiment: Experiment, values: Values) -> Experiment:
+        def beyond(commands: Mapping[str, float], name: str, _: float) -> float:
+            return math.copysign(max(abs(commands[name]) - values["limit"], 0.0), -commands[name])
+
+        return law(beyond)(experiment, {"all": values["share"]})
+
+    share, limit = (
+        number("share", "1", (-1.0, 1.0), 0.0, 0.1),
+        number("limit", unit, (0.0, most), most, 0.05 * most),
+    )
+    text = "the inputs are limited: a share of what is beyond does not arrive"
+    found.append(
+        ChangedDescription("limit of the inputs", Kind("input", ("tension",)), (share, limit), limited, text)
+    )
+    found[-1].held = {"limit": [0.5 * most, 0.7 * most, 0.85 * most]}
     couples = [(names[i], names[j]) for i, j in itertools.permutations(driven, 2)]
     for source, name in couples:
         share = number(name, "1", (-0.9, 0.9), 0.0, 0.01)

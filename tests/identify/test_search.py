@@ -152,10 +152,13 @@ def test_a_jump_of_an_input_begins_at_its_row_and_a_share_follows_the_other_inpu
     causes, steps = {e.name: e for e in whole_dictionary(problem)}, problem.experiment.steps
     jump = causes["jump of the input (tendon t1, from row 7 on)"].apply(problem.experiment, {"t1": 0.1})
     share = causes["share of t1 in t2"].apply(problem.experiment, {"t2": 0.1})
-    for n, given, jumped, shared in zip(problem.data.step_ids, steps, jump.steps, share.steps, strict=True):
+    limit = causes["limit of the inputs"].apply(problem.experiment, {"share": 1.0, "limit": 0.5})
+    moved = zip(problem.data.step_ids, steps, jump.steps, share.steps, limit.steps, strict=True)
+    for n, given, jumped, shared, limited in moved:
         t1, t2 = given.tensions["t1"], given.tensions["t2"]
         assert jumped.tensions == pytest.approx({"t1": t1 + (0.1 if n >= 7 else 0.0), "t2": t2})
         assert shared.tensions == pytest.approx({"t1": t1, "t2": t2 + 0.1 * t1})
+        assert limited.tensions == pytest.approx({"t1": min(t1, 0.5), "t2": min(t2, 0.5)})
 
 
 def test_loads_are_scaled_and_turned_and_a_camera_enlarges_what_is_nearer():
