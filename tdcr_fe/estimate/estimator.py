@@ -118,7 +118,7 @@ class Estimator:
         Raises
         ------
         ValueError
-            There is no time, or it runs backwards, or a reading has no standard deviation.
+            There is no time, or it runs backwards, or a reading has no standard deviation or no place.
         """
         begun = time.perf_counter()
         self._number += 1
@@ -127,6 +127,11 @@ class Estimator:
             raise ValueError(f"{where}: time = {step.time}: must be given and not run backwards [s]")
         if wrong := [r.quantity for r in readings if r.sigma is None]:
             raise ValueError(f"{where}: reading of {wrong[0]}: needs a standard deviation")
+        length, names = self.robot.backbone.length, self.robot.tendon_names
+        for at, quantity in ((r.location, r.quantity) for r in readings):
+            if not (at in names if isinstance(at, str) else 0.0 <= (at or 0.0) <= length):
+                allowed = f"an arc length from 0 to {length:g} m, or one of {', '.join(names)}"
+                raise ValueError(f"{where}: reading of {quantity}: location = {at}: must be {allowed}")
         self._commands = _with_inputs_of(self._commands, step)
         commands = resolve(self.robot, [self._commands])[0]
         first = None if self._time is None else SUBSTEPS

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior
 from tdcr_fe.estimate.estimator import Estimator
-from tdcr_fe.io.first_checks import first_checks
+from tdcr_fe.io.first_checks import first_checks, large_sigma
 from tdcr_fe.io.measured import MeasuredData, read_measured
 from tdcr_fe.io.problems import Problem, Reporter, read_all
 from tdcr_fe.io.readings import Reading
@@ -125,7 +125,7 @@ def _implausible_priors(estimation: Estimation) -> list[str]:
         drive.inputs: {n: errors[n] for n in given} for drive, given in data.steps[0].inputs() if given
     }
     loads = {"expected": Load(data.robot.backbone.length, (sigma, 0.0, 0.0))}
-    found = []
+    found = [text] if (text := large_sigma(data, errors.values(), "estimate.toml")) else []
     for step, own, key in (
         (LoadStep(loads=loads), "load.sigma", r"steps\[0\]\.loads\.expected\.force"),
         (replace(LoadStep(), **drives), "inputs.sigma", rf"steps\[0\]\.(?:{'|'.join(drives)})[.\w]*"),

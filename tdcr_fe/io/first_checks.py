@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -31,11 +31,20 @@ def first_checks(data: MeasuredData) -> dict[type[TDCRWarning], list[str]]:
         warned, remarks = plausibility(data.robot, data.model, data.steps)
     except ValueError as error:
         raise InputError([Problem(data.name, "", "", _columns(str(error), data))]) from error
-    warned.append(impossible_place(data))
+    warned += [impossible_place(data), large_sigma(data, data.input_sigma, "model.toml")]
     if not any(warned):
         remarks.append(_other_bend(data))
     found = {PlausibilityWarning: warned, PlausibilityRemark: remarks}
     return {category: [_columns(x, data) for x in texts if x] for category, texts in found.items()}
+
+
+def large_sigma(data: MeasuredData, sigmas: Iterable[float], file: str) -> str:
+    """Standard deviations of inputs that are larger than all inputs, as a sentence."""
+    inputs = [abs(x) for step in data.steps for _, given in step.inputs() for x in given.values()]
+    largest, sigma = max(inputs, default=0.0), max(sigmas, default=0.0)
+    if not 0.0 < largest < sigma:
+        return ""
+    return f"{file}: inputs.sigma = {sigma:g}: larger than every input; the largest is {largest:g}"
 
 
 def _columns(text: str, data: MeasuredData) -> str:

@@ -121,6 +121,15 @@ def test_a_step_keeps_the_drives_that_it_does_not_name():
     np.testing.assert_allclose(after.tip, whole.tip, atol=1e-7)
 
 
+@pytest.mark.parametrize("at", [250.0, "t9"])
+def test_a_reading_where_the_robot_is_not_is_refused(at):
+    """A place in mm was taken for the tip; another tendon was "not in tuple"."""
+    with pytest.raises(
+        ValueError, match=f"step 1: reading of position_x: location = {at}: must be an arc length"
+    ):
+        estimator().step(tdcr.LoadStep(time=0.0), [tdcr.Reading(1, "position_x", at, 0.0, 1e-4)])
+
+
 def test_a_random_walk_keeps_the_mean_and_spreads():
     truth = Truth(1, 5)
     own = estimator(load=tdcr.LoadPrior(sigma=0.05, random_walk=2.0))

@@ -68,7 +68,7 @@ def test_the_command_writes_tables_and_a_page(folder, tmp_path, capsys):
             "estimate.toml",
             "sigma = 0.05",
             'at = "top"',
-            'load.at = "top": must be an arc length [m], "tip" or "unknown"',
+            'load.at = "top": must be an arc length above zero [m], "tip" or "unknown"',
         ),
         (
             "estimate.toml",

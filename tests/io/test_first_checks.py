@@ -1,5 +1,7 @@
 """Wrong units of a declared robot and of its inputs are named before anything is solved, by their columns."""
 
+from dataclasses import replace
+
 import pytest
 from identify_data import LENGTH, ROBOT, data_of, sequence
 
@@ -45,3 +47,11 @@ def test_inputs_that_do_not_fit_the_readings_are_a_remark():
         assert not any(first_checks(data_of(tensions(1.0), (reading,))).values())
         found = first_checks(data_of(tensions(0.15), (reading,)))[PlausibilityRemark]
         assert any("by up to 0.095 rad, the readings say 0.63 rad" in text for text in found), found
+
+
+def test_errors_that_are_larger_than_every_input_are_named():
+    """With 5 N in place of 5 mN nothing was missing, and an estimation took minutes a frame."""
+    data = data_of(tensions(1.0), BENT)
+    found = first_checks(replace(data, input_sigma=(5.0, 5.0)))[PlausibilityWarning]
+    assert found == ["model.toml: inputs.sigma = 5: larger than every input; the largest is 1.2"]
+    assert not first_checks(replace(data, input_sigma=(0.05, 0.05)))[PlausibilityWarning]
