@@ -45,10 +45,10 @@ def _changes(
 
 
 def effects_block(result: IdentificationResult) -> str:
-    """The ``[effects]`` table of a scenario that corrects the declared robot; empty where nothing was added."""
-    skipped = observation_effects(result)
+    """The ``[effects]`` table of a scenario, with the listed effects that were added; empty where there are none."""
+    skipped, unnamed = observation_effects(result), {e.name for e in result.effects if e.sentence}
     lines = []
-    for name, values in result.effects_table.items():
+    for name, values in ((n, v) for n, v in result.effects_table.items() if n not in unnamed):
         comment = "# acts on the measurement only: " if name in skipped else ""
         lines.append(f"{comment}{name} = {value_to_toml({n: float(f'{x:.7g}') for n, x in values.items()})}")
     return "\n".join(["[effects]", *lines]) if lines else ""

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.effects.base import Observation
 from tdcr_fe.identify import figures
-from tdcr_fe.identify.corrected import corrected_motion, markers, replay
+from tdcr_fe.identify.corrected import corrected_motion, effects_block, markers, replay
 from tdcr_fe.identify.report import LEVELS, render
 from tdcr_fe.identify.result import Errors, Misfit, Parameters, Residuals, Simulated
 from tdcr_fe.identify.sentences import goodness, headline, remarks
@@ -186,7 +186,9 @@ def test_the_replay_has_a_law_that_was_found_as_loads():
     model = Model(friction="none", elements_per_bay=1)
     corrected = Experiment(ROBOT, model, steps)
     law = replace(added("moment that drifts"), sentence="a moment that drifts")
-    found = replay(_with(corrected, replace(corrected, steps=STEPS), law))
+    result = _with(corrected, replace(corrected, steps=STEPS), law)
+    assert effects_block(result) == ""  # no scenario can name it
+    found = replay(result)
     assert found.steps[0].actuation.loads["law 1"].moment == (0.0, 2e-3, 0.0)
     assert found.steps[0].tip == pytest.approx(simulate(ROBOT, model, steps[:1]).steps[0].tip, abs=1e-9)
     assert found.steps[0].tip[0] > 0.01
