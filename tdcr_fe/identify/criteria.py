@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from tdcr_fe.effects import EFFECTS, Effect, EffectAtPlace
-from tdcr_fe.identify.causes import Cause, is_named
+from tdcr_fe.identify.causes import Cause, ReadingCause
 from tdcr_fe.identify.noise import chi_square_z_score, is_noise, lag1_autocorrelation, series, structure
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, Point
 from tdcr_fe.io.measured import MeasuredData
@@ -87,9 +87,10 @@ def odds_of_unlisted(fit: Fit, declared: Fit, parts: Sequence[Fit]) -> float:
     if further < 1:
         return 0.0
     least = CORRECTION * (_whole_cost(declared) - _whole_cost(fit))
+    small = [part for part in parts if _whole_cost(part) - _whole_cost(fit) < least]
+    # shifts of readings have no other form
     corrected = any(
-        not all(map(is_named, part.effects)) and _whole_cost(part) - _whole_cost(fit) < least
-        for part in parts
+        isinstance(e, Cause) and not isinstance(e, ReadingCause) for f in small for e in f.effects
     )
     return math.exp(CHOICE * further - (UNNAMED if corrected else UNLISTED))
 
