@@ -42,6 +42,6 @@ def run(args: argparse.Namespace) -> int:
         first = next(frame.message for frame in result.frames if frame.message)
         complain(f"{count(len(failed), 'frame')} not solved, the first is step {failed[0]}: {first}")
     if result.interrupted:
-        complain(f"interrupted after {count(len(result.frames), 'frame')}, which are written")
+        complain(f"interrupted after {count(len(result.frames), 'frame')}; what was estimated is written")
         return Exit.INTERRUPTED
     return Exit.FAILED if failed else Exit.DONE

@@ -124,10 +124,12 @@ def _implausible_priors(estimation: Estimation) -> list[str]:
     drives: dict[str, Any] = {
         drive.inputs: {n: errors[n] for n in given} for drive, given in data.steps[0].inputs() if given
     }
-    loads = {"expected": Load(data.robot.backbone.length, (sigma, 0.0, 0.0))}
+    moment = (estimation.load.sigma_moment, 0.0, 0.0)
+    loads = {"expected": Load(data.robot.backbone.length, (sigma, 0.0, 0.0), moment)}
     found = [text] if (text := large_sigma(data, errors.values(), "estimate.toml")) else []
     for step, own, key in (
         (LoadStep(loads=loads), "load.sigma", r"steps\[0\]\.loads\.expected\.force"),
+        (LoadStep(loads=loads), "load.sigma_moment", r"steps\[0\]\.loads\.expected\.moment"),
         (replace(LoadStep(), **drives), "inputs.sigma", rf"steps\[0\]\.(?:{'|'.join(drives)})[.\w]*"),
     ):
         texts = plausibility(data.robot, data.model, [step]).warnings

@@ -105,11 +105,12 @@ def test_a_load_and_inputs_in_mn_are_warned_of(folder, tmp_path, capsys):
         "step,quantity,location,value,sigma\n1,position_x,0.25,0.0,1e-4\n"
     )
     text = (wrong / "estimate.toml").read_text().replace("0.01", "500.0")
+    text = text.replace("[load]", "[load]\nsigma_moment = 500.0")
     (wrong / "estimate.toml").write_text(text)
     main(["estimate", str(wrong), "-o", str(tmp_path / "out")])
     said = capsys.readouterr().err
     assert "estimate.toml: load.sigma = 500 N:" in said and "was it meant in mN" in said
-    assert "estimate.toml: inputs.sigma" in said
+    assert "estimate.toml: inputs.sigma" in said and "estimate.toml: load.sigma_moment = 500 N m:" in said
 
 
 def test_times_are_needed(folder, tmp_path, capsys):
