@@ -22,10 +22,6 @@ UNNAMED = 2.0
 #: probable than one of the list, as a logarithm.
 UNLISTED = 7.0
 
-#: A cause that removes less than this share of the squares beside one without a name may only correct its form: that
-#: need not be right to more than a tenth [1]. A cause of the right form is then as probable as any without a name.
-CORRECTION = 0.01
-
 #: What the choice of a cause from the list costs, as a logarithm.
 CHOICE = math.log(len(EFFECTS))
 
@@ -77,27 +73,15 @@ def price_of_gravity(problem: FitProblem, values: Point) -> float:
     return -math.log(problem.count) if abs(size - EARTH) <= EARTH_TOLERANCE else OTHER_GRAVITY
 
 
-def odds_of_unlisted(fit: Fit, declared: Fit, parts: Sequence[Fit]) -> float:
+def odds_of_unlisted(fit: Fit) -> float:
     """Prior odds of one cause that is not in the dictionary against the causes of a model, which look like it [1].
 
-    Its evidence is that of a fit as good, with as many numbers; a single cause has none to be mistaken for.
-    ``declared``, ``parts``: the declared model, and what was fitted with one cause less.
+    Its evidence is that of a fit as good, with as many numbers; a single cause has none to be mistaken for. Causes
+    without a name have their price, but for shifts of readings, which nothing else looks like.
     """
     further = len(fit.effects) - 1
-    if further < 1:
-        return 0.0
-    least = CORRECTION * (_whole_cost(declared) - _whole_cost(fit))
-    small = [part for part in parts if _whole_cost(part) - _whole_cost(fit) < least]
-    # shifts of readings have no other form
-    corrected = any(
-        isinstance(e, Cause) and not isinstance(e, ReadingCause) for f in small for e in f.effects
-    )
-    return math.exp(CHOICE * further - (UNNAMED if corrected else UNLISTED))
-
-
-def _whole_cost(fit: Fit) -> float:
-    """Sum of squares over all readings."""
-    return fit.cost + fit.held_cost
+    unnamed = sum(isinstance(e, Cause) and not isinstance(e, ReadingCause) for e in fit.effects)
+    return math.exp(CHOICE * further + UNNAMED * unnamed - UNLISTED) if further > 0 else 0.0
 
 
 def at_bound(problem: FitProblem, fit: Fit, effect: Effect | None = None) -> bool:

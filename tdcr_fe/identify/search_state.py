@@ -248,13 +248,6 @@ def listed_names(names: Sequence[str]) -> str:
     return " + ".join(names)
 
 
-def odds_of_another(state: SearchState) -> float:
-    """Prior odds of one cause that is not in the dictionary against the causes of the best model [1]."""
-    names = frozenset(state.best.names)
-    parts = [state.fits[names - {name}] for name in names if names - {name} in state.fits]
-    return odds_of_unlisted(state.best, state.declared, parts)
-
-
 def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
     """Probabilities of all models that were fitted, from their evidence; those below one in a million are left out.
 
@@ -266,7 +259,7 @@ def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
     solved = [f for f in state.fits.values() if f.solved] or [state.best]
     logarithms = np.array([-0.5 * rank(problem, f) / noise for f in solved])
     weights = np.exp(logarithms - np.max(logarithms))
-    weights /= np.sum(weights) * (1.0 + odds_of_another(state))
+    weights /= np.sum(weights) * (1.0 + odds_of_unlisted(state.best))
     same = [float(np.sum((f.residual - state.best.residual) ** 2)) < SAME for f in solved]
     return [
         (state.best if alike else f, float(w))

@@ -18,6 +18,7 @@ from tdcr_fe.identify.criteria import (
     chi_square_threshold,
     insufficient_data,
     mostly_estimated_noise,
+    odds_of_unlisted,
     reduced_chi_square,
 )
 from tdcr_fe.identify.data_faults import wrong_sigma
@@ -50,7 +51,7 @@ from tdcr_fe.identify.result import (
     Structure,
     Verdict,
 )
-from tdcr_fe.identify.search_state import Search, SearchState, odds_of_another, posterior
+from tdcr_fe.identify.search_state import Search, SearchState, posterior
 from tdcr_fe.identify.settings import CEILING, MAY_EXPLAIN
 
 Array = NDArray[np.float64]
@@ -75,7 +76,7 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
     problem, best, declared, data = state.problem, state.best, state.declared, state.problem.data
     tests = structure(data, best.residual, len(best.free))
     explained = search.is_noise(problem, best)
-    odds = odds_of_another(state) if explained else 0.0
+    odds = odds_of_unlisted(best) if explained else 0.0
     unlisted = odds / (1.0 + odds)
     undecided = _undecided(state, found, explained)
     ceiling = None
