@@ -9,7 +9,7 @@ from robots import BACKBONE, LENGTH, tendon
 
 from tdcr_fe.effects import EFFECTS, Effect, PlaceEffect, effect
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
-from tdcr_fe.identify.dictionary import _turned
+from tdcr_fe.identify.dictionary import _inputs, _loads_and_base
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.screening import screen
@@ -111,13 +111,17 @@ TOGETHER = [
     ("displacement", {"frame_misalignment": dict(rot_x=0.05, rot_y=-0.1, rot_z=0.2)}),
 ]
 
-ASKEW = ("tension", {"base at an angle": dict(rot_x=0.05, rot_y=-0.1), "gravity": dict(g_y=9.0)})
+WITHOUT_NAME = [
+    ("tension", {"base at an angle": dict(rot_x=0.05, rot_y=-0.1), "gravity": dict(g_y=9.0)}),
+    ("tension", {"gain of the loads": dict(factor=1.2), "limit of the inputs": dict(share=0.5, limit=0.6)}),
+]
 
 
 def known(about: FitProblem, name: str) -> Effect:
-    """A listed effect, a form of one, or the base at an angle, which turns loads and instrument."""
-    if name == "base at an angle":
-        return next(e for e in _turned(about) if e.name == name)
+    """A listed effect, a form of one, or a cause without a name."""
+    for e in (*_loads_and_base(about), *_inputs(about)):
+        if e.name == name:
+            return e
     if " (" not in name:
         return effect(name)
     forms = effect(name.split(" (")[0]).forms(about.experiment)
@@ -174,7 +178,7 @@ SLOW = {
     ("kind", "values"),
     [
         pytest.param(k, v, marks=[pytest.mark.integration] * bool(SLOW & v.keys()), id=f"{k}-{'+'.join(v)}")
-        for k, v in (*TOGETHER, ASKEW)
+        for k, v in (*TOGETHER, *WITHOUT_NAME)
     ],
 )
 def test_derivatives_of_all_channels_are_those_of_whole_simulations(kind: str, values: dict) -> None:
