@@ -129,7 +129,7 @@ SOLVES = [
     (lambda: follow(TensionLimits(np.inf)), "zero or more"),
     (lambda: follow(3.0), "TensionLimits"),
     (lambda: follow(drive_by="displacement"), "needs a pretension above zero"),
-    (lambda: follow(tolerance=0.0), "above zero"),
+    (lambda: follow(tolerance=0.0), "above 0, below the length"),
     (lambda: follow(targets=[[1.0, 2.0]]), r"shape \(n, 3\)"),
     (lambda: follow(targets=[[40.0, 0.0, 192.0]]), r"targets\[0\].position = 196.122 m: .* was it meant in mm\?"),
     (lambda: follow(robot=replace(paper(), tendons=())), "no tendons"),
