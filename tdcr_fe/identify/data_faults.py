@@ -192,9 +192,7 @@ def _tendon_readings(problem: FitProblem, declared: Fit) -> str:
             scaled = (grid.mended(grid.measured * x, f"{read} {text}") for text, x in scales.items())
             faults = [(_mean_square(f.residual[grid.at]), f.text) for f in (*_markers(grid), *scaled)]
             cost, text = min(faults)
-            nothing = _mean_square(
-                grid.predicted[grid.at] / grid.sigma[grid.at]
-            )  # a small factor leaves that
+            nothing = _mean_square((grid.predicted / grid.sigma)[grid.at])  # what a small factor leaves
             if MISFIT * cost < min(_mean_square(declared.residual[grid.which]), nothing):
                 return text.format(since="")
     return ""

@@ -227,14 +227,10 @@ def _inputs(problem: FitProblem) -> list[Cause]:
 
         return law(beyond)(experiment, {"all": values["share"]})
 
-    share, limit = (
-        number("share", "1", (-1.0, 1.0), 0.0, 0.1),
-        number("limit", unit, (0.0, most), most, 0.05 * most),
-    )
+    limit = number("limit", unit, (0.0, most), most, 0.05 * most)
+    kind, both = Kind("input", ("tension",)), (number("share", "1", (-1.0, 1.0), 0.0, 0.1), limit)
     text = "the inputs are limited: a share of what is beyond does not arrive"
-    found.append(
-        ChangedDescription("limit of the inputs", Kind("input", ("tension",)), (share, limit), limited, text)
-    )
+    found.append(ChangedDescription("limit of the inputs", kind, both, limited, text))
     found[-1].held = {"limit": [0.5 * most, 0.7 * most, 0.85 * most]}
     couples = [(names[i], names[j]) for i, j in itertools.permutations(driven, 2)]
     for source, name in couples:
@@ -460,10 +456,8 @@ def _readings(problem: FitProblem) -> list[Cause]:
     text = "positions are read too large or too small by a factor"
     found.append(ReadingCause("scale of the positions", kind, (scale,), (_scaled(-1, 0),), text))
     for axis, a in enumerate("xyz"):
-        shapes, text = (
-            (_scaled(axis, 0), _scaled(axis, 1)),
-            f"a camera looks along {a}: what is nearer is larger",
-        )
+        shapes = (_scaled(axis, 0), _scaled(axis, 1))
+        text = f"a camera looks along {a}: what is nearer is larger"
         found.append(ReadingCause(f"perspective along {a}", kind, (scale, slope), shapes, text))
     markers = sorted({float(data.readings[i].location or 0.0) for i in np.flatnonzero(readings.is_position)})
     groups: dict[float | None, str] = {None: "all markers"}
@@ -489,7 +483,7 @@ def _scaled(axis: int, power: int) -> Callable[[FitProblem, Run], Array]:
 
     def shape(problem: FitProblem, _: Run) -> Array:
         r = problem.readings
-        along = np.zeros((int(np.max(r.markers)) + 1, 4))
+        along = np.zeros((int(np.max(r.markers)) + 1, 4))  # what is no position goes to the last column
         along[r.markers, r.axes] = r.values
         return np.where(r.is_position & (r.axes != axis), r.values * along[r.markers, axis] ** power, 0.0)
 
