@@ -76,12 +76,11 @@ def price_of_gravity(problem: FitProblem, values: Point) -> float:
 def odds_of_unlisted(fit: Fit) -> float:
     """Prior odds of one cause that is not in the dictionary against the causes of a model, which look like it [1].
 
-    Its evidence is that of a fit as good, with as many numbers; a single cause has none to be mistaken for. Causes
-    without a name have their price, but for shifts of readings, which nothing else looks like.
+    Its evidence is that of a fit as good, with as many numbers. Causes without a name have their price, but for shifts
+    of readings, which nothing else looks like.
     """
-    further = len(fit.effects) - 1
     unnamed = sum(isinstance(e, Cause) and not isinstance(e, ReadingCause) for e in fit.effects)
-    return math.exp(CHOICE * further + UNNAMED * unnamed - UNLISTED) if further > 0 else 0.0
+    return math.exp(CHOICE * (len(fit.effects) - 1) + UNNAMED * unnamed - UNLISTED)
 
 
 def at_bound(problem: FitProblem, fit: Fit, effect: Effect | None = None) -> bool:
