@@ -146,7 +146,7 @@ def _causes(result: IdentificationResult) -> list[str]:
         on = "" if depends == "nothing" else f", depending on {depends}"
         stated = f": probability {significant(e.kind_probability, 2)}" if explained else ""
         found.append(f"{e.kind.perturbs} ({e.kind.where}{on}){stated}")
-    return [f"Kinds of causes: {'; '.join(found)}."] if found else []
+    return [f"Kinds of causes: {'; '.join(dict.fromkeys(found))}."] if found else []
 
 
 def _errors(result: IdentificationResult) -> list[str]:

@@ -236,6 +236,9 @@ def added_effects(
 ) -> tuple[AddedEffect, ...]:
     """Effects in the order of adding, with the evidence for each."""
     problem, best, weights = state.problem, state.best, posterior(search, state)
+    odds, kinds = odds_of_unlisted(best), {e.kind for e in best.effects}
+    # one cause in place of several of one kind is of that kind
+    another = odds / (1.0 + odds) if len(kinds) == 1 else 0.0
     everything = np.ones(problem.count, dtype=bool)
     added = []
     before: Fit | None = state.declared
@@ -265,7 +268,8 @@ def added_effects(
                 separating_experiment=separating_experiments(e, rivals, problem.catalogue),
                 found=explained and is_named(e) and probability > NAMED,
                 probability=probability,
-                kind_probability=sum(w for f, w in weights if any(x.kind == kind for x in f.effects)),
+                kind_probability=another
+                + sum(w for f, w in weights if any(x.kind == kind for x in f.effects)),
                 form=e.name,
                 sentence=e.sentence if isinstance(e, Cause) else "",
             )

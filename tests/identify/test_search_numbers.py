@@ -75,7 +75,21 @@ def test_a_cause_without_a_name_and_another_one_are_not_certain_but_for_a_shift_
         best = replace(both, effects=(*both.effects, causes[name]), values=values)
         fits = {frozenset(f.names): f for f in (begun.declared, best)}
         first, _ = added_effects(searching(), replace(state, best=best, fits=fits), np.zeros(0), True)
-        assert first.probability == pytest.approx(probability, abs=0.01)
+        assert first.probability == first.kind_probability == pytest.approx(probability, abs=0.01)
+
+
+def test_the_kind_of_several_causes_is_certain_where_they_share_it(begun):
+    """A stiffness that fell exponentially with time became a creep and two powers of time."""
+    from test_search import whole_dictionary
+
+    state, none = begun, begun.best
+    both = [e for e in whole_dictionary(begun.problem) if e.name in ("row kappa", "row^2 kappa")]
+    values = {e.name: e.null_values(begun.problem.experiment) for e in both}
+    best = replace(none, effects=tuple(both), values=values, cost=50.0, held_cost=0.0)
+    fits = {frozenset(f.names): f for f in (begun.declared, best)}
+    first, second = added_effects(searching(), replace(state, best=best, fits=fits), np.zeros(0), True)
+    assert first.kind == second.kind and first.kind_probability == pytest.approx(1.0, abs=0.01)
+    assert first.probability == pytest.approx(0.41, abs=0.01)
 
 
 @pytest.mark.parametrize(("drop", "better"), [(3.0, False), (5.0, True)])
