@@ -30,7 +30,7 @@ BUDGET = {
     "tdcr_fe/commands": 1027,
     "tdcr_fe/effects": 1304,
     "tdcr_fe/estimate": 1026,
-    "tdcr_fe/identify": 6397,
+    "tdcr_fe/identify": 6396,
     "tdcr_fe/io": 1971,
     "tdcr_fe/live": 375,
     "tdcr_fe/model": 2772,

@@ -53,6 +53,11 @@ class BayState:
         """Of the bays [m]."""
         return 0.5 * (self.edges[1:] + self.edges[:-1])
 
+    def place(self, bay: int) -> str:
+        """The end of a bay, from 0, in words."""
+        last = bay == self.shape[1] - 1
+        return "tip" if last else f"disk at s = {self.edges[bay + 1]:.4g} m"
+
     @property
     def tip(self) -> Array:
         """Rotation of the section at the end of the last bay, shape (K, 3, 3)."""

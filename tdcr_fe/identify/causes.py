@@ -174,9 +174,8 @@ class PointForce(StateLoad):
     ) -> None:
         length = float(state.edges[-1])
         self.at, self.bay, self.reach = at, bay, 0.5 * length
-        where = "tip" if bay == state.shape[1] - 1 else f"disk at s = {at:.4g} m"
-        self.name, self.sentence = f"{name} ({where})", sentence
-        self.kind = Kind("force", ("position",), where)
+        self.name, self.sentence = f"{name} ({state.place(bay)})", sentence
+        self.kind = Kind("force", ("position",), state.place(bay))
         far = 20.0 * self.reach
         places = (
             Parameter(a, "m", -far, far, 0.0, 0.05 * self.reach, f"{a} of the point") for a in ("x", "y", "z")

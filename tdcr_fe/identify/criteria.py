@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtri, expit
 
 from tdcr_fe.effects import EFFECTS, Effect, EffectAtPlace
 from tdcr_fe.identify.causes import Cause, ReadingCause
@@ -73,14 +73,14 @@ def price_of_gravity(problem: FitProblem, values: Point) -> float:
     return -math.log(problem.count) if abs(size - EARTH) <= EARTH_TOLERANCE else OTHER_GRAVITY
 
 
-def odds_of_unlisted(fit: Fit) -> float:
-    """Prior odds of one cause that is not in the dictionary against the causes of a model, which look like it [1].
+def probability_of_unlisted(fit: Fit) -> float:
+    """Of one cause that is not in the dictionary, where it looks like the causes of a model [1].
 
-    Its evidence is that of a fit as good, with as many numbers. Causes without a name have their price, but for shifts
-    of readings, which nothing else looks like.
+    Its evidence is that of a fit as good, with as many numbers, so that the prior decides. Causes without a name have
+    their price, but for shifts of readings, which nothing else looks like.
     """
     unnamed = sum(isinstance(e, Cause) and not isinstance(e, ReadingCause) for e in fit.effects)
-    return math.exp(CHOICE * (len(fit.effects) - 1) + UNNAMED * unnamed - UNLISTED)
+    return float(expit(CHOICE * (len(fit.effects) - 1) + UNNAMED * unnamed - UNLISTED))
 
 
 def at_bound(problem: FitProblem, fit: Fit, effect: Effect | None = None) -> bool:

@@ -13,7 +13,7 @@ from tdcr_fe.effects import Effect
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import (
     effective_noise,
-    odds_of_unlisted,
+    probability_of_unlisted,
     rank,
     residual_is_noise,
     robust_threshold,
@@ -259,7 +259,7 @@ def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
     solved = [f for f in state.fits.values() if f.solved] or [state.best]
     logarithms = np.array([-0.5 * rank(problem, f) / noise for f in solved])
     weights = np.exp(logarithms - np.max(logarithms))
-    weights /= np.sum(weights) * (1.0 + odds_of_unlisted(state.best))
+    weights *= (1.0 - probability_of_unlisted(state.best)) / np.sum(weights)
     same = [float(np.sum((f.residual - state.best.residual) ** 2)) < SAME for f in solved]
     return [
         (state.best if alike else f, float(w))

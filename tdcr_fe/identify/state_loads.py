@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Parameter
 from tdcr_fe.effects.base import Kind
+from tdcr_fe.identify.balance import scale
 from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, last_direction
 from tdcr_fe.identify.causes import Attraction, Cause, Cord, PointForce, StateLoad
 from tdcr_fe.identify.criteria import OTHER_GRAVITY, UNNAMED
@@ -279,9 +280,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
 
     ``progress``: what a drift depends on, "time" or "row"; empty where drifts are left out.
     """
-    backbone = problem.experiment.robot.backbone
-    length = backbone.length
-    size = np.array([backbone.EI / length] * 3 + [backbone.EI / length**2] * 3)
+    size, length = scale(problem.experiment.robot), float(state.edges[-1])
     clock = TIME if progress == "time" else ROW
     bays = state.shape[1]
     found: list[Cause] = []
@@ -298,8 +297,8 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
             most = float(np.nanmax(np.abs(term(state)) / size, initial=0.0))
             if most <= 0.0:
                 return
-            scale = TYPICAL / most
-            numbers.append(Parameter(label, unit, -FARTHEST * scale, FARTHEST * scale, 0.0, scale, label))
+            step = TYPICAL / most
+            numbers.append(Parameter(label, unit, -FARTHEST * step, FARTHEST * step, 0.0, step, label))
         cause = StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text)
         cause.price = price
         found.append(cause)
@@ -315,7 +314,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         if free.depends_on == "row" and not progress:
             continue
         for bay in range(bays - 1 if free.at_tip else 0, bays):
-            at = "tip" if bay == bays - 1 else f"disk at s = {state.edges[bay + 1]:.4g} m"
+            at = state.place(bay)
             terms = [(a, free.unit, free.on(bay, axis)) for axis, a in enumerate("xyz")]
             price = 1.5 + (0.0 if bay == bays - 1 else math.log(bays))
             kind = Kind(free.perturbs, (free.depends_on,), at)

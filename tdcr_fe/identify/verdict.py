@@ -18,7 +18,7 @@ from tdcr_fe.identify.criteria import (
     chi_square_threshold,
     insufficient_data,
     mostly_estimated_noise,
-    odds_of_unlisted,
+    probability_of_unlisted,
     reduced_chi_square,
 )
 from tdcr_fe.identify.data_faults import wrong_sigma
@@ -76,8 +76,7 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
     problem, best, declared, data = state.problem, state.best, state.declared, state.problem.data
     tests = structure(data, best.residual, len(best.free))
     explained = search.is_noise(problem, best)
-    odds = odds_of_unlisted(best) if explained else 0.0
-    unlisted = odds / (1.0 + odds)
+    unlisted = probability_of_unlisted(best) if explained else 0.0
     undecided = _undecided(state, found, explained)
     ceiling = None
     if not state.interrupted and (undecided is None or undecided.where in (THE_INPUTS, THE_NOISE)):
@@ -236,9 +235,8 @@ def added_effects(
 ) -> tuple[AddedEffect, ...]:
     """Effects in the order of adding, with the evidence for each."""
     problem, best, weights = state.problem, state.best, posterior(search, state)
-    odds, kinds = odds_of_unlisted(best), {e.kind for e in best.effects}
     # one cause in place of several of one kind is of that kind
-    another = odds / (1.0 + odds) if len(kinds) == 1 else 0.0
+    another = probability_of_unlisted(best) if len({e.kind for e in best.effects}) == 1 else 0.0
     everything = np.ones(problem.count, dtype=bool)
     added = []
     before: Fit | None = state.declared
