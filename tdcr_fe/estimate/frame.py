@@ -35,7 +35,7 @@ SLACK = 0.2
 
 def name_at(place: float) -> str:
     """Name of the estimated load at an arc length [m]."""
-    return f"estimated at {place:g}"
+    return f"estimated at s = {place:g} m"
 
 
 @dataclass(frozen=True, eq=False)

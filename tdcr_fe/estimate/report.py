@@ -106,7 +106,7 @@ def _page(result: EstimateResult) -> Page:
     if unknown := result.estimation.load.at == "unknown":
         place = _bands(frames, at[:, :1], at[:, 1:], ["place of the force"], "arc length [m]")
         pictures.append(Picture(place, "Place over time", _BAND))
-    of_tensions = Picture(_bands(frames, tensions, sigma_tensions, names, "[N]"), "Tensions over time", _BAND)
+    of_tensions = Picture(_bands(frames, tensions, sigma_tensions, names, "tension [N]"), "Tensions", _BAND)
     size = np.linalg.norm(force, axis=1)
     most = int(np.argmax(size))
     largest = quantity(float(size[most]), "N")

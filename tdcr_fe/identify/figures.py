@@ -277,9 +277,9 @@ def parameters(result: IdentificationResult) -> Figure | None:
     estimates = {f"{e.form or e.name}.{n}": p for e in result.effects for n, p in e.parameters.items()}
     pairs = result.parameters.correlated(HARDLY_SEPARATE)[:SHOWN]
     with styled():
-        rows = 2 if pairs else 1
-        figure = Figure(figsize=(11.6, 2.8 * rows), layout="constrained")
-        axes: Any = figure.subplots(rows, max(len(shown), len(pairs)), squeeze=False)
+        rows, columns = 2 if pairs else 1, max(len(shown), len(pairs))
+        figure = Figure(figsize=(min(11.6, 3.9 * columns), 2.8 * rows), layout="constrained")
+        axes: Any = figure.subplots(rows, columns, squeeze=False)
         for ax in axes.ravel():
             ax.set_visible(False)
         for ax, profile in zip(axes[0], shown, strict=False):

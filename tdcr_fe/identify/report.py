@@ -65,7 +65,7 @@ def _sections(result: IdentificationResult, motion: Motion | None) -> list[Secti
     found = []
     if motion is not None:
         declared = bool(motion.markers and motion.markers.declared.size)
-        panel = {"panel": viewer.panel(motion), "declared": declared, "law": result.law is not None}
+        panel = {"panel": viewer.panel(motion), "declared": declared, "result": result}
         title = "The robot in 3D, measured and predicted"
         found.append(Section("robot", title, "motion.html.j2", panel, folded=False))
     if result.effects:
@@ -124,7 +124,6 @@ def page(result: IdentificationResult, motion: Motion | None = None) -> Page:
     if figures.loop(result):
         caption += ". The loop is a run of steps in which one tendon is pulled and released"
     shown = "Measured and predicted tip path, shapes and a loop of loading and unloading"
-    what = f"{measure(result)[0].upper()}{measure(result)[1:]}."
     made = ", ".join(f"{name} {number}" for name, number in versions().items())
     summary = {
         "numbers": fitted_numbers(result),
@@ -146,7 +145,7 @@ def page(result: IdentificationResult, motion: Motion | None = None) -> Page:
         sections=tuple(_sections(result, motion)),
         has_panel=motion is not None,
         notes=(
-            f"Errors: {what} {result.log.runs} simulated sequences in {result.log.wall_time:.0f} s. {made}.",
+            f"Errors: {measure(result)}. {result.log.runs} simulations in {result.log.wall_time:.0f} s. {made}.",
         ),
     )
 

@@ -19,6 +19,7 @@ from tdcr_fe.io.loading_table import loading_text
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.model.loading import LoadStep, SolverSettings
+from tdcr_fe.report.environment import SPACE, estimate
 
 Array = NDArray[np.float64]
 
@@ -146,11 +147,8 @@ class AddedEffect:
     @property
     def formula(self) -> str:
         """Its name with its numbers, 95 % half-widths and units."""
-        numbers = []
-        for n, p in self.parameters.items():
-            width = "" if p.half_width is None else f" +- {p.half_width:.2g}"
-            numbers.append(f"{n} = {p.value:.4g}{width}{'' if p.unit == '1' else f' {p.unit}'}")
-        return f"{self.name} ({', '.join(numbers)})"
+        numbers = [f"{n} = {estimate(p.value, p.half_width, p.unit)}" for n, p in self.parameters.items()]
+        return f"{self.name} ({', '.join(numbers).replace(SPACE, ' ')})"
 
 
 class Law(NamedTuple):

@@ -43,11 +43,11 @@ HEADLINES: dict[Verdict, dict[str, str]] = {
         "dictionary would look the same.",
         "": "Explained: the declared model is missing {names}.",
     },
-    Verdict.LAW_FOUND: {"": "Explained by a cause on no list{law}{beside}."},
+    Verdict.LAW_FOUND: {"": "Explained by an unlisted cause{law}{beside}."},
     Verdict.PARTLY_EXPLAINED: {
         NOT_KNOWN: "Partly explained: {names} may explain the measurements, but too few readings test that.",
-        "": "Partly explained: a model with {names} removes part of the error. More than noise is left, so nothing of "
-        "it is found.",
+        "": "Partly explained: a model with {names} removes part of the error, but more than noise is left: none of "
+        "these effects is established.",
     },
     Verdict.UNEXPLAINED: {"": "Unexplained: the model is missing something that no listed effect explains."},
     Verdict.CANNOT_TELL: {
@@ -76,7 +76,7 @@ def headline(result: IdentificationResult) -> str:
         names=names,
         law="" if result.law is None else f": {result.law.sentence}",
         beside=f", together with {names}" if names else "",
-        found=f" The best model so far has {names}; nothing of it is certain." if names else "",
+        found=f" The best model so far has {names}; none of this is certain." if names else "",
         stopped="was interrupted" if result.log.interrupted else "ran out of time",
     )
 
@@ -144,9 +144,9 @@ def _causes(result: IdentificationResult) -> list[str]:
     for e in result.effects:
         depends = " and ".join(e.kind.depends_on)
         on = "" if depends == "nothing" else f", depending on {depends}"
-        stated = f": probability {significant(e.kind_probability, 2)}" if explained else ""
+        stated = f", probability {significant(e.kind_probability, 2)}" if explained else ""
         found.append(f"{e.kind.perturbs} ({e.kind.where}{on}){stated}")
-    return [f"Kinds of causes: {'; '.join(dict.fromkeys(found))}."] if found else []
+    return [f"Kind of cause: {'; '.join(dict.fromkeys(found))}."] if found else []
 
 
 def _errors(result: IdentificationResult) -> list[str]:
@@ -204,8 +204,8 @@ def _explainable(result: IdentificationResult) -> list[str]:
     if result.ceiling is None:
         return []
     return [
-        f"On the held-out steps a Gaussian-process regression of the residual, which knows no mechanics, leaves "
-        f"{size(result.ceiling)}. A model may leave less where steps have no neighbours among the fitted ones."
+        "For comparison: a regression of the error without mechanics (Gaussian process) leaves "
+        f"{size(result.ceiling)} on the held-out steps."
     ]
 
 
@@ -294,7 +294,8 @@ def next_sentence(result: IdentificationResult) -> list[str]:
                 parts.append(f"tip force ({', '.join(f'{x:.3g}' for x in load.force)}) N")
         commands.append(", ".join(parts) or "all tendons at zero, no force at the tip")
     # a step in which nothing changes is no step of the experiment
-    how, purpose = "; then ".join(text for text, _ in itertools.groupby(commands)), words(planned.purpose)
+    how = "; then ".join(text for text, _ in itertools.groupby(commands))
+    purpose = planned.purpose if planned.parameter else words(planned.purpose)
     if planned.helps:
         return [f"Next experiment (next/loading.csv), which {purpose}: {how}."]
     return [
@@ -409,7 +410,7 @@ def fitted_numbers(result: IdentificationResult) -> list[FittedNumber]:
     found, commanded = [], result.simulated.commanded
     for e in result.effects:
         of = effect(e.name, result.simulated.catalogue)
-        meanings = {p.name: p.meaning for p in of.parameters_of(commanded)}
+        meanings = {p.name: p.meaning for p in of.parameters_of(commanded) if p.meaning != words(p.name)}
         places = of.place_names if isinstance(of, PlaceEffect) else ()  # a place has no declared value
         for name, p in e.parameters.items():
             declared, width = of.null_value(commanded, name), p.half_width

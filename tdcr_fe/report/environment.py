@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from functools import cache
 from importlib.resources import files
 
@@ -10,14 +11,8 @@ import jinja2
 
 DASH, MINUS, SPACE = "–", "−", "\N{NO-BREAK SPACE}"
 
-#: Factor and symbol in which a unit is shown; units that are not listed are shown as they are.
-_SHOWN = {
-    "rad": (math.degrees(1.0), "deg"),
-    "kg": (1e3, "g"),
-    "1": (1.0, ""),
-    "m/s^2": (1.0, "m/s²"),
-    "N m^2": (1.0, "N m²"),
-}
+#: Factor and symbol in which a unit is shown; others are shown as in "N m²/s" for "N m^2 s^-1".
+_SHOWN = {"rad": (math.degrees(1.0), "deg"), "kg": (1e3, "g"), "1": (1.0, "")}
 #: Units that take SI prefixes (after the change above), and the prefixes.
 _PREFIXED = {"m", "N", "N m", "s", "g", "N/m", "N m²"}
 _PREFIXES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"), (1.0, ""), (1e3, "k"), (1e6, "M"))
@@ -69,7 +64,8 @@ def shown_unit(unit: str, size: float) -> tuple[float, str]:
     (float, str)
         What to multiply with, and the symbol.
     """
-    factor, symbol = _SHOWN.get(unit, (1.0, unit))
+    symbol = re.sub(r" (\w+)\^-", r"/\1^", unit).replace("^1", "").replace("^2", "²").replace("^3", "³")
+    factor, symbol = _SHOWN.get(unit, (1.0, symbol))
     size = abs(size) * factor
     if symbol not in _PREFIXED or size == 0.0 or not math.isfinite(size):
         return factor, symbol
@@ -88,7 +84,7 @@ def quantity(value: float | None, unit: str, digits: int = 3) -> str:
 
 
 def estimate(value: float, half_width: float | None, unit: str) -> str:
-    """A number with the half-width of its interval, both to the last significant digit.
+    """A number with the half-width of its interval, both to the last significant digit; small ones with an exponent.
 
     Parameters
     ----------
@@ -101,11 +97,14 @@ def estimate(value: float, half_width: float | None, unit: str) -> str:
     """
     if half_width is None or not math.isfinite(half_width) or half_width <= 0.0 or not math.isfinite(value):
         return quantity(value, unit, 4)
-    factor, symbol = shown_unit(unit, max(abs(value), half_width))
-    value, half_width = value * factor, half_width * factor
+    size = max(abs(value), half_width)
+    factor, symbol = shown_unit(unit, size)
+    power = math.floor(math.log10(factor * size))
+    power = power if power < -4 else 0
+    value, half_width = (x * factor / 10.0**power for x in (value, half_width))
     decimals = max(0, 1 - math.floor(math.log10(half_width)))
     text = f"{fixed(value, decimals)} ± {fixed(half_width, decimals)}"
-    return text + (SPACE + symbol if symbol else "")
+    return (f"({text})e{power}" if power else text) + (SPACE + symbol if symbol else "")
 
 
 def words(name: str) -> str:

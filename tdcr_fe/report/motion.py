@@ -162,6 +162,11 @@ class Motion:
         s = np.linspace(self.s[0], self.s[-1], CURVE_POINTS)
         return interpolate_positions(self.s, self.positions[step], self.matrices(step), s)
 
+    def label(self, step: int) -> str:
+        """Label of a step (from 0); empty where it is only the number."""
+        number, label = self.steps[step], self.labels[step]
+        return "" if label in (str(number), f"step {number}") else label
+
     def distinct_steps(self, count: int) -> list[int]:
         """Steps (from 0) whose tips lie apart from each other: the most bent, the last, then always the farthest."""
         tips = self.tips

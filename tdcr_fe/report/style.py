@@ -9,8 +9,9 @@ from contextlib import AbstractContextManager
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
+from matplotlib import colormaps, rc_context
 from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -22,6 +23,8 @@ BAD = "#c0392b"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9")
 #: One colour for the same thing in every report.
 MEASURED, DECLARED, CORRECTED, REFERENCE = INK, COLOURS[1], COLOURS[0], INK
+#: Colours of tensions; without the yellow end, which nobody sees on white, nor turned round in the dark.
+HEAT = ListedColormap(colormaps["plasma"](np.linspace(0.0, 0.86, 256)), "heat")
 #: Ground of steps that were held out.
 HELD_OUT = "#ebe6da"
 #: Direction from which views in space are seen [deg].

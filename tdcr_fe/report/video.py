@@ -8,18 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from tdcr_fe.report.arrows import FORCE, LONGEST, MOMENT
 from tdcr_fe.report.motion import Motion, between
-from tdcr_fe.report.style import COLOURS, INK, PALE, SOFT, space, styled
+from tdcr_fe.report.style import COLOURS, HEAT, INK, PALE, SOFT, space, styled
 
 Array = NDArray[np.float64]
 
@@ -56,8 +55,6 @@ class _Drawing:
 
     def __init__(self, motion: Motion) -> None:
         self.motion = motion
-        colours = colormaps["plasma"](np.linspace(0.0, 0.86, 64))
-        self.heat = LinearSegmentedColormap.from_list("tension", colours)
         self.largest = motion.largest_tension or 1.0
         self.largest_loads = motion.largest_loads(range(len(motion.steps)))
         self.figure = Figure(figsize=SIZE, dpi=DPI)
@@ -69,7 +66,7 @@ class _Drawing:
         self._box()
         if motion.tendons:
             bar = self.figure.add_axes((0.72, 0.93, 0.24, 0.018))
-            mappable = ScalarMappable(Normalize(0.0, self.largest), self.heat)
+            mappable = ScalarMappable(Normalize(0.0, self.largest), HEAT)
             self.figure.colorbar(mappable, cax=bar, orientation="horizontal", label="tension [N]")
         self.moving: list[Any] = []
 
@@ -110,7 +107,7 @@ class _Drawing:
         for artist in self.moving:
             artist.remove()
         m, step = between(self.motion, time), round(time)
-        label = f": {self.motion.labels[step]}" if self.motion.labels[step] else ""
+        label = f": {label}" if (label := self.motion.label(step)) else ""
         self.title.set_text(f"{m.name}, step {self.motion.steps[step]} of {self.motion.steps[-1]}{label}")
         k = min(int(time), len(self.response) - 1)
         share = time - k
@@ -124,7 +121,7 @@ class _Drawing:
         for tendon, tensions in zip(m.tendons, m.tensions, strict=True):
             corners = _MM * m.tendon_points(0, tendon)
             sides = np.stack((corners[:-1], corners[1:]), axis=1)
-            colours = self.heat(tensions[0, tendon.segments] / self.largest)
+            colours = HEAT(tensions[0, tendon.segments] / self.largest)
             parts.append(self.space.add_collection3d(Line3DCollection(list(sides), colors=colours, lw=1.6)))
         for _, place, vector, moment in m.load_arrows(0):
             scaled = LONGEST * _MM * m.length / self.largest_loads[moment] * vector

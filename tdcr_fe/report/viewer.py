@@ -81,12 +81,8 @@ def _svg_path(points: Array, closed: bool = False) -> str:
 def still(motion: Motion) -> str:
     """Backbone, disks, tendons and measured markers in the load step that bends the tip most, as SVG text."""
     k = int(np.argmax(motion.bending_angles))
-    view, rims, curve, plate = (
-        _view(motion.tips[k], motion.length),
-        motion.rims(k),
-        motion.curve(k),
-        motion.plate,
-    )
+    view, plate = _view(motion.tips[k], motion.length), motion.plate
+    rims, curve = motion.rims(k), motion.curve(k)
     tendons = [motion.tendon_points(k, t) for t in motion.tendons]
     markers = motion.markers.measured[k] if motion.markers is not None else np.zeros((0, 3))
     everything = np.concatenate([curve, plate, *rims, *tendons]) @ view[:2].T
@@ -106,7 +102,7 @@ def still(motion: Motion) -> str:
     parts += [f'<path d="{_svg_path(flat(t))}" {line}="#c2334a" stroke-width="1.3"/>' for t in tendons]
     known = markers[np.isfinite(markers).all(axis=1)]
     parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="#009e6b"/>' for x, y in flat(known)]
-    title = f"step {motion.steps[k]}" + (f": {motion.labels[k]}" if motion.labels[k] else "")
+    title = f"step {motion.steps[k]}" + (f": {label}" if (label := motion.label(k)) else "")
     text = f"{motion.name}, {title}".replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
     head = f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" height="{HEIGHT}" role="img" aria-label="{text}">'
     return f"{head}{''.join(parts)}</svg><small>{text}</small>"

@@ -141,7 +141,7 @@ def panel_data(motion: Motion) -> dict[str, Any]:
         "name": motion.name,
         "length": motion.length,
         "steps": list(motion.steps),
-        "labels": list(motion.labels),
+        "labels": [motion.label(k) for k in range(len(motion.steps))],
         "stepsInAll": total,
         "s": np.round(motion.s, 9).tolist(),
         "radius": motion.radius.tolist(),

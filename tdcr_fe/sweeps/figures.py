@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 from numpy.typing import ArrayLike
 
-from tdcr_fe.report.style import COLOURS, INK, PALE, styled
+from tdcr_fe.report.style import COLOURS, HEAT, INK, PALE, styled
 from tdcr_fe.sweeps.result import SweepResult, display
 from tdcr_fe.sweeps.statistics import varies
 
@@ -57,7 +57,7 @@ def workspace(result: SweepResult) -> Figure | None:
     for ax, across, up, title in zip(axes, "xyx", "zzy", ("the side", "the front", "above"), strict=True):
         look: dict[str, Any] = {
             "c": points["colour"],
-            "cmap": "viridis",
+            "cmap": HEAT,
             "s": size,
             "lw": 0.0,
             "rasterized": many,
@@ -188,7 +188,7 @@ class Picture(NamedTuple):
 PICTURES = {
     "workspace.png": Picture(
         workspace,
-        "Workspace",
+        "Tip positions",
         "Tip of every case that converged. Side views share z, the direction of the undeformed backbone.",
     ),
     "sobol_indices.png": Picture(

@@ -58,7 +58,9 @@ def _page(result: SweepResult, figures: dict[str, Figure]) -> Page:
         sections.append(Section(anchor, PICTURES[name].title, "picture.html.j2", context, folded=folded))
     note = "A factor multiplies the declared value, an offset is added to it."
     inputs = [_input(v) for v in result.sweep.variations]
-    sections.append(_table("inputs", "What was varied", ("column", "key", "mode", "values"), inputs, note))
+    width = 4 if any(key for *_, key in inputs) else 3
+    columns = ("column", "mode", "values", "key")[:width]
+    sections.append(_table("inputs", "What was varied", columns, [row[:width] for row in inputs], note))
     if result.warnings:
         warned = [(m.count, m.case, m.example) for m in result.warnings[:MOST_WARNINGS]]
         columns = ("times", "first case", "warning of that case")
@@ -177,7 +179,7 @@ def _statistics(result: SweepResult) -> Section:
 
 
 def _input(v: Variation) -> tuple[object, ...]:
-    """Column, keys, mode and values of a variation."""
+    """Column, mode, values and key of a variation; no key where it is the column."""
     if v.distribution is not None:
         kind, numbers = v.described()
         what = f"{kind} ({', '.join(f'{k} {value_text(x)}' for k, x in numbers.items())})"
@@ -185,7 +187,7 @@ def _input(v: Variation) -> tuple[object, ...]:
         what = ", ".join(map(value_text, v.options))
     else:
         what = f"{len(v.options)} values from {value_text(v.options[0])} to {value_text(v.options[-1])}"
-    return v.label, "" if v.key == v.column else v.key, v.mode, what
+    return v.label, v.mode, what, "" if v.key == v.column else v.key
 
 
 def _left_out(name: str, result: SweepResult) -> str:
@@ -193,9 +195,7 @@ def _left_out(name: str, result: SweepResult) -> str:
     inputs, remarks = len(result.inputs), []
     if result.drawn != result.listed and name != "workspace.png":
         some = f"Drawn: {', '.join(display(n).label for n in result.drawn)} of {len(result.listed)} results;"
-        remarks.append(
-            f"{some} [output] quantities in sweep.toml chooses others, the table of cases has all."
-        )
+        remarks.append(f"{some} [output] quantities in sweep.toml chooses others. cases.csv has all of them.")
     if inputs > MOST_INPUTS and name == "main_effects.png":
         remarks.append(f"{MOST_INPUTS} of {inputs} inputs are drawn.")
     return " ".join(remarks)

@@ -40,6 +40,7 @@ def test_an_estimate_ends_where_its_interval_begins():
     assert plain(6.9503, 0.0142, "m/s^2") == "6.950 ± 0.014 m/s²"
     assert plain(0.00012, 0.01, "m") == "0 ± 10 mm"
     assert plain(107.0, None, "N") == "107 N"
+    assert plain(-3.415e-7, 4.4e-9, "N m^2 s^-1") == "(−3.415 ± 0.044)e-7 N m²/s"
 
 
 def test_plain_numbers():
@@ -74,12 +75,17 @@ def test_sections_are_linked_and_folded_as_they_say():
     assert '<details class="section" id="more">' in text and '<section class="section" id="open">' in text
 
 
-def test_a_legend_of_many_entries_can_be_read_on_a_phone():
-    """In one row it was 800 pixels wide, so that its letters had 4 pixels on a narrow page."""
-    figure = Figure(layout="constrained")
+def test_letters_in_a_picture_have_9_pixels_on_a_phone():
+    """A legend in one row was 800 pixels wide, with letters of 4 pixels on a narrow page; a wide panel had 7."""
+    figure = Figure(figsize=(9.0, 2.5), layout="constrained")
     axes = figure.add_subplot()
     for k in range(4):
         axes.plot([0.0, 1.0], [0.0, k], label=f"measured, held out, branch {k}")
     figure.legend(loc="outside lower center", ncols=4)
-    _, (_, width) = style.panels(figure)
-    assert width < 500.0
+    text = render(page(pictures=(Picture(figure, "wide"),)), HERE)
+    found = re.findall(r'base64,([^"]*)" alt="\w*" style="min-width: (\d+)px', text)
+    for code, least in found:
+        width = float(re.search(r'width="([\d.]+)pt', base64.b64decode(code).decode())[1])
+        shrunk = max(0.75 * int(least), min(0.75 * 362.0, width)) / width
+        assert style.STYLE["legend.fontsize"] * shrunk >= 0.75 * 9.0
+    assert len(found) == 2 and width < 0.75 * 500.0  # the legend comes last

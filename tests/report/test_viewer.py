@@ -141,6 +141,12 @@ def test_names_from_files_cannot_break_the_page():
     assert page_data(html)["labels"][0] == odd
 
 
+def test_a_label_that_is_only_the_number_is_not_said_twice():
+    """0.2 said "step 25 of 25: 25" on the pages of `estimate` and "step 6 of 6: step 6" on those of `follow`."""
+    steps = [LoadStep(label, {"t1": 0.1}) for label in ("1", "step 2", "step 2")]
+    assert page_data(view_page(motion_of(arc_result(paper_robot(4), steps))))["labels"] == ["", "", "step 2"]
+
+
 # ------------------------------------------------------------------------------------------------- in Chromium
 
 PANEL = "document.querySelector('.robot-view').panel"
@@ -194,6 +200,14 @@ def test_positions_in_the_browser_are_those_of_the_result(chromium):
     found = np.array(chromium.ask(f"Array.from({PANEL}.motion.p)")).reshape(-1, 3)[nodes]
     middle = (result.steps[3].positions + result.steps[4].positions) / 2.0
     assert found == pytest.approx(middle, abs=5e-6)
+
+
+@pytest.mark.integration
+@needs_chromium
+def test_the_page_is_printed_on_one_sheet(chromium):
+    """0.2 printed two, with one plot over another."""
+    pdf = base64.b64decode(chromium.call("Page.printToPDF", paperWidth=8.27, paperHeight=11.69)["data"])
+    assert len(re.findall(rb"/Type\s*/Page\b", pdf)) == 1
 
 
 @pytest.mark.integration

@@ -321,12 +321,14 @@ class Panel {
       stage.setPointerCapture(e.pointerId);
       held.set(e.pointerId, [e.clientX, e.clientY]);
       stage.classList.add("held");
+      this.hover(e);  // a finger cannot hover
     });
     const release = e => { held.delete(e.pointerId); if (!held.size) stage.classList.remove("held"); };
     for (const name of ["pointerup", "pointercancel"]) stage.addEventListener(name, release);
     stage.addEventListener("pointermove", e => {
       if (!held.has(e.pointerId)) return this.hover(e);
       const [x, y] = held.get(e.pointerId), dx = e.clientX - x, dy = e.clientY - y;
+      if (dx || dy) this.find(".tip").hidden = true;
       if (held.size === 2) {
         const before = spread();
         held.set(e.pointerId, [e.clientX, e.clientY]);
@@ -346,7 +348,7 @@ class Panel {
     }, { passive: false });
     stage.addEventListener("dblclick", e => { if (!e.target.closest("button, label")) this.reset(); });
     stage.addEventListener("contextmenu", e => e.preventDefault());
-    stage.addEventListener("pointerleave", () => { this.find(".tip").hidden = true; });
+    stage.addEventListener("pointerleave", e => { if (e.pointerType === "mouse") this.find(".tip").hidden = true; });
     this.find("canvas.gl").addEventListener("webglcontextlost", e => e.preventDefault());
     this.find("canvas.gl").addEventListener("webglcontextrestored", () => { this.surface = new Surface(this.find("canvas.gl")); this.dirty(); });
   }
