@@ -131,11 +131,9 @@ def errors(
         if not all(same_states(path, made) for _, made in at.models):
             continue  # differences across a change of state say nothing about the derivative
         neighbours = [values for values, _ in at.models]
-        weights = [at.base_weight, *at.weights]
-        all_values = [base, *neighbours]
 
-        def differ(take, weights=weights, all_values=all_values):
-            return sum(w * take(v) for w, v in zip(weights, all_values, strict=True) if w != 0.0)
+        def differ(take, weights=at.weights, neighbours=neighbours):
+            return sum(w * (take(v) - take(base)) for w, v in zip(weights, neighbours, strict=True))
 
         kinds = {
             "positions": (own.positions, differ(lambda v: v.positions)),

@@ -147,7 +147,7 @@ def best_points(
     def slopes(z: Array) -> Array:
         return -space.free(at(*z.tolist())[1])
 
-    tries = cause.tries(before)
+    tries = list(cause.tries(before))
     starts = [np.array([values[n] for n in names]) for values in tries]
     low, high = (np.array([getattr(p, end) for p in cause.parameters]) for end in ("lower", "upper"))
     strength, every = names.index("k"), []

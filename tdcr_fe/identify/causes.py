@@ -7,7 +7,7 @@ Loads that depend on the solved state, and shifts of the readings, are causes wi
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -241,21 +241,19 @@ class PointForce(StateLoad):
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """The first point of `tries`; `tdcr_fe.identify.balance.best_points` tries all."""
-        return [[self.tries(self.declared)[0]]]
+        return [[next(self.tries(self.declared))]]
 
-    def tries(self, moved: Array) -> list[dict[str, float]]:
+    def tries(self, moved: Array) -> Iterator[dict[str, float]]:
         """Points around the robot, at several distances from its middle; ``moved``: as in `force`."""
         length = 2.0 * self.reach
         middle = np.array([0.0, 0.0, 0.6 * length])
         path = np.array([0.0, 0.0, self.at]) + moved
-        found = []
         for distance in self.distances:
             for direction in _DIRECTIONS:
                 point = middle + distance * length * direction
                 x, y, z = (float(c) for c in point)
-                apart = np.linalg.norm(point - path, axis=1)
-                found += [{"x": x, "y": y, "z": z, **law} for law in self.laws(apart)]
-        return found
+                for law in self.laws(np.linalg.norm(point - path, axis=1)):
+                    yield {"x": x, "y": y, "z": z, **law}
 
     #: Of the points that are tried, over the length [1].
     distances = (0.5, 0.9, 1.5)

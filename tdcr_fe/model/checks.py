@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -169,17 +170,18 @@ def end_contradictions(index: int, end: float | None, disks: Disks, length: floa
         yield Contradiction(key, value, f"no disk is there; the nearest {are} at {nearest} m")
 
 
-def _hole_contradictions(key: str, tendon: Tendon, disks: Disks, end: float) -> Iterator[Contradiction]:
+@lru_cache(maxsize=256)  # a search makes many robots with the same tendons
+def _hole_contradictions(key: str, tendon: Tendon, disks: Disks, end: float) -> list[Contradiction]:
     """What is wrong with the holes of a tendon that is anchored at a disk."""
     s, arcs = np.asarray(disks.positions), tendon.routing.fixed_arc_lengths
     at = np.concatenate(([0.0], s[s <= end + ARC_TOLERANCE]))
     if arcs is not None and (len(arcs) != len(at) or np.max(np.abs(np.array(arcs) - at)) > ARC_TOLERANCE):
-        yield Contradiction(f"{key}.holes", *hole_count_text(len(arcs), len(at)))
-        return
+        return [Contradiction(f"{key}.holes", *hole_count_text(len(arcs), len(at)))]
+    found = []
     for i, tight in enumerate(tendon.tight_holes):
         if not np.min(np.abs(at[1:-1] - tight.at), initial=math.inf) <= ARC_TOLERANCE:
             text = f"must be at a disk before the anchor: one of {_short(at[1:-1].tolist())} m"
-            yield Contradiction(f"{key}.tight_holes[{i}].at", f"{tight.at:.9g}", text)
+            found.append(Contradiction(f"{key}.tight_holes[{i}].at", f"{tight.at:.9g}", text))
     with np.errstate(all="ignore"):  # a hole at infinity is outside, too
         distance = np.linalg.norm(tendon.routing.position(at, end), axis=1)
     outside = np.flatnonzero(~(distance <= disks.radius * (1.0 + 1e-9)))
@@ -189,7 +191,8 @@ def _hole_contradictions(key: str, tendon: Tendon, disks: Disks, end: float) -> 
         offset = getattr(tendon.routing, name, None)
         given = f"{offset:g}" if offset is not None else f"{distance[k]:g} m from the backbone"
         text = f"the hole in the {hole} must not lie outside the disk of radius {disks.radius:g} m"
-        yield Contradiction(f"{key}.{name}", given, text)
+        found.append(Contradiction(f"{key}.{name}", given, text))
+    return found
 
 
 def _course_contradictions(key: str, tendon: Tendon, end: float) -> Iterator[Contradiction]:

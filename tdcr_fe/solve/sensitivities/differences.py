@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 T = TypeVar("T")
 
 #: Difference steps: central, or to one side where the other is impossible; offsets and weights in units of the step.
-_RULES = (((1.0, -1.0), (0.5, -0.5), 0.0), ((1.0, 2.0), (2.0, -0.5), -1.5), ((-1.0, -2.0), (-2.0, 0.5), 1.5))
+_RULES = (((1.0, -1.0), (0.5, -0.5)), ((1.0, 2.0), (2.0, -0.5)), ((-1.0, -2.0), (-2.0, 0.5)))
 #: Difference step over the size of a parameter [1].
 RELATIVE_STEP = 1e-5
 
@@ -44,11 +44,10 @@ class NoDerivative(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Stencil(Generic[T]):
-    """Experiments at neighbouring values, and the weights with which they give a derivative."""
+    """Experiments at neighbouring values, and the weights with which their differences give a derivative."""
 
     offsets: np.ndarray  # (k,): Of the neighbours' values from the present one
-    weights: np.ndarray  # as `offsets`
-    base_weight: float  # Of the present experiment
+    weights: np.ndarray  # (k,): Of their differences from the present one
     experiments: tuple[Experiment, ...]  # The neighbours
     models: tuple[T, ...]  # What was built from them
 
@@ -74,7 +73,7 @@ def stencil(
     """
     step = RELATIVE_STEP * parameter.size
     reason: ValueError | None = None
-    for offsets, weights, base in _RULES:
+    for offsets, weights in _RULES:
         try:
             found = tuple(parameter.apply(experiment, parameter.value + step * x) for x in offsets)
             models = tuple(map(build, found))
@@ -82,7 +81,7 @@ def stencil(
             if not isinstance(reason, StructureChanged):
                 reason = error
             continue
-        return Stencil(step * np.array(offsets), np.array(weights) / step, base / step, found, models)
+        return Stencil(step * np.array(offsets), np.array(weights) / step, found, models)
     raise NoDerivative(parameter, reason) from reason
 
 
@@ -248,23 +247,25 @@ class InputDerivatives:
         times = np.zeros((steps, len(chosen)))
         present = resolve(experiment.robot, experiment.steps)
         for number, each in found.items():
-            weights, others = (each.base_weight, *each.weights), each.experiments
-            same_inputs = all(e.steps == experiment.steps for e in others)
+            same_inputs = all(e.steps == experiment.steps for e in each.experiments)
             if same_inputs and not any(step.motor_angles for step in experiment.steps):
                 continue
             parameter = chosen[number]
             ordered = frictional and isinstance(parameter, ModelParameter) and not parameter.approximate
             try:
-                actions = [present, *(_actions_like(experiment, present, e, ordered) for e in others)]
+                actions = [_actions_like(experiment, present, e, ordered) for e in each.experiments]
             except StructureChanged as error:
                 raise NoDerivative(parameter, error) from error
-            for weight, sequence in zip(weights, actions, strict=True):
-                for k, (action, same) in enumerate(zip(sequence, present, strict=True)):
-                    tendons[k, :, number] += weight * action.values
-                    times[k, number] += weight * action.time
+            for weight, sequence in zip(each.weights, actions, strict=True):
+                for k, (action, own) in enumerate(zip(sequence, present, strict=True)):
+                    tendons[k, :, number] += weight * (action.values - own.values)
+                    times[k, number] += weight * (action.time - own.time)
                     for name, load in action.loads.items():
-                        at = keys.index(simulation.load_key(name, same.loads[name]))
-                        loads[k, at, :, number] += weight * np.array([*load.force, *load.moment])
+                        before = own.loads[name]
+                        if load != before:
+                            at = keys.index(simulation.load_key(name, before))
+                            change = np.subtract((load.force, load.moment), (before.force, before.moment))
+                            loads[k, at, :, number] += weight * change.ravel()
         restarts = np.array([isinstance(p, StepInput) for p in chosen], dtype=bool)
         for number, parameter in enumerate(chosen):
             if not isinstance(parameter, StepInput):

@@ -6,10 +6,12 @@ known of what a parameter means.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.sensitivities.differences import Neighbours
@@ -90,16 +92,18 @@ class ExplicitDerivatives:
             models += each.models
             self._owner = np.append(self._owner, np.full(len(each.models), number))
             self._offsets = np.append(self._offsets, each.offsets)
-        self._weights = np.zeros((len(models), count))
-        for number, each in neighbours.items():
-            self._weights[self._owner == number, number] = each.weights
+        weights = np.concatenate([np.zeros(0), *(each.weights for each in neighbours.values())])
+        place = self._owner[1:], np.arange(1, len(models))
+        self._weights = sparse.csr_array((weights, place), (count, len(models)))
         self._stack = ModelStack(models)
         self.law = self._stack.tendons.law.law
         self.arc_lengths = self._derivative(np.stack([m.forces.mesh.arc_lengths for m in models]))
 
     def _derivative(self, values: Array) -> Array:
         """Derivatives from values of all models, (S, ...) to (..., P)."""
-        return np.moveaxis(values - values[0], 0, -1) @ self._weights
+        shape, count = values.shape[1:], self._weights.shape[0]
+        change = (values - values[0]).reshape(len(values), math.prod(shape))
+        return np.ascontiguousarray((self._weights @ change).T).reshape(*shape, count)
 
     def released_unloaded(self) -> Array:
         """Derivatives of the released lengths in the unloaded shape without tension, shape (m, n, P)."""
@@ -133,7 +137,7 @@ class ExplicitDerivatives:
         """
         begin, end = times
         if len(self._owner) == 1:  # inputs alone, as in inverse statics
-            count = self._weights.shape[1]
+            count = self._weights.shape[0]
             still = np.zeros((*own.field.tension.shape, count))
             none = Values(np.zeros((len(point.positions), 6, count)), still, still)
             return with_rates(none, own, rate, inherited)

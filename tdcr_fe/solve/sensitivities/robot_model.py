@@ -56,7 +56,7 @@ class RobotModel:
             Another model of the same hysteresis and base. What is equal in both is taken from it.
         """
         robot, model = experiment.robot, experiment.model
-        if similar is not None and _mesh_source(similar.experiment) == _mesh_source(experiment):
+        if similar is not None and _same_mesh(similar.experiment, experiment):
             mesh, rigid = similar.forces.mesh, similar.rigid
         else:
             mesh, rigid = build_mesh(robot, model, load_positions(experiment))
@@ -105,11 +105,14 @@ def load_positions(experiment: Experiment) -> list[float]:
     return sorted({float(load.at) for step in experiment.steps for load in step.loads.values()})
 
 
-def _mesh_source(e: Experiment) -> tuple[Any, ...]:
-    """What the mesh follows from."""
-    springs = [x.at for x in e.robot.springs]
-    counts = e.model.elements_per_bay
-    return e.robot.backbone, e.robot.disks, springs, e.robot.base_stiffness, counts, load_positions(e)
+def _same_mesh(a: Experiment, b: Experiment) -> bool:
+    """Whether two descriptions have the same mesh."""
+
+    def source(e: Experiment) -> tuple[Any, ...]:
+        springs = [x.at for x in e.robot.springs]
+        return e.robot.backbone, e.robot.disks, springs, e.robot.base_stiffness, e.model.elements_per_bay
+
+    return source(a) == source(b) and (a.steps is b.steps or load_positions(a) == load_positions(b))
 
 
 def _hole_source(e: Experiment) -> tuple[Any, ...]:
@@ -299,8 +302,13 @@ class ModelStack:
         """
         twists, positions, rotations = point.twists, point.positions, point.rotations
         gradient = np.empty((len(twists), len(self.models), 6))
+        # Most parameters leave the backbone as it is.
+        different: dict[Any, Array] = {}
         for k, (model, time) in enumerate(zip(self.models, times.tolist(), strict=True)):
-            gradient[:, k] = model.gradient(twists, point.base_tension, time)
+            key = id(model.forces.mesh), id(model.forces.section), time
+            if key not in different:
+                different[key] = model.gradient(twists, point.base_tension, time)
+            gradient[:, k] = different[key]
         ends = gradient @ strain_matrices(twists)
         # By node first: the same matrices apply to all models.
         wrenches = np.zeros((len(positions), len(self.models), 6))
