@@ -105,6 +105,14 @@ class BestPoint(NamedTuple):
     change: Array  # of the predictions over sigma, shape (n,)
 
 
+class _Pulled(NamedTuple):
+    """What a force towards a point does."""
+
+    change: Array  # of the predictions over sigma, shape (n,)
+    slopes: Array  # its derivatives by the numbers of the force, shape (n, P)
+    largest: float  # force [N]
+
+
 def best_points(
     problem: FitProblem, run: Run, cause: PointForce, space: Space, follows: bool = True
 ) -> list[BestPoint]:
@@ -129,8 +137,8 @@ def best_points(
     before, none = run.bays.moved[:, cause.bay], np.zeros((len(response), 3, 1))
 
     @lru_cache(maxsize=1)  # residual and derivatives are asked for one after the other
-    def at(*z: float) -> tuple[Array, Array, float]:
-        """Change of the predictions, its derivatives, and the largest force [N], by Newton's method for the force."""
+    def at(*z: float) -> _Pulled:
+        """The force with these numbers, by Newton's method."""
         values, force = dict(zip(names, z, strict=True)), none
         for _ in range(3 if follows else 1):
             moved = before + (response @ force)[..., 0]
@@ -139,13 +147,13 @@ def best_points(
             force = force + np.linalg.solve(matrix, missing)
         by_values = np.linalg.solve(matrix, cause.by_values(moved, values))
         largest = float(np.max(np.linalg.norm(force, axis=1)))
-        return (by_force @ force[steps])[:, 0, 0], (by_force @ by_values[steps])[:, 0], largest
+        return _Pulled((by_force @ force[steps])[:, 0, 0], (by_force @ by_values[steps])[:, 0], largest)
 
     def left(z: Array) -> Array:
-        return space.rest - space.free(at(*z.tolist())[0][:, None])[:, 0]
+        return space.rest - space.free(at(*z.tolist()).change[:, None])[:, 0]
 
     def slopes(z: Array) -> Array:
-        return -space.free(at(*z.tolist())[1])
+        return -space.free(at(*z.tolist()).slopes)
 
     tries = list(cause.tries(before))
     starts = [np.array([values[n] for n in names]) for values in tries]
@@ -170,7 +178,7 @@ def best_points(
         z = found.x
         if follows:  # a larger force bends or buckles the robot beyond first order
             most = problem.data.robot.backbone.EI / cause.at**2
-            z[strength] *= min(1.0, most / max(at(*z.tolist())[2], 1e-300))
+            z[strength] *= min(1.0, most / max(at(*z.tolist()).largest, 1e-300))
         drop = float(space.rest @ space.rest - np.sum(left(z) ** 2))
-        every.append(BestPoint(drop, dict(zip(names, z.tolist(), strict=True)), at(*z.tolist())[0]))
+        every.append(BestPoint(drop, dict(zip(names, z.tolist(), strict=True)), at(*z.tolist()).change))
     return sorted(every, key=lambda x: -x.drop)

@@ -79,8 +79,8 @@ class ChangedDescription(Cause):
         Its numbers.
     change
         From the experiment and values other than the null values to the experiment with the cause.
-    price
-        See `Cause`.
+    price, held, exact_derivatives
+        See `Cause` and `Effect`.
     """
 
     def __init__(
@@ -91,9 +91,13 @@ class ChangedDescription(Cause):
         change: Change,
         sentence: str = "",
         price: float = 0.0,
+        *,
+        held: Mapping[str, Sequence[float]] = Cause.held,
+        exact_derivatives: bool = True,
     ) -> None:
         self.name, self.kind, self.parameters, self.change = name, kind, parameters, change
         self.sentence, self.price = sentence, price
+        self.held, self.exact_derivatives = held, exact_derivatives
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""

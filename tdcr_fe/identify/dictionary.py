@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -159,109 +159,127 @@ def _along(problem: FitProblem) -> list[Cause]:
 _InputLaw = Callable[[Mapping[str, float], str, float], float]
 
 
+class _Inputs(NamedTuple):
+    """The inputs of a loading sequence that change."""
+
+    names: tuple[str, ...]  # Of their tendons
+    most: float  # The largest input [N or m]
+    unit: str
+
+    @classmethod
+    def of(cls, problem: FitProblem) -> _Inputs:
+        """Those of the declared loading sequence."""
+        actions, tendons = resolve(problem.data.robot, problem.data.steps), problem.data.robot.tendon_names
+        commands = np.array([a.values for a in actions]).reshape(len(actions), -1)
+        driven = np.flatnonzero(np.ptp(commands, axis=0) > 0.0)
+        displaced = driven.size and actions[0].by_displacement[driven[0]]
+        names = tuple(tendons[i] for i in driven)
+        return cls(names, float(np.max(np.abs(commands), initial=0.0)), "m" if displaced else "N")
+
+    def by_law(self, clock: str) -> Iterator[Cause]:
+        """Off by a constant, by a part that grows with them, or that changes along the rows: all, each or one."""
+        most, grows = self.most, "the gain of the inputs depends on their size"
+        laws: list[tuple[str, str, _InputLaw, str]] = [
+            ("offset of the input", "nothing", lambda *_: 1.0, "the inputs are off by a constant"),
+            ("gain that grows", "tension", lambda u, n, p: u[n] * abs(u[n]) / most, grows),
+            ("gain that drifts", clock, lambda u, n, p: u[n] * p, "the gain of the inputs drifts"),
+            ("offset that drifts", clock, lambda u, n, p: p, "the inputs drift"),
+        ]
+        for name, depends, shape, text in laws:
+            if not depends:
+                continue
+            is_gain = name.startswith("gain")
+            size, unit = (1.0, "1") if is_gain else (most, self.unit)
+            kind, change = Kind("input", (depends,)), _with_inputs(shape)
+            one = number("all", unit, (-0.9 * size, 3.0 * size), 0.0, 0.01 * size)
+            if is_gain:
+                yield ChangedDescription(f"{name} (all)", kind, (one,), change, text)
+            each = tuple(replace(one, name=n) for n in self.names)
+            if len(each) > 1:
+                yield ChangedDescription(f"{name} (each)", kind, each, change, text)
+            for p in each:
+                at = kind._replace(where=f"tendon {p.name}")
+                yield ChangedDescription(f"{name} ({p.name})", at, (p,), change, text)
+
+    def limit(self) -> Cause:
+        """A share of what is beyond a limit does not arrive."""
+
+        def limited(experiment: Experiment, values: Values) -> Experiment:
+            def beyond(commands: Mapping[str, float], name: str, _: float) -> float:
+                return math.copysign(max(abs(commands[name]) - values["limit"], 0.0), -commands[name])
+
+            return _with_inputs(beyond)(experiment, {"all": values["share"]})
+
+        most, kind = self.most, Kind("input", ("tension",))
+        limit = number("limit", self.unit, (0.0, most), most, 0.05 * most)
+        numbers = number("share", "1", (-1.0, 1.0), 0.0, 0.1), limit
+        text = "the inputs are limited: a share of what is beyond does not arrive"
+        held = {"limit": [0.5 * most, 0.7 * most, 0.85 * most]}
+        return ChangedDescription("limit of the inputs", kind, numbers, limited, text, held=held)
+
+    def shares(self) -> Iterator[Cause]:
+        """A share of the input of one tendon in another."""
+        couples = list(itertools.permutations(self.names, 2))
+        for source, name in couples:
+
+            def other(commands: Mapping[str, float], *_: Any, source: str = source) -> float:
+                return commands.get(source, 0.0)
+
+            share, change = number(name, "1", (-0.9, 0.9), 0.0, 0.01), _with_inputs(other)
+            kind, price = Kind("input", ("tension",), f"tendon {name}"), math.log(len(couples))
+            text = f"a share of the input of tendon {source} acts in tendon {name}"
+            yield ChangedDescription(f"share of {source} in {name}", kind, (share,), change, text, price)
+
+    def jumps(self, data: MeasuredData) -> Iterator[Cause]:
+        """Another zero of one input from a row on."""
+        progress, price = _progress(data.steps), math.log(len(data.steps) * len(self.names))
+        text = "the zero of an input jumps"
+        for name, k in itertools.product(self.names, range(3, len(data.steps) - 2)):
+            where = f"tendon {name}, from row {data.step_ids[k]} on"
+            one = number(name, self.unit, (-self.most, self.most), 0.0, 0.01 * self.most)
+
+            def later(
+                commands: Mapping[str, float], name: str, p: float, start: float = progress[k]
+            ) -> float:
+                return float(p >= start)
+
+            kind, change = Kind("input", ("row",), where), _with_inputs(later)
+            yield ChangedDescription(f"jump of the input ({where})", kind, (one,), change, text, price)
+
+
 def _inputs(problem: FitProblem) -> list[Cause]:
-    """Inputs other than commanded: by a constant, by a part that grows with them, or that changes along the rows."""
-    names = problem.experiment.robot.tendon_names
-    actions = resolve(problem.data.robot, problem.data.steps)
-    commands = np.array([a.values for a in actions]).reshape(len(actions), -1)
-    largest = np.max(np.abs(commands), axis=0, initial=0.0)
-    driven = [i for i in range(len(names)) if np.ptp(commands[:, i]) > 0.0]
-    if not driven:
+    """Inputs other than commanded."""
+    own, clock, data = _Inputs.of(problem), _clock(problem), problem.data
+    if not own.names:
         return []
-    most = float(max(largest))
-    clock = _clock(problem)
-    displaced = bool(actions[0].by_displacement[driven[0]])
-    unit = "m" if displaced else "N"
+    jumps = own.jumps(data) if clock and not data.parts else ()
+    return [*own.by_law(clock), own.limit(), *own.shares(), *jumps]
 
-    def law(shape: _InputLaw) -> Change:
-        """A change of all inputs by a number times what follows from the inputs and from progress along the rows."""
 
-        def changed(experiment: Experiment, values: Values) -> Experiment:
-            ends = [(k, x == 1.0) for k, x in experiment.step_ends]
-            progress = _progress([s for s, (_, whole) in zip(experiment.steps, ends, strict=True) if whole])
+def _with_inputs(shape: _InputLaw) -> Change:
+    """A change of all inputs by a number times what follows from the inputs and from progress along the rows."""
 
-            def with_change(step: LoadStep, p: float) -> LoadStep:
-                def new(commands: Mapping[str, float], least: float) -> dict[str, float]:
-                    factors = {n: values.get(n, values.get("all", 0.0)) for n in commands}
-                    moved = {n: x and x * shape(commands, n, p) for n, x in factors.items()}
-                    return {n: max(x + moved[n], least) if moved[n] else x for n, x in commands.items()}
+    def changed(experiment: Experiment, values: Values) -> Experiment:
+        ends = [(k, x == 1.0) for k, x in experiment.step_ends]
+        progress = _progress([s for s, (_, whole) in zip(experiment.steps, ends, strict=True) if whole])
 
-                tensions, displacements = new(step.tensions, 0.0), new(step.displacements, -math.inf)
-                if tensions == step.tensions and displacements == step.displacements:
-                    return step
-                return replace(step, tensions=tensions, displacements=displacements)
+        def with_change(step: LoadStep, p: float) -> LoadStep:
+            def new(commands: Mapping[str, float], least: float) -> dict[str, float]:
+                factors = {n: values.get(n, values.get("all", 0.0)) for n in commands}
+                moved = {n: x and x * shape(commands, n, p) for n, x in factors.items()}
+                return {n: max(x + moved[n], least) if moved[n] else x for n, x in commands.items()}
 
-            steps = (
-                with_change(step, float(progress[k]))
-                for step, (k, _) in zip(experiment.steps, ends, strict=True)
-            )
-            return replace(experiment, steps=tuple(steps))
+            tensions, displacements = new(step.tensions, 0.0), new(step.displacements, -math.inf)
+            if tensions == step.tensions and displacements == step.displacements:
+                return step
+            return replace(step, tensions=tensions, displacements=displacements)
 
-        return changed
-
-    grows = "the gain of the inputs depends on their size"
-    laws: list[tuple[str, str, str, float, _InputLaw, str]] = [
-        ("offset of the input", "nothing", unit, most, lambda *_: 1.0, "the inputs are off by a constant"),
-        ("gain that grows", "tension", "1", 1.0, lambda u, n, p: u[n] * abs(u[n]) / most, grows),
-        ("gain that drifts", clock, "1", 1.0, lambda u, n, p: u[n] * p, "the gain of the inputs drifts"),
-        ("offset that drifts", clock, unit, most, lambda u, n, p: p, "the inputs drift"),
-    ]
-    found: list[Cause] = []
-    for name, depends, own, size, shape, text in laws:
-        if not depends:
-            continue
-        kind = Kind("input", (depends,))
-        one = number("all", own, (-0.9 * size, 3.0 * size), 0.0, 0.01 * size)
-        if name.startswith("gain"):
-            found.append(ChangedDescription(f"{name} (all)", kind, (one,), law(shape), text))
-        each = tuple(replace(one, name=names[i]) for i in driven)
-        if len(each) > 1:
-            found.append(ChangedDescription(f"{name} (each)", kind, each, law(shape), text))
-        for p in each:
-            at = kind._replace(where=f"tendon {p.name}")
-            found.append(ChangedDescription(f"{name} ({p.name})", at, (p,), law(shape), text))
-
-    def limited(experiment: Experiment, values: Values) -> Experiment:
-        def beyond(commands: Mapping[str, float], name: str, _: float) -> float:
-            return math.copysign(max(abs(commands[name]) - values["limit"], 0.0), -commands[name])
-
-        return law(beyond)(experiment, {"all": values["share"]})
-
-    limit = number("limit", unit, (0.0, most), most, 0.05 * most)
-    kind, both = Kind("input", ("tension",)), (number("share", "1", (-1.0, 1.0), 0.0, 0.1), limit)
-    text = "the inputs are limited: a share of what is beyond does not arrive"
-    found.append(ChangedDescription("limit of the inputs", kind, both, limited, text))
-    found[-1].held = {"limit": [0.5 * most, 0.7 * most, 0.85 * most]}
-    couples = [(names[i], names[j]) for i, j in itertools.permutations(driven, 2)]
-    for source, name in couples:
-        share = number(name, "1", (-0.9, 0.9), 0.0, 0.01)
-        change = law(_share_of(source))
-        kind, price = Kind("input", ("tension",), f"tendon {name}"), math.log(len(couples))
-        text = f"a share of the input of tendon {source} acts in tendon {name}"
-        found.append(ChangedDescription(f"share of {source} in {name}", kind, (share,), change, text, price))
-    rows = range(3, len(actions) - 2) if clock and not problem.data.parts else ()
-    progress, jumps = _progress(problem.data.steps), "the zero of an input jumps"
-    chosen = math.log(len(actions) * len(driven))
-    for i, k in itertools.product(driven, rows):
-        where = f"tendon {names[i]}, from row {problem.data.step_ids[k]} on"
-        one = number(names[i], unit, (-most, most), 0.0, 0.01 * most)
-        change = law(_from(float(progress[k])))
-        found.append(
-            ChangedDescription(
-                f"jump of the input ({where})", Kind("input", ("row",), where), (one,), change, jumps, chosen
-            )
+        steps = (
+            with_change(step, float(progress[k])) for step, (k, _) in zip(experiment.steps, ends, strict=True)
         )
-    return found
+        return replace(experiment, steps=tuple(steps))
 
-
-def _share_of(source: str) -> _InputLaw:
-    """The input of another tendon."""
-    return lambda commands, *_: commands.get(source, 0.0)
-
-
-def _from(start: float) -> _InputLaw:
-    """One from some progress along the rows on, zero before."""
-    return lambda commands, name, progress: float(progress >= start)
+    return changed
 
 
 def _with_loads(experiment: Experiment, change: Callable[[Sequence[float]], Array]) -> Experiment:
@@ -400,8 +418,11 @@ def single_disks(problem: FitProblem) -> list[Cause]:
         kind = Kind("routing", ("place",), where)
         for name, numbers, change, text, choices in entries:
             price = math.log(choices * len(robot.disks.positions))
-            found.append(ChangedDescription(f"{name} ({where})", kind, numbers, change, text, price))
-            found[-1].exact_derivatives = change is not slipped  # the mesh changes
+            exact = change is not slipped  # the mesh changes
+            label = f"{name} ({where})"
+            found.append(
+                ChangedDescription(label, kind, numbers, change, text, price, exact_derivatives=exact)
+            )
     return found
 
 

@@ -154,7 +154,7 @@ class Proposal(NamedTuple):
     @property
     def named(self) -> bool:
         """Whether all causes are listed effects."""
-        return all(map(is_named, self.effects))
+        return _all_named(self.effects)
 
 
 def worth_fitting(
@@ -249,13 +249,13 @@ def fit_proposals(
     return state, [f for k, f in state.fits.items() if k in keys and f.solved]
 
 
-def _all_named(fit: Fit) -> bool:
-    return all(map(is_named, fit.effects))
+def _all_named(effects: Sequence[Effect]) -> bool:
+    return all(map(is_named, effects))
 
 
 def _lowest(state: SearchState, named: bool) -> float:
     """Lowest cost of the models so far, of listed effects or of any."""
-    return min(f.cost for f in state.fits.values() if not named or _all_named(f))
+    return min(f.cost for f in state.fits.values() if not named or _all_named(f.effects))
 
 
 def _limit(problem: FitProblem, ahead: Fit) -> float:
@@ -415,7 +415,7 @@ def _hidden(search: Search, state: SearchState) -> list[_Try]:
     Pairs of listed effects are tried as well where a cause without a name does.
     """
     explained = search.explained(state)
-    if explained and _all_named(state.best):
+    if explained and _all_named(state.best.effects):
         return []
     stages = (pairs,) if explained else (at_full_strength, pairs, costly_singles)
     models = {frozenset(f.names): f for f in (state.best, state.fits[frozenset()])}
