@@ -70,7 +70,7 @@ def follow(args: argparse.Namespace) -> int:
     """Find the loading sequence, and write it with what it reaches."""
     robot = read_robot(args.robot)
     targets, (model, settings), limits = read_all(
-        lambda: read_path(args.path, robot.backbone.length),
+        lambda: read_path(args.path),
         lambda: read_model_file(args.model, robot),
         lambda: _limits(args, robot),
     )

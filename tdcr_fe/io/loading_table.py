@@ -25,8 +25,6 @@ from tdcr_fe.model.targets import TipTarget
 FORCES, POSITION, DIRECTION = ("force_x", "force_y", "force_z"), ("x", "y", "z"), ("dx", "dy", "dz")
 #: A table with more mistakes is not read on.
 MOST_PROBLEMS = 1000
-#: A target farther away than this many lengths of the robot is taken for one in another unit.
-FARTHEST = 10.0
 
 
 class Loading(NamedTuple):
@@ -278,7 +276,7 @@ def loading_text(
     return str(loading_table(robot, step_ids, steps, branches).to_csv(index=False))
 
 
-def read_path(path: str | os.PathLike[str], length: float) -> tuple[TipTarget, ...]:
+def read_path(path: str | os.PathLike[str]) -> tuple[TipTarget, ...]:
     """Read ``path.csv``.
 
     Parameters
@@ -286,19 +284,14 @@ def read_path(path: str | os.PathLike[str], length: float) -> tuple[TipTarget, .
     path
         Columns ``step,x,y,z`` and, optionally, ``dx,dy,dz``, ``label`` and ``time``; an empty cell leaves a
         coordinate open.
-    length
-        Of the robot [m], by which positions in another unit are recognised.
 
     Raises
     ------
     InputError
         With every mistake in the file.
     """
-    most = FARTHEST * length
-    far = f"more than {FARTHEST:g} lengths of the robot away; must be in m"
-    position, free = _Numbers(-most, most, far, empty=True), _Numbers(empty=True)
-    columns: dict[str, _Numbers | None] = {"step": _STEP, **dict.fromkeys(POSITION, position)}
-    columns |= {**dict.fromkeys(DIRECTION, free), "label": None, "time": free}
+    columns: dict[str, _Numbers | None] = dict.fromkeys((*POSITION, *DIRECTION, "time"), _Numbers(empty=True))
+    columns |= {"step": _STEP, "label": None}
     rows = _rows(read_table(path), columns, ("step", *POSITION), str(path), _wrong_target)
     return tuple(
         TipTarget(

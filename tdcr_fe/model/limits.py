@@ -89,26 +89,31 @@ class Value(NamedTuple):
 
     @property
     def says(self) -> str:
-        """What is wrong with it, and the units in which it would be usual."""
+        """What is wrong with it."""
         row = self.row
-        says = row.says.format(
+        return row.says.format(
             ratio=self.ratio, percent=100.0 * self.ratio, low=row.low, high=row.high, detail=self.detail
         )
+
+    @property
+    def hint(self) -> str:
+        """The units in which it would be usual, as a question."""
+        row = self.row
         units = mistaken(self.unit) if self.given and (row.usual or not row.remark) else {}
         fitting = [u for u, size in units.items() if row.is_usual(self.ratio * size)]
-        return says + (f"; was it meant in {' or '.join(fitting)}?" if fitting else "")
+        return f"; was it meant in {' or '.join(fitting)}?" if fitting else ""
 
     @property
     def sentence(self) -> str:
-        """Key, value, and what is wrong with it."""
-        return f"{self.key}{' = ' * bool(self.given)}{self.given}: {self.says}"
+        """Key, value, what is wrong with it, and the units that may be meant."""
+        return f"{self.key}{' = ' * bool(self.given)}{self.given}: {self.says}{self.hint}"
 
     @property
     def refusal(self) -> Contradiction:
         """The same, with the value up to which there is a solution."""
         most = self.value * self.row.refused_from * self.row.high / self.ratio
         text = f"{self.says}; must be at most {most:.3g} {self.unit}, beyond which a solution means nothing"
-        return Contradiction(self.key, self.given, text)
+        return Contradiction(self.key, self.given, text + self.hint)
 
 
 def sentences(found: Iterable[Value]) -> list[str]:

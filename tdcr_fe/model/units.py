@@ -22,7 +22,7 @@ _UNITS: dict[tuple[int, ...], dict[str, Fraction | str]] = {
 }
 #: Units that numbers are often given in by mistake, by the unit that they should be in.
 _MISTAKEN = {
-    "m": ("mm",), "N": ("mN", "gf", "kN"), "N m": ("N mm",), "N m^2": ("N mm^2",), "kg": ("g",),
+    "m": ("mm", "cm"), "N": ("mN", "gf", "kN"), "N m": ("N mm",), "N m^2": ("N mm^2",), "kg": ("g",),
     "Pa": ("GPa", "MPa", "kPa"), "kg/m^3": ("g/cm^3", "g/mm^3", "g/m^3"), "m/s^2": ("mm/s^2", "cm/s^2", "ft/s^2"),
     "1/m": ("1/mm",), "N/m": ("N/mm",), "N m/rad": ("N mm/rad",), "deg": ("rad",), "rad": ("deg",), "turns": ("deg",),
     "": ("%",),

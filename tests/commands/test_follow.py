@@ -95,12 +95,11 @@ def test_an_empty_cell_leaves_a_coordinate_open(tmp_path, robot, capsys):
 
 def test_mistakes_of_all_inputs_are_reported_together(tmp_path, robot, capsys):
     (tmp_path / "path.csv").write_text(
-        "step,x,y,z,dx,dy,dz,time\n1,30,0,200,,,,\n1,0,0,x,,,,\n2,0,0,0.2,0,0,0,\n3,0,0,0.2,1,,0,5\n4,0,0,0.2,,,,1\n"
+        "step,x,y,z,dx,dy,dz,time\n1,0,0,0.2,,,,\n1,0,0,x,,,,\n2,0,0,0.2,0,0,0,\n3,0,0,0.2,1,,0,5\n4,0,0,0.2,,,,1\n"
     )
     assert follow(robot, "--largest", "1", "--pretension", "t9=0.1") == 2
     text = capsys.readouterr().err
     for expected in (
-        "line 2, x = 30: more than 10 lengths of the robot away; must be in m; 0.03 would fit, are these mm?",
         "line 3, z = x: must be a finite number",
         "line 3, step = 1: the step appears more than once",
         "line 4, dx = 0: the direction is zero",
@@ -108,6 +107,20 @@ def test_mistakes_of_all_inputs_are_reported_together(tmp_path, robot, capsys):
         "unknown tendon t9",
     ):
         assert expected in text
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("unit", "size"), [("mm", 1e3), ("cm", 1e2)])
+def test_targets_in_another_unit_are_refused_with_it(tmp_path, robot, capsys, unit, size):
+    """Centimetres were taken for millimetres, once for every number of the file."""
+    rows = "".join(f"{k},{size * x},0,{size * 0.24}\n" for k, x in enumerate((0.03, 0.05), 1))
+    (tmp_path / "path.csv").write_text("step,x,y,z\n" + rows)
+    assert follow(robot, "--largest", "1") == 2
+    text = capsys.readouterr().err
+    assert (
+        "1 mistake" in text and f"path.csv: targets[1].position = {size * np.hypot(0.05, 0.24):g} m" in text
+    )
+    assert f"was it meant in {unit}?" in text
     assert not (tmp_path / "out").exists()
 
 

@@ -18,7 +18,7 @@ from tdcr_fe.model.limits import kind_of_material, limits, nearest_material
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, TDCRWarning, warnings_to
 from tdcr_fe.model.plausibility import plausibility, strain_warnings, understood
-from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.robot import Disks, Robot, SideSpring
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, PointsRouting
 from tdcr_fe.model.tendon import Spool, Tendon
 from tdcr_fe.validation.crosscheck import cases as crosscheck
@@ -60,7 +60,7 @@ def soft(modulus):
 #: Robot, model, load steps; how the only warning begins, and how it ends, where it names a unit.
 ROWS = {
     # Nothing was said of these.
-    "turns in degrees": (helical(360.0), Model(), PULL, "tendons[0].turns = 360: 36 turns", "in deg?"),
+    "turns in degrees": (helical(360.0), Model(), PULL, "tendons[0].turns = 360: 36 turn(s) per bay", "in deg?"),
     "angles in rad": (wire((0.0, 2.0944, 4.18879)), Model(), PULL, "tendons.angle_deg = 4.18879 deg", "in rad?"),
     "the same hole twice": (wire((0.0, 0.0)), Model(), PULL, "tendons[1]: tendons[0] and this", ""),
     "displacement of the other sign": (
@@ -102,10 +102,10 @@ ROWS = {
         Robot(Backbone(0.3, 12e-3, 400.0, 0.45), tendons=(Tendon("t1", ParallelRouting(9e-3)),)), Model(), [],
         "backbone.youngs_modulus = 400 Pa: outside", "or kPa?"),
     # Others.
-    "radius in mm": (WIRE.with_backbone(radius=0.5), Model(), PULL, "backbone.radius = 0.5 m: not thinner", "in mm?"),
+    "radius in mm": (WIRE.with_backbone(radius=0.5), Model(), PULL, "backbone.radius = 0.5 m: not thinner", "in mm or cm?"),
     "all lengths in mm": (
         Robot(replace(BACKBONE, length=200.0, radius=0.4), Disks.equally_spaced(13, 200.0, radius=5.0)), Model(), [],
-        "backbone.length = 200 m", "in mm?"),
+        "backbone.length = 200 m", "in mm or cm?"),
     "density of water": (WIRE.with_backbone(density=7.8), Model(), [], "backbone.density = 7.8 kg/m^3", "in g/cm^3?"),
     "no mass": (
         WIRE.with_backbone(density=0.0).with_disks(mass=0.0), GRAVITY, PULL, "model.gravity = 9.81 m/s^2: nothing", ""),
@@ -116,7 +116,7 @@ ROWS = {
     "strain of a tendon": (
         wire(axial_stiffness=60.0), Model(), [LoadStep(tensions={"t1": 30.0})],
         "steps[0].tensions.t1 = 30 N: strains the tendon by 50 %", ""),
-    "displacement in mm": (WIRE, Model(), drawn(t1=2.0), "steps[1].displacements.t1 = 2 m", "in mm?"),
+    "displacement in mm": (WIRE, Model(), drawn(t1=2.0), "steps[1].displacements.t1 = 2 m", "in mm or cm?"),
     "motor angle in degrees": (
         wire(spool=Spool(8e-3)), Model(), [LoadStep(motor_angles={"t1": 60.0})], "steps[0].motor_angles.t1 = 60 rad",
         "in deg?"),
@@ -161,7 +161,7 @@ def test_every_limit_has_a_source():
     [
         (at_tip(force=(2e5, 0.0, 0.0)), "steps[1].loads.tip.force = 200000 N"),
         ([LoadStep(tensions={"t1": 1e6})], "steps[0].tensions.t1 = 1e+06 N"),
-        (PULL, "model.gravity = 9810 m/s^2: 1000 times that of Earth; was it meant in mm/s^2?"),
+        (PULL, "model.gravity = 9810 m/s^2: 1000 times that of Earth; must be at most 1.2e+03 m/s^2"),
     ],
 )
 def test_a_load_far_beyond_the_limit_is_refused_before_solving(steps, words):
@@ -214,6 +214,17 @@ def test_warnings_go_where_a_program_wants_them():
         mbs = exu.SystemContainer().AddSystem()
         tdcr_fe.CreateTDCR(mbs, wire(friction_coefficient=1.5), Model())
     assert len(texts) == 1 and texts[0].startswith("tendons[0].friction_coefficient = 1.5")
+
+
+@pytest.mark.parametrize("at", [0.06, 0.2])
+def test_a_side_spring_in_n_per_mm_is_remarked_on(at):
+    """From 0.05 to 50 times the stiffness of the backbone."""
+    for times in (0.3, 45.0):
+        stiffness = times * WIRE.backbone.EI / at**3
+        right, wrong = (replace(WIRE, springs=(SideSpring(at, k),)) for k in (stiffness, 1e-3 * stiffness))
+        assert plausibility(right, Model(), [LoadStep(tensions={"t1": 5.0})]).remarks == []
+        (found,) = plausibility(wrong, Model(), [LoadStep(tensions={"t1": 5.0})]).remarks
+        assert found.startswith("springs[0].stiffness") and "in N/mm?" in found
 
 
 # ------------------------------------------------------------------------------------------------- no false alarms
