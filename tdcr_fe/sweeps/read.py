@@ -14,13 +14,13 @@ import numpy as np
 
 from tdcr_fe.effects import Effect
 from tdcr_fe.io.keys import json_schema
-from tdcr_fe.io.problems import InputError, Problem, Reporter
+from tdcr_fe.io.problems import InputError, Problem, Reporter, refusal
 from tdcr_fe.io.toml import Scenario, ScenarioTables, build_scenario, digest, read_scenario_tables, read_toml
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.messages import PlausibilityWarning, issue, join, meant, quoted, shown
-from tdcr_fe.model.plausibility import plausibility, warn_of_implausible
+from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, issue, join, meant, quoted, shown
+from tdcr_fe.model.plausibility import Findings, plausibility, warn_of_implausible
 from tdcr_fe.model.schema import Keys, Mistake, Quantity
 from tdcr_fe.model.targets import TensionLimits
 from tdcr_fe.model.units import number_or_none, with_units
@@ -97,6 +97,8 @@ def read_sweep(
         path, objects = Path(source), {}
         data, sha256 = read_toml(path)
         digests = {str(path): sha256}
+        if {"robot", "steps"} & data.keys():
+            raise refusal(path, "is the file of a scenario; give the sweep.toml that names it")
     report = Reporter(str(path))
 
     def sound(read: Callable[[], Any]) -> Any:
@@ -133,11 +135,12 @@ def read_sweep(
     report.refuse()
     implausible = _check_values(sweep, user_effects, report)
     report.refuse()
-    declared: Sequence[str] = ()
+    declared = set[str]()
     with suppress(ValueError):  # of a case that is refused the reason is in the table
-        declared = warn_of_implausible(scenario.robot, scenario.model, scenario.steps).warnings
-    new = [text for text in implausible if text.partition(": ")[2] not in declared]
-    issue(new, PlausibilityWarning, depth=3)
+        found = warn_of_implausible(scenario.robot, scenario.model, scenario.steps)
+        declared = {_about(text) for texts in found for text in texts}
+    for texts, category in zip(implausible, (PlausibilityWarning, PlausibilityRemark), strict=True):
+        issue([t for t in texts if _about(t.partition(": ")[2]) not in declared], category, depth=3)
     return sweep
 
 
@@ -256,13 +259,14 @@ def _check_together(sweep: Sweep, scenario: Scenario, report: Reporter) -> None:
         report("sampling.method", quoted(sampling.method), text)
 
 
-def _check_values(sweep: Sweep, user_effects: Sequence[Effect], report: Reporter) -> list[str]:
-    """Report values that the files do not allow; returns warnings of those that are implausible.
+def _check_values(sweep: Sweep, user_effects: Sequence[Effect], report: Reporter) -> Findings:
+    """Report values that the files do not allow; returns what is implausible: a remark where it is made of every value.
 
     A value is refused where it is wrong alone, all others as declared, and in every case tried that has it as well.
     Other contradictions, which only some combinations have, become the status of their cases.
     """
-    design, implausible, found = sweep.design(), dict[str, None](), dict[tuple[str, str, str], None]()
+    design, found = sweep.design(), dict[tuple[str, str, str], None]()
+    warnings, remarks = dict[str, None](), list[str]()
 
     def build(changes: Sequence[Change]) -> tuple[Scenario | None, Sequence[Problem]]:
         """The scenario with some changes, or its mistakes; a key that names nothing is one without a key."""
@@ -275,17 +279,26 @@ def _check_values(sweep: Sweep, user_effects: Sequence[Effect], report: Reporter
 
     for i, v in enumerate(sweep.variations):
         where = "workspace" if sweep.workspace and v.column.startswith("pull_") else f"vary[{i}]"
+        of_values: list[dict[str, str]] = []  # remarks by key
         for value, cases in _checked(v, design[v.column]):
             scenario, problems = build([(v.place, v.mode, value)])
             if scenario is not None:
                 with suppress(ValueError):
-                    warnings = plausibility(scenario.robot, scenario.model, scenario.steps).warnings
-                    implausible |= dict.fromkeys(f"{where}: {text}" for text in warnings)
+                    of_value = plausibility(scenario.robot, scenario.model, scenario.steps)
+                    warnings |= dict.fromkeys(f"{where}: {text}" for text in of_value.warnings)
+                    of_values.append({_about(text): text for text in of_value.remarks})
             elif not any(build(sweep.changes(design, case))[0] for case in cases):
                 found |= dict.fromkeys(_said(where, v, value, p) for p in problems)
+        first, *others = of_values or [{}]
+        remarks += [f"{where}: {text}" for key, text in first.items() if all(key in x for x in others)]
     for text in found:
         report(*text)
-    return list(implausible)
+    return Findings([*warnings], remarks)
+
+
+def _about(text: str) -> str:
+    """Key that a sentence of `plausibility` begins with."""
+    return re.split("[ :]", text)[0]
 
 
 def _checked(v: Variation, values: list[Any]) -> Iterator[tuple[Any, list[int]]]:

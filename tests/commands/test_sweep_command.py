@@ -48,6 +48,7 @@ def test_table_summary_report_and_pictures(tmp_path, capsys, here):
     pictures = {"distributions.png", "main_effects.png", "workspace.png"}
     assert names == {".cases.lock", "cases.csv", "cases.jsonl", "summary.json", "report.html", *pictures}
     printed = capsys.readouterr().out
+    assert printed.startswith("small: bending stiffness 0.00171 N m^2")
     assert "12 converged" in printed and "bending angle [deg]: mean" in printed
     page = (out / "report.html").read_text()
     assert "All 12 cases converged." in page
@@ -78,7 +79,11 @@ def test_check_prints_the_cases_and_solves_nothing(tmp_path, capsys):
     path = write_files(tmp_path)
     assert cli.main(["sweep", str(path), "--check"]) == 0
     printed = capsys.readouterr().out
-    assert printed.startswith("6 cases") and "steps[0].tensions.t1" in printed
+    assert (
+        printed.startswith("small: bending stiffness")
+        and "\n6 cases, method" in printed
+        and "steps[0].tensions.t1" in printed
+    )
     assert {p.name for p in tmp_path.iterdir()} == {"robot.toml", "scenario.toml", "sweep.toml"}
 
 

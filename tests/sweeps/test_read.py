@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+import warnings
 from pathlib import Path
 
 import pytest
@@ -38,6 +39,7 @@ def vary(key, rest, before=""):
     ("text", "expected"),
     [
         ("", "sweep.toml: scenario: missing"),
+        (SCENARIO, "sweep.toml: is the file of a scenario; give the sweep.toml that names it"),
         ('scenario = "other.toml"', "other.toml: no such file"),
         (HEAD, "sweep.toml: vary: nothing is varied"),
         (vary("backbone.raduis", ONE), 'vary[0].key = "backbone.raduis": unknown key; did you mean radius'),
@@ -164,6 +166,18 @@ def test_what_is_implausible_is_warned_of_before_any_case_is_solved(tmp_path):
     robot = ROBOT.replace("[backbone]", "[backbone]\nbending_stiffness = 1e3\n")
     with pytest.warns(tdcr.PlausibilityWarning, match="backbone.bending_stiffness = 1000 N m"):
         tdcr.read_sweep(write_files(tmp_path, robot=robot))
+
+
+def test_a_range_of_which_all_is_implausible_is_remarked_on(tmp_path):
+    """Diameters in place of radii; a range that reaches there gives no remark."""
+    for lower, count in ((0.8e-3, 1), (0.3e-3, 0)):
+        values = f"lower = {lower}, upper = 1e-3"
+        text = vary("backbone.radius", f"uniform = {{ {values} }}", f"{SOBOL}samples = 4\n")
+        with warnings.catch_warnings(record=True) as found:
+            warnings.simplefilter("always")
+            tdcr.read_sweep(write_files(tmp_path, text))
+        assert len(found) == count
+        assert all(str(w.message).startswith("vary[0]: steps: inputs") for w in found)
 
 
 # ------------------------------------------------------------ keys
