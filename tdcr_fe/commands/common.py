@@ -12,7 +12,7 @@ from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tdcr_fe.model.messages import PlausibilityRemark, TDCRWarning
+from tdcr_fe.model.messages import PlausibilityRemark, TDCRWarning, count
 
 if TYPE_CHECKING:
     from tdcr_fe.io.problems import Problem
@@ -38,6 +38,16 @@ def complain(text: str) -> None:
 def cores() -> int:
     """Number of cores of this machine that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def complain_of_left_out(args: argparse.Namespace, rows: Sequence[object], most: int = 10) -> None:
+    """Print the first rows of measured data that were left out; all of them are noted."""
+    texts = [f"left out: {row}" for row in rows]
+    args.noted.warnings += texts
+    for text in texts[:most]:
+        complain(text)
+    if len(texts) > most:
+        complain(f"left out: {count(len(texts) - most, 'more row')}")
 
 
 def print_understood(args: argparse.Namespace, robot: Robot, model: Model, steps: Sequence[LoadStep]) -> None:

@@ -6,7 +6,7 @@ import argparse
 
 import numpy as np
 
-from tdcr_fe.commands.common import Exit, complain, progress_bar
+from tdcr_fe.commands.common import Exit, complain, complain_of_left_out, print_understood, progress_bar
 from tdcr_fe.estimate.description import Estimate
 from tdcr_fe.estimate.report import write_estimates
 from tdcr_fe.estimate.run import read_estimation, run_estimation
@@ -19,9 +19,10 @@ def run(args: argparse.Namespace) -> int:
     """Estimate the frames of a folder, and write them."""
     estimation = read_estimation(args.folder)
     out = check_output_folder(args.out)
-    for bad in estimation.data.left_out:
-        complain(f"left out: {bad}")
-    with progress_bar(args, len(estimation.data.steps), unit="frame") as bar:
+    data = estimation.data
+    complain_of_left_out(args, data.left_out)
+    print_understood(args, data.robot, data.model, data.steps)
+    with progress_bar(args, len(data.steps), unit="frame") as bar:
 
         def progress(frame: Estimate) -> None:
             bar.update(1)

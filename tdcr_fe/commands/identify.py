@@ -8,7 +8,14 @@ from pathlib import Path
 from time import monotonic
 from typing import TypeVar
 
-from tdcr_fe.commands.common import Exit, complain, cores, print_understood, progress_bar
+from tdcr_fe.commands.common import (
+    Exit,
+    complain,
+    complain_of_left_out,
+    cores,
+    print_understood,
+    progress_bar,
+)
 from tdcr_fe.identify.identification import NotSolved, identify
 from tdcr_fe.identify.report import write_result
 from tdcr_fe.identify.robots import identify_robots
@@ -51,9 +58,7 @@ def run(args: argparse.Namespace) -> int:
         hold_out_branches=tuple(args.hold_out),
         own_effects=read_own_effects(args.effects),
     )
-    for row in (row for s in sets for row in s.left_out):
-        args.noted.warnings.append(f"left out: {row}")
-        complain(f"left out: {row}")
+    complain_of_left_out(args, [row for s in sets for row in s.left_out])
     if args.robots:
         return _robots(args, sets, settings, out)
     data = join_measured(sets)

@@ -119,7 +119,7 @@ def _page(result: EstimateResult) -> Page:
     return Page(
         title=f"Estimated states of {result.estimation.data.robot.name}",
         verdict=f"The largest estimated force {where} is {largest}, at {frames[most].time:.4g} s.",
-        level="open" if result.interrupted else "part" if result.failed else "good",
+        level="open" if result.interrupted else "part" if result.failed or result.contradiction else "good",
         sentences=tuple(_sentences(result)),
         cards=(
             Card(str(len(frames)), "frames"),
@@ -147,6 +147,8 @@ def _sentences(result: EstimateResult) -> list[str]:
     data, failed = result.estimation.data, result.failed
     read = len({r.step for r in data.readings})
     found = [f"{count(len(data.readings), 'reading')} in {read} of {count(len(data.steps), 'frame')}."]
+    if text := result.contradiction:
+        found.append(f"{text[0].upper()}{text[1:]}.")
     if failed:
         first = next(f.message for f in result.frames if f.message)
         text = f"{count(len(failed), 'frame')} not solved, the first is step {failed[0]}: {first}"

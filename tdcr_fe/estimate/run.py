@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Callable
@@ -30,6 +31,11 @@ TOP = Keys(
     },
     {"load": {}},
 )
+
+
+#: Mean square of the innovations over their variance above which the readings contradict what is known of load and
+#: inputs. Right readings give 0.4 to 1.2, errors of all kinds twice as large as said 3.6, y of the other sign 52.
+CONTRADICTED = 4.0
 
 
 @dataclass(frozen=True)
@@ -70,6 +76,20 @@ class EstimateResult:
         """Numbers of the steps that were not solved, as the file has them."""
         ids = self.estimation.data.step_ids
         return tuple(n for n, frame in zip(ids, self.frames, strict=False) if frame.message)
+
+    @property
+    def contradiction(self) -> str:
+        """A sentence where the readings are far beyond what load, inputs and their noise explain; else empty."""
+        data, failed = self.estimation.data, self.failed
+        known = set(data.step_ids[: len(self.frames)]) - set(failed)
+        read = sum(r.step in known for r in data.readings)
+        squares = sum(frame.misfit for frame in self.frames if not frame.message)
+        if squares <= CONTRADICTED * read:
+            return ""
+        return (
+            f"the readings are {math.sqrt(squares / read):.2g} times as far from what is expected as their standard "
+            "deviations: axes, signs or units may be wrong, or sigma of load, inputs or readings is too small"
+        )
 
 
 def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
@@ -180,4 +200,6 @@ def run_estimation(
                 progress(frames[-1])
     except KeyboardInterrupt:
         interrupted = True
-    return EstimateResult(estimation, tuple(frames), interrupted)
+    result = EstimateResult(estimation, tuple(frames), interrupted)
+    issue(filter(None, [result.contradiction]))
+    return result

@@ -1,5 +1,6 @@
 """The command: exit statuses, output and files. The solver is replaced by a mock."""
 
+import argparse
 import dataclasses
 import json
 import os
@@ -12,6 +13,7 @@ from arcs import arc_result
 from inputs import ROBOT, SCENARIO, changed, write
 
 from tdcr_fe import cli
+from tdcr_fe.commands.common import Noted, complain_of_left_out
 from tdcr_fe.io.result_files import RESULT_FILES
 from tdcr_fe.model.results import Interrupted
 
@@ -175,3 +177,12 @@ def test_python_m_is_the_same_command(tmp_path):
     assert done.stderr == (
         f"tdcr-fe: 1 mistake in the input; nothing was written\n  {tmp_path / 'no.toml'}: no such file\n"
     )
+
+
+def test_of_many_rows_that_were_left_out_the_first_are_printed(capsys):
+    """All 225 rows of a table that holds everything twice were."""
+    args = argparse.Namespace(noted=Noted())
+    complain_of_left_out(args, list(range(225)))
+    printed = capsys.readouterr().err.splitlines()
+    assert len(printed) == 11 and printed[-1] == "tdcr-fe: left out: 215 more rows"
+    assert len(args.noted.warnings) == 225

@@ -126,3 +126,20 @@ def test_times_are_needed(folder, tmp_path, capsys):
         "time: estimation needs the time of every step [s]; it is missing in step 1"
         in capsys.readouterr().err
     )
+
+
+def test_coordinates_of_the_other_sign_are_doubted(folder, tmp_path, capsys):
+    """All frames were solved, with wrong forces and without a word."""
+    wrong = tmp_path / "set"
+    shutil.copytree(folder, wrong)
+    table = pd.read_csv(wrong / "observations.csv")
+    table.loc[table["quantity"] == "position_x", "value"] *= -1.0
+    table.to_csv(wrong / "observations.csv", index=False)
+    assert main(["estimate", str(wrong), "-o", str(tmp_path / "out")]) == 0
+    said = (
+        "times as far from what is expected as their standard deviations: axes, signs or units may be wrong"
+    )
+    assert said in capsys.readouterr().err
+    assert said in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert main(["estimate", str(folder), "-o", str(tmp_path / "out")]) == 0
+    assert said not in capsys.readouterr().err
