@@ -105,6 +105,9 @@ EFFECTS = [
     (lambda: changed("stuck_hole", tendon=7, s=0.1), "the robot has 3"),
 ]
 SOLVES = [
+    (lambda: tdcr.simulate(three(), FREE, PULL[0]), "steps is of type LoadStep; expected a list"),
+    (lambda: tdcr.simulate(three(), FREE, [{"tensions": {"t1": 1.0}}]), r"steps\[0\] is of type dict; expected"),
+    (lambda: tdcr.Disks.equally_spaced(0.2, 10), "count is of type float; expected a whole number"),
     (lambda: tdcr.simulate(three(), Model(), [LoadStep("", {"x": 1.0})]), r"steps\[0\].tensions.x = .* unknown tendon"),
     (lambda: tdcr.simulate(three(), Model(), [LoadStep("", {"t1": 1.0}, {"t1": 1e-3})]), "a tension in the same step"),
     (lambda: tdcr.simulate(three(), Model(), [LoadStep(loads={"far": Load(0.3)})]), "0.25 m"),

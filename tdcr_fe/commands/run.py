@@ -180,7 +180,7 @@ def figures(result: SequenceResult, asked: int) -> dict[str, Any]:
 def _report_failure(result: SequenceResult, scenario: Scenario, out: Path) -> int:
     interrupted = result.message.startswith("interrupted")
     number, total = result.failed_step, len(scenario.steps)
-    where = "the sequence"
+    where = "the run with a finer mesh"
     if number is not None and 1 <= number <= total:
         label = scenario.steps[number - 1].label
         where = f"step {number} of {total}" + (f' ("{label}")' if label else "")

@@ -19,11 +19,11 @@ from tdcr_fe.report.viewer import summary, view_page
 
 def view(args: argparse.Namespace) -> int:
     """Read the results and write the page, and what else was asked for."""
+    motion = read_motion(args.result)
     out = _file(args.out or str(Path(args.result) / VIEW_PAGE), (".html", ".htm"), "-o")
     film = None if args.video is None else _video(args.video)
     if args.vtk is not None:
         check_output_folder(args.vtk)
-    motion = read_motion(args.result)
     write_text(view_page(motion), out)
     say = (lambda text: None) if args.quiet else print
     say(f"{motion.name}: {summary(motion)}. Written: {_sized(out)}")

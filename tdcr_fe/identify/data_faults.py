@@ -186,7 +186,7 @@ def _tendon_readings(problem: FitProblem, declared: Fit) -> str:
         if len(grid.steps) >= EQUAL_STEPS:
             scales = {f"if they are in {other}": size for other, size in mistaken(unit).items()}
             if unit == "m":
-                way = "it is positive where a tendon is pulled in, negative where it is let out"
+                way = "they are positive where a tendon is pulled in"
                 scales[f"with the other sign: {way}"] = -1.0
             read = f"the readings of {family} fit"
             scaled = (grid.mended(grid.measured * x, f"{read} {text}") for text, x in scales.items())
@@ -353,9 +353,7 @@ def _steps(grid: _Grid) -> Iterator[_Fault]:
         here, there = slice(max(late, 0), n + min(late, 0)), slice(max(-late, 0), n - max(late, 0))
         moved[there] = grid.measured[here]
         count, way = "one step" if abs(late) == 1 else "two steps", "later" if late > 0 else "earlier"
-        text = (
-            f"the readings are shifted: {{since}}each step has those of {count} {way} in the loading sequence"
-        )
+        text = f"the readings are shifted: {{since}}those of each step stand {count} {way}"
         yield grid.mended(moved, text)
     r = (grid.measured[:, None] - grid.predicted[None, :]) / grid.sigma[:, None]
     both = np.isfinite(r)

@@ -34,6 +34,7 @@ from tdcr_fe.identify.sentences import (
 )
 from tdcr_fe.identify.settings import TABLES, OutOfTime
 from tdcr_fe.io.atomic import write_json, write_text
+from tdcr_fe.io.processes import interruption_deferred
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.model.channels import channel
 from tdcr_fe.report import page as kit
@@ -200,6 +201,10 @@ def write_result(
         log = replace(result.log, not_tried=(*result.log.not_tried, TABLES))
         result = replace(result, log=log)
         write_json(result.to_json(), folder / "result.json")
-    write_text(render(result, motion), folder / "report.html")
+    try:
+        with interruption_deferred():
+            write_text(render(result, motion), folder / "report.html")
+    except KeyboardInterrupt:
+        interrupted = True
     names = ["result.json", "report.html", *texts, *([] if motion is None else ["corrected"])]
     return Written(result, names, interrupted)

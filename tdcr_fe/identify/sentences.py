@@ -21,6 +21,7 @@ from tdcr_fe.identify.result import (
     Misfit,
     Verdict,
 )
+from tdcr_fe.model.messages import count
 from tdcr_fe.report.environment import DASH, SPACE, estimate, fixed, quantity, significant, words
 
 #: Least strain at which a backbone softens: nickel-titanium transforms near 1 %, polymers yield above it [1].
@@ -272,11 +273,9 @@ def _readings(result: IdentificationResult) -> list[str]:
     rows, outliers = len(result.data.left_out), len(result.residuals.outliers)
     found = []
     if rows:
-        found.append(f"{rows} faulty {'row was' if rows == 1 else 'rows were'} left out; see the list below.")
+        found.append(f"Left out, and listed in the report: {count(rows, 'faulty row')}.")
     if outliers:
-        found.append(
-            f"{outliers} {'reading is an outlier' if outliers == 1 else 'readings are outliers'}; see below."
-        )
+        found.append(f"Among the readings the report lists {count(outliers, 'outlier')}.")
     return found
 
 

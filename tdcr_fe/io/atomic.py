@@ -72,8 +72,9 @@ def check_output_folder(out: str | os.PathLike[str]) -> Path:
         above = out.absolute()
         while not above.exists():
             above = above.parent
-        if out.exists() and not out.is_dir():
-            wrong = "is a file; must be a directory or not exist yet"
+        if os.path.lexists(out) and not out.is_dir():
+            what = "a link to nowhere" if out.is_symlink() else "a file"
+            wrong = f"is {what}; must be a directory or not exist yet"
         elif not above.is_dir():
             wrong = f"{above} is a file; must be a directory"
         elif not os.access(above, os.W_OK | os.X_OK):

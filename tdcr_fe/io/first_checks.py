@@ -102,7 +102,7 @@ def impossible_place(data: MeasuredData) -> str:
         far = float(np.sqrt(np.median(list(by_step.values()))))
         if far > s + ELSEWHERE * data.robot.backbone.length:
             return (
-                f"the marker at s = {s:g} m is read {far:.4g} m from the base, where no backbone reaches that has this "
-                f"length: it sits at s = {far:.3g} m or beyond"
+                f"the marker at s = {s:g} m is read {far:.4g} m from the base, farther than the backbone reaches up to "
+                f"there: it must be at s = {far:.3g} m or beyond"
             )
     return ""

@@ -134,8 +134,8 @@ def read_measured(folder: str | os.PathLike[str]) -> MeasuredData:
     """
     folder = Path(folder)
     if not folder.is_dir():
-        allowed = "no such folder; must hold robot.toml, loading.csv, observations.csv"
-        raise refusal(folder, allowed)
+        what = "is a file" if folder.exists() else "no such folder"
+        raise refusal(folder, f"{what}; must be a folder with robot.toml, loading.csv, observations.csv")
     paths = [folder / "loading.csv", folder / "observations.csv"]
     of_model = folder / "model.toml"
     (robot, model, settings), loading, observed = read_all(

@@ -71,6 +71,25 @@ def sigterm_as_interrupt() -> Iterator[Termination]:
 
 
 @contextmanager
+def interruption_deferred() -> Iterator[None]:
+    """Let Ctrl-C wait until the block, of a second or two, has ended: some libraries make another error of it.
+
+    In another thread than the main one it changes nothing.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    received: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: received.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if received:
+        raise KeyboardInterrupt
+
+
+@contextmanager
 def worker_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
     """A pool of worker processes that ends with this process.
 

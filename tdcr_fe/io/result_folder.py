@@ -73,9 +73,14 @@ def _folder(folder: str | os.PathLike[str]) -> Path:
     if (path / CORRECTED / SUMMARY).is_file() and not (path / SUMMARY).is_file():
         path = path / CORRECTED
     if missing := [n for n in (SUMMARY, STEPS, SHAPE, TENSIONS) if not (path / n).is_file()]:
-        raise refusal(
-            path, f"no results of tdcr-fe run, follow or identify in this folder: {missing[0]} is missing"
+        what = (
+            f"{missing[0]} is missing"
+            if path.is_dir()
+            else "is a file"
+            if path.exists()
+            else "no such folder"
         )
+        raise refusal(path, f"{what}; must be a folder with results of tdcr-fe run, follow or identify")
     return path
 
 

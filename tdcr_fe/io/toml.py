@@ -85,6 +85,9 @@ class RobotParts:
 
 
 def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
+    if {"robot", "steps"} & data.keys():
+        name = data.get("robot", "the robot.toml")
+        raise refusal(reporter.file, f"is the file of a scenario; give its robot, {name}")
     before = len(reporter.problems)
     top, bad = ROBOT.read(data, "", reporter.mistake)
     backbone, length = _build_backbone(top["backbone"], reporter) if "backbone" in top else (None, None)
@@ -236,7 +239,7 @@ def read_toml(path: str | os.PathLike[str], named: Problem | None = None) -> tup
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
         key, value = f"line {line}", f"byte 0x{raw[error.start]:02x}"
-        reason = "is not UTF-8; save the file in that encoding"
+        reason = "not UTF-8; save the file as UTF-8"
     except tomllib.TOMLDecodeError as error:
         reason, _, where = str(error).partition(" (at ")
         key, value, reason = where.rstrip(")"), "", f"not TOML: {reason}"
@@ -261,9 +264,6 @@ def read_robot(path: str | os.PathLike[str]) -> Robot:
         With every mistake in the file.
     """
     data, _ = read_toml(path)
-    if {"robot", "steps"} & data.keys():
-        name = data.get("robot", "the robot.toml")
-        raise refusal(path, f"is the file of a scenario; give its robot, {name}")
     reporter = Reporter(str(path))
     robot = _build_robot(data, reporter).robot
     if reporter.problems or robot is None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.drives import DISPLACEMENT, DRIVES, TENSION, Drive, TendonDrives
 from tdcr_fe.elements.hysteresis import HysteresisKind
+from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.checks import model_contradictions, step_contradictions
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import Checked, Quantity
@@ -204,7 +205,10 @@ def resolve(robot: Robot, steps: Iterable[LoadStep]) -> list[Actuation]:
     loads: dict[str, Load] = {}
     time = 0.0
     result = []
+    hint = "LoadStep(tensions={'t1': 1.0})"
+    check_instance("loading sequence", "steps", steps, Iterable, f"a list such as [{hint}]")
     for number, step in enumerate(steps):
+        check_instance("loading sequence", f"steps[{number}]", step, LoadStep, f"such as {hint}")
         if found := [
             *step_contradictions(number, step, robot.tendon_names, robot.backbone.length, robot.tendons)
         ]:

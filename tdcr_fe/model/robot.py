@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from numbers import Integral
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import ARC_TOLERANCE, robot_contradictions
 from tdcr_fe.model.schema import Checked, Quantity
@@ -44,6 +46,9 @@ class Disks(Checked):
     @classmethod
     def equally_spaced(cls, count: int, length: float, **rest: float) -> Disks:
         """``count`` disks at equal distances, the last at the tip."""
+        check_instance(
+            "Disks.equally_spaced", "count", count, Integral, "a whole number, and then the length [m]"
+        )
         positions = tuple(float(x) for x in length * np.arange(1, count + 1) / count)
         return cls(positions=positions, **rest)
 

@@ -31,7 +31,7 @@ def refused(args, capsys):
 
 def test_a_folder_without_results_is_refused(tmp_path, capsys):
     text = refused([tmp_path], capsys)
-    assert "no results of tdcr-fe run, follow or identify in this folder: summary.json is missing" in text
+    assert "summary.json is missing; must be a folder with results of tdcr-fe run, follow or identify" in text
     assert list(tmp_path.iterdir()) == []
 
 

@@ -44,6 +44,12 @@ def test_a_complete_run_removes_what_a_killed_one_left(tmp_path):
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["a.csv"]
 
 
+def test_a_link_to_nowhere_is_refused_before_anything_is_solved(tmp_path):
+    (tmp_path / "out").symlink_to("nowhere")
+    with pytest.raises(InputError, match="is a link to nowhere; must be a directory"):
+        check_output_folder(tmp_path / "out")
+
+
 def test_json_has_null_for_numbers_that_are_not_finite_and_lists_for_arrays(tmp_path):
     write_json(
         {"a": math.nan, "b": np.arange(2.0), "c": np.float64(0.5), "d": (1, math.inf)}, tmp_path / "x.json"

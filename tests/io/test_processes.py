@@ -10,12 +10,30 @@ from pathlib import Path
 import pytest
 from interrupts import start_python
 
-from tdcr_fe.io.processes import STATUS_SIGINT, STATUS_SIGTERM, Terminated, sigterm_as_interrupt, worker_pool
+from tdcr_fe.io.processes import (
+    STATUS_SIGINT,
+    STATUS_SIGTERM,
+    Terminated,
+    interruption_deferred,
+    sigterm_as_interrupt,
+    worker_pool,
+)
 from tdcr_fe.io.store import OtherHead
 from tdcr_fe.validation.records import Records, solve_all
 
 #: Time that workers may take to end after their parent [s].
 LIMIT = 20.0
+
+
+def test_ctrl_c_waits_for_the_end_of_a_block():
+    """A library that draws made a ValueError of it."""
+    done = []
+    with pytest.raises(KeyboardInterrupt), interruption_deferred():
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.01)
+        done.append(True)
+    assert done and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
 
 PARENT = """
 import os, sys, time

@@ -102,7 +102,8 @@ ROWS = {
         Robot(Backbone(0.3, 12e-3, 400.0, 0.45), tendons=(Tendon("t1", ParallelRouting(9e-3)),)), Model(), [],
         "backbone.youngs_modulus = 400 Pa: outside", "or kPa?"),
     # Others.
-    "radius in mm": (WIRE.with_backbone(radius=0.5), Model(), PULL, "backbone.radius = 0.5 m: not thinner", "in mm or cm?"),
+    "radius in mm": (
+        WIRE.with_backbone(radius=0.5), Model(), PULL, "backbone.radius = 0.5 m: not thinner", "in mm or cm?"),
     "all lengths in mm": (
         Robot(replace(BACKBONE, length=200.0, radius=0.4), Disks.equally_spaced(13, 200.0, radius=5.0)), Model(), [],
         "backbone.length = 200 m", "in mm or cm?"),
