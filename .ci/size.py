@@ -30,7 +30,7 @@ BUDGET = {
     "tdcr_fe/commands": 1044,
     "tdcr_fe/effects": 1304,
     "tdcr_fe/estimate": 1044,
-    "tdcr_fe/identify": 6411,
+    "tdcr_fe/identify": 6412,
     "tdcr_fe/io": 1986,
     "tdcr_fe/live": 375,
     "tdcr_fe/model": 2787,

@@ -38,7 +38,7 @@ from tdcr_fe.identify.settings import (
     clock,
 )
 from tdcr_fe.identify.verdict import Found, conclude
-from tdcr_fe.io.first_checks import first_checks
+from tdcr_fe.io.first_checks import first_checks, with_columns
 from tdcr_fe.io.measured import MeasuredData, without_unread_steps
 from tdcr_fe.io.user_effects import check_on
 from tdcr_fe.model.arguments import check_instance
@@ -229,7 +229,8 @@ def declared_state(problem: FitProblem, run: Run) -> SearchState:
     declared = fit_of_run(problem, (), {}, run)
     if not declared.solved:
         hint = other_sign_solves(problem)
-        message = f"the declared model does not follow the loading sequence: {declared.run.message}"
+        reason = with_columns(declared.run.message, problem.data)
+        message = f"the declared model does not follow the loading sequence: {reason}"
         raise NotSolved(f"{message}{' ' if hint else ''}{hint}")
     problem = replace(problem, robust_threshold=robust_threshold(declared.residual))
     return SearchState.start(problem, fit_of_run(problem, (), {}, run))

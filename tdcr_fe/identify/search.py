@@ -372,7 +372,7 @@ def grow(search: Search, state: SearchState) -> Stage:
         pool: list[Proposal] = []
         for propose, parent in tries:
             beside = listed_names(parent.names) or "the declared model"
-            search.report(f"round {number}: candidates beside {beside}", progress)
+            search.report(f"round {number}: candidates in addition to {beside}", progress)
             tried = (frozenset(parent.names), propose.__name__)
             state = replace(state, extended=state.extended | {tried})
             state, new = propose(search, state, parent)

@@ -301,7 +301,7 @@ def estimates(problem: FitProblem, best: Fit, e: Effect, deviation: Array) -> di
     for p in e.parameters:
         value = best.values[e.name][p.name]
         null = e.null_values(problem.experiment)[p.name]
-        kept = "left at its null value" if value == null else "it changes nothing beside the other values"
+        kept = "left at its null value" if value == null else "it changes nothing besides the other values"
         error, note = None, f"not determined by these data; {kept}"
         if (e.name, p.name) in best.free:
             note = ""

@@ -30,12 +30,12 @@ def first_checks(data: MeasuredData) -> dict[type[TDCRWarning], list[str]]:
     try:
         warned, remarks = plausibility(data.robot, data.model, data.steps)
     except ValueError as error:
-        raise InputError([Problem(data.name, "", "", _columns(str(error), data))]) from error
+        raise InputError([Problem(data.name, "", "", with_columns(str(error), data))]) from error
     warned += [impossible_place(data), large_sigma(data, data.input_sigma, "model.toml")]
     if not any(warned):
         remarks.append(_other_bend(data))
     found = {PlausibilityWarning: warned, PlausibilityRemark: remarks}
-    return {category: [_columns(x, data) for x in texts if x] for category, texts in found.items()}
+    return {category: [with_columns(x, data) for x in texts if x] for category, texts in found.items()}
 
 
 def large_sigma(data: MeasuredData, sigmas: Iterable[float], file: str) -> str:
@@ -47,7 +47,7 @@ def large_sigma(data: MeasuredData, sigmas: Iterable[float], file: str) -> str:
     return f"{file}: inputs.sigma = {sigma:g}: larger than every input; the largest is {largest:g}"
 
 
-def _columns(text: str, data: MeasuredData) -> str:
+def with_columns(text: str, data: MeasuredData) -> str:
     """A sentence with the columns of loading.csv in place of keys of a scenario."""
 
     def column(found: re.Match[str]) -> str:

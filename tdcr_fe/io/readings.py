@@ -136,7 +136,7 @@ def read_observations(
             at = reading.location
             key = (reading.step, reading.quantity, round(at, 7) if isinstance(at, float) else at)
             if key in seen:
-                text = f"the same quantity at the same location and step stands in line {seen[key]}"
+                text = f"the same quantity at the same location and step is in line {seen[key]}"
                 raise _Fault("step", f"{text}; that one is kept")
         except _Fault as fault:
             found, quantity = str(row[fault.column]), str(row["quantity"])

@@ -44,7 +44,7 @@ class InputsOverTime:
             Not one finite number per tendon, or a negative tension.
         """
         where = f"robot {self.actuation.name!r}: the function of set_inputs_over_time, at time {t:g} s"
-        expected = f"a number for each of {len(self.names)} tendons ({', '.join(self.names)})"
+        expected = f"a list with one number for every tendon ({', '.join(self.names)})"
         try:
             values = np.array(self.function(t), dtype=float)
         except (TypeError, ValueError) as wrong:

@@ -95,10 +95,10 @@ def test_a_tension_set_after_inputs_over_time_leaves_the_other_tendons_as_they_a
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ([1.0], r"returned \[1.0\]; must be a number for each of 3 tendons"),
+        ([1.0], r"returned \[1.0\]; must be a list with one number for every tendon"),
         ([0.1, -0.5, 0.1], r"returned -0.5 for tendon 't2'; must be finite, a tension >= 0"),
         ([0.1, 0.1, float("nan")], "returned nan for tendon 't3'"),
-        ("fast", "must return a number for each of 3 tendons"),
+        ("fast", "must return a list with one number for every tendon"),
     ],
 )
 @pytest.mark.parametrize("solver", ["SolveTDCR", "SolveStatic", "SolveDynamic"])
