@@ -29,7 +29,7 @@ def view(args: argparse.Namespace) -> int:
     say(f"{motion.name}: {summary(motion)}. Written: {_sized(out)}")
     if args.vtk is not None:
         written = write_vtk(motion, args.vtk)
-        say(f"Written: {written[0].parent / 'robot.pvd'} and {count(len(written) - 1, 'file')} beside it")
+        say(f"Written: {written[0].parent / 'robot.pvd'} and {count(len(written) - 1, 'file')} next to it")
     if film is not None:
         _write_video(motion, film, args)
         say(f"Written: {_sized(film)}")

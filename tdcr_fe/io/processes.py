@@ -85,8 +85,8 @@ def interruption_deferred() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-    if received:
-        raise KeyboardInterrupt
+    if received and callable(before):
+        before(received[0], None)
 
 
 @contextmanager

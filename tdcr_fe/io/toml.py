@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -242,7 +243,8 @@ def read_toml(path: str | os.PathLike[str], named: Problem | None = None) -> tup
         reason = "not UTF-8; save the file as UTF-8"
     except tomllib.TOMLDecodeError as error:
         reason, _, where = str(error).partition(" (at ")
-        key, value, reason = where.rstrip(")"), "", f"not TOML: {reason}"
+        hint = "; write a decimal point" if re.search(rb"=\s*[+-]?\d+,\d", raw) else ""
+        key, value, reason = where.rstrip(")"), "", f"not TOML: {reason}{hint}"
     except (ValueError, RecursionError) as error:
         key, value, reason = "", "", f"not TOML that can be read: {str(error).partition(';')[0]}"
     else:

@@ -137,9 +137,7 @@ def tendon_contradictions(index: int, tendon: Tendon, disks: Disks, length: floa
     """What is wrong with one tendon, given valid disks on a backbone of that length [m]."""
     key = f"tendons[{index}]"
     if tendon.friction is not None and tendon.friction_coefficient != 0.0:
-        text = (
-            f"must be left out beside the friction law {tendon.friction.kind!r}, which gives the coefficient"
-        )
+        text = f"must be left out: the friction law {tendon.friction.kind!r} gives the coefficient"
         yield Contradiction(f"{key}.friction_coefficient", f"{tendon.friction_coefficient:g}", text)
     if tendon.pretension > 0.0 and tendon.axial_stiffness is None:
         text = "needs an elastic tendon; give its axial_stiffness [N], or leave pretension out"

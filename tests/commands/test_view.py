@@ -75,7 +75,7 @@ def test_video_and_vtk_are_written_beside_the_page(tmp_path, capsys):
     args = ["view", str(folder), "--vtk", str(tmp_path / "vtk"), "--video", str(tmp_path / "robot.gif")]
     assert cli.main(args) == 0
     said = capsys.readouterr().out
-    assert "robot.pvd and 2 files beside it" in said and "robot.gif (" in said
+    assert "robot.pvd and 2 files next to it" in said and "robot.gif (" in said
     assert len(list((tmp_path / "vtk").iterdir())) == 3
     assert (tmp_path / "robot.gif").read_bytes()[:4] == b"GIF8"
 

@@ -217,6 +217,7 @@ UNREADABLE = [
     ("x = = 1", "line 1, column 5", "not TOML"),
     ("[a\n", "line 1, column 3", "not TOML"),
     ("a = 1\na = 2\n", "line 2, column 6", "not TOML"),
+    ("a = 0,2\n", "line 1, column 6", "write a decimal point"),
     (b'name = "x"\nb = "\xff"\n', "line 2", "not UTF-8"),
     ("a = " + "1" * 5000, "", "not TOML that can be read"),
     ("a = " + "[" * 20000, "", "not TOML"),

@@ -27,12 +27,15 @@ LIMIT = 20.0
 
 def test_ctrl_c_waits_for_the_end_of_a_block():
     """A library that draws made a ValueError of it."""
-    done = []
-    with pytest.raises(KeyboardInterrupt), interruption_deferred():
-        os.kill(os.getpid(), signal.SIGINT)
-        time.sleep(0.01)
-        done.append(True)
-    assert done and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    done, before = [], signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt), interruption_deferred():
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.01)
+            done.append(True)
+        assert done and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 PARENT = """
