@@ -31,7 +31,7 @@ BUDGET = {
     "tdcr_fe/effects": 1304,
     "tdcr_fe/estimate": 1044,
     "tdcr_fe/identify": 6412,
-    "tdcr_fe/io": 1988,
+    "tdcr_fe/io": 1982,
     "tdcr_fe/live": 375,
     "tdcr_fe/model": 2785,
     "tdcr_fe/report": 1215,

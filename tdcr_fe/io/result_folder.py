@@ -73,13 +73,7 @@ def _folder(folder: str | os.PathLike[str]) -> Path:
     if (path / CORRECTED / SUMMARY).is_file() and not (path / SUMMARY).is_file():
         path = path / CORRECTED
     if missing := [n for n in (SUMMARY, STEPS, SHAPE, TENSIONS) if not (path / n).is_file()]:
-        what = (
-            f"{missing[0]} is missing"
-            if path.is_dir()
-            else "is a file"
-            if path.exists()
-            else "no such folder"
-        )
+        what = f"{missing[0]} is missing" if path.exists() else "no such folder"
         raise refusal(path, f"{what}; must be a folder with results of tdcr-fe run, follow or identify")
     return path
 
