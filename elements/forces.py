@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class GroundSprings:
+class SideSprings:
     """Linear springs from nodes to ground."""
 
     nodes: NDArray[np.int_]  # (q,): Of the backbone; a node may occur several times
@@ -62,7 +62,7 @@ class ForceModel:
     geometry: CableGeometry | None  # The tendons as cables; None where they follow the backbone
     law: TendonLaw  # How tension passes along them
     section: SectionForces | None  # Forces inside the section; None where there are none
-    springs: GroundSprings | None = None  # From single nodes to ground
+    springs: SideSprings | None = None  # From single nodes to ground
 
     @cached_property
     def columns(self) -> NDArray[np.int_] | None:

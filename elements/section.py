@@ -1,6 +1,6 @@
 """Forces that act inside the backbone's section: tendons that follow it, superelastic bending, nonlinear fibres.
 
-Both are gradients of an energy with respect to the relative twist ``xi`` of an element (length times strain),
+All are gradients of an energy with respect to the relative twist ``xi`` of an element (length times strain),
 so their nodal wrenches are ``-B^T dE/dxi`` with the strain matrix ``B`` of `strain_matrices`. The classical tendon
 of tension ``T`` has the energy ``T`` times its length, whose variation is the distributed wrench of the paper's
 Eq. 9 together with the point wrench where the tendon ends (derivation: docs/theory.md, section

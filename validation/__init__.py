@@ -1,1 +1,1 @@
-"""Validation of the finite-element model: independent reference, the paper, and blind data."""
+"""Validation: `crosscheck` (``tdcr-fe validate``) and the campaigns of ``python -m tdcr_fe.validation``."""

@@ -1,4 +1,4 @@
-"""Exudyn's items of a robot: its system, the numbers of its items, and whether they are where they were made.
+"""Numbers of a robot's items in Exudyn, its system, and whether they are where they were made.
 
 A system keeps what is stored in ``mbs.variables`` and the user functions of its items. If these kept the system in
 turn, neither would ever be freed: Python does not see the references that Exudyn holds.

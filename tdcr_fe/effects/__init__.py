@@ -37,7 +37,7 @@ EFFECTS: tuple[Effect, ...] = (
     by_tendon.Pretension(),
     places.SoftBay(),
     places.Kink(),
-    places.SpringToGround(),
+    places.SideSpringEffect(),
     places.StuckHole(),
     observation.MarkerOffset(),
     observation.FrameMisalignment(),

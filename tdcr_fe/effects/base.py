@@ -184,7 +184,7 @@ class Effect:
     Attributes
     ----------
     name : str
-        As in `formats`.
+        As in the table ``[effects]`` of ``scenario.toml``.
     description : str
         What it is, and where it comes from in a real robot.
     separating_experiment : str

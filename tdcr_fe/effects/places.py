@@ -227,7 +227,7 @@ def _with_patch(experiment: Experiment, s: float, **changes: Any) -> Experiment:
     return experiment.with_backbone(patches=(*experiment.robot.backbone.patches, patch))
 
 
-class SpringToGround(PlaceEffect):
+class SideSpringEffect(PlaceEffect):
     """A spring from one place of the backbone to ground.
 
     Something restrains the robot at one place: a cable, a hose, a compliant wall.

@@ -18,8 +18,8 @@ from tdcr_fe.model.robot import Robot
 #: A cause without a name is a priori by this factor less probable than one of the list, as a logarithm.
 UNNAMED = 2.0
 
-#: A cause that is not in the dictionary, and that causes of it together look like, is a priori by this factor less
-#: probable than one of the list, as a logarithm.
+#: A cause that is not in the dictionary, and that several causes of the dictionary together imitate, is a priori by
+#: this factor less probable than one of the list, as a logarithm.
 UNLISTED = 7.0
 
 #: What the choice of a cause from the list costs, as a logarithm.

@@ -162,7 +162,7 @@ def worth_fitting(
 ) -> list[Proposal]:
     """Candidates beside a model that promise more than chance and leave degrees of freedom, the most promising first.
 
-    The residual that one predicts is not taken below the noise and the error of first order: there, simpler candidates
+    A predicted misfit below the noise and the error of first order counts as that limit, so that simpler candidates
     come first. ``reference``: the model with another run, from which fits begin.
     """
     noise, found = reduced_chi_square(problem, parent), []

@@ -1,7 +1,8 @@
 """Coefficients of friction at the holes: constant, Stribeck, dependent on the normal force.
 
 The annotated fields of a law are the keys of its table in ``robot.toml``. Adding one takes a class here and its name in
-`FRICTION_COEFFICIENTS`; docs/architecture.md, section "Nine extension points", has an example.
+`FRICTION_COEFFICIENTS`; docs/architecture.md, section "Nine extension points", has an example. Friction with
+memory is in `tdcr_fe.elements.hysteresis`, the share of friction states among holes in `tdcr_fe.elements.friction`.
 """
 
 from __future__ import annotations

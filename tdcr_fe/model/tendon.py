@@ -18,11 +18,11 @@ class TightHole(Checked):
     ----------
     at : float
         Arc length of a disk between base plate and anchor [m].
-    drop : float
-        Tension that it takes at most [N]; a few times the largest tension holds the tendon fast. None is that of the
-        tendon's other holes, its adhesion.
+    drop : float or None
+        Tension that it takes at most [N]; a few times the largest tension holds the tendon fast. None: the adhesion of
+        the tendon.
     friction_coefficient : float or None
-        Coefficient of friction at this hole [1]. None is that of the tendon.
+        Coefficient of friction at this hole [1]. None: that of the tendon.
     """
 
     at: Annotated[float, Quantity(unit="m", gt=0.0)]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, reference_poses
-from tdcr_fe.elements.forces import ForceModel, GroundSprings
+from tdcr_fe.elements.forces import ForceModel, SideSprings
 from tdcr_fe.elements.friction import FRICTION_MODELS, TendonLaw, TendonParameters
 from tdcr_fe.elements.hysteresis import Hysteresis
 from tdcr_fe.elements.section import (
@@ -61,7 +61,7 @@ def force_model(
         lengths = section.tendons.evaluate(mesh.reference_twists, mesh.lengths)[0][:, None]
         mask = np.ones_like(lengths, dtype=bool)
     law = tendon_law(robot, model.friction, lengths, mask, hysteresis)
-    return ForceModel(mesh, hole_nodes, geometry, law, section, ground_springs(robot, mesh, base))
+    return ForceModel(mesh, hole_nodes, geometry, law, section, side_springs(robot, mesh, base))
 
 
 # ---------------------------------------------------------------- tendons
@@ -129,7 +129,7 @@ def tendon_law(robot: Robot, friction: str, lengths: Array, mask: Mask, hysteres
     return TendonLaw(parameters, FRICTION_MODELS[friction], hysteresis)
 
 
-def ground_springs(robot: Robot, mesh: BackboneMesh, base: BasePose | None) -> GroundSprings | None:
+def side_springs(robot: Robot, mesh: BackboneMesh, base: BasePose | None) -> SideSprings | None:
     """Springs from the backbone to ground, at rest where the unloaded robot is; None where there are none.
 
     Parameters
@@ -146,7 +146,7 @@ def ground_springs(robot: Robot, mesh: BackboneMesh, base: BasePose | None) -> G
     nodes = np.array([mesh.node_at(spring.at, ARC_TOLERANCE) for spring in robot.springs])
     sideways = base.rotation @ np.diag([1.0, 1.0, 0.0]) @ base.rotation.T
     stiffness = np.array([spring.stiffness for spring in robot.springs])[:, None, None] * sideways
-    return GroundSprings(nodes, stiffness, positions[nodes])
+    return SideSprings(nodes, stiffness, positions[nodes])
 
 
 # ---------------------------------------------------------------- section

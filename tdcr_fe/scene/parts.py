@@ -1,4 +1,4 @@
-"""Exudyn's items of a robot: disks, tip mass, gravity, the joint of the base, markers and connectors of the tendons."""
+"""Adds Exudyn's items of a robot: disks, tip mass, gravity, base joint, damping, markers, connectors of the tendons."""
 
 from __future__ import annotations
 

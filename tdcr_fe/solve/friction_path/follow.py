@@ -233,11 +233,11 @@ def _integrated(
     last = _LastReversals(np.zeros(holes), z[:holes].copy(), np.zeros(holes))
     state = evaluated(slips, factor, z, tension)
     tension, start_slip, unclipped = state.tension, state.slip, no_free_unknowns()
-    evaluation, known, shortenings = _Evaluation(factor, tension, largest(tension)), True, 0
+    evaluation, up_to_date, shortenings = _Evaluation(factor, tension, largest(tension)), True, 0
     for _ in range(most):
-        if not known:
+        if not up_to_date:
             state = evaluated(slips, factor, z, tension)
-            tension, known = state.tension, True
+            tension, up_to_date = state.tension, True
             evaluation = _Evaluation(factor, tension, largest(tension))
             z, state, unclipped = projected(constraints, z, state, unknowns)
         side, slack = sides(unknowns.bounds, z), np.maximum(-state.slip[holes:], 0.0)
@@ -245,21 +245,24 @@ def _integrated(
         rates = solve_rates(state.derivatives, side, fixed, unknowns.scale, unknowns.tolerance)
         if not (rates.found and isfinite(rates.complement.dot(rates.complement))):
             break
-        turned = ((rates.side == 0.0) & (side != 0.0))[:holes].nonzero()[0]
-        if turned.size and not _is_near(evaluation, factor, tension, REUSED_FOR_REVERSAL):
-            known = False
+        reversing = ((rates.side == 0.0) & (side != 0.0))[:holes].nonzero()[0]
+        if reversing.size and not _is_near(evaluation, factor, tension, REUSED_FOR_REVERSAL):
+            up_to_date = False
             continue
-        if turned.size and count > 0 and shortenings < MOST_SHORTENINGS:
+        if reversing.size and count > 0 and shortenings < MOST_SHORTENINGS:
             # Slips that reverse here may have done so before.
-            fraction = _fraction_before_reversal(state, path, count - 1, turned, side, unclipped, unknowns)
+            fraction = _fraction_before_reversal(state, path, count - 1, reversing, side, unclipped, unknowns)
             if fraction < 1.0:
                 path.length[count - 1] *= fraction
                 factor, z, tension = end_of_segment(path, count - 1, unknowns.bounds)
-                known, shortenings = False, shortenings + 1
+                up_to_date, shortenings = False, shortenings + 1
                 continue
-        if turned.size:
-            last.slip[turned], last.mobilisation[turned] = (state.slip - start_slip)[turned], side[turned]
-            last.factor[turned] = factor
+        if reversing.size:
+            last.slip[reversing], last.mobilisation[reversing] = (
+                (state.slip - start_slip)[reversing],
+                side[reversing],
+            )
+            last.factor[reversing] = factor
         shortenings = 0
         set_free(constraints, rates.side == 0.0, z, state, unknowns)
         if factor >= breakpoints[passed] - NEAR_BOUND:
@@ -271,9 +274,11 @@ def _integrated(
         set_segment(path, count, segment)
         factor, z, tension = end_of_segment(path, count, unknowns.bounds)
         count += 1
-        known = factor < breakpoints[passed] - NEAR_BOUND and _is_near(evaluation, factor, tension, 1.0)
-        known = known and not left_branch(state.derivatives, branches_at(slips.transfer, z, tension))
-        if known:
+        up_to_date = factor < breakpoints[passed] - NEAR_BOUND and _is_near(evaluation, factor, tension, 1.0)
+        up_to_date = up_to_date and not left_branch(
+            state.derivatives, branches_at(slips.transfer, z, tension)
+        )
+        if up_to_date:
             state = extrapolated(state, segment.length, tension, rates.rate, rates.complement)
             unclipped = no_free_unknowns()
     return z, last, path, count, False

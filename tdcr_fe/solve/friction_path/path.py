@@ -98,7 +98,7 @@ def end_of_segment(path: PathSegments, i: int, bounds: Bounds) -> tuple[float, A
     return along_segment(path, i, path.length[i], bounds)
 
 
-class Turn(NamedTuple):
+class PathReversal(NamedTuple):
     """A place on a path where slips reverse."""
 
     factor: float  # Load factor within the substep [1]
@@ -134,7 +134,7 @@ class FrictionPath(NamedTuple):
         _, unknowns, tension = along_segment(self.segments, i, factor - self.segments.start[i], self.bounds)
         return unknowns, tension
 
-    def turns(self, sticks: Flags) -> list[Turn]:
+    def reversals(self, sticks: Flags) -> list[PathReversal]:
         """Reversals on which the end of the substep depends, by load factor.
 
         The mobilisation of a hole that sticks counts from its last reversal; that of one that slips does not depend on
@@ -156,15 +156,15 @@ class FrictionPath(NamedTuple):
                 changed = (before == 0.0) & (after != 0.0)
                 changed[k:] |= (before[k:] != 0.0) & (after[k:] == 0.0)
                 arrives = int(changed.argmax()) if changed.any() else -1
-                found.append(Turn(float(segments.start[i]), here, before, arrives))
+                found.append(PathReversal(float(segments.start[i]), here, before, arrives))
                 counts = (counts & ~here) | (before[:k] == 0.0)
         return found[::-1]
 
     def insensitive_holes(self, error: Array, presliding: Array) -> Flags:
         """Holes whose mobilisation at the end does not depend on an error of the slips, shape (k,).
 
-        They slip up to the end in one direction, faster than the error changes, and that all the time or over a
-        distance that leaves nothing of their history.
+        They slip in one direction until the end, faster than the error changes, either throughout or far enough to
+        leave nothing of their history.
 
         Parameters
         ----------

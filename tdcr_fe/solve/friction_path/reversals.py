@@ -255,7 +255,7 @@ class Reversals(NamedTuple):
 
     @property
     def total(self) -> float:
-        """Largest displacement of a node where they are left out of account, over the length [1]."""
+        """Largest displacement of a node if they are ignored, over the length [1]."""
         return self.effect + self.error
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.friction_path.known_states import Span
-from tdcr_fe.solve.friction_path.path import Turn
+from tdcr_fe.solve.friction_path.path import PathReversal
 from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons
 from tdcr_fe.solve.load_steps.load_path import SolvedSubstep, StepFailed
 from tdcr_fe.solve.load_steps.states_within import solve_from_end, solve_within
@@ -51,16 +51,18 @@ def reversal_points(solver: SubstepSolver, substep: SolvedSubstep) -> list[Rever
     known, path, _ = substep.located
     numbering, holes = known.end.numbering, known.taut.holes
     ends = np.abs(numbering.at_frictional_holes(substep.state.mobilisation)) < 1.0
-    return [_point(solver, substep, turn) for turn in path.turns(ends[holes])]
+    return [_point(solver, substep, reversal) for reversal in path.reversals(ends[holes])]
 
 
-def _point(solver: SubstepSolver, substep: SolvedSubstep, turn: Turn) -> ReversalPoint:
+def _point(solver: SubstepSolver, substep: SolvedSubstep, reversal: PathReversal) -> ReversalPoint:
     """The state at one reversal."""
     assert substep.located is not None
     known, path, _ = substep.located
     numbering, taut, k = known.end.numbering, known.taut, len(known.taut.holes)
-    load_factor = known.span.load_factor(turn.factor)
-    found = solve_within(solver, known, path, turn.factor) or solve_from_end(solver, known, path, turn.factor)
+    load_factor = known.span.load_factor(reversal.factor)
+    found = solve_within(solver, known, path, reversal.factor) or solve_from_end(
+        solver, known, path, reversal.factor
+    )
     if found is None:
         message = (
             f"no equilibrium where slips reverse, at load factor {load_factor:.4f}, for the derivatives there"
@@ -68,11 +70,11 @@ def _point(solver: SubstepSolver, substep: SolvedSubstep, turn: Turn) -> Reversa
         raise StepFailed(message, load_factor, np.nan, known.start.state, 0)
     state = found.state
     tense = [tension.copy() for tension in state.base_tension]
-    for robot, tendon, side in zip(*_driven(taut), turn.side[k:], strict=True):
+    for robot, tendon, side in zip(*_driven(taut), reversal.side[k:], strict=True):
         tense[robot][tendon] = max(tense[robot][tendon], TAUT) if side == 0.0 else 0.0
     sticks = np.abs(numbering.at_frictional_holes(state.mobilisation)) < 1.0
-    sticks[taut.holes] = turn.side[:k] == 0.0
-    arrives = np.arange(len(turn.side)) == turn.arrives
+    sticks[taut.holes] = reversal.side[:k] == 0.0
+    arrives = np.arange(len(reversal.side)) == reversal.arrives
     pulling = [np.zeros(len(tension), dtype=bool) for tension in tense]
     for robot, tendon, one in zip(*_driven(taut), arrives[k:], strict=True):
         pulling[robot][tendon] = one
@@ -80,7 +82,7 @@ def _point(solver: SubstepSolver, substep: SolvedSubstep, turn: Turn) -> Reversa
         load_factor,
         state._replace(base_tension=tuple(tense), friction=substep.located.history),
         _by_robot(numbering, state, sticks),
-        _by_robot(numbering, state, _among_all(numbering, taut, state, turn.reverses)),
+        _by_robot(numbering, state, _among_all(numbering, taut, state, reversal.reverses)),
         _by_robot(numbering, state, _among_all(numbering, taut, state, arrives[:k])),
         tuple(pulling),
         *_rates(solver, known.span, found, load_factor),

@@ -20,7 +20,7 @@ from tdcr_fe.elements.friction import TendonLaw, TendonParameters
 from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
 from tdcr_fe.elements.section import SectionForces
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
-from tdcr_fe.scene.forces import force_model, ground_springs, tendon_law
+from tdcr_fe.scene.forces import force_model, side_springs, tendon_law
 from tdcr_fe.scene.mesh import build_mesh, softened
 from tdcr_fe.scene.parts import BasePose
 
@@ -71,7 +71,7 @@ class RobotModel:
                 law = tendon_law(robot, model.friction, unloaded.lengths, unloaded.mask, hysteresis)
                 forces = replace(forces, law=law)
             if before.robot.springs != robot.springs:
-                forces = replace(forces, springs=ground_springs(robot, mesh, base))
+                forces = replace(forces, springs=side_springs(robot, mesh, base))
         else:
             forces = force_model(robot, model, mesh, rigid, hysteresis, base)
             if similar is not None and _same(_tendon_arrays(forces), _tendon_arrays(similar.forces)):
