@@ -233,11 +233,11 @@ def _integrated(
     last = _LastReversals(np.zeros(holes), z[:holes].copy(), np.zeros(holes))
     state = evaluated(slips, factor, z, tension)
     tension, start_slip, unclipped = state.tension, state.slip, no_free_unknowns()
-    evaluation, up_to_date, shortenings = _Evaluation(factor, tension, largest(tension)), True, 0
+    evaluation, current, shortenings = _Evaluation(factor, tension, largest(tension)), True, 0
     for _ in range(most):
-        if not up_to_date:
+        if not current:
             state = evaluated(slips, factor, z, tension)
-            tension, up_to_date = state.tension, True
+            tension, current = state.tension, True
             evaluation = _Evaluation(factor, tension, largest(tension))
             z, state, unclipped = projected(constraints, z, state, unknowns)
         side, slack = sides(unknowns.bounds, z), np.maximum(-state.slip[holes:], 0.0)
@@ -247,7 +247,7 @@ def _integrated(
             break
         reversing = ((rates.side == 0.0) & (side != 0.0))[:holes].nonzero()[0]
         if reversing.size and not _is_near(evaluation, factor, tension, REUSED_FOR_REVERSAL):
-            up_to_date = False
+            current = False
             continue
         if reversing.size and count > 0 and shortenings < MOST_SHORTENINGS:
             # Slips that reverse here may have done so before.
@@ -255,13 +255,11 @@ def _integrated(
             if fraction < 1.0:
                 path.length[count - 1] *= fraction
                 factor, z, tension = end_of_segment(path, count - 1, unknowns.bounds)
-                up_to_date, shortenings = False, shortenings + 1
+                current, shortenings = False, shortenings + 1
                 continue
         if reversing.size:
-            last.slip[reversing], last.mobilisation[reversing] = (
-                (state.slip - start_slip)[reversing],
-                side[reversing],
-            )
+            last.slip[reversing] = (state.slip - start_slip)[reversing]
+            last.mobilisation[reversing] = side[reversing]
             last.factor[reversing] = factor
         shortenings = 0
         set_free(constraints, rates.side == 0.0, z, state, unknowns)
@@ -274,11 +272,9 @@ def _integrated(
         set_segment(path, count, segment)
         factor, z, tension = end_of_segment(path, count, unknowns.bounds)
         count += 1
-        up_to_date = factor < breakpoints[passed] - NEAR_BOUND and _is_near(evaluation, factor, tension, 1.0)
-        up_to_date = up_to_date and not left_branch(
-            state.derivatives, branches_at(slips.transfer, z, tension)
-        )
-        if up_to_date:
+        current = factor < breakpoints[passed] - NEAR_BOUND and _is_near(evaluation, factor, tension, 1.0)
+        current = current and not left_branch(state.derivatives, branches_at(slips.transfer, z, tension))
+        if current:
             state = extrapolated(state, segment.length, tension, rates.rate, rates.complement)
             unclipped = no_free_unknowns()
     return z, last, path, count, False

@@ -51,18 +51,16 @@ def reversal_points(solver: SubstepSolver, substep: SolvedSubstep) -> list[Rever
     known, path, _ = substep.located
     numbering, holes = known.end.numbering, known.taut.holes
     ends = np.abs(numbering.at_frictional_holes(substep.state.mobilisation)) < 1.0
-    return [_point(solver, substep, reversal) for reversal in path.reversals(ends[holes])]
+    return [_point(solver, substep, here) for here in path.reversals(ends[holes])]
 
 
-def _point(solver: SubstepSolver, substep: SolvedSubstep, reversal: PathReversal) -> ReversalPoint:
+def _point(solver: SubstepSolver, substep: SolvedSubstep, here: PathReversal) -> ReversalPoint:
     """The state at one reversal."""
     assert substep.located is not None
     known, path, _ = substep.located
     numbering, taut, k = known.end.numbering, known.taut, len(known.taut.holes)
-    load_factor = known.span.load_factor(reversal.factor)
-    found = solve_within(solver, known, path, reversal.factor) or solve_from_end(
-        solver, known, path, reversal.factor
-    )
+    load_factor = known.span.load_factor(here.factor)
+    found = solve_within(solver, known, path, here.factor) or solve_from_end(solver, known, path, here.factor)
     if found is None:
         message = (
             f"no equilibrium where slips reverse, at load factor {load_factor:.4f}, for the derivatives there"
@@ -70,11 +68,11 @@ def _point(solver: SubstepSolver, substep: SolvedSubstep, reversal: PathReversal
         raise StepFailed(message, load_factor, np.nan, known.start.state, 0)
     state = found.state
     tense = [tension.copy() for tension in state.base_tension]
-    for robot, tendon, side in zip(*_driven(taut), reversal.side[k:], strict=True):
+    for robot, tendon, side in zip(*_driven(taut), here.side[k:], strict=True):
         tense[robot][tendon] = max(tense[robot][tendon], TAUT) if side == 0.0 else 0.0
     sticks = np.abs(numbering.at_frictional_holes(state.mobilisation)) < 1.0
-    sticks[taut.holes] = reversal.side[:k] == 0.0
-    arrives = np.arange(len(reversal.side)) == reversal.arrives
+    sticks[taut.holes] = here.side[:k] == 0.0
+    arrives = np.arange(len(here.side)) == here.arrives
     pulling = [np.zeros(len(tension), dtype=bool) for tension in tense]
     for robot, tendon, one in zip(*_driven(taut), arrives[k:], strict=True):
         pulling[robot][tendon] = one
@@ -82,7 +80,7 @@ def _point(solver: SubstepSolver, substep: SolvedSubstep, reversal: PathReversal
         load_factor,
         state._replace(base_tension=tuple(tense), friction=substep.located.history),
         _by_robot(numbering, state, sticks),
-        _by_robot(numbering, state, _among_all(numbering, taut, state, reversal.reverses)),
+        _by_robot(numbering, state, _among_all(numbering, taut, state, here.reverses)),
         _by_robot(numbering, state, _among_all(numbering, taut, state, arrives[:k])),
         tuple(pulling),
         *_rates(solver, known.span, found, load_factor),
