@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from tdcr_fe.identify.result import Estimate, IdentificationResult
-from tdcr_fe.report.environment import shown_unit
+from tdcr_fe.report.environment import shown_unit, words
 from tdcr_fe.report.style import CORRECTED, DECLARED, HELD_OUT, MEASURED, logarithmic, styled
 
 Array = NDArray[np.float64]
@@ -284,27 +284,28 @@ def parameters(result: IdentificationResult) -> Figure | None:
             ax.set_visible(False)
         for ax, profile in zip(axes[0], shown, strict=False):
             ax.set_visible(True)
+            factor, label = _axis(profile.name, estimates)
             fine = np.linspace(profile.values[0], profile.values[-1], 81)
-            ax.plot(fine, np.interp(fine, profile.values, profile.roots) ** 2, color=CORRECTED)
-            ax.plot(profile.values, profile.roots**2, "o", color=CORRECTED, ms=4)
+            ax.plot(factor * fine, np.interp(fine, profile.values, profile.roots) ** 2, color=CORRECTED)
+            ax.plot(factor * profile.values, profile.roots**2, "o", color=CORRECTED, ms=4)
             for end in profile.interval:
-                ax.axvline(end, color=MEASURED, ls=":", lw=1.0)
-            ax.set_xlabel(_axis(profile.name, estimates))
-            ax.set_title("" if profile.is_normal else "not normally distributed")
+                ax.axvline(factor * end, color=MEASURED, ls=":", lw=1.0)
+            ax.set(xlabel=label, title="" if profile.is_normal else "not normally distributed")
         axes[0, 0].set_ylabel("growth of chi-square")
         angle = np.linspace(0.0, 2.0 * np.pi, 73)
         for ax, (correlation, a, b) in zip(axes[-1], pairs, strict=False):
             ax.set_visible(True)
             turned = np.array([np.cos(angle), np.cos(angle - np.arccos(correlation))]) * np.sqrt(5.99)
-            both = [estimates[name] for name in (a, b)]
-            region = [p.value + (p.std_error or 0.0) * t for p, t in zip(both, turned, strict=True)]
-            ax.plot(*region, color=CORRECTED)
-            ax.plot(both[0].value, both[1].value, "o", color=CORRECTED, ms=4)
-            ax.set_xlabel(_axis(a, estimates))
-            ax.set_ylabel(_axis(b, estimates))
+            (x, across), (y, up) = _axis(a, estimates), _axis(b, estimates)
+            values = np.array([x * estimates[a].value, y * estimates[b].value])
+            errors = np.array([x * (estimates[a].std_error or 0.0), y * (estimates[b].std_error or 0.0)])
+            ax.plot(*(values[:, None] + errors[:, None] * turned), color=CORRECTED)
+            ax.plot(*values, "o", color=CORRECTED, ms=4)
+            ax.set(xlabel=across, ylabel=up)
     return figure
 
 
-def _axis(name: str, estimates: Mapping[str, Estimate]) -> str:
-    _, symbol = shown_unit(estimates[name].unit, 0.0)
-    return name.replace("_", " ") if symbol == "1" else f"{name.replace('_', ' ')} [{symbol}]"
+def _axis(name: str, estimates: Mapping[str, Estimate]) -> tuple[float, str]:
+    """Factor with which a parameter is drawn, and its label with the unit."""
+    factor, symbol = shown_unit(estimates[name].unit, 0.0)
+    return factor, words(name) + (f" [{symbol}]" if symbol else "")

@@ -55,8 +55,8 @@ LEVELS: dict[str, Level] = {
 }
 
 PROFILES = (
-    "How chi-square grows as one parameter is moved and the others follow, with the ends of the 95 % interval; below, "
-    "95 % regions of pairs of parameters that these data hardly separate."
+    "Growth of chi-square as one parameter moves and the others are refitted; dotted: the 95 % interval. A second row, "
+    "if any, has the 95 % regions of pairs of parameters that these data hardly separate."
 )
 
 

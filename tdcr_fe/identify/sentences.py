@@ -189,12 +189,12 @@ def _search(result: IdentificationResult) -> list[str]:
     """What the search used, and what it left out."""
     found, searched = [], result.log.steps
     if searched is not None:
-        rest = "; the final fit and all errors are of all load steps."
+        rest = "; the final fit and all errors use all of them."
         if not searched.fitted_to_all:
-            rest = ", and all errors are of these: there is no fit to all load steps."
+            rest = ", and all errors are of these: no fit used all load steps."
         found.append(f"The search used {len(searched.steps)} of {searched.total} load steps{rest}")
     if result.simulated.corrected.model.friction != result.data.model.friction:
-        found.append("The declared friction is left out of all models: it explains nothing.")
+        found.append("All models are without the declared friction, which explains nothing.")
     if result.log.not_tried:
         found.append(f"The time limit (--minutes) was too short for {_joined(result.log.not_tried)}.")
     return found

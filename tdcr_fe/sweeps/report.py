@@ -28,7 +28,7 @@ _METHODS = {
     "list": "the values taken together, in their order",
     "latin-hypercube": "a Latin hypercube",
     "sobol": "scrambled Sobol points",
-    "saltelli": "the design for Sobol indices (Saltelli)",
+    "saltelli": "Saltelli's design for Sobol indices",
 }
 
 
@@ -104,7 +104,7 @@ def _sentences(result: SweepResult) -> list[str]:
     sampling, inputs = result.sweep.sampling, list(result.inputs)
     method = _METHODS[sampling.method]
     if sampling.method == "saltelli":
-        method += f", {sampling.samples} base samples times {len(inputs)} + 2"
+        method += f", {sampling.samples} base samples × ({len(inputs)} inputs + 2)"
     seed = f", seed {sampling.seed}" if sampling.is_sample else ""
     varied = ", ".join(inputs[:MOST_INPUTS]) + (" and others" if len(inputs) > MOST_INPUTS else "")
     sentences = [*_findings(result), how_many, f"Varied: {varied}. Cases: {method}{seed}."]

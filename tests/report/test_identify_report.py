@@ -15,7 +15,7 @@ from tdcr_fe.effects.base import Observation
 from tdcr_fe.identify import figures
 from tdcr_fe.identify.corrected import corrected_motion, effects_block, markers, replay
 from tdcr_fe.identify.report import LEVELS, render
-from tdcr_fe.identify.result import Errors, Misfit, Parameters, Residuals, Simulated
+from tdcr_fe.identify.result import Errors, Misfit, Parameters, Profile, Residuals, Simulated
 from tdcr_fe.identify.sentences import goodness, headline, remarks
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.result_folder import read_motion
@@ -100,6 +100,21 @@ def test_the_printed_result_has_statistics_values_with_intervals_and_correlation
     ] in values
     assert ["a", "b", "−0.40"] in values
     assert "not different from the declared value" in repr(linked)  # of g_x, which is 0 +- 0.02
+
+
+def test_profiles_are_drawn_in_the_unit_of_their_axis():
+    """0.2 drew radians on an axis in degrees, and wrote "[]" where there is no unit."""
+    found = added("actuator_gain", gain_t1=(0.9, 0.01, "1"), twist=(0.1, 0.01, "rad"))
+    names, span = ("actuator_gain.gain_t1", "actuator_gain.twist"), np.array([-2.0, 0.0, 2.0])
+    profiles = [
+        Profile(n, p.value + 0.01 * span, span) for n, p in zip(names, found.parameters.values(), strict=True)
+    ]
+    together = Parameters(names, np.array([[1.0, 0.99], [0.99, 1.0]]), tuple(profiles))
+    gain, twist, both, _ = figures.parameters(result(found, parameters=together)).axes
+    assert gain.get_xlabel() == both.get_xlabel() == "actuator gain.gain t1"
+    assert twist.get_xlabel() == both.get_ylabel() == "actuator gain.twist [deg]"
+    assert twist.lines[1].get_xdata() == pytest.approx(np.degrees([0.08, 0.1, 0.12]))
+    assert [float(x[0]) for x in both.lines[1].get_data()] == pytest.approx([0.9, np.degrees(0.1)])
 
 
 def test_a_loop_is_a_run_in_which_one_tendon_moves():

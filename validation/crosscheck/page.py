@@ -78,7 +78,7 @@ def _card(requirement: Record) -> Card:
     unit = requirement["unit"]
     value = f"{requirement['found']}{' %' if unit.startswith('%') else ''}"
     return Card(
-        value, f"{requirement['what']}, {unit.removeprefix('% ')} (must be {requirement['required']})"
+        value, f"{requirement['what']}, {unit.removeprefix('% ')} (required: {requirement['required']})"
     )
 
 
