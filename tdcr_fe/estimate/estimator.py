@@ -161,7 +161,7 @@ class Estimator:
         if found is None or not found.converged:
             message = "no load step towards the frame has a solution"
             if found is not None:
-                message = f"the readings are not met, the misfit is {found.misfit:.3g}"
+                message = f"the readings are not met (misfit {found.misfit:.3g}): wrong axes, signs or units?"
             self.simulation.return_to(frame.start)
             before = np.concatenate((self._mean, self._problem.slips))
             state = Solved(frame, before, frame.commands, UNSOLVED, frame.start)

@@ -143,3 +143,7 @@ def test_coordinates_of_the_other_sign_are_doubted(folder, tmp_path, capsys):
     assert said in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert main(["estimate", str(folder), "-o", str(tmp_path / "out")]) == 0
     assert said not in capsys.readouterr().err
+    table.loc[table["quantity"] == "position_z", "value"] *= -1.0
+    table[table["step"] == 1].to_csv(wrong / "observations.csv", index=False)
+    assert main(["estimate", str(wrong), "-o", str(tmp_path / "out")]) == 1
+    assert "): wrong axes, signs or units?" in capsys.readouterr().err
