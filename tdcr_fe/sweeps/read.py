@@ -266,7 +266,7 @@ def _check_values(sweep: Sweep, user_effects: Sequence[Effect], report: Reporter
     Other contradictions, which only some combinations have, become the status of their cases.
     """
     design, found = sweep.design(), dict[tuple[str, str, str], None]()
-    warnings, remarks = dict[str, None](), list[str]()
+    warnings, remarks = dict[str, str](), list[str]()
 
     def build(changes: Sequence[Change]) -> tuple[Scenario | None, Sequence[Problem]]:
         """The scenario with some changes, or its mistakes; a key that names nothing is one without a key."""
@@ -285,15 +285,16 @@ def _check_values(sweep: Sweep, user_effects: Sequence[Effect], report: Reporter
             if scenario is not None:
                 with suppress(ValueError):
                     of_value = plausibility(scenario.robot, scenario.model, scenario.steps)
-                    warnings |= dict.fromkeys(f"{where}: {text}" for text in of_value.warnings)
+                    for text in of_value.warnings:
+                        warnings.setdefault(where + _about(text), f"{where}: {text}")
                     of_values.append({_about(text): text for text in of_value.remarks})
             elif not any(build(sweep.changes(design, case))[0] for case in cases):
                 found |= dict.fromkeys(_said(where, v, value, p) for p in problems)
         first, *others = of_values or [{}]
         remarks += [f"{where}: {text}" for key, text in first.items() if all(key in x for x in others)]
-    for text in found:
-        report(*text)
-    return Findings([*warnings], remarks)
+    for mistake in found:
+        report(*mistake)
+    return Findings([*warnings.values()], remarks)
 
 
 def _about(text: str) -> str:

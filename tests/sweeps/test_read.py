@@ -178,6 +178,10 @@ def test_a_range_of_which_all_is_implausible_is_remarked_on(tmp_path):
             tdcr.read_sweep(write_files(tmp_path, text))
         assert len(found) == count
         assert all(str(w.message).startswith("vary[0]: steps: inputs") for w in found)
+    text = vary("backbone.bending_stiffness", "values = [1e3, 2e3]")
+    with pytest.warns(tdcr.PlausibilityWarning, match="= 1000 N m") as found:
+        tdcr.read_sweep(write_files(tmp_path, text))
+    assert len(found) == 1  # of the first value
 
 
 # ------------------------------------------------------------ keys
