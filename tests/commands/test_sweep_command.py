@@ -52,7 +52,7 @@ def test_table_summary_report_and_pictures(tmp_path, capsys, here):
     assert "12 converged" in printed and "bending angle [deg]: mean" in printed
     page = (out / "report.html").read_text()
     assert "All 12 cases converged." in page
-    for text in ("Main effects", "Workspace", "What was varied", "95 % of the cases"):
+    for text in ("Main effects", "Tip positions", "What was varied", "95 % of the cases"):
         assert text in page
     assert "http://www.w3.org" not in page.replace("data:image", "") and "<script src" not in page
     frame = pd.read_csv(out / "cases.csv")
