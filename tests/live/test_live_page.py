@@ -90,3 +90,5 @@ def test_the_page_on_a_phone(opened):
     page, served = opened
     page.open(served.url, 390, 844, dark=True)
     assert page.ask("document.documentElement.scrollWidth") <= 390
+    page.call("Emulation.setEmulatedMedia", media="print")
+    assert page.ask("document.querySelector('.stage').clientHeight") > 0, "the robot is printed"
