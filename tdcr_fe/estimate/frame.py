@@ -192,7 +192,7 @@ class Frame:
         change = unknowns[self.problem.place + 1 :] - plastic_slips(simulation, state.friction[0])
         actuation = self.problem.actuation(self.commands, unknowns)
         try:
-            simulation.restore(with_plastic_slips(simulation, state, change))
+            simulation.begin_from(with_plastic_slips(simulation, state, change))
             ends = (
                 [] if near is None or self.substeps != 1 else [Increment(1.0, near.position.state.stored())]
             )

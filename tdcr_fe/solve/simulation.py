@@ -182,9 +182,9 @@ class Simulation:
         self.system.store(position.state)
         self.position = position
 
-    def restore(self, state: SolverState) -> None:
-        """Return to a state that was solved before, with the loads that acted in it."""
-        self.return_to(Position(state))
+    def begin_from(self, state: SolverState) -> None:
+        """Begin the next load step from a state that was solved before; until then the scene stays as it is."""
+        self.position = Position(state)
 
     @property
     def displacement(self) -> Array:

@@ -37,7 +37,7 @@ def test_derivatives_are_those_of_the_load_step(friction, by_displacement):
 
     def end(change):
         slips = change[7:]
-        simulation.restore(with_plastic_slips(simulation, before, slips))
+        simulation.begin_from(with_plastic_slips(simulation, before, slips))
         simulation.advance(actuation(values + change[:4], force + change[4:7], by_displacement), 1)
         state = simulation.state
         friction_state = state.friction[0]

@@ -123,7 +123,7 @@ def test_predictions_do_not_change_results(robot, driven, full):
     for target in targets:
         made += predict_from(following, *target.values) is not None
         following.advance(target)
-        alone.restore(alone.state)
+        alone.begin_from(alone.state)
         alone.advance(target)
         a, b = following.state, alone.state
         assert np.abs(a.configuration.positions - b.configuration.positions).max() < 1e-10 * LENGTH

@@ -36,6 +36,7 @@ from tdcr_fe.model.targets import (
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve.inverse_statics.target_search import AGREEMENT, Objective, SearchResult, TargetSearch
 from tdcr_fe.solve.inverse_statics.trials import TrialSteps
+from tdcr_fe.solve.load_steps.load_path import Position
 from tdcr_fe.solve.mesh import MOST_MESHES, MeshMonitor, error_order, mesh_warnings, refined
 from tdcr_fe.solve.simulate import CONVERGED, INTERRUPTED, with_estimate
 from tdcr_fe.solve.simulation import Simulation, one_thread, step_warnings
@@ -307,7 +308,7 @@ class _FollowRun:
         if best is None:
             return None
         trial = best.trial
-        simulation.restore(trial.state)
+        simulation.return_to(Position(trial.state))
         self.trials.begin(trial.actuation)
         result = simulation.result(len(self.solved) + 1, label, trial.report, trial.actuation)
         self._keep(trial.step, result)

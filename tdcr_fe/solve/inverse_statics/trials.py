@@ -87,7 +87,7 @@ class TrialSteps:
         """Solve a step from a state, and differentiate; None where it has no solution."""
         simulation = self.simulation
         target = self._actuation(step)
-        simulation.restore(start)
+        simulation.begin_from(start)
         self._history.steps.clear()
         try:
             report = simulation.advance(target, step.substeps, follow=self._history.advance)
