@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +21,12 @@ from tdcr_fe.effects import Effect, Experiment, Parameter, PlaceEffect
 from tdcr_fe.effects.base import Kind, Values
 from tdcr_fe.identify.bay_state import BayState
 from tdcr_fe.identify.causes import Cause, Change, ChangedDescription, ReadingCause, number
+from tdcr_fe.identify.input_causes import clock_of, inputs, progress_along
 from tdcr_fe.identify.state_loads import state_loads
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.checks import ARC_TOLERANCE
-from tdcr_fe.model.loading import Load, LoadStep, resolve
+from tdcr_fe.model.loading import Load
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import MisplacedRouting, PointsRouting
 from tdcr_fe.model.tendon import TightHole
@@ -58,28 +59,10 @@ def dictionary(problem: FitProblem, state: BayState) -> tuple[Effect, ...]:
 
 def unnamed(problem: FitProblem, state: BayState) -> list[Cause]:
     """Causes on no list."""
-    found: list[Cause] = [*_along(problem), *_inputs(problem), *_loads_and_base(problem), *_readings(problem)]
+    found: list[Cause] = [*_along(problem), *inputs(problem), *_loads_and_base(problem), *_readings(problem)]
     if not problem.experiment.robot.without_disks:
         found += [*routings(problem), *single_disks(problem)]
-    return [*found, *state_loads(problem, state, _clock(problem))]
-
-
-def _clock(problem: FitProblem) -> str:
-    """What a drift depends on: time, else the row; empty where there are no times and rows are left out."""
-    times = [s.time for s in problem.data.steps]
-    if all(t is not None for t in times) and len(set(times)) > 1:
-        return "time"
-    ids = problem.data.step_ids
-    return "row" if ids == tuple(range(ids[0], ids[0] + len(ids))) else ""
-
-
-def _progress(steps: Sequence[LoadStep]) -> Array:
-    """From near zero to one along steps, by time or, without times, by their number, shape (n,)."""
-    times = [s.time for s in steps]
-    known = np.array([t for t in times if t is not None], dtype=float)
-    if known.size == len(times) and np.ptp(known) > 0.0:
-        return known / max(float(np.max(known)), 1e-300)
-    return np.arange(1.0, len(times) + 1.0) / len(times)
+    return [*found, *state_loads(problem, state, clock_of(problem))]
 
 
 # ------------------------------------------------------------------------------------------------ descriptions
@@ -152,134 +135,6 @@ def _along(problem: FitProblem) -> list[Cause]:
         if problem.experiment.model.friction != "none" and not any(t.friction for t in robot.tendons):
             add("transmission", profile, rougher, number("friction", "1", (-1.0, 2.0), 0.0, 0.02))
     return found
-
-
-#: What a change of an input is in proportion to: from all inputs of a step, the tendon's name, and progress along the
-#: rows.
-_InputLaw = Callable[[Mapping[str, float], str, float], float]
-
-
-class _Inputs(NamedTuple):
-    """The inputs of a loading sequence that change."""
-
-    names: tuple[str, ...]  # Of their tendons
-    most: float  # The largest input [N or m]
-    unit: str
-
-    @classmethod
-    def of(cls, problem: FitProblem) -> _Inputs:
-        """Those of the declared loading sequence."""
-        actions, tendons = resolve(problem.data.robot, problem.data.steps), problem.data.robot.tendon_names
-        commands = np.array([a.values for a in actions]).reshape(len(actions), -1)
-        driven = np.flatnonzero(np.ptp(commands, axis=0) > 0.0)
-        displaced = driven.size and actions[0].by_displacement[driven[0]]
-        names = tuple(tendons[i] for i in driven)
-        return cls(names, float(np.max(np.abs(commands), initial=0.0)), "m" if displaced else "N")
-
-    def by_law(self, clock: str) -> Iterator[Cause]:
-        """Off by a constant, by a part that grows with them, or that changes along the rows: all, each or one."""
-        most, grows = self.most, "the gain of the inputs depends on their size"
-        laws: list[tuple[str, str, _InputLaw, str]] = [
-            ("offset of the input", "nothing", lambda *_: 1.0, "the inputs are off by a constant"),
-            ("gain that grows", "tension", lambda u, n, p: u[n] * abs(u[n]) / most, grows),
-            ("gain that drifts", clock, lambda u, n, p: u[n] * p, "the gain of the inputs drifts"),
-            ("offset that drifts", clock, lambda u, n, p: p, "the inputs drift"),
-        ]
-        for name, depends, shape, text in laws:
-            if not depends:
-                continue
-            is_gain = name.startswith("gain")
-            size, unit = (1.0, "1") if is_gain else (most, self.unit)
-            kind, change = Kind("input", (depends,)), _with_inputs(shape)
-            one = number("all", unit, (-0.9 * size, 3.0 * size), 0.0, 0.01 * size)
-            if is_gain:
-                yield ChangedDescription(f"{name} (all)", kind, (one,), change, text)
-            each = tuple(replace(one, name=n) for n in self.names)
-            if len(each) > 1:
-                yield ChangedDescription(f"{name} (each)", kind, each, change, text)
-            for p in each:
-                at = kind._replace(where=f"tendon {p.name}")
-                yield ChangedDescription(f"{name} ({p.name})", at, (p,), change, text)
-
-    def limit(self) -> Cause:
-        """A share of what is beyond a limit does not arrive."""
-
-        def limited(experiment: Experiment, values: Values) -> Experiment:
-            def beyond(commands: Mapping[str, float], name: str, _: float) -> float:
-                return math.copysign(max(abs(commands[name]) - values["limit"], 0.0), -commands[name])
-
-            return _with_inputs(beyond)(experiment, {"all": values["share"]})
-
-        most, kind = self.most, Kind("input", ("tension",))
-        limit = number("limit", self.unit, (0.0, most), most, 0.05 * most)
-        numbers = number("share", "1", (-1.0, 1.0), 0.0, 0.1), limit
-        text = "the inputs are limited: a share of what is beyond does not arrive"
-        held = {"limit": [0.5 * most, 0.7 * most, 0.85 * most]}
-        return ChangedDescription("limit of the inputs", kind, numbers, limited, text, held=held)
-
-    def shares(self) -> Iterator[Cause]:
-        """A share of the input of one tendon in another."""
-        couples = list(itertools.permutations(self.names, 2))
-        for source, name in couples:
-
-            def other(commands: Mapping[str, float], *_: Any, source: str = source) -> float:
-                return commands.get(source, 0.0)
-
-            share, change = number(name, "1", (-0.9, 0.9), 0.0, 0.01), _with_inputs(other)
-            kind, price = Kind("input", ("tension",), f"tendon {name}"), math.log(len(couples))
-            text = f"a share of the input of tendon {source} acts in tendon {name}"
-            yield ChangedDescription(f"share of {source} in {name}", kind, (share,), change, text, price)
-
-    def jumps(self, data: MeasuredData) -> Iterator[Cause]:
-        """Another zero of one input from a row on."""
-        progress, price = _progress(data.steps), math.log(len(data.steps) * len(self.names))
-        text = "the zero of an input jumps"
-        for name, k in itertools.product(self.names, range(3, len(data.steps) - 2)):
-            where = f"tendon {name}, from row {data.step_ids[k]} on"
-            one = number(name, self.unit, (-self.most, self.most), 0.0, 0.01 * self.most)
-
-            def later(
-                commands: Mapping[str, float], name: str, p: float, start: float = progress[k]
-            ) -> float:
-                return float(p >= start)
-
-            kind, change = Kind("input", ("row",), where), _with_inputs(later)
-            yield ChangedDescription(f"jump of the input ({where})", kind, (one,), change, text, price)
-
-
-def _inputs(problem: FitProblem) -> list[Cause]:
-    """Inputs other than commanded."""
-    own, clock, data = _Inputs.of(problem), _clock(problem), problem.data
-    if not own.names:
-        return []
-    jumps = own.jumps(data) if clock and not data.parts else ()
-    return [*own.by_law(clock), own.limit(), *own.shares(), *jumps]
-
-
-def _with_inputs(shape: _InputLaw) -> Change:
-    """A change of all inputs by a number times what follows from the inputs and from progress along the rows."""
-
-    def changed(experiment: Experiment, values: Values) -> Experiment:
-        ends = [(k, x == 1.0) for k, x in experiment.step_ends]
-        progress = _progress([s for s, (_, whole) in zip(experiment.steps, ends, strict=True) if whole])
-
-        def with_change(step: LoadStep, p: float) -> LoadStep:
-            def new(commands: Mapping[str, float], least: float) -> dict[str, float]:
-                factors = {n: values.get(n, values.get("all", 0.0)) for n in commands}
-                moved = {n: x and x * shape(commands, n, p) for n, x in factors.items()}
-                return {n: max(x + moved[n], least) if moved[n] else x for n, x in commands.items()}
-
-            tensions, displacements = new(step.tensions, 0.0), new(step.displacements, -math.inf)
-            if tensions == step.tensions and displacements == step.displacements:
-                return step
-            return replace(step, tensions=tensions, displacements=displacements)
-
-        steps = (
-            with_change(step, float(progress[k])) for step, (k, _) in zip(experiment.steps, ends, strict=True)
-        )
-        return replace(experiment, steps=tuple(steps))
-
-    return changed
 
 
 def _with_loads(experiment: Experiment, change: Callable[[Sequence[float]], Array]) -> Experiment:
@@ -438,7 +293,7 @@ def _readings(problem: FitProblem) -> list[Cause]:
     readings, data = problem.readings, problem.data
     if not np.any(readings.is_position):
         return []
-    length, clock = data.robot.backbone.length, _clock(problem)
+    length, clock = data.robot.backbone.length, clock_of(problem)
 
     def along(axis: int, weight: Weight, marker: float | None) -> Callable[[FitProblem, Run], Array]:
         """A shift of all markers, or of one, along an axis of the world."""
@@ -470,7 +325,7 @@ def _readings(problem: FitProblem) -> list[Cause]:
     found: list[Cause] = []
     if clock:
         kind, text = Kind("reading", (clock,)), "the measuring frame drifts"
-        drift = partial(along, weight=lambda d: _progress(d.steps), marker=None)
+        drift = partial(along, weight=lambda d: progress_along(d.steps), marker=None)
         found.append(shift("drift of the measuring frame", kind, text, drift))
     kind, scale = Kind("reading", ("position",)), number("scale", "1", (-0.5, 0.5), 0.0, 0.01)
     slope = number("slope", "1/m", (-0.5 / length, 0.5 / length), 0.0, 0.01 / length)

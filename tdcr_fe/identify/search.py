@@ -106,7 +106,9 @@ def scores_beside(state: SearchState, fit: Fit, costly: bool = False) -> tuple[S
         if e.listed not in known and e.name not in seen and (is_named(e) or costly or e.exact_derivatives)
     ]
     if others:
-        scores, reference = screen(state.problem, fit, others)
+        scores, screened = screen(state.problem, fit, others)
+        # Forces towards points need the response to actions, which only a run for such causes has.
+        reference = screened if reference.run.acted is None else reference
         done = sorted([*done, *scores], key=lambda x: -x.drop)
         state = replace(state, scores={**state.scores, key: (done, reference)})
         scales = {name: x for score in scores for name, x in score.scales.items()}
