@@ -18,7 +18,7 @@ from tdcr_fe.validation.records import Record
 def deviations(cases: Sequence[Record], tolerance: float, median: float) -> Figure:
     """Every case by its tip deviation, one row per routing, with tolerance and median."""
     with styled():
-        figure = Figure(figsize=(5.0, 2.5))
+        figure = Figure(figsize=(4.8, 2.5))
         axes = figure.add_subplot()
         rows = [r for r in ROUTINGS if any(c["routing"] == r for c in cases)]
         rng = np.random.default_rng(0)

@@ -148,9 +148,11 @@ class Panel {
     // Of many loads only the largest of each kind has its size beside it.
     const few = loads.length <= 4 ? loads : [false, true].flatMap(moment => loads.filter(l => l.moment === moment).sort((a, b) => size(b) - size(a)).slice(0, 1));
     for (const load of few) {
-      const at = this.project(add(this.scene.moved(load), times(1.05, this.scene.arrow(load))));
+      const foot = this.scene.moved(load), at = this.project(add(foot, times(1.05, this.scene.arrow(load)))), from = this.project(foot);
       const text = `${load.name}: ${quantity(size(load), load.moment ? "N m" : "N")}`, room = this.size[0] - pen.measureText(text).width - 8;
-      if (at) write(text, Math.min(at[0] + 6, room), at[1] - 4, css(load.moment ? colours.moment : colours.force));
+      // Beside the head; where there is no room, on the side to which the arrow points, clear of it.
+      const shift = !at || at[0] + 6 <= room ? -4 : from && at[1] > from[1] ? 20 : -14;
+      if (at) write(text, Math.min(at[0] + 6, room), at[1] + shift, css(load.moment ? colours.moment : colours.force));
     }
     if (this.scene.largest.gravity) this.gravity(pen, write, css(colours.gravity));
   }
