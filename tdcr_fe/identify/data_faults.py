@@ -353,7 +353,7 @@ def _steps(grid: _Grid) -> Iterator[_Fault]:
         here, there = slice(max(late, 0), n + min(late, 0)), slice(max(-late, 0), n - max(late, 0))
         moved[there] = grid.measured[here]
         count, way = "one step" if abs(late) == 1 else "two steps", "later" if late > 0 else "earlier"
-        text = f"the readings are shifted: {{since}}those of each step stand {count} {way}"
+        text = f"the readings are shifted: {{since}}those of each step appear {count} {way}"
         yield grid.mended(moved, text)
     r = (grid.measured[:, None] - grid.predicted[None, :]) / grid.sigma[:, None]
     both = np.isfinite(r)

@@ -73,7 +73,7 @@ def standing_still():
     ("change", "words"),
     [
         (exchange_axes, "x = position_y, y = position_x"),
-        (one_step_late, "those of each step stand one step later"),
+        (one_step_late, "those of each step appear one step later"),
         (exchange_markers, "the markers at s = 0.1 m and s = 0.2 m are exchanged"),
         (height(lambda r: r.value - r.location), "position_z counts up from the unloaded marker"),
         (height(lambda r: 0.2 - r.value), "position_z counts down from the unloaded tip"),
