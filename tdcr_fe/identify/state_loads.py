@@ -6,7 +6,7 @@ A term is a product of factors that the robot knows in a bay, times a direction,
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations_with_replacement
@@ -310,13 +310,15 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         price = math.log(10.0) + 1.5 * len(term.factors) + (math.log(bays) if term.bay is not None else 0.0)
         kind = Kind(perturbs, depends, where(term, state.edges))
         add(term.key, kind, [("coefficient", term.unit, term.action)], sentence(term), price)
-    for free in _free_loads(clock):
+    rows = range(3, state.shape[0] - 2) if progress and not problem.data.parts else ()
+    starts = {problem.data.step_ids[k]: float(clock.value(state)[k, -1]) for k in rows}
+    for free in (*_free_loads(clock), *_beginning_loads(clock, starts)):
         if free.depends_on == "row" and not progress:
             continue
         for bay in range(bays - 1 if free.at_tip else 0, bays):
             at = state.place(bay)
             terms = [(a, free.unit, free.on(bay, axis)) for axis, a in enumerate("xyz")]
-            price = 1.5 + (0.0 if bay == bays - 1 else math.log(bays))
+            price = 1.5 + (0.0 if bay == bays - 1 else math.log(bays)) + math.log(free.choices)
             kind = Kind(free.perturbs, (free.depends_on,), at)
             add(f"{free.perturbs} {free.text} ({at})", kind, terms, f"a {free.perturbs} {free.text}", price)
     tensor = [
@@ -349,6 +351,7 @@ class _FreeLoad(NamedTuple):
     # direction and size of a coefficient of one along an axis, shape (K, 3), on the disk at the end of a bay
     vector: Callable[[BayState, int, int], Array]
     at_tip: bool = False  # whether it acts on the tip only
+    choices: int = 1  # among how many of its kind it is chosen
 
     def on(self, bay: int, axis: int) -> Callable[[BayState], Array]:
         """The action on the disk at the end of a bay: a moment passes through all bays below it."""
@@ -395,6 +398,18 @@ def _free_loads(clock: Factor) -> list[_FreeLoad]:
         ]
     text = "of a uniform field on a magnet along the tip"
     return [*found, _FreeLoad("moment", text, "orientation", "N m", dipole, True)]
+
+
+def _beginning_loads(clock: Factor, starts: Mapping[int, float]) -> list[_FreeLoad]:
+    """Forces of fixed direction on the tip that begin in a row; ``starts``: by row, the value of the clock there."""
+
+    def after(state: BayState, bay: int, axis: int, start: float) -> Array:
+        return (clock.value(state)[:, bay, None] >= start) * np.eye(3)[axis]
+
+    return [
+        _FreeLoad("force", f"that begins in row {n}", "row", "N", partial(after, start=x), True, len(starts))
+        for n, x in starts.items()
+    ]
 
 
 def _by_curvature(state: BayState, axes: str) -> Array:

@@ -12,7 +12,7 @@ from tdcr_fe.cli import main
 from tdcr_fe.effects import Parameter
 from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.bay_state import Action, last_direction, with_action
+from tdcr_fe.identify.bay_state import FORCE, Action, last_direction, with_action
 from tdcr_fe.identify.causes import Attraction, Cord, StateLoad
 from tdcr_fe.identify.corrected import corrected_files
 from tdcr_fe.identify.derivatives import Column, Request, linearize
@@ -50,6 +50,16 @@ def started(problem, load):
     null = {p.name: 0.0 for p in load.parameters}
     (linear,) = linearize(problem, [Request((), {}, (Column(load, load.parameters[0].name, null, 1.0),))])
     return linear.run
+
+
+def test_a_force_that_begins_in_a_row_acts_on_the_tip_from_it_on():
+    problem = problem_of(measured())
+    (run,) = problem.run([Job(problem.experiment, states=True)])
+    causes = {e.name: e for e in dictionary(problem, run.bays)}
+    action = causes["force that begins in row 7 (tip)"].action(run.bays, {"x": 0.0, "y": 2.0, "z": 0.0})
+    expected = np.zeros_like(action)
+    expected[np.array(problem.data.step_ids) >= 7, -1, FORCE] = (0.0, 2.0, 0.0)
+    np.testing.assert_array_equal(action, expected)
 
 
 def test_the_response_to_an_action_is_exact():
