@@ -10,9 +10,8 @@ import pandas as pd
 from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.io.problems import read_all
-from tdcr_fe.io.toml import build_scenario
-from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.model.messages import count
+from tdcr_fe.sweeps.cases import scenario_of
 from tdcr_fe.sweeps.description import Sweep
 from tdcr_fe.sweeps.execution import SweepInterrupted, sweep
 from tdcr_fe.sweeps.read import read_sweep
@@ -26,7 +25,7 @@ def run_sweep(args: argparse.Namespace) -> int:
     described, _ = read_all(
         lambda: read_sweep(args.sweep, args.effects), lambda: args.out and check_output_folder(args.out)
     )
-    scenario = build_scenario(described.tables, read_own_effects(args.effects))
+    scenario = scenario_of(described)
     print_understood(args, scenario.robot, scenario.model, scenario.steps)
     if args.check:
         print(format_cases(described))

@@ -21,7 +21,8 @@ from tdcr_fe.effects import Effect, Experiment, Parameter, PlaceEffect
 from tdcr_fe.effects.base import Kind, Values
 from tdcr_fe.identify.bay_state import BayState
 from tdcr_fe.identify.causes import Cause, Change, ChangedDescription, ReadingCause, number
-from tdcr_fe.identify.input_causes import clock_of, inputs, progress_along
+from tdcr_fe.identify.input_causes import input_causes
+from tdcr_fe.identify.load_steps import clock_of, possible_starts, progress_along
 from tdcr_fe.identify.state_loads import state_loads
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.backbone import StiffnessPatch
@@ -59,10 +60,15 @@ def dictionary(problem: FitProblem, state: BayState) -> tuple[Effect, ...]:
 
 def unnamed(problem: FitProblem, state: BayState) -> list[Cause]:
     """Causes on no list."""
-    found: list[Cause] = [*_along(problem), *inputs(problem), *_loads_and_base(problem), *_readings(problem)]
+    found: list[Cause] = [
+        *_along(problem),
+        *input_causes(problem),
+        *_loads_and_base(problem),
+        *_readings(problem),
+    ]
     if not problem.experiment.robot.without_disks:
         found += [*routings(problem), *single_disks(problem)]
-    return [*found, *state_loads(problem, state, clock_of(problem))]
+    return [*found, *state_loads(problem, state, clock_of(problem.data))]
 
 
 # ------------------------------------------------------------------------------------------------ descriptions
@@ -293,7 +299,7 @@ def _readings(problem: FitProblem) -> list[Cause]:
     readings, data = problem.readings, problem.data
     if not np.any(readings.is_position):
         return []
-    length, clock = data.robot.backbone.length, clock_of(problem)
+    length, clock = data.robot.backbone.length, clock_of(data)
 
     def along(axis: int, weight: Weight, marker: float | None) -> Callable[[FitProblem, Run], Array]:
         """A shift of all markers, or of one, along an axis of the world."""
@@ -339,7 +345,8 @@ def _readings(problem: FitProblem) -> list[Cause]:
     groups: dict[float | None, str] = {None: "all markers"}
     if len(markers) > 1:
         groups |= {s: f"the marker at s = {s:.4g} m" for s in markers}
-    for (marker, who), first in itertools.product(groups.items(), data.step_ids[3:-2]):
+    firsts = [data.step_ids[k] for k in possible_starts(data)]
+    for (marker, who), first in itertools.product(groups.items(), firsts):
         kind, since = Kind("reading", ("row",), f"{who}, from row {first} on"), f"from row {first} on"
         shape = partial(along, weight=after(first), marker=marker)
         causes = [shift(f"jump of {who} {since}", kind, "readings jump", shape)]

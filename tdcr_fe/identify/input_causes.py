@@ -4,50 +4,30 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.effects.base import Kind, Values
 from tdcr_fe.identify.causes import Cause, Change, ChangedDescription, number
+from tdcr_fe.identify.load_steps import clock_of, possible_starts, progress_along
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.loading import LoadStep, resolve
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.problem import FitProblem
 
-Array = NDArray[np.float64]
 
-
-def inputs(problem: FitProblem) -> list[Cause]:
+def input_causes(problem: FitProblem) -> list[Cause]:
     """Inputs other than commanded."""
-    own, clock, data = _Inputs.of(problem), clock_of(problem), problem.data
+    own, clock, data = _Inputs.of(problem), clock_of(problem.data), problem.data
     if not own.names:
         return []
     by_row = [own.lag(), *own.jumps(data)] if clock and not data.parts else []
     return [*own.by_law(clock), own.limit(), *own.shares(), *by_row]
-
-
-def clock_of(problem: FitProblem) -> str:
-    """What a drift depends on: time, else the row; empty where there are no times and rows are left out."""
-    times = [s.time for s in problem.data.steps]
-    if all(t is not None for t in times) and len(set(times)) > 1:
-        return "time"
-    ids = problem.data.step_ids
-    return "row" if ids == tuple(range(ids[0], ids[0] + len(ids))) else ""
-
-
-def progress_along(steps: Sequence[LoadStep]) -> Array:
-    """From near zero to one along steps, by time or, without times, by their number, shape (n,)."""
-    times = [s.time for s in steps]
-    known = np.array([t for t in times if t is not None], dtype=float)
-    if known.size == len(times) and np.ptp(known) > 0.0:
-        return known / max(float(np.max(known)), 1e-300)
-    return np.arange(1.0, len(times) + 1.0) / len(times)
 
 
 #: What a change of an input is in proportion to: from all inputs of a step, the tendon's name, and progress along the
@@ -149,7 +129,7 @@ class _Inputs(NamedTuple):
         """Another zero of one input from a row on."""
         progress, price = progress_along(data.steps), math.log(len(data.steps) * len(self.names))
         text = "the zero of an input jumps"
-        for name, k in itertools.product(self.names, range(3, len(data.steps) - 2)):
+        for name, k in itertools.product(self.names, possible_starts(data)):
             where = f"tendon {name}, from row {data.step_ids[k]} on"
             one = number(name, self.unit, (-self.most, self.most), 0.0, 0.01 * self.most)
 

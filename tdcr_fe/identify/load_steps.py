@@ -19,6 +19,29 @@ from tdcr_fe.model.loading import LoadStep, resolve
 Array = NDArray[np.float64]
 
 
+def clock_of(data: MeasuredData) -> str:
+    """What a drift depends on: time, else the row; empty where there are no times and rows are left out."""
+    times = [s.time for s in data.steps]
+    if all(t is not None for t in times) and len(set(times)) > 1:
+        return "time"
+    ids = data.step_ids
+    return "row" if ids == tuple(range(ids[0], ids[0] + len(ids))) else ""
+
+
+def progress_along(steps: Sequence[LoadStep]) -> Array:
+    """From near zero to one along steps, by time or, without times, by their number, shape (n,)."""
+    times = [s.time for s in steps]
+    known = np.array([t for t in times if t is not None], dtype=float)
+    if known.size == len(times) and np.ptp(known) > 0.0:
+        return known / max(float(np.max(known)), 1e-300)
+    return np.arange(1.0, len(times) + 1.0) / len(times)
+
+
+def possible_starts(data: MeasuredData) -> range:
+    """Rows, from 0, in which something may begin: there are some before and some after it."""
+    return range(3, len(data.steps) - 2)
+
+
 def inputs(data: MeasuredData) -> Array:
     """Commands and tip forces of every step, each over its largest value, shape (n_steps, n_tendons + 3)."""
     actions = resolve(data.robot, data.steps)

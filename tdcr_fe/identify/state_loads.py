@@ -21,6 +21,7 @@ from tdcr_fe.identify.balance import scale
 from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, last_direction
 from tdcr_fe.identify.causes import Attraction, Cause, Cord, PointForce, StateLoad
 from tdcr_fe.identify.criteria import OTHER_GRAVITY, UNNAMED
+from tdcr_fe.identify.load_steps import possible_starts
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.problem import FitProblem
@@ -310,7 +311,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         price = math.log(10.0) + 1.5 * len(term.factors) + (math.log(bays) if term.bay is not None else 0.0)
         kind = Kind(perturbs, depends, where(term, state.edges))
         add(term.key, kind, [("coefficient", term.unit, term.action)], sentence(term), price)
-    rows = range(3, state.shape[0] - 2) if progress and not problem.data.parts else ()
+    rows = possible_starts(problem.data) if progress and not problem.data.parts else ()
     starts = {problem.data.step_ids[k]: float(clock.value(state)[k, -1]) for k in rows}
     for free in (*_free_loads(clock), *_beginning_loads(clock, starts)):
         if free.depends_on == "row" and not progress:

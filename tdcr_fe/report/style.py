@@ -23,7 +23,7 @@ BAD = "#c0392b"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9")
 #: One colour for the same thing in every report.
 MEASURED, DECLARED, CORRECTED, REFERENCE = INK, COLOURS[1], COLOURS[0], INK
-#: Colours of tensions; without the yellow end, which nobody sees on white, nor turned round in the dark.
+#: Colours of tensions; without the yellow end, which is invisible on white and, inverted, on black.
 HEAT = ListedColormap(colormaps["plasma"](np.linspace(0.0, 0.86, 256)), "heat")
 #: Ground of steps that were held out.
 HELD_OUT = "#ebe6da"

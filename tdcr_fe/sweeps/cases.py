@@ -15,7 +15,7 @@ import numpy as np
 
 from tdcr_fe.effects import Effect
 from tdcr_fe.io.problems import InputError, Problem
-from tdcr_fe.io.toml import ScenarioTables, build_scenario, read_scenario_tables
+from tdcr_fe.io.toml import Scenario, ScenarioTables, build_scenario, read_scenario_tables
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.model.columns import AFTER_TENDONS, OF_TENDONS
 from tdcr_fe.model.messages import meant, shown, warnings_to
@@ -87,7 +87,7 @@ def _solved(job: Job, number: int, changes: Sequence[Change]) -> Outcome:
     numbers: dict[str, float] = {}
     warnings: tuple[str, ...] = ()
     try:
-        scenario = build_scenario(tables_with(job.sweep, changes), _own_effects(job.sweep.effects))
+        scenario = scenario_of(job.sweep, changes)
         result = simulate(scenario.robot, scenario.model, scenario.steps, scenario.settings)
         numbers, warnings = numbers_of(result, job.sweep.output, len(scenario.steps)), result.warnings
         if not result.converged:
@@ -111,6 +111,11 @@ def _solved(job: Job, number: int, changes: Sequence[Change]) -> Outcome:
 @lru_cache(maxsize=4)
 def _own_effects(paths: tuple[str, ...]) -> tuple[Effect, ...]:
     return read_own_effects(paths)
+
+
+def scenario_of(sweep: Sweep, changes: Iterable[Change] = ()) -> Scenario:
+    """The scenario with some changes; the user's effects are read once."""
+    return build_scenario(tables_with(sweep, changes), _own_effects(sweep.effects))
 
 
 def tables_with(sweep: Sweep, changes: Iterable[Change]) -> ScenarioTables:

@@ -11,7 +11,7 @@ from tdcr_fe.effects import EFFECTS, Effect, PlaceEffect, effect
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
 from tdcr_fe.identify.dictionary import _loads_and_base
 from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.input_causes import inputs
+from tdcr_fe.identify.input_causes import input_causes
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.io.measured import MeasuredData
@@ -120,7 +120,7 @@ WITHOUT_NAME = [
 
 def known(about: FitProblem, name: str) -> Effect:
     """A listed effect, a form of one, or a cause without a name."""
-    for e in (*_loads_and_base(about), *inputs(about)):
+    for e in (*_loads_and_base(about), *input_causes(about)):
         if e.name == name:
             return e
     if " (" not in name:
