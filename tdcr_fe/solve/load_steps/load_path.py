@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +34,12 @@ class LoadRamp:
 
     item: PointLoad
     start: Array  # (6,)
-    end: Array  # as `start`
+    end: Array  # as `start`, and as it is set in the scene
+
+    @cached_property
+    def changes(self) -> bool:
+        """Whether it is another one at the end."""
+        return bool((self.start != self.end).any())
 
     def at(self, load_factor: float) -> Array:
         """The load at a load factor."""
@@ -96,7 +102,7 @@ class Ramp:
     @property
     def loads_change(self) -> bool:
         """Whether any load changes in this load step, as far as known."""
-        return self.user_loads or any(bool((load.start != load.end).any()) for load in self.loads)
+        return self.user_loads or any(load.changes for load in self.loads)
 
     @property
     def changes_beyond_inputs(self) -> bool:
@@ -111,7 +117,8 @@ class Ramp:
             self.before_increment(time)
         loads = tuple(load.at(load_factor) for load in self.loads)
         for load, value in zip(self.loads, loads, strict=True):
-            load.item.set(value[:3], value[3:])
+            if load.changes or self.before_increment is not None:  # which may have set it
+                load.item.set(value[:3], value[3:])
         return Target(tuple(ramp(load_factor, time) for ramp in self.inputs), loads, time)
 
     def set_end(self) -> None:
