@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.poses import (
+    EYE6,
     adjoint_powers,
     coefficients,
     euler_parameters_near,
@@ -46,7 +47,6 @@ _PULL: Array = np.zeros((6, 6, 6))
 _PULL[:3, :3, 3:] = 0.5 * skew(np.eye(3))
 _PULL[:3, 3:, :3] = -0.5 * skew(np.eye(3))
 _PULL = _PULL.reshape(6, 36)
-_EYE6 = np.eye(6)
 #: ``v @ _HALF_SKEW`` is, row by row, half the matrix of the cross product with ``v``.
 _HALF_SKEW = 0.5 * skew(np.eye(3)).reshape(3, 9)
 
@@ -324,7 +324,7 @@ class ElementChain:
         beyond = self._distal_sum(wrenches.reshape(-1, 2, 3), positions, rotations)
         beyond[1:] += internal[:, 6:].reshape(-1, 2, 3)
         inner = exponential_curvature(self.twists, powers, beyond[1:].reshape(-1, 6))
-        inner -= stiffness[:, :, None] * _EYE6
+        inner -= stiffness[:, :, None] * EYE6
         return self._pose_terms(others, beyond, b, inner)
 
     def unbalanced_terms(self, wrenches: Array, positions: Array, rotations: Array) -> NodeStiffness:

@@ -22,10 +22,11 @@ Array = NDArray[np.float64]
 _SKEW = np.array(
     [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], dtype=float
 )
-_EYE3 = np.eye(3)
-_EYE9 = _EYE3.reshape(9)
-_EYE6 = np.eye(6)
-_ONES3, _ONES4 = np.ones(3), np.ones(4)
+#: Unit matrices; the first one also row by row.
+EYE3, EYE4, EYE6 = np.eye(3), np.eye(4), np.eye(6)
+EYE9 = EYE3.reshape(9)
+#: ``v @ ONES3`` is the sum of the components, faster than numpy's ``sum`` for a few vectors.
+ONES3, ONES4 = np.ones(3), np.ones(4)
 
 
 def skew(v: Array) -> Array:
@@ -55,7 +56,7 @@ def rotation_of_euler_parameters(e: Array) -> Array:
     """Rotation matrices of unit Euler parameters: (..., 4) to (..., 3, 3)."""
     products = e[..., :, None] * e[..., None, :]
     r = products.reshape(-1, 16).dot(EULER_ROTATION)
-    r += _EYE9
+    r += EYE9
     return r.reshape(*e.shape[:-1], 3, 3)
 
 
@@ -67,7 +68,7 @@ def _euler_products() -> tuple[Array, Array]:
     table = EULER_ROTATION.reshape(4, 4, 9)
     symmetric = 0.5 * (table + table.swapaxes(0, 1)).reshape(16, 9)
     inverse = np.round(4.0 * np.linalg.pinv(np.column_stack((symmetric, np.eye(4).ravel()))))
-    return inverse[:9], inverse[9] - _EYE9 @ inverse[:9]
+    return inverse[:9], inverse[9] - EYE9 @ inverse[:9]
 
 
 _SHEPPERD_LINEAR, _SHEPPERD_CONSTANT = _euler_products()
@@ -92,17 +93,17 @@ def euler_parameters_near(r: Array, near: Array) -> Array:
     products = r.reshape(-1, 9).dot(_SHEPPERD_LINEAR)
     products += _SHEPPERD_CONSTANT
     e = (products.reshape(-1, 4, 4) @ near[:, :, None])[..., 0]
-    size = np.sqrt((e * e).dot(_ONES4))
+    size = np.sqrt((e * e).dot(ONES4))
     if size.min() < 0.1:
         e = euler_parameters_of_rotation(r)
-        return e * np.where((e * near) @ _ONES4 < 0.0, -1.0, 1.0)[:, None]
+        return e * np.where((e * near) @ ONES4 < 0.0, -1.0, 1.0)[:, None]
     e /= size[:, None]
     return np.asarray(e)
 
 
 #: ``e @ EULER_RATE`` is the matrix of `euler_rate_matrix`, row by row.
 EULER_RATE: Array = np.zeros((4, 4, 3))
-EULER_RATE[0, 1:], EULER_RATE[1:, 0] = 0.5 * _EYE3, -0.5 * _EYE3
+EULER_RATE[0, 1:], EULER_RATE[1:, 0] = 0.5 * EYE3, -0.5 * EYE3
 EULER_RATE[1:, 1:] = 0.5 * _SKEW.reshape(3, 3, 3)
 EULER_RATE = EULER_RATE.reshape(4, 12)
 
@@ -144,7 +145,7 @@ def coefficients(w: Array) -> Array:
     ``sin a / a``, ``(1 - cos a) / a^2``, ``(a - sin a) / a^3`` for the exponential; for the inverse of its tangent,
     ``1 + ad / 2 + c ad^2 + d ad^4``, the factors ``c`` and ``d``.
     """
-    angle2 = (w * w).dot(_ONES3)
+    angle2 = (w * w).dot(ONES3)
     if angle2.size == 0 or angle2.max() < 0.5:
         # Near zero the closed form suffers from cancellation; the series does not.
         return np.asarray((angle2[..., None] ** _POWERS).dot(SERIES))
@@ -167,7 +168,6 @@ _HAT: Array = np.zeros((6, 4, 4))
 _HAT[3:, :3, :3] = _SKEW.reshape(3, 3, 3)
 _HAT[:3, :3, 3] = np.eye(3)
 _HAT = _HAT.reshape(6, 16)
-_EYE4 = np.eye(4)
 
 
 def exp_matrix(xi: Array, c: Array) -> Array:
@@ -178,7 +178,7 @@ def exp_matrix(xi: Array, c: Array) -> Array:
     np.matmul(x, x, out=square)
     np.matmul(square, x, out=cube)
     x += (c[..., None, 1:3] @ powers.reshape(*xi.shape[:-1], 2, 16)).reshape(x.shape)
-    x += _EYE4
+    x += EYE4
     return x
 
 
@@ -210,7 +210,7 @@ def log_se3(r: Array, p: Array) -> Array:
     w = log_so3(r)
     c = coefficients(w)
     k = skew(w)
-    tangent = _EYE3 + c[..., 1, None, None] * k + c[..., 2, None, None] * (k @ k)
+    tangent = EYE3 + c[..., 1, None, None] * k + c[..., 2, None, None] * (k @ k)
     v = np.linalg.solve(tangent, p[..., None])[..., 0]
     return np.concatenate((v, w), axis=-1)
 
@@ -236,7 +236,7 @@ def even_inverse_tangent(powers: Array, c: Array) -> Array:
     """``1 + c ad^2 + d ad^4``: `inverse_tangent_se3` without ``ad / 2``, from `adjoint_powers` and `coefficients`."""
     shape = powers.shape[:-3]
     even = c[..., None, 3:5] @ powers[..., 1::2, :, :].reshape(*shape, 2, 36)
-    return np.asarray(even.reshape(*shape, 6, 6) + _EYE6)
+    return np.asarray(even.reshape(*shape, 6, 6) + EYE6)
 
 
 def inverse_tangent_se3(xi: Array) -> Array:
@@ -299,7 +299,7 @@ def exponential_curvature(xi: Array, powers: Array, wrench: Array) -> Array:
     """
     n = len(xi)
     rotation = xi[:, 3:]
-    angle2 = (rotation * rotation).dot(_ONES3)
+    angle2 = (rotation * rotation).dot(ONES3)
     weights = (angle2[:, None] ** _SECOND_POWERS).dot(SECOND_SERIES).reshape(n, 5, 4)
     moved = np.empty((n, 5, 6))
     moved[:, 0] = wrench

@@ -10,13 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import NodeStiffness
-from tdcr_fe.elements.poses import skew
+from tdcr_fe.elements.poses import EYE9, ONES3, skew
 
 Array = NDArray[np.float64]
-_ONES = np.ones(3)
-_EYE3 = np.eye(3).reshape(9)
 #: ``p @ _TURNED`` is, row by row, ``(p + p^T) / 2 - tr(p) 1``.
-_TURNED = 0.5 * (np.eye(9) + np.eye(9)[np.arange(9).reshape(3, 3).T.ravel()]) - np.outer(_EYE3, _EYE3)
+_TURNED = 0.5 * (np.eye(9) + np.eye(9)[np.arange(9).reshape(3, 3).T.ravel()]) - np.outer(EYE9, EYE9)
 #: Signs of the rows of `CableLines.stiffness`: minus a projector across the segment.
 _ACROSS = np.array([-1.0, -1.0, -1.0, 1.0])
 
@@ -132,7 +130,7 @@ class Segments(NamedTuple):
     def between(cls, holes: Array, exists: Array | None) -> Segments:
         """Between holes (n+1, m, 3) [m]; ``exists`` is one or zero for every segment, None where there are all."""
         d = holes[1:] - holes[:-1]
-        lengths = np.sqrt((d * d).dot(_ONES))
+        lengths = np.sqrt((d * d).dot(ONES3))
         if exists is None:
             inverse = 1.0 / lengths
         else:
@@ -141,7 +139,7 @@ class Segments(NamedTuple):
         d *= inverse[:, :, None]
         # Half the chord between unit vectors is the sine of half the angle: exact down to the smallest turn.
         bend = d[1:] - d[:-1]
-        chord = (bend * bend).dot(_ONES)
+        chord = (bend * bend).dot(ONES3)
         if exists is not None:
             chord *= exists[1:]
         return cls(lengths, inverse, d, bend, chord, 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(chord), 1.0)))

@@ -21,20 +21,17 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.elements.hysteresis import FrictionState
-from tdcr_fe.elements.poses import EULER_RATE, EULER_ROTATION, skew
+from tdcr_fe.elements.poses import EULER_RATE, EULER_ROTATION, EYE3, EYE9, skew
 from tdcr_fe.elements.tendons import Segments, along_nodes
 
 Array = NDArray[np.float64]
-_EYE3 = np.eye(3)
-_EYE9 = _EYE3.reshape(9)
 #: ``(e e^T) @ _FRAMES + 1`` is the transposed rotation matrix of Euler parameters, row by row.
 _FRAMES: Array = np.ascontiguousarray(EULER_ROTATION.reshape(16, 3, 3).swapaxes(1, 2).reshape(16, 9))
 #: ``e @ _RATE`` takes moments to forces on Euler parameters; ``m @ _RATE_BY_E`` is the derivative of that by them.
 _RATE: Array = 4.0 * EULER_RATE
 _RATE_BY_E: Array = np.ascontiguousarray(_RATE.reshape(4, 4, 3).transpose(2, 1, 0).reshape(3, 16))
-_ONES = np.ones(3)
 #: ``p @ _TURNED`` is, row by row, ``p - tr(p) 1``.
-_TURNED: Array = np.eye(9) - np.outer(_EYE9, _EYE9)
+_TURNED: Array = np.eye(9) - np.outer(EYE9, EYE9)
 
 
 class HolePrediction(NamedTuple):
@@ -199,7 +196,7 @@ class StraightTendons:
         nodes = coordinates[self._nodes]
         e = nodes[:, 3:]
         frames = (e[:, :, None] * e[:, None, :]).reshape(-1, 16).dot(_FRAMES)
-        frames += _EYE9
+        frames += EYE9
         frames = frames.reshape(-1, 3, 3)
         holes = self._offsets @ frames
         holes += nodes[:, None, :3]
@@ -258,7 +255,7 @@ class StraightTendons:
         levers = (pull.rate @ self._levers).reshape(n + 1, 4, m, 3).swapaxes(1, 2)
         holes = (levers @ pull.frames[:, None]).swapaxes(2, 3)
         rows: Array = np.empty((n, m, 4, 14))
-        rows[:, :, :3, :3], rows[:, :, :3, 7:10] = -_EYE3, _EYE3
+        rows[:, :, :3, :3], rows[:, :, :3, 7:10] = -EYE3, EYE3
         np.negative(holes[:-1], out=rows[:, :, :3, 3:7])
         rows[:, :, :3, 10:] = holes[1:]
         np.matmul(pull.straight.directions[:, :, None], rows[:, :, :3], out=rows[:, :, 3:])

@@ -26,9 +26,9 @@ from scipy.linalg.lapack import dgbtrf, dgbtrs
 from tdcr_fe.elements.backbone import NodeStiffness
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.native.actuation import TendonActuation
+from tdcr_fe.elements.poses import EYE6
 
 Array = NDArray[np.float64]
-_EYE6 = np.eye(6)
 #: A band pays below this fraction of the unknowns of the nodes (measured: 0.15 halves the time of the factors, 0.25
 #: lengthens it) [1].
 WIDEST = 0.2
@@ -162,7 +162,7 @@ class BandLayout:
             np.multiply(by_angle, lines.turns.reshape(n - 1, m, 3, 6), out=to.turned)
             np.negative(at_hole.by_tension.T, out=to.passed)
         if clamped:
-            to.itself[0], to.after[0], to.next_disk[0], to.pulled[0, 0] = _EYE6, 0.0, 0.0, 0.0
+            to.itself[0], to.after[0], to.next_disk[0], to.pulled[0, 0] = EYE6, 0.0, 0.0, 0.0
         return to.data.copy().reshape(len(to.data) // self.leading, self.leading).T
 
 

@@ -18,14 +18,13 @@ from tdcr_fe.elements.backbone import ElementChain, NodePoses, relative_twists
 from tdcr_fe.elements.forces import Measurement
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.actuation import TendonActuation
-from tdcr_fe.elements.poses import coefficients, exp_matrix, pose_matrix
+from tdcr_fe.elements.poses import ONES4, coefficients, exp_matrix, pose_matrix
 from tdcr_fe.solve.equations.reduction import BodyFrameReduction
 
 Array = NDArray[np.float64]
 ByRobot = tuple[Array, ...]
 
 
-_ONES4 = np.ones(4)
 _CURRENT, _INITIAL = exu.ConfigurationType.Current, exu.ConfigurationType.Initial
 
 
@@ -233,7 +232,7 @@ class ConfigurationSpace:
     @staticmethod
     def turn_between(a: Configuration, b: Configuration) -> float:
         """Largest rotation of any beam node from one configuration to another [rad]."""
-        cosine = np.abs((a.parameters * b.parameters) @ _ONES4).min()
+        cosine = np.abs((a.parameters * b.parameters) @ ONES4).min()
         return 2.0 * acos(min(float(cosine), 1.0))
 
 

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import NodeStiffness
 from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.poses import EYE6
 from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import Numbering, zero_bases
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-_EYE6 = np.eye(6)
 
 
 def backbone_tangent(residual: Residual, damping: float, length: float) -> NodeStiffness:
@@ -110,4 +110,4 @@ def hold(k: Array, bases: Sequence[slice]) -> None:
     for base in bases:
         rows = k[base]
         rows.fill(0.0)
-        rows[:, base] = _EYE6
+        rows[:, base] = EYE6
