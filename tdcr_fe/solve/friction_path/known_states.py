@@ -130,11 +130,9 @@ def with_path_unknowns(point: Equilibrium, taut: TautTendons, unknowns: Array) -
     state, numbering, k = point.state, point.numbering, len(taut.holes)
     mobilised = point.mobilisation.copy()
     mobilised[taut.holes] = unknowns[:k]
-    slack = np.zeros(numbering.linear - numbering.reduced)
-    tensions = list(numbering.with_driven(state.base_tension, slack))
-    for own, robot in zip(taut.tendons, taut.robots, strict=True):
-        driven = own.which[own.driven]
-        tensions[robot][driven] = unknowns[k : k + len(driven)]
-        k += len(driven)
-    mobilisation = numbering.with_frictional_holes(state.mobilisation, mobilised)
-    return state._replace(mobilisation=mobilisation, base_tension=tuple(tensions))
+    tension = np.zeros(numbering.linear - numbering.reduced)
+    tension[taut.driven] = unknowns[k:]
+    return state._replace(
+        mobilisation=numbering.with_frictional_holes(state.mobilisation, mobilised),
+        base_tension=numbering.with_driven(state.base_tension, tension),
+    )

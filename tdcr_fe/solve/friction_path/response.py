@@ -175,6 +175,11 @@ class Equilibrium(NamedTuple):
         """Of the frictional holes [1], shape (k,)."""
         return self.numbering.at_frictional_holes(self.state.mobilisation)
 
+    @property
+    def driven_tension(self) -> Array:
+        """Tensions at the base of all tendons driven by displacement [N]."""
+        return self.numbering.at_driven(self.state.base_tension)
+
     def with_response(self, tendons: Tendons) -> Equilibrium:
         """The same with the response to the tensions of some tendons; all others are slack."""
         if self.response is not None and all(
@@ -206,6 +211,7 @@ class TautTendons(NamedTuple):
     robots: tuple[int, ...]  # Numbers of these robots
     numbers: tuple[Index, ...]  # By robot, all of them, numbers of the tendons under tension
     holes: Index  # (k,): Numbers of their frictional holes, among those of all tendons
+    driven: Index  # (c,): And of those driven by displacement, among all of these
 
     @classmethod
     def of(cls, states: Sequence[Equilibrium]) -> TautTendons:
@@ -217,8 +223,8 @@ class TautTendons(NamedTuple):
             Solved states of a substep, from its start to its end.
         """
         start, end = states[0], states[-1]
-        tendons, robots, numbers, holes = [], [], [], []
-        hole = 0
+        tendons, robots, numbers, holes, unknown = [], [], [], [], []
+        hole = base = 0
         for part in end.numbering.robots:
             law = end.forces[part.robot].model.law
             tension = np.array([point.state.base_tension[part.robot] for point in (start, end)])
@@ -233,21 +239,16 @@ class TautTendons(NamedTuple):
             order = hole + np.cumsum(acting.reshape(-1)).reshape(acting.shape) - 1
             holes.append(order[which][acting[which]])
             hole += int(np.count_nonzero(acting))
-        return cls(tuple(tendons), tuple(robots), tuple(numbers), np.concatenate(holes))
-
-    @property
-    def unknown(self) -> int:
-        """Number of unknown tensions at the base."""
-        return sum(len(own.driven) for own in self.tendons)
+            unknown.append(base + np.flatnonzero(np.isin(part.driven, which)))
+            base += len(part.driven)
+        return cls(
+            tuple(tendons), tuple(robots), tuple(numbers), np.concatenate(holes), np.concatenate(unknown)
+        )
 
     @property
     def presliding(self) -> Array:
         """Presliding distances of their frictional holes [m], shape (k,)."""
         return np.concatenate([np.full(t.holes, t.law.hysteresis.presliding) for t in self.tendons])
-
-    def base_tensions(self, end: int) -> Array:
-        """Tensions at the base of tendons driven by displacement, at the start (0) or the end (1) [N], shape (c,)."""
-        return np.concatenate([own.tension[end, own.driven] for own in self.tendons])
 
     def tensions(self, point: Equilibrium) -> Array:
         """Tensions of their segments in a state [N], shape (q,)."""

@@ -74,9 +74,9 @@ class SubstepSlips(NamedTuple):
         holes, k = taut.holes, len(taut.holes)
         data = [taut.slip_data(point.state, targets, point.factor, point.load) for point in known.points]
         presliding = taut.presliding
-        slips = InterpolatedSlips.between(data, tension_transfer(taut.tendons), presliding, taut.unknown)
+        slips = InterpolatedSlips.between(data, tension_transfer(taut.tendons), presliding, len(taut.driven))
         before, after = start.mobilisation[holes], end.mobilisation[holes]
-        base = taut.base_tensions(1)
+        base = end.driven_tension[taut.driven]
         last = slips.at(1.0, np.append(after, base), data[-1].tension).derivatives
         every, pulled = np.arange(k), k + np.flatnonzero(base > 0.0)
         matrix, tensions = columns_of(last, every).T, tension_columns(last, every).T
@@ -88,7 +88,7 @@ class SubstepSlips(NamedTuple):
             matrix = matrix + columns @ follow
         slip = (end.slips - start.slips)[holes]
         assert end.response is not None
-        first, columns = taut.base_tensions(0), end.response.nodes @ tensions
+        first, columns = start.driven_tension[taut.driven], end.response.nodes @ tensions
         return cls(
             known,
             allowed,

@@ -8,19 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.solve.equations.configuration import SolverState
-from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.friction_path.known_states import Span
 from tdcr_fe.solve.friction_path.path import PathReversal
-from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons
+from tdcr_fe.solve.friction_path.response import Equilibrium
 from tdcr_fe.solve.load_steps.load_path import SolvedSubstep, StepFailed
 from tdcr_fe.solve.load_steps.states_within import solve_from_end, solve_within
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-#: A tension that is none, by which a tendon that begins to pull is distinguished from a slack one [N].
-TAUT = 1e-300
 
 
 class ReversalPoint(NamedTuple):
@@ -30,10 +26,10 @@ class ReversalPoint(NamedTuple):
     state: SolverState
     sticking: tuple[Flags, ...]  # (m, g): By robot, holes that stuck just before
     reverses: tuple[Flags, ...]  # (m, g): By robot, holes whose slips reverse
-    # By robot, which hole begins to slip here, (m, g), and which tendon becomes slack or taut, (m,), so that slip rates
-    # jump; at most one in all. None: rates go through zero
-    slipping: tuple[Flags, ...]
-    pulling: tuple[Flags, ...]
+    # Which frictional hole of all robots begins to slip here, (k,), and which tendon driven by displacement becomes
+    # slack or taut, (c,), so that slip rates jump; at most one in all. None: rates go through zero
+    slipping: Flags
+    pulling: Flags
     input_rates: tuple[Array, ...]  # (m,): By robot, derivatives of the inputs by the load factor [N, m]
     load_rates: Array | None  # (reduced,): Of the residual, by loads and time; None where only inputs change
 
@@ -66,23 +62,28 @@ def _point(solver: SubstepSolver, substep: SolvedSubstep, here: PathReversal) ->
             f"no equilibrium where slips reverse, at load factor {load_factor:.4f}, for the derivatives there"
         )
         raise StepFailed(message, load_factor, np.nan, known.start.state, 0)
-    state = found.state
-    tense = [tension.copy() for tension in state.base_tension]
-    for robot, tendon, side in zip(*_driven(taut), here.side[k:], strict=True):
-        tense[robot][tendon] = max(tense[robot][tendon], TAUT) if side == 0.0 else 0.0
-    sticks = np.abs(numbering.at_frictional_holes(state.mobilisation)) < 1.0
+    state, tension = found.state, found.driven_tension
+    # A tendon that begins to pull has any tension at all, unlike a slack one.
+    pulled = np.maximum(tension[taut.driven], np.finfo(float).tiny)
+    tension[taut.driven] = np.where(here.side[k:] == 0.0, pulled, 0.0)
+    sticks = np.abs(found.mobilisation) < 1.0
     sticks[taut.holes] = here.side[:k] == 0.0
     arrives = np.arange(len(here.side)) == here.arrives
-    pulling = [np.zeros(len(tension), dtype=bool) for tension in tense]
-    for robot, tendon, one in zip(*_driven(taut), arrives[k:], strict=True):
-        pulling[robot][tendon] = one
+    reverses, slipping = np.zeros_like(sticks), np.zeros_like(sticks)
+    reverses[taut.holes], slipping[taut.holes] = here.reverses, arrives[:k]
+    pulling = np.zeros(len(tension), dtype=bool)
+    pulling[taut.driven] = arrives[k:]
+    none = [np.zeros(own.shape, dtype=bool) for own in state.mobilisation]
     return ReversalPoint(
         load_factor,
-        state._replace(base_tension=tuple(tense), friction=substep.located.history),
-        _by_robot(numbering, state, sticks),
-        _by_robot(numbering, state, _among_all(numbering, taut, state, here.reverses)),
-        _by_robot(numbering, state, _among_all(numbering, taut, state, arrives[:k])),
-        tuple(pulling),
+        state._replace(
+            base_tension=numbering.with_driven(state.base_tension, tension),
+            friction=substep.located.history,
+        ),
+        numbering.with_frictional_holes(none, sticks),
+        numbering.with_frictional_holes(none, reverses),
+        slipping,
+        pulling,
         *_rates(solver, known.span, found, load_factor),
     )
 
@@ -100,26 +101,3 @@ def _rates(
     target = ramp.apply(system, far)
     unbalanced = system.unbalanced(point.state, target, point.forces, point.numbering)
     return inputs, unbalanced / (far - load_factor)
-
-
-def _driven(taut: TautTendons) -> tuple[list[int], list[int]]:
-    """Robots and numbers of the tendons whose tensions at the base are unknowns of a path."""
-    pairs = [
-        (robot, int(tendon))
-        for own, robot in zip(taut.tendons, taut.robots, strict=True)
-        for tendon in own.which[own.driven]
-    ]
-    return [robot for robot, _ in pairs], [tendon for _, tendon in pairs]
-
-
-def _among_all(numbering: Numbering, taut: TautTendons, state: SolverState, flags: Flags) -> Flags:
-    """Flags of the holes of a path among all frictional holes."""
-    found = np.zeros(len(numbering.at_frictional_holes(state.mobilisation)), dtype=bool)
-    found[taut.holes] = flags
-    return found
-
-
-def _by_robot(numbering: Numbering, state: SolverState, flags: Flags) -> tuple[Flags, ...]:
-    """Flags of all frictional holes as arrays of shape (m, g)."""
-    none = [np.zeros(own.shape, dtype=bool) for own in state.mobilisation]
-    return numbering.with_frictional_holes(none, flags)

@@ -371,7 +371,7 @@ def _reversed(
     released = response.tendons[robot].released
     slip = solved.forces[robot].model.law.slip_operator @ released
     by_parameter, by_load_factor = slip[..., :-1], slip[..., -1:]
-    by_parameter = by_parameter + by_load_factor * _load_factor_change(point, response, disturbances)
+    by_parameter = by_parameter + by_load_factor * _load_factor_change(point, solved, response, disturbances)
     turned, before = point.reverses[robot], carried.derivative
     after = replace(
         before,
@@ -386,24 +386,25 @@ def _reversed(
 
 
 def _load_factor_change(
-    point: ReversalPoint, response: Response, disturbances: Sequence[Disturbance]
+    point: ReversalPoint, solved: SolvedPoint, response: Response, disturbances: Sequence[Disturbance]
 ) -> float | Array:
     """Derivatives of the load factor at which rates jump, shape (P,); zero where none does.
 
     There a mobilisation comes to its bound, a tension to zero, or the slack of a tendon is used up.
     """
-    for i, (change, own) in enumerate(zip(response.tendons, disturbances, strict=True)):
-        slipping, pulling = point.slipping[i], point.pulling[i]
-        if slipping.any():
-            arriving = change.mobilisation[slipping][0]
-        elif pulling.any() and point.state.base_tension[i][pulling][0] > 0.0:
-            arriving = change.base_tension[pulling][0]
-        elif pulling.any():
-            arriving = (change.released.sum(axis=1) - own.inputs)[pulling][0]
-        else:
-            continue
-        return np.asarray(-arriving[:-1] / arriving[-1])
-    return 0.0
+    numbering, pulling = solved.numbering, point.pulling
+    if point.slipping.any():
+        arriving = numbering.at_frictional_holes([x.mobilisation for x in response.tendons])[point.slipping]
+    elif numbering.at_driven(point.state.base_tension)[pulling].any():
+        arriving = numbering.at_driven([x.base_tension for x in response.tendons])[pulling]
+    elif pulling.any():
+        slack = [
+            x.released.sum(axis=1) - own.inputs for x, own in zip(response.tendons, disturbances, strict=True)
+        ]
+        arriving = numbering.at_driven(slack)[pulling]
+    else:
+        return 0.0
+    return np.asarray(-arriving[0, :-1] / arriving[0, -1])
 
 
 def _models(
