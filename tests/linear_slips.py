@@ -65,7 +65,7 @@ class LinearSlips:
 
     @staticmethod
     def branches(z, tension):
-        """As of `tdcr_fe.solve.friction_path.transfer.LawTransfer`: derivatives do not jump."""
+        """As of `tdcr_fe.solve.friction_path.transfer.AdhesiveTransfer`: derivatives do not jump."""
         return np.zeros(0, dtype=bool)
 
     @staticmethod

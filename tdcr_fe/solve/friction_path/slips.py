@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from tdcr_fe.compiled import compilable
 from tdcr_fe.elements.complementarity import largest, largest_magnitude
 from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState, factorised, solved
-from tdcr_fe.solve.friction_path.transfer import CapstanTransfer, LawTransfer, branches_at, tensions_at
+from tdcr_fe.solve.friction_path.transfer import AdhesiveTransfer, CapstanTransfer, branches_at, tensions_at
 
 Array = NDArray[np.float64]
 
@@ -156,7 +156,7 @@ def point_on_line(intervals: Intervals, factor: float) -> LinePoint:
 class InterpolatedSlips(NamedTuple):
     """Slips as functions of load factor and unknowns, as arrays."""
 
-    transfer: CapstanTransfer | LawTransfer  # How tension passes along the tendons
+    transfer: CapstanTransfer | AdhesiveTransfer  # How tension passes along the tendons
     intervals: Intervals  # Slips and turning angles between solved states
     # (n,): Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions
     elastic_slip: Array
@@ -167,7 +167,7 @@ class InterpolatedSlips(NamedTuple):
     def between(
         cls,
         states: Sequence[SlipData],
-        transfer: CapstanTransfer | LawTransfer,
+        transfer: CapstanTransfer | AdhesiveTransfer,
         presliding: Array,
         unknown: int,
     ) -> InterpolatedSlips:

@@ -1,8 +1,8 @@
-"""How tension passes along all tendons of a substep: by the Capstan equation, or by any other law.
+"""How tension passes along all tendons of a substep: by the Capstan equation, with or without adhesion.
 
 Tensions of all segments, of all tendons one after the other, as functions of mobilisations, turning angles and tensions
-at the base. `LawTransfer` asks `tdcr_fe.elements.friction.TendonLaw` for them; `CapstanTransfer` writes out the most
-frequent law for flat arrays of all tendons at once, and takes a third of the time.
+at the base. `AdhesiveTransfer` goes hole by hole; `CapstanTransfer` writes out the frequent law without adhesion for
+flat arrays of all tendons at once, and takes a third of the time.
 """
 
 from __future__ import annotations
@@ -12,8 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from tdcr_fe.compiled import compilable, compiled_as
+from tdcr_fe.elements.capstan import capstan_with_adhesion
 from tdcr_fe.elements.friction import TendonLaw
 
 Array = NDArray[np.float64]
@@ -112,12 +114,19 @@ class CapstanTransfer(NamedTuple):
         return capstan_tensions(self, factor, z, angles)
 
     def branches(self, z: Array, tension: Array) -> Flags:
-        """See `LawTransfer.branches`: none, Capstan's equation is smooth."""
+        """See `AdhesiveTransfer.branches`: none, Capstan's equation is smooth."""
         return np.zeros(0, dtype=np.bool_)
 
     def distance_to_branch_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
-        """See `LawTransfer.distance_to_branch_change`."""
+        """See `AdhesiveTransfer.distance_to_branch_change`."""
         return np.inf
+
+
+@compilable
+def base_tensions(transfer: CapstanTransfer, factor: float, z: Array) -> Array:
+    """Tension at the base of the tendon of every segment [N], shape (q,); arguments as of `capstan_tensions`."""
+    base = transfer.base_tension + factor * transfer.base_change
+    return base + z[transfer.holes :].dot(transfer.base_of_segment) if transfer.unknown else base
 
 
 @compilable
@@ -140,10 +149,7 @@ def capstan_tensions(transfer: CapstanTransfer, factor: float, z: Array, angles:
     acting = z[:holes].dot(transfer.incidence) * transfer.friction
     exponent = transfer.friction * angles
     ratio = np.exp(-transfer.holes_before.dot(acting * angles))
-    base = transfer.base_tension + factor * transfer.base_change
-    if transfer.unknown:
-        base = base + z[holes:].dot(transfer.base_of_segment)
-    tension = base * ratio
+    tension = base_tensions(transfer, factor, z) * ratio
     negative = -tension
     by_angle = acting * transfer.holes_before
     by_angle *= negative.reshape(-1, 1)
@@ -159,27 +165,29 @@ def capstan_tensions(transfer: CapstanTransfer, factor: float, z: Array, angles:
 
 
 @compiled_as(capstan_tensions)
-def tensions_at(transfer: CapstanTransfer | LawTransfer, factor: float, z: Array, angles: Array) -> Tensions:
+def tensions_at(
+    transfer: CapstanTransfer | AdhesiveTransfer, factor: float, z: Array, angles: Array
+) -> Tensions:
     """As `capstan_tensions`, by any law; compiled functions know Capstan's equation only."""
     return transfer.at(factor, z, angles)
 
 
 @compiled_as(lambda transfer, z, tension: np.zeros(0, dtype=np.bool_))
-def branches_at(transfer: CapstanTransfer | LawTransfer, z: Array, tension: Array) -> Flags:
-    """See `LawTransfer.branches`."""
+def branches_at(transfer: CapstanTransfer | AdhesiveTransfer, z: Array, tension: Array) -> Flags:
+    """See `AdhesiveTransfer.branches`."""
     return transfer.branches(z, tension)
 
 
 @compiled_as(lambda transfer, z, rate, tension, tension_rate: np.inf)
 def distance_to_branch_change(
-    transfer: CapstanTransfer | LawTransfer, z: Array, rate: Array, tension: Array, tension_rate: Array
+    transfer: CapstanTransfer | AdhesiveTransfer, z: Array, rate: Array, tension: Array, tension_rate: Array
 ) -> float:
-    """See `LawTransfer.distance_to_branch_change`."""
+    """See `AdhesiveTransfer.distance_to_branch_change`."""
     return transfer.distance_to_branch_change(z, rate, tension, tension_rate)
 
 
-class LawTransfer:
-    """Any law that has no slip rates, as with adhesion.
+class AdhesiveTransfer:
+    """Constant coefficients with adhesion: hole by hole, as `tdcr_fe.elements.capstan.capstan_with_adhesion`.
 
     Parameters
     ----------
@@ -188,20 +196,13 @@ class LawTransfer:
     """
 
     def __init__(self, tendons: Sequence[TendonsInSubstep]) -> None:
-        self._holes = sum(t.holes for t in tendons)
-        self._unknown = sum(len(t.driven) for t in tendons)
-        self._size = sum(t.segments for t in tendons), sum(t.angles for t in tendons)
-        self._positions: list[_Positions] = []
-        segment = angle = hole = 0
-        base, before = self._holes, []
-        for own in tendons:
-            self._positions.append(_Positions.of(own, segment, angle, hole, base))
-            tendon, group = np.nonzero(own.frictional)
-            before.append(segment + tendon * own.law.shape[1] + (group if own.law.each_hole else 0))
-            segment, angle, hole = segment + own.segments, angle + own.angles, hole + own.holes
-            base += len(own.driven)
+        self._capstan = CapstanTransfer.of(tendons)
+        self._adhesion = np.concatenate([t.law.parameters.adhesion[t.which].ravel() for t in tendons])
+        self._shapes = [(len(t.which), t.law.shape[1]) for t in tendons]
+        #: Segment behind every hole.
+        self._behind = np.flatnonzero(self._capstan.holes_before.any(axis=1))
         #: Segment before the hole, or the first one, of every mobilisation.
-        self._before: Index = np.concatenate(before)
+        self._before = self._behind[self._capstan.incidence.argmax(axis=1)] - 1
 
     def branches(self, z: Array, tension: Array) -> Flags:
         """Which holes hold tension back, and which segments are under tension, shape (k + q,).
@@ -209,7 +210,7 @@ class LawTransfer:
         Adhesion holds tension behind a hole that is released even where there is none before it, and takes at most
         what there is where it is pulled: there the derivatives jump.
         """
-        return np.concatenate((z[: self._holes] < 0.0, tension > 0.0))
+        return np.concatenate((z[: self._capstan.holes] < 0.0, tension > 0.0))
 
     def distance_to_branch_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
         """Part of the substep to where these change at constant rates; segments that become taut are not foreseen.
@@ -221,7 +222,7 @@ class LawTransfer:
         tension, tension_rate
             Of the segments [N], shape (q,).
         """
-        here, pace = z[: self._holes], rate[: self._holes]
+        here, pace = z[: self._capstan.holes], rate[: self._capstan.holes]
         crossing = (here * pace < 0.0) & (tension[self._before] <= 0.0)
         falling = (tension > 0.0) & (tension_rate < 0.0)
         to_zero = np.concatenate(
@@ -231,57 +232,28 @@ class LawTransfer:
 
     def at(self, factor: float, z: Array, angles: Array) -> Tensions:
         """As of `CapstanTransfer`."""
-        q, r = self._size
-        found = Tensions(
-            np.zeros(q), np.zeros((q, r)), np.zeros((self._holes + self._unknown, q)), np.zeros(q)
-        )
-        for at in self._positions:
-            own, which, (m, n) = at.tendons, at.tendons.which, at.tendons.law.shape
-            change = own.tension[1] - own.tension[0]
-            tension = own.tension[0] + factor * change
-            tension[own.driven] = z[at.base]
-            change[own.driven] = 0.0
-            values = np.zeros(m), np.zeros((m, n)), np.zeros((m, n - 1)), np.zeros((m, own.law.groups))
-            mobilisation = np.zeros(own.frictional.shape)
-            mobilisation[own.frictional] = z[at.holes]
-            values[0][which], values[3][which] = tension, mobilisation
-            values[2][which] = angles[at.angles]
-            field = own.law.field(*values)
-            by = field.derivatives
-            by_base = by.d_base[which]
-            found.tension[at.segments] = field.tension[which]
-            found.by_angle[at.segments[:, :, None], at.angles[:, None, :]] = by.d_angle[which]
-            tendon, group = np.nonzero(own.frictional)
-            by_hole = by.by_mobilisation[which][tendon, :, group]
-            found.by_unknown[at.holes[:, None], at.segments[tendon]] = by_hole
-            found.by_unknown[at.base[:, None], at.segments[own.driven]] = by_base[own.driven]
-            found.by_load[at.segments] = by_base * change[:, None]
-        return found
+        flat, q = self._capstan, len(self._capstan.base_tension)
+        base, mobilisation = base_tensions(flat, factor, z), z[: flat.holes].dot(flat.incidence)
+        tension, by_base, chain = np.empty(q), np.empty(q), np.zeros((q, q))
+        by_angle, by_mobilisation = np.empty(len(angles)), np.empty(len(angles))
+        segment = hole = 0
+        for m, n in self._shapes:
+            segments, holes = slice(segment, segment + m * n), slice(hole, hole + m * (n - 1))
+            at_holes = (angles, mobilisation, flat.friction, self._adhesion)
+            given = [x[holes].reshape(m, n - 1) for x in at_holes]
+            found, slopes = capstan_with_adhesion(base[segments][::n], *given)
+            own = slopes()
+            tension[segments], by_base[segments] = found.ravel(), own.by_base.ravel()
+            chain[segments, segments] = block_diag(*own.chain())
+            by_angle[holes], by_mobilisation[holes] = own.by_angle.ravel(), own.by_mobilisation.ravel()
+            segment, hole = segments.stop, holes.stop
+        beyond = chain[:, self._behind]
+        by_holes = (flat.incidence * by_mobilisation) @ beyond.T
+        by_unknown = np.concatenate((by_holes, flat.base_of_segment * by_base))
+        return Tensions(tension, beyond * by_angle, by_unknown, by_base * flat.base_change)
 
 
-class _Positions(NamedTuple):
-    """Where the numbers of one robot's tendons stand in the arrays of a `LawTransfer`."""
-
-    tendons: TendonsInSubstep
-    segments: Index  # (m, n)
-    angles: Index  # (m, n-1)
-    holes: Index  # (k,): Frictional mobilisations
-    base: Index  # (c,): Unknown tensions at the base
-
-    @classmethod
-    def of(cls, tendons: TendonsInSubstep, segment: int, angle: int, hole: int, base: int) -> _Positions:
-        """Those of tendons whose first numbers are given."""
-        m, n = len(tendons.which), tendons.law.shape[1]
-        return cls(
-            tendons,
-            segment + np.arange(m * n).reshape(m, n),
-            angle + np.arange(m * (n - 1)).reshape(m, n - 1),
-            hole + np.arange(tendons.holes),
-            base + np.arange(len(tendons.driven)),
-        )
-
-
-def tension_transfer(tendons: Sequence[TendonsInSubstep]) -> CapstanTransfer | LawTransfer:
-    """The transfer of tension of some tendons."""
+def tension_transfer(tendons: Sequence[TendonsInSubstep]) -> CapstanTransfer | AdhesiveTransfer:
+    """The transfer of tension of some tendons, whose coefficients of friction are constant."""
     adhesive = any(np.any(t.law.parameters.adhesion[t.which] > 0.0) and t.law.has_friction for t in tendons)
-    return LawTransfer(tendons) if adhesive else CapstanTransfer.of(tendons)
+    return AdhesiveTransfer(tendons) if adhesive else CapstanTransfer.of(tendons)
