@@ -20,7 +20,7 @@ from tdcr_fe.elements.friction import TendonLaw, TendonParameters
 from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
 from tdcr_fe.elements.section import SectionForces
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
-from tdcr_fe.scene.forces import force_model, side_springs, tendon_law
+from tdcr_fe.scene.forces import force_model
 from tdcr_fe.scene.mesh import build_mesh, softened
 from tdcr_fe.scene.parts import BasePose
 
@@ -60,22 +60,13 @@ class RobotModel:
             mesh, rigid = similar.forces.mesh, similar.rigid
         else:
             mesh, rigid = build_mesh(robot, model, load_positions(experiment))
-        if (
-            similar is not None
-            and mesh is similar.forces.mesh
-            and _hole_source(similar.experiment) == _hole_source(experiment)
-        ):
-            forces, before = similar.forces, similar.experiment
-            if (before.robot.tendons, before.model.friction) != (robot.tendons, model.friction):
-                unloaded = forces.law.parameters
-                law = tendon_law(robot, model.friction, unloaded.lengths, unloaded.mask, hysteresis)
-                forces = replace(forces, law=law)
-            if before.robot.springs != robot.springs:
-                forces = replace(forces, springs=side_springs(robot, mesh, base))
-        else:
-            forces = force_model(robot, model, mesh, rigid, hysteresis, base)
-            if similar is not None and _same(_tendon_arrays(forces), _tendon_arrays(similar.forces)):
-                forces = replace(forces, geometry=similar.forces.geometry, law=similar.forces.law)
+        forces = force_model(robot, model, mesh, rigid, hysteresis, base)
+        if similar is not None:
+            old = similar.forces
+            if _same(_tendon_arrays(forces), _tendon_arrays(old)):
+                forces = replace(forces, geometry=old.geometry, law=old.law)
+            if _same(forces.section, old.section):
+                forces = replace(forces, section=old.section)
         mass = np.zeros(len(mesh.arc_lengths))
         lumped = 0.5 * mesh.mass_per_length * mesh.lengths
         mass[:-1] += lumped
@@ -113,11 +104,6 @@ def _same_mesh(a: Experiment, b: Experiment) -> bool:
         return e.robot.backbone, e.robot.disks, springs, e.robot.base_stiffness, e.model.elements_per_bay
 
     return source(a) == source(b) and (a.steps is b.steps or load_positions(a) == load_positions(b))
-
-
-def _hole_source(e: Experiment) -> tuple[Any, ...]:
-    """What the tendons' places and unloaded lengths on a mesh follow from."""
-    return e.model.tendon_path, [(t.routing, t.end, t.clearance) for t in e.robot.tendons]
 
 
 def _tendon_arrays(forces: ForceModel) -> tuple[Any, ...]:
