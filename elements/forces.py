@@ -194,10 +194,10 @@ class TendonForces(NamedTuple):
         """
         f, s, law = self.field, self.measured.shape, self.model.law
         moved = nodes if self.model.columns is None else nodes[self.model.columns]
-        lengths, angles = s.changes(moved, angles=law.elastic)
+        lengths = s.d_lengths @ moved
         released = f.released_d_length * lengths
         if law.elastic:
-            change = (f.d_angle @ angles[:, :, None])[:, :, 0]
+            change = (f.d_angle @ (s.d_angles @ moved)[:, :, None])[:, :, 0]
             if base_tension is not None:
                 change = change + f.d_base * base_tension[:, None]
             if f.depends_on_length:
@@ -247,13 +247,13 @@ class TendonForces(NamedTuple):
     def base_slip_by_holes(self) -> Array:
         """Derivative of the slip at the base plate by the nodes that carry holes, shape (m, W)."""
         f, s = self.field, self.measured.shape
-        by_length = f.released_d_length
+        by_length, by_tension = f.released_d_length[:, None, :], f.released_d_tension[:, None, :]
         if f.depends_on_length:
-            by_length = by_length + (f.released_d_tension[:, None, :] @ f.d_length)[:, 0]
-        d = s.lengths_to_nodes(by_length)
-        if self.model.law.elastic and s.angles.shape[1]:
-            d += s.angles_to_nodes((f.released_d_tension[:, None, :] @ f.d_angle)[:, 0])
-        return d
+            by_length = by_length + by_tension @ f.d_length
+        d = by_length @ s.d_lengths
+        if self.model.law.elastic:
+            d += (by_tension @ f.d_angle) @ s.d_angles
+        return np.asarray(d[:, 0])
 
     def base_slip_by_base(self) -> Array:
         """Derivative of the slip at the base plate by the tension there [m/N], shape (m,)."""
@@ -290,7 +290,8 @@ class TendonForces(NamedTuple):
 
     def base_tension_columns(self) -> Array:
         """Derivative of the force on the nodes by the tensions at the base, shape (6 N, m)."""
-        return self._to_all_nodes(self.measured.shape.lengths_to_nodes(-self.field.d_base)).T
+        d = -self.field.d_base[:, None, :] @ self.measured.shape.d_lengths
+        return self._to_all_nodes(d[:, 0]).T
 
     def geometric_stiffness(self) -> NodeStiffness:
         """Derivative of the pull of the straight segments by `ForceModel.cable_nodes` at fixed tensions.
@@ -325,7 +326,7 @@ class TendonForces(NamedTuple):
             Changed in place, shape (6 N, 6 N).
         """
         f = self.field
-        d_lengths, d_angles = self.measured.shape.derivatives
+        d_lengths, d_angles = self.measured.shape.d_lengths, self.measured.shape.d_angles
         change = f.d_angle @ d_angles
         if f.depends_on_length:
             change += f.d_length @ d_lengths

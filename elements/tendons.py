@@ -36,26 +36,21 @@ class CableShape:
     width: int = 0  # Number W of body-frame components of the nodes that carry straight segments
 
     @cached_property
-    def derivatives(self) -> tuple[Array, Array]:
-        """`d_lengths` and `d_angles`."""
-        (m, n), h = self.lengths.shape, self.angles.shape[1]
-        if self.along is not None:
-            return self.along, np.zeros((m, h, self.along.shape[2]))
-        d_lengths, d_angles = np.zeros((m, n, self.width)), np.zeros((m, h, self.width))
-        along_nodes(d_lengths, 12)[...] = self.lines.segments[:, :, 3].transpose(1, 0, 2)
-        if h:
-            along_nodes(d_angles, 18)[...] = self.lines.turns.transpose(1, 0, 2)
-        return d_lengths, d_angles
-
-    @property
     def d_lengths(self) -> Array:
         """Derivatives of the lengths, shape (m, n, W)."""
-        return self.derivatives[0]
+        if self.along is not None:
+            return self.along
+        found = np.zeros((*self.lengths.shape, self.width))
+        along_nodes(found, 12)[...] = self.lines.segments[:, :, 3].transpose(1, 0, 2)
+        return found
 
-    @property
+    @cached_property
     def d_angles(self) -> Array:
         """Derivatives of the angles, shape (m, n-1, W)."""
-        return self.derivatives[1]
+        found = np.zeros((*self.angles.shape, self.d_lengths.shape[2]))
+        if self.angles.size:
+            along_nodes(found, 18)[...] = self.lines.turns.transpose(1, 0, 2)
+        return found
 
     @property
     def lines(self) -> CableLines:
@@ -63,57 +58,6 @@ class CableShape:
         if self.straight is None:
             raise ValueError("these tendons follow the backbone and have no straight segments")
         return self.straight
-
-    def lengths_to_nodes(self, weights: Array) -> Array:
-        """Weighted sums of the derivatives of the lengths of each tendon, weights (m, n), shape (m, 6 N)."""
-        if self.straight is None:
-            return np.asarray((weights[:, None, :] @ self.d_lengths)[:, 0])
-        (m, n), rows = weights.shape, self.straight.segments[:, :, 3].transpose(1, 0, 2) * weights[:, :, None]
-        total = np.zeros((m, self.width // 6, 6))
-        total[:, :n] = rows[:, :, :6]
-        total[:, 1 : n + 1] += rows[:, :, 6:]
-        return total.reshape(m, -1)
-
-    def angles_to_nodes(self, weights: Array) -> Array:
-        """The same of the derivatives of the angles, weights (m, n-1)."""
-        if self.straight is None:
-            return np.asarray((weights[:, None, :] @ self.d_angles)[:, 0])
-        (m, h), rows = weights.shape, self.straight.turns.transpose(1, 0, 2) * weights[:, :, None]
-        total = np.zeros((m, self.width // 6, 6))
-        for k in range(3):
-            total[:, k : k + h] += rows[:, :, 6 * k : 6 * k + 6]
-        return total.reshape(m, -1)
-
-    def changes(self, increments: Array, *, angles: bool = True) -> tuple[Array, Array]:
-        """Changes of lengths and angles, at first order.
-
-        Parameters
-        ----------
-        increments
-            Body-frame twists of the nodes that carry holes, shape (6 N,).
-        angles
-            Whether those of the angles are needed.
-
-        Returns
-        -------
-        lengths, angles : ndarray, shapes (m, n) and (m, n-1)
-            [m], [rad]; the latter zero where not needed.
-        """
-        if self.straight is None:
-            d_lengths, d_angles = self.derivatives
-            return d_lengths @ increments, d_angles @ increments
-        n = self.lengths.shape[1]
-        both = _windows(increments, 12, n)
-        lengths = (self.straight.segments[:, :, 3] @ both[:, :, None])[..., 0].T
-        if not angles:
-            return lengths, np.zeros_like(self.angles)
-        return lengths, (self.straight.turns @ _windows(increments, 18, n - 1)[:, :, None])[..., 0].T
-
-
-def _windows(increments: Array, width: int, count: int) -> Array:
-    """View of increments (6 N,): from each of the first nodes on, ``width`` of them, shape (count, width)."""
-    one = increments.strides[0]
-    return np.ndarray((count, width), increments.dtype, increments, 0, (6 * one, one))
 
 
 class Segments(NamedTuple):
