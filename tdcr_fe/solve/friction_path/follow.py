@@ -62,14 +62,14 @@ Index = NDArray[np.int_]
 LONGEST_SEGMENT = 0.03
 #: Derivatives of the slips are used again up to this change of the load factor, and of the tensions, over the
 #: largest [1].
-REUSED_LOAD_CHANGE, REUSED_TENSION_CHANGE = 0.02, 0.02
-#: Fraction of these two limits within which derivatives may still show that a slip reverses [1]. With all of them, the
+REUSED_CHANGE = 0.02
+#: Fraction of this limit within which derivatives may still show that a slip reverses [1]. With all of them, the
 #: largest error of twenty random robots was twice as large.
 REUSED_FOR_REVERSAL = 0.25
 #: Shortest path segment: events nearer to each other are taken one after the other over it [1].
 SHORTEST_SEGMENT = 1e-5
-#: By which fraction of itself a path segment is shortened at most at once [1], and how often in succession.
-MOST_SHORTENED, MOST_SHORTENINGS = 0.75, 4
+#: By which fraction of itself a path segment is shortened at most at once [1].
+MOST_SHORTENED = 0.75
 
 
 class FreeUnknowns(NamedTuple):
@@ -233,7 +233,7 @@ def _integrated(
     last = _LastReversals(np.zeros(holes), z[:holes].copy(), np.zeros(holes))
     state = evaluated(slips, factor, z, tension)
     tension, start_slip, unclipped = state.tension, state.slip, no_free_unknowns()
-    evaluation, current, shortenings = _Evaluation(factor, tension, largest(tension)), True, 0
+    evaluation, current = _Evaluation(factor, tension, largest(tension)), True
     for _ in range(most):
         if not current:
             state = evaluated(slips, factor, z, tension)
@@ -249,19 +249,18 @@ def _integrated(
         if reversing.size and not _is_near(evaluation, factor, tension, REUSED_FOR_REVERSAL):
             current = False
             continue
-        if reversing.size and count > 0 and shortenings < MOST_SHORTENINGS:
+        if reversing.size and count > 0:
             # Slips that reverse here may have done so before.
             fraction = _fraction_before_reversal(state, path, count - 1, reversing, side, unclipped, unknowns)
             if fraction < 1.0:
                 path.length[count - 1] *= fraction
                 factor, z, tension = end_of_segment(path, count - 1, unknowns.bounds)
-                current, shortenings = False, shortenings + 1
+                current = False
                 continue
         if reversing.size:
             last.slip[reversing] = (state.slip - start_slip)[reversing]
             last.mobilisation[reversing] = side[reversing]
             last.factor[reversing] = factor
-        shortenings = 0
         set_free(constraints, rates.side == 0.0, z, state, unknowns)
         if factor >= breakpoints[passed] - NEAR_BOUND:
             passed += 1
@@ -282,11 +281,11 @@ def _integrated(
 
 @compilable
 def _is_near(evaluation: _Evaluation, factor: float, tension: Array, fraction: float) -> bool:
-    """Whether another load factor and other tensions are within a fraction of the limits of reuse."""
-    if factor - evaluation.factor > fraction * REUSED_LOAD_CHANGE:
+    """Whether another load factor and other tensions are within a fraction of the limit of reuse."""
+    limit = fraction * REUSED_CHANGE
+    if factor - evaluation.factor > limit:
         return False
-    limit = fraction * REUSED_TENSION_CHANGE * evaluation.largest
-    return bool(largest_magnitude(tension - evaluation.tension) <= limit)
+    return bool(largest_magnitude(tension - evaluation.tension) <= limit * evaluation.largest)
 
 
 @compilable

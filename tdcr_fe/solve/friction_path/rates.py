@@ -27,8 +27,6 @@ Flags = NDArray[np.bool_]
 
 #: Distance from a bound, or between load factors, that is round-off, over the size of the unknown [1].
 NEAR_BOUND = 1e-12
-#: Upper bound of tensions, beyond all that occur [N].
-UNBOUNDED = 1e100
 #: Slips below this fraction of the presliding distance are negligible: rates that lead to less in a substep are zero,
 #: and what was slipped beyond a reversal that was not foreseen is left as it is [1].
 NEGLIGIBLE = 1e-4
@@ -93,7 +91,7 @@ def some_columns(matrix: Array, which: Index) -> Array:
 class Bounds(NamedTuple):
     """Bounds of the unknowns."""
 
-    lower: Array  # (n,): -1 and 1 of mobilisations [1]; 0 and a number beyond all that occur of tensions [N]
+    lower: Array  # (n,): -1 and 1 of mobilisations [1]; 0 and infinity of tensions [N]
     upper: Array  # as `lower`
     near_lower: Array  # (n,): Values beyond which an unknown counts as at its bound: round-off away from it
     near_upper: Array  # as `near_lower`
@@ -103,7 +101,7 @@ class Bounds(NamedTuple):
         """Bounds of so many mobilisations, then of the tensions (c,), which begin with these."""
         one, largest_tension = np.ones(holes), float(base_tension.max(initial=1.0))
         lower = np.append(-one, np.zeros_like(base_tension))
-        upper = np.append(one, np.full_like(base_tension, UNBOUNDED))
+        upper = np.append(one, np.full_like(base_tension, np.inf))
         round_off = NEAR_BOUND * np.append(one, np.full_like(base_tension, largest_tension))
         return cls(lower, upper, lower + round_off, upper - round_off)
 

@@ -27,9 +27,6 @@ Array = NDArray[np.float64]
 
 #: Most intervals into which a substep is divided at first by states within it.
 MOST_INTERVALS_AT_FIRST = 4
-#: Largest difference between a tension of a state within a substep and that of the followed path, over the largest
-#: tension, with which the state is kept where more states are solved; else it is solved again, on the path [1].
-NEAR_PATH = 0.01
 
 
 def known_states(
@@ -113,9 +110,7 @@ def refined(
 ) -> list[tuple[float, Equilibrium]]:
     """States before the end with new ones between them; empty where there are to be no more of them.
 
-    The number of intervals is doubled, and chosen at first by an error that falls with their cube. States that were
-    solved far from the path that is known now are solved again: the interpolation is linear in the tensions, so the
-    error that they leave would not fall with the number of states.
+    The number of intervals is doubled, and chosen at first by an error that falls with their cube.
 
     Parameters
     ----------
@@ -135,24 +130,13 @@ def refined(
         count = min(MOST_INTERVALS_AT_FIRST, most, by_error)
     if found.path is None or count < 2 or intervals * count > most:
         return []
-    states = [
-        (point.factor, point.state) for point in known.points[:-1] if _is_near(known, point, found.path)
-    ]
-    fractions = {
-        first + (last - first) * i / count
-        for first, last in pairwise(point.factor for point in known.points)
-        for i in range(count)
-    }
-    for x in sorted(fractions - {x for x, _ in states}):
-        state = solve_within(solver, known, found.path, x)
-        if state is None:
-            return []
-        states.append((x, state))
-    return sorted(states, key=lambda point: point[0])
-
-
-def _is_near(known: KnownStates, point: InterpolationPoint, path: FrictionPath) -> bool:
-    """Whether a state's tensions are near those of a followed path, which begins at the first state."""
-    tension = known.taut.tensions(point.state)
-    off = np.abs(path.at(point.factor)[1] - tension)
-    return point.factor == 0.0 or bool(off.max() <= NEAR_PATH * tension.max())
+    states = []
+    for first, last in pairwise(known.points):
+        states.append((first.factor, first.state))
+        for i in range(1, count):
+            x = first.factor + (last.factor - first.factor) * i / count
+            state = solve_within(solver, known, found.path, x)
+            if state is None:
+                return []
+            states.append((x, state))
+    return states

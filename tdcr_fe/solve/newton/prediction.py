@@ -23,11 +23,6 @@ from tdcr_fe.solve.newton.steps import slip_changes
 
 Array = NDArray[np.float64]
 
-#: Changes of the inputs are in one direction if they are proportional up to this [1].
-SAME_DIRECTION = 1e-6
-#: No prediction where the polynomial adds more than this fraction of the linear change [1].
-MOST_CURVED = 0.5
-
 
 class Prediction(NamedTuple):
     """A predicted solution."""
@@ -86,10 +81,7 @@ def predict(
         if not _all_keep_slipping(state, slips, numbering):
             return None
     slope = _slope(linear, step)
-    bend = last.curvature(length, slope)
-    if float(np.abs(bend).max()) > MOST_CURVED * float(np.abs(slope).max()):
-        return None
-    there = _moved(system, state, slope + bend, numbering, settings.max_turn)
+    there = _moved(system, state, slope + last.curvature(length, slope), numbering, settings.max_turn)
     return None if there is None else Prediction(there, slope)
 
 
@@ -99,8 +91,7 @@ def _length_of(last: SolvedStep, loading: Array) -> float | None:
     if size == 0.0:
         return None
     length = float(last.loading @ loading) / size
-    off = float(np.abs(last.loading - length * loading).max())
-    same = length > 0.0 and off <= SAME_DIRECTION * float(np.abs(last.loading).max())
+    same = length > 0.0 and np.allclose(last.loading, length * loading, atol=0.0)
     return length if same else None
 
 

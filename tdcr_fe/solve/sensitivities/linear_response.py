@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
 from tdcr_fe.elements.poses import skew
-from tdcr_fe.elements.tendons import CableGeometry
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import Numbering, RobotUnknowns, zero_bases
@@ -30,7 +29,7 @@ Array = NDArray[np.float64]
 
 #: Mobilisations this near to their bounds are at them [1].
 AT_BOUND = 1e-7
-#: Difference step of tendons in oversized holes over the length of a segment, and of a node's turn [rad].
+#: Difference step of a node's position over the length of a segment, and of its turn [rad].
 SHIFT_STEP = 1e-6
 
 
@@ -167,34 +166,28 @@ class SolvedPoint:
 
         The shift follows from the motion, and the motion from the shift: one small linear system.
         """
-        own, poses = self.forces[robot], self.state.configuration.poses[robot]
-        geometry, which = own.model.geometry, own.model.cable_nodes
-        assert geometry is not None
-        places = np.zeros((*geometry.nodes.shape, 3), dtype=bool)
-        places[:, 0, 1:] = True
-        places[:, 1:-1, 1:] = geometry.mask[:, 1:, None]
-        none = [Disturbance.none(x, int(places.sum())) for x in self.forces]
+        own, configuration = self.forces[robot], self.state.configuration
         point = RobotPoint(
-            *poses, self.state.configuration.twists[robot], own.base_tension, own.field.mobilisation
+            *configuration.poses[robot],
+            configuration.twists[robot],
+            own.base_tension,
+            own.field.mobilisation,
         )
-        wrenches, tension, released = _pushed(own, point, places)
-        none[robot] = none[robot]._replace(
-            wrenches=wrenches.reshape(none[robot].wrenches.shape), tension=tension, released=released
+        wrenches, tension, released = _by_shifts(own, point)
+        which = self.numbering.robots[robot].nodes.start + 6 * own.model.cable_nodes[:, None] + np.arange(6)
+        which = which.ravel()
+        disturbances = [Disturbance.none(x, len(which)) for x in self.forces]
+        disturbances[robot] = disturbances[robot]._replace(
+            wrenches=wrenches.reshape(-1, len(which)), tension=tension, released=released
         )
-        by_shift = self._respond_with_holes(tuple(none))
-        rows = _shifts(geometry, poses[0][which], poses[1][which])[places]
-
-        def shifts(unknowns: Array) -> Array:
-            """Shifts of the holes that can shift as the robot moves, shape (q, P)."""
-            moved = unknowns[self.numbering.robots[robot].nodes]
-            return np.asarray(rows @ moved.reshape(len(poses[0]), -1)[which].reshape(rows.shape[1], -1))
-
-        found = np.linalg.solve(np.eye(len(rows)) - shifts(by_shift.unknowns), shifts(response.unknowns))
+        by_motion = self._respond_with_holes(tuple(disturbances))
+        coupled = np.eye(len(which)) - by_motion.unknowns[which]
+        moved = np.linalg.solve(coupled, response.unknowns[which])
         tendons = tuple(
-            TendonChange(*(a + b @ found for a, b in zip(x, y, strict=True)))
-            for x, y in zip(response.tendons, by_shift.tendons, strict=True)
+            TendonChange(*(a + b @ moved for a, b in zip(x, y, strict=True)))
+            for x, y in zip(response.tendons, by_motion.tendons, strict=True)
         )
-        return Response(response.unknowns + by_shift.unknowns @ found, tendons)
+        return Response(response.unknowns + by_motion.unknowns @ moved, tendons)
 
     def _respond_with_holes(
         self, disturbances: tuple[Disturbance, ...], unbalanced: Array | None = None
@@ -283,41 +276,30 @@ class SolvedPoint:
         return fixed + response.columns @ change[which], list(changes)
 
 
-def _pushed(own: TendonForces, point: RobotPoint, places: NDArray[np.bool_]) -> Values:
-    """Change of the forces with the tendons' places in their holes, which are chosen by shape (m, n+1, 3)."""
-    law, offsets = own.model.law, own.measured.offsets
-    assert offsets is not None
-    step = SHIFT_STEP * law.parameters.lengths[law.parameters.mask].min()
-    units = np.zeros((int(places.sum()), places.size))
-    units[:, places.ravel()] = np.eye(len(units))
-    moved = step * units.reshape(-1, *places.shape)
-    rate = np.zeros_like(point.mobilisation) if own.field.slip_rate is None else own.field.slip_rate
-    stack = TendonStack.with_offsets(own.model, np.concatenate((offsets + moved, offsets - moved)))
-    values = stack.at(point, np.tile(rate, (2 * len(units), 1, 1)), own.model.cable_nodes)
-    by_place = [np.moveaxis(x[: len(units)] - x[len(units) :], 0, -1) / (2.0 * step) for x in values]
-    wrenches = np.zeros((len(point.positions), 6, len(units)))
-    wrenches[own.model.cable_nodes] = by_place[0]
-    return with_rates(Values(wrenches, by_place[1], by_place[2]), own, rate, None)
+def _by_shifts(own: TendonForces, point: RobotPoint) -> Values:
+    """Change of the forces as the tendons shift in their holes, by body-frame increments of the nodes with holes.
 
-
-def _shifts(geometry: CableGeometry, positions: Array, rotations: Array) -> Array:
-    """Derivative of the tendons' places in their holes by body-frame increments of the nodes.
-
-    Shape (m, n+1, 3, 6 (n+1)); poses are those of the nodes with holes.
+    Everything else stays as it is. By central differences; the increments are the last axis.
     """
-    count = len(positions)
-    lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    steps = SHIFT_STEP * np.repeat((lengths.min(), 1.0), 3)
-    node, component = np.divmod(np.arange(6 * count), 6)
-    size = steps[component]
-    moved = np.zeros((6 * count, count, 6))
-    moved[np.arange(6 * count), node, component] = size
-    ends = []
-    for sign in (1.0, -1.0):
-        along = positions + (rotations @ (sign * moved[..., :3, None]))[..., 0]
-        turned = rotations + rotations @ skew(sign * moved[..., 3:])
-        ends.append(geometry.shifted(along, turned))
-    return np.moveaxis((ends[0] - ends[1]) / (2.0 * size[:, None, None, None]), 0, -1)
+    geometry, law, which = own.model.geometry, own.model.law, own.model.cable_nodes
+    assert geometry is not None
+    positions, rotations, count = point.positions[which], point.rotations[which], 6 * len(which)
+    steps = SHIFT_STEP * np.repeat((law.parameters.lengths[law.parameters.mask].min(), 1.0), 3)
+    node, component = np.divmod(np.arange(count), 6)
+    moved = np.zeros((2, count, len(which), 6))
+    moved[0, np.arange(count), node, component] = steps[component]
+    moved[1] = -moved[0]
+    along = positions + (rotations @ moved[..., :3, None])[..., 0]
+    offsets = geometry.shifted(along, rotations + rotations @ skew(moved[..., 3:]))
+    rate = np.zeros_like(point.mobilisation) if own.field.slip_rate is None else own.field.slip_rate
+    stack = TendonStack.with_offsets(own.model, offsets.reshape(-1, *offsets.shape[2:]))
+    values = stack.at(point, np.tile(rate, (2 * count, 1, 1)), which)
+    pulled, tension, released = (
+        np.moveaxis(x[:count] - x[count:], 0, -1) / (2.0 * steps[component]) for x in values
+    )
+    wrenches = np.zeros((len(point.positions), 6, count))
+    wrenches[which] = pulled
+    return with_rates(Values(wrenches, tension, released), own, rate, None)
 
 
 def _balanced(system: SceneSystem, state: SolverState, target: Target, numbering: Numbering) -> Residual:
