@@ -17,7 +17,6 @@ from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
 from tdcr_fe.elements.poses import skew
 from tdcr_fe.solve.equations.configuration import SolverState, Target
-from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import Numbering, RobotUnknowns, zero_bases
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
@@ -122,7 +121,7 @@ class SolvedPoint:
         Parameters
         ----------
         system
-            The scene. It is left in this state where there is more in it than robots.
+            The scene.
         state
             With the history at the beginning of its increment.
         target
@@ -136,12 +135,15 @@ class SolvedPoint:
         sticking
             Which holes stick, by robot; None finds out from the history.
         linearization
-            Of a state near it; None is that of the state itself.
+            Of a state near it; None is that of the state itself, in which the scene is left.
         """
         numbering = system.numbering() if numbering is None else numbering
-        residual = _balanced(system, state, target, numbering)
-        linear = linearization or system.linearize(residual, numbering)
-        by_robot = list(zip(residual.forces, state.mobilisation, state.friction, strict=True))
+        if linearization is None:
+            residual = system.residual(state, target, numbering)
+            forces, linearization = residual.forces, system.linearize(residual, numbering)
+        else:
+            forces = system.forces(state, target.time)
+        by_robot = list(zip(forces, state.mobilisation, state.friction, strict=True))
         if sticking is None:
             sticking = tuple(
                 own.model.law.frictional & (all_stick | ~_slips(own, mobilisation, history, softening))
@@ -151,7 +153,7 @@ class SolvedPoint:
             HoleFlexibility.of(own.model.law.hysteresis.softened(softening), s, history, turns=all_stick)
             for own, s, history in by_robot
         )
-        return cls(system, numbering, state, residual.forces, linear, sticking, holes)
+        return cls(system, numbering, state, forces, linearization, sticking, holes)
 
     def respond(self, disturbances: tuple[Disturbance, ...], unbalanced: Array | None = None) -> Response:
         """Response to disturbances, one of each robot, and to a residual (reduced,) beside the last of them."""
@@ -300,15 +302,6 @@ def _by_shifts(own: TendonForces, point: RobotPoint) -> Values:
     wrenches = np.zeros((len(point.positions), 6, count))
     wrenches[which] = pulled
     return with_rates(Values(wrenches, tension, released), own, rate, None)
-
-
-def _balanced(system: SceneSystem, state: SolverState, target: Target, numbering: Numbering) -> Residual:
-    """Residual of a solved state; where nothing but robots is in the scene, Exudyn need not compute that it is zero."""
-    if not system.tangent_follows_from_elements():
-        return system.residual(state, target, numbering)
-    zero = np.zeros(system.layout.reduction.count)
-    nothing = tuple(np.zeros(6) for _ in numbering.clamped)
-    return Residual(state, target, system.forces(state, target.time), zero, nothing, zero, 0.0)
 
 
 def _slips(
