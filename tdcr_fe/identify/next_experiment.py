@@ -18,12 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.identify.causes import ReadingCause, StateLoad
-from tdcr_fe.identify.criteria import BIC_DIFFERENCE, bic, effective_noise
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize_each
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.problem import Fit, FitProblem, Readings
 from tdcr_fe.identify.result import NextExperiment
-from tdcr_fe.identify.search_state import Search, SearchState
+from tdcr_fe.identify.search_state import Search, SearchState, as_good
 from tdcr_fe.identify.settings import OutOfTime
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Load, LoadStep, resolve
@@ -79,20 +78,13 @@ def choose_next(search: Search, state: SearchState) -> NextExperiment | None:
 
 def leading_rivals(search: Search, state: SearchState) -> list[Fit]:
     """Fitted models of other effects that explain the data about as well as the best one, the best first."""
-    problem, best = state.problem, state.best
-    noise = effective_noise(problem, best, search.significance)
-    mine = set(best.names)
+    mine = set(state.best.names)
     near = [
-        (bic(problem, f), f)
-        for key, f in state.fits.items()
-        if f.solved
-        and f.effects
-        and _described(f)
-        and not (mine <= key or key <= mine)
-        and f.jacobian.shape[1] == len(f.free)
-        and bic(problem, f) - bic(problem, best) < BIC_DIFFERENCE * noise
+        f
+        for f in as_good(search, state)
+        if f.effects and _described(f) and not (mine <= set(f.names) or set(f.names) <= mine)
     ]
-    return [f for _, f in sorted(near, key=lambda p: p[0])[:RIVALS]]
+    return near[:RIVALS]
 
 
 def _described(fit: Fit) -> bool:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -27,18 +28,26 @@ FIRST_ORDER = 0.02
 SEEN = 1e-6
 
 
+class Start(NamedTuple):
+    """Where the fit of a candidate may begin."""
+
+    points: list[Point]  # to first order all of them promise as much
+    predicted: Array  # residual over sigma that it would leave, to first order, shape (n,)
+    fallback: tuple[Point, ...] = ()  # where it begins if the points are worse than the model without
+
+
 @dataclass(frozen=True)
 class Score:
     """One candidate beside one fitted model."""
 
     effect: Effect
     drop: float  # fall of the sum of squares over the fitted readings, to first order
-    starts: list[Point]  # where a fit may begin: to first order all of them promise as much
-    predicted: Array  # residual over sigma that it would leave, to first order, shape (n,)
-    signature: Array  # change of the predictions over sigma, by direction, shape (n, k)
+    signature: (
+        Array  # change of the predictions over sigma, by direction, shape (n, k); k = 0 where it is refused
+    )
+    begin: Callable[[], Start]  # most candidates are not fitted
     note: str = ""  # reason of refusal; empty where it is not refused
     probe: _ProbeSet | None = None  # to which the signature belongs
-    fallback: tuple[Point, ...] = ()  # where it may begin if the starts are worse than the model without
     # typical steps of its parameters in their fitted coordinates
     scales: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
@@ -47,8 +56,13 @@ class Score:
         cls, effect: Effect, fit: Fit, note: str, scales: Mapping[tuple[str, str], float] | None = None
     ) -> Score:
         """Of an effect that is not tried beside a model."""
-        nothing = np.zeros((fit.residual.size, 0))
-        return cls(effect, 0.0, [], fit.residual, nothing, note, scales=scales or {})
+        nothing, start = np.zeros((fit.residual.size, 0)), Start([], fit.residual)
+        return cls(effect, 0.0, nothing, lambda: start, note, scales=scales or {})
+
+    @cached_property
+    def start(self) -> Start:
+        """Where its fit may begin."""
+        return self.begin()
 
     @property
     def count(self) -> int:
@@ -100,7 +114,7 @@ def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> tuple[li
     by_effect: dict[str, list[tuple[_ProbeSet, Array]]] = {}
     for one, signature in zip(sets, signatures, strict=True):
         by_effect.setdefault(one.effect.name, []).append((one, signature))
-    scores += [_score(problem, fit, space, own) for own in by_effect.values()]
+    scores += [_score(space, own) for own in by_effect.values()]
     return sorted(scores, key=lambda s: -s.drop), fit
 
 
@@ -145,6 +159,13 @@ class _ProbeSet:
                 if change != 0.0:
                     found.setdefault(name, Column(self.differentiated, name, self.start, change))
         return found
+
+    def limits(self, problem: FitProblem) -> tuple[Array, Array]:
+        """Least and largest amplitudes within the bounds of the parameters, shape (k,) both."""
+        low, high = np.array(
+            [_amplitude_range(problem, self.effect, self.null, d) for d in self.directions]
+        ).T
+        return low, high
 
     def key(self, name: str) -> tuple[str, str, tuple[float, ...]]:
         """Of the column of a parameter; the same where the derivative is the same."""
@@ -232,58 +253,55 @@ class _Space:
         return problem.point(fit.effects, fit.values, fit.free, z), np.asarray(left - fit.jacobian @ own)
 
 
-class _Probed(NamedTuple):
-    """One of the alternatives of a candidate, with its best amplitudes."""
-
-    drop: float  # fall of the sum of squares
-    amplitude: Array  # shape (k,)
-    probe: _ProbeSet
-    signature: Array  # shape (n, k)
-
-
-def _score(problem: FitProblem, fit: Fit, space: _Space, sets: Sequence[tuple[_ProbeSet, Array]]) -> Score:
+def _score(space: _Space, sets: Sequence[tuple[_ProbeSet, Array]]) -> Score:
     """The best of the alternatives of one candidate."""
-    e = sets[0][0].effect
-    found: list[_Probed] = []
-    scales: dict[tuple[str, str], float] = {}
+    e, fit = sets[0][0].effect, space.fit
+    found, scales = list[Score](), dict[tuple[str, str], float]()
     for one, signature in sets:
-        low, high = np.array([_amplitude_range(problem, e, one.null, d) for d in one.directions]).T
-        if not np.any(can_be_seen(signature, np.maximum(np.abs(low), np.abs(high)))):
-            continue
-        amplitude, drop = space.amplitudes(signature, low, high)
-        for name, j in ((n, j) for d in one.directions for n, j in d.items()):
-            if j != 0.0:
-                scales[(e.name, name)] = abs(j)
-        found.append(_Probed(drop, amplitude, one, signature))
+        low, high = limits = one.limits(space.problem)
+        if np.any(can_be_seen(signature, np.maximum(np.abs(low), np.abs(high)))):
+            found.append(_beside(space, one, signature, limits))
+            scales |= {(e.name, n): abs(j) for d in one.directions for n, j in d.items() if j != 0.0}
     if not found:
         return Score.refused(e, fit, "it changes nothing on these data", scales)
     if isinstance(e, PointForce):
-        return replace(_at_points(problem, space, e, fit.run, fit.cost), scales=scales)
-    drop, amplitude, one, signature = max(found, key=lambda x: x.drop)
-    points = [_mix(problem, one, factor * amplitude) for factor in (1.0, 0.5)]
-    values, predicted = space.adapted(signature @ amplitude)
-    fallback = tuple({**fit.values, e.name: point} for point in points)
-    start = {**values, e.name: points[0]}
-    return Score(e, drop, [start], predicted, signature, "", one, fallback, scales)
+        return replace(_at_points(space, e, fit.run), scales=scales)
+    return replace(max(found, key=lambda x: x.drop), scales=scales)
 
 
-def _at_points(
-    problem: FitProblem, space: _Space, e: PointForce, run: Run, cost: float, follows: bool = True
-) -> Score:
-    """A force towards a point beside a model of some cost, from all points that first order does not tell apart."""
+def _beside(space: _Space, one: _ProbeSet, signature: Array, limits: tuple[Array, Array]) -> Score:
+    """One of the alternatives of a candidate, with its best amplitudes within limits."""
+    name, amplitude, drop = one.effect.name, *space.amplitudes(signature, *limits)
+
+    def begin() -> Start:
+        points = [_mix(space.problem, one, factor * amplitude) for factor in (1.0, 0.5)]
+        values, predicted = space.adapted(signature @ amplitude)
+        fallback = tuple({**space.fit.values, name: point} for point in points)
+        return Start([{**values, name: points[0]}], predicted, fallback)
+
+    return Score(one.effect, drop, signature, begin, probe=one)
+
+
+def _at_points(space: _Space, e: PointForce, run: Run, follows: bool = True) -> Score:
+    """A force towards a point, from all points that first order does not tell apart."""
+    problem, fit = space.problem, space.fit
     found = best_points(problem, run, e, space, follows)
     if not found:
-        return Score.refused(e, space.fit, "")  # beside another model it may
+        return Score.refused(e, fit, "")  # beside another model it may
     best, *others = found
     alike = [best]
     for x in others:
         other = all(float(np.sum((x.change - y.change) ** 2)) > SAME for y in alike)
-        if other and x.drop > best.drop - FIRST_ORDER * cost:
+        if other and x.drop > best.drop - FIRST_ORDER * fit.cost:
             alike.append(x)
-    adapted = [space.adapted(x.change) for x in alike]
-    starts = [{**values, e.name: x.values} for x, (values, _) in zip(alike, adapted, strict=True)]
+
+    def begin() -> Start:
+        adapted = [space.adapted(x.change) for x in alike]
+        points = [{**values, e.name: x.values} for x, (values, _) in zip(alike, adapted, strict=True)]
+        return Start(points, adapted[0][1])
+
     probe = _ProbeSet.of(e, [best.values], problem.experiment)
-    return Score(e, best.drop, starts, adapted[0][1], best.change[:, None], "", probe)
+    return Score(e, best.drop, best.change[:, None], begin, probe=probe)
 
 
 def rescored(problem: FitProblem, fit: Fit, score: Score, run: Run) -> Score:
@@ -291,12 +309,8 @@ def rescored(problem: FitProblem, fit: Fit, score: Score, run: Run) -> Score:
     one, space = score.probe, _Space.of(problem, fit)
     assert one is not None
     if isinstance(one.effect, PointForce):
-        return _at_points(problem, space, one.effect, run, fit.cost, follows=False)
-    low, high = np.array([_amplitude_range(problem, one.effect, one.null, d) for d in one.directions]).T
-    amplitude, drop = space.amplitudes(score.signature, low, high)
-    values, predicted = space.adapted(score.signature @ amplitude)
-    start = {**values, one.effect.name: _mix(problem, one, amplitude)}
-    return replace(score, drop=drop, starts=[start], predicted=predicted)
+        return _at_points(space, one.effect, run, follows=False)
+    return replace(_beside(space, one, score.signature, one.limits(problem)), scales=score.scales)
 
 
 def apart(problem: FitProblem, fit: Fit, change: Array, score: Score) -> tuple[float, float]:

@@ -15,6 +15,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +28,6 @@ from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
     at_bound,
     bic,
-    effective_noise,
     is_improvement,
     lacks_test,
     price,
@@ -40,11 +40,12 @@ from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.result import Candidate
-from tdcr_fe.identify.screening import FIRST_ORDER, Score, apart, rescored, screen
+from tdcr_fe.identify.screening import FIRST_ORDER, Score, Start, apart, rescored, screen
 from tdcr_fe.identify.search_state import (
     Search,
     SearchState,
     Stage,
+    as_good,
     in_time,
     listed_names,
     mean_cost,
@@ -122,7 +123,7 @@ def scores_beside(state: SearchState, fit: Fit, costly: bool = False) -> tuple[S
 
 def own_price(problem: FitProblem, score: Score) -> float:
     """What a candidate costs by itself: its parameters and its prior, as in the criterion."""
-    gravity = price_of_gravity(problem, score.starts[0]) if score.effect.name == "gravity" else 0.0
+    gravity = price_of_gravity(problem, score.start.points[0]) if score.effect.name == "gravity" else 0.0
     return score.count * math.log(problem.count) + price((score.effect,), problem.data.robot) + gravity
 
 
@@ -171,7 +172,7 @@ def worth_fitting(
     fitted = int(np.count_nonzero(problem.fitted))
     for x in scores:
         drop = required_drop(x.count, search.significance, noise)
-        if x.starts and x.count < fitted - len(parent.free) and x.drop > drop:
+        if x.count < fitted - len(parent.free) and x.drop > drop:
             cost = max(parent.cost - x.drop, fitted + FIRST_ORDER * parent.cost)
             criterion = cost + own_price(problem, x) + parent_price(problem, parent)
             found.append(Proposal(reference or parent, x, criterion))
@@ -242,7 +243,7 @@ def fit_proposals(
                 _, now, x = queue.pop(0)
                 if left[x.named] and (ahead is None or _may_reach(problem, ahead, now, x)):
                     left[x.named] -= 1
-                    together.append(_fitted(problem, now, x.score.predicted, races[x.named]))
+                    together.append(_fitted(problem, now, x.score.start.predicted, races[x.named]))
             for now in fitting.run_fits(problem, together):
                 state = state.with_fit(now)
                 better = ahead is None or rank(problem, now) < rank(problem, ahead)
@@ -284,7 +285,7 @@ def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal) -> bool:
 
 def _may_reach(problem: FitProblem, ahead: Fit, now: Fit, proposal: Proposal) -> bool:
     """Whether an evaluated model may become about as probable as another one, by the error of its prediction."""
-    error = fitting.distance(problem, now.residual, proposal.score.predicted)
+    error = fitting.distance(problem, now.residual, proposal.score.start.predicted)
     limit = _limit(problem, ahead) - parent_price(problem, now)
     return math.sqrt(fitting.reachable_cost(problem, now)) - error <= math.sqrt(max(limit, 0.0))
 
@@ -300,13 +301,13 @@ def _begun(problem: FitProblem, found: Sequence[Proposal]) -> list[Fit]:
     def evaluated(x: Proposal, starts: Sequence[Point]) -> fitting.Fitting:
         return fitting.begin(problem, x.effects, starts, fitting.Race(), x.parent)
 
-    fits = fitting.run_fits(problem, [evaluated(x, x.score.starts) for x in found])
+    fits = fitting.run_fits(problem, [evaluated(x, x.score.start.points) for x in found])
     again = [
         k
         for k, (x, now) in enumerate(zip(found, fits, strict=True))
-        if not now.cost < x.parent.cost and x.score.fallback
+        if not now.cost < x.parent.cost and x.score.start.fallback
     ]
-    more = fitting.run_fits(problem, [evaluated(found[k], found[k].score.fallback) for k in again])
+    more = fitting.run_fits(problem, [evaluated(found[k], found[k].score.start.fallback) for k in again])
     for k, other in zip(again, more, strict=True):
         fits[k] = min(fits[k], other, key=lambda f: f.cost)
     return fits
@@ -527,7 +528,8 @@ def at_full_strength(search: Search, state: SearchState, parent: Fit) -> tuple[S
             drop = parent.cost - problem.cost(left)[0]
             fallback = (new.values,) if new.free else ()
             nothing = np.zeros((problem.count, 0))
-            scores.append(Score(e, drop, [start], left, nothing, fallback=fallback))
+            given = Start([start], left, fallback)
+            scores.append(Score(e, drop, nothing, partial(Start, *given)))
     found = worth_fitting(search, problem, parent, scores)[:2]
     # those that were fitted from small values begin anew
     kept = {k: f for k, f in state.fits.items() if k not in {x.names for x in found}}
@@ -586,7 +588,7 @@ def exchange(search: Search, state: SearchState, progress: float = 0.75, costly:
             continue
         state, scores, reference = scores_beside(state, best, costly=costly)
         problem, names = state.problem, {e.listed for e in (*gone, *rest)}
-        others = [x for x in scores if x.starts and x.effect.listed not in names and x.signature.size]
+        others = [x for x in scores if x.signature.size and x.effect.listed not in names]
         others = [rescored(problem, base, x, reference.run) for x in others]
         near = worth_fitting(search, problem, base, others)
         state, more = fit_proposals(search, state, near, best)
@@ -605,18 +607,10 @@ def exchange(search: Search, state: SearchState, progress: float = 0.75, costly:
 
 def with_rivals(search: Search, state: SearchState) -> SearchState:
     """Name causes of other models that explain as much, each beside the cause that it replaces."""
-    problem, best = state.problem, state.best
-    noise = effective_noise(problem, best, search.significance)
-    rivals, mine = dict[str, tuple[str, ...]](), set(best.names)
-    for other in state.fits.values():
-        if (
-            not other.solved
-            or other is best
-            or bic(problem, other) - bic(problem, best) >= BIC_DIFFERENCE * noise
-        ):
-            continue
+    rivals, mine = dict[str, tuple[str, ...]](), set(state.best.names)
+    for other in as_good(search, state):
         theirs = set(other.names)
-        if len(theirs - mine) != 1 or at_bound(problem, other):
+        if len(theirs - mine) != 1 or at_bound(state.problem, other):
             continue
         for name in mine - theirs:
             rivals[name] = tuple(dict.fromkeys((*rivals.get(name, ()), *(theirs - mine))))

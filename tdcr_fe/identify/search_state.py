@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Effect
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import (
+    BIC_DIFFERENCE,
+    bic,
     effective_noise,
     probability_of_unlisted,
     rank,
@@ -246,6 +248,14 @@ def mean_cost(cost: float, which: NDArray[np.bool_]) -> float:
 def listed_names(names: Sequence[str]) -> str:
     """Names of effects, joined by plus signs."""
     return " + ".join(names)
+
+
+def as_good(search: Search, state: SearchState) -> list[Fit]:
+    """Other models that explain the data about as well as the best one, by their evidence."""
+    problem, best = state.problem, state.best
+    limit = bic(problem, best) + BIC_DIFFERENCE * effective_noise(problem, best, search.significance)
+    found = [f for f in state.fits.values() if f.solved and f is not best and bic(problem, f) < limit]
+    return sorted(found, key=lambda f: bic(problem, f))
 
 
 def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:

@@ -313,7 +313,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         add(term.key, kind, [("coefficient", term.unit, term.action)], sentence(term), price)
     rows = possible_starts(problem.data) if progress and not problem.data.parts else ()
     starts = {problem.data.step_ids[k]: float(clock.value(state)[k, -1]) for k in rows}
-    for free in (*_free_loads(clock), *_beginning_loads(clock, starts)):
+    for free in (*_free_loads(clock), *_loads_from_a_row_on(clock, starts)):
         if free.depends_on == "row" and not progress:
             continue
         for bay in range(bays - 1 if free.at_tip else 0, bays):
@@ -401,15 +401,24 @@ def _free_loads(clock: Factor) -> list[_FreeLoad]:
     return [*found, _FreeLoad("moment", text, "orientation", "N m", dipole, True)]
 
 
-def _beginning_loads(clock: Factor, starts: Mapping[int, float]) -> list[_FreeLoad]:
-    """Forces of fixed direction on the tip that begin in a row; ``starts``: by row, the value of the clock there."""
+def _loads_from_a_row_on(clock: Factor, starts: Mapping[int, float]) -> list[_FreeLoad]:
+    """Forces and moments that begin in a row, or end before it; ``starts``: by row, the value of the clock there."""
 
-    def after(state: BayState, bay: int, axis: int, start: float) -> Array:
-        return (clock.value(state)[:, bay, None] >= start) * np.eye(3)[axis]
+    def part(state: BayState, bay: int, axis: int, start: float, after: bool) -> Array:
+        return ((clock.value(state)[:, bay, None] >= start) == after) * np.eye(3)[axis]
 
     return [
-        _FreeLoad("force", f"that begins in row {n}", "row", "N", partial(after, start=x), True, len(starts))
+        _FreeLoad(
+            perturbs,
+            f"of fixed direction, {'from' if after else 'before'} row {n}{' on' if after else ''}",
+            "row",
+            unit,
+            partial(part, start=x, after=after),
+            choices=2 * len(starts),
+        )
+        for perturbs, unit in (("force", "N"), ("moment", "N m"))
         for n, x in starts.items()
+        for after in (True, False)
     ]
 
 

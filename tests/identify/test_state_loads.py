@@ -52,14 +52,24 @@ def started(problem, load):
     return linear.run
 
 
-def test_a_force_that_begins_in_a_row_acts_on_the_tip_from_it_on():
+@pytest.mark.parametrize(
+    "when, acts", [("from row 7 on", lambda n: n >= 7), ("before row 7", lambda n: n < 7)]
+)
+def test_loads_begin_and_end_with_a_row(when, acts):
     problem = problem_of(measured())
     (run,) = problem.run([Job(problem.experiment, states=True)])
     causes = {e.name: e for e in dictionary(problem, run.bays)}
-    action = causes["force that begins in row 7 (tip)"].action(run.bays, {"x": 0.0, "y": 2.0, "z": 0.0})
-    expected = np.zeros_like(action)
-    expected[np.array(problem.data.step_ids) >= 7, -1, FORCE] = (0.0, 2.0, 0.0)
-    np.testing.assert_array_equal(action, expected)
+    rows, values = acts(np.array(problem.data.step_ids)), {"x": 0.0, "y": 2.0, "z": 0.0}
+    force = causes[f"force of fixed direction, {when} (tip)"].action(run.bays, values)
+    expected = np.zeros_like(force)
+    expected[rows, -1, FORCE] = (0.0, 2.0, 0.0)
+    np.testing.assert_array_equal(force, expected)
+    # A moment on the first disk passes through the first bay only.
+    name = next(n for n in causes if n.startswith(f"moment of fixed direction, {when} (disk"))
+    moment = Action(causes[name].action(run.bays, values), run.bays.rotation).moments
+    expected = np.zeros_like(moment)
+    expected[rows, 0] = (0.0, 2.0, 0.0)
+    np.testing.assert_allclose(moment, expected, atol=1e-15)
 
 
 def test_the_response_to_an_action_is_exact():
@@ -153,7 +163,8 @@ def test_a_force_towards_a_point_is_proposed_where_it_acts(kind, law, own):
     (at_tip, at_disk), _ = screen(problem, evaluate(problem, (), {}), (pull, other))
     assert at_tip.effect is pull
     proposed = min(
-        (p[pull.name] for p in at_tip.starts), key=lambda v: sum((v[n] - x) ** 2 for n, x in values.items())
+        (p[pull.name] for p in at_tip.start.points),
+        key=lambda v: sum((v[n] - x) ** 2 for n, x in values.items()),
     )
     assert proposed == pytest.approx(values, rel=0.05)
     assert at_tip.drop > at_disk.drop
