@@ -187,16 +187,17 @@ def reference_poses(mesh: BackboneMesh, position: Array, rotation: Array) -> tup
 
 
 class NodeStiffness(NamedTuple):
-    """Blocks of a symmetric matrix by body-frame increments of nodes in a row; only neighbours are coupled."""
+    """Blocks of a symmetric matrix by unknowns of nodes in a row; only neighbours are coupled."""
 
-    itself: Array  # (N, 6, 6): Of every node
-    # (N-1, 6, 6): Of every node by the next one; the transposed block is that of the next one by it
+    itself: Array  # (N, d, d): Of every node, by its six body-frame increments or seven coordinates
+    # (N-1, d, d): Of every node by the next one; the transposed block is that of the next one by it
     after: Array
 
     def add_to(self, k: Array, nodes: NDArray[np.int_]) -> None:
-        """Add the blocks of nodes of these numbers to a matrix that begins with body-frame increments of nodes."""
-        (row, column), n = k.strides, len(k) // 6
-        blocks: Array = np.ndarray((n, 6, n, 6), k.dtype, k, 0, (6 * row, row, 6 * column, column))
+        """Add the blocks of nodes of these numbers to a matrix that begins with the unknowns of nodes."""
+        (row, column), d = k.strides, self.itself.shape[1]
+        n = len(k) // d
+        blocks: Array = np.ndarray((n, d, n, d), k.dtype, k, 0, (d * row, row, d * column, column))
         near, far = nodes[:-1], nodes[1:]
         blocks[nodes, :, nodes, :] += self.itself
         blocks[near, :, far, :] += self.after
@@ -292,22 +293,23 @@ class ElementChain:
         return np.asarray(beyond @ rotations)
 
     def tangent(
-        self, mesh: BackboneMesh, wrenches: Array, positions: Array, rotations: Array
+        self, wrenches: Array, positions: Array, rotations: Array, mesh: BackboneMesh | None = None
     ) -> NodeStiffness:
-        """Tangent of the elastic forces, with the geometric terms of all other wrenches.
+        """Geometric terms of unbalanced wrenches in the nodal tangent, and the elastic forces with all of theirs.
 
-        In the elements' twists ``xi`` the elastic energy is quadratic, so its second derivative is the stiffness;
+        Away from equilibrium the tangent depends on the unknowns it is taken in. With the elements' twists ``xi``,
+        whose poses follow by exponentials, the elastic energy is quadratic, so its second derivative is the stiffness;
         everything else that depends on the poses acts through their second derivatives (derivation:
         docs/algorithms.md, section "Newton's method in strain space").
 
         Parameters
         ----------
-        mesh
-            With the stiffness of the elements and their unloaded twists.
         wrenches
             Unbalanced ``[f, m]`` on the nodes, in their own frames, shape (N, 6).
         positions, rotations
             Of the nodes, shapes (N, 3) and (N, 3, 3).
+        mesh
+            With the stiffness of the elements and their unloaded twists; None leaves out the elastic forces.
 
         Returns
         -------
@@ -315,36 +317,20 @@ class ElementChain:
             With the sign of Exudyn's Jacobian: minus the stiffness.
         """
         powers, b = self._maps
-        stiffness = mesh.twist_stiffness
-        internal = ((stiffness * (self.twists - mesh.reference_twists))[:, None] @ b)[:, 0]
-        # Everything but the elastic wrenches: beyond an element it is what the element transmits, and the unbalanced.
-        others = wrenches.reshape(-1, 6).copy()
-        others[:-1] += internal[:, :6]
-        others[1:] += internal[:, 6:]
         beyond = self._distal_sum(wrenches.reshape(-1, 2, 3), positions, rotations)
-        beyond[1:] += internal[:, 6:].reshape(-1, 2, 3)
+        others = wrenches.reshape(-1, 6)
+        if mesh is not None:
+            stiffness = mesh.twist_stiffness
+            internal = ((stiffness * (self.twists - mesh.reference_twists))[:, None] @ b)[:, 0]
+            # Everything but the elastic wrenches: beyond an element it is what it transmits, and the unbalanced.
+            others = others.copy()
+            others[:-1] += internal[:, :6]
+            others[1:] += internal[:, 6:]
+            beyond[1:] += internal[:, 6:].reshape(-1, 2, 3)
         inner = exponential_curvature(self.twists, powers, beyond[1:].reshape(-1, 6))
-        inner -= stiffness[:, :, None] * EYE6
+        if mesh is not None:
+            inner -= stiffness[:, :, None] * EYE6
         return self._pose_terms(others, beyond, b, inner)
-
-    def unbalanced_terms(self, wrenches: Array, positions: Array, rotations: Array) -> NodeStiffness:
-        """Geometric terms of unbalanced wrenches in a nodal tangent that has those of the elastic ones.
-
-        Away from equilibrium the tangent depends on the unknowns it is taken in. With the elements' twists, whose
-        poses follow by exponentials, it has besides the derivatives of the wrenches the second derivatives of the
-        poses times the wrenches (derivation: docs/algorithms.md, section "Newton's method in strain space").
-
-        Parameters
-        ----------
-        wrenches
-            ``[f, m]`` on the nodes in their own frames, shape (N, 6).
-        positions, rotations
-            Of the nodes, shapes (N, 3) and (N, 3, 3).
-        """
-        powers, b = self._maps
-        beyond = self._distal_sum(wrenches.reshape(-1, 2, 3), positions, rotations)
-        inner = exponential_curvature(self.twists, powers, beyond[1:].reshape(-1, 6))
-        return self._pose_terms(wrenches.reshape(-1, 6), beyond, b, inner)
 
     @cached_property
     def _maps(self) -> tuple[Array, Array]:

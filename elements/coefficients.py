@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.capstan import Slopes, TensionDerivatives
+from tdcr_fe.elements.complementarity import ROUND_OFF
 
 Array = NDArray[np.float64]
 
-#: The iteration ends at this change of a coefficient; above `ACCEPTED` it has failed [1].
-TOLERANCE, ACCEPTED = 1e-12, 1e-8
+#: The iteration has failed where coefficients still change by more than this [1].
+ACCEPTED = 1e-8
 #: Largest change of a coefficient in one iteration [1].
 MAX_STEP = 0.5
 #: Most iterations; the bounded steps need two from end to end of the range, Newton's last ones a few more.
@@ -131,7 +132,7 @@ def solve_coefficients(
     mu, now = start, linearise(start)
     error = float(np.max(np.abs(now.law.value - mu), initial=0.0))
     for _ in range(MAX_ITERATIONS):
-        if error <= TOLERANCE:
+        if error <= ROUND_OFF:
             break
         try:
             step = np.linalg.solve(now.matrix, (now.law.value - mu)[..., None])[..., 0]

@@ -15,10 +15,9 @@ LEAST_EIGENVALUE = 0.05
 #: Block pivots that may leave as many violated indices as before until single pivots follow. With more of them a
 #: problem in which block pivots cycle takes longer; with fewer, others are given to single pivots, which are slow.
 MOST_IDLE_BLOCKS = 3
-#: Violations below this are round-off: of the bounds of `solve_box`, and of ``w`` over the diagonal of the matrix [1].
-BOX_ROUND_OFF = 1e-11
-#: And of ``w`` in `solve_nonnegative`, over the largest entry of the right side [1].
-SIGN_ROUND_OFF = 1e-13
+#: What is smaller than this is round-off, over the size of what it belongs to [1]: here violations, of the bounds of
+#: `solve_box` and of ``w`` over the diagonal of the matrix, and of ``w`` over the right side in `solve_nonnegative`.
+ROUND_OFF = 1e-12
 
 
 @compiled_as(lambda values: values.max())
@@ -118,8 +117,8 @@ def solve_box(matrix: Array, right: Array, start: Array, max_blocks: int = 30) -
             if singular:
                 return np.clip(start, -1.0, 1.0), False
         w = (right - matrix @ s) / scale
-        up, down = free & (s > 1.0 + BOX_ROUND_OFF), free & (s < -1.0 - BOX_ROUND_OFF)
-        back = ((side == 1) & (w < -BOX_ROUND_OFF)) | ((side == -1) & (w > BOX_ROUND_OFF))
+        up, down = free & (s > 1.0 + ROUND_OFF), free & (s < -1.0 - ROUND_OFF)
+        back = ((side == 1) & (w < -ROUND_OFF)) | ((side == -1) & (w > ROUND_OFF))
         violated = up | down | back
         count = int(np.count_nonzero(violated))
         if count == 0:
@@ -153,7 +152,7 @@ def solve_nonnegative(matrix: Array, right: Array, start: Array) -> tuple[Array,
     """
     k = len(right)
     positive = start > 0.0
-    tolerance = SIGN_ROUND_OFF * float(np.abs(right).max(initial=0.0))
+    tolerance = ROUND_OFF * float(np.abs(right).max(initial=0.0))
     fewest, idle_left = k + 1, MOST_IDLE_BLOCKS
     for _ in range(30 + 10 * k):
         z, inside = np.zeros(k), np.flatnonzero(positive)

@@ -180,9 +180,39 @@ class TendonForces(NamedTuple):
     # given or unknowns
     base_response: Array | None = None
 
+    # ------------------------------------------------------------------ tendons
+
+    def tendon_change(
+        self, nodes: Array, base_tension: Array, mobilisation: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Linear change of tensions [N] and released lengths [m] of the segments, shape (m, n, P) each.
+
+        Parameters
+        ----------
+        nodes
+            Body-frame increments of all nodes, shape (6 N, P).
+        base_tension
+            Change of the tensions at the base [N], shape (m, P).
+        mobilisation
+            Shape (m, g, P); None where they stay.
+        """
+        field, shape, (m, n) = self.field, self.measured.shape, self.model.law.shape
+        moved = nodes if self.model.columns is None else nodes[self.model.columns]
+        lengths = (shape.d_lengths.reshape(m * n, -1) @ moved).reshape(m, n, -1)
+        tension = field.d_base[:, :, None] * base_tension[:, None, :]
+        if mobilisation is not None:
+            tension = tension + field.by_mobilisation @ mobilisation
+        if shape.angles.size:
+            angles = (shape.d_angles.reshape(m * (n - 1), -1) @ moved).reshape(m, n - 1, -1)
+            tension = tension + field.d_angle @ angles
+        if field.depends_on_length:
+            tension = tension + field.d_length @ lengths
+        by_length, by_tension = field.released_d_length[:, :, None], field.released_d_tension[:, :, None]
+        return tension, by_length * lengths + by_tension * tension
+
     # ------------------------------------------------------------------ slips
 
-    def slip_change(self, nodes: Array, base_tension: Array | None) -> Array:
+    def slip_change(self, nodes: Array, base_tension: Array) -> Array:
         """Change of the slips that drive the mobilisations in a step at fixed mobilisations [m], shape (m, g).
 
         Parameters
@@ -190,20 +220,13 @@ class TendonForces(NamedTuple):
         nodes
             Body-frame increments of all nodes, shape (6 N,).
         base_tension
-            Change of the tensions at the base [N], shape (m,); None where they are constant.
+            Change of the tensions at the base [N], shape (m,).
         """
-        f, s, law = self.field, self.measured.shape, self.model.law
-        moved = nodes if self.model.columns is None else nodes[self.model.columns]
-        lengths = s.d_lengths @ moved
-        released = f.released_d_length * lengths
+        law = self.model.law
         if law.elastic:
-            change = (f.d_angle @ (s.d_angles @ moved)[:, :, None])[:, :, 0]
-            if base_tension is not None:
-                change = change + f.d_base * base_tension[:, None]
-            if f.depends_on_length:
-                change = change + (f.d_length @ lengths[:, :, None])[:, :, 0]
-            released = released + f.released_d_tension * change
-        return law.slips(released)
+            return law.slips(self.tendon_change(nodes[:, None], base_tension[:, None])[1][..., 0])
+        moved = nodes if self.model.columns is None else nodes[self.model.columns]
+        return law.slips(self.field.released_d_length * (self.measured.shape.d_lengths @ moved))
 
     @property
     def resting_flexibility(self) -> Array:

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements.backbone import NodeStiffness
 from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.poses import EULER_RATE, EULER_ROTATION, EYE3, EYE9, skew
@@ -163,13 +164,13 @@ class StraightTendons:
         rows = np.zeros((n + 1, 7, 7 * (n + 1)))
         np.negative(ends[:, :7], out=rows[1:-1])
         rows[2:] -= ends[:, 7:]
-        blocks = rows.reshape(n + 1, 7, n + 1, 7)
-        self._add_geometric(blocks, pull, segments)
+        tangent = rows.reshape(7 * (n + 1), -1)
+        self._geometric(pull, segments).add_to(tangent, np.arange(n + 1))
         if n + 1 == self._size:
-            return blocks.reshape(7 * self._size, -1)
+            return tangent
         found = np.zeros((self._size, 7, self._size, 7))
         rows = self._nodes
-        found[rows[:, None], :, rows] = blocks.swapaxes(1, 2)
+        found[rows[:, None], :, rows] = tangent.reshape(n + 1, 7, n + 1, 7).swapaxes(1, 2)
         return found.reshape(7 * self._size, -1)
 
     def pull(
@@ -261,8 +262,8 @@ class StraightTendons:
         np.matmul(pull.straight.directions[:, :, None], rows[:, :, :3], out=rows[:, :, 3:])
         return rows
 
-    def _add_geometric(self, blocks: Array, pull: Pull, segments: Array) -> None:
-        """Add the derivative at fixed tensions, see `tdcr_fe.elements.tendons.CableLines.stiffness`."""
+    def _geometric(self, pull: Pull, segments: Array) -> NodeStiffness:
+        """The derivative at fixed tensions, see `tdcr_fe.elements.tendons.CableLines.stiffness`."""
         n, m = pull.tension.shape
         weighted = segments * (pull.tension * pull.straight.inverse)[:, :, None, None]
         np.negative(weighted[:, :, :3], out=weighted[:, :, :3])
@@ -275,12 +276,7 @@ class StraightTendons:
         turned = outer.reshape(-1, 9).dot(_TURNED).reshape(-1, 3, 3)
         own[:, 3:, 3:] += pull.rate @ turned @ pull.rate.swapaxes(1, 2)
         own[:, 3:, 3:] += pull.moments.dot(_RATE_BY_E).reshape(n + 1, 4, 4)
-        on_diagonal = _diagonal(blocks, 0, 0, n + 1)
-        on_diagonal += own
-        above = _diagonal(blocks, 0, 1, n)
-        above += pair[:, :7, 7:]
-        below = _diagonal(blocks, 1, 0, n)
-        below += pair[:, 7:, :7]
+        return NodeStiffness(own, pair[:, :7, 7:])
 
 
 def _turns(pull: Pull, segments: Array) -> Array:
@@ -290,10 +286,3 @@ def _turns(pull: Pull, segments: Array) -> Array:
     turns[:, :, :14] = (before[:, :, None] @ segments[:-1, :, :3])[:, :, 0]
     turns[:, :, 7:] += (after[:, :, None] @ segments[1:, :, :3])[:, :, 0]
     return turns
-
-
-def _diagonal(blocks: Array, row: int, column: int, count: int) -> Array:
-    """View of a contiguous array (N, 7, N, 7): ``count`` blocks (7, 7) along the diagonal that starts at a block."""
-    down, one_down, right, one_right = blocks.strides
-    start = row * down + column * right
-    return np.ndarray((count, 7, 7), blocks.dtype, blocks, start, (down + right, one_down, one_right))

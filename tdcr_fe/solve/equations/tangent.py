@@ -30,7 +30,7 @@ def backbone_tangent(residual: Residual, damping: float, length: float) -> NodeS
         Of the backbone [m].
     """
     configuration, mesh = residual.state.configuration, residual.forces[0].model.mesh
-    found = configuration.chains[0].tangent(mesh, residual.unbalanced, *configuration.poses[0])
+    found = configuration.chains[0].tangent(residual.unbalanced, *configuration.poses[0], mesh)
     if damping > 0.0:
         component = np.arange(6)
         found.itself[:, component, component] -= damping_of_node(damping, length)
@@ -51,7 +51,7 @@ def add_unbalanced(k: Array, residual: Residual, nodes: Sequence[slice]) -> None
     configuration = residual.state.configuration
     for i, own in enumerate(nodes):
         wrenches = residual.unbalanced[6 * own.start : 6 * own.stop]
-        terms = configuration.chains[i].unbalanced_terms(wrenches, *configuration.poses[i])
+        terms = configuration.chains[i].tangent(wrenches, *configuration.poses[i])
         terms.add_to(k, np.arange(own.start, own.stop))
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.compiled import compilable, compiled_as, is_compiled, run_compiled
-from tdcr_fe.elements.complementarity import largest, largest_magnitude, smallest
+from tdcr_fe.elements.complementarity import ROUND_OFF, largest, largest_magnitude, smallest
 from tdcr_fe.solve.friction_path.path import (
     FrictionPath,
     PathSegment,
@@ -31,7 +31,6 @@ from tdcr_fe.solve.friction_path.path import (
     set_segment,
 )
 from tdcr_fe.solve.friction_path.rates import (
-    NEAR_BOUND,
     Bounds,
     PathUnknowns,
     Rates,
@@ -262,7 +261,7 @@ def _integrated(
             last.mobilisation[reversing] = side[reversing]
             last.factor[reversing] = factor
         set_free(constraints, rates.side == 0.0, z, state, unknowns)
-        if factor >= breakpoints[passed] - NEAR_BOUND:
+        if factor >= breakpoints[passed] - ROUND_OFF:
             passed += 1
             if passed == len(breakpoints):
                 return z, last, path, count, True
@@ -271,7 +270,7 @@ def _integrated(
         set_segment(path, count, segment)
         factor, z, tension = end_of_segment(path, count, unknowns.bounds)
         count += 1
-        current = factor < breakpoints[passed] - NEAR_BOUND and _is_near(evaluation, factor, tension, 1.0)
+        current = factor < breakpoints[passed] - ROUND_OFF and _is_near(evaluation, factor, tension, 1.0)
         current = current and not left_branch(state.derivatives, branches_at(slips.transfer, z, tension))
         if current:
             state = extrapolated(state, segment.length, tension, rates.rate, rates.complement)

@@ -19,14 +19,12 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from tdcr_fe.compiled import compilable, compiled_as
-from tdcr_fe.elements.complementarity import MOST_IDLE_BLOCKS, exchanged, largest, smallest
+from tdcr_fe.elements.complementarity import MOST_IDLE_BLOCKS, ROUND_OFF, exchanged, largest, smallest
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int_]
 Flags = NDArray[np.bool_]
 
-#: Distance from a bound, or between load factors, that is round-off, over the size of the unknown [1].
-NEAR_BOUND = 1e-12
 #: Slips below this fraction of the presliding distance are negligible: rates that lead to less in a substep are zero,
 #: and what was slipped beyond a reversal that was not foreseen is left as it is [1].
 NEGLIGIBLE = 1e-4
@@ -102,7 +100,7 @@ class Bounds(NamedTuple):
         one, largest_tension = np.ones(holes), float(base_tension.max(initial=1.0))
         lower = np.append(-one, np.zeros_like(base_tension))
         upper = np.append(one, np.full_like(base_tension, np.inf))
-        round_off = NEAR_BOUND * np.append(one, np.full_like(base_tension, largest_tension))
+        round_off = ROUND_OFF * np.append(one, np.full_like(base_tension, largest_tension))
         return cls(lower, upper, lower + round_off, upper - round_off)
 
 

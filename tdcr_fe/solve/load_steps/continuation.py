@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements.complementarity import ROUND_OFF
 from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.load_path import Position, SolvedPath
@@ -17,8 +18,6 @@ Array = NDArray[np.float64]
 
 #: Key of the last solution in ``mbs.variables``.
 KEY = "tdcr_fe.last_solution"
-#: Difference by which Exudyn, asked for what was set, may be off [m, N, 1].
-ROUND_OFF = 1e-13
 
 
 class LastSolution(NamedTuple):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import ElementChain
-from tdcr_fe.elements.complementarity import solve_box
+from tdcr_fe.elements.complementarity import ROUND_OFF, solve_box
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.kernel import Residual
@@ -25,8 +25,6 @@ from tdcr_fe.solve.equations.system import SceneSystem
 Array = NDArray[np.float64]
 Index = NDArray[np.int_]
 
-#: Slips against the direction of a hole are round-off below this fraction of its flexibility [1].
-ROUND_OFF = 1e-8
 #: A damped step turns no section by more than this; below a fifth of it the damping is reduced [rad].
 DAMPED_TURN = 0.5
 #: Largest damping, over the elastic force times the length: nothing moves any more [1].

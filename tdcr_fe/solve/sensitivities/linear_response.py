@@ -225,7 +225,7 @@ class SolvedPoint:
         ):
             base = tension.copy()
             base[part.driven] = unknowns[part.tensions]
-            by_motion = tendon_change(own, unknowns[part.nodes], base, change)
+            by_motion = own.tendon_change(unknowns[part.nodes], base, change)
             found.append(
                 TendonChange(
                     base, change, by_motion[0] + disturbance.tension, by_motion[1] + disturbance.released
@@ -310,39 +310,3 @@ def _slips(
     """Which holes slip: full friction acts, and so it follows from the slip since the history, shape (m, g)."""
     trial = own.model.law.hysteresis.softened(softening).trial(own.field.slip, history)
     return np.asarray(np.minimum(np.abs(mobilisation), np.abs(trial)) >= 1.0 - AT_BOUND)
-
-
-def tendon_change(
-    own: TendonForces, nodes: Array, base_tension: Array, mobilisation: Array
-) -> tuple[Array, Array]:
-    """Change of tensions and released lengths with the unknowns.
-
-    Parameters
-    ----------
-    own
-        Forces of the robot.
-    nodes
-        Body-frame increments of all nodes, shape (6 N, P).
-    base_tension
-        Shape (m, P) [N].
-    mobilisation
-        Shape (m, g, P).
-
-    Returns
-    -------
-    tension, released : ndarray, shape (m, n, P)
-        [N], [m].
-    """
-    field, shape, count = own.field, own.measured.shape, nodes.shape[1]
-    m, n = own.model.law.shape
-    moved = nodes if own.model.columns is None else nodes[own.model.columns]
-    width = moved.shape[0]
-    lengths = (shape.d_lengths.reshape(-1, width) @ moved).reshape(m, n, count)
-    tension = field.d_base[:, :, None] * base_tension[:, None, :] + field.by_mobilisation @ mobilisation
-    if shape.d_angles.shape[1]:
-        angles = (shape.d_angles.reshape(-1, width) @ moved).reshape(m, -1, count)
-        tension = tension + field.d_angle @ angles
-    if field.depends_on_length:
-        tension = tension + field.d_length @ lengths
-    released = field.released_d_length[:, :, None] * lengths + field.released_d_tension[:, :, None] * tension
-    return tension, released
