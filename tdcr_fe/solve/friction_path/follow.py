@@ -67,8 +67,8 @@ REUSED_CHANGE = 0.02
 REUSED_FOR_REVERSAL = 0.25
 #: Shortest path segment: events nearer to each other are taken one after the other over it [1].
 SHORTEST_SEGMENT = 1e-5
-#: By which fraction of itself a path segment is shortened at most at once [1].
-MOST_SHORTENED = 0.75
+#: By which fraction of itself a path segment is shortened at most at once [1], and how often in succession.
+MOST_SHORTENED, MOST_SHORTENINGS = 0.75, 4
 
 
 class FreeUnknowns(NamedTuple):
@@ -232,7 +232,7 @@ def _integrated(
     last = _LastReversals(np.zeros(holes), z[:holes].copy(), np.zeros(holes))
     state = evaluated(slips, factor, z, tension)
     tension, start_slip, unclipped = state.tension, state.slip, no_free_unknowns()
-    evaluation, current = _Evaluation(factor, tension, largest(tension)), True
+    evaluation, current, shortenings = _Evaluation(factor, tension, largest(tension)), True, 0
     for _ in range(most):
         if not current:
             state = evaluated(slips, factor, z, tension)
@@ -248,18 +248,19 @@ def _integrated(
         if reversing.size and not _is_near(evaluation, factor, tension, REUSED_FOR_REVERSAL):
             current = False
             continue
-        if reversing.size and count > 0:
+        if reversing.size and count > 0 and shortenings < MOST_SHORTENINGS:
             # Slips that reverse here may have done so before.
             fraction = _fraction_before_reversal(state, path, count - 1, reversing, side, unclipped, unknowns)
             if fraction < 1.0:
                 path.length[count - 1] *= fraction
                 factor, z, tension = end_of_segment(path, count - 1, unknowns.bounds)
-                current = False
+                current, shortenings = False, shortenings + 1
                 continue
         if reversing.size:
             last.slip[reversing] = (state.slip - start_slip)[reversing]
             last.mobilisation[reversing] = side[reversing]
             last.factor[reversing] = factor
+        shortenings = 0
         set_free(constraints, rates.side == 0.0, z, state, unknowns)
         if factor >= breakpoints[passed] - ROUND_OFF:
             passed += 1

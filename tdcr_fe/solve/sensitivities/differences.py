@@ -178,26 +178,27 @@ class InputValues(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class InputDerivatives:
-    """Derivatives of inputs and loads at the ends of all steps."""
+    """Derivatives of inputs and loads at the ends of all steps; a single one stands for any number of steps."""
 
     # (steps, m, P): Of tensions [N] and lengths wound [m]; 1 by an input of the step itself, in the unit of its drive
     tendons: Array
     loads: Array  # (steps, L, 6, P): Of the concentrated loads, in the order of the simulation
     times: Array  # (steps, P): Of the times [s]
     restarts: NDArray[np.bool_]  # (P,): Whose derivatives begin anew with every step
-    each_step: bool = True  # Whether there is one entry for every step; else the first one holds for all
 
     def at(self, number: int, scale: Array) -> InputValues:
         """Derivatives at the end of a step, by its number from 0.
 
         ``scale`` is that of `TendonDrives`: tension or length wound by the unit of a tendon's input, shape (m,).
         """
-        k = number if self.each_step else 0
+        k = number if len(self.times) > 1 else 0
         tendons = np.where(self.restarts, scale[:, None] * self.tendons[k], self.tendons[k])
         return InputValues(tendons, self.loads[k], self.times[k])
 
     @classmethod
-    def of_inputs(cls, tendons: int, loads: Sequence[str], chosen: Sequence[Parameter]) -> InputDerivatives:
+    def of_inputs(
+        cls, tendons: int, loads: Sequence[Sequence[str]], chosen: Sequence[Parameter]
+    ) -> InputDerivatives:
         """Where no parameter but the inputs of the current step changes inputs.
 
         Parameters
@@ -205,23 +206,25 @@ class InputDerivatives:
         tendons
             Their number.
         loads
-            Names of the concentrated loads in the scene, empty for those of other robots.
+            By step, names of the concentrated loads in the scene, empty for those of other robots or steps.
         chosen
             All parameters.
         """
-        count = len(chosen)
+        steps, count = len(loads), len(chosen)
         found = cls(
-            np.zeros((1, tendons, count)),
-            np.zeros((1, len(loads), 6, count)),
-            np.zeros((1, count)),
+            np.zeros((steps, tendons, count)),
+            np.zeros((steps, len(loads[0]) if steps else 0, 6, count)),
+            np.zeros((steps, count)),
             np.array([isinstance(p, StepInput) for p in chosen], dtype=bool),
-            each_step=False,
         )
         for number, parameter in enumerate(chosen):
-            if isinstance(parameter, StepInput) and parameter.tendon >= 0:
-                found.tendons[0, parameter.tendon, number] = 1.0
-            elif isinstance(parameter, StepInput):
-                found.loads[0, loads.index(parameter.load), parameter.component, number] = 1.0
+            if not isinstance(parameter, StepInput):
+                continue
+            for k, names in enumerate(loads):
+                if parameter.tendon >= 0:
+                    found.tendons[k, parameter.tendon, number] = 1.0
+                elif parameter.load in names:
+                    found.loads[k, names.index(parameter.load), parameter.component, number] = 1.0
         return found
 
     @classmethod
@@ -240,12 +243,10 @@ class InputDerivatives:
         NoDerivative
             A parameter divides the load steps in another way.
         """
-        steps, m = len(experiment.steps), len(experiment.robot.tendons)
-        keys = list(simulation.loads)
-        tendons = np.zeros((steps, m, len(chosen)))
-        loads = np.zeros((steps, len(keys), 6, len(chosen)))
-        times = np.zeros((steps, len(chosen)))
-        present = resolve(experiment.robot, experiment.steps)
+        keys, present = list(simulation.loads), resolve(experiment.robot, experiment.steps)
+        acting = [{simulation.load_key(n, load): n for n, load in a.loads.items()} for a in present]
+        names = [[own.get(key, "") for key in keys] for own in acting]
+        derivatives = cls.of_inputs(len(experiment.robot.tendons), names, chosen)
         for number, each in found.items():
             same_inputs = all(e.steps == experiment.steps for e in each.experiments)
             if same_inputs and not any(step.motor_angles for step in experiment.steps):
@@ -258,25 +259,15 @@ class InputDerivatives:
                 raise NoDerivative(parameter, error) from error
             for weight, sequence in zip(each.weights, actions, strict=True):
                 for k, (action, own) in enumerate(zip(sequence, present, strict=True)):
-                    tendons[k, :, number] += weight * (action.values - own.values)
-                    times[k, number] += weight * (action.time - own.time)
+                    derivatives.tendons[k, :, number] += weight * (action.values - own.values)
+                    derivatives.times[k, number] += weight * (action.time - own.time)
                     for name, load in action.loads.items():
                         before = own.loads[name]
                         if load != before:
                             at = keys.index(simulation.load_key(name, before))
                             change = np.subtract((load.force, load.moment), (before.force, before.moment))
-                            loads[k, at, :, number] += weight * change.ravel()
-        restarts = np.array([isinstance(p, StepInput) for p in chosen], dtype=bool)
-        for number, parameter in enumerate(chosen):
-            if not isinstance(parameter, StepInput):
-                continue
-            if parameter.tendon >= 0:
-                tendons[:, parameter.tendon, number] = 1.0
-            for k, action in enumerate(present):
-                if parameter.load in action.loads:
-                    at = keys.index(simulation.load_key(parameter.load, action.loads[parameter.load]))
-                    loads[k, at, parameter.component, number] = 1.0
-        return cls(tendons, loads, times, restarts)
+                            derivatives.loads[k, at, :, number] += weight * change.ravel()
+        return derivatives
 
 
 def _actions_like(

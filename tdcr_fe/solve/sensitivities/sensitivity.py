@@ -187,7 +187,7 @@ class SensitivityHistory:
             for x in items
         )
         labels = [own.get(id(x), "") for x in items]
-        inputs = InputDerivatives.of_inputs(len(arm.robot.tendons), labels, chosen)
+        inputs = InputDerivatives.of_inputs(len(arm.robot.tendons), [labels], chosen)
         return cls(arm, tuple(chosen), explicit, inputs, loads)
 
     @property
