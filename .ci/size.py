@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2785,
     "tdcr_fe/report": 1215,
     "tdcr_fe/scene": 1465,
-    "tdcr_fe/solve": 7083,
+    "tdcr_fe/solve": 7056,
     "tdcr_fe/sweeps": 1490,
     "validation": 7108,
     "tests": 14625,
