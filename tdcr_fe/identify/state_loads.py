@@ -328,6 +328,13 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
     ]
     add("bending stiffness of another section", Kind("stiffness", ("direction of bending",), "everywhere"), tensor,
         "a bending stiffness that differs between the directions", math.log(10.0))  # fmt: skip
+    sides = [
+        (f"{a}_{name}", "N m^2", partial(_by_side, axis=i, sign=sign))
+        for i, a in enumerate("xy")
+        for name, sign in (("plus", 1.0), ("minus", -1.0))
+    ]
+    add("bending stiffness by side", Kind("stiffness", ("direction of bending",), "everywhere"), sides,
+        "a bending stiffness that differs between bending to one side and to the other", math.log(10.0))  # fmt: skip
     spread = [(a, "N/m", _spread(i)) for i, a in enumerate("xyz")]
     add("force along the backbone", Kind("force", ("nothing",), "along the backbone"), spread,
         "a constant force along the whole backbone", 0.5 * OTHER_GRAVITY - UNNAMED)  # fmt: skip
@@ -428,6 +435,13 @@ def _by_curvature(state: BayState, axes: str) -> Array:
     for axis in axes:
         to = "xy".index(axis)
         found[..., to] = state.curvature[..., to if len(axes) == 1 else 1 - to]
+    return found
+
+
+def _by_side(state: BayState, axis: int, sign: float) -> Array:
+    """A moment in all bays about an axis with the curvature about it, where that has a sign."""
+    found = np.zeros((*state.shape, COMPONENTS))
+    found[..., axis] = sign * np.maximum(sign * state.curvature[..., axis], 0.0)
     return found
 
 

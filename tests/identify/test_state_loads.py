@@ -250,6 +250,20 @@ def test_a_stiffness_that_differs_between_directions_is_a_symmetric_tensor_of_th
     np.testing.assert_allclose(same, 3.0 * Term((), BENDING).action(run.bays))
 
 
+def test_a_stiffness_that_differs_by_side_acts_where_the_curvature_has_the_sign():
+    problem = problem_of(measured())
+    (run,) = problem.run([Job(problem.experiment, states=True)])
+    kappa = np.linspace(-2.0, 3.0, run.bays.curvature.size).reshape(run.bays.curvature.shape)
+    bent = replace(run.bays, curvature=kappa)  # bent to all sides
+    (sides,) = [e for e in dictionary(problem, bent) if e.name == "bending stiffness by side"]
+    values = {"x_plus": 2.0, "x_minus": -1.0, "y_plus": 0.0, "y_minus": 3.0}
+    x, y = kappa[..., 0], kappa[..., 1]
+    action = sides.action(bent, values)
+    np.testing.assert_allclose(action[..., 0], np.where(x > 0.0, 2.0, -1.0) * x)
+    np.testing.assert_allclose(action[..., 1], np.where(y > 0.0, 0.0, 3.0) * y)
+    assert not np.any(action[..., 2:])
+
+
 def test_moments_of_fixed_direction_and_of_a_magnet_are_loads_of_the_tip():
     """A moment passes through all bays below it: what acts on the disks is the moment at the tip alone."""
     problem = problem_of(measured())
