@@ -33,7 +33,7 @@ from tdcr_fe.model.routing import MisplacedRouting, PointsRouting
 from tdcr_fe.model.tendon import TightHole
 
 if TYPE_CHECKING:
-    from tdcr_fe.identify.problem import FitProblem
+    from tdcr_fe.identify.problem import FitProblem, Readings
     from tdcr_fe.identify.run import Run
 
 Array = NDArray[np.float64]
@@ -337,10 +337,14 @@ def _readings(problem: FitProblem) -> list[Cause]:
     slope = number("slope", "1/m", (-0.5 / length, 0.5 / length), 0.0, 0.01 / length)
     text = "positions are read too large or too small by a factor"
     found.append(ReadingCause("scale of the positions", kind, (scale,), (_scaled(-1, 0),), text))
+    radial = number("radial", "1/m^2", (-2.0 / length**2, 2.0 / length**2), 0.0, 0.01 / length**2)
     for axis, a in enumerate("xyz"):
         shapes = (_scaled(axis, 0), _scaled(axis, 1))
         text = f"a camera looks along {a}: what is nearer is larger"
         found.append(ReadingCause(f"perspective along {a}", kind, (scale, slope), shapes, text))
+        text = f"a camera looks along {a}, and its lens distorts: what is farther from its axis is larger"
+        shapes = (_scaled(axis, 0), _distorted(axis))
+        found.append(ReadingCause(f"lens distortion along {a}", kind, (scale, radial), shapes, text))
     markers = sorted({float(data.readings[i].location or 0.0) for i in np.flatnonzero(readings.is_position)})
     groups: dict[float | None, str] = {None: "all markers"}
     if len(markers) > 1:
@@ -361,13 +365,30 @@ def _readings(problem: FitProblem) -> list[Cause]:
     return found
 
 
+def _by_marker(readings: Readings) -> Array:
+    """Measured positions by marker and axis, shape (n_markers, 4); what is no position is in the last column."""
+    found = np.zeros((int(np.max(readings.markers)) + 1, 4))
+    found[readings.markers, readings.axes] = readings.values
+    return found
+
+
 def _scaled(axis: int, power: int) -> Callable[[FitProblem, Run], Array]:
     """Positions across an axis times a power of that along it; all positions where the axis is -1."""
 
     def shape(problem: FitProblem, _: Run) -> Array:
         r = problem.readings
-        along = np.zeros((int(np.max(r.markers)) + 1, 4))  # what is no position goes to the last column
-        along[r.markers, r.axes] = r.values
-        return np.where(r.is_position & (r.axes != axis), r.values * along[r.markers, axis] ** power, 0.0)
+        along = _by_marker(r)[r.markers, axis]
+        return np.where(r.is_position & (r.axes != axis), r.values * along**power, 0.0)
+
+    return shape
+
+
+def _distorted(axis: int) -> Callable[[FitProblem, Run], Array]:
+    """Positions across an axis times the square of their distance from it."""
+
+    def shape(problem: FitProblem, _: Run) -> Array:
+        r = problem.readings
+        square = np.sum(np.delete(_by_marker(r)[:, :3], axis, axis=1) ** 2, axis=1)[r.markers]
+        return np.where(r.is_position & (r.axes != axis), r.values * square, 0.0)
 
     return shape

@@ -177,7 +177,7 @@ def test_inputs_jump_at_a_row_share_are_limited_and_stay_behind():
         assert limited.tensions == pytest.approx({"t1": min(t1, 0.5), "t2": min(t2, 0.5)})
 
 
-def test_loads_are_scaled_and_turned_and_a_camera_enlarges_what_is_nearer():
+def test_loads_are_scaled_and_turned_and_a_camera_enlarges_and_distorts():
     problem = problem_of(measured())
     causes = {e.name: e for e in whole_dictionary(problem)}
     before = [s.loads["tip"].force for s in problem.experiment.steps if "tip" in s.loads]
@@ -196,6 +196,9 @@ def test_loads_are_scaled_and_turned_and_a_camera_enlarges_what_is_nearer():
     shift = causes["perspective along z"].shift(problem, None, {"scale": -0.1, "slope": 2.0})
     read = problem.readings.values.reshape(-1, 3)  # x, y and z of each marker
     np.testing.assert_allclose(shift.reshape(-1, 3), read * (2.0 * read[:, 2:] - 0.1) * [1, 1, 0], atol=1e-12)
+    shift = causes["lens distortion along z"].shift(problem, None, {"scale": 0.02, "radial": 3.0})
+    square = np.sum(read[:, :2] ** 2, axis=1, keepdims=True)
+    np.testing.assert_allclose(shift.reshape(-1, 3), read * (3.0 * square + 0.02) * [1, 1, 0], atol=1e-12)
 
 
 def test_one_hole_or_one_disk_is_moved_and_no_other():
