@@ -249,7 +249,7 @@ class TendonForces(NamedTuple):
         of_tendon = tendon[:, None] == np.arange(len(frictional))
         released = f.released_d_length[:, :, None] * s.d_lengths
         if not law.elastic:
-            by_nodes = self._to_all_nodes((law.slip_operator @ released)[frictional])
+            by_nodes = self.to_all_nodes((law.slip_operator @ released)[frictional])
             return by_nodes, np.zeros(of_tendon.shape), np.zeros((len(tendon),) * 2)
         stretched = law.slip_operator * f.released_d_tension[:, None, :]
         by_nodes = law.slip_operator @ released + (stretched @ f.d_angle) @ s.d_angles
@@ -258,14 +258,14 @@ class TendonForces(NamedTuple):
         by_base = (stretched @ f.d_base[:, :, None])[frictional]
         by_mobilisation = (stretched @ f.by_mobilisation)[tendon[:, None], group[:, None], group]
         return (
-            self._to_all_nodes(by_nodes[frictional]),
+            self.to_all_nodes(by_nodes[frictional]),
             by_base * of_tendon,
             by_mobilisation * (tendon[:, None] == tendon),
         )
 
     def base_slip_rows(self) -> Array:
         """Derivative of the slip at the base plate by the nodes, shape (m, 6 N)."""
-        return self._to_all_nodes(self.base_slip_by_holes())
+        return self.to_all_nodes(self.base_slip_by_holes())
 
     def base_slip_by_holes(self) -> Array:
         """Derivative of the slip at the base plate by the nodes that carry holes, shape (m, W)."""
@@ -309,12 +309,12 @@ class TendonForces(NamedTuple):
     def mobilisation_columns(self) -> Array:
         """Derivative of the force on the nodes by the frictional mobilisations, shape (6 N, k)."""
         d = -np.swapaxes(self.field.by_mobilisation, 1, 2) @ self.measured.shape.d_lengths
-        return self._to_all_nodes(d[self.model.law.frictional]).T
+        return self.to_all_nodes(d[self.model.law.frictional]).T
 
     def base_tension_columns(self) -> Array:
         """Derivative of the force on the nodes by the tensions at the base, shape (6 N, m)."""
         d = -self.field.d_base[:, None, :] @ self.measured.shape.d_lengths
-        return self._to_all_nodes(d[:, 0]).T
+        return self.to_all_nodes(d[:, 0]).T
 
     def geometric_stiffness(self) -> NodeStiffness:
         """Derivative of the pull of the straight segments by `ForceModel.cable_nodes` at fixed tensions.
@@ -388,7 +388,8 @@ class TendonForces(NamedTuple):
         """Whether each tension depends on the one before its hole, the angle and the mobilisation there alone."""
         return self.field.at_holes is not None and self.base_response is None
 
-    def _to_all_nodes(self, rows: Array) -> Array:
+    def to_all_nodes(self, rows: Array) -> Array:
+        """Rows by the nodes with holes as rows by all nodes, shape (k, W) to (k, 6 N)."""
         columns = self.model.columns
         if columns is None:
             return rows

@@ -88,9 +88,8 @@ class ResidualScales:
         size = np.abs(unbalanced * self.weights)
         largest = max([max(t.tolist(), default=0.0) for t in base_tension])
         scale = largest + self.elastic_force + load_size
-        if size.size == self.forces:
-            return float(size.max()) / scale
-        return max(float(size[: self.forces].max()) / scale, float(size[self.forces :].max()))
+        gap = float(size[self.forces :].max(initial=0.0))
+        return max(float(size[: self.forces].max()) / scale, gap)
 
     def displacement_error(self, forces: TendonForces, displacement: Array, which: NDArray[np.int_]) -> float:
         """Largest deviation from prescribed tendon displacements over the length [1].

@@ -292,6 +292,13 @@ class Linearization(NamedTuple):
         gaps = [own.field.base_slip - given for own, given in zip(forces, inputs, strict=True)]
         return self.numbering.at_driven(gaps), self.numbering.at_driven([own.base_tension for own in forces])
 
+    def twist_changes(self, step: Array) -> Array:
+        """Change of the twists of all elements with the unknowns of equilibrium, to first order."""
+        parts = zip(self.chains, self.numbering.robots, strict=True)
+        return np.concatenate(
+            [chain.changes(step[part.nodes].reshape(-1, 6)).reshape(-1) for chain, part in parts]
+        )
+
     def turn_since(self, twists: tuple[Array, ...]) -> float:
         """Largest change of the rotation of any element since, with the present twists by robot [rad]."""
         pairs = zip(self.chains, twists, strict=True)

@@ -11,6 +11,7 @@ from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.path import FrictionPath
 from tdcr_fe.solve.friction_path.response import Equilibrium, LoadResponse, TautTendons
+from tdcr_fe.solve.friction_path.slips import cubic
 from tdcr_fe.solve.newton.prediction import moved_elements
 
 Array = NDArray[np.float64]
@@ -89,12 +90,7 @@ def twist_change(point: InterpolationPoint, tension: Array, load: float) -> Arra
     nodes = response.nodes @ tension
     if point.load is not None and load:
         nodes = nodes + load * point.load.nodes
-    return np.concatenate(
-        [
-            chain.changes(nodes[part.nodes].reshape(-1, 6)).reshape(-1)
-            for chain, part in zip(linear.chains, linear.numbering.robots, strict=True)
-        ]
-    )
+    return linear.twist_changes(nodes)
 
 
 def interpolated(
@@ -114,9 +110,8 @@ def interpolated(
     ends = [taut.tensions(point.state) for point in (first, then)]
     change, off_line = ends[1] - ends[0], tension - ends[0] - x * (ends[1] - ends[0])
     slopes = [twist_change(point, change, length) for point in (first, then)]
-    whole = twists(then.state) - twists(first.state)
-    defect = whole - 0.5 * (slopes[0] + slopes[1])
-    step = x * slopes[0] + x * x * (0.5 * (slopes[1] - slopes[0]) + (3.0 - 2.0 * x) * defect)
+    square, cube = cubic(twists(then.state) - twists(first.state), *slopes)
+    step = x * (slopes[0] + x * (square + x * cube))
     step += (1.0 - x) * twist_change(first, off_line, 0.0) + x * twist_change(then, off_line, 0.0)
     state = first.state.state
     configuration = moved_elements(system, state, step, max_turn)

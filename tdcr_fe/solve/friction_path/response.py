@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.equations.configuration import SolverState, Target
@@ -119,20 +120,11 @@ def _segments(
         shape = own.measured.shape
         for table, rows in zip(tables, (shape.d_lengths, shape.d_angles), strict=True):
             full = np.zeros((len(which) * rows.shape[1], reduced))
-            inside = slice(part.nodes.start, part.nodes.stop)
-            columns = own.model.columns
-            full[:, inside if columns is None else inside.start + columns] = rows[which].reshape(
-                len(full), rows.shape[-1]
-            )
+            full[:, part.nodes] = own.to_all_nodes(rows[which].reshape(len(full), rows.shape[-1]))
             table.append(full)
         blocks += list(own.field.d_angle[which])
     lengths, angles = (t[0] if len(t) == 1 else np.concatenate(t) for t in tables)
-    by_angle = np.zeros((len(lengths), len(angles)))
-    row = column = 0
-    for block in blocks:
-        by_angle[row : row + block.shape[0], column : column + block.shape[1]] = block
-        row, column = row + block.shape[0], column + block.shape[1]
-    return lengths, angles, by_angle
+    return lengths, angles, block_diag(*blocks) if blocks else np.zeros((0, 0))
 
 
 class Equilibrium(NamedTuple):

@@ -120,15 +120,22 @@ class Intervals(NamedTuple):
         return np.asarray(np.abs(change).max(axis=0))
 
 
+def cubic(change: Array, start: Array, end: Array) -> tuple[Array, Array]:
+    """Coefficients of the square and the cube in Hermite's polynomial of a change, with the slopes at both ends.
+
+    The defect of the trapezoidal rule, the integral of the parabola in the rates, is half of minus the latter.
+    """
+    defect = change - 0.5 * (start + end)
+    return 0.5 * (end - start) + 3.0 * defect, -2.0 * defect
+
+
 def _interval(first: SlipData, last: SlipData) -> tuple[float | Array, ...]:
     """What `Intervals` has of one interval."""
     length, change = last.factor - first.factor, last.tension - first.tension
     slopes = [length * at.by_load + at.by_tension @ change for at in (first, last)]
-    # What the trapezoidal rule leaves out: the integral of the parabola in the rates.
-    defect = last.values - first.values - 0.5 * (slopes[0] + slopes[1])
-    square = 0.5 * (slopes[1] - slopes[0]) + 3.0 * defect
     rate, by_tension_change = change / length, last.by_tension - first.by_tension
-    coefficients = np.array((first.values, slopes[0], square, -2.0 * defect))
+    polynomial = cubic(last.values - first.values, *slopes)
+    coefficients = np.array((first.values, slopes[0], *polynomial))
     along, along_change = first.by_tension @ rate, by_tension_change @ rate
     start = first.factor, length, first.tension, rate
     return *start, coefficients, first.by_tension, by_tension_change, along, along_change

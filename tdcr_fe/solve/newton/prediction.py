@@ -19,7 +19,7 @@ from tdcr_fe.solve.equations.configuration import Configuration, SolverState, Ta
 from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization, SolvedStep, same_loads, unknowns
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.newton.steps import slip_changes
+from tdcr_fe.solve.newton.steps import all_keep_slipping, slip_changes
 
 Array = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ def predict(
         slips = numbering.at_frictional_holes(moved)
         if not _all_keep_slipping(state, slips, numbering):
             return None
-    slope = _slope(linear, step)
+    slope = np.concatenate((linear.twist_changes(step), step[numbering.reduced :]))
     there = _moved(system, state, slope + last.curvature(length, slope), numbering, settings.max_turn)
     return None if there is None else Prediction(there, slope)
 
@@ -98,22 +98,13 @@ def _length_of(last: SolvedStep, loading: Array) -> float | None:
 def _all_keep_slipping(state: SolverState, slips: Array, numbering: Numbering) -> bool:
     """Whether all holes of tendons under tension slip, and continue in the same direction."""
     mobilised = numbering.at_frictional_holes(state.mobilisation)
-    if np.minimum(np.abs(mobilised) - 1.0, mobilised * slips).min() >= 0.0:
+    if all_keep_slipping(mobilised, slips):
         return True
     tension = [
         t[:, None] + np.zeros(s.shape) for t, s in zip(state.base_tension, state.mobilisation, strict=True)
     ]
     tense = numbering.at_frictional_holes(tension) > 0.0
-    return not ((np.abs(mobilised) < 1.0) | (mobilised * slips < 0.0))[tense].any()
-
-
-def _slope(linear: Linearization, step: Array) -> Array:
-    """Unknowns of `SolvedStep` from those of a linearised step."""
-    parts = [
-        chain.changes(step[part.nodes].reshape(-1, 6)).reshape(-1)
-        for chain, part in zip(linear.chains, linear.numbering.robots, strict=True)
-    ]
-    return np.concatenate((*parts, step[linear.numbering.reduced :]))
+    return not tense.any() or all_keep_slipping(mobilised[tense], slips[tense])
 
 
 def _moved(
