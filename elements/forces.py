@@ -198,12 +198,13 @@ class TendonForces(NamedTuple):
         """
         field, shape, (m, n) = self.field, self.measured.shape, self.model.law.shape
         moved = nodes if self.model.columns is None else nodes[self.model.columns]
-        lengths = (shape.d_lengths.reshape(m * n, -1) @ moved).reshape(m, n, -1)
+        width, count = moved.shape
+        lengths = (shape.d_lengths.reshape(m * n, width) @ moved).reshape(m, n, count)
         tension = field.d_base[:, :, None] * base_tension[:, None, :]
         if mobilisation is not None:
             tension = tension + field.by_mobilisation @ mobilisation
         if shape.angles.size:
-            angles = (shape.d_angles.reshape(m * (n - 1), -1) @ moved).reshape(m, n - 1, -1)
+            angles = (shape.d_angles.reshape(-1, width) @ moved).reshape(m, n - 1, count)
             tension = tension + field.d_angle @ angles
         if field.depends_on_length:
             tension = tension + field.d_length @ lengths
