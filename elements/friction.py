@@ -182,9 +182,7 @@ class TendonLaw:
 
     def at_holes(self, mobilisation: Array) -> Array:
         """Mobilisation of every hole, (m, g) to (m, n-1)."""
-        if self.each_hole:
-            return mobilisation
-        return mobilisation @ self.hole_incidence.T
+        return mobilisation if self.each_hole else mobilisation @ self.hole_incidence.T
 
     def field(
         self,

@@ -26,8 +26,8 @@ from tdcr_fe.solve.friction_path.path import (
     FrictionPath,
     PathSegment,
     PathSegments,
+    along_segment,
     empty_path,
-    end_of_segment,
     set_segment,
 )
 from tdcr_fe.solve.friction_path.rates import (
@@ -253,7 +253,7 @@ def _integrated(
             fraction = _fraction_before_reversal(state, path, count - 1, reversing, side, unclipped, unknowns)
             if fraction < 1.0:
                 path.length[count - 1] *= fraction
-                factor, z, tension = end_of_segment(path, count - 1, unknowns.bounds)
+                factor, z, tension = along_segment(path, count - 1, path.length[count - 1], unknowns.bounds)
                 current, shortenings = False, shortenings + 1
                 continue
         if reversing.size:
@@ -269,7 +269,7 @@ def _integrated(
         here, left = _Here(factor, z, state, rates), breakpoints[passed] - factor
         segment = _next_segment(slips, unknowns, here, slack, min(left, LONGEST_SEGMENT))
         set_segment(path, count, segment)
-        factor, z, tension = end_of_segment(path, count, unknowns.bounds)
+        factor, z, tension = along_segment(path, count, segment.length, unknowns.bounds)
         count += 1
         current = factor < breakpoints[passed] - ROUND_OFF and _is_near(evaluation, factor, tension, 1.0)
         current = current and not left_branch(state.derivatives, branches_at(slips.transfer, z, tension))

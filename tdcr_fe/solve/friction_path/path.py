@@ -92,12 +92,6 @@ def along_segment(path: PathSegments, i: int, length: float, bounds: Bounds) -> 
     return path.start[i] + length, unknowns, path.tension[i] + length * path.tension_rate[i]
 
 
-@compilable
-def end_of_segment(path: PathSegments, i: int, bounds: Bounds) -> tuple[float, Array, Array]:
-    """The same at the end of a path segment."""
-    return along_segment(path, i, path.length[i], bounds)
-
-
 class PathReversal(NamedTuple):
     """A place on a path where slips reverse."""
 
