@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 3040,
+    "elements": 3038,
     "tdcr_fe": 262,
     "tdcr_fe/commands": 1043,
     "tdcr_fe/effects": 1304,
@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2785,
     "tdcr_fe/report": 1215,
     "tdcr_fe/scene": 1465,
-    "tdcr_fe/solve": 7043,
+    "tdcr_fe/solve": 7040,
     "tdcr_fe/sweeps": 1490,
     "validation": 7108,
     "tests": 14640,
