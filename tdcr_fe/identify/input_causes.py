@@ -27,7 +27,7 @@ def input_causes(problem: FitProblem) -> list[Cause]:
     if not own.names:
         return []
     by_row = [own.lag(), *own.jumps(data)] if clock and not data.parts else []
-    return [*own.by_law(clock), own.limit(), *own.shares(), *by_row]
+    return [*own.by_law(clock), *own.limits(), *own.shares(), *by_row]
 
 
 #: What a change of an input is in proportion to: from all inputs of a step, the tendon's name, and progress along the
@@ -77,21 +77,28 @@ class _Inputs(NamedTuple):
                 at = kind._replace(where=f"tendon {p.name}")
                 yield ChangedDescription(f"{name} ({p.name})", at, (p,), change, text)
 
-    def limit(self) -> Cause:
-        """A share of what is beyond a limit does not arrive."""
+    def limits(self) -> Iterator[Cause]:
+        """A share of what is beyond a limit, or of what is below it, does not arrive."""
+        most = self.most
+        share = number("share", "1", (-1.0, 1.0), 0.0, 0.1)
+        beyond = "the inputs are limited: a share of what is beyond does not arrive"
+        below = "the inputs have a dead zone: a share of what is below a limit does not arrive"
+        kinds: list[tuple[str, str, Callable[[float, float], float], float, tuple[float, ...]]] = [
+            ("limit", beyond, lambda x, limit: max(x - limit, 0.0), most, (0.5, 0.7, 0.85)),
+            ("dead zone", below, min, 0.0, (0.1, 0.2, 0.4)),
+        ]
+        for label, text, lost, null, tried in kinds:
 
-        def limited(experiment: Experiment, values: Values) -> Experiment:
-            def beyond(commands: Mapping[str, float], name: str, _: float) -> float:
-                return math.copysign(max(abs(commands[name]) - values["limit"], 0.0), -commands[name])
+            def limited(experiment: Experiment, values: Values, lost: Any = lost) -> Experiment:
+                def less(commands: Mapping[str, float], name: str, _: float) -> float:
+                    return math.copysign(lost(abs(commands[name]), values["limit"]), -commands[name])
 
-            return _with_inputs(beyond)(experiment, {"all": values["share"]})
+                return _with_inputs(less)(experiment, {"all": values["share"]})
 
-        most, kind = self.most, Kind("input", ("tension",))
-        limit = number("limit", self.unit, (0.0, most), most, 0.05 * most)
-        numbers = number("share", "1", (-1.0, 1.0), 0.0, 0.1), limit
-        text = "the inputs are limited: a share of what is beyond does not arrive"
-        held = {"limit": [0.5 * most, 0.7 * most, 0.85 * most]}
-        return ChangedDescription("limit of the inputs", kind, numbers, limited, text, held=held)
+            numbers = share, number("limit", self.unit, (0.0, most), null, 0.05 * most)
+            held = {"limit": [x * most for x in tried]}
+            kind = Kind("input", ("tension",))
+            yield ChangedDescription(f"{label} of the inputs", kind, numbers, limited, text, held=held)
 
     def shares(self) -> Iterator[Cause]:
         """A share of the input of one tendon in another."""

@@ -159,22 +159,26 @@ def test_at_an_angle_the_base_has_other_loads_that_are_the_same_in_the_world():
     assert pushed and np.linalg.norm(np.subtract(frame, np.eye(3))) > 0.2
 
 
-def test_inputs_jump_at_a_row_share_are_limited_and_stay_behind():
+def test_inputs_jump_at_a_row_share_are_limited_have_a_dead_zone_and_stay_behind():
     problem = problem_of(measured())
     causes, steps = {e.name: e for e in whole_dictionary(problem)}, problem.experiment.steps
     jump = causes["jump of the input (tendon t1, from row 7 on)"].apply(problem.experiment, {"t1": 0.1})
     share = causes["share of t1 in t2"].apply(problem.experiment, {"t2": 0.1})
     limit = causes["limit of the inputs"].apply(problem.experiment, {"share": 1.0, "limit": 0.5})
+    dead = causes["dead zone of the inputs"].apply(problem.experiment, {"share": 1.0, "limit": 0.2})
     lag = causes["lag of the inputs"].apply(problem.experiment, {"share": 0.2})
-    moved = zip(problem.data.step_ids, steps, jump.steps, share.steps, limit.steps, lag.steps, strict=True)
+    changed = (e.steps for e in (jump, share, limit, dead, lag))
     acted = steps[0].tensions
-    for n, given, jumped, shared, limited, behind in moved:
+    for n, given, jumped, shared, limited, lost, behind in zip(
+        problem.data.step_ids, steps, *changed, strict=True
+    ):
         t1, t2 = given.tensions["t1"], given.tensions["t2"]
         acted = {"t1": 0.2 * acted["t1"] + 0.8 * t1, "t2": 0.2 * acted["t2"] + 0.8 * t2}
         assert behind.tensions == pytest.approx(acted)
         assert jumped.tensions == pytest.approx({"t1": t1 + (0.1 if n >= 7 else 0.0), "t2": t2})
         assert shared.tensions == pytest.approx({"t1": t1, "t2": t2 + 0.1 * t1})
         assert limited.tensions == pytest.approx({"t1": min(t1, 0.5), "t2": min(t2, 0.5)})
+        assert lost.tensions == pytest.approx({"t1": max(t1 - 0.2, 0.0), "t2": max(t2 - 0.2, 0.0)})
 
 
 def test_loads_are_scaled_and_turned_and_a_camera_enlarges_and_distorts():
