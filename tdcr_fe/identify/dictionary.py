@@ -33,7 +33,7 @@ from tdcr_fe.model.routing import MisplacedRouting, PointsRouting
 from tdcr_fe.model.tendon import TightHole
 
 if TYPE_CHECKING:
-    from tdcr_fe.identify.problem import FitProblem, Readings
+    from tdcr_fe.identify.problem import FitProblem
     from tdcr_fe.identify.run import Run
 
 Array = NDArray[np.float64]
@@ -365,20 +365,21 @@ def _readings(problem: FitProblem) -> list[Cause]:
     return found
 
 
-def _by_marker(readings: Readings) -> Array:
-    """Measured positions by marker and axis, shape (n_markers, 4); what is no position is in the last column."""
-    found = np.zeros((int(np.max(readings.markers)) + 1, 4))
-    found[readings.markers, readings.axes] = readings.values
-    return found
+def _predicted(problem: FitProblem, run: Run) -> tuple[Array, Array]:
+    """Predicted readings, shape (n,); and positions by marker and axis, shape (n_markers, 4), the rest in the last."""
+    readings = problem.readings
+    values = readings.reader.read(run, problem.experiment)
+    by_marker = np.zeros((int(np.max(readings.markers)) + 1, 4))
+    by_marker[readings.markers, readings.axes] = values
+    return values, by_marker
 
 
 def _scaled(axis: int, power: int) -> Callable[[FitProblem, Run], Array]:
     """Positions across an axis times a power of that along it; all positions where the axis is -1."""
 
-    def shape(problem: FitProblem, _: Run) -> Array:
-        r = problem.readings
-        along = _by_marker(r)[r.markers, axis]
-        return np.where(r.is_position & (r.axes != axis), r.values * along**power, 0.0)
+    def shape(problem: FitProblem, run: Run) -> Array:
+        r, (values, by_marker) = problem.readings, _predicted(problem, run)
+        return np.where(r.is_position & (r.axes != axis), values * by_marker[r.markers, axis] ** power, 0.0)
 
     return shape
 
@@ -386,9 +387,9 @@ def _scaled(axis: int, power: int) -> Callable[[FitProblem, Run], Array]:
 def _distorted(axis: int) -> Callable[[FitProblem, Run], Array]:
     """Positions across an axis times the square of their distance from it."""
 
-    def shape(problem: FitProblem, _: Run) -> Array:
-        r = problem.readings
-        square = np.sum(np.delete(_by_marker(r)[:, :3], axis, axis=1) ** 2, axis=1)[r.markers]
-        return np.where(r.is_position & (r.axes != axis), r.values * square, 0.0)
+    def shape(problem: FitProblem, run: Run) -> Array:
+        r, (values, by_marker) = problem.readings, _predicted(problem, run)
+        square = np.sum(np.delete(by_marker[:, :3], axis, axis=1) ** 2, axis=1)[r.markers]
+        return np.where(r.is_position & (r.axes != axis), values * square, 0.0)
 
     return shape

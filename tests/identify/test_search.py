@@ -197,10 +197,11 @@ def test_loads_are_scaled_and_turned_and_a_camera_enlarges_and_distorts():
         after = [s.loads["tip"].force for s in moved.steps if "tip" in s.loads]
         np.testing.assert_allclose(after, np.array(before) @ np.transpose(matrix), atol=1e-12)
     assert np.any(before)
-    shift = causes["perspective along z"].shift(problem, None, {"scale": -0.1, "slope": 2.0})
-    read = problem.readings.values.reshape(-1, 3)  # x, y and z of each marker
+    (run,) = problem.run([Job(problem.experiment)])
+    shift = causes["perspective along z"].shift(problem, run, {"scale": -0.1, "slope": 2.0})
+    read = problem.readings.reader.read(run, problem.experiment).reshape(-1, 3)  # x, y and z of each marker
     np.testing.assert_allclose(shift.reshape(-1, 3), read * (2.0 * read[:, 2:] - 0.1) * [1, 1, 0], atol=1e-12)
-    shift = causes["lens distortion along z"].shift(problem, None, {"scale": 0.02, "radial": 3.0})
+    shift = causes["lens distortion along z"].shift(problem, run, {"scale": 0.02, "radial": 3.0})
     square = np.sum(read[:, :2] ** 2, axis=1, keepdims=True)
     np.testing.assert_allclose(shift.reshape(-1, 3), read * (3.0 * square + 0.02) * [1, 1, 0], atol=1e-12)
 
