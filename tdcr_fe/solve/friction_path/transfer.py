@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from tdcr_fe.compiled import compilable, compiled_as
 from tdcr_fe.elements.capstan import capstan_with_adhesion
@@ -198,11 +197,17 @@ class AdhesiveTransfer:
     def __init__(self, tendons: Sequence[TendonsInSubstep]) -> None:
         self._capstan = CapstanTransfer.of(tendons)
         self._adhesion = np.concatenate([t.law.parameters.adhesion[t.which].ravel() for t in tendons])
-        self._shapes = [(len(t.which), t.law.shape[1]) for t in tendons]
-        #: Segment behind every hole.
-        self._behind = np.flatnonzero(self._capstan.holes_before.any(axis=1))
+        #: By robot, numbers of the segments (m, n) and of the holes (m, n-1) of its tendons.
+        self._places: list[tuple[Index, Index]] = []
+        segment = hole = 0
+        for own in tendons:
+            m, n = len(own.which), own.law.shape[1]
+            holes = hole + np.arange(own.angles).reshape(m, n - 1)
+            self._places.append((segment + np.arange(own.segments).reshape(m, n), holes))
+            segment, hole = segment + own.segments, hole + own.angles
+        behind = np.flatnonzero(self._capstan.holes_before.any(axis=1))
         #: Segment before the hole, or the first one, of every mobilisation.
-        self._before = self._behind[self._capstan.incidence.argmax(axis=1)] - 1
+        self._before = behind[self._capstan.incidence.argmax(axis=1)] - 1
 
     def branches(self, z: Array, tension: Array) -> Flags:
         """Which holes hold tension back, and which segments are under tension, shape (k + q,).
@@ -232,23 +237,18 @@ class AdhesiveTransfer:
 
     def at(self, factor: float, z: Array, angles: Array) -> Tensions:
         """As of `CapstanTransfer`."""
-        flat, q = self._capstan, len(self._capstan.base_tension)
+        flat, q, r = self._capstan, len(self._capstan.base_tension), len(angles)
         base, mobilisation = base_tensions(flat, factor, z), z[: flat.holes].dot(flat.incidence)
-        tension, by_base, chain = np.empty(q), np.empty(q), np.zeros((q, q))
-        by_angle, by_mobilisation = np.empty(len(angles)), np.empty(len(angles))
-        segment = hole = 0
-        for m, n in self._shapes:
-            segments, holes = slice(segment, segment + m * n), slice(hole, hole + m * (n - 1))
-            at_holes = (angles, mobilisation, flat.friction, self._adhesion)
-            given = [x[holes].reshape(m, n - 1) for x in at_holes]
-            found, slopes = capstan_with_adhesion(base[segments][::n], *given)
+        at_holes = angles, mobilisation, flat.friction, self._adhesion
+        tension, by_base, beyond = np.empty(q), np.empty(q), np.zeros((q, r))
+        by_angle, by_mobilisation = np.empty(r), np.empty(r)
+        for segments, holes in self._places:
+            found, slopes = capstan_with_adhesion(base[segments[:, 0]], *(x[holes] for x in at_holes))
             own = slopes()
-            tension[segments], by_base[segments] = found.ravel(), own.by_base.ravel()
-            chain[segments, segments] = block_diag(*own.chain())
-            by_angle[holes], by_mobilisation[holes] = own.by_angle.ravel(), own.by_mobilisation.ravel()
-            segment, hole = segments.stop, holes.stop
-        beyond = chain[:, self._behind]
-        by_holes = (flat.incidence * by_mobilisation) @ beyond.T
+            tension[segments], by_base[segments] = found, own.by_base
+            beyond[segments[:, :, None], holes[:, None]] = own.chain()[:, :, 1:]
+            by_angle[holes], by_mobilisation[holes] = own.by_angle, own.by_mobilisation
+        by_holes = flat.incidence @ (beyond * by_mobilisation).T
         by_unknown = np.concatenate((by_holes, flat.base_of_segment * by_base))
         return Tensions(tension, beyond * by_angle, by_unknown, by_base * flat.base_change)
 
