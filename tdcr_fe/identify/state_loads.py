@@ -32,6 +32,10 @@ Array = NDArray[np.float64]
 #: coefficient in such steps [1].
 TYPICAL, FARTHEST = 0.02, 2000.0
 
+#: Loads begin and end with rows on all disks for so many pairs of row and disk at most, else on the tip only: each pair
+#: is twelve columns.
+MOST_PAIRS = 600
+
 
 @dataclass(frozen=True)
 class Factor:
@@ -313,7 +317,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         add(term.key, kind, [("coefficient", term.unit, term.action)], sentence(term), price)
     rows = possible_starts(problem.data) if progress and not problem.data.parts else ()
     starts = {problem.data.step_ids[k]: float(clock.value(state)[k, -1]) for k in rows}
-    for free in (*_free_loads(clock), *_loads_from_a_row_on(clock, starts)):
+    for free in (*_free_loads(clock), *loads_from_a_row_on(clock, starts, bays)):
         if free.depends_on == "row" and not progress:
             continue
         for bay in range(bays - 1 if free.at_tip else 0, bays):
@@ -408,8 +412,9 @@ def _free_loads(clock: Factor) -> list[_FreeLoad]:
     return [*found, _FreeLoad("moment", text, "orientation", "N m", dipole, True)]
 
 
-def _loads_from_a_row_on(clock: Factor, starts: Mapping[int, float]) -> list[_FreeLoad]:
+def loads_from_a_row_on(clock: Factor, starts: Mapping[int, float], bays: int) -> list[_FreeLoad]:
     """Forces and moments that begin in a row, or end before it; ``starts``: by row, the value of the clock there."""
+    at_tip = len(starts) * bays > MOST_PAIRS
 
     def part(state: BayState, bay: int, axis: int, start: float, after: bool) -> Array:
         return ((clock.value(state)[:, bay, None] >= start) == after) * np.eye(3)[axis]
@@ -421,7 +426,8 @@ def _loads_from_a_row_on(clock: Factor, starts: Mapping[int, float]) -> list[_Fr
             "row",
             unit,
             partial(part, start=x, after=after),
-            choices=2 * len(starts),
+            at_tip,
+            2 * len(starts),
         )
         for perturbs, unit in (("force", "N"), ("moment", "N m"))
         for n, x in starts.items()

@@ -30,6 +30,7 @@ from tdcr_fe.identify.state_loads import (
     TIME,
     Term,
     library,
+    loads_from_a_row_on,
 )
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
@@ -70,6 +71,14 @@ def test_loads_begin_and_end_with_a_row(when, acts):
     expected = np.zeros_like(moment)
     expected[rows, 0] = (0.0, 2.0, 0.0)
     np.testing.assert_allclose(moment, expected, atol=1e-15)
+
+
+def test_loads_from_a_row_on_act_on_all_disks_of_short_sequences():
+    """Up to 600 pairs of row and disk, else on the tip alone: their columns would take too much memory."""
+    starts = {7: 7.0, 8: 8.0}
+    for bays, at_tip in ((300, False), (301, True)):
+        found = loads_from_a_row_on(ROW, starts, bays)
+        assert len(found) == 8 and {load.at_tip for load in found} == {at_tip}
 
 
 def test_the_response_to_an_action_is_exact():
