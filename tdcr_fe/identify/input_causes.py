@@ -79,15 +79,15 @@ class _Inputs(NamedTuple):
 
     def limits(self) -> Iterator[Cause]:
         """A share of what is beyond a limit, or of what is below it, does not arrive."""
-        most = self.most
+        most, kind = self.most, Kind("input", ("tension",))
         share = number("share", "1", (-1.0, 1.0), 0.0, 0.1)
         beyond = "the inputs are limited: a share of what is beyond does not arrive"
         below = "the inputs have a dead zone: a share of what is below a limit does not arrive"
-        kinds: list[tuple[str, str, Callable[[float, float], float], float, tuple[float, ...]]] = [
+        forms: list[tuple[str, str, Callable[[float, float], float], float, tuple[float, ...]]] = [
             ("limit", beyond, lambda x, limit: max(x - limit, 0.0), most, (0.5, 0.7, 0.85)),
             ("dead zone", below, min, 0.0, (0.1, 0.2, 0.4)),
         ]
-        for label, text, lost, null, tried in kinds:
+        for label, text, lost, null, tried in forms:
 
             def limited(experiment: Experiment, values: Values, lost: Any = lost) -> Experiment:
                 def less(commands: Mapping[str, float], name: str, _: float) -> float:
@@ -97,7 +97,6 @@ class _Inputs(NamedTuple):
 
             numbers = share, number("limit", self.unit, (0.0, most), null, 0.05 * most)
             held = {"limit": [x * most for x in tried]}
-            kind = Kind("input", ("tension",))
             yield ChangedDescription(f"{label} of the inputs", kind, numbers, limited, text, held=held)
 
     def shares(self) -> Iterator[Cause]:

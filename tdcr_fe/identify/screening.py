@@ -42,9 +42,8 @@ class Score:
 
     effect: Effect
     drop: float  # fall of the sum of squares over the fitted readings, to first order
-    signature: (
-        Array  # change of the predictions over sigma, by direction, shape (n, k); k = 0 where it is refused
-    )
+    # change of the predictions over sigma, by direction, shape (n, k); k = 0 where it is refused
+    signature: Array
     begin: Callable[[], Start]  # most candidates are not fitted
     note: str = ""  # reason of refusal; empty where it is not refused
     probe: _ProbeSet | None = None  # to which the signature belongs
@@ -283,7 +282,7 @@ def _beside(space: _Space, one: _ProbeSet, signature: Array, limits: tuple[Array
 
 
 def _at_points(space: _Space, e: PointForce, run: Run, follows: bool = True) -> Score:
-    """A force towards a point, from all points that first order does not tell apart."""
+    """A force towards a point, from all points that first order does not distinguish."""
     problem, fit = space.problem, space.fit
     found = best_points(problem, run, e, space, follows)
     if not found:
