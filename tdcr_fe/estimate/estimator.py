@@ -22,7 +22,7 @@ from tdcr_fe.estimate.volume import Volume
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.solve.load_steps.load_path import LoadStepReport
+from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Position
 from tdcr_fe.solve.simulation import Simulation, one_thread
 
 Array = NDArray[np.float64]
@@ -30,6 +30,12 @@ Array = NDArray[np.float64]
 #: Substeps of a frame, where its step does not say: the path within a frame is not resolved. The first frame takes the
 #: unloaded robot to where it is, and its path is.
 SUBSTEPS = 1
+#: Of a load step where no settings are given [1], with a hundredth of which the errors are the same and load steps take
+#: a third more iterations.
+TOLERANCE = 1e-6
+#: After more states than this a frame leaves the volume as it was. Errors and covariances are the same as where each
+#: frame renews it, and the frames that take longest are shorter by a state.
+FEW_STATES = 2
 #: Of a frame that was not solved.
 UNSOLVED = LoadStepReport(0, 0, 0, 0.0, False, 1.0, 0.0)
 
@@ -48,7 +54,7 @@ class Estimator:
     observation
         How positions are measured.
     settings
-        Numerics.
+        Numerics; None are those of any load step with a tolerance of 1e-6.
 
     Raises
     ------
@@ -81,6 +87,7 @@ class Estimator:
             places = [float(s) for s in handle.mesh.arc_lengths[1:]]
         #: Steps that name all loads.
         self.steps = (*known, LoadStep(loads={name_at(s): Load(at=s) for s in places}))
+        settings = settings or SolverSettings(tolerance=TOLERANCE)
         self.simulation = Simulation(robot, model, resolve(robot, self.steps), settings)
         loaded = np.array([self.simulation.handle.mesh.node_at(s, 1e-6) for s in places])
         components = 6 if load.sigma_moment > 0.0 else 3
@@ -88,12 +95,13 @@ class Estimator:
         of_place = length / np.sqrt(12.0) if load.at == "unknown" else 0.0
         of_load = np.repeat((load.sigma, load.sigma_moment), 3)[:components]
         of_inputs = inputs.sigmas(robot.tendon_names)
-        self._sigmas = np.concatenate((of_inputs, of_load, [of_place]))
         self._problem = Problem(self.simulation, observation or Observation(), loaded, components, of_inputs)
+        slips = self._problem.slips(self.simulation.state)
+        self._sigmas = np.concatenate((of_inputs, of_load, [of_place], 0.0 * slips))
         self._typical = np.zeros(len(self._sigmas))
-        self._typical[-1] = 0.5 * length if load.at == "unknown" else places[0]
+        self._typical[self._problem.place] = 0.5 * length if load.at == "unknown" else places[0]
         self._mean = self._typical
-        self._covariance = np.diag(np.concatenate((self._sigmas**2, np.zeros(len(self._problem.slips)))))
+        self._covariance = np.diag(self._sigmas**2)
         self._commands = LoadStep()
         self._time: float | None = None
         self._last: Solved | None = None
@@ -154,46 +162,50 @@ class Estimator:
         held = self._problem.at_given_place(covariance)[1]
         if read:
             mean = mean + self._volume.change_of_mean(held)
-        start, last = np.zeros(len(mean)), self._last
-        if last is not None and last.frame.commands.drives.kinds == frame.commands.drives.kinds:
-            start = last.start_of(frame, mean, covariance)
-        found = frame.most_probable(mean, covariance, start)
+        last = self._last
+        if last is not None and last.frame.commands.drives.kinds != frame.commands.drives.kinds:
+            last = None
+        found = frame.most_probable(mean, covariance, last)
         if found is None or not found.converged:
             message = "no load step towards the frame has a solution"
             if found is not None:
                 message = f"the readings are not met (misfit {found.misfit:.3g}): wrong axes, signs or units?"
             self.simulation.return_to(frame.start)
-            before = np.concatenate((self._mean, self._problem.slips))
-            state = Solved(frame, before, frame.commands, UNSOLVED, frame.start)
-            return self._estimate(state, self._covariance, np.nan, message)
-        state, own = found.point, len(self._sigmas)
-        if read:
+            state = Solved(frame, self._mean, UNSOLVED, frame.start)
+            return self._estimate(state, self._mean, self._covariance, np.nan, message)
+        state, history = found.point, self._problem.history
+        if read and found.states <= FEW_STATES:
             self._volume = self._volume.renewed(state, held)
-        self._mean, self._time, self._last = state.unknowns[:own], frame.commands.time, state
+        self.simulation.return_to(Position(state.moved(found.unknowns)))
+        self._mean, self._time, self._last = found.unknowns.copy(), frame.commands.time, state
+        self._mean[history] = self._problem.slips(self.simulation.state)
         carried = np.eye(len(mean))
-        carried[own:] = state.response.plastic_slips
+        carried[history] = state.response.plastic_slips
         after = carried @ found.covariance @ carried.T
         self._covariance = 0.5 * (after + after.T)
-        return self._estimate(state, found.covariance, found.misfit, "")
+        return self._estimate(state, found.unknowns, found.covariance, found.misfit, "")
 
     def _prior(self, frame: Frame) -> tuple[Array, Array]:
         """Mean and covariance of the unknowns of a frame before its readings."""
-        own, m, covariance, mean = len(self._sigmas), len(self.robot.tendons), self._covariance, self._mean
-        if self._time is not None:
-            elapsed = frame.commands.time - self._time
-            changes = [memory(prior, elapsed) for prior in (self.inputs, self.load)]
-            kept, grown = np.repeat(changes, (m, own - m), axis=0).T
-            mean = self._typical + kept * (mean - self._typical)
-            all_kept = np.concatenate((kept, np.ones(len(covariance) - own)))
-            covariance = covariance * all_kept * all_kept[:, None]
-            covariance[:own, :own] += np.diag(grown * self._sigmas**2)
-        return np.concatenate((mean, self._problem.slips)), covariance
+        if self._time is None:
+            return self._mean, self._covariance
+        elapsed, first, count = frame.commands.time - self._time, self._problem.place + 1, len(self._mean)
+        changes = [memory(prior, elapsed) for prior in (self.inputs, self.load)]
+        changes.append((1.0, 0.0))  # Plastic slips stay.
+        m = self._problem.tendons
+        kept, grown = np.repeat(changes, (m, first - m, count - first), axis=0).T
+        mean = self._typical + kept * (self._mean - self._typical)
+        return mean, self._covariance * np.outer(kept, kept) + np.diag(grown * self._sigmas**2)
 
-    def _estimate(self, state: Solved, covariance: Array, misfit: float, message: str) -> Estimate:
-        """A state as an estimate; number, label and time taken are left open."""
-        response, problem, x = state.response, self._problem, state.unknowns
+    def _estimate(self, state: Solved, x: Array, covariance: Array, misfit: float, message: str) -> Estimate:
+        """The present state with its unknowns as an estimate; number, label and time taken are left open.
+
+        ``state``: where derivatives are taken.
+        """
+        response, problem = state.response, self._problem
         place, force = problem.place, slice(problem.tendons, problem.tendons + 3)
-        result = state.simulation.result(0, "", state.report, state.actuation)
+        acting = problem.actuation(state.frame.commands, x)
+        result = self.simulation.result(0, "", state.report, acting)
         return Estimate(
             replace(result, converged=not message),
             state.frame.commands.time,

@@ -21,10 +21,13 @@ from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import Location, channel
 from tdcr_fe.model.loading import Actuation, Load
 from tdcr_fe.model.observed_step import ObservedStep
+from tdcr_fe.solve.equations.configuration import SolverState, StoredState
 from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, Position, StepFailed
 from tdcr_fe.solve.simulation import Simulation
 
 Array = NDArray[np.float64]
+#: Readings by quantity: which, and where.
+Groups = tuple[tuple[str, list[int], list[Location]], ...]
 
 #: Places along the body that are tried where that of the load is unknown, and most times that one is chosen anew.
 PLACES, MOST_CHOICES = 100, 5
@@ -62,13 +65,18 @@ class Problem:
 
     @property
     def place(self) -> int:
-        """Number of the place among the unknowns; plastic slips follow."""
+        """Number of the place among the unknowns."""
         return self.tendons + self.components
 
     @property
     def load(self) -> slice:
         """The load among the unknowns."""
         return slice(self.tendons, self.place)
+
+    @property
+    def history(self) -> slice:
+        """The plastic slips among the unknowns."""
+        return slice(self.place + 1, None)
 
     @property
     def spacing(self) -> float:
@@ -83,10 +91,9 @@ class Problem:
         given = covariance[self.place] / variance
         return given, covariance - variance * np.outer(given, given)
 
-    @property
-    def slips(self) -> Array:
-        """Plastic slips of the present state [m], shape (k,)."""
-        return plastic_slips(self.simulation, self.simulation.state.friction[0])
+    def slips(self, state: SolverState) -> Array:
+        """Plastic slips at the end of a solved step [m], shape (k,)."""
+        return plastic_slips(self.simulation, state.friction[0])
 
     def shares(self, place: float) -> tuple[Array, Array]:
         """Shares of the load on the nodes that may carry it, and their derivatives by its place [1, 1/m].
@@ -132,7 +139,7 @@ class Readings:
 
     values: Array  # (n,): In the units of the channels
     sigmas: Array  # (n,): Standard deviations
-    groups: tuple[tuple[str, list[int], list[Location]], ...]  # By quantity: which, and where
+    groups: Groups
 
     @classmethod
     def of(cls, readings: Sequence[Reading]) -> Readings:
@@ -157,18 +164,19 @@ class Frame:
     readings: Readings
     substeps: int | None
 
-    def most_probable(self, mean: Array, covariance: Array, start: Array) -> Found[Solved] | None:
+    def most_probable(self, mean: Array, covariance: Array, last: Solved | None) -> Found[Solved] | None:
         """The most probable state from a prior; None where the first load step has no solution.
 
-        ``start`` is that of `most_probable` where the place of the load is known.
+        ``last``: the state of the frame before, where it is a guide.
         """
         place = self.problem.place
         variance = covariance[place, place]
         if variance == 0.0 or not len(self.readings.values):
-            return most_probable(self.solved, mean, covariance, start)
+            start = np.zeros(len(mean)) if last is None else last.start_of(self, mean, covariance)
+            return most_probable(self.solved, mean, covariance, start, last)
         # Among given places, each with all other unknowns conditional on it.
         given, held = self.problem.at_given_place(covariance)
-        at, found, before = self.solved(mean), None, np.inf
+        at, found, before = self.solved(mean, last), None, np.inf
         for _ in range(MOST_CHOICES):
             if at is None:
                 return None
@@ -178,7 +186,7 @@ class Frame:
             # At first the state is far off, and the linear model is no guide.
             begin = np.zeros_like(towards) if found is None else towards
             before, shift = s, s - mean[place]
-            found = most_probable(self.solved, mean + given * shift, held, begin)
+            found = most_probable(self.solved, mean + given * shift, held, begin, at)
             if found is None:
                 return None
             at = found.point
@@ -189,17 +197,16 @@ class Frame:
     def solved(self, unknowns: Array, near: Solved | None = None) -> Solved | None:
         """The load step to unknowns, begun at a solution for others nearby; None where it has no solution."""
         simulation, state = self.problem.simulation, self.start.state
-        change = unknowns[self.problem.place + 1 :] - plastic_slips(simulation, state.friction[0])
-        actuation = self.problem.actuation(self.commands, unknowns)
+        change = unknowns[self.problem.history] - self.problem.slips(state)
         try:
             simulation.begin_from(with_plastic_slips(simulation, state, change))
-            ends = (
-                [] if near is None or self.substeps != 1 else [Increment(1.0, near.position.state.stored())]
-            )
-            report = simulation.advance(actuation, self.substeps, ends)
+            ends = []
+            if near is not None and self.substeps == 1:
+                ends = [Increment(1.0, near.towards(self, unknowns))]
+            report = simulation.advance(self.problem.actuation(self.commands, unknowns), self.substeps, ends)
         except (StepFailed, np.linalg.LinAlgError):
             return None
-        return Solved(self, unknowns, actuation, report, simulation.position)
+        return Solved(self, unknowns, report, simulation.position)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +215,6 @@ class Solved:
 
     frame: Frame
     unknowns: Array
-    actuation: Actuation
     report: LoadStepReport
     position: Position
 
@@ -240,7 +246,7 @@ class Solved:
             rows = slice(m + 6 * j, m + 6 * j + count)
             found[rows, problem.load] = share * np.eye(count)
             found[rows, place] = slope * unknowns[problem.load]
-        found[m + 6 * len(problem.loaded) :, place + 1 :] = np.eye(len(unknowns) - place - 1)
+        found[m + 6 * len(problem.loaded) :, problem.history] = np.eye(len(unknowns) - place - 1)
         return found
 
     @cached_property
@@ -274,30 +280,71 @@ class Solved:
     @cached_property
     def _read(self) -> tuple[Array, Array]:
         """Residual and derivatives of the readings of its frame."""
-        return self._of_readings(self.frame.readings, self.response)
+        return self._of_readings(self.frame.readings)
 
-    def _of_readings(self, readings: Readings, response: Response) -> tuple[Array, Array]:
-        """Residual of readings, and derivatives of their predictions by the parameters of a response.
+    def _of_readings(self, readings: Readings) -> tuple[Array, Array]:
+        """Residual of readings, and derivatives of their predictions by the unknowns.
 
-        Both over their standard deviations, shapes (n_readings,) and (n_readings, P).
+        Both over their standard deviations, shapes (n_readings,) and (n_readings, n).
         """
-        change, count = response.observed, len(readings.values)
+        groups = readings.groups
+        alike = groups == self.frame.readings.groups
+        predicted, found = self._predicted if alike else self._prediction(groups, self.response)
+        return (readings.values - predicted) / readings.sigmas, found / readings.sigmas[:, None]
+
+    @cached_property
+    def _predicted(self) -> tuple[Array, Array]:
+        """The readings of its frame, and their derivatives by the unknowns."""
+        return self._prediction(self.frame.readings.groups, self.response)
+
+    def _prediction(self, groups: Groups, response: Response) -> tuple[Array, Array]:
+        """Predictions, shape (n_readings,), and their derivatives by P parameters of a response."""
+        count, change = sum(len(which) for _, which, _ in groups), response.observed
         predicted, found = np.zeros(count), np.zeros((count, response.nodes.shape[-1]))
         h = change.difference_steps(self._observed)
         moved = self._observed.moved(change, h)
-        for quantity, which, locations in readings.groups:
+        for quantity, which, locations in groups:
             predicted[which] = channel(quantity).predict(moved, locations)[0]
             found[which] = channel(quantity).differences(moved, h, locations)
-        return (readings.values - predicted) / readings.sigmas, found / readings.sigmas[:, None]
+        return predicted, found
+
+    def _change_to(self, frame: Frame, unknowns: Array) -> Array:
+        """Of the unknowns, to those of its frame or of the next one, which begins where this state ends."""
+        problem, change = self.frame.problem, unknowns - self.unknowns
+        if frame is not self.frame:
+            given = frame.commands.values - self.frame.commands.values
+            change[: problem.tendons] += given / frame.commands.drives.scale
+            change[problem.history] = unknowns[problem.history] - problem.slips(self.position.state)
+        return change
+
+    def towards(self, frame: Frame, unknowns: Array) -> StoredState:
+        """The state at other unknowns of its frame or of the next one, to first order."""
+        state, response, change = self.position.state, self.response, self._change_to(frame, unknowns)
+        simulation, configuration = self.frame.problem.simulation, state.configuration
+        moved = np.stack((response.nodes @ change, response.rotations @ change), axis=1)
+        in_sections = moved @ configuration.poses[0][1]
+        twists = configuration.chains[0].changes(in_sections.reshape(-1, 6))
+        most = simulation.settings.max_turn
+        twists *= most / max(most, float(np.abs(twists[:, 3:]).max()))
+        mobilisation = state.mobilisation[0].copy()
+        mobilisation[simulation.handle.actuation.law.frictional] += response.mobilisations @ change
+        return StoredState(
+            configuration.unknowns._replace(twists=(configuration.twists[0] + twists,)),
+            (np.maximum(state.base_tension[0] + response.base_tensions @ change, 0.0),),
+            (mobilisation.clip(-1.0, 1.0),),
+            state.friction,
+        )
+
+    def moved(self, unknowns: Array) -> SolverState:
+        """As `towards`, with the history that the next frame begins with."""
+        simulation, slips = self.frame.problem.simulation, self.response.plastic_slips
+        ended = with_plastic_slips(simulation, self.position.state, slips @ (unknowns - self.unknowns))
+        return simulation.system.warm_start(ended, self.towards(self.frame, unknowns))
 
     def start_of(self, frame: Frame, mean: Array, covariance: Array) -> Array:
         """``v`` with which the next frame begins from its prior, by the derivatives in this state."""
-        problem, moved = frame.problem, mean - self.unknowns
-        residual, jacobian = self._of_readings(frame.readings, self.response)
-        scale = frame.commands.drives.scale
-        moved[: problem.tendons] += (frame.commands.values - self.frame.commands.values) / scale
-        moved[problem.place + 1 :] = 0.0  # the history is that of this state
-        return linear_start(covariance, residual - jacobian @ moved, jacobian)
+        residual, jacobian = self._of_readings(frame.readings)
+        return linear_start(covariance, residual - jacobian @ self._change_to(frame, mean), jacobian)
 
     def best_place(self, mean: Array, given: Array, held: Array, variance: float) -> tuple[float, Array]:
         """Where the load explains the readings best by the linear model.
@@ -321,7 +368,8 @@ class Solved:
             ``v`` of `most_probable` that leads there.
         """
         problem = self.frame.problem
-        by_node = self._of_readings(self.frame.readings, self._by_node)[1]
+        readings = self.frame.readings
+        by_node = self._prediction(readings.groups, self._by_node)[1] / readings.sigmas[:, None]
         x, place, load = self.unknowns, problem.place, problem.load
         best = (np.inf, 0.0, np.zeros(len(mean)))
         present = by_node @ self._weights(x)

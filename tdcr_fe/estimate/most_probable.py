@@ -58,10 +58,12 @@ P = TypeVar("P", bound=SolvedState)
 class Found(Generic[P]):
     """Where the iteration ended."""
 
-    point: P
+    point: P  # The last one that was solved, where derivatives are taken
+    unknowns: Array  # (n,): Where the linear model there has its least misfit; or as solved, where that is not trusted
     misfit: float
     possible_gain: float  # By how much the linear model could still lower the misfit [1]
     covariance: Array  # (n, n): Of the unknowns
+    states: int  # That were solved
 
     @property
     def converged(self) -> bool:
@@ -71,7 +73,11 @@ class Found(Generic[P]):
 
 
 def most_probable(
-    solve: Callable[[Array, P | None], P | None], mean: Array, covariance: Array, start: Array
+    solve: Callable[[Array, P | None], P | None],
+    mean: Array,
+    covariance: Array,
+    start: Array,
+    near: P | None = None,
 ) -> Found[P] | None:
     """Find the most probable unknowns.
 
@@ -90,19 +96,21 @@ def most_probable(
         None where the first state has no solution.
     """
     v = start
-    point = solve(mean + covariance @ v, None)
+    point = solve(mean + covariance @ v, near)
     if point is None:
         return None
 
     def misfit(v: Array, at: P) -> float:
         return float(v @ covariance @ v + at.residual @ at.residual)
 
-    radius, states, value = FIRST_RADIUS, 1, misfit(v, point)
+    radius, states, value, before = FIRST_RADIUS, 1, misfit(v, point), FIRST_RADIUS
     while True:
         linear = _Linear(v, covariance, point.residual, point.jacobian)
         step = linear.step(0.0)
-        gain = linear.gain(step)
-        if gain <= CONVERGED_GAIN:
+        gain, length = linear.gain(step), linear.length(step)
+        # The linear model has missed the readings by the square of the step that led here.
+        if gain * min(1.0, length / before) ** 4 <= CONVERGED_GAIN:
+            v, value, gain = v + step, value - gain, 0.0
             break
         better = None
         while better is None and radius > LEAST_RADIUS and states < MOST_STATES:
@@ -117,9 +125,10 @@ def most_probable(
                 radius = 0.25 * linear.length(step)
         if better is None:
             break
-        point, v = better, v + step
+        point, v, before = better, v + step, linear.length(step)
         value = misfit(v, point)
-    return Found(point, value, gain, posterior_covariance(covariance, point.jacobian))
+    covariance_after = posterior_covariance(covariance, point.jacobian)
+    return Found(point, mean + covariance @ v, value, gain, covariance_after, states)
 
 
 def linear_start(covariance: Array, residual: Array, jacobian: Array) -> Array:

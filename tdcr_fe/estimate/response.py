@@ -52,6 +52,7 @@ class Response:
     base_tensions: Array  # (m, P): [N]
     distal_tensions: Array  # (m, P): [N]
     plastic_slips: Array  # (k, P): At the end of the step [m]
+    mobilisations: Array  # (k, P): as `plastic_slips` [1]
 
     @classmethod
     def of(cls, simulation: Simulation, loaded: NDArray[np.int_]) -> Response:
@@ -83,6 +84,7 @@ class Response:
             tendons.base_tension,
             tendons.tension[np.arange(m), ends],
             slips,
+            np.eye(k, slips.shape[1], slips.shape[1] - k),
         )
         if not k:
             return found

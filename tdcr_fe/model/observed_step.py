@@ -159,8 +159,12 @@ class ObservedStep:
         k = elements_at(self.nodes, s)
         share = (s - self.s[..., k]) / (self.s[..., k + 1] - self.s[..., k])
         p, r = self.positions, self.rotations
-        ends = p[..., k, :], r[..., k, :, :], p[..., k + 1, :], r[..., k + 1, :, :]
-        return self.observation.seen(within_elements(*ends, share) + self.levers(s))
+        if np.all((share == 0.0) | (share == 1.0)):  # at nodes, as most are
+            found = np.where(share[..., None] == 0.0, p[..., k, :], p[..., k + 1, :])
+        else:
+            ends = p[..., k, :], r[..., k, :, :], p[..., k + 1, :], r[..., k + 1, :, :]
+            found = within_elements(*ends, share)
+        return self.observation.seen(found + self.levers(s))
 
     @property
     def tip(self) -> Array:

@@ -118,9 +118,9 @@ def test_the_same_reading_again_and_again_leads_to_the_mean_of_an_unknown_factor
     """By quadrature, where the least misfit alone prefers large factors."""
     frame, volume, factors = Product(y), Volume(), []
     for _ in range(6):
-        found = most_probable(frame.solved, MEAN + volume.change_of_mean(PRIOR), PRIOR, np.zeros(2)).point
+        found = most_probable(frame.solved, MEAN + volume.change_of_mean(PRIOR), PRIOR, np.zeros(2))
         factors.append(found.unknowns[0])
-        volume = volume.renewed(found, PRIOR)
+        volume = volume.renewed(found.point, PRIOR)
     a = np.linspace(-2.0, 2.0, 4001)
     density = np.exp(-0.5 * (a / 0.2) ** 2 - 0.5 * ((y * np.exp(-a) - 1.0) / 0.4) ** 2 - a)
     expected = a @ density / density.sum()
