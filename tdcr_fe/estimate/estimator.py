@@ -10,7 +10,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, memory
 from tdcr_fe.estimate.frame import Frame, Problem, Readings, Solved, name_at
 from tdcr_fe.estimate.volume import Volume
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings, resolve
+from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Position
 from tdcr_fe.solve.simulation import Simulation, one_thread
@@ -102,7 +101,7 @@ class Estimator:
         self._typical[self._problem.place] = 0.5 * length if load.at == "unknown" else places[0]
         self._mean = self._typical
         self._covariance = np.diag(self._sigmas**2)
-        self._commands = LoadStep()
+        self._commands: Actuation | None = None
         self._time: float | None = None
         self._last: Solved | None = None
         self._volume = Volume()
@@ -140,15 +139,10 @@ class Estimator:
             if not (at in names if isinstance(at, str) else 0.0 <= (at or 0.0) <= length):
                 allowed = f"an arc length from 0 to {length:g} m, or one of {', '.join(names)}"
                 raise ValueError(f"{where}: reading of {quantity}: location = {at}: must be {allowed}")
-        self._commands = _with_inputs_of(self._commands, step)
-        commands = resolve(self.robot, [self._commands])[0]
-        first = None if self._time is None else SUBSTEPS
+        self._commands = resolve(self.robot, [step], self._commands)[0]
+        substeps = step.substeps or (None if self._time is None else SUBSTEPS)
         frame = Frame(
-            self._problem,
-            self.simulation.position,
-            commands,
-            Readings.of(readings),
-            step.substeps or first,
+            self._problem, self.simulation.position, self._commands, Readings.of(readings), substeps
         )
         with one_thread():
             found = self._estimated(frame)
@@ -222,13 +216,3 @@ class Estimator:
             np.nan,
             message,
         )
-
-
-def _with_inputs_of(before: LoadStep, step: LoadStep) -> LoadStep:
-    """A step with the inputs and loads of the one before that it does not name."""
-    named = {name for _, given in step.inputs() for name in given}
-    inputs = {d.inputs: {n: x for n, x in given.items() if n not in named} for d, given in before.inputs()}
-    for drive, given in step.inputs():
-        inputs[drive.inputs] = {**inputs.get(drive.inputs, {}), **given}
-    changes: dict[str, Any] = {**inputs, "loads": {**before.loads, **step.loads}}
-    return replace(step, **changes)

@@ -172,8 +172,12 @@ class Frame:
         place = self.problem.place
         variance = covariance[place, place]
         if variance == 0.0 or not len(self.readings.values):
-            start = np.zeros(len(mean)) if last is None else last.start_of(self, mean, covariance)
-            return most_probable(self.solved, mean, covariance, start, last)
+            if last is not None:
+                start = last.start_of(self, mean, covariance)
+                found = most_probable(self.solved, mean, covariance, start, last)
+                if found is not None and found.converged:
+                    return found
+            return most_probable(self.solved, mean, covariance, np.zeros(len(mean)))
         # Among given places, each with all other unknowns conditional on it.
         given, held = self.problem.at_given_place(covariance)
         at, found, before = self.solved(mean, last), None, np.inf

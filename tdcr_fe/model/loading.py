@@ -176,10 +176,8 @@ def with_displacements(robot: Robot, steps: Iterable[LoadStep]) -> tuple[LoadSte
     return tuple(found)
 
 
-def resolve(robot: Robot, steps: Iterable[LoadStep]) -> list[Actuation]:
+def resolve(robot: Robot, steps: Iterable[LoadStep], before: Actuation | None = None) -> list[Actuation]:
     """Carry what a step does not name over from the step before.
-
-    Before the first step every tendon is driven by tension zero; a tendon with pretension by displacement zero.
 
     Parameters
     ----------
@@ -187,6 +185,8 @@ def resolve(robot: Robot, steps: Iterable[LoadStep]) -> list[Actuation]:
         Whose tendons are meant.
     steps
         The loading sequence.
+    before
+        What acts before it; None: every tendon is driven by tension zero; one with pretension by displacement zero.
 
     Returns
     -------
@@ -199,11 +199,10 @@ def resolve(robot: Robot, steps: Iterable[LoadStep]) -> list[Actuation]:
         A step names an unknown tendon, or a tendon twice, or a load beyond the tip.
     """
     index = {name: i for i, name in enumerate(robot.tendon_names)}
-    kinds = [DISPLACEMENT if t.pretension > 0.0 else TENSION for t in robot.tendons]
-    drives = TendonDrives.of(kinds, robot.tendons)
-    values = np.zeros(len(index))
-    loads: dict[str, Load] = {}
-    time = 0.0
+    if before is None:
+        kinds = [DISPLACEMENT if t.pretension > 0.0 else TENSION for t in robot.tendons]
+        before = Actuation(TendonDrives.of(kinds, robot.tendons), np.zeros(len(index)))
+    drives, values, loads, time = before.drives, before.values, before.loads, before.time
     result = []
     hint = "LoadStep(tensions={'t1': 1.0})"
     check_instance("loading sequence", "steps", steps, Iterable, f"a list such as [{hint}]")
