@@ -32,9 +32,9 @@ SUBSTEPS = 1
 #: Of a load step where no settings are given [1], with a hundredth of which the errors are the same and load steps take
 #: a third more iterations.
 TOLERANCE = 1e-6
-#: After more states than this a frame leaves the volume as it was. Errors and covariances are the same as where each
-#: frame renews it, and the frames that take longest are shorter by a state.
-FEW_STATES = 2
+#: Load steps of a frame of which those that the iteration does not need renew the volume. Where each frame renews one
+#: direction, the force errors are the same, and the longest frames are longer by a load step.
+STATES = 3
 #: Of a frame that was not solved.
 UNSOLVED = LoadStepReport(0, 0, 0, 0.0, False, 1.0, 0.0)
 
@@ -168,7 +168,7 @@ class Estimator:
             state = Solved(frame, self._mean, UNSOLVED, frame.start)
             return self._estimate(state, self._mean, self._covariance, np.nan, message)
         state, history = found.point, self._problem.history
-        if read and found.states <= FEW_STATES:
+        for _ in range(STATES - found.states if read else 0):
             self._volume = self._volume.renewed(state, held)
         self.simulation.return_to(Position(state.moved(found.unknowns)))
         self._mean, self._time, self._last = found.unknowns.copy(), frame.commands.time, state

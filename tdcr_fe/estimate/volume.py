@@ -6,7 +6,7 @@ fill a volume proportional to ``det(H P H' + R)^-1/2``, so that the misfit has t
 it (Laplace's method). It is linear here: its slope is that of a prior with another mean.
 
 The slope is a sum over the directions in which the readings are informative, and each of them takes a load step. It
-changes slowly from frame to frame, so each frame that did not take long renews one direction.
+changes slowly from frame to frame, so a frame renews one direction or two, or none where it took long.
 """
 
 from __future__ import annotations
