@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Observation
 from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, memory
 from tdcr_fe.estimate.frame import Frame, Problem, Readings, Solved, name_at
+from tdcr_fe.estimate.response import plastic_slips
 from tdcr_fe.estimate.volume import Volume
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, SolverSettings, resolve
@@ -95,7 +96,7 @@ class Estimator:
         of_load = np.repeat((load.sigma, load.sigma_moment), 3)[:components]
         of_inputs = inputs.sigmas(robot.tendon_names)
         self._problem = Problem(self.simulation, observation or Observation(), loaded, components, of_inputs)
-        slips = self._problem.slips(self.simulation.state)
+        slips = plastic_slips(self.simulation, self.simulation.state)
         self._sigmas = np.concatenate((of_inputs, of_load, [of_place], 0.0 * slips))
         self._typical = np.zeros(len(self._sigmas))
         self._typical[self._problem.place] = 0.5 * length if load.at == "unknown" else places[0]
@@ -172,7 +173,7 @@ class Estimator:
             self._volume = self._volume.renewed(state, held)
         self.simulation.return_to(Position(state.moved(found.unknowns)))
         self._mean, self._time, self._last = found.unknowns.copy(), frame.commands.time, state
-        self._mean[history] = self._problem.slips(self.simulation.state)
+        self._mean[history] = plastic_slips(self.simulation, self.simulation.state)
         carried = np.eye(len(mean))
         carried[history] = state.response.plastic_slips
         after = carried @ found.covariance @ carried.T

@@ -91,10 +91,6 @@ class Problem:
         given = covariance[self.place] / variance
         return given, covariance - variance * np.outer(given, given)
 
-    def slips(self, state: SolverState) -> Array:
-        """Plastic slips at the end of a solved step [m], shape (k,)."""
-        return plastic_slips(self.simulation, state.friction[0])
-
     def shares(self, place: float) -> tuple[Array, Array]:
         """Shares of the load on the nodes that may carry it, and their derivatives by its place [1, 1/m].
 
@@ -201,7 +197,7 @@ class Frame:
     def solved(self, unknowns: Array, near: Solved | None = None) -> Solved | None:
         """The load step to unknowns, begun at a solution for others nearby; None where it has no solution."""
         simulation, state = self.problem.simulation, self.start.state
-        change = unknowns[self.problem.history] - self.problem.slips(state)
+        change = unknowns[self.problem.history] - plastic_slips(simulation, state)
         try:
             simulation.begin_from(with_plastic_slips(simulation, state, change))
             ends = []
@@ -274,17 +270,12 @@ class Solved:
     @cached_property
     def residual(self) -> Array:
         """See `tdcr_fe.estimate.most_probable.SolvedState`."""
-        return self._read[0]
+        return self._of_readings(self.frame.readings)[0]
 
     @cached_property
     def jacobian(self) -> Array:
         """See `tdcr_fe.estimate.most_probable.SolvedState`."""
-        return self._read[1]
-
-    @cached_property
-    def _read(self) -> tuple[Array, Array]:
-        """Residual and derivatives of the readings of its frame."""
-        return self._of_readings(self.frame.readings)
+        return self._of_readings(self.frame.readings)[1]
 
     def _of_readings(self, readings: Readings) -> tuple[Array, Array]:
         """Residual of readings, and derivatives of their predictions by the unknowns.
@@ -318,7 +309,8 @@ class Solved:
         if frame is not self.frame:
             given = frame.commands.values - self.frame.commands.values
             change[: problem.tendons] += given / frame.commands.drives.scale
-            change[problem.history] = unknowns[problem.history] - problem.slips(self.position.state)
+            slips = plastic_slips(problem.simulation, self.position.state)
+            change[problem.history] = unknowns[problem.history] - slips
         return change
 
     def towards(self, frame: Frame, unknowns: Array) -> StoredState:

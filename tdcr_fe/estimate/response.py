@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import TendonForces
-from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.model.observed_step import ObservedChange
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.sensitivities.linear_response import AT_BOUND, Disturbance, SolvedPoint
@@ -22,9 +21,9 @@ from tdcr_fe.solve.simulation import Simulation
 Array = NDArray[np.float64]
 
 
-def plastic_slips(simulation: Simulation, friction: FrictionState) -> Array:
-    """Of all holes with friction [m], shape (k,)."""
-    law = simulation.handle.actuation.law
+def plastic_slips(simulation: Simulation, state: SolverState) -> Array:
+    """Of all holes with friction at the end of a solved step [m], shape (k,)."""
+    law, friction = simulation.handle.actuation.law, state.friction[0]
     return (friction.slip - law.hysteresis.presliding * friction.mobilisation)[law.frictional]
 
 

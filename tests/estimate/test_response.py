@@ -40,18 +40,17 @@ def test_derivatives_are_those_of_the_load_step(friction, by_displacement):
         simulation.begin_from(with_plastic_slips(simulation, before, slips))
         simulation.advance(actuation(values + change[:4], force + change[4:7], by_displacement), 1)
         state = simulation.state
-        friction_state = state.friction[0]
         return np.concatenate(
             (
                 state.configuration.poses[0][0].ravel(),
                 state.base_tension[0],
                 simulation.displacement,
                 [x[-1] for x in simulation.handle.tensions().values()],
-                plastic_slips(simulation, friction_state),
+                plastic_slips(simulation, state),
             )
         )
 
-    k = len(plastic_slips(simulation, before.friction[0]))
+    k = len(plastic_slips(simulation, before))
     end(np.zeros(7 + k))
     sticks = np.abs(simulation.state.mobilisation[0]) < 1.0 - 1e-6
     assert not friction or 3 < sticks.sum() < sticks.size - 3
