@@ -167,16 +167,16 @@ class Frame:
         """
         place = self.problem.place
         variance = covariance[place, place]
+        start = np.zeros(len(mean)) if last is None else last.start_of(self, mean, covariance)
         if variance == 0.0 or not len(self.readings.values):
             if last is not None:
-                start = last.start_of(self, mean, covariance)
                 found = most_probable(self.solved, mean, covariance, start, last)
                 if found is not None and found.converged:
                     return found
             return most_probable(self.solved, mean, covariance, np.zeros(len(mean)))
         # Among given places, each with all other unknowns conditional on it.
         given, held = self.problem.at_given_place(covariance)
-        at, found, before = self.solved(mean, last), None, np.inf
+        at, found, before = self.solved(mean + covariance @ start, last), None, np.inf
         for _ in range(MOST_CHOICES):
             if at is None:
                 return None
@@ -184,7 +184,7 @@ class Frame:
             if abs(s - before) < self.problem.spacing:
                 break
             # At first the state is far off, and the linear model is no guide.
-            begin = np.zeros_like(towards) if found is None else towards
+            begin = np.zeros_like(towards) if found is None and last is None else towards
             before, shift = s, s - mean[place]
             found = most_probable(self.solved, mean + given * shift, held, begin, at)
             if found is None:
