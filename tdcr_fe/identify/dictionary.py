@@ -85,36 +85,40 @@ class _Profile(NamedTuple):
 
 
 def _profiles(robot: Robot) -> list[_Profile]:
-    """Linear from the base to the tip, and a step at every disk but the last: beyond it, one bay differs."""
-    length, disks = robot.backbone.length, robot.bay_edges[1:-2].tolist()
+    """Linear from the base to the tip, and another value beyond a disk, or before it, in more than one bay."""
+    length, edges = robot.backbone.length, robot.bay_edges.tolist()
 
     def linear(numbers: Values, null: float, s: Array) -> Array:
         base, tip = numbers.values()
         return np.asarray(base + (tip - base) * s / length)
 
-    def step(start: float) -> Callable[[Values, float, Array], Array]:
-        return lambda numbers, null, s: np.where(s < start - ARC_TOLERANCE, null, *numbers.values())
+    def step(at: float, beyond: bool) -> Callable[[Values, float, Array], Array]:
+        return lambda numbers, null, s: np.where((s >= at - ARC_TOLERANCE) == beyond, *numbers.values(), null)
 
     found = [_Profile("along s", "everywhere", ("base", "tip"), linear, 0.0)]
-    price = math.log(max(1, len(disks)))
-    for s in disks:
-        where = f"from s = {s:.4g} m on"
-        found.append(_Profile(where, where, ("beyond",), step(s), price))
+    steps = [*((s, True) for s in edges[1:-2]), *((s, False) for s in edges[2:-1])]
+    for s, beyond in steps:
+        where = f"from s = {s:.4g} m on" if beyond else f"up to s = {s:.4g} m"
+        found.append(_Profile(where, where, ("there",), step(s, beyond), math.log(len(steps))))
     return found
 
 
 def _along(problem: FitProblem) -> list[Cause]:
-    """What depends on the arc length: the radius of the backbone, and the friction of the holes."""
+    """What depends on the arc length: radius and precurvature of the backbone, and the friction of the holes."""
     robot, found = problem.experiment.robot, list[Cause]()
+    radius = number("radius", "1", (0.4, 2.5), 1.0, 0.02)
+    curvatures = [number(f"kappa_{a}", "1/m", (-20.0, 20.0), 0.0, 0.01 / robot.backbone.length) for a in "xy"]
+    friction = number("friction", "1", (-1.0, 2.0), 0.0, 0.02)
 
-    def add(perturbs: str, profile: _Profile, change: Change, one: Parameter) -> None:
+    def add(name: str, perturbs: str, profile: _Profile, change: Change, *each: Parameter) -> None:
         numbers = tuple(
-            replace(one, name=f"{one.name}_{n}", meaning=f"{one.name} {n}") for n in profile.numbers
+            replace(one, name=f"{one.name}_{n}", meaning=f"{one.meaning} {n}")
+            for one in each
+            for n in profile.numbers
         )
         kind = Kind(perturbs, ("place",), profile.where)
         text = f"the {perturbs} changes along the backbone"
-        name = f"{one.name} {profile.name}"
-        found.append(ChangedDescription(name, kind, numbers, change, text, profile.price))
+        found.append(ChangedDescription(f"{name} {profile.name}", kind, numbers, change, text, profile.price))
 
     for profile in _profiles(robot):
 
@@ -128,6 +132,17 @@ def _along(problem: FitProblem) -> list[Cause]:
             backbone = experiment.robot.backbone
             return experiment.with_backbone(patches=(*backbone.patches, *patches))
 
+        def bent(experiment: Experiment, values: Values, profile: _Profile = profile) -> Experiment:
+            backbone, edges = experiment.robot.backbone, experiment.robot.bay_edges
+            middles, count = 0.5 * (edges[1:] + edges[:-1]), len(profile.numbers)
+            items = list(values.items())
+            x, y = (profile.value(dict(own), 0.0, middles).tolist() for own in (items[:count], items[count:]))
+            patches = (
+                StiffnessPatch(a, b, precurvature=(k_x, k_y))
+                for (a, b), k_x, k_y in zip(itertools.pairwise(edges.tolist()), x, y, strict=True)
+            )
+            return experiment.with_backbone(patches=(*backbone.patches, *patches))
+
         def rougher(experiment: Experiment, values: Values, profile: _Profile = profile) -> Experiment:
             tendons = []
             for tendon in experiment.robot.tendons:
@@ -137,9 +152,10 @@ def _along(problem: FitProblem) -> list[Cause]:
                 tendons.append(replace(tendon, tight_holes=(*holes, *tendon.tight_holes)))
             return experiment.with_robot(tendons=tuple(tendons))
 
-        add("stiffness", profile, tapered, number("radius", "1", (0.4, 2.5), 1.0, 0.02))
+        add("radius", "stiffness", profile, tapered, radius)
+        add("precurvature", "precurvature", profile, bent, *curvatures)
         if problem.experiment.model.friction != "none" and not any(t.friction for t in robot.tendons):
-            add("transmission", profile, rougher, number("friction", "1", (-1.0, 2.0), 0.0, 0.02))
+            add("friction", "transmission", profile, rougher, friction)
     return found
 
 

@@ -51,12 +51,10 @@ class Score:
     scales: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
     @classmethod
-    def refused(
-        cls, effect: Effect, fit: Fit, note: str, scales: Mapping[tuple[str, str], float] | None = None
-    ) -> Score:
+    def refused(cls, effect: Effect, fit: Fit, note: str) -> Score:
         """Of an effect that is not tried beside a model."""
         nothing, start = np.zeros((fit.residual.size, 0)), Start([], fit.residual)
-        return cls(effect, 0.0, nothing, lambda: start, note, scales=scales or {})
+        return cls(effect, 0.0, nothing, lambda: start, note)
 
     @cached_property
     def start(self) -> Start:
@@ -262,7 +260,7 @@ def _score(space: _Space, sets: Sequence[tuple[_ProbeSet, Array]]) -> Score:
             found.append(_beside(space, one, signature, limits))
             scales |= {(e.name, n): abs(j) for d in one.directions for n, j in d.items() if j != 0.0}
     if not found:
-        return Score.refused(e, fit, "it changes nothing on these data", scales)
+        return Score.refused(e, fit, "it changes nothing on these data")
     if isinstance(e, PointForce):
         return replace(_at_points(space, e, fit.run), scales=scales)
     return replace(max(found, key=lambda x: x.drop), scales=scales)

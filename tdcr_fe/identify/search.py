@@ -241,7 +241,9 @@ def fit_proposals(
             together: list[fitting.Fitting] = []
             while queue and len(together) < problem.forward.processes:
                 _, now, x = queue.pop(0)
-                if left[x.named] and (ahead is None or _may_reach(problem, ahead, now, x)):
+                if ahead is not None and not _may_reach(problem, ahead, now, x):
+                    state = state.with_fit(replace(now, pruned=True))  # an exchange does not try it again
+                elif left[x.named]:
                     left[x.named] -= 1
                     together.append(_fitted(problem, now, x.score.start.predicted, races[x.named]))
             for now in fitting.run_fits(problem, together):
@@ -479,25 +481,33 @@ def pairs(search: Search, state: SearchState, parent: Fit) -> tuple[SearchState,
     found, present, problem = list[Proposal](), {e.listed for e in parent.effects}, state.problem
     if len(parent.effects) + 2 > search.settings.max_effects or lacks_test(problem, parent):
         return state, found
+    excitation = problem.excitation_range(parent.run)
     for later in (e for e in problem.catalogue if e.after and e.name not in present):
-        firsts = [x for x in scores if x.effect.listed in later.after and x.scales]
+        firsts = [x for x in scores if x.effect.listed in later.after and not x.note]
         for x, strength in itertools.product(firsts, STRENGTHS):
-            (base,) = fitting.run_fits(problem, [_made_strong(problem, parent, x, strength)])
+            name = x.effect.name
+            effects = *parent.effects, x.effect
+            point = {**parent.values, name: _strong_values(problem, x, strength)}
+            experiment = problem.with_effects(effects, point)
+            shown = [e for e in later.forms(problem.experiment) if e.probe_points(experiment, excitation)]
+            if not shown:
+                continue
+            free = (*parent.free, *((name, n) for n in point[name]))
+            (base,) = fitting.run_fits(problem, [fitting.evaluated(problem, effects, point, free, parent)])
             if base.solved:
-                own, _ = screen(problem, base, later.forms(problem.experiment))
+                own, _ = screen(problem, base, shown)
                 found += worth_fitting(search, problem, base, own)
     return state, found
 
 
-def _made_strong(problem: FitProblem, parent: Fit, score: Score, strength: float) -> fitting.Fitting:
-    """A model with a candidate whose parameters are so many typical steps from their null values."""
+def _strong_values(problem: FitProblem, score: Score, strength: float) -> dict[str, float]:
+    """Parameters of a candidate so many typical steps from their null values."""
     e, values = score.effect, {}
     null = e.null_values(problem.experiment)
     for p in e.parameters:
         z = p.coordinate(null[p.name]) + strength * score.scales[(e.name, p.name)]
         values[p.name] = p.value(float(np.clip(z, *problem.bounds(e, p.name))))
-    point, free = {**parent.values, e.name: values}, (*parent.free, *((e.name, name) for name in values))
-    return fitting.evaluated(problem, (*parent.effects, e), point, free, parent)
+    return values
 
 
 def _saturates(effect: Effect) -> bool:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations_with_replacement
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +55,8 @@ class Direction:
     name: str
     symbol: str
     powers: tuple[int, int, int]  # of metre, newton and second
-    value: Callable[[BayState], Array]  # from a `BayState` to an action of shape (K, n_bays, 6)
+    # by name of a coefficient, from a `BayState` to the action of a coefficient of one, shape (K, n_bays, 6)
+    values: tuple[tuple[str, Callable[[BayState], Array]], ...]
     perturbs: str = "stiffness"  # what a cause with this direction perturbs
     depends_on: str = ""  # what that depends on by the direction alone; empty where on nothing
     is_force: bool = False
@@ -112,6 +113,7 @@ LOADING = Factor(
 DEFLECTION = Factor(
     "the displacement", "|u|", (1, 0, 0), lambda b: np.linalg.norm(_across(b), axis=2), "position"
 )
+DISTANCE = Factor("the displacement", "d", (1, 0, 0), lambda b: np.linalg.norm(b.moved, axis=2), "position")
 
 
 def _overall_direction(b: BayState) -> Array:
@@ -121,18 +123,22 @@ def _overall_direction(b: BayState) -> Array:
 
 
 BENDING = Direction(
-    "along the curvature", "kappa", (-1, 0, 0), lambda b: _moment(b.curvature[..., 0], b.curvature[..., 1])
-)
-ABOUT_X = Direction("about the section's x axis", "e_x", (0, 0, 0), _constant(1.0, 0.0), "precurvature")
-ABOUT_Y = Direction("about the section's y axis", "e_y", (0, 0, 0), _constant(0.0, 1.0), "precurvature")
+    "along the curvature", "kappa", (-1, 0, 0),
+    (("coefficient", lambda b: _moment(b.curvature[..., 0], b.curvature[..., 1])),),
+)  # fmt: skip
+SECTION = Direction(
+    "about an axis of the section", "e", (0, 0, 0),
+    (("x", _constant(1.0, 0.0)), ("y", _constant(0.0, 1.0))), "precurvature",
+)  # fmt: skip
 TENDONS = Direction(
-    "along the moment of the tendons", "m_T", (1, 1, 0), lambda b: _tendon(b, b.tension), "routing"
-)
+    "along the moment of the tendons", "m_T", (1, 1, 0),
+    (("coefficient", lambda b: _tendon(b, b.tension)),), "routing",
+)  # fmt: skip
 TENDON_SIGN = Direction(
     "along the moment of each tendon, by the sign of its last motion",
     "sum(sign_i m_Ti)",
     (1, 1, 0),
-    lambda b: _tendon(b, b.tension * b.direction[:, None, :]),
+    (("coefficient", lambda b: _tendon(b, b.tension * b.direction[:, None, :])),),
     "transmission",
     "direction of loading",
 )
@@ -140,24 +146,30 @@ DISPLACED = Direction(
     "along the displacement across the axis",
     "u",
     (1, 0, 0),
-    lambda b: _force(_across(b)),
+    (("coefficient", lambda b: _force(_across(b))),),
     "force",
     "position",
     True,
 )
 
 #: Directions with which products of up to two factors are formed.
-_DIRECTIONS = (
-    BENDING, ABOUT_X, ABOUT_Y, TENDONS, TENDON_SIGN,
-)  # fmt: skip
+_DIRECTIONS = (BENDING, SECTION, TENDONS, TENDON_SIGN)
 
 #: Products that a listed effect has: a stiffness, a precurvature, a gain.
-_LISTED = {((), BENDING), ((), ABOUT_X), ((), ABOUT_Y), ((), TENDONS)}
+_LISTED = {((), BENDING), ((), SECTION), ((), TENDONS)}
+
+
+def _unit(target: tuple[int, int, int], given: Sequence[tuple[int, int, int]]) -> str:
+    """Of a coefficient that takes factors to a target, by their powers of metre, newton and second."""
+    left = [t - sum(p[i] for p in given) for i, t in enumerate(target)]
+    names = {1: "N", 0: "m", 2: "s"}
+    text = [names[i] if left[i] == 1 else f"{names[i]}^{left[i]}" for i in (1, 0, 2) if left[i] != 0]
+    return " ".join(text) or "1"
 
 
 @dataclass(frozen=True)
 class Term:
-    """One term of a law, without its coefficient."""
+    """One term of a law, without its coefficients."""
 
     factors: tuple[Factor, ...]
     direction: Direction
@@ -180,17 +192,17 @@ class Term:
 
     @property
     def unit(self) -> str:
-        """Of its coefficient."""
+        """Of its coefficients."""
         target = (0, 1, 0) if self.direction.is_force else (1, 1, 0)
-        powers = [*(f.powers for f in self.factors), self.direction.powers]
-        left = [t - sum(p[i] for p in powers) for i, t in enumerate(target)]
-        names = {1: "N", 0: "m", 2: "s"}
-        text = [names[i] if left[i] == 1 else f"{names[i]}^{left[i]}" for i in (1, 0, 2) if left[i] != 0]
-        return " ".join(text) or "1"
+        return _unit(target, [*(f.powers for f in self.factors), self.direction.powers])
 
-    def action(self, state: BayState) -> Array:
-        """With a coefficient of one, shape (K, n_bays, 6)."""
-        value = self.direction.value(state)
+    @property
+    def actions(self) -> list[tuple[str, str, Callable[[BayState], Array]]]:
+        """Name and unit of every coefficient, and the action of a coefficient of one, shape (K, n_bays, 6)."""
+        return [(n, self.unit, partial(self._action, value)) for n, value in self.direction.values]
+
+    def _action(self, direction: Callable[[BayState], Array], state: BayState) -> Array:
+        value = direction(state)
         for f in self.factors:
             value = value * f.value(state)[..., None]
         if self.bay is not None:
@@ -232,7 +244,7 @@ def library(bays: int, clock: Factor) -> list[Term]:
     ]
     for b in range(bays):
         terms += [Term((f,), BENDING, b) for f in (CURVATURE, TENSION, clock, LOADING)]
-        terms += [Term((f,), d, b) for f in (clock, TENSION) for d in (ABOUT_X, ABOUT_Y)]
+        terms += [Term((f,), SECTION, b) for f in (clock, TENSION)]
         terms += [Term((DEFLECTION,) * n, DISPLACED, b) for n in (1, 2)]
     return terms
 
@@ -314,17 +326,17 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         perturbs, depends = term.kind
         price = math.log(10.0) + 1.5 * len(term.factors) + (math.log(bays) if term.bay is not None else 0.0)
         kind = Kind(perturbs, depends, where(term, state.edges))
-        add(term.key, kind, [("coefficient", term.unit, term.action)], sentence(term), price)
+        add(term.key, kind, term.actions, sentence(term), price)
     rows = possible_starts(problem.data) if progress and not problem.data.parts else ()
     starts = {problem.data.step_ids[k]: float(clock.value(state)[k, -1]) for k in rows}
     for free in (*_free_loads(clock), *loads_from_a_row_on(clock, starts, bays)):
-        if free.depends_on == "row" and not progress:
+        if "row" in free.depends_on and not progress:
             continue
         for bay in range(bays - 1 if free.at_tip else 0, bays):
             at = state.place(bay)
             terms = [(a, free.unit, free.on(bay, axis)) for axis, a in enumerate("xyz")]
             price = 1.5 + (0.0 if bay == bays - 1 else math.log(bays)) + math.log(free.choices)
-            kind = Kind(free.perturbs, (free.depends_on,), at)
+            kind = Kind(free.perturbs, free.depends_on, at)
             add(f"{free.perturbs} {free.text} ({at})", kind, terms, f"a {free.perturbs} {free.text}", price)
     tensor = [
         (n, "N m^2", partial(_by_curvature, axes=axes))
@@ -358,7 +370,7 @@ class _FreeLoad(NamedTuple):
 
     perturbs: str  # "force" or "moment"
     text: str
-    depends_on: str
+    depends_on: tuple[str, ...]
     unit: str  # of its coefficients
     # direction and size of a coefficient of one along an axis, shape (K, 3), on the disk at the end of a bay
     vector: Callable[[BayState, int, int], Array]
@@ -380,36 +392,36 @@ class _FreeLoad(NamedTuple):
 
 
 def _free_loads(clock: Factor) -> list[_FreeLoad]:
-    def fixed(state: BayState, bay: int, axis: int) -> Array:
+    """Along fixed directions and along those that turn with the tip, constant or in proportion to something."""
+
+    def fixed(state: BayState, axis: int) -> Array:
         return np.tile(np.eye(3)[axis], (state.shape[0], 1))
 
-    def turning(state: BayState, bay: int, axis: int) -> Array:
+    def turning(state: BayState, axis: int) -> Array:
         return state.tip[:, :, axis]
 
-    def displaced(state: BayState, bay: int, axis: int) -> Array:
-        return np.linalg.norm(state.moved[:, bay], axis=1)[:, None] * fixed(state, bay, axis)
+    def dipole(state: BayState, axis: int) -> Array:
+        return np.cross(state.tip[:, :, 2], fixed(state, axis))
 
-    def grows(state: BayState, bay: int, axis: int) -> Array:
-        return clock.value(state)[:, bay, None] * fixed(state, bay, axis)
+    def vector(direction: Any, factor: Factor | None, state: BayState, bay: int, axis: int) -> Array:
+        along: Array = direction(state, axis)
+        return along if factor is None else factor.value(state)[:, bay, None] * along
 
-    def dipole(state: BayState, bay: int, axis: int) -> Array:
-        return np.cross(state.tip[:, :, 2], fixed(state, bay, axis))
-
-    constant, drift = "of fixed direction, constant", f"of fixed direction, in proportion to {clock.name}"
-    per_time = "/s" if clock.kind == "time" else ""
-    found = [
-        _FreeLoad(
-            "force", "of fixed direction, in proportion to the displacement", "position", "N/m", displaced
-        )
-    ]
-    for perturbs, unit in (("force", "N"), ("moment", "N m")):
-        found += [
-            _FreeLoad(perturbs, constant, "nothing", unit, fixed),
-            _FreeLoad(perturbs, drift, clock.kind, unit + per_time, grows),
-            _FreeLoad(perturbs, "that turns with the tip", "orientation", unit, turning, True),
-        ]
-    text = "of a uniform field on a magnet along the tip"
-    return [*found, _FreeLoad("moment", text, "orientation", "N m", dipole, True)]
+    found = []
+    for perturbs, text, by, direction, factors in (
+        ("force", "of fixed direction", "", fixed, (None, clock, DISTANCE)),
+        ("moment", "of fixed direction", "", fixed, (None, clock, DISTANCE)),
+        ("force", "that turns with the tip", "orientation", turning, (None,)),
+        ("moment", "that turns with the tip", "orientation", turning, (None,)),
+        ("moment", "of a uniform field on a magnet along the tip", "orientation", dipole, (None, clock)),
+    ):
+        for factor in factors:
+            how = "constant" if factor is None else f"in proportion to {factor.name}"
+            depends = tuple(filter(None, (by, factor and factor.kind))) or ("nothing",)
+            unit = _unit((0 if perturbs == "force" else 1, 1, 0), [factor.powers] if factor else [])
+            load = partial(vector, direction, factor)
+            found.append(_FreeLoad(perturbs, f"{text}, {how}", depends, unit, load, direction is not fixed))
+    return found
 
 
 def loads_from_a_row_on(clock: Factor, starts: Mapping[int, float], bays: int) -> list[_FreeLoad]:
@@ -423,7 +435,7 @@ def loads_from_a_row_on(clock: Factor, starts: Mapping[int, float], bays: int) -
         _FreeLoad(
             perturbs,
             f"of fixed direction, {'from' if after else 'before'} row {n}{' on' if after else ''}",
-            "row",
+            ("row",),
             unit,
             partial(part, start=x, after=after),
             at_tip,

@@ -206,6 +206,26 @@ def test_loads_are_scaled_and_turned_and_a_camera_enlarges_and_distorts():
     np.testing.assert_allclose(shift.reshape(-1, 3), read * (3.0 * square + 0.02) * [1, 1, 0], atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("where", "own"), [("from s = {:.4g} m on", slice(2, None)), ("up to s = {:.4g} m", slice(None, 2))]
+)
+def test_a_part_of_the_backbone_has_another_radius_or_precurvature(where, own):
+    """Beyond the second disk and before it; stiffness goes with the fourth power of the radius."""
+    problem = problem_of(measured())
+    causes, part = {e.name: e for e in whole_dictionary(problem)}, where.format(ROBOT.bay_edges[2])
+    inside = np.zeros(len(ROBOT.bay_edges) - 1, dtype=bool)
+    inside[own] = True
+
+    def changed(name, values):
+        return causes[f"{name} {part}"].apply(problem.experiment, values).robot
+
+    patches = changed("radius", {"radius_there": 1.1}).backbone.patches[-inside.size :]
+    np.testing.assert_allclose([p.bending for p in patches], np.where(inside, 1.1**4, 1.0), rtol=1e-12)
+    patches = changed("precurvature", {"kappa_x_there": 2.0, "kappa_y_there": -3.0}).backbone.patches
+    for patch, bent in zip(patches[-inside.size :], inside, strict=True):
+        assert tuple(patch.precurvature) == ((2.0, -3.0) if bent else (0.0, 0.0))
+
+
 def test_one_hole_or_one_disk_is_moved_and_no_other():
     """A disk slips along the backbone, turns with its holes, or has one hole elsewhere."""
     problem = problem_of(measured())

@@ -23,10 +23,10 @@ from tdcr_fe.identify.report import render
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.sentences import headline, summary
 from tdcr_fe.identify.state_loads import (
-    ABOUT_X,
     BENDING,
     CURVATURE,
     ROW,
+    SECTION,
     TIME,
     Term,
     library,
@@ -42,8 +42,8 @@ HARDENING = Term((CURVATURE,), BENDING)
 
 def load_of(term, most=1.0):
     """A cause of one term."""
-    number = Parameter("coefficient", term.unit, -most, most, 0.0, 1e-3 * most, "")
-    return StateLoad(term.key, Kind(*term.kind), (number,), (term.action,))
+    numbers = tuple(Parameter(n, unit, -most, most, 0.0, 1e-3 * most, "") for n, unit, _ in term.actions)
+    return StateLoad(term.key, Kind(*term.kind), numbers, tuple(a for *_, a in term.actions))
 
 
 def started(problem, load):
@@ -181,7 +181,7 @@ def test_a_force_towards_a_point_is_proposed_where_it_acts(kind, law, own):
 
 def test_products_that_a_listed_effect_has_are_no_terms():
     keys = {t.key for t in library(4, ROW)}
-    assert not keys & {"kappa", "e_x", "e_y", "m_T"} and {"|kappa| kappa", "row kappa"} <= keys
+    assert not keys & {"kappa", "e", "m_T"} and {"|kappa| kappa", "row kappa"} <= keys
 
 
 def test_the_sign_of_the_last_command_stays_while_a_tendon_rests():
@@ -194,13 +194,13 @@ def test_the_sign_of_the_last_command_stays_while_a_tendon_rests():
 
 @pytest.fixture(scope="module")
 def found():
-    """What is found where a moment about x grows with time, which no listed effect has."""
+    """What is found where a moment about an axis of the sections grows with time, which no listed effect has."""
     data = measured(sigma=1e-9)
     data = replace(data, steps=tuple(replace(s, time=float(k)) for k, s in enumerate(data.steps, 1)))
     true = problem_of(data)
     true = replace(true, experiment=with_elements(true.experiment, 4))
-    load, drift = load_of(Term((TIME,), ABOUT_X)), 0.01 * ROBOT.backbone.EI / LENGTH
-    (linear,) = linearize(true, [Request((load,), {load.name: {"coefficient": drift}}, ())])
+    load, drift = load_of(Term((TIME,), SECTION)), 0.01 * ROBOT.backbone.EI / LENGTH
+    (linear,) = linearize(true, [Request((load,), {load.name: {"x": drift, "y": -0.5 * drift}}, ())])
     values = true.readings.values - linear.residual * true.sigma
     values = values + np.random.default_rng(0).normal(0.0, 1e-4, values.size)
     read = tuple(replace(r, value=float(v), sigma=1e-4) for r, v in zip(data.readings, values, strict=True))
@@ -211,13 +211,14 @@ def test_result_and_report_have_the_law(found):
     result, drift = found
     assert result.verdict == "explained by a law found"
     (cause,) = result.effects
-    assert (cause.form, *cause.kind[:2]) == ("t e_x", "precurvature", ("time",))
+    assert (cause.form, *cause.kind[:2]) == ("t e", "precurvature", ("time",))
     assert cause.kind_probability > 0.9
-    assert result.effects[0].parameters["coefficient"].value == pytest.approx(drift, rel=0.05)
+    values = [p.value for p in cause.parameters.values()]
+    assert values == pytest.approx([drift, -0.5 * drift], rel=0.05)
     assert result.after.held_out.chi2_per_dof < 1.5 < 0.1 * result.before.held_out.chi2_per_dof
     document = json.loads(json.dumps(result.to_json()))
     assert document["effects"] == [] and document["causes"][0]["perturbs"] == "precurvature"
-    assert document["law"]["formula"].startswith("t e_x (coefficient = ")
+    assert document["law"]["formula"].startswith("t e (x = ")
     assert headline(result) == f"Explained by an unlisted cause: {result.law.sentence}."
     assert result.law.sentence in summary(result) and result.law.formula in render(result)
 
@@ -256,7 +257,7 @@ def test_a_stiffness_that_differs_between_directions_is_a_symmetric_tensor_of_th
     tensor = np.array([[2.0, 0.5], [0.5, -1.0]])
     np.testing.assert_allclose(moment, run.bays.curvature[..., :2] @ tensor.T)
     same = section.action(run.bays, {"xx": 3.0, "yy": 3.0, "xy": 0.0})
-    np.testing.assert_allclose(same, 3.0 * Term((), BENDING).action(run.bays))
+    np.testing.assert_allclose(same, 3.0 * load_of(Term((), BENDING)).terms[0](run.bays))
 
 
 def test_a_stiffness_that_differs_by_side_acts_where_the_curvature_has_the_sign():
@@ -280,10 +281,13 @@ def test_moments_of_fixed_direction_and_of_a_magnet_are_loads_of_the_tip():
     causes = {e.name: e for e in dictionary(problem, run.bays)}
     values = {"x": 1e-3, "y": -2e-3, "z": 5e-4}
     given, tip = np.array([*values.values()]), run.rotations[:, -1]
+    field = np.cross(tip[:, :, 2], given)
     for name, moments in {
         "moment of fixed direction, constant (tip)": np.tile(given, (len(tip), 1)),
-        "moment that turns with the tip (tip)": tip @ given,
-        "moment of a uniform field on a magnet along the tip (tip)": np.cross(tip[:, :, 2], given),
+        "moment that turns with the tip, constant (tip)": tip @ given,
+        "moment of a uniform field on a magnet along the tip, constant (tip)": field,
+        "moment of a uniform field on a magnet along the tip, in proportion to the number of the row (tip)": field
+        * np.arange(1.0, len(tip) + 1.0)[:, None],
     }.items():
         action = Action(causes[name].action(run.bays, values), run.bays.rotation)
         loads = [
