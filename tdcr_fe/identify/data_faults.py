@@ -15,7 +15,7 @@ from scipy.special import gammaln
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.forward import last_parts
-from tdcr_fe.identify.noise import series
+from tdcr_fe.identify.noise import is_noise, outliers, series, structure
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber
 from tdcr_fe.io.first_checks import impossible_place
 from tdcr_fe.io.measured import MeasuredData
@@ -38,6 +38,8 @@ EQUAL_STEPS, MOVES = 4, 10.0
 #: A noise of sigma changes every reading where the readings differ by less than this share of sigma, and readings are
 #: rounded where they are multiples of more than so many sigma.
 RESOLVED, ROUNDED = 0.2, 3.0
+#: Gross errors are those of at most this share of all markers in all steps [1].
+MOST_GROSS = 0.1
 #: Sigma is wrong where the scatter of the residual is larger or smaller by this factor [1].
 WRONG_SIGMA = 3.0
 #: A location beyond the declared length, up to so many times that length, is that of a marker, not of another unit [1].
@@ -229,6 +231,28 @@ def wrong_sigma(problem: FitProblem, best: Fit) -> str:
     return (
         f"the readings scatter about the model by {scatter:.2g} times their sigma, with no pattern along the steps: "
         "sigma is too small, or the readings are noisier than assumed"
+    )
+
+
+def gross_errors(problem: FitProblem, best: Fit, significance: float) -> str:
+    """Whether a few readings alone contradict the best model, as a sentence; empty where they do not.
+
+    A marker is left out in a step with all its readings where one is an outlier; what is left has to be noise.
+    """
+    data, r = problem.data, best.residual
+    where = [(x.step, x.location) for x in data.readings]
+    wrong = {where[i] for i, _ in outliers(r)}
+    if not wrong or len(wrong) > MOST_GROSS * len(set(where)):
+        return ""
+    kept = np.array([at not in wrong for at in where])
+    rest = replace(data, readings=tuple(itertools.compress(data.readings, kept)))
+    if not is_noise(structure(rest, r[kept], len(best.free)), significance):
+        return ""
+    steps = sorted({step for step, _ in wrong})
+    listed = ", ".join(map(str, steps[:10])) + (", ..." if len(steps) > 10 else "")
+    return (
+        f"{len(wrong)} of {len(set(where))} markers and sensors in single steps (in {listed}) are far off, and all "
+        "others leave only noise: their readings are wrong, or something acts in these steps alone"
     )
 
 

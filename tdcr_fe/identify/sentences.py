@@ -275,7 +275,8 @@ def _readings(result: IdentificationResult) -> list[str]:
     if rows:
         found.append(f"Left out, and listed in the report: {count(rows, 'faulty row')}.")
     if outliers:
-        found.append(f"Among the readings the report lists {count(outliers, 'outlier')}.")
+        verb = "is an outlier" if outliers == 1 else "are outliers"
+        found.append(f"{count(outliers, 'reading')} {verb}, listed in the report.")
     return found
 
 

@@ -21,7 +21,7 @@ from tdcr_fe.identify.criteria import (
     probability_of_unlisted,
     reduced_chi_square,
 )
-from tdcr_fe.identify.data_faults import wrong_sigma
+from tdcr_fe.identify.data_faults import gross_errors, wrong_sigma
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.forward import run_settings
 from tdcr_fe.identify.load_steps import RowChoice
@@ -77,7 +77,7 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
     tests = structure(data, best.residual, len(best.free))
     explained = search.is_noise(problem, best)
     unlisted = probability_of_unlisted(best) if explained else 0.0
-    undecided = _undecided(state, found, explained)
+    undecided = _undecided(search, state, found, explained)
     ceiling = None
     if not state.interrupted and (undecided is None or undecided.where in (THE_INPUTS, THE_NOISE)):
         if search.out_of_time:
@@ -149,13 +149,14 @@ def _errors(problem: FitProblem, fit: Fit, which: NDArray[np.bool_], parameters:
     )
 
 
-def _undecided(state: SearchState, found: Found, explained: bool) -> Remainder | None:
+def _undecided(search: Search, state: SearchState, found: Found, explained: bool) -> Remainder | None:
     """Why the data do not tell what is missing; None where they do."""
     problem, best = state.problem, state.best
     insufficient = insufficient_data(problem, state.declared, best, explained)
     alone = not (insufficient or best.effects)
     inputs_explain = not insufficient and found.input_noise is not None and found.input_noise.explains_all
     faulty = state.data_fault or (wrong_sigma(problem, best) if alone and not inputs_explain else "")
+    faulty = faulty or ("" if explained else gross_errors(problem, best, search.significance))
     unknown_noise = mostly_estimated_noise(problem.data) if explained and alone else ""
     inputs = (
         "random errors of the inputs, independent in every step, would explain all of the remaining error"

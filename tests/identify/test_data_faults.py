@@ -8,7 +8,7 @@ from identify_data import FRICTIONAL, GRAVITY, MODEL, ROBOT, begun, data_of, mea
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify import IdentifySettings, identify
-from tdcr_fe.identify.data_faults import data_fault, wrong_sigma
+from tdcr_fe.identify.data_faults import data_fault, gross_errors, wrong_sigma
 from tdcr_fe.identify.sentences import headline, sentences
 from tdcr_fe.io.first_checks import impossible_place
 from tdcr_fe.io.readings import BadRow, Reading
@@ -253,6 +253,20 @@ def test_wrong_sigma_is_named(clean, factor, words):
     state = begun(changed(clean, lambda r: replace(r, sigma=factor * r.sigma)))
     found = wrong_sigma(state.problem, state.declared)
     assert words in found and bool(words) == bool(found)
+
+
+def test_few_markers_that_are_far_off_are_gross_errors_where_all_others_leave_noise(clean):
+    """In two steps; not where something is missing as well, nor where every third reading is off."""
+
+    def found(data, steps):
+        moved = changed(
+            data, lambda r: replace(r, value=r.value + 0.02 * (r.location == 0.2 and r.step in steps))
+        )
+        state = begun(moved)
+        return gross_errors(state.problem, state.declared, 1e-3)
+
+    assert "in 3, 8" in found(clean, (3, 8))
+    assert not found(clean, ()) and not found(measured(GRAVITY), (3, 8)) and not found(clean, range(1, 40, 3))
 
 
 @pytest.mark.integration
