@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -93,7 +93,11 @@ def _profiles(robot: Robot) -> list[_Profile]:
         return np.asarray(base + (tip - base) * s / length)
 
     def step(at: float, beyond: bool) -> Callable[[Values, float, Array], Array]:
-        return lambda numbers, null, s: np.where((s >= at - ARC_TOLERANCE) == beyond, *numbers.values(), null)
+        def value(numbers: Values, null: float, s: Array) -> Array:
+            (there,) = numbers.values()
+            return np.where((s >= at - ARC_TOLERANCE) == beyond, there, null)
+
+        return value
 
     found = [_Profile("along s", "everywhere", ("base", "tip"), linear, 0.0)]
     steps = [*((s, True) for s in edges[1:-2]), *((s, False) for s in edges[2:-1])]
@@ -310,50 +314,55 @@ def single_disks(problem: FitProblem) -> list[Cause]:
 Weight = Callable[[MeasuredData], Array]
 
 
-def _readings(problem: FitProblem) -> list[Cause]:
-    """Readings that are shifted or turned along the rows, from some row on, or of another scale."""
+def _readings(problem: FitProblem) -> list[ReadingCause]:
+    """Positions that move along the rows or from some row on, or are seen through a camera."""
     readings, data = problem.readings, problem.data
     if not np.any(readings.is_position):
         return []
     length, clock = data.robot.backbone.length, clock_of(data)
-
-    def along(axis: int, weight: Weight, marker: float | None) -> Callable[[FitProblem, Run], Array]:
-        """A shift of all markers, or of one, along an axis of the world."""
-
-        def shape(p: FitProblem, _: Run) -> Array:
-            own = np.array([marker is None or r.location == marker for r in p.data.readings])
-            return (p.readings.axes == axis) * own * weight(p.data)[p.readings.reader.step]
-
-        return shape
-
-    def in_section(axis: int, weight: Weight, marker: float) -> Callable[[FitProblem, Run], Array]:
-        """A shift of one marker along an axis of its section."""
-
-        def shape(p: FitProblem, run: Run) -> Array:
-            step, axes = p.readings.reader.step, p.readings.axes
-            own = np.array([r.location == marker for r in p.data.readings]) & (axes >= 0)
-            turned = run.rotations[:, int(np.argmin(np.abs(run.s - marker))), :, axis]
-            return np.where(own, turned[step, axes] * weight(p.data)[step], 0.0)
-
-        return shape
-
-    def shift(name: str, kind: Kind, text: str, shape: Callable[[int], Callable[..., Array]]) -> ReadingCause:
-        numbers = tuple(number(a, "m", (-length, length), 0.0, 2e-3 * length) for a in "xyz")
-        return ReadingCause(name, kind, numbers, tuple(map(shape, range(3))), text)
+    shifts = tuple(number(a, "m", (-length, length), 0.0, 2e-3 * length) for a in "xyz")
+    turns = tuple(number(f"rot_{a}", "rad", (-1.0, 1.0), 0.0, 0.01) for a in "xyz")
+    markers = sorted({float(data.readings[i].location or 0.0) for i in np.flatnonzero(readings.is_position)})
+    groups: dict[float | None, str] = {None: "all markers"}
+    if len(markers) > 1:
+        groups |= {s: f"the marker at s = {s:.4g} m" for s in markers}
 
     def after(row: int) -> Weight:
         return lambda d: (np.array(d.step_ids) >= row).astype(float)
 
-    found: list[Cause] = []
+    times: list[tuple[str, str, str, Weight, float]] = []
     if clock:
-        kind, text = Kind("reading", (clock,)), "the measuring frame drifts"
-        drift = partial(along, weight=lambda d: progress_along(d.steps), marker=None)
-        found.append(shift("drift of the measuring frame", kind, text, drift))
+        times.append(("drift", "", clock, lambda d: progress_along(d.steps), 1.0))
+    for first in (data.step_ids[k] for k in possible_starts(data)):
+        times.append(("jump", f", from row {first} on", "row", after(first), float(len(data.steps))))
+    found = _camera(length)
+    for (marker, who), (verb, since, depends, weight, choices) in itertools.product(groups.items(), times):
+        kind = Kind("reading", (depends,), f"{who}{since}")
+        price = math.log(choices * (1 if marker is None else len(markers)))
+
+        forms = [(verb, f"readings {verb}", shifts, [_shifted])]
+        if marker is None:
+            forms.append(
+                (f"{verb} and turn", f"readings {verb} and turn", shifts + turns, [_shifted, _turned])
+            )
+        else:
+            forms.append(
+                (f"{verb} on the section", f"a marker {verb}s on its section", shifts, [_on_section])
+            )
+        for name, text, numbers, moves in forms:
+            shapes = tuple(partial(m, axis=i, weight=weight, marker=marker) for m in moves for i in range(3))
+            found.append(ReadingCause(f"{name} of {who}{since}", kind, numbers, shapes, text))
+            found[-1].price = price
+    return found
+
+
+def _camera(length: float) -> list[ReadingCause]:
+    """Scale, perspective and distortion of the positions, along every axis."""
     kind, scale = Kind("reading", ("position",)), number("scale", "1", (-0.5, 0.5), 0.0, 0.01)
     slope = number("slope", "1/m", (-0.5 / length, 0.5 / length), 0.0, 0.01 / length)
-    text = "positions are read too large or too small by a factor"
-    found.append(ReadingCause("scale of the positions", kind, (scale,), (_scaled(-1, 0),), text))
     radial = number("radial", "1/m^2", (-2.0 / length**2, 2.0 / length**2), 0.0, 0.01 / length**2)
+    text = "positions are read too large or too small by a factor"
+    found = [ReadingCause("scale of the positions", kind, (scale,), (_scaled(-1, 0),), text)]
     for axis, a in enumerate("xyz"):
         shapes = (_scaled(axis, 0), _scaled(axis, 1))
         text = f"a camera looks along {a}: what is nearer is larger"
@@ -361,26 +370,36 @@ def _readings(problem: FitProblem) -> list[Cause]:
         text = f"a camera looks along {a}, and its lens distorts: what is farther from its axis is larger"
         shapes = (_scaled(axis, 0), _distorted(axis))
         found.append(ReadingCause(f"lens distortion along {a}", kind, (scale, radial), shapes, text))
-    markers = sorted({float(data.readings[i].location or 0.0) for i in np.flatnonzero(readings.is_position)})
-    groups: dict[float | None, str] = {None: "all markers"}
-    if len(markers) > 1:
-        groups |= {s: f"the marker at s = {s:.4g} m" for s in markers}
-    firsts = [data.step_ids[k] for k in possible_starts(data)]
-    for (marker, who), first in itertools.product(groups.items(), firsts):
-        kind, since = Kind("reading", ("row",), f"{who}, from row {first} on"), f"from row {first} on"
-        shape = partial(along, weight=after(first), marker=marker)
-        causes = [shift(f"jump of {who} {since}", kind, "readings jump", shape)]
-        if marker is not None:
-            shape = partial(in_section, weight=after(first), marker=marker)
-            causes.append(
-                shift(f"slip of {who} {since}", kind, "a marker sits elsewhere on its section", shape)
-            )
-        for cause in causes:
-            cause.price = math.log(len(data.steps) * (1 if marker is None else len(markers)))
-        found += causes
     return found
 
 
+def _shifted(problem: FitProblem, run: Run, axis: int, weight: Weight, marker: float | None) -> Array:
+    """A shift of all markers, or of one, along an axis of the world."""
+    return _weighted(problem, np.eye(3)[axis][problem.readings.axes], weight, marker)
+
+
+def _turned(problem: FitProblem, run: Run, axis: int, weight: Weight, marker: float | None) -> Array:
+    """A turn of all markers about an axis of the world."""
+    r, (_, by_marker) = problem.readings, _predicted(problem, run)
+    turned = np.cross(np.eye(3)[axis], by_marker[:, :3])
+    return _weighted(problem, turned[r.markers, r.axes], weight, marker)
+
+
+def _on_section(problem: FitProblem, run: Run, axis: int, weight: Weight, marker: float | None) -> Array:
+    """A shift of one marker along an axis of its section."""
+    assert marker is not None
+    turned = run.rotations[:, int(np.argmin(np.abs(run.s - marker))), :, axis]
+    return _weighted(problem, turned[problem.readings.reader.step, problem.readings.axes], weight, marker)
+
+
+def _weighted(problem: FitProblem, shift: Array, weight: Weight, marker: float | None) -> Array:
+    """A shift of the positions of all markers, or of one, with its weight in every load step, shape (n,)."""
+    own = np.array([marker is None or r.location == marker for r in problem.data.readings])
+    shift = shift * weight(problem.data)[problem.readings.reader.step]
+    return np.where(own & problem.readings.is_position, shift, 0.0)
+
+
+@lru_cache(maxsize=1)  # asked for by many causes one after the other
 def _predicted(problem: FitProblem, run: Run) -> tuple[Array, Array]:
     """Predicted readings, shape (n,); and positions by marker and axis, shape (n_markers, 4), the rest in the last."""
     readings = problem.readings

@@ -69,7 +69,7 @@ class Readings:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FitProblem:
     """Readings, their sigma, and the forward model that predicts them. Never written to: `refine` gives a new one."""
 

@@ -223,7 +223,7 @@ class Acted(NamedTuple):
     response: Response
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Run:
     """Results of one simulated loading sequence that predictions need."""
 

@@ -417,7 +417,7 @@ def _free_loads(clock: Factor) -> list[_FreeLoad]:
     ):
         for factor in factors:
             how = "constant" if factor is None else f"in proportion to {factor.name}"
-            depends = tuple(filter(None, (by, factor and factor.kind))) or ("nothing",)
+            depends = tuple(filter(None, (by, factor.kind if factor else ""))) or ("nothing",)
             unit = _unit((0 if perturbs == "force" else 1, 1, 0), [factor.powers] if factor else [])
             load = partial(vector, direction, factor)
             found.append(_FreeLoad(perturbs, f"{text}, {how}", depends, unit, load, direction is not fixed))

@@ -125,11 +125,15 @@ def test_a_cause_found_on_some_of_the_rows_is_the_same_on_all():
                    readings=tuple(r for r in whole.data.readings if r.step in few))  # fmt: skip
     part = problem_of(data)
     causes = {e.name: e for e in whole_dictionary(part)}
-    assert not any("row " in name and not name.startswith(("jump", "slip")) for name in causes)
-    one = "the marker at s = 0.1 m from row 7 on"
-    jump, jumps, slips = (
-        causes[n] for n in ("jump of all markers from row 7 on", f"jump of {one}", f"slip of {one}")
+    assert not any("row " in name and not name.startswith("jump") for name in causes)
+    everyone, one = "all markers, from row 7 on", "the marker at s = 0.1 m, from row 7 on"
+    names = (
+        f"jump of {everyone}",
+        f"jump of {one}",
+        f"jump on the section of {one}",
+        f"jump and turn of {everyone}",
     )
+    jump, jumps, slips, turns = (causes[n] for n in names)
     for problem in (part, whole):
         (run,) = problem.run([Job(problem.experiment)])
         steps = np.array([r.step for r in problem.data.readings])
@@ -143,6 +147,15 @@ def test_a_cause_found_on_some_of_the_rows_is_the_same_on_all():
         slip = moved[own & (steps >= 7)].reshape(-1, 3)
         np.testing.assert_allclose(np.linalg.norm(slip, axis=1), 1e-3)
         assert np.ptp(slip[:, 2]) > 1e-5 and not np.any(moved[~own | (steps < 7)])
+        # turned about z, markers of which all coordinates are read move across their distance from the axis
+        read = problem.readings.reader.read(run, problem.experiment)
+        turned = turns.shift(
+            problem, run, {**dict.fromkeys(turns.null_values(problem.experiment), 0.0), "rot_z": 0.1}
+        )
+        x, y, z = (problem.readings.is_position & (problem.readings.axes == i) for i in range(3))
+        np.testing.assert_allclose(turned[x], -0.1 * read[y] * (steps[x] >= 7), atol=1e-15)
+        np.testing.assert_allclose(turned[y], 0.1 * read[x] * (steps[x] >= 7), atol=1e-15)
+        assert not np.any(turned[z])
 
 
 def test_at_an_angle_the_base_has_other_loads_that_are_the_same_in_the_world():
