@@ -17,7 +17,7 @@ from identify_data import (
 
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.search import _worthwhile, grow, pairs
+from tdcr_fe.identify.search import _worthwhile, grow, pairs, scores_beside
 from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
@@ -66,6 +66,22 @@ def test_stretch_and_pretension_are_found_together(opposed, declared):
         state = latest
     assert {e.listed for e in state.best.effects} >= set(names[1:3])
     assert state.best.held_cost < 1.3 * np.count_nonzero(problem.held_out) < 0.1 * state.declared.held_cost
+
+
+def test_no_pair_is_simulated_whose_second_effect_cannot_show():
+    """Pretension does nothing where tendons are driven by tension; it was simulated beside nine models."""
+    state = state_of(problem_of(measured()))
+    both = (effect("tendon_stretch"), effect("pretension"))
+    state, scores, _ = scores_beside(replace(state, dictionary=both), state.declared)
+    # round-off may show the stretch
+    scores = [
+        replace(x, note="", scales={(x.effect.name, p.name): 1e-3 for p in x.effect.parameters})
+        for x in scores
+    ]
+    state = replace(state, scores={frozenset(): (scores, state.declared)})
+    runs = state.problem.forward.runs
+    _, found = pairs(searching(), state, state.declared)
+    assert not found and state.problem.forward.runs == runs
 
 
 @pytest.mark.parametrize(("share", "worthwhile"), [(0.85, True), (0.95, False)])
