@@ -158,6 +158,50 @@ class StateLoad(Cause):
         return np.stack(columns, axis=-1)
 
 
+class SettlingLoad(StateLoad):
+    """A load that grows from the first row on, ever more slowly: with ``1 - exp(-t / time)``.
+
+    Parameters
+    ----------
+    load
+        What acts in the end.
+    clock
+        From the state to the time, or the number of the row, of every load step, shape (K, 1).
+    unit
+        Of the clock.
+    state
+        Of the declared model.
+    """
+
+    def __init__(
+        self, load: StateLoad, clock: Callable[[BayState], Array], unit: str, state: BayState
+    ) -> None:
+        duration = float(np.ptp(clock(state)))
+        time = number("time", unit, (1e-3 * duration, 10.0 * duration), 0.2 * duration, 0.02 * duration)
+        parameters = (*load.parameters, time)
+        super().__init__(
+            f"{load.name}, settling", load.kind, parameters, load.terms, f"{load.sentence}, which settles"
+        )
+        self.load, self.clock, self.price = load, clock, load.price
+        self.held = {"time": [x * duration for x in (0.05, 0.2, 0.6)]}
+
+    def action(self, state: BayState, values: Values) -> Array:
+        """See `StateLoad.action`."""
+        return self.load.action(state, values) * (1.0 - self._left(state, values["time"]))[..., None]
+
+    def by_value(self, state: BayState, values: Values, name: str) -> Array:
+        """See `StateLoad.by_value`."""
+        left = self._left(state, values["time"])[..., None]
+        if name != "time":
+            return self.load.by_value(state, values, name) * (1.0 - left)
+        return self.load.action(state, values) * left * np.log(np.maximum(left, 1e-300)) / values["time"]
+
+    def _left(self, state: BayState, time: float) -> Array:
+        """What is still to come, of what acts in the end, shape (K, 1)."""
+        clock = self.clock(state)
+        return np.asarray(np.exp(-(clock - clock[0]) / time))
+
+
 class PointForce(StateLoad):
     """A force on one point of the backbone along the line to a fixed point of the world, which depends on the distance.
 

@@ -223,7 +223,8 @@ def fit_proposals(
             same = [y.listed for y in chosen.values() if y.named is x.named]
             enough = same.count(x.listed) >= half or (x.listed not in same and len(set(same)) >= most)
             late = search.out_of_time and state.best.effects
-            if enough or late or x.names in state.fits or x.names in chosen:
+            known = any(x.names in models for models in (state.fits, state.behind, chosen))
+            if enough or late or known:
                 continue
             if ahead is None or could_match(problem, ahead, x):
                 chosen[x.names] = x
@@ -242,7 +243,7 @@ def fit_proposals(
             while queue and len(together) < problem.forward.processes:
                 _, now, x = queue.pop(0)
                 if ahead is not None and not _may_reach(problem, ahead, now, x):
-                    state = state.with_fit(replace(now, pruned=True))  # an exchange does not try it again
+                    state = replace(state, behind=state.behind | {x.names})
                 elif left[x.named]:
                     left[x.named] -= 1
                     together.append(_fitted(problem, now, x.score.start.predicted, races[x.named]))

@@ -19,7 +19,7 @@ from tdcr_fe.effects import Parameter
 from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify.balance import scale
 from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, last_direction
-from tdcr_fe.identify.causes import Attraction, Cause, Cord, PointForce, StateLoad
+from tdcr_fe.identify.causes import Attraction, Cause, Cord, PointForce, SettlingLoad, StateLoad
 from tdcr_fe.identify.criteria import OTHER_GRAVITY, UNNAMED
 from tdcr_fe.identify.load_steps import possible_starts
 
@@ -302,23 +302,24 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
     bays = state.shape[1]
     found: list[Cause] = []
 
-    def add(
+    def load(
         name: str,
         kind: Kind,
         terms: Sequence[tuple[str, str, Callable[[BayState], Array]]],
         text: str,
         price: float,
-    ) -> None:
+    ) -> list[StateLoad]:
+        """The cause, or none where a term does not act."""
         numbers = []
         for label, unit, term in terms:
             most = float(np.nanmax(np.abs(term(state)) / size, initial=0.0))
             if most <= 0.0:
-                return
+                return []
             step = TYPICAL / most
             numbers.append(Parameter(label, unit, -FARTHEST * step, FARTHEST * step, 0.0, step, label))
         cause = StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text)
         cause.price = price
-        found.append(cause)
+        return [cause]
 
     for term in library(bays, clock):
         if not progress and ROW in term.factors:
@@ -326,7 +327,12 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         perturbs, depends = term.kind
         price = math.log(10.0) + 1.5 * len(term.factors) + (math.log(bays) if term.bay is not None else 0.0)
         kind = Kind(perturbs, depends, where(term, state.edges))
-        add(term.key, kind, term.actions, sentence(term), price)
+        found += load(term.key, kind, term.actions, sentence(term), price)
+        if progress and term.factors == (clock,) and term.bay is None and ((), term.direction) in _LISTED:
+            last = Term((), term.direction)
+            lasting = load(last.key, kind, last.actions, sentence(last), price)
+            unit = "s" if clock is TIME else "1"
+            found += [SettlingLoad(x, lambda b: clock.value(b)[:, :1], unit, state) for x in lasting]
     rows = possible_starts(problem.data) if progress and not problem.data.parts else ()
     starts = {problem.data.step_ids[k]: float(clock.value(state)[k, -1]) for k in rows}
     for free in (*_free_loads(clock), *loads_from_a_row_on(clock, starts, bays)):
@@ -337,22 +343,25 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
             terms = [(a, free.unit, free.on(bay, axis)) for axis, a in enumerate("xyz")]
             price = 1.5 + (0.0 if bay == bays - 1 else math.log(bays)) + math.log(free.choices)
             kind = Kind(free.perturbs, free.depends_on, at)
-            add(f"{free.perturbs} {free.text} ({at})", kind, terms, f"a {free.perturbs} {free.text}", price)
+            found += load(
+                f"{free.perturbs} {free.text} ({at})", kind, terms, f"a {free.perturbs} {free.text}", price
+            )
     tensor = [
         (n, "N m^2", partial(_by_curvature, axes=axes))
         for n, axes in (("xx", "x"), ("yy", "y"), ("xy", "xy"))
     ]
-    add("bending stiffness of another section", Kind("stiffness", ("direction of bending",), "everywhere"), tensor,
+    kind = Kind("stiffness", ("direction of bending",), "everywhere")
+    found += load("bending stiffness of another section", kind, tensor,
         "a bending stiffness that differs between the directions", math.log(10.0))  # fmt: skip
     sides = [
         (f"{a}_{name}", "N m^2", partial(_by_side, axis=i, sign=sign))
         for i, a in enumerate("xy")
         for name, sign in (("plus", 1.0), ("minus", -1.0))
     ]
-    add("bending stiffness by side", Kind("stiffness", ("direction of bending",), "everywhere"), sides,
+    found += load("bending stiffness by side", kind, sides,
         "a bending stiffness that differs between bending to one side and to the other", math.log(10.0))  # fmt: skip
     spread = [(a, "N/m", _spread(i)) for i, a in enumerate("xyz")]
-    add("force along the backbone", Kind("force", ("nothing",), "along the backbone"), spread,
+    found += load("force along the backbone", Kind("force", ("nothing",), "along the backbone"), spread,
         "a constant force along the whole backbone", 0.5 * OTHER_GRAVITY - UNNAMED)  # fmt: skip
     strength = TYPICAL * float(size[-1])
     for bay, at in enumerate(state.edges[1:].tolist()):
