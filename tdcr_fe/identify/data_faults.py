@@ -251,8 +251,8 @@ def gross_errors(problem: FitProblem, best: Fit, significance: float) -> str:
     steps = sorted({step for step, _ in wrong})
     listed = ", ".join(map(str, steps[:10])) + (", ..." if len(steps) > 10 else "")
     return (
-        f"{len(wrong)} of {len(set(where))} markers and sensors in single steps (in {listed}) are far off, and all "
-        "others leave only noise: their readings are wrong, or something acts in these steps alone"
+        f"{len(wrong)} of {len(set(where))} markers and sensors, counted in every step, are far off (in steps "
+        f"{listed}), and all others leave only noise: their readings are wrong, or something acts in these steps alone"
     )
 
 

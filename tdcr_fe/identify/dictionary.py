@@ -138,9 +138,9 @@ def _along(problem: FitProblem) -> list[Cause]:
 
         def bent(experiment: Experiment, values: Values, profile: _Profile = profile) -> Experiment:
             backbone, edges = experiment.robot.backbone, experiment.robot.bay_edges
-            middles, count = 0.5 * (edges[1:] + edges[:-1]), len(profile.numbers)
-            items = list(values.items())
-            x, y = (profile.value(dict(own), 0.0, middles).tolist() for own in (items[:count], items[count:]))
+            middles = 0.5 * (edges[1:] + edges[:-1])
+            each = ({n: values[f"kappa_{a}_{n}"] for n in profile.numbers} for a in "xy")
+            x, y = (profile.value(numbers, 0.0, middles).tolist() for numbers in each)
             patches = (
                 StiffnessPatch(a, b, precurvature=(k_x, k_y))
                 for (a, b), k_x, k_y in zip(itertools.pairwise(edges.tolist()), x, y, strict=True)
@@ -339,7 +339,6 @@ def _readings(problem: FitProblem) -> list[ReadingCause]:
     for (marker, who), (verb, since, depends, weight, choices) in itertools.product(groups.items(), times):
         kind = Kind("reading", (depends,), f"{who}{since}")
         price = math.log(choices * (1 if marker is None else len(markers)))
-
         forms = [(verb, f"readings {verb}", shifts, [_shifted])]
         if marker is None:
             forms.append(
