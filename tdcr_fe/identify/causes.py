@@ -159,7 +159,7 @@ class StateLoad(Cause):
 
 
 class SettlingLoad(StateLoad):
-    """A load that grows from the first row on, ever more slowly: with ``1 - exp(-t / time)``.
+    """A load that grows from the first row on, ever more slowly: with ``1 - exp(-t / span)``.
 
     Parameters
     ----------
@@ -167,39 +167,43 @@ class SettlingLoad(StateLoad):
         What acts in the end.
     clock
         From the state to the time, or the number of the row, of every load step, shape (K, 1).
-    unit
-        Of the clock.
+    span
+        Name and unit of the span in which it settles, of the clock: "time" or "rows".
     state
         Of the declared model.
     """
 
     def __init__(
-        self, load: StateLoad, clock: Callable[[BayState], Array], unit: str, state: BayState
+        self,
+        load: StateLoad,
+        clock: Callable[[BayState], Array],
+        span: tuple[str, str],
+        state: BayState,
     ) -> None:
         duration = float(np.ptp(clock(state)))
-        time = number("time", unit, (1e-3 * duration, 10.0 * duration), 0.2 * duration, 0.02 * duration)
-        parameters = (*load.parameters, time)
+        last = number(*span, (1e-3 * duration, 10.0 * duration), 0.2 * duration, 0.02 * duration)
+        parameters = (*load.parameters, last)
         super().__init__(
             f"{load.name}, settling", load.kind, parameters, load.terms, f"{load.sentence}, which settles"
         )
-        self.load, self.clock, self.price = load, clock, load.price
-        self.held = {"time": [x * duration for x in (0.05, 0.2, 0.6)]}
+        self.load, self.clock, self.price, self.span = load, clock, load.price, last.name
+        self.held = {self.span: [x * duration for x in (0.05, 0.2, 0.6)]}
 
     def action(self, state: BayState, values: Values) -> Array:
         """See `StateLoad.action`."""
-        return self.load.action(state, values) * (1.0 - self._left(state, values["time"]))[..., None]
+        return self.load.action(state, values) * (1.0 - self._left(state, values))
 
     def by_value(self, state: BayState, values: Values, name: str) -> Array:
         """See `StateLoad.by_value`."""
-        left = self._left(state, values["time"])[..., None]
-        if name != "time":
+        left = self._left(state, values)
+        if name != self.span:
             return self.load.by_value(state, values, name) * (1.0 - left)
-        return self.load.action(state, values) * left * np.log(np.maximum(left, 1e-300)) / values["time"]
+        return self.load.action(state, values) * left * np.log(np.maximum(left, 1e-300)) / values[self.span]
 
-    def _left(self, state: BayState, time: float) -> Array:
-        """What is still to come, of what acts in the end, shape (K, 1)."""
-        clock = self.clock(state)
-        return np.asarray(np.exp(-(clock - clock[0]) / time))
+    def _left(self, state: BayState, values: Values) -> Array:
+        """What is still to come, of what acts in the end, shape (K, 1, 1)."""
+        clock = self.clock(state)[..., None]
+        return np.asarray(np.exp(-(clock - clock[0]) / values[self.span]))
 
 
 class PointForce(StateLoad):

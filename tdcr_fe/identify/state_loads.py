@@ -331,8 +331,8 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         if progress and term.factors == (clock,) and term.bay is None and ((), term.direction) in _LISTED:
             last = Term((), term.direction)
             lasting = load(last.key, kind, last.actions, sentence(last), price)
-            unit = "s" if clock is TIME else "1"
-            found += [SettlingLoad(x, lambda b: clock.value(b)[:, :1], unit, state) for x in lasting]
+            span = ("time", "s") if clock is TIME else ("rows", "1")
+            found += [SettlingLoad(x, lambda b: clock.value(b)[:, :1], span, state) for x in lasting]
     rows = possible_starts(problem.data) if progress and not problem.data.parts else ()
     starts = {problem.data.step_ids[k]: float(clock.value(state)[k, -1]) for k in rows}
     for free in (*_free_loads(clock), *loads_from_a_row_on(clock, starts, bays)):

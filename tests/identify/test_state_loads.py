@@ -275,18 +275,18 @@ def test_a_stiffness_that_differs_by_side_acts_where_the_curvature_has_the_sign(
 
 
 def test_a_stiffness_that_settles_falls_exponentially_with_the_rows():
-    """It begins with the first row; the derivative by its time is that of differences."""
+    """It begins with the first row; the derivative by their number is that of differences."""
     problem = problem_of(measured())
     (run,) = problem.run([Job(problem.experiment, states=True)])
     (cause,) = [e for e in dictionary(problem, run.bays) if e.name == "kappa, settling"]
     assert cause.kind == ("stiffness", ("row",), "everywhere")
-    values, rows = {"coefficient": 2.0, "time": 3.0}, np.arange(len(run.positions))
+    values, rows = {"coefficient": 2.0, "rows": 3.0}, np.arange(len(run.positions))
     bent = load_of(Term((), BENDING)).terms[0](run.bays)
     grown = (1.0 - np.exp(-rows / 3.0))[:, None, None]
     np.testing.assert_allclose(cause.action(run.bays, values), 2.0 * grown * bent, rtol=1e-12)
     np.testing.assert_allclose(cause.by_value(run.bays, values, "coefficient"), grown * bent, rtol=1e-12)
-    later, before = (cause.action(run.bays, {**values, "time": 3.0 + h}) for h in (1e-5, -1e-5))
-    slope = cause.by_value(run.bays, values, "time")
+    later, before = (cause.action(run.bays, {**values, "rows": 3.0 + h}) for h in (1e-5, -1e-5))
+    slope = cause.by_value(run.bays, values, "rows")
     np.testing.assert_allclose(slope, (later - before) / 2e-5, atol=1e-7 * np.abs(slope).max())
 
 
