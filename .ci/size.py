@@ -30,7 +30,7 @@ BUDGET = {
     "tdcr_fe/commands": 1043,
     "tdcr_fe/effects": 1304,
     "tdcr_fe/estimate": 1081,
-    "tdcr_fe/identify": 6596,
+    "tdcr_fe/identify": 6598,
     "tdcr_fe/io": 1982,
     "tdcr_fe/live": 375,
     "tdcr_fe/model": 2788,

@@ -89,6 +89,8 @@ def most_probable(
         Of the prior, shapes (n,) and (n, n).
     start
         ``v`` to begin from, shape (n,).
+    near
+        The state nearby with which the first state is solved.
 
     Returns
     -------

@@ -182,28 +182,28 @@ class SettlingLoad(StateLoad):
     ) -> None:
         duration = float(np.ptp(clock(state)))
         last = number(*span, (1e-3 * duration, 10.0 * duration), 0.2 * duration, 0.02 * duration)
-        parameters = (*load.parameters, last)
-        super().__init__(
-            f"{load.name}, settling", load.kind, parameters, load.terms, f"{load.sentence}, which settles"
-        )
+        name, sentence = f"{load.name}, settling", f"{load.sentence}, which settles"
+        super().__init__(name, load.kind, (*load.parameters, last), load.terms, sentence)
         self.load, self.clock, self.price, self.span = load, clock, load.price, last.name
         self.held = {self.span: [x * duration for x in (0.05, 0.2, 0.6)]}
 
     def action(self, state: BayState, values: Values) -> Array:
         """See `StateLoad.action`."""
-        return self.load.action(state, values) * (1.0 - self._left(state, values))
+        share = 1.0 - np.exp(-self._elapsed(state) / values[self.span])
+        return np.asarray(self.load.action(state, values) * share)
 
     def by_value(self, state: BayState, values: Values, name: str) -> Array:
         """See `StateLoad.by_value`."""
-        left = self._left(state, values)
+        elapsed, span = self._elapsed(state), values[self.span]
+        left = np.exp(-elapsed / span)
         if name != self.span:
-            return self.load.by_value(state, values, name) * (1.0 - left)
-        return self.load.action(state, values) * left * np.log(np.maximum(left, 1e-300)) / values[self.span]
+            return np.asarray(self.load.by_value(state, values, name) * (1.0 - left))
+        return np.asarray(-self.load.action(state, values) * left * elapsed / span**2)
 
-    def _left(self, state: BayState, values: Values) -> Array:
-        """What is still to come, of what acts in the end, shape (K, 1, 1)."""
+    def _elapsed(self, state: BayState) -> Array:
+        """Of the clock since the first row, shape (K, 1, 1)."""
         clock = self.clock(state)[..., None]
-        return np.asarray(np.exp(-(clock - clock[0]) / values[self.span]))
+        return np.asarray(clock - clock[0])
 
 
 class PointForce(StateLoad):

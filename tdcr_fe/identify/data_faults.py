@@ -241,8 +241,8 @@ def gross_errors(problem: FitProblem, best: Fit, significance: float) -> str:
     """
     data, r = problem.data, best.residual
     where = [(x.step, x.location) for x in data.readings]
-    wrong = {where[i] for i, _ in outliers(r)}
-    if not wrong or len(wrong) > MOST_GROSS * len(set(where)):
+    wrong, count = {where[i] for i, _ in outliers(r)}, len(set(where))
+    if not wrong or len(wrong) > MOST_GROSS * count:
         return ""
     kept = np.array([at not in wrong for at in where])
     rest = replace(data, readings=tuple(itertools.compress(data.readings, kept)))
@@ -251,7 +251,7 @@ def gross_errors(problem: FitProblem, best: Fit, significance: float) -> str:
     steps = sorted({step for step, _ in wrong})
     listed = ", ".join(map(str, steps[:10])) + (", ..." if len(steps) > 10 else "")
     return (
-        f"{len(wrong)} of {len(set(where))} markers and sensors, counted in every step, are far off (in steps "
+        f"{len(wrong)} of {count} markers and sensors, counted in every step, are far off (in steps "
         f"{listed}), and all others leave only noise: their readings are wrong, or something acts in these steps alone"
     )
 

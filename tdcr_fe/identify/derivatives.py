@@ -322,10 +322,11 @@ class _Part:
 
     def linear(self, run: Run, plain: Run, beside: Sequence[Run]) -> Linear:
         """What follows from the runs: that with balanced loads, the same as it was simulated, and those beside that."""
+        by = run.derivatives
+        run, plain = (replace(x, derivatives=None) for x in (run, plain))  # large, and kept by no one else
         problem, read = self.problem, partial(self.problem.readings.reader.read, run)
         residual = self.residual(self.experiment, run)
         matrix = np.zeros((residual.size, len(self.request.columns)))
-        by = run.derivatives
         if by is not None and by.names:
             exact = [j for j, name in enumerate(by.names) if name in self.exact]
             numbers = [self.exact[by.names[j]] for j in exact]
@@ -346,7 +347,7 @@ class _Part:
                 unit = {p.name: 0.0 for p in column.effect.parameters} | {column.parameter: 1.0}
                 matrix[:, number] = problem.whitened(column.effect.shift(problem, run, unit) / problem.sigma)
         matrix = np.where(np.isfinite(matrix), matrix, 0.0)
-        return Linear(residual, matrix, replace(run, derivatives=None), self.differenced)
+        return Linear(residual, matrix, run, self.differenced)
 
     def _of(self, run: Run, by: RunDerivatives) -> Array:
         """Derivatives of the predictions over sigma, shape (n, P)."""

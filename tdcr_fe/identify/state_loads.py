@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations_with_replacement
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -400,6 +400,10 @@ class _FreeLoad(NamedTuple):
         return term
 
 
+#: From the state to a direction for every axis, shape (K, 3).
+_Along = Callable[[BayState, int], Array]
+
+
 def _free_loads(clock: Factor) -> list[_FreeLoad]:
     """Along fixed directions and along those that turn with the tip, constant or in proportion to something."""
 
@@ -412,8 +416,8 @@ def _free_loads(clock: Factor) -> list[_FreeLoad]:
     def dipole(state: BayState, axis: int) -> Array:
         return np.cross(state.tip[:, :, 2], fixed(state, axis))
 
-    def vector(direction: Any, factor: Factor | None, state: BayState, bay: int, axis: int) -> Array:
-        along: Array = direction(state, axis)
+    def vector(direction: _Along, factor: Factor | None, state: BayState, bay: int, axis: int) -> Array:
+        along = direction(state, axis)
         return along if factor is None else factor.value(state)[:, bay, None] * along
 
     found = []
