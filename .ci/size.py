@@ -32,7 +32,7 @@ BUDGET = {
     "tdcr_fe/estimate": 1081,
     "tdcr_fe/identify": 6598,
     "tdcr_fe/io": 1982,
-    "tdcr_fe/live": 375,
+    "tdcr_fe/live": 359,
     "tdcr_fe/model": 2788,
     "tdcr_fe/report": 1215,
     "tdcr_fe/scene": 1465,

@@ -37,22 +37,6 @@ UNLOADED = LoadStep("unloaded")
 
 
 @dataclass(frozen=True)
-class Pull:
-    """A spring of rest length zero from a place of the robot to a point that is held.
-
-    Attributes
-    ----------
-    place : int
-        Index into `PlayedRobot.places`.
-    to : (float, float, float)
-        Where the other end is held [m].
-    """
-
-    place: int
-    to: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
 class Answer:
     """What became of a change.
 
@@ -77,35 +61,12 @@ class Answer:
     made: bool = True
 
 
-@dataclass(frozen=True)
-class _Acting:
-    """All that acts on the robot now."""
-
-    tensions: Mapping[str, float] = field(default_factory=dict)  # at the base, by tendon [N]
-    displacements: Mapping[str, float] = field(default_factory=dict)  # pulled in, by tendon [m]
-    loads: Mapping[str, Load] = field(default_factory=dict)
-
-    def after(self, step: LoadStep) -> _Acting:
-        """What acts after a load step."""
-        tensions = {k: v for k, v in self.tensions.items() if k not in step.displacements}
-        displacements = {k: v for k, v in self.displacements.items() if k not in step.tensions}
-        return _Acting(
-            {**tensions, **step.tensions},
-            {**displacements, **step.displacements},
-            {**self.loads, **step.loads},
-        )
-
-    def as_step(self, label: str) -> LoadStep:
-        """The load step that leads to it."""
-        return LoadStep(label, self.tensions, self.displacements, self.loads)
-
-
 @dataclass
 class _Sequence:
     """A loading sequence since the robot was unloaded."""
 
     simulation: Simulation
-    acting: _Acting = field(default_factory=_Acting)
+    acting: LoadStep = UNLOADED  # all that acts now
     steps: list[LoadStep] = field(default_factory=list)
     stiffness: dict[int, float] = field(default_factory=dict)  # of the springs by place [N/m]
 
@@ -145,16 +106,8 @@ class PlayedRobot:
         self._sequence = self._new_sequence()
         self.last = self._take(UNLOADED)
 
-    def restart(self, friction: bool | None = None) -> Answer:
-        """Begin again with the robot as it is when nothing but gravity acts.
-
-        Parameters
-        ----------
-        friction
-            Whether there is friction at the holes from now on; None leaves it as it is.
-        """
-        if friction is not None:
-            self.model = replace(self.model, friction=self._kind_of_friction if friction else "none")
+    def restart(self) -> Answer:
+        """Begin again with the robot as it is when nothing but gravity acts."""
         self._sequence = self._new_sequence()
         return self._take(UNLOADED)
 
@@ -175,9 +128,10 @@ class PlayedRobot:
         """
         before = self.model, self._sequence, self.last
         acting = self._sequence.acting
+        self.model = replace(self.model, friction=self._kind_of_friction if friction else "none")
         answers = (
-            self.restart(friction),
-            self._take(acting.as_step(f"friction {'on' if friction else 'off'}")),
+            self.restart(),
+            self._take(replace(acting, label=f"friction {'on' if friction else 'off'}")),
         )
         if not all(answer.made for answer in answers):
             self.model, self._sequence, self.last = before
@@ -194,35 +148,42 @@ class PlayedRobot:
         """
         return self._take(LoadStep("", tensions, displacements))
 
-    def pull(self, pull: Pull) -> Answer:
-        """Take the robot towards the balance with a spring, as far as one load step goes.
+    def pull(self, place: int, to: tuple[float, float, float]) -> Answer:
+        """Take the robot towards the balance with a spring of rest length zero, as far as one load step goes.
 
         The spring begins `SPRING` times as stiff as the robot was at this place when it was first pulled. One step of
         Newton's method on the balance of its force gives the load; it is one that `simulate` can repeat.
+
+        Parameters
+        ----------
+        place
+            Index into `places`, where the spring is fastened.
+        to
+            Where its other end is held [m].
 
         Raises
         ------
         ValueError
             There is no such place, or the other end is not at a finite point.
         """
-        if not 0 <= pull.place < len(self.places):
-            raise ValueError(f"place {pull.place}: must be from 0 to {len(self.places) - 1}")
-        if not np.isfinite(pull.to).all():
-            raise ValueError(f"to {pull.to}: must be three finite numbers [m]")
-        length, s = self.robot.backbone.length, self.places[pull.place]
+        if not 0 <= place < len(self.places):
+            raise ValueError(f"place {place}: must be from 0 to {len(self.places) - 1}")
+        if not np.isfinite(to).all():
+            raise ValueError(f"to {to}: must be three finite numbers [m]")
+        length, s = self.robot.backbone.length, self.places[place]
         compliance = local_response(self._sequence.simulation, s).compliance[:3, :3]
-        if pull.place not in self._sequence.stiffness:
-            self._sequence.stiffness[pull.place] = SPRING / float(np.linalg.eigvalsh(compliance)[-1])
-        stiffness, force = self._sequence.stiffness[pull.place], self._force(pull.place)
-        unbalanced = stiffness * (np.asarray(pull.to) - self.position(pull.place)) - force
+        if place not in self._sequence.stiffness:
+            self._sequence.stiffness[place] = SPRING / float(np.linalg.eigvalsh(compliance)[-1])
+        stiffness, force = self._sequence.stiffness[place], self._force(place)
+        unbalanced = stiffness * (np.asarray(to) - self.position(place)) - force
         change = np.linalg.solve(np.eye(3) + stiffness * compliance, unbalanced)
         move = float(np.linalg.norm(compliance @ change))
         change *= min(1.0, LARGEST_MOVE * length / max(move, 1e-300))
         fx, fy, fz = (float(x) for x in force + change)
-        answer = self._take(LoadStep("", loads={self._name(pull.place): Load(s, (fx, fy, fz))}))
+        answer = self._take(LoadStep("", loads={self._name(place): Load(s, (fx, fy, fz))}))
         if not answer.made:
             return answer
-        left = stiffness * (np.asarray(pull.to) - self.position(pull.place)) - self._force(pull.place)
+        left = stiffness * (np.asarray(to) - self.position(place)) - self._force(place)
         # Where the robot snaps through under a force, the spring may have no balance that load steps can reach.
         nearer = BALANCED * stiffness * length < np.linalg.norm(left) < np.linalg.norm(unbalanced)
         return replace(answer, settled=not nearer)
@@ -250,8 +211,8 @@ class PlayedRobot:
     def _take(self, step: LoadStep) -> Answer:
         """Solve one load step; where that fails, the robot stays where it was."""
         begun = time.perf_counter()
-        acting = self._sequence.acting.after(step)
-        (target,) = resolve(self.robot, [acting.as_step(step.label)])
+        acting = _after(self._sequence.acting, step)
+        (target,) = resolve(self.robot, [acting])
         before = self._sequence.simulation.position
         try:
             report = self._sequence.simulation.advance(target, deadline=begun + LONGEST_STEP)
@@ -267,3 +228,15 @@ class PlayedRobot:
         message = " ".join(step_warnings(number, report))
         self.last = Answer(result, time.perf_counter() - begun, message)
         return self.last
+
+
+def _after(acting: LoadStep, step: LoadStep) -> LoadStep:
+    """All that acts after a load step, from all that acts before it."""
+    tensions = {k: v for k, v in acting.tensions.items() if k not in step.displacements}
+    displacements = {k: v for k, v in acting.displacements.items() if k not in step.tensions}
+    return LoadStep(
+        step.label,
+        {**tensions, **step.tensions},
+        {**displacements, **step.displacements},
+        {**acting.loads, **step.loads},
+    )

@@ -17,7 +17,7 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from tdcr_fe.live.page import live_page, step_data
-from tdcr_fe.live.played import Answer, PlayedRobot, Pull
+from tdcr_fe.live.played import Answer, PlayedRobot
 
 #: Largest message [bytes]; a change has some hundred.
 LARGEST_MESSAGE = 65_536
@@ -91,13 +91,13 @@ class _Handler(BaseHTTPRequestHandler):
             self.server.closed_at = None
             with self.server.solving:
                 text = live_page(self.server.played, self.server.page)
-            self._send(text.encode(), "text/html; charset=utf-8")
+            self._send(text, "text/html")
         elif path == "/alive":
             self._stay(query.get("page", ""))
         elif path == "/scenario.toml":
             with self.server.solving:
                 text = self.server.scenario()
-            self._send(text.encode(), "text/plain; charset=utf-8", attachment="scenario.toml")
+            self._send(text, "text/plain", Content_Disposition='attachment; filename="scenario.toml"')
         else:
             self._refuse(HTTPStatus.NOT_FOUND, f"there is nothing at {path[:80]}")
 
@@ -125,7 +125,7 @@ class _Handler(BaseHTTPRequestHandler):
                 text = json.dumps(step_data(answer), allow_nan=False)
         except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
             return self._refuse(HTTPStatus.BAD_REQUEST, f"not a change of this robot: {error}")
-        return self._send(text.encode(), "application/json")
+        return self._send(text, "application/json")
 
     def _checked(self) -> tuple[str | None, dict[str, str]]:
         """Path and query of a request that may be answered; None where it was rejected."""
@@ -151,7 +151,6 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Content-Type", "text/event-stream")
         self.send_header("Connection", "close")
         self.end_headers()
-        self.close_connection = True
         try:
             while page == str(self.server.page):
                 self.wfile.write(b":\n\n")
@@ -162,28 +161,25 @@ class _Handler(BaseHTTPRequestHandler):
             if page == str(self.server.page):
                 self.server.closed_at = time.monotonic()
 
-    def _send(self, body: bytes, kind: str, attachment: str = "") -> None:
-        self.send_response(HTTPStatus.OK)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(body)))
-        self.send_header("Cache-Control", "no-store")
-        self.send_header("Referrer-Policy", "no-referrer")
-        self.send_header("X-Content-Type-Options", "nosniff")
-        if attachment:
-            self.send_header("Content-Disposition", f'attachment; filename="{attachment}"')
+    def _send(self, text: str, kind: str, status: HTTPStatus = HTTPStatus.OK, **headers: str) -> None:
+        """Answer with a text; a ``_`` in the name of a header stands for a ``-``."""
+        body = text.encode()
+        self.send_response(status)
+        headers |= {
+            "Content_Type": f"{kind}; charset=utf-8",
+            "Content_Length": str(len(body)),
+            "Cache_Control": "no-store",
+            "Referrer_Policy": "no-referrer",
+            "X_Content_Type_Options": "nosniff",
+        }
+        for name, value in headers.items():
+            self.send_header(name.replace("_", "-"), value)
         self.end_headers()
         self.wfile.write(body)
 
     def _refuse(self, status: HTTPStatus, text: str) -> None:
         """Answer with a sentence and close the connection, without reading what else was sent."""
-        body = text.encode()
-        self.close_connection = True
-        self.send_response(status)
-        self.send_header("Content-Type", "text/plain; charset=utf-8")
-        self.send_header("Content-Length", str(len(body)))
-        self.send_header("Connection", "close")
-        self.end_headers()
-        self.wfile.write(body)
+        self._send(text, "text/plain", status, Connection="close")
 
     def log_message(self, format: str, *args: Any) -> None:
         """Nothing is printed for a request."""
@@ -210,7 +206,7 @@ def answer_to(message: Mapping[str, Any], played: PlayedRobot) -> Answer:
         return played.drive(value.get("tensions", {}), value.get("displacements", {}))
     if kind == "pull":
         x, y, z = (float(v) for v in value["to"])
-        return played.pull(Pull(int(value["place"]), (x, y, z)))
+        return played.pull(int(value["place"]), (x, y, z))
     if kind == "friction" and isinstance(value, bool):
         return played.switch_friction(value)
     if kind == "let_go":

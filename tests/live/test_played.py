@@ -7,17 +7,17 @@ import pytest
 from robots import three
 
 import tdcr_fe as tdcr
-from tdcr_fe.live.played import PlayedRobot, Pull
+from tdcr_fe.live.played import PlayedRobot
 
 
 def played() -> PlayedRobot:
     return PlayedRobot(three(), tdcr.Model(elements_per_bay=1))
 
 
-def pull_until_settled(robot: PlayedRobot, pull: Pull) -> int:
+def pull_until_settled(robot: PlayedRobot, place: int, to: tuple[float, float, float]) -> int:
     """Number of load steps that it takes."""
     for count in range(1, 30):
-        if robot.pull(pull).settled:
+        if robot.pull(place, to).settled:
             return count
     raise AssertionError("not settled")
 
@@ -26,8 +26,8 @@ def test_simulate_repeats_what_was_played():
     """Tension, pulls at a disk and at the tip, displacement, no loads: the saved sequence has the history."""
     robot = played()
     robot.drive({"t1": 1.5}, {})
-    pull_until_settled(robot, Pull(6, (0.05, 0.03, 0.12)))
-    robot.pull(Pull(12, (0.1, 0.05, 0.15)))
+    pull_until_settled(robot, 6, (0.05, 0.03, 0.12))
+    robot.pull(12, (0.1, 0.05, 0.15))
     robot.drive({}, {"t2": 2e-3})
     robot.let_go()
     robot.drive({"t1": 0.5}, {})
@@ -42,13 +42,13 @@ def test_the_force_is_that_of_the_spring():
     """In balance the force leads from the disk to the mouse, and the disk has come most of the way."""
     robot, to = played(), np.array([0.06, 0.0, 0.22])
     start = robot.position(12)
-    pull_until_settled(robot, Pull(12, tuple(to)))
+    pull_until_settled(robot, 12, tuple(to))
     force, gap = robot.steps[-1].loads["pull_13"].force, to - robot.position(12)
     assert np.dot(force, gap) / np.linalg.norm(force) / np.linalg.norm(gap) > 0.999
     assert np.linalg.norm(gap) < 0.5 * np.linalg.norm(to - start)
     # The same spring holds at another end: the ratio of force and length stays.
     ratio = np.linalg.norm(force) / np.linalg.norm(gap)
-    pull_until_settled(robot, Pull(12, (0.03, 0.02, 0.24)))
+    pull_until_settled(robot, 12, (0.03, 0.02, 0.24))
     force, gap = robot.steps[-1].loads["pull_13"].force, np.array([0.03, 0.02, 0.24]) - robot.position(12)
     assert np.linalg.norm(force) / np.linalg.norm(gap) == pytest.approx(ratio, rel=0.05)
 
@@ -93,5 +93,5 @@ def test_robots_without_disks_or_tendons_are_pulled_too():
     assert len(robot.places) == 10
     force = 1e-3
     stiffness = 3.0 * rod.backbone.EI / 0.2**3
-    robot.pull(Pull(9, (1.25 * force / stiffness, 0.0, 0.2)))  # the spring is four times as stiff as the rod
+    robot.pull(9, (1.25 * force / stiffness, 0.0, 0.2))  # the spring is four times as stiff as the rod
     assert robot.steps[-1].loads["pull_10"].force[0] == pytest.approx(force, rel=1e-2)
