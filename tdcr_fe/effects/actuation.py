@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Kind, Parameter, Points, Values
-from tdcr_fe.effects.by_tendon import NumberForm, SharedNumber, for_each
+from tdcr_fe.effects.by_tendon import NumberForm, SharedNumber, for_each, of_single_tendons
 from tdcr_fe.model.loading import Load, LoadStep, resolve
 
 
@@ -227,7 +227,7 @@ class CommandNumber(SharedNumber):
     """
 
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
-        """One for all, or for each tendon; with several folders also for each folder, and for each tendon in it.
+        """One for all, for each tendon, or for a single one; with several folders also for each and for a tendon in it.
 
         Without numbers for the first folder, where it is as declared, too.
         """
@@ -243,7 +243,8 @@ class CommandNumber(SharedNumber):
                 names = [f"{name}_{t}{end}" for end in ends for t in tendons]
                 kind_each = f"each tendon, {kind}" if kind else "each tendon"
                 forms.append(NumberForm(self, kind_each, names, experiment))
-        return tuple(forms)
+        single = of_single_tendons(self, experiment) if len(tendons) > 1 else ()
+        return (*forms, *single)
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
         """Of all, of each tendon, of each folder, and of each tendon in each folder."""

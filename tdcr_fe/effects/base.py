@@ -228,6 +228,10 @@ class Effect:
         """Name in the list of effects; another than `name` where this is a form of a listed one."""
         return self.name
 
+    def choices(self, robot: Robot) -> int:
+        """From how many of the same kind this one is chosen: at other places, or of other tendons."""
+        return 1
+
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """What a search tries along a whole robot: the effect itself, or with other numbers of parameters."""
         return () if self.needs_disks and experiment.robot.without_disks else (self,)

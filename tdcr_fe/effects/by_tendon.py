@@ -97,7 +97,7 @@ class TendonNumber(SharedNumber):
         return shifted(declared, null, value)
 
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
-        """The same for all tendons, one for each segment, and one for each."""
+        """The same for all tendons, one for each segment, one for each, and that of a single one."""
         if self.needs_disks and experiment.robot.without_disks:
             return ()
         names = experiment.robot.tendon_names
@@ -106,7 +106,8 @@ class TendonNumber(SharedNumber):
         if 1 < len(groups) < len(names):
             forms = (*forms, NumberForm(self, "by segment", tuple(groups), experiment))
         if len(names) > 1:
-            forms = (*forms, NumberForm(self, "each", list(self._each(experiment.robot)), experiment))
+            each = list(self._each(experiment.robot))
+            forms = (*forms, NumberForm(self, "each", each, experiment), *of_single_tendons(self, experiment))
         return forms
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
@@ -201,6 +202,20 @@ class NumberForm(Form):
             by = one.coordinate(points[0][one.name]) - common
             alternatives.append([{**null, n: one.value(one.coordinate(x) + by)} for n, x in null.items()])
         return alternatives
+
+
+class OfTendon(NumberForm):
+    """The number of a single tendon."""
+
+    def choices(self, robot: Robot) -> int:
+        """See `Effect.choices`."""
+        return len(robot.tendons)
+
+
+def of_single_tendons(effect: SharedNumber, experiment: Experiment) -> tuple[Effect, ...]:
+    """The number of an effect for one tendon, of every tendon of a robot."""
+    name = effect.parameters[0].name
+    return tuple(OfTendon(effect, t, (f"{name}_{t}",), experiment) for t in experiment.robot.tendon_names)
 
 
 class TendonStretch(TendonNumber):

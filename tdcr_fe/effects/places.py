@@ -143,6 +143,10 @@ class EffectAtPlace(Effect):
         """Values of the listed effect: the place and the size."""
         return {**self.place, **values}
 
+    def choices(self, robot: Robot) -> int:
+        """See `Effect.choices`."""
+        return max(1, len(self.general.places(robot)))
+
     def full_strength(self, experiment: Experiment) -> dict[str, float]:
         """Values of the size at which an effect that saturates is strongest, see `PlaceEffect.saturates`."""
         null = self.general.null_values(experiment)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import chdtri, expit
 
-from tdcr_fe.effects import EFFECTS, Effect, EffectAtPlace
+from tdcr_fe.effects import EFFECTS, Effect
 from tdcr_fe.identify.causes import Cause, ReadingCause
 from tdcr_fe.identify.noise import chi_square_z_score, is_noise, lag1_autocorrelation, series, structure
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, Point
@@ -45,13 +45,13 @@ NOISE_Z_SCORE = 4.0
 def price(effects: Sequence[Effect], robot: Robot) -> float:
     """Twice the negative logarithm of the prior probability of causes.
 
-    Each is one of the list; a place is one of all places of its kind; causes without a name have a price of their own.
+    Each is one of the list; a place, or a single tendon, is one of all of its kind; causes without a name have a price
+    of their own.
     """
     total = 2.0 * CHOICE * len(effects)
     for e in effects:
-        if isinstance(e, EffectAtPlace):
-            total += 2.0 * math.log(max(1, len(e.general.places(robot))))
-        elif isinstance(e, Cause):
+        total += 2.0 * math.log(e.choices(robot))
+        if isinstance(e, Cause):
             total += 2.0 * (UNNAMED + e.price)
     return total
 

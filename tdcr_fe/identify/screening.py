@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from tdcr_fe.effects import Effect, Experiment
+from tdcr_fe.effects.base import Form
 from tdcr_fe.identify.balance import best_points
 from tdcr_fe.identify.causes import PointForce, ReadingCause, StateLoad
 from tdcr_fe.identify.derivatives import Column, Request, linearize
@@ -127,6 +128,10 @@ def _possible(problem: FitProblem, fit: Fit, e: Effect, points: Sequence[dict[st
     return True
 
 
+#: Of a column: names of effect and parameter, and the parameters that are held at other than their null values.
+_Key = tuple[str, str, tuple[tuple[str, float], ...]]
+
+
 @dataclass(frozen=True)
 class _ProbeSet:
     """One of the alternatives of `Effect.probe_points`."""
@@ -164,9 +169,11 @@ class _ProbeSet:
         ).T
         return low, high
 
-    def key(self, name: str) -> tuple[str, str, tuple[float, ...]]:
-        """Of the column of a parameter; the same where the derivative is the same."""
-        return self.effect.name, name, tuple(self.start.values())
+    def key(self, name: str) -> _Key:
+        """Of the column of a parameter; the same where the derivative is the same, as in other forms of an effect."""
+        e = self.effect
+        moved = tuple((n, x) for n, x in self.start.items() if x != self.null[n])
+        return e.listed if isinstance(e, Form) else e.name, name, moved
 
     def signature(self, derivatives: Mapping[str, Array], count: int) -> Array:
         """Change of the predictions towards every point, from the derivatives by parameter, shape (count, k)."""
@@ -184,7 +191,7 @@ def _signatures(problem: FitProblem, fit: Fit, sets: Sequence[_ProbeSet]) -> tup
 
     Alternatives that begin at the same values share a derivative.
     """
-    columns: dict[tuple[str, str, tuple[float, ...]], Column] = {}
+    columns: dict[_Key, Column] = {}
     for one in sets:
         for name, column in one.columns.items():
             columns.setdefault(one.key(name), column)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -326,11 +326,14 @@ def _fitted(problem: FitProblem, now: Fit, predicted: Array, race: fitting.Race)
 
 
 def refitted(state: SearchState, parts: Sequence[tuple[Effect, ...]]) -> tuple[SearchState, list[Fit]]:
-    """Parts of the best model, each fitted from its values once; or as it was fitted before, where that is better."""
+    """Parts of the best model, each fitted from its values once; or as it was fitted before, where that is better.
+
+    They may have causes in other forms, see `other_forms`.
+    """
     problem, best, whole = state.problem, state.best, frozenset(state.best.names)
     fittings, keys = [], [frozenset(e.name for e in effects) for effects in parts]
     for key, effects in zip(keys, parts, strict=True):
-        start = {e.name: best.values[e.name] for e in effects}
+        start = {e.name: _carried_over(problem, best, e) for e in effects}
         try:
             problem.with_effects(effects, start)
         except ValueError:  # there is no such robot: not solved
@@ -344,6 +347,39 @@ def refitted(state: SearchState, parts: Sequence[tuple[Effect, ...]]) -> tuple[S
     unsolved = replace(best, cost=math.inf, held_cost=math.inf)
     state = replace(state, refits=state.refits | {(key, whole) for key in keys})
     return state, [state.fits.get(key, unsolved) for key in keys]
+
+
+def _carried_over(problem: FitProblem, best: Fit, e: Effect) -> dict[str, float]:
+    """Values of a cause of the best model, or of another form of it; null values of numbers that it does not have."""
+    (same,) = (x for x in best.effects if x.listed == e.listed)
+    return {n: best.values[same.name].get(n, null) for n, null in e.null_values(problem.experiment).items()}
+
+
+def other_forms(state: SearchState) -> list[tuple[Effect, ...]]:
+    """The best model with one cause in a form of more numbers, or in that form of fewer which promises most."""
+    best, found = state.best, []
+    for e in best.effects:
+        names = {p.name for p in e.parameters}
+        forms = {f: {p.name for p in f.parameters} for f in state.dictionary if f.listed == e.listed}
+        larger = [f for f, own in forms.items() if own > names]
+        smaller = [f for f, own in forms.items() if own < names]
+        if smaller:
+            larger.append(min(smaller, key=lambda f: _cost_without(state.problem, best, e, names - forms[f])))
+        found += [tuple(f if x is e else x for x in best.effects) for f in larger]
+    return found
+
+
+def _cost_without(problem: FitProblem, fit: Fit, e: Effect, names: Set[str]) -> float:
+    """Cost of a model, to first order, with some numbers of a cause at their null values, to which the others adapt."""
+    which, weights = problem.fitted, problem.root_weights(fit.residual)
+    gone = np.array([k[0] == e.name and k[1] in names for k in fit.free])
+    null = {**fit.values, e.name: e.null_values(problem.experiment)}
+    here, there = (problem.coordinates(fit.effects, values, fit.free) for values in (fit.values, null))
+    jacobian = fit.jacobian[which] * weights[which, None]
+    left = fit.residual[which] * weights[which] - jacobian[:, gone] @ (there - here)[gone]
+    kept = jacobian[:, ~gone]
+    left -= kept @ np.linalg.lstsq(kept, left, rcond=1e-10)[0]
+    return float(left @ left)
 
 
 # --------------------------------------------------------------------------------------------------- selection
@@ -570,19 +606,19 @@ def backward_selection(search: Search, state: SearchState) -> Stage:
 
 
 def exchange(search: Search, state: SearchState, progress: float = 0.75, costly: bool = True) -> Stage:
-    """Exchange every cause, and every two, of the best model for one other; the best of all is taken.
+    """Exchange every cause, and every two, of the best model for one other, or its form; the best of all is taken.
 
     What a cause explains is the difference of the models with and without it. Which others may explain it follows from
     their columns beside the best model. ``costly``: see `scores_beside`; never where the model leaves noise.
     """
     best, problem = state.best, state.problem
-    fits: list[Fit] = []
     every = [gone for n in (1, 2) for gone in itertools.combinations(best.effects, n)]
     left = [tuple(e for e in best.effects if e not in gone) for gone in every]
     if every and search.out_of_time:
         return state.without_trying(EXCHANGES)
     costly = costly and not search.is_noise(problem, best)
     state, bases = refitted(state, left[: len(best.effects)])
+    state, fits = refitted(state, other_forms(state))
     for gone, rest in zip(every, left, strict=True):
         if search.out_of_time:
             return state.without_trying(EXCHANGES)

@@ -54,11 +54,12 @@ def test_a_tendon_is_never_pulled_by_less_than_the_idle_tension():
 
 def test_forms_are_for_tendons_and_with_several_folders_for_folders():
     gain = effect("actuator_gain")
-    assert [f.name for f in gain.forms(ALONE)] == ["actuator_gain", "actuator_gain (each tendon)"]
+    single = [f"actuator_gain (t{k})" for k in (1, 2, 3)]
+    assert [f.name for f in gain.forms(ALONE)] == ["actuator_gain", "actuator_gain (each tendon)", *single]
     kinds = {f.name.partition(" (")[2][:-1]: [p.name for p in f.parameters] for f in gain.forms(BOTH)}
     assert list(kinds) == [
         "", "each tendon", "each later folder", "each tendon, each later folder", "each folder",
-        "each tendon, each folder",
+        "each tendon, each folder", "t1", "t2", "t3",
     ]  # fmt: skip
     assert kinds["each tendon, each later folder"] == [f"gain_t{k}_folder_2" for k in (1, 2, 3)]
     assert kinds["each folder"] == ["gain_folder_1", "gain_folder_2"]

@@ -42,11 +42,13 @@ def test_a_segment_is_the_tendons_that_end_at_the_same_disk():
 
 def test_forms_follow_from_the_robot():
     kinds = [f.name for f in effect("tendon_stretch").forms(SETUP)]
-    assert kinds == ["tendon_stretch", "tendon_stretch (by segment)", "tendon_stretch (each)"]
+    several = ["", " (by segment)", " (each)"]
+    assert kinds == [f"tendon_stretch{k}" for k in (*several, " (tip)", " (near)", " (far)", " (next)")]
     alone = Experiment(replace(TWO, tendons=TWO.tendons[:1]), MODEL)
     assert [f.name for f in effect("tendon_stretch").forms(alone)] == ["tendon_stretch"]
     one_segment = Experiment(three(), MODEL)
-    assert [f.name for f in effect("pretension").forms(one_segment)] == ["pretension", "pretension (each)"]
+    parts = ("", " (each)", " (t1)", " (t2)", " (t3)")
+    assert [f.name for f in effect("pretension").forms(one_segment)] == [f"pretension{k}" for k in parts]
     assert all(f.listed == e.name for e in EFFECTS for f in e.forms(SETUP))
 
 
