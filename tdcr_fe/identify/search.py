@@ -204,8 +204,9 @@ def fit_proposals(
 ) -> tuple[SearchState, list[Fit]]:
     """Fit the models that promise most, of listed effects and of others.
 
-    The first is fitted at once. The others are evaluated at their predicted values, and the best of them fitted. Where
-    one leaves noise, or one is given, those are not tried that cannot become as probable, to first order.
+    The first is fitted at once. The others are evaluated at their predicted values, the most promising first, until
+    half of `IdentifySettings.candidates` in a row stay far behind, and the best of them fitted. Where one leaves noise,
+    or one is given, those are not tried that cannot become as probable, to first order.
     """
     problem, most = state.problem, search.settings.candidates
     half = (most + 1) // 2
@@ -229,14 +230,9 @@ def fit_proposals(
             if ahead is None or could_match(problem, ahead, x):
                 chosen[x.names] = x
         try:
-            begun = _begun(problem, list(chosen.values()))
+            found = _evaluated(problem, list(chosen.values()), _lowest(state, False), half)
         except OutOfTime:
             break
-        found = [
-            (fitting.reachable_cost(problem, now) + parent_price(problem, now), now, x)
-            for now, x in zip(begun, chosen.values(), strict=True)
-            if now.solved
-        ]
         left, queue = dict.fromkeys((True, False), half), sorted(found, key=lambda f: f[0])
         while queue:
             together: list[fitting.Fitting] = []
@@ -253,6 +249,31 @@ def fit_proposals(
                 ahead = now if better and search.is_noise(problem, now) else ahead
     keys = {x.names for x in pool}
     return state, [f for k, f in state.fits.items() if k in keys and f.solved]
+
+
+def _evaluated(
+    problem: FitProblem, proposals: Sequence[Proposal], lowest: float, patience: int
+) -> list[tuple[float, Fit, Proposal]]:
+    """Models at their predicted values, with the criterion that each can reach by its derivatives there.
+
+    Of listed effects, and of others, no more are evaluated after so many in a row that cannot come near the lowest
+    cost. On 394 candidates of 15 data sets that left out three in ten, and none that was accepted.
+    """
+    race, behind, found = fitting.Race(lowest), dict.fromkeys((True, False), 0), []
+    for first in range(0, len(proposals), problem.forward.processes):
+        together = [
+            x for x in proposals[first : first + problem.forward.processes] if behind[x.named] < patience
+        ]
+        for x, now in zip(together, _begun(problem, together), strict=True):
+            if behind[x.named] >= patience:  # whatever the number of processes
+                continue
+            cost = fitting.reachable_cost(problem, now)
+            far = not now.solved or cost > race.limit
+            behind[x.named] = behind[x.named] + 1 if far else 0
+            if now.solved:
+                race.reached(cost)
+                found.append((cost + parent_price(problem, now), now, x))
+    return found
 
 
 def _all_named(effects: Sequence[Effect]) -> bool:
@@ -367,6 +388,18 @@ def other_forms(state: SearchState) -> list[tuple[Effect, ...]]:
             larger.append(min(smaller, key=lambda f: _cost_without(state.problem, best, e, names - forms[f])))
         found += [tuple(f if x is e else x for x in best.effects) for f in larger]
     return found
+
+
+def _in_best_forms(search: Search, state: SearchState) -> SearchState:
+    """The best model with its causes in the forms that the data support."""
+    while True:
+        state, fits = refitted(state, other_forms(state))
+        ranks = [(rank(state.problem, f), f) for f in fits if _admissible(search, state, f)]
+        lowest, new = min(ranks, key=lambda x: x[0], default=(math.inf, state.best))
+        if not lowest < rank(state.problem, state.best):
+            return state
+        text = f"{listed_names(new.names)} in place of {listed_names(state.best.names)}: as many numbers as needed"
+        state = replace(state, best=new).with_history(text)
 
 
 def _cost_without(problem: FitProblem, fit: Fit, e: Effect, names: Set[str]) -> float:
@@ -584,7 +617,9 @@ def at_full_strength(search: Search, state: SearchState, parent: Fit) -> tuple[S
 
 
 def backward_selection(search: Search, state: SearchState) -> Stage:
-    """Drop causes that the others make unnecessary."""
+    """Give causes the form that the data support, and drop those that the others make unnecessary."""
+    state = _in_best_forms(search, state)
+    yield state
     while len(state.best.effects) > 1:
         problem, best = state.problem, state.best
         parts = [tuple(x for x in best.effects if x is not e) for e in best.effects]
@@ -606,19 +641,19 @@ def backward_selection(search: Search, state: SearchState) -> Stage:
 
 
 def exchange(search: Search, state: SearchState, progress: float = 0.75, costly: bool = True) -> Stage:
-    """Exchange every cause, and every two, of the best model for one other, or its form; the best of all is taken.
+    """Exchange every cause, and every two, of the best model for one other; the best of all is taken.
 
     What a cause explains is the difference of the models with and without it. Which others may explain it follows from
     their columns beside the best model. ``costly``: see `scores_beside`; never where the model leaves noise.
     """
     best, problem = state.best, state.problem
+    fits: list[Fit] = []
     every = [gone for n in (1, 2) for gone in itertools.combinations(best.effects, n)]
     left = [tuple(e for e in best.effects if e not in gone) for gone in every]
     if every and search.out_of_time:
         return state.without_trying(EXCHANGES)
     costly = costly and not search.is_noise(problem, best)
     state, bases = refitted(state, left[: len(best.effects)])
-    state, fits = refitted(state, other_forms(state))
     for gone, rest in zip(every, left, strict=True):
         if search.out_of_time:
             return state.without_trying(EXCHANGES)

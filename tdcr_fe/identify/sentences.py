@@ -411,10 +411,11 @@ def fitted_numbers(result: IdentificationResult) -> list[FittedNumber]:
     for e in result.effects:
         of = effect(e.name, result.simulated.catalogue)
         meanings = {p.name: p.meaning for p in of.parameters_of(commanded) if p.meaning != words(p.name)}
-        places = of.place_names if isinstance(of, PlaceEffect) else ()  # a place has no declared value
+        # a place has no declared value, nor has a number that changes nothing while the others are as declared
+        undeclared = of.place_names if isinstance(of, PlaceEffect) else of.unidentifiable_at_null(commanded)
         for name, p in e.parameters.items():
             declared, width = of.null_value(commanded, name), p.half_width
-            known = name not in places
+            known = name not in undeclared
             same = known and width is not None and abs(p.value - declared) <= width
             notes = [meanings.get(name, ""), p.note, "not different from the declared value" if same else ""]
             found.append(

@@ -18,13 +18,14 @@ from identify_data import (
 )
 
 from tdcr_fe.effects import Experiment, effect
-from tdcr_fe.identify import identify
+from tdcr_fe.identify import identify, search
 from tdcr_fe.identify.causes import PointForce, is_named
 from tdcr_fe.identify.criteria import UNNAMED, price
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.forward import Job
-from tdcr_fe.identify.search import exchange, scores_beside, search_causes
+from tdcr_fe.identify.screening import Score
+from tdcr_fe.identify.search import Proposal, backward_selection, exchange, scores_beside, search_causes
 from tdcr_fe.model.routing import MisplacedRouting
 
 
@@ -79,6 +80,39 @@ def test_causes_that_an_exchange_makes_unnecessary_are_dropped():
     state = replace(state_of(own).with_fit(wrong), best=wrong, dictionary=whole_dictionary(own))
     *_, last = exchange(searching(), state)
     assert last.best.names == ("precurvature",)
+
+
+@pytest.mark.parametrize("hidden", [{"gain_t2": 1.1}, {"gain_t1": 1.1, "gain_t2": 0.93}])
+@pytest.mark.parametrize("number", ["gain_t2", None])
+def test_a_cause_has_as_many_numbers_as_the_data_support(hidden, number):
+    """Whichever form it was found in: a gain of one tendon beside friction lost to a routing, which has two numbers."""
+    own = problem_of(measured({"actuator_gain": hidden}, sigma=5e-4), sigma=5e-4)  # above the error of the mesh
+    *_, each, first, second = effect("actuator_gain").forms(own.experiment)
+    begun = fit(own, (e := second if number else each,), [{e.name: e.null_values(own.experiment)}])
+    state = replace(state_of(own).with_fit(begun), best=begun, dictionary=(each, first, second))
+    *_, last = backward_selection(searching(), state)
+    (found,) = last.best.effects
+    assert found is (second if len(hidden) == 1 else each)
+    for name, value in hidden.items():
+        assert last.best.values[found.name][name] == pytest.approx(value, abs=0.03)
+
+
+def test_what_promises_less_than_many_that_lag_behind_is_not_evaluated(monkeypatch):
+    """Counted for listed effects and for others by themselves, whatever the number of processes."""
+    own = state_of(problem_of(measured()))
+    gravity, unnamed = effect("gravity"), whole_dictionary(own.problem)[-1]
+    costs = [200, 1e3, 1e3, 1e3, 100, 1e3, 300, 1e3]  # the fifth comes after three that lag behind
+    effects = [gravity] * 5 + [unnamed] * 3
+    proposals = [Proposal(own.best, Score.refused(e, own.best, ""), k) for k, e in enumerate(effects)]
+
+    def evaluated(_, found):
+        return [replace(own.best, effects=(x.score.effect,), free=(), cost=costs[x.criterion]) for x in found]
+
+    monkeypatch.setattr(search, "_begun", evaluated)
+    for processes in (1, 2, 3):
+        monkeypatch.setattr(own.problem.forward, "processes", processes)
+        found = search._evaluated(own.problem, proposals, 1e4, 3)
+        assert [x.criterion for _, _, x in found] == [0, 1, 2, 3, 5, 6, 7]
 
 
 def test_causes_that_take_a_run_each_leave_the_response_that_forces_towards_points_need():
