@@ -27,6 +27,7 @@ from tdcr_fe.identify.state_loads import state_loads
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.checks import ARC_TOLERANCE
+from tdcr_fe.model.friction import ForceDependentFriction
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import MisplacedRouting, PointsRouting
@@ -64,6 +65,7 @@ def unnamed(problem: FitProblem, state: BayState) -> list[Cause]:
         *_along(problem),
         *input_causes(problem),
         *_loads_and_base(problem),
+        *_friction_by_force(problem, state),
         *_readings(problem),
     ]
     if not problem.experiment.robot.without_disks:
@@ -158,9 +160,35 @@ def _along(problem: FitProblem) -> list[Cause]:
 
         add("radius", "stiffness", profile, tapered, radius)
         add("precurvature", "precurvature", profile, bent, *curvatures)
-        if problem.experiment.model.friction != "none" and not any(t.friction for t in robot.tendons):
+        if _has_coefficients(problem):
             add("friction", "transmission", profile, rougher, friction)
     return found
+
+
+def _has_coefficients(problem: FitProblem) -> bool:
+    """Whether there is friction, with constant coefficients."""
+    experiment = problem.experiment
+    return experiment.model.friction != "none" and not any(t.friction for t in experiment.robot.tendons)
+
+
+def _friction_by_force(problem: FitProblem, state: BayState) -> list[Cause]:
+    """A coefficient of friction that changes with the normal force at the hole, as that of an elastic contact."""
+    bent = np.linalg.norm(state.curvature[..., :2], axis=-1) * np.diff(state.edges)
+    typical = 0.5 * float(np.nanmax(state.tension * bent[..., None], initial=0.0))
+    if not (_has_coefficients(problem) and typical > 0.0):
+        return []
+
+    def changed(experiment: Experiment, values: Values) -> Experiment:
+        tendons = []
+        for t in experiment.robot.tendons:
+            mu = max(t.friction_coefficient + values["friction"], 0.0)
+            law = ForceDependentFriction(mu, typical, values["exponent"], 0.1 * typical)
+            tendons.append(replace(t, friction=law, friction_coefficient=0.0))
+        return experiment.with_robot(tendons=tuple(tendons))
+
+    kind, text = Kind("transmission", ("tension",)), "the friction changes with the force on the holes"
+    numbers = number("friction", "1", (-1.0, 2.0), 0.0, 0.02), number("exponent", "1", (-1.0, 1.0), 0.0, 0.1)
+    return [ChangedDescription("friction by normal force", kind, numbers, changed, text)]
 
 
 def _with_loads(experiment: Experiment, change: Callable[[Sequence[float]], Array]) -> Experiment:

@@ -10,8 +10,8 @@ from robots import BACKBONE, LENGTH, tendon
 from tdcr_fe.effects import EFFECTS, Effect, PlaceEffect, effect
 from tdcr_fe.effects.by_tendon import OfTendon
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
-from tdcr_fe.identify.dictionary import _loads_and_base
-from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.dictionary import _friction_by_force, _loads_and_base
+from tdcr_fe.identify.forward import ForwardModel, Job
 from tdcr_fe.identify.input_causes import input_causes
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.screening import screen
@@ -117,12 +117,14 @@ WITHOUT_NAME = [
     ("tension", {"base at an angle": dict(rot_x=0.05, rot_y=-0.1), "gravity": dict(g_y=9.0)}),
     ("tension", {"gain of the loads": dict(factor=1.2), "limit of the inputs": dict(share=0.5, limit=0.6)}),
     ("tension", {"dead zone of the inputs": dict(share=0.5, limit=0.3)}),
+    ("tension", {"friction by normal force": dict(friction=0.1, exponent=-0.3)}),
 ]
 
 
 def known(about: FitProblem, name: str) -> Effect:
     """A listed effect, a form of one, or a cause without a name."""
-    for e in (*_loads_and_base(about), *input_causes(about)):
+    (run,) = about.run([Job(about.experiment, states=True)])
+    for e in (*_loads_and_base(about), *input_causes(about), *_friction_by_force(about, run.bays)):
         if e.name == name:
             return e
     if " (" not in name:

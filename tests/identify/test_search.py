@@ -86,7 +86,9 @@ def test_causes_that_an_exchange_makes_unnecessary_are_dropped():
 @pytest.mark.parametrize("number", ["gain_t2", None])
 def test_a_cause_has_as_many_numbers_as_the_data_support(hidden, number):
     """Whichever form it was found in: a gain of one tendon beside friction lost to a routing, which has two numbers."""
-    own = problem_of(measured({"actuator_gain": hidden}, sigma=5e-4), sigma=5e-4)  # above the error of the mesh
+    own = problem_of(
+        measured({"actuator_gain": hidden}, sigma=5e-4), sigma=5e-4
+    )  # above the error of the mesh
     *_, each, first, second = effect("actuator_gain").forms(own.experiment)
     begun = fit(own, (e := second if number else each,), [{e.name: e.null_values(own.experiment)}])
     state = replace(state_of(own).with_fit(begun), best=begun, dictionary=(each, first, second))
