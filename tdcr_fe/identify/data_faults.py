@@ -38,8 +38,9 @@ EQUAL_STEPS, MOVES = 4, 10.0
 #: A noise of sigma changes every reading where the readings differ by less than this share of sigma, and readings are
 #: rounded where they are multiples of more than so many sigma.
 RESOLVED, ROUNDED = 0.2, 3.0
-#: Gross errors are those of at most this share of all markers in all steps [1].
-MOST_GROSS = 0.1
+#: Gross errors are those of at most this share of all markers in all steps [1], half of them larger than so many sigma:
+#: a wall along the backbone, taken for one at the tip, left a single outlier just above the limit of five.
+MOST_GROSS, GROSS = 0.1, 10.0
 #: Sigma is wrong where the scatter of the residual is larger or smaller by this factor [1].
 WRONG_SIGMA = 3.0
 #: A location beyond the declared length, up to so many times that length, is that of a marker, not of another unit [1].
@@ -241,8 +242,9 @@ def gross_errors(problem: FitProblem, best: Fit, significance: float) -> str:
     """
     data, r = problem.data, best.residual
     where = [(x.step, x.location) for x in data.readings]
-    wrong, count = {where[i] for i, _ in outliers(r)}, len(set(where))
-    if not wrong or len(wrong) > MOST_GROSS * count:
+    found = outliers(r)
+    wrong, count = {where[i] for i, _ in found}, len(set(where))
+    if not wrong or len(wrong) > MOST_GROSS * count or np.median(np.abs([x for _, x in found])) < GROSS:
         return ""
     kept = np.array([at not in wrong for at in where])
     rest = replace(data, readings=tuple(itertools.compress(data.readings, kept)))
