@@ -20,6 +20,7 @@ tdcr.register()
 
 LENGTH, NAMES = 0.25, ("t1", "t2", "t3")
 RATE, CAMERA = 10.0, 5  # samples a second, and how many of them to a picture of the tip
+LAG = 0.075  # of the tip behind the tensions, by the air and the motors; a straight line at constant speed shows it [s]
 REST, APPROACH, PERIOD = 1.0, 1.5, 16.0  # under load; to the path; once around it [s]
 DRUM = 8e-3  # radius of the motors' drums [m]
 LIMITS = tdcr.TensionLimits(largest=5.0, pretension=0.5)
@@ -80,11 +81,13 @@ def follow(corners, friction):
         samples.append((*position[:2], *on_path(corners, time)))
         cells = [float(arm.tensions()[n][0]) + 0.01 * rng.standard_normal() for n in NAMES]
         seen = position + 2e-4 * rng.standard_normal(3)
+        # Estimator and search are quasi-static: at rest under the present tensions the tip would be a lag ahead.
+        seen[:2] += on_path(corners, time + LAG) - on_path(corners, time)
         readings = [
             tdcr.Reading(0, f"position_{a}", LENGTH, float(x), 5e-4) for a, x in zip("xyz", seen, strict=True)
         ]
         step = tdcr.LoadStep(tensions={n: max(x, 0.0) for n, x in zip(NAMES, cells, strict=True)}, time=time)
-        goal = tdcr.TipTarget((*on_path(corners, time + 1.3 / RATE), None))
+        goal = tdcr.TipTarget((*on_path(corners, time + 1.0 / RATE + LAG), None))
         found = tracker.step(step, readings if len(samples) % CAMERA == 1 else [], goal)
         commands.append(np.array([found.command.tensions[n] for n in NAMES]))
 
@@ -126,7 +129,7 @@ for ax, (name, corners) in zip(axes, {"circle": circle, "star": star}.items(), s
         ax.plot(*(1e3 * found[:, :2].T), color="C0" if friction else "C3", linewidth=1.2, label=label)
         print(f"{name}, {label}")
     print(f"{name}: ratio {errors[True] / errors[False]:.2f}")
-    assert errors[True] < 0.01 * LENGTH and errors[True] < 0.5 * errors[False]
+    assert errors[True] < 0.01 * LENGTH and errors[True] < 0.35 * errors[False]
     ax.set_title(name)
     ax.set_aspect("equal")
     ax.set_xlabel("x [mm]")
