@@ -26,8 +26,8 @@ from tdcr_fe.report.environment import DASH, SPACE, estimate, fixed, quantity, s
 
 #: Least strain at which a backbone softens: nickel-titanium transforms near 1 %, polymers yield above it [1].
 LEAST_THRESHOLD = 3e-3
-#: Correlations of a smaller size are not listed.
-LEAST_CORRELATION = 0.1
+#: Correlations of a smaller size are not listed, and of the others so many: 24 parameters had 176.
+LEAST_CORRELATION, MOST_CORRELATIONS = 0.1, 12
 
 #: Of several causes that together leave noise, see `IdentificationResult.names_nothing`.
 A_SUM = "a sum"
@@ -431,8 +431,9 @@ def fitted_numbers(result: IdentificationResult) -> list[FittedNumber]:
 
 
 def correlations(result: IdentificationResult) -> list[tuple[str, str, str]]:
-    """Pairs of fitted parameters and their correlation as a text; those of a size below 0.1 are left out."""
-    return [(a, b, fixed(value, 2)) for value, a, b in result.parameters.correlated(LEAST_CORRELATION)]
+    """Pairs of fitted parameters and their correlation as a text; the largest, those below 0.1 left out."""
+    found = result.parameters.correlated(LEAST_CORRELATION)[:MOST_CORRELATIONS]
+    return [(a, b, fixed(value, 2)) for value, a, b in found]
 
 
 def _aligned(*rows: Sequence[str]) -> list[str]:
@@ -453,5 +454,5 @@ def summary(result: IdentificationResult) -> str:
         rows = [(f"{n.effect}: {n.parameter}", *n[2:]) for n in numbers]
         lines += _aligned(head, *rows)
     if pairs:
-        lines += _aligned((f"correlations above {LEAST_CORRELATION}", "", ""), *pairs)
+        lines += _aligned(("largest correlations", "", ""), *pairs)
     return "\n".join([*lines, *(f"    {text}" for texts in remarks(result).values() for text in texts)])

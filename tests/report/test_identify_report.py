@@ -99,6 +99,9 @@ def test_the_printed_result_has_statistics_values_with_intervals_and_correlation
         "acceleration of gravity along y",
     ] in values
     assert ["a", "b", "−0.40"] in values
+    names, every = tuple(f"p{k}" for k in range(24)), np.full((24, 24), 0.5)
+    many = repr(result(GRAVITY, parameters=Parameters(names, every))).splitlines()
+    assert sum(line.endswith("0.50") for line in many) == 12  # a robot with 24 parameters printed 176 lines
     assert "not different from the declared value" in repr(linked)  # of g_x, which is 0 +- 0.02
 
 
