@@ -96,9 +96,7 @@ def simulate_experiment(task: Task) -> Run:
         if reference is not None:
             return simulate_experiment(task._replace(reference=None))
         return Run.of((), len(last), experiment, str(error))
-    # In a fit, a run that cannot follow its reference path is too far away and costly: it counts as not solved.
-    if not result.converged and reference is not None and not task.record:
-        return simulate_experiment(task._replace(reference=None))
+    # A run that cannot follow its reference path counts as not solved: it is too far away, and costly.
     ended = [j for j in last if j < len(result.steps)]
     run = Run.of([result.steps[j] for j in ended], len(last), experiment, result.message)
     run = replace(run, iterations=sum(s.iterations for s in result.steps))
