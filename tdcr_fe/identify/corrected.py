@@ -66,7 +66,8 @@ def corrected_files(result: IdentificationResult) -> dict[str, str]:
     Several data sets have one ``effects_NAME.toml`` each.
 
     Effects that act on the measurement only are comments. Where a robot cannot be written (an effect of the
-    user's own with a routing of its own), ``robot.toml`` is as declared, and all effects are in ``effects.toml``.
+    user's own with a routing of its own), ``robot.toml`` is as declared, and all effects are in ``effects.toml``; a
+    cause without a name that changes the robot is then in the comment alone.
     """
     commanded = result.simulated.commanded
     if commanded.restarts:
@@ -80,7 +81,8 @@ def corrected_files(result: IdentificationResult) -> dict[str, str]:
     try:
         robot_text = robot_to_toml(base.robot)
     except ValueError:
-        robot_text, base, inside = robot_to_toml(commanded.robot), commanded, table
+        robot_text = robot_to_toml(commanded.robot)
+        base, inside = _with_robot_as_declared(result, table)
     remarks = ["# The corrected robot with the measured loading: tdcr-fe run effects.toml -o OUT"]
     remarks += [
         f"# acts on the measurement only: {name} = {value_to_toml(result.effects_table[name])}"
@@ -158,6 +160,20 @@ def _beside_robot(result: IdentificationResult, final: Experiment, table: Table)
     if (again.robot, again.model, again.steps) == (final.robot, final.model, final.steps):
         return base, inside
     return final, {}  # an effect acts on the robot and on more: model and steps stand as they become
+
+
+def _with_robot_as_declared(result: IdentificationResult, table: Table) -> tuple[Experiment, Table]:
+    """Experiment with the declared robot, and effects that give the final one; with a law, its loads and the inputs."""
+    commanded = result.simulated.commanded
+    if result.law is None:
+        return commanded, table
+    unnamed = {e.name for e in result.law.causes}
+    inside = {
+        name: table[name]
+        for name, before, after in _changes(commanded, table, result.simulated.catalogue)
+        if name not in unnamed and after.steps == before.steps
+    }
+    return replace(result.simulated.corrected, robot=commanded.robot, model=commanded.model), inside
 
 
 def _labelled(result: IdentificationResult, experiment: Experiment) -> list[LoadStep]:

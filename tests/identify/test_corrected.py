@@ -7,11 +7,15 @@ import pandas as pd
 import pytest
 from identify_data import FRICTIONAL, GRAVITY, ROBOT, concluded, measured, problem_of, state_of, with_model
 
+from tdcr_fe import identify
 from tdcr_fe.cli import main
-from tdcr_fe.effects import effect, with_effects
+from tdcr_fe.effects import Parameter, effect, with_effects
+from tdcr_fe.effects.base import Kind
+from tdcr_fe.identify.causes import StateLoad
 from tdcr_fe.identify.corrected import corrected_files, corrected_motion, observation_effects
 from tdcr_fe.identify.report import render
 from tdcr_fe.io.toml import read_robot, read_scenario
+from tdcr_fe.model.loading import Load
 
 ROUGH = replace(ROBOT, tendons=tuple(replace(t, friction_coefficient=0.25) for t in ROBOT.tendons))
 PRECURVATURE = {"precurvature": {"kappa_x": 0.6, "kappa_y": -0.4}}
@@ -90,6 +94,31 @@ def test_divided_steps_are_written_in_parts_with_the_effects_on_their_commands(t
     assert [s.tensions for s in scenario.steps] == [s.tensions for s in expected.steps]
     assert [s.label for s in scenario.steps].count("3 (part 1 of 4)") >= 1
     assert expected == effect("actuator_loss").apply(commanded, COMMANDS["actuator_loss"])
+
+
+def test_loads_of_a_law_are_written_where_the_robot_cannot_be(tmp_path, monkeypatch):
+    """The cause stood in the table of effects, which `tdcr-fe run` refused: a soft robot with misplaced channels."""
+    result = found({**PRECURVATURE, **GRAVITY, **COMMANDS}, rough())
+    pull = replace(result.effects[0], name="attraction", sentence="a force towards a point")
+    parameters = tuple(Parameter(n, "N", -1.0, 1.0, 0.0, 0.1, n) for n in pull.parameters)
+    cause = StateLoad("attraction", Kind("force", ("position",)), parameters, (), pull.sentence)
+    corrected, catalogue = result.simulated.corrected, (*result.simulated.catalogue, cause)
+    loaded = [replace(s, loads={**s.loads, "law 1": Load(0.1, (0.01, 0.0, 0.0))}) for s in corrected.steps]
+    corrected = replace(corrected, steps=tuple(loaded))
+    simulated = replace(result.simulated, corrected=corrected, catalogue=catalogue)
+
+    def declared_only(robot, write=identify.corrected.robot_to_toml):
+        if robot != result.data.robot:
+            raise ValueError
+        return write(robot)
+
+    monkeypatch.setattr(identify.corrected, "robot_to_toml", declared_only)
+    write(replace(result, simulated=simulated, effects=(*result.effects, pull)), tmp_path)
+    scenario = read_scenario(tmp_path / "effects.toml")
+    assert [s.tensions for s in scenario.steps] == [s.tensions for s in corrected.steps]
+    assert all(s.loads["law 1"].at == 0.1 for s in scenario.steps)
+    assert scenario.robot.backbone.precurvature == corrected.robot.backbone.precurvature
+    assert scenario.model.gravity == corrected.model.gravity
 
 
 def test_effects_that_need_each_other_are_written_and_drawn(tmp_path):

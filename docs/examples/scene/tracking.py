@@ -20,7 +20,7 @@ tdcr.register()
 
 LENGTH, NAMES = 0.25, ("t1", "t2", "t3")
 RATE, CAMERA = 10.0, 5  # samples a second, and how many of them to a picture of the tip
-LAG = 0.075  # of the tip behind the tensions, by the air and the motors; a straight line at constant speed shows it [s]
+LAG = 0.075  # of the tip behind the tensions, by the air and the motors; a side of the star shows it [s]
 REST, APPROACH, PERIOD = 1.0, 1.5, 16.0  # under load; to the path; once around it [s]
 DRUM = 8e-3  # radius of the motors' drums [m]
 LIMITS = tdcr.TensionLimits(largest=5.0, pretension=0.5)
