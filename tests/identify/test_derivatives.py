@@ -123,14 +123,14 @@ WITHOUT_NAME = [
 
 def known(about: FitProblem, name: str) -> Effect:
     """A listed effect, a form of one, or a cause without a name."""
+    listed = name.split(" (")[0]
+    if listed in {e.name for e in EFFECTS}:
+        return next(f for f in (effect(listed), *effect(listed).forms(about.experiment)) if f.name == name)
+    unnamed = {e.name: e for e in (*_loads_and_base(about), *input_causes(about))}
+    if name in unnamed:
+        return unnamed[name]
     (run,) = about.run([Job(about.experiment, states=True)])
-    for e in (*_loads_and_base(about), *input_causes(about), *_friction_by_force(about, run.bays)):
-        if e.name == name:
-            return e
-    if " (" not in name:
-        return effect(name)
-    forms = effect(name.split(" (")[0]).forms(about.experiment)
-    return next(f for f in forms if f.name == name)
+    return next(e for e in _friction_by_force(about, run.bays) if e.name == name)
 
 
 def problem(kind: str) -> FitProblem:
