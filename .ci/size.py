@@ -28,7 +28,7 @@ BUDGET = {
     "elements": 3038,
     "tdcr_fe": 262,
     "tdcr_fe/commands": 1043,
-    "tdcr_fe/effects": 1316,
+    "tdcr_fe/effects": 1315,
     "tdcr_fe/estimate": 1081,
     "tdcr_fe/identify": 6681,
     "tdcr_fe/io": 1982,

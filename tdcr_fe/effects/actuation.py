@@ -243,8 +243,7 @@ class CommandNumber(SharedNumber):
                 names = [f"{name}_{t}{end}" for end in ends for t in tendons]
                 kind_each = f"each tendon, {kind}" if kind else "each tendon"
                 forms.append(NumberForm(self, kind_each, names, experiment))
-        single = of_single_tendons(self, experiment) if len(tendons) > 1 else ()
-        return (*forms, *single)
+        return (*forms, *of_single_tendons(self, experiment))
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
         """Of all, of each tendon, of each folder, and of each tendon in each folder."""

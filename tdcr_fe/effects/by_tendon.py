@@ -106,9 +106,8 @@ class TendonNumber(SharedNumber):
         if 1 < len(groups) < len(names):
             forms = (*forms, NumberForm(self, "by segment", tuple(groups), experiment))
         if len(names) > 1:
-            each = list(self._each(experiment.robot))
-            forms = (*forms, NumberForm(self, "each", each, experiment), *of_single_tendons(self, experiment))
-        return forms
+            forms = (*forms, NumberForm(self, "each", list(self._each(experiment.robot)), experiment))
+        return (*forms, *of_single_tendons(self, experiment))
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
         """Of all, of each segment where there are several, and of each tendon."""
@@ -213,9 +212,10 @@ class OfTendon(NumberForm):
 
 
 def of_single_tendons(effect: SharedNumber, experiment: Experiment) -> tuple[Effect, ...]:
-    """The number of an effect for one tendon, of every tendon of a robot."""
-    name = effect.parameters[0].name
-    return tuple(OfTendon(effect, t, (f"{name}_{t}",), experiment) for t in experiment.robot.tendon_names)
+    """The number of an effect for one tendon, of every tendon of a robot; none where there is only one."""
+    name, tendons = effect.parameters[0].name, experiment.robot.tendon_names
+    several = tendons if len(tendons) > 1 else ()
+    return tuple(OfTendon(effect, t, (f"{name}_{t}",), experiment) for t in several)
 
 
 class TendonStretch(TendonNumber):
