@@ -1,11 +1,13 @@
 """A small robot with a loading sequence, and readings of a true robot that differs from it by effects."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
-from tdcr_fe.identify.forward import ForwardModel, Task, run_settings, simulate_experiment
+from tdcr_fe.identify.dictionary import dictionary
+from tdcr_fe.identify.forward import ForwardModel, Job, Task, run_settings, simulate_experiment
 from tdcr_fe.identify.identification import declared_state, prepare
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.run import Reader
@@ -82,6 +84,22 @@ def problem_of(data, held=(), sigma=1e-4, forward=None):
     """The problem of fitting all readings but those of some steps, with the given sigma."""
     held_out = np.array([r.step in held for r in data.readings])
     return FitProblem.of(data, np.full(held_out.size, sigma), held_out, forward or ForwardModel())
+
+
+def causes_of(problem):
+    """The run of the declared model, and all causes by name."""
+    (run,) = problem.run([Job(problem.experiment, states=True)])
+    causes = dictionary(problem, run.bays)
+    found = {e.name: e for e in causes}
+    assert len(found) == len(causes)
+    return run, found
+
+
+@cache
+def declared():
+    """The problem of the readings of the declared robot, its run, and all causes by name."""
+    problem = problem_of(measured())
+    return problem, *causes_of(problem)
 
 
 def state_of(problem):

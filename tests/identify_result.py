@@ -1,87 +1,38 @@
-"""A result of an identification made by hand: measured arcs that the declared robot misses, the corrected one not."""
+"""A result of an identification that has found gravity, with errors and effects as a test gives them."""
+
+from dataclasses import replace
+from functools import cache
 
 import identify_data
 import numpy as np
-from identify_data import LENGTH
+from identify_data import begun, concluded, measured, with_model
 
-from tdcr_fe.effects import EFFECTS, Experiment
+from tdcr_fe.effects import EFFECTS
 from tdcr_fe.effects.base import Kind
-from tdcr_fe.identify.result import (
-    AddedEffect,
-    Errors,
-    Estimate,
-    IdentificationResult,
-    Misfit,
-    Parameters,
-    Remainder,
-    Residuals,
-    SearchLog,
-    Shapes,
-    Simulated,
-    Structure,
-)
-from tdcr_fe.io.measured import MeasuredData
-from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
+from tdcr_fe.identify.result import AddedEffect, Errors, Estimate, IdentificationResult, Misfit, Parameters
 
 ROBOT = identify_data.ROBOT.with_tendons(axial_stiffness=2474.0)
-PULLS = (0.0, 0.5, 1.0, 0.5, 0.0)
-STEPS = (
-    *tuple(
-        LoadStep(tensions={"t1": pull, "t2": 0.1}, loads={"tip": Load(LENGTH, (0.0, 0.0, 0.0))})
-        for pull in PULLS
-    ),
-    LoadStep(tensions={"t1": 1.0, "t2": 0.5}, loads={"tip": Load(LENGTH, (0.0, 0.02, 0.0))}),
-)
-
-
-#: Errors of the corrected model.
+STEPS = identify_data.sequence()
+#: Errors of the declared and of the corrected model.
+BEFORE = Errors(Misfit(0.0188, None, 0.02, 900.0), Misfit(0.0174, None, 0.02, 800.0))
 AFTER = Errors(Misfit(1.8e-4, None, 4e-4, 1.05), Misfit(1.87e-4, None, 4e-4, 1.1))
+NOISE = Misfit(1.73e-4, None, None, 1.0, rms_by_quantity={"position_x": 1e-4})
 
 
-def arc(angle, n=9):
-    """A planar arc that turns by ``angle`` over the length, shape (n, 3)."""
-    s = np.linspace(0.0, LENGTH, n)
-    kappa = max(angle, 1e-6) / LENGTH
-    return np.column_stack(((1.0 - np.cos(kappa * s)) / kappa, 0.0 * s, np.sin(kappa * s) / kappa))
-
-
-def result(*effects, angles=(0.1, 0.5, 1.0, 0.6, 0.2, 1.1), **rest):
-    """Measured arcs; the declared model bends 20 % too far, the corrected one is right."""
-    ids = tuple(range(1, len(STEPS) + 1))
-    after = np.stack([arc(a) for a in angles])
-    before = np.stack([arc(1.2 * a) for a in angles])
-    nodes = [4, 8]
-    readings = tuple(
-        Reading(n, f"position_{a}", nodes[m] * LENGTH / 8, float(after[k, nodes[m], "xyz".index(a)]), 1e-4)
-        for k, n in enumerate(ids)
-        for m in range(2)
-        for a in "xyz"
+@cache
+def found() -> IdentificationResult:
+    """What a search concludes that ends with the gravity that was not declared."""
+    data = replace(measured(identify_data.GRAVITY, robot=ROBOT), robot=ROBOT)
+    ended = concluded(with_model(begun(data), identify_data.GRAVITY))
+    return replace(
+        ended, before=BEFORE, after=AFTER, noise=NOISE, parameters=Parameters(("a", "b"), np.eye(2))
     )
-    residual = (after - before)[:, nodes].ravel()
-    shapes = Shapes(
-        np.array([False] * 5 + [True]), np.array([0.1, 0.2]),
-        after[:, nodes], before[:, nodes], after[:, nodes], before, after,
-    )  # fmt: skip
-    experiment = Experiment(ROBOT, Model(), STEPS)
-    fields = {
-        "data": MeasuredData("made up", ROBOT, Model(), ids, STEPS, ("",) * len(ids), readings),
-        "verdict": "explained" if effects else "nothing missing",
-        "effects": effects,
-        "before": Errors(Misfit(0.0188, None, 0.02, 900.0), Misfit(0.0174, None, 0.02, 800.0)),
-        "after": AFTER,
-        "held_out_steps": (6,),
-        "remaining": Remainder("", "what is left has the size of the noise"),
-        "noise": Misfit(1.73e-4, None, None, 1.0, rms_by_quantity={"position_x": 1e-4}),
-        "shapes": shapes,
-        "residuals": Residuals(
-            residual, 0.0 * residual + 1e-4, np.full(len(readings), 1e-4), tests=(Structure("step 3", 2.0, 0.02),)
-        ),
-        "parameters": Parameters(("a", "b"), np.eye(2)),
-        "log": SearchLog(),
-        "simulated": Simulated(experiment, experiment, SolverSettings(), mesh_error=0.01),
-    }  # fmt: skip
-    return IdentificationResult(**{**fields, **rest})
+
+
+def result(*effects, **rest):
+    """The same with other effects."""
+    verdict = "explained" if effects else "nothing missing"
+    return replace(found(), **{"effects": effects, "verdict": verdict, **rest})
 
 
 def added(name, others=(), **parameters):

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from arcs import arc_result, paper_robot
-from run_files import write_robot
+from inputs import REMOVED, ROBOT, SCENARIO, changed, write
 
 import tdcr_fe as tdcr
 from tdcr_fe import cli
@@ -28,12 +28,7 @@ NO_MASS += "tip_mass"
 
 def test_odd_values_are_warned_of_once_and_in_the_summary(tmp_path, capsys):
     """In 0.1 gravity without mass ended with exit status 0 and no warning."""
-    path = write_robot(tmp_path, "straight", "none")
-    robot = (tmp_path / "robot.toml").read_text()
-    (tmp_path / "robot.toml").write_text(
-        robot.replace("density = 5600.0\n", "").replace("mass = 0.17e-3\n", "")
-    )
-    path.write_text(path.read_text().replace("[model]", "[model]\ngravity = [0.0, 0.0, -9.81]"))
+    path = write(tmp_path, changed(ROBOT, {"backbone.density": REMOVED, "disks.mass": REMOVED}))
     assert cli.main(["run", str(path), "-o", str(tmp_path / "out"), "--no-pictures"]) == 0
     said = capsys.readouterr().err
     assert said.startswith(f"tdcr-fe: warning: {NO_MASS}\n") and said.count("nothing has mass") == 1
@@ -41,8 +36,7 @@ def test_odd_values_are_warned_of_once_and_in_the_summary(tmp_path, capsys):
 
 
 def test_settings_of_the_file_are_those_of_the_run(tmp_path):
-    path = write_robot(tmp_path, "straight", "none")
-    path.write_text(path.read_text() + "\n[solver]\ntolerance = 1e-10\nmax_iterations = 33\n")
+    path = write(tmp_path, scenario=SCENARIO + "[solver]\ntolerance = 1e-10\nmax_iterations = 33\n")
     assert cli.main(["run", str(path), "-o", str(tmp_path / "out"), "-q", "--no-pictures"]) == 0
     settings = json.loads((tmp_path / "out" / "summary.json").read_text())["settings"]
     assert (settings["tolerance"], settings["max_iterations"]) == (1e-10, 33)
@@ -50,10 +44,9 @@ def test_settings_of_the_file_are_those_of_the_run(tmp_path):
 
 def test_long_run_is_announced_by_what_it_has_solved(tmp_path, capsys, monkeypatch):
     """310 s of processor time passed without a word, where the estimate was made from the number of elements."""
-    path = write_robot(tmp_path, "straight", "none")
+    path = write(tmp_path, scenario=SCENARIO + "[[steps]]\ntensions = { t1 = 1.0 }\n" * 4000)
     monkeypatch.setattr(command, "LOOK", 0.1)
     monkeypatch.setattr(command, "LONG_RUN", 0.3)
-    path.write_text(path.read_text() + "\n[[steps]]\ntensions = { parallel = 1.0 }\n" * 4000)
     arguments = ["-o", str(tmp_path / "out"), "--no-pictures", "--minutes", "0.02"]
     assert cli.main(["run", str(path), *arguments]) == 1
     said = capsys.readouterr().err
@@ -78,7 +71,7 @@ def test_tables_of_many_tendons_fit_a_terminal(count):
 
 def test_a_file_of_another_kind_is_named(tmp_path, capsys):
     """It gave six mistakes: robot and steps missing, and every table of the robot unknown."""
-    write_robot(tmp_path, "straight", "none")
+    write(tmp_path)
     robot = tmp_path / "robot.toml"
     assert cli.main(["run", str(robot), "-o", str(tmp_path / "out")]) == 2
     lines = capsys.readouterr().err.splitlines()
@@ -94,8 +87,10 @@ def test_a_file_of_another_kind_is_named(tmp_path, capsys):
 @pytest.mark.parametrize(("tendon_path", "friction"), [("straight", "per-hole"), ("continuous", "none")])
 def test_derivatives_and_responses_are_written(tmp_path, capsys, tendon_path, friction):
     """One row a step and parameter; the response of the tip in every step of the summary."""
-    scenario, out = write_robot(tmp_path, tendon_path, friction), tmp_path / "out"
-    names = ["backbone.youngs_modulus", "tendons.helical.turns", "inputs.points"]
+    changes = {"model.tendon_path": tendon_path, "model.friction": friction}
+    changes["steps"] = [{"tensions": {"t1": 1.0, "t4": 0.5}}, {"tensions": {"t2": 0.6, "t3": 0.4}}]
+    scenario, out = write(tmp_path, scenario=changed(SCENARIO, changes)), tmp_path / "out"
+    names = ["backbone.youngs_modulus", "tendons.t4.turns", "inputs.t3"]
     options = ["--no-pictures", "--sensitivities", *names, "--compliance"]
     assert cli.main(["run", str(scenario), "-o", str(out), *options]) == 0
     assert "last step, derivative by" in capsys.readouterr().out
@@ -110,7 +105,7 @@ def test_derivatives_and_responses_are_written(tmp_path, capsys, tendon_path, fr
     for step in json.loads((out / "summary.json").read_text())["steps"]:
         first, second = step["tip_response"]
         assert (first["holes"], second["holes"]) == ("as they are", "reversal")
-        assert np.shape(first["compliance"]) == (6, 6) and np.shape(first["motor_stiffness"]) == (5, 5)
+        assert np.shape(first["compliance"]) == (6, 6) and np.shape(first["motor_stiffness"]) == (4, 4)
     # Without the options, neither is written.
     assert cli.main(["run", str(scenario), "-o", str(out), "--no-pictures", "-q"]) == 0
     assert not (out / "sensitivities.csv").exists()

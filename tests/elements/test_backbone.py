@@ -9,8 +9,6 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.special import ellipk, ellipkinc
 
-from tdcr_fe.elements.backbone import relative_twists
-from tdcr_fe.elements.poses import exp_se3
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
@@ -32,19 +30,6 @@ def test_pure_moment_bends_to_a_circle(turns):
     step = loaded(moment=(0.0, EI * k, 0.0))
     exact = [(1 - np.cos(k * LENGTH)) / k, 0.0, np.sin(k * LENGTH) / k]
     assert step.tip == pytest.approx(exact, abs=1e-9)
-
-
-def test_axial_force_stretches():
-    """F L / EA, and nothing else."""
-    step = loaded(force=(0.0, 0.0, 5.0))
-    assert step.tip == pytest.approx([0.0, 0.0, LENGTH * (1 + 5.0 / EA)], rel=1e-12)
-
-
-def test_axial_moment_twists():
-    """M L / GJ."""
-    step = loaded(moment=(0.0, 0.0, 2e-3))
-    angle = np.arctan2(step.rotations[-1][1, 0], step.rotations[-1][0, 0])
-    assert angle == pytest.approx(2e-3 * LENGTH / GJ, rel=1e-9)
 
 
 def test_small_force_bends_a_cantilever():
@@ -135,21 +120,6 @@ def test_loads_in_world_and_section_frame():
     )
     assert distance(dead.positions, step.positions) < 1e-7
     assert distance(follower.tip, step.tip) > 1e-3
-
-
-# ---------------------------------------------------------------- mesh and kinematics
-
-
-def test_relative_twists_undo_the_chain():
-    from scipy.spatial.transform import Rotation
-
-    rng = np.random.default_rng(2)
-    p, r = 0.1 * rng.normal(size=(5, 3)), Rotation.random(5, random_state=3).as_matrix()
-    twists = relative_twists(p, r)
-    for k in range(4):
-        dr, dp = exp_se3(twists[k])
-        assert r[k] @ dr == pytest.approx(r[k + 1], abs=1e-12)
-        assert p[k] + r[k] @ dp == pytest.approx(p[k + 1], abs=1e-12)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Classical tendons along the backbone and superelastic softening, as section forces."""
+"""Superelastic softening, as section forces."""
 
 from dataclasses import replace
 
@@ -7,50 +7,10 @@ import pytest
 from robots import BACKBONE, DISKS, LENGTH, solve
 from scipy.optimize import brentq
 
-from tdcr_fe.elements.section import (
-    ContinuousTendons,
-    NonlinearSection,
-    SectionForces,
-    gauss_arc_lengths,
-)
+from tdcr_fe.elements.section import NonlinearSection, SectionForces
 from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.robot import Robot
-
-NODES = np.array([0.0, 0.02, 0.05, 0.09])
-LENGTHS = np.diff(NODES)
-
-
-def helix() -> ContinuousTendons:
-    """One turn over 0.09 m, in beam axes; the second tendon ends after two elements."""
-    s = gauss_arc_lengths(NODES)
-    w = 2 * np.pi / 0.09
-    zero = np.zeros_like(s)
-    offset = 4e-3 * np.stack((zero, np.cos(w * s), np.sin(w * s)), axis=-1)
-    slope = 4e-3 * w * np.stack((zero, -np.sin(w * s), np.cos(w * s)), axis=-1)
-    return ContinuousTendons(
-        np.stack((offset, offset)), np.stack((slope, slope)), np.array([[1, 1, 1], [1, 1, 0.0]])
-    )
-
-
-def twists(seed: int) -> np.ndarray:
-    strain = np.array([1.0, 0, 0, 0, 0, 0]) + np.random.default_rng(seed).normal(size=(3, 6)) * [
-        1e-3, 1e-3, 1e-3, 5.0, 5.0, 5.0,
-    ]  # fmt: skip
-    return strain * LENGTHS[:, None]
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_gradient_of_the_length_against_differences(seed):
-    x = twists(seed)
-    _, gradient = helix().evaluate(x, LENGTHS)
-    h = 1e-6
-    for e in range(3):
-        for c in range(6):
-            d = np.zeros_like(x)
-            d[e, c] = h
-            change = (helix().evaluate(x + d, LENGTHS)[0] - helix().evaluate(x - d, LENGTHS)[0]) / (2 * h)
-            assert gradient[:, e, c] == pytest.approx(change, abs=1e-9)
 
 
 def test_superelastic_robot_under_a_tip_moment_is_an_arc_of_the_softened_curvature():

@@ -11,6 +11,8 @@ from identify_data import (
     PERTURBED,
     ROBOT,
     begun,
+    causes_of,
+    declared,
     measured,
     problem_of,
     searching,
@@ -21,7 +23,6 @@ from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.identify import identify, search
 from tdcr_fe.identify.causes import PointForce, is_named
 from tdcr_fe.identify.criteria import UNNAMED, price
-from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.screening import Score
@@ -29,23 +30,16 @@ from tdcr_fe.identify.search import Proposal, backward_selection, exchange, scor
 from tdcr_fe.model.routing import MisplacedRouting
 
 
-def whole_dictionary(problem):
-    """All causes of a problem."""
-    (run,) = problem.run([Job(problem.experiment, states=True)])
-    return dictionary(problem, run.bays)
-
-
 def test_every_listed_effect_has_a_kind_and_names_are_unique():
-    problem = problem_of(measured())
-    names = [e.name for e in whole_dictionary(problem)]
-    assert len(names) == len(set(names)) > 100
+    problem, _, causes = declared()
+    assert len(causes) > 100
     assert {e.kind.perturbs for e in problem.catalogue} <= PERTURBED
     assert effect("soft_bay").at({"s": 0.025}).kind.where == "s = 0.025 m"
 
 
 def test_causes_change_nothing_at_their_null_values():
-    problem = problem_of(measured())
-    for e in (x for x in whole_dictionary(problem) if not is_named(x)):
+    problem, _, causes = declared()
+    for e in (x for x in causes.values() if not is_named(x)):
         plain = problem.experiment
         same = problem.with_effects((e,), {e.name: e.null_values(plain)})
         assert (same.robot, same.model, same.observation) == (plain.robot, plain.model, plain.observation), (
@@ -54,8 +48,7 @@ def test_causes_change_nothing_at_their_null_values():
 
 
 def test_a_cause_at_a_place_and_one_without_a_name_have_a_price():
-    bay, taper = effect("soft_bay").at({"s": 0.025}), whole_dictionary(problem_of(measured()))
-    (taper,) = [e for e in taper if e.name == "radius along s"]
+    bay, taper = effect("soft_bay").at({"s": 0.025}), declared()[2]["radius along s"]
     one = price((effect("gravity"),), ROBOT)
     assert price((effect("gravity"), effect("creep")), ROBOT) == pytest.approx(2.0 * one)
     assert price((bay,), ROBOT) - one == pytest.approx(2.0 * np.log(4))
@@ -77,7 +70,7 @@ def test_causes_that_an_exchange_makes_unnecessary_are_dropped():
     effects = tuple(effect(n) for n in ("gravity", "marker_offset"))
     start = {e.name: dict(e.null_values(own.experiment)) for e in effects}
     wrong = fit(own, effects, [start])
-    state = replace(state_of(own).with_fit(wrong), best=wrong, dictionary=whole_dictionary(own))
+    state = replace(state_of(own).with_fit(wrong), best=wrong, dictionary=tuple(causes_of(own)[1].values()))
     *_, last = exchange(searching(), state)
     assert last.best.names == ("precurvature",)
 
@@ -101,8 +94,9 @@ def test_a_cause_has_as_many_numbers_as_the_data_support(hidden, number):
 
 def test_what_promises_less_than_many_that_lag_behind_is_not_evaluated(monkeypatch):
     """Counted for listed effects and for others by themselves, whatever the number of processes."""
-    own = state_of(problem_of(measured()))
-    gravity, unnamed = effect("gravity"), whole_dictionary(own.problem)[-1]
+    problem, _, causes = declared()
+    own = state_of(problem)
+    gravity, unnamed = effect("gravity"), [*causes.values()][-1]
     costs = [200, 1e3, 1e3, 1e3, 100, 1e3, 300, 1e3]  # the fifth comes after three that lag behind
     effects = [gravity] * 5 + [unnamed] * 3
     proposals = [Proposal(own.best, Score.refused(e, own.best, ""), k) for k, e in enumerate(effects)]
@@ -119,8 +113,8 @@ def test_what_promises_less_than_many_that_lag_behind_is_not_evaluated(monkeypat
 
 def test_causes_that_take_a_run_each_leave_the_response_that_forces_towards_points_need():
     """An exchange ended in an assertion, after slipped disks had been tried beside the best model."""
-    own = problem_of(measured())
-    every = whole_dictionary(own)
+    own, _, causes = declared()
+    every = causes.values()
     slip = next(e for e in every if not (is_named(e) or e.exact_derivatives))
     pull = next(e for e in every if isinstance(e, PointForce))
     state = replace(state_of(own), dictionary=(slip, pull))
@@ -160,7 +154,7 @@ def test_a_cause_found_on_some_of_the_rows_is_the_same_on_all():
                    branches=tuple(whole.data.branches[n - 1] for n in few),
                    readings=tuple(r for r in whole.data.readings if r.step in few))  # fmt: skip
     part = problem_of(data)
-    causes = {e.name: e for e in whole_dictionary(part)}
+    _, causes = causes_of(part)
     assert not any("row " in name and not name.startswith("jump") for name in causes)
     everyone, one = "all markers, from row 7 on", "the marker at s = 0.1 m, from row 7 on"
     names = (
@@ -197,7 +191,7 @@ def test_a_cause_found_on_some_of_the_rows_is_the_same_on_all():
 def test_at_an_angle_the_base_has_other_loads_that_are_the_same_in_the_world():
     model = replace(MODEL, gravity=(0.0, -3.0, -9.0))
     problem = problem_of(measured(model=model, robot=ROBOT))
-    cause = {e.name: e for e in whole_dictionary(problem)}["base at an angle"]
+    cause = causes_of(problem)[1]["base at an angle"]
     turned = cause.apply(problem.experiment, {"rot_x": 0.2, "rot_y": -0.1})
     frame = turned.observation.frame
     np.testing.assert_allclose(frame @ turned.model.gravity, model.gravity, atol=1e-12)
@@ -209,8 +203,8 @@ def test_at_an_angle_the_base_has_other_loads_that_are_the_same_in_the_world():
 
 
 def test_inputs_jump_at_a_row_share_are_limited_have_a_dead_zone_and_stay_behind():
-    problem = problem_of(measured())
-    causes, steps = {e.name: e for e in whole_dictionary(problem)}, problem.experiment.steps
+    problem, _, causes = declared()
+    steps = problem.experiment.steps
     jump = causes["jump of the input (tendon t1, from row 7 on)"].apply(problem.experiment, {"t1": 0.1})
     share = causes["share of t1 in t2"].apply(problem.experiment, {"t2": 0.1})
     limit = causes["limit of the inputs"].apply(problem.experiment, {"share": 1.0, "limit": 0.5})
@@ -231,8 +225,7 @@ def test_inputs_jump_at_a_row_share_are_limited_have_a_dead_zone_and_stay_behind
 
 
 def test_loads_are_scaled_and_turned_and_a_camera_enlarges_and_distorts():
-    problem = problem_of(measured())
-    causes = {e.name: e for e in whole_dictionary(problem)}
+    problem, run, causes = declared()
     before = [s.loads["tip"].force for s in problem.experiment.steps if "tip" in s.loads]
     for name, values, matrix in (
         ("gain of the loads", {"factor": 1.3}, 1.3 * np.eye(3)),
@@ -246,7 +239,6 @@ def test_loads_are_scaled_and_turned_and_a_camera_enlarges_and_distorts():
         after = [s.loads["tip"].force for s in moved.steps if "tip" in s.loads]
         np.testing.assert_allclose(after, np.array(before) @ np.transpose(matrix), atol=1e-12)
     assert np.any(before)
-    (run,) = problem.run([Job(problem.experiment)])
     shift = causes["perspective along z"].shift(problem, run, {"scale": -0.1, "slope": 2.0})
     read = problem.readings.reader.read(run, problem.experiment).reshape(-1, 3)  # x, y and z of each marker
     np.testing.assert_allclose(shift.reshape(-1, 3), read * (2.0 * read[:, 2:] - 0.1) * [1, 1, 0], atol=1e-12)
@@ -260,8 +252,7 @@ def test_loads_are_scaled_and_turned_and_a_camera_enlarges_and_distorts():
 )
 def test_a_part_of_the_backbone_has_another_radius_or_precurvature(where, own):
     """Beyond the second disk and before it; stiffness goes with the fourth power of the radius."""
-    problem = problem_of(measured())
-    causes, part = {e.name: e for e in whole_dictionary(problem)}, where.format(ROBOT.bay_edges[2])
+    (problem, _, causes), part = declared(), where.format(ROBOT.bay_edges[2])
     inside = np.zeros(len(ROBOT.bay_edges) - 1, dtype=bool)
     inside[own] = True
 
@@ -277,8 +268,7 @@ def test_a_part_of_the_backbone_has_another_radius_or_precurvature(where, own):
 
 def test_one_hole_or_one_disk_is_moved_and_no_other():
     """A disk slips along the backbone, turns with its holes, or has one hole elsewhere."""
-    problem = problem_of(measured())
-    causes = {e.name: e for e in whole_dictionary(problem)}
+    problem, _, causes = declared()
     at = f"(disk at s = {ROBOT.disks.positions[1]:.4g} m)"
 
     def changed(name, **values):

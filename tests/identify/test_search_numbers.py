@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import measured, problem_of, searching, state_of
+from identify_data import causes_of, measured, problem_of, searching, state_of
 
 from tdcr_fe.effects import effect
 from tdcr_fe.identify.criteria import BOUND_PENALTY, bic, is_improvement, rank
@@ -66,9 +66,7 @@ def test_a_sum_of_three_causes_names_none_of_them(begun, names, named):
 
 def test_a_cause_without_a_name_and_another_one_are_not_certain_but_for_a_shift_of_readings(begun):
     """Two weights became a force all along the backbone and a kink; a missed hole a routing and a gain."""
-    from test_search import whole_dictionary
-
-    causes = {e.name: e for e in whole_dictionary(begun.problem)}
+    _, causes = causes_of(begun.problem)
     state, both = added(begun, ["marker_offset"], 50.0, 50.0)
     for name, probability in (("radius along s", 0.84), ("scale of the positions", 0.97)):
         values = {**both.values, name: causes[name].null_values(begun.problem.experiment)}
@@ -80,10 +78,8 @@ def test_a_cause_without_a_name_and_another_one_are_not_certain_but_for_a_shift_
 
 def test_the_kind_of_several_causes_is_certain_where_they_share_it(begun):
     """A stiffness that fell exponentially with time became a creep and two powers of time."""
-    from test_search import whole_dictionary
-
-    state, none = begun, begun.best
-    both = [e for e in whole_dictionary(begun.problem) if e.name in ("row kappa", "row^2 kappa")]
+    state, none, (_, causes) = begun, begun.best, causes_of(begun.problem)
+    both = [causes["row kappa"], causes["row^2 kappa"]]
     values = {e.name: e.null_values(begun.problem.experiment) for e in both}
     best = replace(none, effects=tuple(both), values=values, cost=50.0, held_cost=0.0)
     fits = {frozenset(f.names): f for f in (begun.declared, best)}

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from identify_data import LENGTH, MODEL, ROBOT, measured, problem_of
+from identify_data import LENGTH, MODEL, ROBOT, declared, measured, problem_of
 
 from tdcr_fe.cli import main
-from tdcr_fe.effects import Parameter
+from tdcr_fe.effects import Parameter, effect
 from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.bay_state import FORCE, Action, last_direction, with_action
@@ -38,6 +38,11 @@ from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.robot import Robot
 
 HARDENING = Term((CURVATURE,), BENDING)
+TOWARDS_A_POINT = pytest.mark.parametrize(
+    ("kind", "law", "own"),
+    [(Attraction, (2, 1e-3), {"k": 5e-5}), (Cord, (0.01,), {"k": 0.2, "slack": 0.19})],
+    ids=["attraction", "cord"],
+)
 
 
 def load_of(term, most=1.0):
@@ -57,9 +62,7 @@ def started(problem, load):
     "when, acts", [("from row 7 on", lambda n: n >= 7), ("before row 7", lambda n: n < 7)]
 )
 def test_loads_begin_and_end_with_a_row(when, acts):
-    problem = problem_of(measured())
-    (run,) = problem.run([Job(problem.experiment, states=True)])
-    causes = {e.name: e for e in dictionary(problem, run.bays)}
+    problem, run, causes = declared()
     rows, values = acts(np.array(problem.data.step_ids)), {"x": 0.0, "y": 2.0, "z": 0.0}
     force = causes[f"force of fixed direction, {when} (tip)"].action(run.bays, values)
     expected = np.zeros_like(force)
@@ -83,7 +86,7 @@ def test_loads_from_a_row_on_act_on_all_disks_of_short_sequences():
 
 def test_the_response_to_an_action_is_exact():
     """Against central differences of whole runs: readings, curvatures and displacements."""
-    problem = problem_of(measured())
+    problem = declared()[0]
     run = started(problem, load_of(HARDENING))
     rng = np.random.default_rng(0)
     step = rng.normal(size=run.acted.action.values.shape) * np.array([1e-5] * 3 + [1e-4] * 3)
@@ -120,17 +123,10 @@ def test_a_hardening_law_holds_in_the_arc_that_a_moment_gives():
         np.testing.assert_allclose(run.bays.curvature[k, :, 1], kappa, rtol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("kind", "law", "own"),
-    [(Attraction, (2, 1e-3), {"k": 5e-5}), (Cord, (0.01,), {"k": 0.2, "slack": 0.19})],
-    ids=["attraction", "cord"],
-)
+@TOWARDS_A_POINT
 def test_derivatives_with_a_load_that_depends_on_the_state_are_those_of_differences(kind, law, own):
     """A pull of the tip towards a point, and the stiffness of the backbone beside it."""
-    from tdcr_fe.effects import effect
-
-    problem = problem_of(measured())
-    (run,) = problem.run([Job(problem.experiment, states=True)])
+    problem, run, _ = declared()
     pull, stiffness = kind(LENGTH, run.bays.shape[1] - 1, run.bays, *law), effect("stiffness_scale")
     values = {
         pull.name: {"x": -0.15, "y": -0.1, "z": 0.2, **own},
@@ -152,23 +148,19 @@ def test_derivatives_with_a_load_that_depends_on_the_state_are_those_of_differen
         np.testing.assert_allclose(matrix[:, j], difference, atol=2e-3 * np.abs(difference).max())
 
 
-@pytest.mark.parametrize(
-    ("kind", "law", "own"),
-    [(Attraction, (2, 1e-3), {"k": 5e-5}), (Cord, (0.01,), {"k": 0.2, "slack": 0.19})],
-    ids=["attraction", "cord"],
-)
+@TOWARDS_A_POINT
 def test_a_force_towards_a_point_is_proposed_where_it_acts(kind, law, own):
     """From the declared model alone, all its numbers; at another disk less is explained."""
-    data = measured()
-    problem = problem_of(data)
-    (run,) = problem.run([Job(problem.experiment, states=True)])
+    problem, run, _ = declared()
     tip = run.bays.shape[1] - 1
     pull, other = kind(LENGTH, tip, run.bays, *law), kind(float(run.bays.edges[tip]), tip - 1, run.bays, *law)
     values = {"x": -0.15, "y": -0.1, "z": 0.2, **own}
     (true,) = linearize(problem, [Request((pull,), {pull.name: values}, ())])
     read = problem.readings.values - true.residual * problem.sigma
-    read = tuple(replace(r, value=float(v), sigma=1e-5) for r, v in zip(data.readings, read, strict=True))
-    problem = problem_of(replace(data, readings=read))
+    read = tuple(
+        replace(r, value=float(v), sigma=1e-5) for r, v in zip(problem.data.readings, read, strict=True)
+    )
+    problem = problem_of(replace(problem.data, readings=read))
     (at_tip, at_disk), _ = screen(problem, evaluate(problem, (), {}), (pull, other))
     assert at_tip.effect is pull
     proposed = min(
@@ -248,11 +240,8 @@ def test_angles_are_read_with_a_load_that_depends_on_the_state():
 
 def test_a_stiffness_that_differs_between_directions_is_a_symmetric_tensor_of_the_curvature():
     """The moment is the tensor times the curvature; where both stiffnesses are equal it lies along the curvature."""
-    problem = problem_of(measured())
-    (run,) = problem.run([Job(problem.experiment, states=True)])
-    (section,) = [
-        e for e in dictionary(problem, run.bays) if e.name == "bending stiffness of another section"
-    ]
+    _, run, causes = declared()
+    section = causes["bending stiffness of another section"]
     moment = section.action(run.bays, {"xx": 2.0, "yy": -1.0, "xy": 0.5})[..., :2]
     tensor = np.array([[2.0, 0.5], [0.5, -1.0]])
     np.testing.assert_allclose(moment, run.bays.curvature[..., :2] @ tensor.T)
@@ -261,8 +250,7 @@ def test_a_stiffness_that_differs_between_directions_is_a_symmetric_tensor_of_th
 
 
 def test_a_stiffness_that_differs_by_side_acts_where_the_curvature_has_the_sign():
-    problem = problem_of(measured())
-    (run,) = problem.run([Job(problem.experiment, states=True)])
+    problem, run, _ = declared()
     kappa = np.linspace(-2.0, 3.0, run.bays.curvature.size).reshape(run.bays.curvature.shape)
     bent = replace(run.bays, curvature=kappa)  # bent to all sides
     (sides,) = [e for e in dictionary(problem, bent) if e.name == "bending stiffness by side"]
@@ -276,9 +264,8 @@ def test_a_stiffness_that_differs_by_side_acts_where_the_curvature_has_the_sign(
 
 def test_a_stiffness_that_settles_falls_exponentially_with_the_rows():
     """It begins with the first row; the derivative by their number is that of differences."""
-    problem = problem_of(measured())
-    (run,) = problem.run([Job(problem.experiment, states=True)])
-    (cause,) = [e for e in dictionary(problem, run.bays) if e.name == "kappa, settling"]
+    _, run, causes = declared()
+    cause = causes["kappa, settling"]
     assert cause.kind == ("stiffness", ("row",), "everywhere")
     values, rows = {"coefficient": 2.0, "rows": 3.0}, np.arange(len(run.positions))
     bent = load_of(Term((), BENDING)).terms[0](run.bays)
@@ -292,9 +279,7 @@ def test_a_stiffness_that_settles_falls_exponentially_with_the_rows():
 
 def test_moments_of_fixed_direction_and_of_a_magnet_are_loads_of_the_tip():
     """A moment passes through all bays below it: what acts on the disks is the moment at the tip alone."""
-    problem = problem_of(measured())
-    (run,) = problem.run([Job(problem.experiment, states=True)])
-    causes = {e.name: e for e in dictionary(problem, run.bays)}
+    problem, run, causes = declared()
     values = {"x": 1e-3, "y": -2e-3, "z": 5e-4}
     given, tip = np.array([*values.values()]), run.rotations[:, -1]
     field = np.cross(tip[:, :, 2], given)

@@ -149,12 +149,7 @@ ROBOT_MISTAKES = [
 ]
 WITHOUT_COUNT = {"disks.count": REMOVED}
 ROBOT_MISTAKES += [
-    (
-        {**WITHOUT_COUNT, "disks.positions": [0.05, 0.04, 0.25]},
-        "disks.positions",
-        "[0.05, 0.04, 0.25]",
-        ["ascend"],
-    ),
+    ({**WITHOUT_COUNT, "disks.positions": [0.05, 0.04, 0.25]}, "disks.positions", "[0.05, 0.04, 0.25]", ["ascend"]),
     ({**WITHOUT_COUNT, "disks.positions": [0.15, 0.26]}, "disks.positions[1]", "0.26", ["beyond the tip"]),
     ({**WITHOUT_COUNT, "disks.positions": []}, "disks.positions", "[]", ["arc lengths"]),
     ({**WITHOUT_COUNT, "disks.positions": [0.15, "x"]}, "disks.positions[1]", '"x"', ["arc lengths"]),

@@ -4,7 +4,6 @@ import os
 import signal
 import time
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -19,7 +18,7 @@ from tdcr_fe.io.processes import (
     worker_pool,
 )
 from tdcr_fe.io.store import OtherHead
-from tdcr_fe.validation.records import Records, solve_all
+from tdcr_fe.validation.records import Records
 
 #: Time that workers may take to end after their parent [s].
 LIMIT = 20.0
@@ -138,38 +137,6 @@ def test_sigterm_is_an_interruption_inside_and_as_before_outside():
 
 
 HEAD = {"source": "abc", "n": 3}
-
-
-def square(x):
-    return {"square": x * x}
-
-
-def solved(store, tasks, **more):
-    with closing(solve_all(tasks, square, store, **more)) as found:
-        return list(found)
-
-
-@pytest.fixture
-def store(tmp_path):
-    lines = Records(tmp_path / "records.jsonl", HEAD)
-    lines.begin_or_check()
-    return lines
-
-
-def test_what_is_kept_is_not_solved_again(store):
-    assert solved(store, {"2": 2}) == [("2", {"square": 4}, False)]
-    assert solved(store, {"2": 2, "3": 3}) == [("2", {"square": 4}, True), ("3", {"square": 9}, False)]
-    again = solved(store, {"2": 2, "3": 3}, again=lambda record: record["square"] == 9)
-    assert again == [("2", {"square": 4}, True), ("3", {"square": 9}, False)]
-    assert dict(store.recall(["3"])) == {"3": {"square": 9}}
-
-
-@pytest.mark.integration
-def test_processes_find_the_same(store):
-    with closing(solve_all({str(k): k for k in range(7)}, square, store, processes=2)) as found:
-        records = sorted((int(key), record["square"]) for key, record, _ in found)
-    assert records == [(k, k * k) for k in range(7)]
-    assert len(dict(store.recall(map(str, range(7))))) == 7
 
 
 def test_a_line_that_a_kill_cut_off_is_removed(tmp_path):

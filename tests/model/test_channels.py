@@ -8,7 +8,6 @@ from robots import LENGTH, single
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.model.channels import CHANNELS, QUANTITIES, channel
-from tdcr_fe.model.interpolation import ElementChange, within_elements, within_elements_change
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.observed_step import Observation, ObservedChange, ObservedStep
 from tdcr_fe.solve.simulate import simulate
@@ -128,16 +127,6 @@ def test_derivatives_of_an_arc_are_those_of_whole_arcs(quantity: str) -> None:
     np.testing.assert_allclose(found[:, 1], 0.0, atol=1e-7)
 
 
-@pytest.mark.parametrize("quantity", [q for q in QUANTITIES if q.startswith("position")])
-def test_markers_off_the_backbone_turn_with_their_sections(quantity: str) -> None:
-    step = arc(observation=Observation(offset=(1e-3, 2e-3), along=3e-3))
-    rotations = np.tile(np.array([0.1, 0.2, 0.3])[:, None], (9, 1, 1))
-    change = ObservedChange(0.0 * rotations, rotations, *np.zeros((3, 1, 1)), np.zeros((9, 1)))
-    (found,) = channel(quantity).derivatives(step, change, [step.s[4]])
-    expected = np.cross([0.1, 0.2, 0.3], step.rotations[4] @ [1e-3, 2e-3, 3e-3])["xyz".index(quantity[-1])]
-    assert found == pytest.approx([expected], abs=1e-10)
-
-
 def test_derivatives_of_angles_on_the_axis_are_to_one_side() -> None:
     """A straight robot along z: the angle grows by the rotation of the tip, whatever its direction."""
     s = np.linspace(0.0, 0.1, 3)
@@ -158,32 +147,3 @@ def test_derivatives_of_angles_on_the_axis_are_to_one_side() -> None:
     assert channel("chord_angle").derivatives(straight, change, [None]) == pytest.approx(
         np.array([[0.2, 0.3]])
     )
-
-
-# ------------------------------------------------------------ interpolation
-
-
-@pytest.mark.parametrize("angle", [1e-9, 9e-3, 1.1e-2, 0.3, 2.0])
-def test_derivatives_within_elements_are_those_of_central_differences(angle):
-    """Ends that move and turn, shares that change; on both sides of where the closed forms are series."""
-    rng = np.random.default_rng(3)
-    m, count, h = 6, 4, 1e-5
-    start, end = rng.normal(size=(2, m, 3))
-    turn = Rotation.random(m, random_state=1)
-    relative = rng.normal(size=(m, 3))
-    end_turn = turn * Rotation.from_rotvec(angle * relative / np.linalg.norm(relative, axis=1)[:, None])
-    share = np.concatenate(([0.0, 1.0], rng.uniform(size=m - 2)))
-    by = ElementChange(*rng.normal(size=(4, m, 3, count)), rng.normal(size=(m, count)))
-
-    def moved(p, x):
-        return within_elements(
-            start + x * by.start[..., p],
-            (Rotation.from_rotvec(x * by.turn[..., p]) * turn).as_matrix(),
-            end + x * by.end[..., p],
-            (Rotation.from_rotvec(x * by.end_turn[..., p]) * end_turn).as_matrix(),
-            share + x * by.share[:, p],
-        )
-
-    expected = np.stack([(moved(p, h) - moved(p, -h)) / (2.0 * h) for p in range(count)], axis=-1)
-    found = within_elements_change(start, turn.as_matrix(), end, end_turn.as_matrix(), share, by)
-    np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-7)

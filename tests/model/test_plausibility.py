@@ -27,22 +27,34 @@ from tdcr_fe.validation.random_robots import draw
 
 DATA = Path(tdcr_fe.__file__).parent / "data" / "demo"
 GRAVITY = Model(gravity=(0.0, 0.0, -9.81))
-PULL = [LoadStep(tensions={"t1": 3.0})]
+STEEL = Backbone(0.2, 0.5e-3, 200e9, 0.3, 7850.0)
+DISKS = Disks.equally_spaced(10, 0.2, mass=0.9e-3, thickness=3e-3, radius=8e-3)
 
 
 def wire(angles=(0.0, 120.0, 240.0), routing=lambda angle: ParallelRouting(6.5e-3, angle), **tendon):
     """1 mm of steel wire, 200 mm long, with ten disks and three tendons."""
-    given = {"friction_coefficient": 0.15, "axial_stiffness": 6e3} | tendon
-    tendons = tuple(Tendon(f"t{k}", routing(a), **given) for k, a in enumerate(angles, start=1))
-    disks = Disks.equally_spaced(10, 0.2, thickness=3e-3, radius=8e-3, mass=1.2e-3)
-    return Robot(Backbone(0.2, 0.5e-3, 200e9, 0.3, 7800.0), disks, tendons)
+    given = {"friction_coefficient": 0.15, "axial_stiffness": 5e3} | tendon
+    return Robot(
+        STEEL, DISKS, tuple(Tendon(f"t{k}", routing(a), **given) for k, a in enumerate(angles, start=1))
+    )
 
 
 WIRE = wire()
 
 
+def pulled(*tensions):
+    return [LoadStep(tensions={"t1": t}) for t in tensions]
+
+
+PULL = pulled(3.0)
+
+
 def at_tip(**load):
     return [*PULL, LoadStep(loads={"tip": Load(0.2, **load)})]
+
+
+def moved(t1, t2, t3):
+    return [LoadStep(displacements={"t1": t1, "t2": t2, "t3": t3})]
 
 
 def drawn(**displacements):
@@ -85,7 +97,7 @@ ROWS = {
     # These failed after up to 37 s, and another quantity or the size of the load steps was named.
     "E in MPa": (*soft(200e3), "backbone.youngs_modulus = 200000 Pa: as soft as rubber", "in MPa?"),
     "E in GPa": (*soft(200.0), "backbone.youngs_modulus = 200 Pa: outside", "in GPa?"),
-    "tension in gf": (WIRE, Model(), [LoadStep(tensions={"t1": 500.0})], "steps[0].tensions.t1 = 500 N", "gf?"),
+    "tension in gf": (WIRE, Model(), pulled(500.0), "steps[0].tensions.t1 = 500 N", "gf?"),
     "moment in N mm": (
         WIRE, Model(), at_tip(moment=(0.0, 2.0, 0.0)), "steps[1].loads.tip.moment = 2 N m", "in N mm?"),
     "radius of curvature": (
@@ -115,7 +127,7 @@ ROWS = {
     "EA of a tendon in kN": (
         wire(axial_stiffness=6.0), Model(), PULL, "tendons[0].axial_stiffness = 6 N: below 10 N", "in kN?"),
     "strain of a tendon": (
-        wire(axial_stiffness=60.0), Model(), [LoadStep(tensions={"t1": 30.0})],
+        wire(axial_stiffness=60.0), Model(), pulled(30.0),
         "steps[0].tensions.t1 = 30 N: strains the tendon by 50 %", ""),
     "displacement in mm": (WIRE, Model(), drawn(t1=2.0), "steps[1].displacements.t1 = 2 m", "in mm or cm?"),
     "motor angle in degrees": (
@@ -129,12 +141,12 @@ ROWS = {
         wire(pretension=200.0), Model(), drawn(t1=1e-3), "tendons[0].pretension = 200 N: strains", "gf?"),
     "adhesion in mN": (wire(adhesion=10.0), Model(), PULL, "tendons[0].adhesion = 10 N: one hole", "gf?"),
     "E in GPa for MPa": (
-        WIRE.with_backbone(youngs_modulus=4e11), Model(), [LoadStep(tensions={"t1": 1e-3})],
+        WIRE.with_backbone(youngs_modulus=4e11), Model(), pulled(1e-3),
         "backbone.youngs_modulus = 4e+11 Pa: no usual material has this modulus and a density of 78", "steel"),
     "friction without holes": (
         Robot(Backbone(0.3, 12e-3, 0.4e6, 0.45), tendons=(
             Tendon("t1", ParallelRouting(9e-3), friction_coefficient=0.2),)), Model(),
-        [LoadStep(tensions={"t1": 1.0})], "tendons[0].friction_coefficient = 0.2: it has no effect", ""),
+        pulled(1.0), "tendons[0].friction_coefficient = 0.2: it has no effect", ""),
     "tension ten times too large": (
         soft(2e9)[0].with_backbone(density=1200.0), Model(), [LoadStep(tensions={"t1": 2.0})],
         "steps[0].tensions: together", "circles"),
@@ -161,7 +173,7 @@ def test_every_limit_has_a_source():
     ("steps", "words"),
     [
         (at_tip(force=(2e5, 0.0, 0.0)), "steps[1].loads.tip.force = 200000 N"),
-        ([LoadStep(tensions={"t1": 1e6})], "steps[0].tensions.t1 = 1e+06 N"),
+        (pulled(1e6), "steps[0].tensions.t1 = 1e+06 N"),
         (PULL, "model.gravity = 9810 m/s^2: 1000 times that of Earth; must be at most 1.2e+03 m/s^2"),
     ],
 )
@@ -223,8 +235,8 @@ def test_a_side_spring_in_n_per_mm_is_remarked_on(at):
     for times in (0.3, 45.0):
         stiffness = times * WIRE.backbone.EI / at**3
         right, wrong = (replace(WIRE, springs=(SideSpring(at, k),)) for k in (stiffness, 1e-3 * stiffness))
-        assert plausibility(right, Model(), [LoadStep(tensions={"t1": 5.0})]).remarks == []
-        (found,) = plausibility(wrong, Model(), [LoadStep(tensions={"t1": 5.0})]).remarks
+        assert plausibility(right, Model(), pulled(5.0)).remarks == []
+        (found,) = plausibility(wrong, Model(), pulled(5.0)).remarks
         assert found.startswith("springs[0].stiffness") and "in N/mm?" in found
 
 
@@ -307,83 +319,65 @@ def test_the_turn_of_a_base_that_gives_way_is_no_strain_of_the_backbone():
 # ------------------------------------------------------------ remarks
 
 
-STEEL = Backbone(0.2, 0.5e-3, 200e9, 0.3, 7850.0)
-DISKS = Disks.equally_spaced(10, 0.2, mass=0.9e-3, thickness=3e-3, radius=8e-3)
 HELD = Model(gravity=(0.0, -9.81, 0.0))
-RISE = [LoadStep(tensions={"t1": t}) for t in (2.0, 4.0, 6.0)]
+RISE = pulled(2.0, 4.0, 6.0)
 SHIFTED = (*DISKS.positions[:4], 0.095, *DISKS.positions[5:])
-
-
-def robot(angles=(0.0, 120.0, 240.0), **changes) -> Robot:
-    tendons = (
-        Tendon(f"t{i + 1}", ParallelRouting(6.5e-3, a), friction_coefficient=0.15, axial_stiffness=5e3)
-        for i, a in enumerate(angles)
-    )
-    return replace(Robot(STEEL, DISKS, tuple(tendons), "steel"), **changes)
 
 
 def one(**changes) -> Robot:
     """The robot with another first tendon."""
-    return robot().with_tendons(["t1"], **changes)
-
-
-def pulled(*tensions: float) -> list[LoadStep]:
-    return [LoadStep(tensions={"t1": t}) for t in tensions]
-
-
-def moved(t1: float, t2: float, t3: float) -> list[LoadStep]:
-    return [LoadStep(displacements={"t1": t1, "t2": t2, "t3": t3})]
+    return WIRE.with_tendons(["t1"], **changes)
 
 
 HOLES = ((6.5e-3, 0.0),) * 11
 SWAPPED = (*HOLES[:5], HOLES[5][::-1], *HOLES[6:])
 WIDER = wire(routing=lambda angle: ConvergingRouting(2e-3, 6.5e-3, angle))
 REMARKS = {
-    "exponent of E": (robot().with_backbone(youngs_modulus=20e9), HELD, RISE[:2], "backbone.youngs_modulus", "steel"),
+    "exponent of E": (WIRE.with_backbone(youngs_modulus=20e9), HELD, RISE[:2], "backbone.youngs_modulus", "steel"),
     "EI of a diameter": (
-        robot().with_backbone(bending_stiffness=0.05, torsional_stiffness=0.035), HELD, pulled(10.0, 30.0),
+        WIRE.with_backbone(bending_stiffness=0.05, torsional_stiffness=0.035), HELD, pulled(10.0, 30.0),
         "backbone.bending_stiffness = 0.05 N m^2", "EI = 0.00982"),
-    "mass of a pack": (robot().with_disks(mass=9e-3, thickness=1e-3), Model(), RISE, "disks.mass = 0.009", "density"),
-    "tip mass in N": (robot(tip_mass=0.196), HELD, RISE, "tip_mass = 0.196 kg: weight", "sags"),
-    "no gravity": (robot(tip_mass=0.1), Model(), RISE, "model.gravity = 0 m/s^2", "masses"),
-    "a tenth of gravity": (robot(), Model(gravity=(0.0, 0.0, 0.981)), RISE, "model.gravity = 0.981", "9.81"),
-    "a disk elsewhere": (robot().with_disks(positions=SHIFTED), HELD, RISE, "disks.positions[4] = 0.095 m", "0.02 m"),
+    "mass of a pack": (WIRE.with_disks(mass=9e-3, thickness=1e-3), Model(), RISE, "disks.mass = 0.009", "density"),
+    "tip mass in N": (replace(WIRE, tip_mass=0.196), HELD, RISE, "tip_mass = 0.196 kg: weight", "sags"),
+    "no gravity": (replace(WIRE, tip_mass=0.1), Model(), RISE, "model.gravity = 0 m/s^2", "masses"),
+    "a tenth of gravity": (WIRE, Model(gravity=(0.0, 0.0, 0.981)), RISE, "model.gravity = 0.981", "9.81"),
+    "a disk elsewhere": (WIRE.with_disks(positions=SHIFTED), HELD, RISE, "disks.positions[4] = 0.095 m", "0.02 m"),
     "one offset": (one(routing=ParallelRouting(5.6e-3)), HELD, RISE, "tendons[0].offset = 0.0056 m", "have 0.0065 m"),
     "one friction": (one(friction_coefficient=0.015), HELD, RISE, "tendons[0].friction_coefficient = 0.015", "0.15"),
     "adhesion of all holes": (one(adhesion=3.0), HELD, RISE, "tendons[0].adhesion = 3 N", "hold back 27 N in all"),
-    "one angle": (robot((0.0, 12.0, 240.0)), HELD, RISE, "tendons.angle_deg: 0, 12, 240 degrees", "balance"),
+    "one angle": (wire((0.0, 12.0, 240.0)), HELD, RISE, "tendons.angle_deg: 0, 12, 240 degrees", "balance"),
     "breaking load": (
-        robot().with_tendons(axial_stiffness=80.0), HELD, moved(2e-3, -1e-3, -1e-3),
+        WIRE.with_tendons(axial_stiffness=80.0), HELD, moved(2e-3, -1e-3, -1e-3),
         "tendons[0].axial_stiffness = 80", "kN?"),
     "x and y of one hole": (
         one(routing=PointsRouting((0.0, *DISKS.positions), SWAPPED)), HELD, RISE, "tendons[0].holes[5]", "neighbours"),
-    "decimal point": (robot(), HELD, pulled(2.0, 0.4, 6.0), "steps[1].tensions.t1 = 0.4 N: 2 N before", "point"),
-    "upright, not hanging": (robot(tip_mass=0.05), GRAVITY, RISE, "tip_mass = 0.05 kg", "along +z"),
+    "decimal point": (WIRE, HELD, pulled(2.0, 0.4, 6.0), "steps[1].tensions.t1 = 0.4 N: 2 N before", "point"),
+    "upright, not hanging": (replace(WIRE, tip_mass=0.05), GRAVITY, RISE, "tip_mass = 0.05 kg", "along +z"),
     "offsets of a converging tendon exchanged": (
-        replace(WIDER, disks=DISKS, backbone=STEEL), HELD, RISE, "tendons[0].end_offset = 0.0065 m", "base to tip"),
+        WIDER, HELD, RISE, "tendons[0].end_offset = 0.0065 m", "base to tip"),
     "load in gf": (
-        robot().with_backbone(youngs_modulus=60e9, density=6450.0), HELD,
+        WIRE.with_backbone(youngs_modulus=60e9, density=6450.0), HELD,
         [*RISE, LoadStep(loads={"tip": Load(0.2, (0.0, 0.0, 5.0))})], "steps[3].loads.tip.force", "gf?"),
     "tip at 0.02": (
-        robot(), HELD, [*RISE, LoadStep(loads={"tip": Load(0.02, (0.0, 0.2, 0.0))})], "steps[3].loads.tip.at", "tip"),
-    "an angle in rad": (robot((1.5708,)), HELD, RISE, "tendons[0].angle_deg = 1.5708: 0.5 times pi", "not in rad"),
+        WIRE, HELD, [*RISE, LoadStep(loads={"tip": Load(0.02, (0.0, 0.2, 0.0))})], "steps[3].loads.tip.at", "tip"),
+    "an angle in rad": (wire((1.5708,)), HELD, RISE, "tendons[0].angle_deg = 1.5708: 0.5 times pi", "not in rad"),
     "load at the base": (
-        robot(), HELD, [*RISE, LoadStep(loads={"push": Load(0.0, (0.0, 0.2, 0.0))})], "steps[3].loads.push.at", "base"),
+        WIRE, HELD, [*RISE, LoadStep(loads={"push": Load(0.0, (0.0, 0.2, 0.0))})], "steps[3].loads.push.at", "base"),
     "static friction below kinetic": (
         one(friction_coefficient=0.0, friction=StribeckFriction(0.1, 0.3, 1e-3)), HELD, RISE,
         "tendons[0].friction.static = 0.1", "0.3"),
     "creep per hour": (
-        robot().with_backbone(creep_rate=0.1), HELD, [LoadStep(tensions={"t1": 4.0}, time=3600.0)],
+        WIRE.with_backbone(creep_rate=0.1), HELD, [LoadStep(tensions={"t1": 4.0}, time=3600.0)],
         "backbone.creep_rate = 0.1 1/s: makes the backbone 361 times", "compliant"),
     "a spool's spring in N/mm": (
         one(spool=Spool(8e-3, 5.0)), HELD, RISE, "tendons[0].spool.stiffness = 5 N/m", "meant in N/mm?"),
     "pretension": (
-        robot().with_tendons(pretension=15.0), HELD, moved(2e-3, -1e-3, -1e-3), "tendons[0].pretension = 15", "alone"),
+        WIRE.with_tendons(pretension=15.0), HELD, moved(2e-3, -1e-3, -1e-3), "tendons[0].pretension = 15", "alone"),
     "force and moment": (
-        robot(), HELD, [*RISE, LoadStep(loads={"tip": Load(0.2, moment=(0.0, 0.1, 0.0))})],
+        WIRE, HELD, [*RISE, LoadStep(loads={"tip": Load(0.2, moment=(0.0, 0.1, 0.0))})],
         "steps[3].loads.tip.moment = 0.1 N m", "right angle"),
-    "sign of one motor": (robot(), HELD, moved(4e-3, 2e-3, -2e-3), "steps[0].displacements of t1, t2, t3", "sign"),
-    "increments": (robot(), HELD, 3 * moved(4e-3, -2e-3, -2e-3), "steps: 2 steps ask for the same", "totals"),
+    "sign of one motor": (WIRE, HELD, moved(4e-3, 2e-3, -2e-3), "steps[0].displacements of t1, t2, t3", "sign"),
+    "increments": (WIRE, HELD, 3 * moved(4e-3, -2e-3, -2e-3), "steps: 2 steps ask for the same", "totals"),
 }  # fmt: skip
 
 
@@ -399,7 +393,7 @@ def test_what_does_not_fit_together_gets_one_remark_and_no_warning(row):
     "angles", [(0.0,), (0.0, 180.0), (0.0, 90.0), (0.0, 120.0, 240.0), (0.0, 90.0, 180.0, 270.0)]
 )
 def test_a_common_robot_gets_no_remark(angles):
-    described = robot(angles)
+    described = wire(angles)
     for steps in (RISE, [LoadStep(displacements={"t1": 1e-3}), LoadStep(displacements={"t1": 3e-3})]):
         assert plausibility(described, HELD, steps).warnings == []
         assert plausibility(described, HELD, steps).remarks == []
@@ -409,16 +403,16 @@ CATHETER = Backbone(0.1, 2.3e-3, 50e6, 0.45, 1050.0)
 CHANNELS = tuple(
     Tendon(f"t{k}", ParallelRouting(1.9e-3, 90.0 * k), friction_coefficient=0.1) for k in range(1, 5)
 )
-FEW = [LoadStep(tensions={"t1": t}) for t in (0.4, 4.0, 0.4)]
+FEW = pulled(0.4, 4.0, 0.4)
 RIGHT = {
     "guides in a body": (Robot(CATHETER, Disks.equally_spaced(40, 0.1), CHANNELS), Model(), RISE),
     "guides as wide as the body": (
         Robot(CATHETER, Disks.equally_spaced(40, 0.1, radius=2.3e-3), CHANNELS), Model(), RISE),
-    "a pull between two of a pretension": (robot(), HELD, FEW),
-    "released, and pulled again": (robot(), HELD, pulled(0.5, 1.0, 2.0, 0.5, 0.0, 0.1, 1.0, 2.0)),
+    "a pull between two of a pretension": (WIRE, HELD, FEW),
+    "released, and pulled again": (WIRE, HELD, pulled(0.5, 1.0, 2.0, 0.5, 0.0, 0.1, 1.0, 2.0)),
     "tips of two segments": (
         one(end=0.1), HELD, [*RISE, LoadStep(loads={"tip1": Load(0.1, (0.0, 0.2, 0.0)), "multiple": Load(0.1)})]),
-    "nylon pulled by tensions": (robot().with_tendons(axial_stiffness=80.0), HELD, RISE),
+    "nylon pulled by tensions": (WIRE.with_tendons(axial_stiffness=80.0), HELD, RISE),
 }  # fmt: skip
 
 
@@ -437,7 +431,7 @@ def test_materials_are_known_by_modulus_and_density():
 
 def test_the_tension_that_is_said_to_bend_by_a_right_angle_does():
     """Without friction a parallel tendon bends the backbone to the arc T r L / EI (closed form)."""
-    described = robot((0.0,)).with_tendons(friction_coefficient=0.0, axial_stiffness=None)
+    described = wire((0.0,)).with_tendons(friction_coefficient=0.0, axial_stiffness=None)
     first, second = understood(described, HELD)
     assert "like steel" in first and "sideways" in first
     tension = float(second.split()[2])
@@ -476,6 +470,6 @@ def test_a_weight_that_is_said_to_sag_does():
 
 def test_remarks_reach_the_caller_in_python_by_their_own_category():
     with pytest.warns(PlausibilityRemark, match="balance") as found:
-        result = tdcr_fe.simulate(robot((0.0, 12.0, 240.0)), Model(elements_per_bay=1), RISE[:1])
+        result = tdcr_fe.simulate(wire((0.0, 12.0, 240.0)), Model(elements_per_bay=1), RISE[:1])
     assert [str(w.message) for w in found] == list(result.remarks) and result.warnings == ()
     assert found[0].filename == __file__

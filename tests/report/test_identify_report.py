@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from browser import check_on_a_phone, needs_chromium
-from identify_result import GRAVITY, LENGTH, ROBOT, STEPS, added, result
+from identify_data import LENGTH
+from identify_result import GRAVITY, ROBOT, STEPS, added, result
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment, with_effects
@@ -126,7 +127,7 @@ def test_readings_without_positions_are_drawn_over_the_steps():
     found = result()
     angles = tuple(Reading(n, "bending_angle", None, 0.1 * n, 0.01) for n in found.data.step_ids)
     shapes = replace(found.shapes, measured=np.full_like(found.shapes.measured, np.nan))
-    misfit, tenth = Misfit(None, 0.02, None, 4.0), np.full(6, 0.1)
+    misfit, tenth = Misfit(None, 0.02, None, 4.0), np.full(11, 0.1)
     noise = Misfit(None, 0.01, None, 1.0, rms_by_quantity={"bending_angle": 0.01})
     found = replace(
         found, data=replace(found.data, readings=angles), shapes=shapes, noise=noise,
@@ -171,7 +172,7 @@ def test_the_folder_of_identify_can_be_viewed(folder):
     path, motion = folder
     read = read_motion(path)
     assert view_page(read) == view_page(motion)
-    assert read.steps == (1, 2, 3, 4, 5, 6)
+    assert read.steps == tuple(range(1, 12))
     assert np.array_equal(read.markers.measured, result().shapes.measured)
 
 
@@ -188,10 +189,10 @@ def test_the_replay_is_the_corrected_robot_step_by_step():
     )
     assert len(experiment.steps) > len(STEPS)
     found = replay(_with(experiment, replace(experiment, steps=STEPS, ends=None)))
-    assert [s.step for s in found.steps] == [1, 2, 3, 4, 5, 6]
+    assert [s.step for s in found.steps] == list(range(1, 12))
     whole = simulate(ROBOT, experiment.model, experiment.steps)
     assert found.steps[-1].tip == pytest.approx(whole.steps[-1].tip, abs=1e-9)
-    assert found.steps[2].base_tensions[0] == pytest.approx((1.0 - 0.1) * 0.9, rel=1e-9)
+    assert found.steps[2].base_tensions[0] == pytest.approx((1.2 - 0.1) * 0.9, rel=1e-9)
 
 
 def test_the_replay_has_a_law_that_was_found_as_loads():
@@ -215,7 +216,7 @@ def test_a_turned_measuring_frame_turns_the_markers_back():
     declared = Experiment(ROBOT, Model(), STEPS)
     found = _with(replace(declared, observation=Observation(rotation)), declared)
     turn = Rotation.from_rotvec(rotation)
-    seen = markers(found, 6)
+    seen = markers(found, len(STEPS))
     assert turn.apply(seen.measured.reshape(-1, 3)) == pytest.approx(found.shapes.measured.reshape(-1, 3))
     assert turn.apply(seen.declared.reshape(-1, 3)) == pytest.approx(
         found.shapes.backbone_before.reshape(-1, 3)

@@ -13,7 +13,7 @@ from browser import NO_GL, browser, needs_chromium
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from run_files import write_robot
+from inputs import write
 
 from tdcr_fe import cli
 from tdcr_fe.io.result_files import write_results
@@ -69,8 +69,7 @@ def test_quantised_numbers_are_within_half_a_level(values):
 
 def test_the_page_holds_shape_csv_and_tensions_csv(tmp_path):
     """Every node, rotation, tension and hole state of a simulated run, through files, page and back."""
-    scenario = write_robot(tmp_path, "straight", "per-hole")
-    assert cli.main(["run", str(scenario), "-o", str(tmp_path / "out"), "-q", "--no-pictures"]) == 0
+    assert cli.main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out"), "-q", "--no-pictures"]) == 0
     assert cli.main(["view", str(tmp_path / "out"), "-o", str(tmp_path / "page.html"), "-q"]) == 0
     data = page_data((tmp_path / "page.html").read_text(encoding="utf-8"))
     shape = pd.read_csv(tmp_path / "out" / "shape.csv")

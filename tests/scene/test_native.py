@@ -120,7 +120,7 @@ def test_a_robot_without_mass_is_refused_in_dynamics_and_solved_at_rest():
     [
         ("cut", 1e-3, 0.0),
         pytest.param("pull", 1e-3, 0.0, marks=pytest.mark.integration),
-        pytest.param("pull", 5e-3, 4e-3, marks=pytest.mark.integration),
+        ("pull", 5e-3, 4e-3),
     ],
 )
 def test_a_cut_tendon_and_a_sudden_pull_of_two_newton_are_solved(change, step, thickness):

@@ -9,7 +9,7 @@ from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
-from tdcr_fe.validation.reference.closed_forms import constant_strain, elastica_tip
+from tdcr_fe.validation.reference.closed_forms import constant_strain
 from tdcr_fe.validation.reference.rod import Rod
 from tdcr_fe.validation.reference.section import Section, bending_moment
 
@@ -27,27 +27,6 @@ def solve(robot, *loads, gravity=(0.0, 0.0, 0.0), settings=None):
     result = solve_reference(robot, Model(friction="none", gravity=gravity), [step], settings=settings)
     assert result.converged, result.message
     return result.steps[0]
-
-
-@pytest.mark.parametrize("angle", [0.5, np.pi, 2.0 * np.pi, -4.0])
-@pytest.mark.parametrize("frame", ["world", "section"])
-def test_pure_moment_bends_to_a_circular_arc(angle, frame):
-    step = solve(rod(), Load(L, moment=(0.0, BACKBONE.EI * angle / L, 0.0), frame=frame))
-    radius = L / angle
-    exact = [radius * (1.0 - np.cos(angle)), 0.0, radius * np.sin(angle)]
-    np.testing.assert_allclose(step.tip, exact, atol=CLOSE)
-    np.testing.assert_allclose(step.tangent, [np.sin(angle), 0.0, np.cos(angle)], atol=1e-8)
-
-
-@pytest.mark.parametrize("load", [0.5, 2.0, 10.0, 40.0])
-def test_end_force_bends_to_the_elastica(load):
-    stiff = rod(axial_stiffness=1e12, shear_stiffness=1e12)
-    force = load * BACKBONE.EI / L**2
-    across, along, angle = elastica_tip(L, BACKBONE.EI, force)
-    direction = np.array([0.6, 0.8, 0.0])
-    step = solve(stiff, Load(L, force=tuple(force * direction)))
-    np.testing.assert_allclose(step.tip, [0.6 * across, 0.8 * across, along], atol=CLOSE)
-    assert step.bending_angle == pytest.approx(angle, abs=1e-8)
 
 
 def test_the_base_carries_everything_at_large_bending():

@@ -78,16 +78,9 @@ def test_more_elements_reduce_the_error_of_a_compressed_bay():
     assert four[found["shares"].index(cases.MOST_COMPRESSION)] < compare.TIP_TOLERANCE < four[-1]
 
 
-@pytest.mark.parametrize(
-    ("kind", "number"),
-    [
-        *(("closed", 1), ("literature", 0)),
-        *(pytest.param("closed", n, marks=pytest.mark.integration) for n in (0, 2, 3)),
-        *(pytest.param("literature", n, marks=pytest.mark.integration) for n in range(1, 5)),
-    ],
-)
+@pytest.mark.parametrize(("kind", "number"), [("closed", 1), ("closed", 2), ("literature", 0)])
 def test_both_solvers_find_the_known_tips(kind, number):
-    """Closed forms, and the results of two public codes, which are quoted to 1e-9 m."""
+    """Closed forms, and a result of a public code, quoted to 1e-9 m; `tdcr-fe validate` has the others."""
     record = studies.known_tip(kind, number)
     coarse, fine = record["deviation_percent"]
     assert record["reference_percent"] < {"closed": 1e-6, "literature": 2e-6}[kind]
