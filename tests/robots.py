@@ -108,6 +108,14 @@ def scene(
     return container, mbs, handle
 
 
+def solve_scene(mbs: exu.MainSystem, handle: TDCR, *tensions: Any) -> np.ndarray:
+    """Positions of the nodes after tensions, by tendon or in order, each set has been solved."""
+    for each in tensions:
+        handle.set_tensions(each)
+        mbs.SolveTDCR()
+    return handle.shape()[0]
+
+
 def hinged_platform(stiffness: float) -> tuple[exu.SystemContainer, exu.MainSystem, Any]:
     """A system with a body at the origin on a torsional spring about y [N m/rad], and a marker to put a robot on."""
     container, mbs = system()

@@ -15,7 +15,7 @@ ANGLES = np.array([[0.2, 0.1, 0.3], [0.15, 0.0, 0.0]])
 
 def tendon_law(
     model: Any,
-    mu: float = 0.0,
+    mu: float = 0.3,
     adhesion: float = 0.0,
     compliance: float = 0.0,
     presliding: float = 1e-6,

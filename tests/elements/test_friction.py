@@ -10,14 +10,8 @@ from two_tendons import ANGLES, HOLES, LENGTHS, MASK, tendon_law
 
 from tdcr_fe.elements.coefficients import normal_forces
 from tdcr_fe.elements.friction import FRICTION_MODELS, TendonLaw, TendonParameters
-from tdcr_fe.elements.hysteresis import FrictionState
+from tdcr_fe.elements.hysteresis import Dahl, ElasticPlastic, FrictionState
 from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
-
-
-def law(kind, mu=0.3, **rest) -> TendonLaw:
-    """Two tendons with friction at every hole."""
-    return tendon_law(kind, mu, **rest)
-
 
 LAWS = [FRICTION_MODELS["per-tendon"], FRICTION_MODELS["per-hole"]]
 
@@ -29,7 +23,7 @@ LAWS = [FRICTION_MODELS["per-tendon"], FRICTION_MODELS["per-hole"]]
 @pytest.mark.parametrize("way", [1, -1])
 def test_sliding_tendon_obeys_the_capstan_equation(kind, way):
     """T_k+1 / T_k = exp(-+ mu theta_k), paper Eqs. 28-30; the whole tendon in or out by a millimetre."""
-    x = law(kind)
+    x = tendon_law(kind)
     lengths = LENGTHS - way * 1e-3 * MASK
     field = x.evaluate(np.array([2.0, 1.0]), lengths, ANGLES, x.initial_state())
     expected = 2.0 * np.exp(-way * 0.3 * np.concatenate(([0.0], np.cumsum(ANGLES[0]))))
@@ -39,15 +33,14 @@ def test_sliding_tendon_obeys_the_capstan_equation(kind, way):
 
 
 def test_without_friction_the_tension_is_the_same_all_along():
-    field = law(FRICTION_MODELS["none"]).evaluate(
-        np.array([2.0, 1.0]), 0.9 * LENGTHS, ANGLES, law(FRICTION_MODELS["none"]).initial_state()
-    )
+    x = tendon_law(FRICTION_MODELS["none"])
+    field = x.evaluate(np.array([2.0, 1.0]), 0.9 * LENGTHS, ANGLES, x.initial_state())
     assert np.array_equal(field.tension, np.array([[2.0] * 4, [1.0] * 4]))
-    assert not law(FRICTION_MODELS["none"]).has_friction
+    assert not x.has_friction
 
 
 def test_adhesion_drops_the_tension_by_the_same_at_every_hole():
-    x = law(FRICTION_MODELS["per-hole"], mu=0.0, adhesion=0.1)
+    x = tendon_law(FRICTION_MODELS["per-hole"], mu=0.0, adhesion=0.1)
     pulled = x.evaluate(np.array([2.0, 1.0]), LENGTHS - 1e-3 * MASK, ANGLES, x.initial_state())
     assert pulled.tension[0] == pytest.approx([2.0, 1.9, 1.8, 1.7], abs=1e-14)
     released = x.evaluate(np.array([2.0, 1.0]), LENGTHS + 1e-3 * MASK, ANGLES, x.initial_state())
@@ -56,7 +49,7 @@ def test_adhesion_drops_the_tension_by_the_same_at_every_hole():
 
 def test_a_reversal_has_to_slide_twice_the_presliding_distance():
     """From full pull to full release; at half of the slip the friction is zero."""
-    x = law(FRICTION_MODELS["per-hole"], presliding=1e-6)
+    x = tendon_law(FRICTION_MODELS["per-hole"], presliding=1e-6)
     tension = np.array([2.0, 1.0])
     state = x.commit(x.evaluate(tension, LENGTHS - 1e-3 * MASK, ANGLES, x.initial_state()))
     back = np.zeros((2, 4))
@@ -83,7 +76,7 @@ def test_bounds_hold_and_no_hole_creates_energy_whatever_is_done(compliance, bas
 
     At a hole that slides, the tension drops in the direction in which the tendon moves.
     """
-    x = law(FRICTION_MODELS["per-hole"], compliance=compliance)
+    x = tendon_law(FRICTION_MODELS["per-hole"], compliance=compliance)
     state = x.initial_state()
     for change in changes:
         lengths = LENGTHS + np.array(change) * MASK
@@ -105,7 +98,7 @@ def test_bounds_hold_and_no_hole_creates_energy_whatever_is_done(compliance, bas
 
 def test_elastic_tendon_releases_its_stretch():
     """Slip at the base of a straight tendon under T, from its EA: L (1 - 1/(1 + T/EA))."""
-    x = law(FRICTION_MODELS["per-hole"], mu=0.0, compliance=1.0 / 400.0)
+    x = tendon_law(FRICTION_MODELS["per-hole"], mu=0.0, compliance=1.0 / 400.0)
     field = x.evaluate(np.array([4.0, 2.0]), LENGTHS, 0.0 * ANGLES, x.initial_state())
     assert field.base_slip == pytest.approx(
         LENGTHS.sum(axis=1) * np.array([0.01 / 1.01, 0.005 / 1.005]), rel=1e-12
@@ -141,7 +134,11 @@ COEFFICIENTS = [
 
 def with_coefficient(coefficient, model=None, **rest) -> TendonLaw:
     """Two tendons whose coefficients follow this with_coefficient, or are this number."""
-    given = {"mu": coefficient} if isinstance(coefficient, float) else {"coefficients": (coefficient,) * 2}
+    given = (
+        {"mu": coefficient}
+        if isinstance(coefficient, float)
+        else {"mu": 0.0, "coefficients": (coefficient,) * 2}
+    )
     return tendon_law(model or FRICTION_MODELS["per-hole"], **given, **rest)
 
 
@@ -228,16 +225,21 @@ def own(d):
     "model", [FRICTION_MODELS["per-tendon"], FRICTION_MODELS["per-hole"]], ids=lambda x: x.kind
 )
 @pytest.mark.parametrize(
-    ("compliance", "adhesion"), [(0.0, 0.0), (1.0 / 400.0, 0.05)], ids=["inextensible", "elastic, adhesion"]
+    ("compliance", "adhesion", "hysteresis"),
+    [(0.0, 0.0, ElasticPlastic), (1.0 / 400.0, 0.05, ElasticPlastic), (1.0 / 400.0, 0.05, Dahl)],
+    ids=["inextensible", "elastic, adhesion", "Dahl"],
 )
 @pytest.mark.parametrize(
     ("given", "scale"),
     [("mobilisation", 20.0), ("configuration", 0.2), ("configuration", 20.0)],
     ids=["mobilisation", "sticking", "sliding"],
 )
-def test_derivatives_against_central_differences(coefficients, model, compliance, adhesion, given, scale):
+def test_derivatives_against_central_differences(
+    coefficients, model, compliance, adhesion, hysteresis, given, scale
+):
     """By lengths, angles, base tension, and mobilisations where these are kept; in a step of 0.3 s."""
-    x = with_coefficient(coefficients, model, compliance=compliance, adhesion=adhesion, presliding=1e-4)
+    rest = {"compliance": compliance, "adhesion": adhesion, "hysteresis": hysteresis}
+    x = with_coefficient(coefficients, model, presliding=1e-4, **rest)
     rng = np.random.default_rng(5)
     state = FrictionState(np.zeros((2, x.groups)), 0.1 * np.ones((2, x.groups)) * x.frictional, time=1.0)
     state = replace(state, slip=x.evaluate(BASE, LENGTHS, ANGLES, state).slip)
@@ -250,7 +252,7 @@ def test_derivatives_against_central_differences(coefficients, model, compliance
         return x.evaluate(base, lengths * MASK, angles, state, time=1.3)
 
     f, m = field(), MASK[:, :, None]
-    if given == "configuration":
+    if given == "configuration" and hysteresis is ElasticPlastic:
         assert np.any(np.abs(f.mobilisation) >= 1.0) == (scale > 1.0)
     size = np.max(np.abs(f.d_length)) + 1.0
     by_length = own(central(lambda v: field(lengths=v).tension * MASK, lengths, 1e-9))

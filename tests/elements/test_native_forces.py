@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import LENGTH, scene, tendon, three
+from native_solvers import recommended
+from robots import LENGTH, scene, solve_scene, tendon, three
 
 from tdcr_fe.model.robot import Disks
 from tdcr_fe.model.routing import HelicalRouting
-from tdcr_fe.solve.statics import SolveTDCR
 
 
 def robots():
@@ -59,21 +59,15 @@ def test_forces_and_tangent_are_those_of_the_general_evaluation(case):
 # ------------------------------------------------------------ iterated tendons
 
 
-STEP = 1e-3
-
-
 @pytest.mark.parametrize("count", [1, 3])
 def test_a_swing_with_friction_takes_few_jacobians(count):
     """With holes that change between stick and slip: 1.3 to 1.6 a step of 1 ms; without the prediction 1.8 to 2.3."""
     _keep, mbs, handle = scene(three(0.3), assemble=False)
     load = handle.add_load("tip", LENGTH)
     mbs.Assemble()
-    handle.set_tensions([1.0, *([0.3, 0.2] if count == 3 else [0.0, 0.0])])
-    SolveTDCR(mbs)
+    solve_scene(mbs, handle, [1.0, *([0.3, 0.2] if count == 3 else [0.0, 0.0])])
     load.set([0.0, 0.005, 0.003])
-    settings = handle.recommended_settings(0.1, STEP)
-    settings.timeIntegration.verboseMode, settings.solution.file.write = 0, False
-    assert mbs.SolveDynamic(settings)
+    assert mbs.SolveDynamic(recommended(handle, 0.1, 1e-3))
     it = mbs.sys["dynamicSolver"].it
     assert 1.0 <= it.newtonJacobiCount / it.currentStepIndex < 1.65
     assert it.newtonStepsCount / it.currentStepIndex < 6.0

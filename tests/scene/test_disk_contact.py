@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from contacts import CENTRE, DISK, QUAD, SPHERE, STIFFNESS
 from native_solvers import static_settings
-from robots import BACKBONE, LENGTH, distance, scene, seven, system, three
+from robots import BACKBONE, LENGTH, distance, scene, seven, solve_scene, system, three
 
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Disks
@@ -101,8 +101,7 @@ def test_mirror_images_press_their_tips_together():
     _keep, mbs, a, b, contact = facing_each_other(three(0.0), 0.08, elements=2)
     for tension in np.linspace(0.25, 1.5, 6):
         a.set_tensions({"t1": float(tension)})
-        b.set_tensions({"t1": float(tension)})
-        mbs.SolveTDCR()
+        solve_scene(mbs, b, {"t1": float(tension)})
     pa, pb = a.shape()[0], b.shape()[0]
     assert distance(pa * [-1.0, 1.0, 1.0] + [0.08, 0.0, 0.0], pb) < 1e-8
     assert contact.gaps().min() < 0.0

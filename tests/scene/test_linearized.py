@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from native_solvers import dynamic_settings
-from robots import LENGTH, scene, seven
+from robots import LENGTH, scene, seven, solve_scene
 from scipy.linalg import eig
 
 from tdcr_fe.model.loading import SolverSettings
@@ -12,7 +12,6 @@ from tdcr_fe.solve.statics import SolveTDCR
 #: So large that nothing slips beyond it at a pull of 0.02 N [m].
 PRESLIDING = 1e-3
 ELASTIC = {"axial_stiffness": 400.0}
-PULLED_IN = [4e-3, -1.9e-3, -1.9e-3]
 
 
 # ---------------------------------------------------------------- modes
@@ -58,6 +57,14 @@ def swing(mbs, load, sensor, force, end: float = 1.5) -> float:
     return np.fft.rfftfreq(64 * len(data), 2e-3)[np.argmax(spectrum)]
 
 
+def bend(mbs, handle, by_displacement: bool) -> None:
+    if by_displacement:
+        handle.set_displacements([4e-3, -1.9e-3, -1.9e-3])
+    else:
+        handle.set_tensions([1.0, 0.2, 0.2])
+    SolveTDCR(mbs)
+
+
 @pytest.mark.integration
 @pytest.mark.parametrize(
     ("mu", "rest", "force", "mode", "end"),
@@ -77,11 +84,7 @@ def test_a_robot_swings_with_its_frequencies(mu, rest, force, mode, end):
     load = handle.add_load("tip", LENGTH)
     sensor = handle.add_sensors()["tip_position"]
     mbs.Assemble()
-    if rest:
-        handle.set_displacements(PULLED_IN)
-    else:
-        handle.set_tensions([1.0, 0.2, 0.2])
-    SolveTDCR(mbs)
+    bend(mbs, handle, bool(rest))
     modes = mbs.TDCREigenvalues(holes="stuck")
     assert modes.frequencies[mode] == pytest.approx(swing(mbs, load, sensor, force, end), rel=5e-3)
     if rest:
@@ -96,11 +99,7 @@ def test_linearised_systems_of_exudyn_have_the_same_frequencies(mu, rest):
     Stiffness with friction is not symmetric, as the latter assumes unless complex eigenvalues are asked for.
     """
     _keep, mbs, handle = scene(seven(mu, **rest))
-    if rest:
-        handle.set_displacements(PULLED_IN)
-    else:
-        handle.set_tensions([1.0, 0.2, 0.2])
-    SolveTDCR(mbs)
+    bend(mbs, handle, bool(rest))
     expected = mbs.TDCREigenvalues(holes="stuck", numberOfEigenvalues=4).frequencies
     mass, stiffness, _ = mbs.ComputeLinearizedSystem(projectIntoConstraintNullspace=True)[:3]
     assert frequencies(stiffness, mass, 4) == pytest.approx(expected, rel=1e-9)
@@ -111,8 +110,7 @@ def test_linearised_systems_of_exudyn_have_the_same_frequencies(mu, rest):
 
 def test_the_scene_is_left_as_it_was():
     _keep, mbs, handle = scene(seven(0.3))
-    handle.set_tensions([1.0, 0.0, 0.0])
-    SolveTDCR(mbs)
+    solve_scene(mbs, handle, [1.0, 0.0, 0.0])
     before = np.concatenate(mbs.systemData.GetSystemState())
     modes = mbs.TDCREigenvalues()
     assert np.array_equal(np.concatenate(mbs.systemData.GetSystemState()), before)

@@ -5,7 +5,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from native_solvers import dynamic_settings, static_settings
-from robots import BACKBONE, LENGTH, distance, scene, seven, single, solve
+from robots import BACKBONE, LENGTH, distance, scene, seven, single, solve, solve_scene
 
 from tdcr_fe.model.loading import Load, LoadStep, SolverSettings
 from tdcr_fe.solve.load_steps.load_path import StepFailed
@@ -56,9 +56,7 @@ def test_random_sequences_give_the_shapes_of_simulate(seed):
 def test_a_load_that_fails_within_the_step_is_kept_as_set_and_resumed():
     """A load of 1e5 N: the scene is left in the last solved state, the set load is kept, and unloading is possible."""
     _keep, mbs, handle, load = with_load(single(0.3))
-    handle.set_tensions([1.0])
-    SolveTDCR(mbs)
-    start = handle.shape()[0]
+    start = solve_scene(mbs, handle, [1.0])
     load.set([0.0, 0.01, 0.0])
     SolveTDCR(mbs)
     load.set([0.0, 0.0, -1e5])
@@ -102,15 +100,13 @@ def test_a_scene_that_was_changed_is_solved_anew():
     _keep, mbs, handle, _ = with_load(single(0.0), friction="none")
     own = mbs.AddLoad(eii.Force(markerNumber=handle.mTip, loadVector=[0.0, 0.0, 0.0]))
     mbs.Assemble()
-    handle.set_tensions([1.0])
-    SolveTDCR(mbs)
+    solve_scene(mbs, handle, [1.0])
     mbs.SetLoadParameter(own, "loadVector", [0.0, 0.02, 0.0])
     handle.set_compliance_factor(1.1)
     SolveTDCR(mbs)
     _keep_other, other, compared, load = with_load(single(0.0), friction="none")
     compared.set_compliance_factor(1.1)
-    compared.set_tensions([1.0])
-    SolveTDCR(other)
+    solve_scene(other, compared, [1.0])
     load.set([0.0, 0.02, 0.0])
     SolveTDCR(other)
     assert distance(handle.tip_position, compared.tip_position) < 1e-7

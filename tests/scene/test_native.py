@@ -8,7 +8,7 @@ import exudyn as exu
 import numpy as np
 import pytest
 from native_solvers import damped, dynamic_settings, recommended, static_settings
-from robots import BACKBONE, DISKS, LENGTH, SEVEN, distance, pull, scene, seven, single, solve
+from robots import BACKBONE, DISKS, LENGTH, SEVEN, distance, pull, scene, seven, single, solve, solve_scene
 
 from tdcr_fe.elements.native import hooks
 from tdcr_fe.model.backbone import Superelastic
@@ -105,8 +105,7 @@ def test_a_robot_without_mass_is_refused_in_dynamics_and_solved_at_rest():
     """In version 0.1 Newton failed in the first step, for no reason given."""
     light = Disks.equally_spaced(13, LENGTH, mass=0.0, radius=5e-3)
     _keep, mbs, handle = scene(seven(0.3, backbone=replace(BACKBONE, density=0.0), disks=light))
-    handle.set_tensions([0.5, 0.0, 0.0])
-    SolveTDCR(mbs)
+    solve_scene(mbs, handle, [0.5, 0.0, 0.0])
     assert handle.tip_position[0] > 0.01
     with pytest.raises((ValueError, RuntimeError), match="robot 'three' has no mass"):
         mbs.SolveDynamic(dynamic_settings(0.01, 1e-3))
@@ -133,8 +132,7 @@ def test_a_cut_tendon_and_a_sudden_pull_of_two_newton_are_solved(change, step, t
     """
     _keep, mbs, handle = scene(seven(0.3, disks=replace(DISKS, thickness=thickness)))
     if change == "cut":
-        handle.set_tensions([2.0, 0.0, 0.0])
-        SolveTDCR(mbs)
+        solve_scene(mbs, handle, [2.0, 0.0, 0.0])
     start = handle.tip_position
     handle.set_tensions([0.0 if change == "cut" else 2.0, 0.0, 0.0])
     settings = recommended(handle, 0.1, step)
@@ -200,16 +198,14 @@ def test_the_script_of_the_docs_shows_joint_forces_that_grow_without_numerical_d
 def test_recommended_settings_serve_exudyns_statics():
     """At rest, where Exudyn's tolerances fail, and in a pull, to the tip of `SolveTDCR`."""
     _keep, mbs, handle = scene(seven(0.3))
-    handle.set_tensions([1.0, 0.2, 0.2])
-    SolveTDCR(mbs)
+    solve_scene(mbs, handle, [1.0, 0.2, 0.2])
     start = handle.tip_position
     assert mbs.SolveStatic(recommended(handle, 1.0, 0.1))
     assert distance(handle.tip_position, start) < 1e-9
     handle.set_inputs_over_time(lambda t: [1.0 + 0.5 * t, 0.2, 0.2])
     assert mbs.SolveStatic(recommended(handle, 1.0, 0.05), updateInitialValues=True)
     pulled = handle.tip_position
-    handle.set_tensions([1.5, 0.2, 0.2])
-    SolveTDCR(mbs)
+    solve_scene(mbs, handle, [1.5, 0.2, 0.2])
     assert distance(handle.tip_position, start) > 0.1
     assert distance(handle.tip_position, pulled) < 1e-4
 

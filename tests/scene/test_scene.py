@@ -20,6 +20,7 @@ from robots import (
     seven,
     single,
     solve,
+    solve_scene,
     system,
 )
 from scipy.spatial.transform import Rotation
@@ -41,12 +42,6 @@ def single_tip(mu: float = 0.3, tension: float = 1.0, **load) -> np.ndarray:
     return solve(single(mu), [LoadStep("", {"t1": tension}, loads=loads)]).tips[-1]
 
 
-def solved(mbs, handle, *tensions: float) -> None:
-    for t in tensions:
-        handle.set_tensions([t])
-        mbs.SolveTDCR()
-
-
 # ---------------------------------------------------------------- base
 
 
@@ -55,7 +50,7 @@ def test_a_moved_base_moves_the_solution():
     at = np.random.default_rng(0).normal(size=3)
     _keep, mbs, handle = scene(single(0.3), referencePosition=at, referenceRotationMatrix=turn)
     assert distance(handle.tip_position, at + turn @ STRAIGHT) < 1e-12
-    solved(mbs, handle, 1.0, 2.0, 1.0)
+    solve_scene(mbs, handle, [1.0], [2.0], [1.0])
     expected = solve(single(0.3), pull(1.0, 2.0, 1.0)).steps[-1]
     assert distance(handle.tip_position, at + turn @ expected.tip) < 1e-9
     assert handle.tip_rotation == pytest.approx(turn @ expected.rotations[-1], abs=1e-8)
@@ -119,7 +114,7 @@ def test_base_on_an_elastically_supported_body():
     load = handle.add_load("tip", LENGTH)
     mbs.Assemble()
     load.set([force, 0.0, 0.0])
-    solved(mbs, handle, 1.0)
+    solve_scene(mbs, handle, [1.0])
     r = handle.shape()[1][0]
     phi = np.arctan2(r[0, 2], r[2, 2])
     assert stiffness * phi == pytest.approx(force * handle.tip_position[2], rel=1e-6)
@@ -135,13 +130,11 @@ def test_base_on_the_tip_of_another_robot():
         mbs, single(0.3), MODEL, name="second", referencePosition=STRAIGHT, baseMarker=first.mTip
     )
     mbs.Assemble()
-    first.set_tensions([1.0])
-    mbs.SolveTDCR()
+    solve_scene(mbs, first, [1.0])
     assert distance(first.tip_position, single_tip()) < 1e-8
     expected = first.tip_position + first.tip_rotation @ STRAIGHT
     assert distance(second.tip_position, expected) < 1e-7
-    second.set_tensions([1.0])
-    mbs.SolveTDCR()
+    solve_scene(mbs, second, [1.0])
     assert distance(first.tip_position, single_tip()) < 1e-8
     assert distance(second.tip_position, first.tip_position + first.tip_rotation @ single_tip()) < 1e-7
 
@@ -161,7 +154,7 @@ def test_no_time_passes_and_motion_goes_on_from_a_base_that_is_driven():
     mbs.AddObject(eii.GenericJoint(markerNumbers=[ground, marker], **drive))
     handle = CreateTDCR(mbs, single(0.3), MODEL, baseMarker=marker)
     mbs.Assemble()
-    solved(mbs, handle, 1.0)
+    solve_scene(mbs, handle, [1.0])
     assert distance(handle.tip_position, single_tip()) < 1e-8
     assert mbs.SolveDynamic(recommended(handle, 0.01, 1e-3))
     assert handle.position_at(0.0) == pytest.approx([0.1 * np.sin(0.01), 0.0, 0.0], abs=1e-9)
@@ -225,7 +218,7 @@ def test_user_hooks_are_called_beside_those_of_the_robot(when):
     if when == "after":
         user(lambda: made["handle"], lambda: made["load"])
     mbs.Assemble()
-    solved(mbs, handle, 1.0)
+    solve_scene(mbs, handle, [1.0])
     assert calls["residual"] > 0 and calls["jacobian"] > 0
     x = handle.tip_position[0]
     assert distance(handle.tip_position, single_tip(force=(-k * x, 0.0, 0.0))) < 1e-7
@@ -276,7 +269,7 @@ def test_sensors_give_tip_tensions_displacement_and_friction():
     _keep, mbs, handle = scene(single(0.3), assemble=False)
     sensors = handle.add_sensors()
     mbs.Assemble()
-    solved(mbs, handle, 1.0, 0.9)
+    solve_scene(mbs, handle, [1.0], [0.9])
     values = {name: mbs.GetSensorValues(sensor) for name, sensor in sensors.items()}
     tensions = handle.tensions()["t1"]
     assert values["tip_position"] == pytest.approx(handle.tip_position, abs=1e-12)
@@ -334,8 +327,7 @@ def test_nothing_is_drawn_of_a_robot_that_is_not_shown():
 def test_a_window_of_the_renderer_shows_the_solved_state():
     """Seen in a window: the robot stayed straight while it was bent by `SolveTDCR`."""
     _keep, mbs, handle = scene(single(0.0))
-    handle.set_tensions([1.0])
-    mbs.SolveTDCR()
+    solve_scene(mbs, handle, [1.0])
     data = mbs.systemData
     shown = data.GetODE2Coordinates(exu.ConfigurationType.Visualization)
     assert np.array_equal(shown, data.GetODE2Coordinates())

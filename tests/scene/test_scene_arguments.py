@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from exudyn.utilities import InertiaCuboid
 from native_solvers import dynamic_settings, recommended, static_settings
-from robots import LENGTH, distance, scene, seven, single, system
+from robots import LENGTH, distance, scene, seven, single, solve_scene, system
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.model.loading import Model
@@ -22,9 +22,7 @@ HEAVY = [0.0, 0.0, -9.81]
 def bent(mbs, handle):
     """Shape after a pull."""
     mbs.Assemble()
-    handle.set_tensions([0.5, 0.1, 0.0])
-    SolveTDCR(mbs)
-    return handle.shape()[0]
+    return solve_scene(mbs, handle, [0.5, 0.1, 0.0])
 
 
 def test_gravity_colour_graphics_and_a_dict_are_as_in_exudyns_functions():
@@ -87,8 +85,7 @@ def test_a_tension_set_after_inputs_over_time_leaves_the_other_tendons_as_they_a
     _keep, mbs, handle = scene(seven(0.0), friction="none")
     handle.set_inputs_over_time(lambda t: [0.2 * t, 0.5 * t, 0.1 * t])
     assert mbs.SolveStatic(static_settings(20))
-    handle.set_tensions({"t1": 0.3})
-    mbs.SolveTDCR()
+    solve_scene(mbs, handle, {"t1": 0.3})
     assert [handle.tensions()[t][0] for t in ("t1", "t2", "t3")] == pytest.approx([0.3, 0.5, 0.1])
 
 
@@ -126,8 +123,7 @@ INPUTS = [0.5, 0.1, 0.1]
 
 def solved(mbs, handle):
     """Tip after a pull."""
-    handle.set_tensions(INPUTS)
-    SolveTDCR(mbs)
+    solve_scene(mbs, handle, INPUTS)
     return handle.tip_position
 
 

@@ -9,7 +9,7 @@ import pytest
 from contacts import CONTACTS
 from exudyn.utilities import LoadSolutionFile, SetSolutionState
 from native_solvers import damped, dynamic_settings, recommended
-from robots import LENGTH, distance, scene, seven
+from robots import LENGTH, distance, scene, seven, solve_scene
 
 from tdcr_fe.solve.statics import SolveTDCR
 
@@ -24,13 +24,6 @@ def rise(t: float) -> list[float]:
 def swing(t: float) -> list[float]:
     """Tensions over time [N]."""
     return [1.0 - np.cos(50.0 * t), 0.1, 0.1]
-
-
-def pull(mbs, handle, tension: float) -> np.ndarray:
-    """Positions of the nodes after a pull of the first tendon."""
-    handle.set_tensions({"t1": tension})
-    SolveTDCR(mbs)
-    return handle.shape()[0]
 
 
 # ---------------------------------------------------------------- functions of the user
@@ -82,14 +75,10 @@ def test_tensions_set_in_a_prestep_function_are_those_of_inputs_over_time():
 def test_a_stored_state_restores_tensions_and_holes():
     """By `GetSystemState` and `SetSystemState`; in version 0.1 the holes kept their later states."""
     _keep, mbs, handle = scene(seven(0.3))
-    for inputs in ([1.5, 0.2, 0.1], [1.0, 0.2, 0.1]):
-        handle.set_tensions(inputs)
-        SolveTDCR(mbs)
+    solve_scene(mbs, handle, [1.5, 0.2, 0.1], [1.0, 0.2, 0.1])
     stored = mbs.systemData.GetSystemState()
     shape, tensions, holes = handle.shape()[0], handle.tensions(), handle.hole_states()
-    handle.set_tensions([0.4, 0.8, 0.1])
-    SolveTDCR(mbs)
-    onwards = handle.shape()[0]
+    onwards = solve_scene(mbs, handle, [0.4, 0.8, 0.1])
     assert handle.hole_states() != holes
     mbs.systemData.SetSystemState(stored)
     assert np.array_equal(handle.shape()[0], shape)
@@ -116,11 +105,11 @@ def test_a_state_recorded_in_contact_is_gone_on_from(kind):
     _keep, mbs, handle = scene(seven(0.3), assemble=False)
     CONTACTS[kind](mbs, handle)
     mbs.Assemble()
-    pull(mbs, handle, 0.7)
-    there = pull(mbs, handle, 1.5)
+    solve_scene(mbs, handle, {"t1": 0.7})
+    there = solve_scene(mbs, handle, {"t1": 1.5})
     recorded = mbs.systemData.GetSystemState()
-    onwards = pull(mbs, handle, 1.8)
-    assert distance(pull(mbs, handle, 0.2), there) > 0.1
+    onwards = solve_scene(mbs, handle, {"t1": 1.8})
+    assert distance(solve_scene(mbs, handle, {"t1": 0.2}), there) > 0.1
 
     def restore():
         for configuration in BOTH:
@@ -129,9 +118,9 @@ def test_a_state_recorded_in_contact_is_gone_on_from(kind):
             mbs.GetGeneralContact(0).UpdateContacts(mbs)
 
     restore()
-    assert distance(pull(mbs, handle, 1.5), there) < 1e-9
-    assert distance(pull(mbs, handle, 1.8), onwards) < 1e-9
-    pull(mbs, handle, 0.2)
+    assert distance(solve_scene(mbs, handle, {"t1": 1.5}), there) < 1e-9
+    assert distance(solve_scene(mbs, handle, {"t1": 1.8}), onwards) < 1e-9
+    solve_scene(mbs, handle, {"t1": 0.2})
     restore()
     handle.set_tensions({"t1": 1.5})
     assert mbs.SolveDynamic(recommended(handle, 0.01, 1e-3))
@@ -213,7 +202,7 @@ def test_a_run_goes_on_from_the_restart_file_of_exudyn(tmp_path):
 def made_and_dropped(solve: bool) -> weakref.ref:
     _keep, mbs, handle = scene(seven(0.3))
     if solve:
-        pull(mbs, handle, 0.1)
+        solve_scene(mbs, handle, {"t1": 0.1})
     return weakref.ref(handle.actuation)
 
 

@@ -38,8 +38,7 @@ def test_a_parallel_tendon_bends_the_bare_rod_to_a_circular_arc():
     """
     a, tension = 5e-3, 2.0
     rod = Robot(SOFT, tendons=(Tendon("t", ParallelRouting(a)),))
-    result = simulate(rod, FOLLOWS, [LoadStep(tensions={"t": tension})])
-    assert result.converged, result.message
+    result = simulate(rod, FOLLOWS, [LoadStep(tensions={"t": tension})]).raise_if_failed()
     curvature, stretch = tension * a / SOFT.EI, 1.0 - tension / SOFT.EA
     radius, angle = stretch / curvature, curvature * L
     expected = [radius * (1.0 - np.cos(angle)), 0.0, radius * np.sin(angle)]
@@ -53,8 +52,8 @@ TWO_MATERIALS = replace(CONE, patches=(StiffnessPatch(0.2, L, modulus=0.4, densi
 @pytest.mark.parametrize("backbone", [SOFT, CONE, TWO_MATERIALS], ids=["even", "cone", "two materials"])
 def test_a_hanging_rod_without_tendons_stretches_by_its_weight(backbone):
     """Every section by its own modulus and area, under the weight of what is below it."""
-    result = simulate(Robot(backbone), Model(gravity=(0.0, 0.0, 9.81), elements_per_bay=4), [LoadStep()])
-    assert result.converged, result.message
+    model = Model(gravity=(0.0, 0.0, 9.81), elements_per_bay=4)
+    result = simulate(Robot(backbone), model, [LoadStep()]).raise_if_failed()
     s = np.linspace(0.0, L, 60001)
     modulus, density = backbone.material_factors(s)
     area = np.pi * backbone.radius_at(s) ** 2
@@ -87,9 +86,8 @@ def test_finite_elements_agree_with_the_reference(robot):
     steps = [
         LoadStep(tensions={k: v for k, v in s.tensions.items() if k in robot.tendon_names}) for s in STEPS
     ]
-    exact = solve_reference(robot, model, steps)
-    found = simulate(robot, model, steps)
-    assert exact.converged and found.converged, (exact.message, found.message)
+    exact = solve_reference(robot, model, steps).raise_if_failed()
+    found = simulate(robot, model, steps).raise_if_failed()
     np.testing.assert_allclose(found.tips, exact.tips, atol=1e-4 * L)
     for a, b in zip(found.steps, exact.steps, strict=True):
         np.testing.assert_allclose(a.displacements, b.displacements, atol=1e-4 * L)
@@ -119,13 +117,10 @@ BENDING = [
 def test_tapered_robots_converge_to_the_reference_with_order_two(path):
     robot = three(0.2).with_backbone(taper=((0.0, R0), (0.1, 0.35e-3), (LENGTH, R1)))
     model = Model(path, "none", gravity=(0.0, 3.0, -9.81))
-    exact = solve_reference(robot, model, BENDING[:2])
-    assert exact.converged, exact.message
+    exact = solve_reference(robot, model, BENDING[:2]).raise_if_failed()
     found = []
     for n in (1, 2, 4, "auto"):
-        run = simulate(robot, replace(model, elements_per_bay=n), BENDING[:2])
-        assert run.converged, run.message
-        found.append(run.tips)
+        found.append(simulate(robot, replace(model, elements_per_bay=n), BENDING[:2]).raise_if_failed().tips)
     ratio = distance(found[0], found[1]) / distance(found[1], found[2])
     assert 3.5 < ratio < 4.6
     assert distance(found[2], exact.tips) < 2e-4 and distance(found[3], exact.tips) < 2e-4
@@ -147,8 +142,9 @@ def rod(law, **changes):
 def test_an_axial_force_stretches_the_rod_along_the_stress_strain_curve(law):
     """``F = EA (e + b e^2 + c e^3)``: the cubic solved by numpy."""
     force = 0.08 * ROD.EA
-    result = simulate(rod(law), Model(), [LoadStep(loads={"tip": Load(L, (0.0, 0.0, force))})])
-    assert result.converged, result.message
+    result = simulate(
+        rod(law), Model(), [LoadStep(loads={"tip": Load(L, (0.0, 0.0, force))})]
+    ).raise_if_failed()
     roots = np.roots([law.cubic, law.quadratic, 1.0, -0.08])
     stretch = min(float(r.real) for r in roots if abs(r.imag) < 1e-9 and r.real > 0.0)
     assert result.tips[0][2] == pytest.approx(L * (1.0 + stretch), rel=1e-9)
@@ -209,8 +205,7 @@ def test_nonlinear_fibres_agree_with_the_reference(law, path):
     if path == "straight":
         robot = replace(robot, disks=Disks.equally_spaced(12, L, radius=12e-3))
     model = Model(path, "none", gravity=(0.0, 0.0, 9.81))
-    exact = solve_reference(robot, model, PULLS)
-    found = simulate(robot, model, PULLS)
-    assert exact.converged and found.converged, (exact.message, found.message)
+    exact = solve_reference(robot, model, PULLS).raise_if_failed()
+    found = simulate(robot, model, PULLS).raise_if_failed()
     linear = simulate(replace(robot, backbone=FIBRES.backbone), model, PULLS)
     assert np.abs(found.tips - exact.tips).max() < 2e-4 * L < 0.02 * np.abs(linear.tips - exact.tips).max()

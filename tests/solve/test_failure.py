@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from robots import distance, paper, pull, scene, solve
+from robots import distance, paper, pull, scene, solve, solve_scene
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import tdcr_fe.solve.newton.convergence as convergence
@@ -72,8 +72,7 @@ def test_an_interrupt_within_a_step_keeps_the_steps_before(monkeypatch):
 
 def test_an_interrupt_leaves_a_scene_at_the_beginning_of_the_step(monkeypatch):
     _keep, mbs, handle = scene(paper(0.3))
-    handle.set_tensions([1.0])
-    SolveTDCR(mbs)
+    solve_scene(mbs, handle, [1.0])
     before, history = handle.shape()[0], handle.actuation.state
 
     def interrupted(*args, **kwargs):

@@ -114,6 +114,9 @@ EXPERIMENTS = {
         Model(friction="none", tendon_path="continuous", elements_per_bay=1, gravity=(1.0, 0.0, -9.81)),
         by_displacement(),
     ),
+    "Dahl": Experiment(
+        robot(axial_stiffness=2000.0), Model(elements_per_bay=1, hysteresis="dahl"), by_tension()
+    ),
     "Stribeck": Experiment(
         robot(0.0, friction=StribeckFriction(0.3, 0.2, 1e-3, 2.0, 1.0), axial_stiffness=400.0),
         Model(elements_per_bay=1),
@@ -147,6 +150,7 @@ FAST = [
     ("clearance", "tendons.clearance"),
     ("superelastic, creep", "backbone.superelastic.threshold_strain"),
     ("continuous", "tendons.t2.angle_deg"),
+    ("Dahl", "backbone.youngs_modulus"),
     ("Stribeck", "tendons.friction.kinetic"),
 ]
 

@@ -24,9 +24,8 @@ def rod(disks=8, **changes):
 
 def solve(robot, *loads, gravity=(0.0, 0.0, 0.0), settings=None):
     step = LoadStep(loads={str(i): load for i, load in enumerate(loads)})
-    result = solve_reference(robot, Model(friction="none", gravity=gravity), [step], settings=settings)
-    assert result.converged, result.message
-    return result.steps[0]
+    model = Model(friction="none", gravity=gravity)
+    return solve_reference(robot, model, [step], settings=settings).raise_if_failed().steps[0]
 
 
 def test_the_base_carries_everything_at_large_bending():

@@ -36,8 +36,7 @@ def robot(*routings, disks=13, mu=0.0, **tendon):
 
 
 def run(robot, steps, path="straight", friction="none", gravity=(0.0, 0.0, 0.0)):
-    result = solve_reference(robot, Model(path, friction, gravity=gravity), steps)
-    assert result.converged, result.message
+    result = solve_reference(robot, Model(path, friction, gravity=gravity), steps).raise_if_failed()
     assert max(s.residual for s in result.steps) <= 1e-10
     return result
 
