@@ -5,13 +5,8 @@ from __future__ import annotations
 import argparse
 import importlib
 import re
-from collections.abc import Sequence
-from itertools import permutations, product
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar
 from tdcr_fe.io.atomic import check_output_folder
@@ -23,47 +18,8 @@ from tdcr_fe.model.messages import count
 from tdcr_fe.model.plausibility import Implausible
 from tdcr_fe.model.results import Interrupted
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.targets import FollowResult, ReachedTarget, ReachStatus, TensionLimits, TipTarget
+from tdcr_fe.model.targets import FollowResult, ReachedTarget, ReachStatus, TensionLimits
 from tdcr_fe.solve.inverse_statics.inverse import follow_path
-
-#: Tips are within the reach of an arc to this share of the length (160 of up to three segments: to 0.042). Of 2400 sets
-#: of six tips with z exchanged or mirrored, and of 240 with heights from the unloaded tip, all were named; none of 240
-#: right sets and of 1440 scaled by 0.5 to 2.
-BEYOND = 0.05
-
-
-def other_frame(targets: Sequence[TipTarget], length: float) -> str:
-    """The frame in which targets that are not reached would be, such as "x = z, z = x"; else empty.
-
-    An arc whose chord has the angle ``phi`` to the z axis reaches ``length sin(phi) / phi``. Where a target is beyond
-    that, axes may be exchanged; where all are on arcs after a shift, heights count from the unloaded tip. Targets with
-    open coordinates are left out.
-
-    Parameters
-    ----------
-    targets
-        That the tip is to reach.
-    length
-        Of the backbone [m].
-    """
-    points = np.array([t.position for t in targets if t.given.all()], dtype=float).reshape(-1, 3)
-
-    def beyond(p: NDArray[np.float64]) -> NDArray[np.float64]:
-        angle = np.arctan2(np.hypot(p[:, 0], p[:, 1]), p[:, 2])
-        return np.asarray(np.linalg.norm(p, axis=1) / length - np.sinc(angle / np.pi))
-
-    if points.size and np.all(np.abs(beyond(points + np.array([0.0, 0.0, length]))) <= BEYOND):
-        return f"z = z + {length:g} m"
-    if np.all(beyond(points) <= BEYOND):
-        return ""
-    found = []
-    for axes, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        if np.all(beyond(points[:, axes] * signs) <= BEYOND):
-            other = [
-                (k, a, s) for k, (a, s) in enumerate(zip(axes, signs, strict=True)) if (k, 1.0) != (a, s)
-            ]
-            found.append(", ".join(f"{'xyz'[k]} = {'-' * (s < 0.0)}{'xyz'[a]}" for k, a, s in other))
-    return min(found, key=len, default="")
 
 
 def follow(args: argparse.Namespace) -> int:
@@ -121,11 +77,6 @@ def follow(args: argparse.Namespace) -> int:
             most = 1e3 * max(result.targets[n - 1].error for n in numbers)
             which = f"{count(len(numbers), 'target')} ({', '.join(map(str, numbers))})"
             complain(f"{status.value}: {which}, at most {most:.3g} mm away; see {out / TARGETS}")
-    frame = other_frame(targets, robot.backbone.length)
-    if frame and not all(x.reached for x in result.targets):
-        complain(
-            f"all targets are within reach with {frame}; the undeformed backbone runs from z = 0 along +z"
-        )
     return _status(result, len(targets))
 
 

@@ -36,24 +36,13 @@ LOG_INTERVAL = 30.0
 Found = TypeVar("Found")
 
 
-def _processes(args: argparse.Namespace) -> int:
-    """Worker processes, at most one per core: more would only take memory and wait for each other."""
-    asked, most = args.processes, cores()
-    if asked <= most:
-        return int(asked)
-    text = f"--processes {asked}: this machine has {count(most, 'core')}, so one process per core is used"
-    args.noted.warnings.append(text)
-    complain(text)
-    return most
-
-
 def run(args: argparse.Namespace) -> int:
     """Identify what the model of a folder of measured data is missing."""
     begun = clock()
     sets = [read_measured(folder) for folder in args.folder]
     out = check_output_folder(args.out)
     settings = IdentifySettings(
-        processes=_processes(args),
+        processes=min(args.processes, cores()),  # more would wait for each other
         time_limit=60.0 * args.minutes,
         hold_out_branches=tuple(args.hold_out),
         own_effects=read_own_effects(args.effects),

@@ -1,9 +1,9 @@
-"""Checks of measured data before anything is solved: values that no robot has, and inputs or places in another unit."""
+"""Checks of measured data before anything is solved: values that no robot has, and places in another unit."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -11,10 +11,7 @@ from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, TDCRWarning
 from tdcr_fe.model.plausibility import plausibility
-from tdcr_fe.model.quantities import Description
 
-#: Inputs that bend the robot more or less than this many times as much as the readings say are in another unit [1].
-OTHER_UNIT = 4.0
 #: A marker is elsewhere where it is read farther from the base than its arc length by this share of the length [1].
 ELSEWHERE = 0.25
 
@@ -32,8 +29,6 @@ def first_checks(data: MeasuredData) -> dict[type[TDCRWarning], list[str]]:
     except ValueError as error:
         raise InputError([Problem(data.name, "", "", with_columns(str(error), data))]) from error
     warned += [impossible_place(data), large_sigma(data, data.input_sigma, "model.toml")]
-    if not any(warned):
-        remarks.append(_other_bend(data))
     found = {PlausibilityWarning: warned, PlausibilityRemark: remarks}
     return {category: [with_columns(x, data) for x in texts if x] for category, texts in found.items()}
 
@@ -56,39 +51,6 @@ def with_columns(text: str, data: MeasuredData) -> str:
         return f"loading.csv, step {step}: " + re.sub(r"^loads\.\w+\.", "", name)
 
     return re.sub(r"steps\[(\d+)\]\.([\w.]+)", column, text)
-
-
-def _other_bend(data: MeasuredData) -> str:
-    """Inputs that bend the robot far more or less than the readings say, as a sentence; of steps without a force."""
-    d = Description.of(data.robot, data.model, data.steps)
-    free = [not any(any(x.force) for x in step.loads.values()) for step in data.steps]
-    read = _bends_read(data)
-    bends = [read.get(i, 0.0) for i, f in zip(data.step_ids, free, strict=True) if f]
-    measured = max(bends, default=0.0) - min(bends, default=0.0)  # heights may not count from the base
-    for kind in ("tensions", "displacements"):
-        angles = np.linalg.norm(d.bends(kind).sum(axis=2), axis=1)[free]
-        largest = float(np.max(angles, initial=0.0))
-        if measured and largest and not 1.0 / OTHER_UNIT < largest / measured < OTHER_UNIT:
-            return (
-                f"loading.csv: its {kind} would bend the robot without friction by up to {largest:.2g} rad, the "
-                f"readings say {measured:.2g} rad; check the unit of the {kind}, the modulus and the radius"
-            )
-    return ""
-
-
-def _bends_read(data: MeasuredData) -> Mapping[int, float]:
-    """Angle between the tangents of base and tip by step, as far as readings tell it [rad]."""
-    found = {r.step: abs(r.value) for r in data.readings if r.quantity == "bending_angle"}
-    found |= {r.step: 2.0 * abs(r.value) for r in data.readings if r.quantity == "chord_angle"}
-    heights = [r for r in data.readings if r.quantity == "position_z" and isinstance(r.location, float)]
-    farthest = max((r.location for r in heights if isinstance(r.location, float)), default=0.0)
-    turns = np.linspace(0.0, 4.4, 441)
-    for r in heights:
-        if r.location == farthest and r.step not in found:
-            # An arc of the turn a and length s is s sin(a) / a high.
-            turn = float(np.interp(-r.value / farthest, -np.sinc(turns / np.pi), turns))
-            found[r.step] = turn * data.robot.backbone.length / farthest
-    return found
 
 
 def impossible_place(data: MeasuredData) -> str:

@@ -1,23 +1,15 @@
-"""Quantities of a loading sequence that physical limits bound: inputs and loads against the robot and each other."""
+"""Quantities of a loading sequence that physical limits bound: inputs and loads against the robot."""
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
-from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.limits import Value, kind_of_material, limits
-from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.quantities import Description, bending, weight_values
-from tdcr_fe.model.robot import Robot
-
-#: Inputs of neighbouring steps differ by no more than the first factor; one is the mean of its neighbours to within the
-#: second.
-SMOOTH, NEAR = 4.0, 1.5
 
 
 def loading_values(d: Description) -> Iterator[Value]:
@@ -25,8 +17,6 @@ def loading_values(d: Description) -> Iterator[Value]:
     yield from _tendons(d)
     yield from _loads(d)
     yield from _bends(d)
-    yield from _slips(d)
-    yield from _sequence(d.robot, d.steps)
 
 
 def _tendons(d: Description) -> Iterator[Value]:
@@ -34,13 +24,9 @@ def _tendons(d: Description) -> Iterator[Value]:
     b = d.robot.backbone
     tensions, moved = d.inputs("tensions"), d.inputs("displacements")
     for i, tendon in enumerate(d.robot.tendons if d.steps else ()):
-        holes, offset, end, *_ = d.courses[tendon.name]
+        _, offset, end, *_ = d.courses[tendon.name]
         k = int(np.argmax(tensions[:, i]))
         force, key = float(tensions[k, i]), f"steps[{k}].tensions.{tendon.name}"
-        if force > 0.0:
-            held = tendon.adhesion * max(len(holes) - 2, 0)  # neither at the base plate nor at the anchor
-            detail = f"{held:.3g} N in all, and the largest tension is {force:.3g} N"
-            yield Value("holds_back", f"tendons[{i}].adhesion", tendon.adhesion, "N", held / force, detail)
         if tendon.pretension > force:
             force, key = tendon.pretension, f"tendons[{i}].pretension"
         # A parallel tendon bends the backbone to the curvature T a / EI (pure moment).
@@ -124,62 +110,3 @@ def _bends(d: Description) -> Iterator[Value]:
         largest = max(*forces, *moments, *(v.ratio for v in weight_values(d)))
     if largest > 0.0 and d.steps:
         yield Value("bends", "steps", math.nan, "", largest)
-
-
-# ------------------------------------------------------------------------------------------------- step against step
-
-
-def _sequence(robot: Robot, steps: Sequence[LoadStep]) -> Iterator[Value]:
-    """Inputs against those of the steps before and after, and tendons against each other."""
-    named = {n for s in steps for n in (*s.tensions, *s.displacements)}
-    for i, tendon in enumerate(robot.tendons):
-        if tendon.pretension and tendon.name not in named and any(s.tensions for s in steps):
-            yield Value("held", f"tendons[{i}].pretension", tendon.pretension, "N", 1.0)
-    latest = max((s.time for s in steps if s.time is not None), default=0.0)
-    rate = robot.backbone.creep_rate
-    yield Value("creep", "backbone.creep_rate", rate, "1/s", robot.backbone.compliance_factor(latest))
-    same = sum(
-        a.time is None and (a.tensions, a.displacements, a.loads) == (b.tensions, b.displacements, b.loads)
-        for a, b in itertools.pairwise(steps)
-    )
-    yield Value("same_steps", "steps", math.nan, "", same)
-    yield from _taken_in(robot, steps)
-
-
-def _slips(d: Description) -> Iterator[Value]:
-    """The only input that leaps: ten times as large as those before and after it suggest, or a tenth."""
-    found, leaps = [], 0
-    for kind, unit in (("tensions", "N"), ("displacements", "m")):
-        for name in d.robot.tendon_names:
-            given = [(k, x) for k, s in enumerate(d.steps) if (x := getattr(s, kind).get(name)) is not None]
-            pairs = [(a, b) for (_, a), (_, b) in itertools.pairwise(given) if a * b]
-            leaps += sum(not 1.0 / SMOOTH <= a / b <= SMOOTH for a, b in pairs)
-            for (_, before), (k, x), (_, after) in zip(given, given[1:], given[2:], strict=False):
-                if len({y for _, y in given} - {0.0}) < 3:
-                    break  # pulled and let back: no other value tells what is smooth
-                factor = 2.0 * x / (before + after) if before * after > 0.0 else 0.0
-                if any(1.0 / NEAR <= factor / slip <= NEAR for slip in (0.1, 10.0)):
-                    detail = f"{before:g} {unit} before it and {after:g} {unit} after it"
-                    found.append(Value("one_step", f"steps[{k}].{kind}.{name}", x, unit, 10.0, detail))
-    if leaps == 2:  # up and down
-        yield from found
-
-
-def _taken_in(robot: Robot, steps: Sequence[LoadStep]) -> Iterator[Value]:
-    """Displacements of three or more tendons that end together: what some take in the others have to let out."""
-    held: dict[str, float] = {}
-    groups: dict[int, list[str]] = {}
-    for tendon in robot.tendons:
-        groups.setdefault(round(robot.end(tendon) / ARC_TOLERANCE), []).append(tendon.name)
-    found: dict[str, tuple[float, float]] = {}  # sum, sum of sizes
-    for k, step in enumerate(steps):
-        held = {n: x for n, x in held.items() if n not in step.tensions} | dict(step.displacements)
-        for names in groups.values():
-            moved = [held[n] for n in names if n in held]
-            if len(names) > 2 and len(moved) == len(names) and max(moved) > max(0.0, min(moved)):
-                key = f"steps[{k}].displacements of {', '.join(names)}"
-                found[key] = max(sum(moved), 0.0), sum(map(abs, moved))  # slack may be let out besides
-    largest = max((total for _, total in found.values()), default=0.0)
-    for key, (together, _) in found.items():
-        detail = f"{1e3 * together:.3g} mm"
-        yield Value("taken_in", key, math.nan, "m", together / largest, detail)

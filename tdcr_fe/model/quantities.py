@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import ARC_TOLERANCE
-from tdcr_fe.model.friction import StribeckFriction
 from tdcr_fe.model.limits import REMARK, Value, kind_of_material, limits, nearest_material
 from tdcr_fe.model.loading import LoadStep, Model, Vector, with_displacements
 from tdcr_fe.model.robot import Disks, Robot
@@ -113,8 +112,6 @@ def _backbone(robot: Robot) -> Iterator[Value]:
     ratio = b.radius / (b.length if thick else disks.radius)
     detail = f"radius {disks.radius:g} m"
     yield Value("radius" if thick else "radius_of_disks", "backbone.radius", b.radius, "m", ratio, detail)
-    if b.taper:
-        yield Value("widens", "backbone.radius", b.taper[-1][1], "m", b.taper[-1][1] / b.radius)
     yield Value("slenderness", "backbone.radius", b.radius, "m", b.length / b.radius)
     limit = "modulus_of_body" if robot.without_disks else "modulus"
     yield Value(limit, "backbone.youngs_modulus", b.youngs_modulus, "Pa", b.youngs_modulus)
@@ -148,13 +145,8 @@ def _stiffnesses(robot: Robot) -> Iterator[Value]:
             # A backbone without stretch and shear is given by high stiffnesses.
             ratio = given / computed if unit == "N m^2" else min(given / computed, 1.0)
             yield Value("stiffness", f"backbone.{key}", given, unit, ratio, detail)
-    given = b.bending_stiffness or b.torsional_stiffness
-    if given:
-        key = "bending" if b.bending_stiffness else "torsional"
-        both = f"EI = {b.EI:.3g} and GJ = {b.GJ:.3g} N m^2"
-        ratio = b.GJ * (1.0 + b.poisson_ratio) / b.EI
-        yield Value("torsion", f"backbone.{key}_stiffness", given, "N m^2", ratio, both)
-    elif not Value("density", "", b.density, "", b.density).is_beyond:
+    by_hand = b.bending_stiffness or b.torsional_stiffness
+    if not by_hand and not Value("density", "", b.density, "", b.density).is_beyond:
         name, factor = nearest_material(b.youngs_modulus, b.density)
         detail = f"{b.density:g} kg/m^3 ({name})"
         yield Value("material", "backbone.youngs_modulus", b.youngs_modulus, "Pa", factor, detail)
@@ -192,20 +184,13 @@ def _disks(robot: Robot) -> Iterator[Value]:
 
 
 def _tendon(d: Description, tendon: Tendon, key: str) -> Iterator[Value]:
-    """Quantities of one tendon, and its holes against neighbouring holes."""
+    """Quantities of one tendon."""
     robot, backbone = d.robot, d.robot.backbone
-    holes, offset, end, *_ = d.courses[tendon.name]
+    _, offset, end, *_ = d.courses[tendon.name]
     bays = sum(s <= end + ARC_TOLERANCE for s in robot.bay_ends)
     for name, value in vars(tendon.routing).items():
         if name.startswith("turns"):
             yield Value("turns", f"{key}.{name}", value, "turns", abs(value) / max(1, bays))
-        part = math.pi / (6.0 if name == "angle_deg" else 2.0)
-        if name.startswith(("turns", "angle")) and 0 < (parts := round(abs(value) / part)) <= 12:
-            off = abs(abs(value) / (parts * part) - 1.0)
-            yield Value("in_rad", f"{key}.{name}", value, "", off, f"{parts * part / math.pi:.3g}")
-    if isinstance(tendon.routing, ConvergingRouting) and tendon.routing.offset > 0.0:
-        wide = tendon.routing.end_offset
-        yield Value("widens", f"{key}.end_offset", wide, "m", wide / tendon.routing.offset)
     law = tendon.friction
     given = {"friction_coefficient": tendon.friction_coefficient}
     given |= {f"friction.{n}": getattr(law, n, 0.0) for n in ("mu", "static", "kinetic")}
@@ -214,18 +199,10 @@ def _tendon(d: Description, tendon: Tendon, key: str) -> Iterator[Value]:
     for name, value in given.items():
         limit = "no_holes" if robot.without_disks else "friction"
         yield Value(limit, f"{key}.{name}", value, "", value)
-    if isinstance(law, StribeckFriction) and law.kinetic > 0.0:
-        ratio = law.static / law.kinetic
-        yield Value("stribeck", f"{key}.friction.static", law.static, "", ratio, f"{law.kinetic:g}")
     bend = tendon.adhesion * offset * end / backbone.EI
     yield Value("adhesion", f"{key}.adhesion", tendon.adhesion, "N", bend)
     if (ea := tendon.axial_stiffness) is not None:
         yield Value("tendon_stiffness", f"{key}.axial_stiffness", ea, "N", ea)
-        if not any(step.tensions for step in d.steps):
-            yield Value("soft_tendon", f"{key}.axial_stiffness", ea, "N", ea * offset**2 / backbone.EI)
-    if tendon.spool is not None and tendon.spool.stiffness is not None:
-        k = tendon.spool.stiffness
-        yield Value("soft_tendon", f"{key}.spool.stiffness", k, "N/m", k * end * offset**2 / backbone.EI)
     pulled = tendon.pretension * float(np.linalg.norm(d.courses[tendon.name].by_tension))
     yield Value("pretension", f"{key}.pretension", tendon.pretension, "N", pulled)
     if robot.without_disks:
@@ -238,16 +215,11 @@ def _tendon(d: Description, tendon: Tendon, key: str) -> Iterator[Value]:
         yield Value("course", f"{key}.{which}", offsets[k], "m", offsets[k] / radius[k], detail)
     elif offset > 0.0 and backbone.bending_stiffness is None and not _are_guides(robot):
         yield Value("hole", f"{key}.offset", offset, "m", offset / backbone.radius)
-    if len(holes) >= 5:
-        away = np.linalg.norm(holes[1:-1] - 0.5 * (holes[:-2] + holes[2:]), axis=1)
-        k = int(np.argmax(away))
-        ratio = float(away[k] / (np.median(away) + 0.1 * offset)) if offset else 0.0
-        yield Value("one_hole", f"{key}.holes[{k + 1}]", math.nan, "m", ratio, f"{1e3 * away[k]:.3g} mm")
 
 
 def _tendons(d: Description) -> Iterator[Value]:
     """Tendons against each other."""
-    robot, tendons = d.robot, d.robot.tendons
+    tendons = d.robot.tendons
     offsets = {n: c.offset for n, c in d.courses.items()}
     keys = {t.name: f"tendons[{i}]" for i, t in enumerate(tendons)}
     fields = {
@@ -264,26 +236,13 @@ def _tendons(d: Description) -> Iterator[Value]:
             yield Value("one_tendon", f"{keys[name]}.{field}", values[name], unit, ratio, detail)
     for one, other in itertools.combinations(tendons, 2):
         a, b = (d.courses[t.name].holes for t in (one, other))
-        together = min(len(a), len(b))
-        apart = np.linalg.norm(a[:together] - b[:together], axis=1)
         if a.shape == b.shape:
-            yield Value("same_holes", keys[other.name], math.nan, "m", float(np.max(apart)), keys[one.name])
-        elif not robot.without_disks:
-            yield Value("shared_holes", keys[other.name], math.nan, "m", float(np.min(apart)), keys[one.name])
+            apart = float(np.max(np.linalg.norm(a - b, axis=1)))
+            yield Value("same_holes", keys[other.name], math.nan, "m", apart, keys[one.name])
     angles = {t.name: getattr(t.routing, "angle_deg", math.inf) for t in tendons}
     if len(set(angles.values())) > 1:
         largest = max(map(abs, angles.values()))
         yield Value("angles", "tendons.angle_deg", largest, "deg", largest)
-    for end in sorted({course.end for course in d.courses.values()}):
-        same = [t for t in tendons if d.courses[t.name].end == end]
-        if (
-            len(same) >= 3
-            and len({type(t.routing) for t in same}) == 1
-            and math.isfinite(angles[same[0].name])
-        ):
-            resultant = abs(np.mean([np.exp(1j * math.radians(angles[t.name])) for t in same]))
-            listed = ", ".join(f"{angles[t.name]:g}" for t in same[:6])
-            yield Value("balance", "tendons.angle_deg", math.nan, "deg", float(resultant), listed)
 
 
 def _odd_one(values: Mapping[str, float]) -> tuple[str, float] | None:

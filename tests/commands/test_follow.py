@@ -8,10 +8,8 @@ import pytest
 from robots import LENGTH, three
 
 from tdcr_fe import cli
-from tdcr_fe.commands.follow import other_frame
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.targets import TipTarget
 from tdcr_fe.solve.simulate import simulate
 
 ROBOT, MODEL = three(0.2), Model(elements_per_bay=1)
@@ -66,19 +64,6 @@ def test_a_target_out_of_reach_is_named_and_the_exit_status_is_0(tmp_path, robot
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["targets"]["out_of_reach"] == [1]
     assert summary["targets"]["largest"] == {"t1": 2.0, "t2": 2.0, "t3": 1.5}
-
-
-def test_exchanged_axes_are_named_where_targets_are_out_of_reach(tmp_path, robot, capsys):
-    """The backbone was taken to run along +x."""
-    tip = simulate(ROBOT, MODEL, [LoadStep(tensions={"t1": 1.0, "t2": 0.5})]).tips[-1]
-    (tmp_path / "path.csv").write_text(f"step,z,y,x\n1,{tip[0]},{tip[1]},{tip[2]}\n")
-    follow(robot, "--largest", "2")
-    said = "all targets are within reach with x = z, z = x; the undeformed backbone runs from z = 0 along +z"
-    assert said in capsys.readouterr().err
-    assert other_frame([TipTarget(tuple(tip))], LENGTH) == ""
-    assert other_frame([TipTarget(tuple(-tip))], LENGTH) == "z = -z"  # one that hangs
-    assert other_frame([TipTarget((*tip[:2], tip[2] - LENGTH))], LENGTH) == "z = z + 0.25 m"
-    assert other_frame([TipTarget((0.0, 0.0, 2.0 * LENGTH))], LENGTH) == ""  # out of reach whatever the axes
 
 
 def test_an_empty_cell_leaves_a_coordinate_open(tmp_path, robot, capsys):
