@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import monotonic
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from tdcr_fe.commands.common import (
     Exit,
@@ -24,9 +24,9 @@ from tdcr_fe.identify.sentences import summary
 from tdcr_fe.identify.settings import GRACE_OF_TABLES, IdentifySettings, clock
 from tdcr_fe.io.atomic import check_output_folder, write_json
 from tdcr_fe.io.measured import MeasuredData, join_measured, read_measured
-from tdcr_fe.io.problems import InputError, Problem
+from tdcr_fe.io.problems import refusal
 from tdcr_fe.io.user_effects import read_own_effects
-from tdcr_fe.model.messages import count, warnings_to
+from tdcr_fe.model.messages import warnings_to
 
 #: Keys of result.json that `--json` prints.
 FIGURES = ("verdict", "observations", "held_out_steps", "before", "effects", "after", "law", "ceiling")
@@ -37,8 +37,7 @@ Found = TypeVar("Found")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Identify what the model of a folder of measured data is missing."""
-    begun = clock()
+    """Identify what the model of measured data is missing: of one robot, or of several of one design."""
     sets = [read_measured(folder) for folder in args.folder]
     out = check_output_folder(args.out)
     settings = IdentifySettings(
@@ -48,58 +47,53 @@ def run(args: argparse.Namespace) -> int:
         own_effects=read_own_effects(args.effects),
     )
     complain_of_left_out(args, [row for s in sets for row in s.left_out])
-    if args.robots:
-        return _robots(args, sets, settings, out)
-    data = join_measured(sets)
-    print_understood(args, data.robot, data.model, data.steps)
     try:
-        result = _with_progress(args, lambda progress: identify(data, settings, progress))
+        text, figures, names, interrupted = (_robots if args.robots else _robot)(args, sets, settings, out)
     except NotSolved as error:
         args.noted.message = str(error)
         complain(str(error))
         return Exit.FAILED
-    with warnings_to():  # the same were issued for the measured data
-        result, names, interrupted = write_result(
-            result, out, begun + (1.0 + GRACE_OF_TABLES) * settings.time_limit
-        )
-    document = result.to_json()
-    args.noted.figures = {name: document[name] for name in FIGURES if name in document}
+    args.noted.figures = figures
     args.noted.files += [out / name for name in names]
     if not args.quiet:
-        print(summary(result))
-        print(f"\nWritten to {out}: {', '.join(names)}")
+        print(f"{text}\n\nWritten to {out}: {', '.join(names)}")
     if interrupted:
         complain("interrupted; what was found until then is written")
         return Exit.INTERRUPTED
     return Exit.DONE
 
 
+#: Summary, main results, names of the files, and whether the user pressed Ctrl-C.
+Outcome = tuple[str, dict[str, Any], list[str], bool]
+
+
+def _robot(
+    args: argparse.Namespace, sets: Sequence[MeasuredData], settings: IdentifySettings, out: Path
+) -> Outcome:
+    """Identify one robot and write the result."""
+    data, deadline = join_measured(sets), clock() + (1.0 + GRACE_OF_TABLES) * settings.time_limit
+    print_understood(args, data.robot, data.model, data.steps)
+    result = _with_progress(args, lambda progress: identify(data, settings, progress))
+    with warnings_to():  # the same were issued for the measured data
+        result, names, interrupted = write_result(result, out, deadline)
+    document = result.to_json()
+    figures = {name: document[name] for name in FIGURES if name in document}
+    return summary(result), figures, names, interrupted
+
+
 def _robots(
     args: argparse.Namespace, sets: Sequence[MeasuredData], settings: IdentifySettings, out: Path
-) -> int:
-    """Identify several robots of one design."""
+) -> Outcome:
+    """Identify several robots of one design and write the results."""
     names = [s.name for s in sets]
     if len(set(names)) < max(2, len(names)):
-        raise InputError([Problem("--robots", "", "", "takes two or more folders of different names")])
-    try:
-        found = _with_progress(args, lambda progress: identify_robots(sets, settings, progress))
-    except NotSolved as error:
-        args.noted.message = str(error)
-        complain(str(error))
-        return Exit.FAILED
+        raise refusal("--robots", "takes two or more folders of different names")
+    found = _with_progress(args, lambda progress: identify_robots(sets, settings, progress))
     with warnings_to():
         for name, result in found.results.items():
             write_result(result, out / name)
     write_json(found.to_json(), out / "robots.json")
-    written = ["robots.json", *found.results]
-    args.noted.figures = found.to_json()
-    args.noted.files += [out / name for name in written]
-    if not args.quiet:
-        print(f"{found}\n\nWritten to {out}: {', '.join(written)}")
-    if found.interrupted:
-        complain("interrupted; the robots up to then are written")
-        return Exit.INTERRUPTED
-    return Exit.DONE
+    return str(found), found.to_json(), ["robots.json", *found.results], found.interrupted
 
 
 def _with_progress(args: argparse.Namespace, work: Callable[[Progress], Found]) -> Found:

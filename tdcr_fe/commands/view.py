@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 from tdcr_fe.commands.common import Exit, progress_bar
@@ -13,15 +14,14 @@ from tdcr_fe.io.result_folder import read_motion
 from tdcr_fe.io.vtk_files import write_vtk
 from tdcr_fe.model.messages import count
 from tdcr_fe.report import video
-from tdcr_fe.report.motion import Motion
 from tdcr_fe.report.viewer import summary, view_page
 
 
 def view(args: argparse.Namespace) -> int:
     """Read the results and write the page, and what else was asked for."""
     motion = read_motion(args.result)
-    out = _file(args.out or str(Path(args.result) / VIEW_PAGE), (".html", ".htm"), "-o")
-    film = None if args.video is None else _video(args.video)
+    out = _file("-o", args.out or str(Path(args.result) / VIEW_PAGE), _problem_of_page)
+    film = None if args.video is None else _file("--video", args.video, video.problem)
     if args.vtk is not None:
         check_output_folder(args.vtk)
     write_text(view_page(motion), out)
@@ -31,7 +31,8 @@ def view(args: argparse.Namespace) -> int:
         written = write_vtk(motion, args.vtk)
         say(f"Written: {written[0].parent / 'robot.pvd'} and {count(len(written) - 1, 'file')} next to it")
     if film is not None:
-        _write_video(motion, film, args)
+        with progress_bar(args, 100) as bar:
+            video.write_video(motion, film, lambda share: bar.update(int(100 * share) - bar.n))
         say(f"Written: {_sized(film)}")
     return Exit.DONE
 
@@ -40,34 +41,21 @@ def _sized(path: Path) -> str:
     return f"{path} ({path.stat().st_size / 1e6:.2f} MB)"
 
 
-def _video(path: str) -> Path:
-    """Where the video goes; refused before anything is written."""
-    reason = "is a directory; must be a file" if Path(path).is_dir() else video.problem(Path(path))
-    if reason:
-        raise refusal("--video", reason, value=path)
-    check_output_folder(Path(path).parent)
-    return Path(path)
-
-
-def _write_video(motion: Motion, path: Path, args: argparse.Namespace) -> None:
-    """Write the video with a bar on stderr, where that is a terminal."""
-    with progress_bar(args, 100) as bar:
-
-        def progress(share: float) -> None:
-            bar.update(int(100 * share) - bar.n)
-
-        video.write_video(motion, path, progress)
-
-
-def _file(path: str, endings: tuple[str, ...], option: str) -> Path:
-    """A file that is to be written.
+def _file(option: str, text: str, problem: Callable[[Path], str]) -> Path:
+    """A file that is to be written; refused before anything is.
 
     Raises
     ------
     InputError
-        The path is that of a folder, has another ending, or its folder may not be written to.
+        The path is that of a folder or has another ending, or its folder may not be written to.
     """
-    if Path(path).is_dir() or Path(path).suffix.lower() not in endings:
-        raise refusal(option, f"must be a file that ends in {endings[0]}", value=path)
-    check_output_folder(Path(path).parent)
-    return Path(path)
+    path = Path(text)
+    reason = "is a directory; must be a file" if path.is_dir() else problem(path)
+    if reason:
+        raise refusal(option, reason, value=text)
+    check_output_folder(path.parent)
+    return path
+
+
+def _problem_of_page(path: Path) -> str:
+    return "" if path.suffix.lower() in (".html", ".htm") else "must be a file that ends in .html"

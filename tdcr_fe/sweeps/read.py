@@ -19,8 +19,8 @@ from tdcr_fe.io.toml import Scenario, ScenarioTables, build_scenario, digest, re
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, issue, join, meant, quoted, shown
-from tdcr_fe.model.plausibility import Findings, plausibility, warn_of_implausible
+from tdcr_fe.model.messages import PlausibilityWarning, issue, join, meant, quoted, shown
+from tdcr_fe.model.plausibility import plausibility, warn_of_implausible
 from tdcr_fe.model.schema import Keys, Mistake, Quantity
 from tdcr_fe.model.targets import TensionLimits
 from tdcr_fe.model.units import number_or_none, with_units
@@ -135,12 +135,12 @@ def read_sweep(
     report.refuse()
     implausible = _check_values(sweep, user_effects, report)
     report.refuse()
-    declared = set[str]()
+    declared: list[str] = []
     with suppress(ValueError):  # of a case that is refused the reason is in the table
-        found = warn_of_implausible(scenario.robot, scenario.model, scenario.steps)
-        declared = {_about(text) for texts in found for text in texts}
-    for texts, category in zip(implausible, (PlausibilityWarning, PlausibilityRemark), strict=True):
-        issue([t for t in texts if _about(t.partition(": ")[2]) not in declared], category, depth=3)
+        declared = warn_of_implausible(scenario.robot, scenario.model, scenario.steps).warnings
+    keys = {_about(text) for text in declared}
+    new = [f"{where}: {text}" for (where, key), text in implausible.items() if key not in keys]
+    issue(new, PlausibilityWarning, depth=3)
     return sweep
 
 
@@ -259,14 +259,19 @@ def _check_together(sweep: Sweep, scenario: Scenario, report: Reporter) -> None:
         report("sampling.method", quoted(sampling.method), text)
 
 
-def _check_values(sweep: Sweep, user_effects: Sequence[Effect], report: Reporter) -> Findings:
-    """Report values that the files do not allow; returns what is implausible: a remark where it is made of every value.
+def _check_values(
+    sweep: Sweep, user_effects: Sequence[Effect], report: Reporter
+) -> dict[tuple[str, str], str]:
+    """Report values that the files do not allow; warnings of values, by variation and key.
 
     A value is refused where it is wrong alone, all others as declared, and in every case tried that has it as well.
     Other contradictions, which only some combinations have, become the status of their cases.
     """
-    design, found = sweep.design(), dict[tuple[str, str, str], None]()
-    warnings, remarks = dict[str, str](), list[str]()
+    design, found, warnings = (
+        sweep.design(),
+        dict[tuple[str, str, str], None](),
+        dict[tuple[str, str], str](),
+    )
 
     def build(changes: Sequence[Change]) -> tuple[Scenario | None, Sequence[Problem]]:
         """The scenario with some changes, or its mistakes; a key that names nothing is one without a key."""
@@ -279,22 +284,17 @@ def _check_values(sweep: Sweep, user_effects: Sequence[Effect], report: Reporter
 
     for i, v in enumerate(sweep.variations):
         where = "workspace" if sweep.workspace and v.column.startswith("pull_") else f"vary[{i}]"
-        of_values: list[dict[str, str]] = []  # remarks by key
         for value, cases in _checked(v, design[v.column]):
             scenario, problems = build([(v.place, v.mode, value)])
             if scenario is not None:
                 with suppress(ValueError):
-                    of_value = plausibility(scenario.robot, scenario.model, scenario.steps)
-                    for text in of_value.warnings:
-                        warnings.setdefault(where + _about(text), f"{where}: {text}")
-                    of_values.append({_about(text): text for text in of_value.remarks})
+                    for text in plausibility(scenario.robot, scenario.model, scenario.steps).warnings:
+                        warnings.setdefault((where, _about(text)), text)
             elif not any(build(sweep.changes(design, case))[0] for case in cases):
                 found |= dict.fromkeys(_said(where, v, value, p) for p in problems)
-        first, *others = of_values or [{}]
-        remarks += [f"{where}: {text}" for key, text in first.items() if all(key in x for x in others)]
     for mistake in found:
         report(*mistake)
-    return Findings([*warnings.values()], remarks)
+    return warnings
 
 
 def _about(text: str) -> str:

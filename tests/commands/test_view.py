@@ -58,7 +58,7 @@ def test_results_of_the_version_before_are_refused_with_what_to_do(folder, capsy
 
 def test_a_page_of_another_kind_is_refused(folder, capsys):
     assert "must be a file that ends in .html" in refused([folder, "-o", folder / "x.pdf"], capsys)
-    assert "must be a file that ends in .html" in refused([folder, "-o", folder], capsys)
+    assert "is a directory; must be a file" in refused([folder, "-o", folder], capsys)
 
 
 def test_a_run_without_a_solved_step_cannot_be_drawn(tmp_path, capsys):

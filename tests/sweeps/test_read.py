@@ -2,7 +2,6 @@
 
 import re
 import tomllib
-import warnings
 from pathlib import Path
 
 import pytest
@@ -168,16 +167,7 @@ def test_what_is_implausible_is_warned_of_before_any_case_is_solved(tmp_path):
         tdcr.read_sweep(write_files(tmp_path, robot=robot))
 
 
-def test_a_range_of_which_all_is_implausible_is_remarked_on(tmp_path):
-    """Diameters in place of radii; a range that reaches there gives no remark."""
-    for lower, count in ((0.8e-3, 1), (0.3e-3, 0)):
-        values = f"lower = {lower}, upper = 1e-3"
-        text = vary("backbone.radius", f"uniform = {{ {values} }}", f"{SOBOL}samples = 4\n")
-        with warnings.catch_warnings(record=True) as found:
-            warnings.simplefilter("always")
-            tdcr.read_sweep(write_files(tmp_path, text))
-        assert len(found) == count
-        assert all(str(w.message).startswith("vary[0]: steps: inputs") for w in found)
+def test_implausible_values_are_warned_of_once(tmp_path):
     text = vary("backbone.bending_stiffness", "values = [1e3, 2e3]")
     with pytest.warns(tdcr.PlausibilityWarning, match="= 1000 N m") as found:
         tdcr.read_sweep(write_files(tmp_path, text))
