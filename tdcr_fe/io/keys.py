@@ -29,14 +29,9 @@ def tendon_keys(routing: str | None) -> Keys:
     }
     defaults: dict[str, Any] = {}
     for keys in [keys_of(cls) for kind, cls in ROUTINGS.items() if routing in (kind, None)]:
-        of_routing |= dict(keys)
+        of_routing |= keys
         defaults |= keys.defaults if routing else dict.fromkeys(keys)
-    return Keys({"name": own["name"], **of_routing, **dict(own)}, {**defaults, **own.defaults})
-
-
-def routings_with(key: str) -> list[str]:
-    """Names of the routings that have a key."""
-    return [name for name, r in ROUTINGS.items() if key in keys_of(r)]
+    return Keys({"name": own["name"], **of_routing, **own}, {**defaults, **own.defaults})
 
 
 @cache
@@ -62,15 +57,20 @@ _POSITIONS = replace(
     description="arc lengths of the disks, in place of count",
     min_items=1,
 )
-DISKS = keys_of(Disks).with_keys(
-    {"count": Annotated[int, _COUNT], "positions": Annotated[tuple[float, ...], _POSITIONS]},
-    count=None,
-    positions=None,
+DISKS = Keys(
+    {
+        **keys_of(Disks),
+        "count": Annotated[int, _COUNT],
+        "positions": Annotated[tuple[float, ...], _POSITIONS],
+    },
+    {**keys_of(Disks).defaults, "count": None, "positions": None},
 )
 _RADIUS = "radius of the (round) cross-section, or pairs of arc length and radius from base to tip, linear in between"
 _RADII = Annotated[float, Quantity(gt=0.0)] | tuple[tuple[float, float], ...]
 #: Keys of ``[backbone]``; its radius may change along it.
-BACKBONE = keys_of(Backbone).with_keys({"radius": Annotated[_RADII, Quantity(_RADIUS, "m")]})
+BACKBONE = Keys(
+    {**keys_of(Backbone), "radius": Annotated[_RADII, Quantity(_RADIUS, "m")]}, keys_of(Backbone).defaults
+)
 
 
 def _table(name: str, description: str, keys: str = "") -> Any:
@@ -86,37 +86,41 @@ def _tables(name: str, description: str, least: int = 0) -> Any:
 
 
 _ROBOT = all_keys_of(Robot)
+_DISKS = "the rigid disks on it; without it tendons follow the backbone"
 #: Keys at the top of ``robot.toml``.
 ROBOT = Keys(
     {
         "name": _ROBOT["name"],
+        **_ROBOT,
         "backbone": _table("backbone", "the elastic rod", "length, radius, youngs_modulus, poisson_ratio"),
-        "disks": _table(
-            "disks", "the rigid disks on it; without it tendons follow the backbone", "count or positions"
-        ),
-        "tip_mass": _ROBOT["tip_mass"],
+        "disks": _table("disks", _DISKS, "count or positions"),
         "tendons": _tables("tendons", "one table per tendon"),
-        "springs": _ROBOT["springs"],
-        "base_stiffness": _ROBOT["base_stiffness"],
     },
     {**_ROBOT.defaults, "disks": None},
 )
-_MODEL, _SOLVER = (
-    _table("model", "how the robot is modelled"),
-    _table("solver", "numerics of the quasi-static solver"),
+_SIGMA = "a number above zero [N, m or rad], or a table with one for every tendon"
+_INPUTS = Quantity("standard deviation of their errors", gt=0.0, allowed=_SIGMA)
+#: Keys of ``[inputs]``.
+INPUTS = Keys({"sigma": Annotated[float | dict[str, float], _INPUTS]})
+_SHARED = {
+    "model": _table("model", "how the robot is modelled"),
+    "solver": _table("solver", "numerics of the quasi-static solver"),
+    "effects": _table("effects", "effects that the model includes, by name"),
+}
+#: Keys at the top of ``model.toml``; ``effects`` and ``inputs`` are those of measured data.
+MODEL_FILE = Keys(
+    {**_SHARED, "inputs": _table("inputs", "errors of the inputs", "sigma")},
+    {"solver": {}, "effects": {}, "inputs": None},
 )
 _PATH = "the path of a robot.toml, in quotes, relative to this file"
-#: Keys at the top of ``model.toml``.
-MODEL_FILE = Keys({"model": _MODEL, "solver": _SOLVER}, {"solver": {}})
-#: Keys at the top of ``scenario.toml``, without the table of effects.
+#: Keys at the top of ``scenario.toml``.
 SCENARIO = Keys(
     {
         "robot": Annotated[str, Quantity("path of the robot.toml", allowed=_PATH)],
-        "model": _MODEL,
-        "solver": _SOLVER,
+        **_SHARED,
         "steps": _tables("steps", "the loading sequence", least=1),
     },
-    {"model": {}, "solver": {}},
+    {"model": {}, "solver": {}, "effects": {}},
 )
 
 
@@ -135,6 +139,7 @@ def _contents() -> dict[str, dict[str, Any]]:
         "disks": {**DISKS.json_schema, "oneOf": either},
         "tendons": {"type": "object", "oneOf": tendons},
         "effects": _effects_schema(),
+        "inputs": INPUTS.json_schema,
     }
 
 
@@ -166,8 +171,6 @@ def json_schema(file: Literal["robot", "scenario", "model"]) -> dict[str, Any]:
         raise ValueError(f"no schema of {file!r}; there are {', '.join(keys)}")
     schema, contents = keys[file].json_schema, _contents()
     nodes = {name: dict(node) for name, node in schema["properties"].items()}
-    if file != "robot":
-        nodes["effects"] = {"description": "effects that the model includes, by name", "type": "object"}
     for name in nodes.keys() & contents.keys():
         inner = contents[name] if nodes[name]["type"] == "object" else {"items": contents[name]}
         nodes[name] |= inner

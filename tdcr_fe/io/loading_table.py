@@ -23,8 +23,6 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.targets import TipTarget
 
 FORCES, POSITION, DIRECTION = ("force_x", "force_y", "force_z"), ("x", "y", "z"), ("dx", "dy", "dz")
-#: A table with more mistakes is not read on.
-MOST_PROBLEMS = 1000
 
 
 class Loading(NamedTuple):
@@ -95,7 +93,7 @@ def _rows(
     Raises
     ------
     InputError
-        With every mistake, or the first `MOST_PROBLEMS` and one more.
+        With every mistake.
     """
     problems = [Problem(file, column, "", text) for column, text in _wrong_columns(table, columns, required)]
     if not problems and table.empty:
@@ -121,8 +119,6 @@ def _rows(
             wrong["time"] = f"must not be before the step before, at {last:g} s"
         for column, said in (wrong or check(row)).items():
             problems.append(Problem(file, f"line {line}, {column}", texts[column] or "empty", said))
-        if len(problems) > MOST_PROBLEMS:
-            break
         rows.append(row)
         steps.add(step)
         last = max(last, time)

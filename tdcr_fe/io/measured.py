@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
 from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.io.atomic import write_text
+from tdcr_fe.io.keys import INPUTS
 from tdcr_fe.io.loading_table import Loading, loading_table, read_loading
 from tdcr_fe.io.problems import InputError, Problem, Reporter, read_all, refusal
 from tdcr_fe.io.readings import (
@@ -30,6 +30,7 @@ from tdcr_fe.io.user_effects import apply_effects
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, value_to_toml
 from tdcr_fe.model.checks import size_contradictions
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, with_displacements
+from tdcr_fe.model.messages import shown
 from tdcr_fe.model.robot import Robot
 
 
@@ -146,10 +147,12 @@ def read_measured(folder: str | os.PathLike[str]) -> MeasuredData:
         lambda: _check_columns(observed, str(paths[1])),
     )
     readings, bad = read_observations(observed, robot, set(step_ids), str(paths[1]))
-    refuse_if_doubtful(bad, readings, robot, str(paths[1]))
+    refuse_if_doubtful(bad, readings, str(paths[1]))
     if not readings:
         raise refusal(paths[1], "has no readings")
     files = [path for path in (folder / "robot.toml", of_model, *paths) if path.exists()]
+    tables = read_toml(of_model)[0] if of_model in files else {}
+    reporter = Reporter(str(of_model))
     data = MeasuredData(
         folder.resolve().name,
         robot,
@@ -161,11 +164,12 @@ def read_measured(folder: str | os.PathLike[str]) -> MeasuredData:
         tuple(bad),
         {path.name: digest(path) for path in files},
         settings,
+        input_sigma=_input_sigma(tables["inputs"], robot, reporter) if "inputs" in tables else (),
     )
-    tables = read_toml(of_model)[0] if of_model in files else {}
-    if "inputs" in tables:
-        data = replace(data, input_sigma=_input_sigma(tables["inputs"], robot, str(of_model)))
-    return _with_declared_effects(data, tables["effects"], str(of_model)) if "effects" in tables else data
+    if "effects" in tables:
+        data = _with_declared_effects(data, tables["effects"], reporter)
+    reporter.refuse()
+    return data
 
 
 def _read_declared(folder: Path) -> tuple[Robot, Model, SolverSettings]:
@@ -175,7 +179,7 @@ def _read_declared(folder: Path) -> tuple[Robot, Model, SolverSettings]:
     def read_declared_model() -> tuple[Model, SolverSettings]:
         file = folder / "model.toml"
         robot = found[0] if found else None
-        return read_model_file(file if file.exists() else None, robot, apart=["effects", "inputs"])
+        return read_model_file(file if file.exists() else None, robot, of_data=True)
 
     _, (model, settings) = read_all(
         lambda: found.append(read_robot(folder / "robot.toml")), read_declared_model
@@ -199,17 +203,12 @@ def _check_columns(table: pd.DataFrame, file: str) -> None:
         raise InputError(missing)
 
 
-def _with_declared_effects(data: MeasuredData, table: object, file: str) -> MeasuredData:
-    """Data with the table ``[effects]`` of ``model.toml``.
-
-    Raises
-    ------
-    InputError
-        An unknown effect or parameter, a value out of bounds, or a robot that cannot be.
-    """
-    declared, reporter = data.experiment, Reporter(file)
+def _with_declared_effects(data: MeasuredData, table: object, reporter: Reporter) -> MeasuredData:
+    """Data with the table ``[effects]`` of ``model.toml``."""
+    declared = data.experiment
     sound, changed = apply_effects(table, declared, reporter)
-    reporter.refuse()
+    if reporter.problems:
+        return data
     # What is left for the commands and the measurement once robot and model are as declared.
     rest = {
         name: values
@@ -219,24 +218,14 @@ def _with_declared_effects(data: MeasuredData, table: object, file: str) -> Meas
     return replace(data, robot=changed.robot, model=changed.model, effects=rest)
 
 
-def _input_sigma(table: object, robot: Robot, file: str) -> tuple[float, ...]:
-    """The key ``sigma`` of the table ``[inputs]``, as `estimate.toml` has it: one number, or one for every tendon.
-
-    Raises
-    ------
-    InputError
-        It is something else.
-    """
-    names = robot.tendon_names
-    given = table.get("sigma") if isinstance(table, dict) and set(table) == {"sigma"} else None
-    by_name: dict[str, Any] = given if isinstance(given, dict) else dict.fromkeys(names, given)
-    sound = (isinstance(x, int | float) and 0.0 < x < float("inf") for x in by_name.values())
-    if set(by_name) != set(names) or not all(sound):
-        allowed = (
-            f"must be sigma = a number above zero [N, m or rad], or a table with one for {', '.join(names)}"
-        )
-        raise refusal(file, allowed, "inputs", str(table))
-    return tuple(float(by_name[n]) for n in names)
+def _input_sigma(table: object, robot: Robot, reporter: Reporter) -> tuple[float, ...]:
+    """The key ``sigma`` of the table ``[inputs]``, as `estimate.toml` has it: one number, or one for every tendon."""
+    names, (values, bad) = robot.tendon_names, INPUTS.read(table, "inputs", reporter.mistake)
+    given = {} if bad else values["sigma"]
+    by_name = given if isinstance(given, dict) else dict.fromkeys(names, given)
+    if not bad and set(by_name) != set(names):
+        reporter("inputs.sigma", shown(given), f"must name every tendon: {', '.join(names)}")
+    return tuple(by_name.get(name, 0.0) for name in names)
 
 
 def _is_of_robot(before: Experiment, after: Experiment) -> bool:
@@ -299,16 +288,14 @@ def join_measured(sets: Sequence[MeasuredData]) -> MeasuredData:
     if len(sets) == 1:
         return sets[0]
     first, names, problems = sets[0], [s.name for s in sets], []
+    allowed = f"must be as in {first.name}; several folders are of one robot with one model"
     for other in sets[1:]:
         for what in ("robot", "model", "settings", "effects", "input_sigma"):
             a, b = getattr(first, what), getattr(other, what)
             if a != b:
-                fields_of = fields(a) if is_dataclass(a) else ()
-                differing = ", ".join(f.name for f in fields_of if getattr(a, f.name) != getattr(b, f.name))
-                allowed = f"must be as in {first.name}; several folders are of one robot with one model"
-                problems.append(
-                    Problem(other.name, what + f": {differing}" * bool(differing), "differs", allowed)
-                )
+                parts = [f.name for f in fields(a)] if is_dataclass(a) else []
+                differing = [name for name in parts if getattr(a, name) != getattr(b, name)]
+                problems.append(Problem(other.name, what, f"another {', '.join(differing)}", allowed))
     for name in [n for n in names if names.count(n) > 1][:1]:
         problems.append(Problem(name, "", "", "two folders have this name; they must differ"))
     if problems:

@@ -213,7 +213,7 @@ def _sigma(known: Channel, text: str, length: float) -> float:
     return sigma
 
 
-def refuse_if_doubtful(bad: Sequence[BadRow], sound: Sequence[Reading], robot: Robot, file: str) -> None:
+def refuse_if_doubtful(bad: Sequence[BadRow], sound: Sequence[Reading], file: str) -> None:
     """Refuse the data set if too many rows were left out, or many of one quantity look like another unit.
 
     Raises
@@ -231,15 +231,9 @@ def refuse_if_doubtful(bad: Sequence[BadRow], sound: Sequence[Reading], robot: R
     for b in bad:
         groups.setdefault((b.column, b.unit if b.is_in_another_unit else b.allowed), []).append(b)
     problems = []
-    for (column, reason), rows in sorted(groups.items(), key=lambda x: -len(x[1]))[:5]:
-        first = rows[0]
-        text = f"{first.value or 'empty'}: {reason}"
-        if first.is_in_another_unit:
-            largest = max(abs(float(b.value)) for b in rows)
-            text = f"values up to {largest:g} for a robot of {robot.backbone.length:g} m: "
-            text += f"are they in {reason}? All numbers must be in SI units (m, rad, N)"
-        found = f"{len(rows)} of {total} rows, the first in line {first.line}"
-        problems.append(Problem(file, column, found, text))
+    for (column, _), rows in sorted(groups.items(), key=lambda x: -len(x[1]))[:5]:
+        found = f"{len(rows)} of {total} rows, the first in line {rows[0].line}"
+        problems.append(Problem(file, column, found, f"{rows[0].value or 'empty'}: {rows[0].allowed}"))
     left = f"{total - len(bad)} of {total} rows would be left, too few to trust"
     raise InputError([*problems, Problem(file, "", "", left)])
 

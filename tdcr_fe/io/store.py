@@ -41,13 +41,8 @@ class Lines:
         """A new file without records, which replaces one that is there."""
         write_text(to_json(self.head, indent=None), self.path)
 
-    def records(self, read: Callable[[Any], Any] = lambda record: record) -> Iterator[Any]:
-        """What all lines but the head hold; from a line on that is cut off, or holds nothing, they are removed.
-
-        Parameters
-        ----------
-        read
-            From the contents of a line to what is yielded; None where it holds nothing.
+    def records(self) -> Iterator[Any]:
+        """What all lines but the head hold; from a line on that is cut off they are removed.
 
         Raises
         ------
@@ -58,14 +53,10 @@ class Lines:
             self.check(file.readline())
             end = file.tell()
             for line in file:
-                try:
-                    found = read(json.loads(line)) if line.endswith(b"\n") else None
-                except ValueError:
-                    found = None
-                if found is None:
+                if not line.endswith(b"\n"):
                     break
                 end += len(line)
-                yield found
+                yield json.loads(line)
         os.truncate(self.path, end)
 
     def append(self, records: Iterable[Any]) -> None:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from tdcr_fe.effects import Effect, Experiment
-from tdcr_fe.io.keys import BACKBONE, DISKS, MODEL_FILE, ROBOT, SCENARIO, routings_with, tendon_keys
+from tdcr_fe.io.keys import BACKBONE, DISKS, MODEL_FILE, ROBOT, SCENARIO, tendon_keys
 from tdcr_fe.io.problems import InputError, Problem, Reporter, read_bytes, refusal
 from tdcr_fe.io.user_effects import apply_effects
 from tdcr_fe.model.backbone import Backbone
@@ -38,10 +38,10 @@ from tdcr_fe.model.checks import (
     time_contradictions,
 )
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
-from tdcr_fe.model.messages import quoted, shown
+from tdcr_fe.model.messages import shown
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ROUTINGS
-from tdcr_fe.model.schema import FieldError, Mistake, keys_of
+from tdcr_fe.model.schema import FieldError, keys_of
 from tdcr_fe.model.tendon import Tendon
 
 
@@ -92,11 +92,10 @@ def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
     before = len(reporter.problems)
     top, bad = ROBOT.read(data, "", reporter.mistake)
     backbone, length = _build_backbone(top["backbone"], reporter) if "backbone" in top else (None, None)
-    disks = Disks() if top.get("disks", {}) is None else None
-    if top.get("disks") is not None:
-        disks = _build_disks(top["disks"], length, reporter)
+    disks = _build_disks(top["disks"], length, reporter) if "disks" in top else None
     tables = top.get("tendons", ())
     built = [_build_tendon(i, table, disks, length, reporter) for i, table in enumerate(tables)]
+    tendons = tuple(tendon for tendon, _ in built if tendon is not None)
     names = tuple(name for _, name in built if name is not None)
     reporter.contradictions(name_contradictions(names))
     if length is not None:
@@ -104,9 +103,8 @@ def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
     robot = None
     if len(reporter.problems) == before and backbone is not None and disks is not None:
         rest = {k: top[k] for k in ("name", "tip_mass", "springs", "base_stiffness")}
-        robot = Robot(backbone, disks, tuple(tendon for tendon, _ in built if tendon is not None), **rest)
+        robot = Robot(backbone, disks, tendons, **rest)
     known = "tendons" not in bad and len(set(names)) == len(tables)
-    tendons = tuple(tendon for tendon, _ in built if tendon is not None)
     return RobotParts(robot, length, names if known else None, tendons)
 
 
@@ -127,26 +125,23 @@ def _build_backbone(data: Any, reporter: Reporter) -> tuple[Backbone | None, flo
     return backbone, length
 
 
-def _build_disks(data: Any, length: float | None, reporter: Reporter) -> Disks | None:
+def _build_disks(data: dict[str, Any] | None, length: float | None, reporter: Reporter) -> Disks | None:
     """The disks; None where they, or their positions on a backbone of that length [m], are invalid."""
+    if data is None:
+        return Disks()
     values, bad = DISKS.read(data, "disks", reporter.mistake)
-    given = [key for key in ("count", "positions") if isinstance(data, dict) and key in data]
-    if len(given) == 2:
-        text = "count and positions are both given; exactly one is allowed"
-        reporter("disks.count", shown(data["count"]), text)
-    elif isinstance(data, dict) and not given:
-        reporter("disks", "", "missing; exactly one of count and positions must be given")
+    given = {key: data[key] for key in ("count", "positions") if key in data}
+    if len(given) != 1:
+        text = "must have exactly one of count and positions"
+        reporter("disks", shown(given) if given else "", text)
     if bad or length is None or len(given) != 1:
         return None
     if (count := values.pop("count")) is not None:
         values["positions"] = Disks.equally_spaced(count, length).positions
     disks = Disks(**values)
     found = [*disk_contradictions(disks, length)]
-    unsound = [c for c in found if c.key.startswith("disks.positions")]
-    if unsound and count is not None:
-        found = [Contradiction("disks.count", str(count), "too many; they must be apart from each other")]
     reporter.contradictions(found)
-    return None if unsound else disks
+    return None if any(c.key.startswith("disks.positions") for c in found) else disks
 
 
 def _build_tendon(
@@ -156,16 +151,7 @@ def _build_tendon(
     key, kind = f"tendons[{i}]", data.get("routing") if isinstance(data, dict) else None
     routing = ROUTINGS.get(kind) if isinstance(kind, str) else None
 
-    def note(mistake: Mistake) -> None:
-        owners = routings_with(mistake.key.rpartition(".")[2])
-        if mistake.allowed.startswith("unknown key") and owners:
-            text = (
-                f"only for routing = {' or '.join(map(quoted, owners))}; {mistake.allowed.partition('; ')[2]}"
-            )
-            mistake = mistake._replace(allowed=text)
-        reporter.mistake(mistake)
-
-    values, bad = tendon_keys(kind if routing else None).read(data, key, note)
+    values, bad = tendon_keys(kind if routing else None).read(data, key, reporter.mistake)
     name = values.get("name")
     if routing is None or bad or disks is None or length is None:
         return None, name
@@ -292,9 +278,9 @@ def read_model(path: str | os.PathLike[str], robot: Robot | None = None) -> Mode
 
 
 def read_model_file(
-    path: str | os.PathLike[str] | None, robot: Robot | None = None, apart: Sequence[str] = ()
+    path: str | os.PathLike[str] | None, robot: Robot | None = None, of_data: bool = False
 ) -> tuple[Model, SolverSettings]:
-    """Read `model.toml`, which contains only the tables `[model]` and `[solver]`.
+    """Read the tables `[model]` and `[solver]` of `model.toml`.
 
     Parameters
     ----------
@@ -302,8 +288,8 @@ def read_model_file(
         Of the file; None: there is none, so that all has its defaults.
     robot
         Whose model it is; one without disks has other defaults.
-    apart
-        Further tables that may be there, and are read elsewhere.
+    of_data
+        Whether it belongs to measured data, and may have the tables `[effects]` and `[inputs]`.
 
     Returns
     -------
@@ -319,8 +305,9 @@ def read_model_file(
         return Model() if robot is None else Model.default_for(robot), SolverSettings()
     data, _ = read_toml(path)
     reporter = Reporter(str(path))
-    own = {key: table for key, table in data.items() if key not in apart}
-    top, _ = MODEL_FILE.read(own, "", reporter.mistake)
+    top, _ = MODEL_FILE.read(data, "", reporter.mistake)
+    for key in sorted({"effects", "inputs"} & data.keys()) if not of_data else ():
+        reporter(key, shown(data[key]), "only in a folder of measured data; leave it out")
     model = _build_model(top["model"], reporter, robot) if "model" in top else None
     settings = _build_settings(top["solver"], reporter) if "solver" in top else None
     if robot is not None and model is not None:
@@ -406,7 +393,7 @@ def build_scenario(tables: ScenarioTables, effects: Sequence[Effect] = ()) -> Sc
     if "backbone" in data and not {"robot", "steps"} & data.keys():
         raise refusal(tables.path, "is the file of a robot; give the scenario.toml that names it")
     reporter = Reporter(str(tables.path), problems)
-    top, _ = SCENARIO.read(data, "", reporter.mistake, ["effects"])
+    top, _ = SCENARIO.read(data, "", reporter.mistake)
 
     problems += tables.problems
     parts = RobotParts()
@@ -420,7 +407,7 @@ def build_scenario(tables: ScenarioTables, effects: Sequence[Effect] = ()) -> Sc
     if robot is not None and model is not None:
         reporter.contradictions(course_contradictions(robot, model))
     if not problems and robot is not None and model is not None:
-        robot, model, steps = _with_effects(data.get("effects", {}), (robot, model, steps), reporter, effects)
+        robot, model, steps = _with_effects(top["effects"], (robot, model, steps), reporter, effects)
         reporter.contradictions(size_contradictions(robot, model, len(steps)))
     if problems or robot is None or model is None or settings is None:
         raise InputError(problems)

@@ -157,8 +157,6 @@ def _faults(e: Effect, others: Sequence[Effect]) -> Iterable[tuple[str, str, str
         yield "parameters", repr(e.parameters), "must be a tuple of at least one tdcr_fe.effects.Parameter"
         return
     for p in e.parameters:
-        if not p.lower <= p.null_value <= p.upper:
-            text = f"must lie within its bounds, {p.lower:g} to {p.upper:g} {p.unit}"
-            yield f"parameters.{p.name}.null_value", f"{p.null_value:g}", text
-        if not (p.scale > 0.0 and math.isfinite(p.scale)):
-            yield f"parameters.{p.name}.scale", f"{p.scale:g}", "must be positive: a noticeable change"
+        if not p.lower <= p.null_value <= p.upper or not 0.0 < p.scale < math.inf:
+            bounds = f"null_value must lie within its bounds, {p.lower:g} to {p.upper:g} {p.unit}"
+            yield f"parameters.{p.name}", f"{p.null_value:g}", f"{bounds}, and scale above zero"

@@ -13,7 +13,7 @@ import inspect
 import re
 import typing
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, cached_property
 from numbers import Integral, Real
 from typing import Annotated, Any, NamedTuple
@@ -179,38 +179,18 @@ def _one_of(variants: Mapping[str, type], handler: Any) -> Any:
     return core_schema.no_info_wrap_validator_function(choose, tagged)
 
 
-@dataclass(frozen=True, eq=False)
-class Keys(Mapping[str, Any]):
-    """Keys of a table in a file: a mapping from their names to their annotations.
+class Keys(dict[str, Any]):
+    """Keys of a table in a file: annotations such as ``Annotated[float, Quantity("mass", "kg", ge=0.0)]`` by name.
 
     Attributes
     ----------
-    annotations : mapping
-        By name, such as ``Annotated[float, Quantity("mass", "kg", ge=0.0)]``.
     defaults : mapping
         Of keys that may be left out.
     """
 
-    annotations: Mapping[str, Any]
-    defaults: Mapping[str, Any] = field(default_factory=dict)
-
-    def __getitem__(self, name: str) -> Any:
-        return self.annotations[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.annotations)
-
-    def __len__(self) -> int:
-        return len(self.annotations)
-
-    def with_keys(self, annotations: Mapping[str, Any], **defaults: Any) -> Keys:
-        """These keys and further ones, or others in their place."""
-        return Keys({**self.annotations, **annotations}, {**self.defaults, **defaults})
-
-    @property
-    def required(self) -> list[str]:
-        """Keys that must be given."""
-        return [name for name in self.annotations if name not in self.defaults]
+    def __init__(self, annotations: Mapping[str, Any], defaults: Mapping[str, Any] | None = None) -> None:
+        super().__init__(annotations)
+        self.defaults = defaults or {}
 
     @cached_property
     def in_file(self) -> Keys:
@@ -224,7 +204,7 @@ class Keys(Mapping[str, Any]):
         from typing_extensions import TypedDict
 
         make: Any = TypedDict  # of keys that are known only now
-        table = make("table", dict(self.annotations), total=False)
+        table = make("table", dict(self), total=False)
         table.__pydantic_config__ = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
         return TypeAdapter(table)
 
@@ -251,9 +231,7 @@ class Keys(Mapping[str, Any]):
             bad = {e["loc"][0] for e in errors}
             return check({name: value for name, value in data.items() if name not in bad}), errors
 
-    def read(
-        self, data: Any, key: str, note: Note, elsewhere: Sequence[str] = ()
-    ) -> tuple[dict[str, Any], set[str]]:
+    def read(self, data: Any, key: str, note: Note) -> tuple[dict[str, Any], set[str]]:
         """The valid values of a table, defaults filled in, and the names of the keys that are missing or invalid.
 
         Parameters
@@ -264,18 +242,16 @@ class Keys(Mapping[str, Any]):
             Dotted key of the table; empty at the top of a file.
         note
             Takes each mistake.
-        elsewhere
-            Keys that are read elsewhere.
         """
         if not isinstance(data, dict):
             note(Mistake(key, data, "must be a table with " + ", ".join(self), True))
             return {}, set(self)
-        values, errors = self.validated({n: v for n, v in data.items() if n not in elsewhere})
+        values, errors = self.validated(data)
         errors += [{"type": "missing", "loc": (n,)} for n in self if n not in data and n not in self.defaults]
         order = {name: k for k, name in enumerate(self)}  # unknown keys come last
         errors.sort(key=lambda e: order.get(e["loc"][0], len(order)))
         if errors:
-            for mistake in _mistakes(errors, self.json_schema, data, key, elsewhere):
+            for mistake in _mistakes(errors, self.json_schema, data, key):
                 note(mistake)
         bad = {e["loc"][0] for e in errors} & set(self)
         return {n: values.get(n, self.defaults.get(n)) for n in self if n not in bad}, bad
@@ -302,7 +278,7 @@ def all_keys_of(cls: type[Any]) -> Keys:
             typing.get_args(hints[f.name]) if hasattr(hints[f.name], "__metadata__") else [hints[f.name]]
         )
         quantity = next((m for m in extra if isinstance(m, Quantity)), Quantity())
-        text = quantity.description or described.get(f.name) or f.name
+        text = quantity.description or described.get(f.name, "")
         annotations[f.name] = Annotated[hint, dataclasses.replace(quantity, description=text)]
         if f.default is not dataclasses.MISSING:
             defaults[f.name] = f.default
@@ -330,14 +306,7 @@ class Checked:
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: Any, handler: Any) -> dict[str, Any]:
         """JSON schema of a table whose keys are the fields, with their descriptions."""
-        found: dict[str, Any] = handler(schema)
-        table = handler.resolve_ref_schema(found)
-        table.pop("description", None)  # the whole docstring
-        for name, node in table["properties"].items():
-            unit = f" [{node['unit']}]" if "unit" in node else ""
-            if text := _descriptions(cls).get(name):
-                node.setdefault("description", text + unit)
-        return found
+        return {"title": cls.__name__, **keys_of(cls).json_schema}
 
     def __post_init__(self) -> None:
         cls: Any = type(self)
@@ -375,16 +344,12 @@ def _python_value(value: Any) -> Any:
 
 
 def _mistakes(
-    errors: Sequence[Mapping[str, Any]],
-    schema: Mapping[str, Any],
-    data: Any,
-    key: str = "",
-    elsewhere: Sequence[str] | None = None,
+    errors: Sequence[Mapping[str, Any]], schema: Mapping[str, Any], data: Any, key: str | None = None
 ) -> Iterator[Mistake]:
-    """One mistake for each place that errors of pydantic name; in a file there are keys that are read ``elsewhere``."""
+    """One mistake for each place that errors of pydantic name; the key is that of a table in a file, None in Python."""
     by_place: dict[str, list[Mistake]] = {}
     for error in errors:
-        mistake = _mistake(error, _Place(schema, data, key), elsewhere)
+        mistake = _mistake(error, _Place(schema, data, key or ""), in_file=key is not None)
         by_place.setdefault(mistake.key, []).append(mistake)
     for key, same in by_place.items():  # several where none of several types fits
         if not any(key.startswith(f"{whole}[") for whole in by_place):  # of a list that is wrong as a whole
@@ -396,7 +361,7 @@ class _Place:
 
     def __init__(self, schema: Any, data: Any, key: str) -> None:
         self.node = self.said = schema
-        self.value, self.key, self.depth = data, key, 0
+        self.value, self.key = data, key
 
     def enter(self, loc: Sequence[Any]) -> _Place:
         """Follow the location of an error; names of the alternatives of a type are no part of the key."""
@@ -412,7 +377,7 @@ class _Place:
                 self.said = child
             elif "additionalProperties" in self.node:  # a value by name
                 self.said = {**{k: self.said[k] for k in ("unit", "note") if k in self.said}, **child}
-            self.node, self.key, self.depth = child, join(self.key, part), self.depth + 1
+            self.node, self.key = child, join(self.key, part)
             try:
                 self.value = self.value[part]
             except (TypeError, KeyError, IndexError):
@@ -420,13 +385,13 @@ class _Place:
         return self
 
 
-def _mistake(error: Mapping[str, Any], place: _Place, elsewhere: Sequence[str] | None) -> Mistake:
+def _mistake(error: Mapping[str, Any], place: _Place, in_file: bool) -> Mistake:
     kind, loc, context = error["type"], error["loc"], error.get("ctx", {})
     if kind in ("extra_forbidden", "unexpected_keyword_argument"):
         place.enter(loc[:-1])
-        known = [*place.node["properties"], *((elsewhere or ()) if place.depth == 0 else ())]
+        known = list(place.node["properties"])
         text = f"unknown key{meant(loc[-1], known)}; allowed here: {', '.join(known)}"
-        return Mistake(join(place.key, loc[-1]), error["input"], text, elsewhere is None)
+        return Mistake(join(place.key, loc[-1]), error["input"], text, not in_file)
     if kind == "missing" and isinstance(loc[-1], int):
         loc = loc[:-1]  # too few items
     elif loc[-1] == "[key]":
@@ -449,9 +414,9 @@ def _mistake(error: Mapping[str, Any], place: _Place, elsewhere: Sequence[str] |
     if kind == "literal_error":
         wrong_type = not isinstance(value, str)
     cls = context.get("class_name", context.get("class"))
-    if elsewhere is None and cls:
+    if cls and not in_file:
         return Mistake(key, value, f"must be of type {cls}", True)
-    if elsewhere is None and "title" in node.get("items", {}):
+    if not in_file and "title" in node.get("items", {}):
         return Mistake(key, value, f"must be a sequence of {node['items']['title']}", wrong_type)
     text = f"must be {allowed(node)}"
     if isinstance(value, str):

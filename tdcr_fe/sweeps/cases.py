@@ -60,14 +60,10 @@ class Outcome:
     seconds: float = 0.0  # time that it took
 
     @staticmethod
-    def from_record(record: Any) -> Outcome | None:
-        """From a line of the journal; None where it is no outcome."""
-        try:
-            numbers = {k: math.nan if v is None else float(v) for k, v in record["numbers"].items()}
-            outcome = Outcome(**{**record, "numbers": numbers, "warnings": tuple(record["warnings"])})
-        except (AttributeError, KeyError, TypeError, ValueError):
-            return None
-        return outcome if outcome.status in STATUSES and type(outcome.case) is int else None
+    def from_record(record: Mapping[str, Any]) -> Outcome:
+        """From a line of the journal."""
+        numbers = {k: math.nan if v is None else float(v) for k, v in record["numbers"].items()}
+        return Outcome(**{**record, "numbers": numbers, "warnings": tuple(record["warnings"])})
 
 
 def solve_case(job: Job, case: tuple[int, Sequence[Change]]) -> Outcome:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,6 @@ from tdcr_fe.sweeps.sampling import Distribution, LogNormal, Normal, Uniform, un
 MOST_CASES = 1_000_000
 
 Method = Literal["grid", "list", "latin-hypercube", "sobol", "saltelli"]
-METHODS: tuple[str, ...] = get_args(Method)
 #: Methods that draw values from distributions.
 SAMPLED = ("latin-hypercube", "sobol", "saltelli")
 #: How a value acts on the one that the files declare.
@@ -248,10 +248,8 @@ class Sweep:
     output : Output
     workspace : bool
         Whether the tensions are varied to find the workspace.
-    digests : tuple of (str, str)
-        File names as the user named them, and SHA-256 of the files.
-    path : str
-        Of the sweep.
+    digests : mapping of str to str
+        SHA-256 of the files, by name as the user named them.
     effects : tuple of str
         Python files with effects of the user's own.
     """
@@ -261,8 +259,7 @@ class Sweep:
     sampling: Sampling = Sampling()
     output: Output = Output()
     workspace: bool = False
-    digests: tuple[tuple[str, str], ...] = ()
-    path: str = ""
+    digests: Mapping[str, str] = field(default_factory=dict)
     effects: tuple[str, ...] = ()
 
     @property
@@ -279,17 +276,13 @@ class Sweep:
 
     def design(self) -> Design:
         """The cases; the same ones for the same sweep. The last variation of a grid changes fastest."""
-        names, method, samples = (
-            [v.column for v in self.variations],
-            self.sampling.method,
-            self.sampling.samples,
-        )
-        if samples is not None:
-            points = unit_points(method, samples, len(names), self.sampling.seed)
+        names, how = [v.column for v in self.variations], self.sampling
+        if how.samples is not None:
+            points = unit_points(how.method, how.samples, len(names), how.seed)
             columns = [_drawn(v, p) for v, p in zip(self.variations, points.T, strict=True)]
         else:
             options = [v.options for v in self.variations]
-            rows = itertools.product(*options) if method == "grid" else zip(*options, strict=True)
+            rows = itertools.product(*options) if how.method == "grid" else zip(*options, strict=True)
             columns = [list(x) for x in zip(*rows, strict=True)]
         return dict(zip(names, columns, strict=True))
 

@@ -111,7 +111,7 @@ def sweep(
         if out is not None:
             folder = check_output_folder(out)
             lines = stack.enter_context(journal(folder, head, fresh))
-            for outcome in recalled(lines, described.count):
+            for outcome in recalled(lines):
                 if not retry or outcome.status == "converged":
                     collected.add(outcome)
         left = collected.left

@@ -34,7 +34,7 @@ def head_of(sweep: Sweep, evaluate: Evaluate | None) -> dict[str, Any]:
         kind, values = v.described()
         variations.append({"name": v.column, "key": v.key, "mode": v.mode, kind: values})
     return {
-        "input": {name: sha256 for name, sha256 in sweep.digests if name in sweep.effects},
+        "input": {name: sha256 for name, sha256 in sweep.digests.items() if name in sweep.effects},
         "tables": hashlib.sha256(tables.encode()).hexdigest(),
         "variations": variations,
         "sampling": asdict(sweep.sampling),
@@ -73,19 +73,16 @@ def journal(folder: Path, head: Mapping[str, Any], fresh: bool) -> Iterator[Line
         yield lines
 
 
-def recalled(lines: Lines, count: int) -> Iterator[Outcome]:
+def recalled(lines: Lines) -> Iterator[Outcome]:
     """Outcomes of a journal; the end of a line that a kill cut off is removed.
 
     Raises
     ------
     InputError
-        The journal is that of another sweep, or none, or has more than ``count`` cases.
+        The journal is that of another sweep, or none.
     """
     try:
-        for outcome in lines.records(Outcome.from_record):
-            if outcome.case > count:
-                raise refusal("-o", f"there is no case {outcome.case}", value=str(lines.path))
-            yield outcome
+        yield from map(Outcome.from_record, lines.records())
     except OtherHead as error:
         text = f"{error}; give another directory, or --fresh to replace what is there"
         raise refusal("-o", text, value=str(lines.path)) from error
@@ -104,7 +101,7 @@ def summary_of(result: SweepResult, head: Mapping[str, Any]) -> dict[str, Any]:
     }
     return {
         "versions": head["versions"],
-        "input": {name: {"sha256": sha256} for name, sha256 in result.sweep.digests},
+        "input": {name: {"sha256": sha256} for name, sha256 in result.sweep.digests.items()},
         "sampling": head["sampling"],
         "variations": head["variations"],
         "cases": len(result.cases),

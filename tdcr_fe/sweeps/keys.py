@@ -13,8 +13,7 @@ from tdcr_fe.io.toml import ScenarioTables
 from tdcr_fe.model.messages import join, meant, quoted
 
 #: Tables and keys at the top of the two files.
-IN_SCENARIO = (*(name for name in SCENARIO if name != "robot"), "effects")
-IN_ROBOT = (*ROBOT,)
+IN_SCENARIO, IN_ROBOT = [name for name in SCENARIO if name != "robot"], list(ROBOT)
 
 _PART = re.compile(r'\.(?:"((?:[^"\\]|\\.)*)"|([A-Za-z0-9_-]+))|\[(-?\d+)\]')
 

@@ -121,16 +121,8 @@ def read_sweep(
     variations = (*top["vary"], *(_workspace(workspace, scenario, sampling, report) if workspace else ()))
     _check_output(output, scenario, report)
     digests |= {**tables.digests, **{str(p): digest(p) for p in effects}}
-    sweep = Sweep(
-        tables,
-        variations,
-        sampling,
-        output,
-        workspace is not None,
-        tuple(sorted((name, sha256) for name, sha256 in digests.items() if sha256)),
-        str(path),
-        tuple(str(p) for p in effects),
-    )
+    files = tuple(map(str, effects))
+    sweep = Sweep(tables, variations, sampling, output, workspace is not None, digests, files)
     _check_together(sweep, scenario, report)
     report.refuse()
     implausible = _check_values(sweep, user_effects, report)
@@ -259,24 +251,19 @@ def _check_together(sweep: Sweep, scenario: Scenario, report: Reporter) -> None:
         report("sampling.method", quoted(sampling.method), text)
 
 
-def _check_values(
-    sweep: Sweep, user_effects: Sequence[Effect], report: Reporter
-) -> dict[tuple[str, str], str]:
+def _check_values(sweep: Sweep, effects: Sequence[Effect], report: Reporter) -> dict[tuple[str, str], str]:
     """Report values that the files do not allow; warnings of values, by variation and key.
 
     A value is refused where it is wrong alone, all others as declared, and in every case tried that has it as well.
     Other contradictions, which only some combinations have, become the status of their cases.
     """
-    design, found, warnings = (
-        sweep.design(),
-        dict[tuple[str, str, str], None](),
-        dict[tuple[str, str], str](),
-    )
+    design, warnings = sweep.design(), dict[tuple[str, str], str]()
+    found = dict[tuple[str, str, str], None]()
 
     def build(changes: Sequence[Change]) -> tuple[Scenario | None, Sequence[Problem]]:
         """The scenario with some changes, or its mistakes; a key that names nothing is one without a key."""
         try:
-            return build_scenario(tables_with(sweep, changes), user_effects), ()
+            return build_scenario(tables_with(sweep, changes), effects), ()
         except KeyProblem as error:
             return None, [Problem("", "", "", str(error))]
         except InputError as error:

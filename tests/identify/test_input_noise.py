@@ -116,7 +116,9 @@ def test_errors_of_the_inputs_are_read_and_written(tmp_path):
         assert read_measured(tmp_path / "again").input_sigma == sigma
     with (tmp_path / "set" / "model.toml").open("a") as file:
         file.write("sigma_of = 1.0\n")
-    with pytest.raises(InputError, match=r"model\.toml: inputs = .*must be sigma = a number above zero"):
+    with pytest.raises(
+        InputError, match=r"model\.toml: inputs\.sigma_of = 1\.0: unknown key; did you mean sigma"
+    ):
         read_measured(tmp_path / "set")
 
 

@@ -90,8 +90,8 @@ def test_joined_sets_keep_their_readings_branches_and_begin_anew():
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (lambda b: replace(b, robot=replace(b.robot, tip_mass=0.01)), "robot: tip_mass"),
-        (lambda b: replace(b, model=replace(b.model, gravity=(0.0, 0.0, -9.81))), "model: gravity"),
+        (lambda b: replace(b, robot=replace(b.robot, tip_mass=0.01)), "robot = another tip_mass"),
+        (lambda b: replace(b, model=replace(b.model, gravity=(0.0, 0.0, -9.81))), "model = another gravity"),
         (lambda b: replace(b, name="A"), "two folders have this name"),
     ],
 )

@@ -118,8 +118,8 @@ ROBOT_MISTAKES = [
     ({"backbone.radius": 1e-90}, "backbone.radius", "1e-90", ["EI"]),
     ({"backbone.poisson_ratio": 0.51}, "backbone.poisson_ratio", "0.51", ["at most 0.5"]),
     ({"backbone": REMOVED}, "backbone", "", ["missing", "[backbone]"]),
-    ({"disks.count": REMOVED}, "disks", "", ["exactly one of count and positions"]),
-    ({"disks.positions": [0.25]}, "disks.count", "5", ["both given"]),
+    ({"disks.count": REMOVED}, "disks", "", ["must have exactly one of count and positions"]),
+    ({"disks.positions": [0.25]}, "disks", "{count = 5, positions = [0.25]}", ["exactly one of"]),
     ({"disks.thickness": 0.05}, "disks.thickness", "0.05", ["flexible", "0.05 m"]),
     ({"tendons": {"name": "t1"}}, "tendons", '{name = "t1"}', ["[[tendons]]"]),
     ({"tendons.0": 7}, "tendons[0]", "7", ["must be a table", "routing"]),
@@ -132,7 +132,12 @@ ROBOT_MISTAKES = [
     ),
     ({"tendons.0.offset": REMOVED}, "tendons[0].offset", "", ["missing", "a number [m], zero or more"]),
     ({"tendons.0.offset": 6e-3}, "tendons[0].offset", "0.006", ["base plate", "outside the disk", "0.005 m"]),
-    ({"tendons.0.turns": 1.0}, "tendons[0].turns", "1.0", ['only for routing = "helical"', "offset"]),
+    (
+        {"tendons.0.turns": 1.0},
+        "tendons[0].turns",
+        "1.0",
+        ["unknown key; allowed here: name, routing, offset"],
+    ),
     ({"tendons.1.end_offset": 9e-3}, "tendons[1].end_offset", "0.009", ["disk 1", "0.005 m"]),
     ({"tendons.1.end": 0.16}, "tendons[1].end", "0.16", ["no disk is there", "0.15 and 0.2 m"]),
     ({"tendons.2.holes": [[0.0, 0.0]] * 5}, "tendons[2].holes", "5 holes", ["6 are needed"]),
@@ -169,7 +174,7 @@ ROBOT_MISTAKES += [
 
 
 SCENARIO_MISTAKES = [
-    ({"modle": {}}, "modle", "{}", ["unknown key", "did you mean model?", "robot, model, solver, steps, effects"]),
+    ({"modle": {}}, "modle", "{}", ["unknown key", "did you mean model?", "robot, model, solver, effects, steps"]),
     ({"robot": REMOVED}, "robot", "", ["missing", "robot.toml"]),
     ({"robot": "robo.toml"}, "robot", '"robo.toml"', ["there is no file", "did you mean robot.toml?"]),
     ({"robot": "a\0b"}, "robot", '"a\\u0000b"', ["no file"]),

@@ -149,9 +149,9 @@ def test_a_missing_file_is_named(folder, name):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda k, r: r.replace(",0.1,", ",100.0,"), "9 of 9 rows.* up to 100 for a robot of 0.25 m: are they in mm?"),
+        (lambda k, r: r.replace(",0.1,", ",100.0,"), "9 of 9 rows.* 100.0: position_x of a robot .*are these mm?"),
         # e3bbe5d: those that happen to be small enough in metres were taken, the rest left out.
-        (lambda k, r: r.replace(",0.1,", ",100.0," if "_z" in r else ",0.05,"), "3 of 9 rows.*are they in mm"),
+        (lambda k, r: r.replace(",0.1,", ",100.0," if "_z" in r else ",0.05,"), "3 of 9 rows.*are these mm"),
         (lambda k, r: r.replace(",0.1,", ",nan,") if k > 3 else r, "(?s)6 of 9 rows.* too few to trust"),
     ],
     ids=["millimetres", "mixed units", "most without a number"],
