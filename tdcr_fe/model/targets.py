@@ -280,28 +280,36 @@ class FollowResult:
         import pandas as pd
 
         names = self.robot.tendon_names
-        rows = []
-        for number, found in enumerate(self.targets, start=1):
-            direction = found.target.direction or (None, None, None)
-            row: dict[str, object] = {
-                "target": number,
-                "label": found.target.label,
-                "step": found.result.step,
-                "status": found.status.value,
-                "error": found.error,
-                "direction_error": found.direction_error,
-            }
-            row |= dict(zip(("x", "y", "z"), found.target.position, strict=True))
-            row |= dict(zip(("dx", "dy", "dz"), direction, strict=True))
-            row |= dict(zip(("tip_x", "tip_y", "tip_z"), found.result.tip.tolist(), strict=True))
-            row |= dict(
-                zip(("tangent_x", "tangent_y", "tangent_z"), found.result.tangent.tolist(), strict=True)
-            )
-            row |= {f"tension_{n}": float(t) for n, t in zip(names, found.tensions, strict=True)}
-            row |= {f"displacement_{n}": float(d) for n, d in zip(names, found.displacements, strict=True)}
-            row |= {"at_largest": " ".join(found.at_largest), "possible_gain": found.possible_gain}
-            rows.append(row | {"trials": found.trials, "starts": found.starts})
-        return pd.DataFrame(rows)
+        columns = [
+            *(
+                "target",
+                "label",
+                "step",
+                "status",
+                "error",
+                "direction_error",
+                "x",
+                "y",
+                "z",
+                "dx",
+                "dy",
+                "dz",
+            ),
+            *("tip_x", "tip_y", "tip_z", "tangent_x", "tangent_y", "tangent_z"),
+            *(f"tension_{n}" for n in names),
+            *(f"displacement_{n}" for n in names),
+            *("at_largest", "possible_gain", "trials", "starts"),
+        ]
+        rows = [
+            [
+                *(number, x.target.label, x.result.step, x.status.value, x.error, x.direction_error),
+                *(*x.target.position, *(x.target.direction or (None, None, None))),
+                *(*x.result.tip, *x.result.tangent, *x.tensions, *x.displacements),
+                *(" ".join(x.at_largest), x.possible_gain, x.trials, x.starts),
+            ]
+            for number, x in enumerate(self.targets, start=1)
+        ]
+        return pd.DataFrame(rows, columns=columns)
 
     def __repr__(self) -> str:
         reached = f"{sum(x.reached for x in self.targets)} reached within {1e3 * self.tolerance:.3g} mm"

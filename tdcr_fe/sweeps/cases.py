@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from typing import Any, Literal, get_args
 
@@ -57,7 +56,6 @@ class Outcome:
     reason: str = ""  # why it did not converge
     numbers: Mapping[str, float] = field(default_factory=dict)  # by column
     warnings: tuple[str, ...] = ()
-    seconds: float = 0.0  # time that it took
 
     @staticmethod
     def from_record(record: Mapping[str, Any]) -> Outcome:
@@ -69,13 +67,8 @@ class Outcome:
 def solve_case(job: Job, case: tuple[int, Sequence[Change]]) -> Outcome:
     """Solve a case, given by its number from 1 and what changes in it."""
     exudyn.config.printToConsole = False
-    begun = time.perf_counter()
-    with (
-        warnings_to(),
-        np.errstate(over="ignore", invalid="ignore"),
-    ):  # on the way to a failure, which the status reports
-        outcome = _solved(job, *case)
-    return replace(outcome, seconds=time.perf_counter() - begun)
+    with warnings_to(), np.errstate(over="ignore", invalid="ignore"):  # on the way to a failure
+        return _solved(job, *case)
 
 
 def _solved(job: Job, number: int, changes: Sequence[Change]) -> Outcome:

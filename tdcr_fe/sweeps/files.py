@@ -115,7 +115,6 @@ def summary_of(result: SweepResult, head: Mapping[str, Any]) -> dict[str, Any]:
         "statistics": result.statistics().to_dict(),
         **({"sobol_indices": indices} if indices else {}),
         "wall_time": result.wall_time,
-        "case_seconds": result.case_seconds,
         "solved_in_this_run": result.solved_now,
     }
 

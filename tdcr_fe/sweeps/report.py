@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from tdcr_fe.io.atomic import write_text
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.model.messages import shown as value_text
-from tdcr_fe.report.environment import fixed, quantity, significant
+from tdcr_fe.report.environment import fixed, quantity
 from tdcr_fe.report.page import Card, Page, Picture, Section, render
 from tdcr_fe.report.style import styled
 from tdcr_fe.sweeps.description import Variation
@@ -58,9 +58,8 @@ def _page(result: SweepResult, figures: dict[str, Figure]) -> Page:
         sections.append(Section(anchor, PICTURES[name].title, "picture.html.j2", context, folded=folded))
     note = "A factor multiplies the declared value, an offset is added to it."
     inputs = [_input(v) for v in result.sweep.variations]
-    width = 4 if any(key for *_, key in inputs) else 3
-    columns = ("column", "mode", "values", "key")[:width]
-    sections.append(_table("inputs", "What was varied", columns, [row[:width] for row in inputs], note))
+    columns: tuple[str, ...] = ("column", "mode", "values", "key")
+    sections.append(_table("inputs", "What was varied", columns, inputs, note))
     if result.warnings:
         warned = [(m.count, m.case, m.example) for m in result.warnings[:MOST_WARNINGS]]
         columns = ("times", "first case", "warning of that case")
@@ -146,14 +145,10 @@ def _findings(result: SweepResult) -> list[str]:
 
 
 def _cards(result: SweepResult) -> tuple[Card, ...]:
-    count, left = len(result.cases), result.counts.get("not run", 0)
-    is_timed = result.wall_time > 0.0 and result.solved_now
-    rate = f"{significant(result.solved_now / result.wall_time)} / s" if is_timed else "–"
     return (
-        Card(str(count), "cases"),
+        Card(str(len(result.cases)), "cases"),
         Card(str(result.counts.get("converged", 0)), "converged"),
-        Card(rate, "cases per second in this run"),
-        Card(quantity(result.case_seconds / max(1, count - left), "s"), "mean time per case"),
+        Card(quantity(result.wall_time, "s"), f"for {result.solved_now} cases in this run"),
     )
 
 
@@ -179,7 +174,7 @@ def _statistics(result: SweepResult) -> Section:
 
 
 def _input(v: Variation) -> tuple[object, ...]:
-    """Column, mode, values and key of a variation; no key where it is the column."""
+    """Column, mode, values and key of a variation."""
     if v.distribution is not None:
         kind, numbers = v.described()
         what = f"{kind} ({', '.join(f'{k} {value_text(x)}' for k, x in numbers.items())})"
@@ -187,7 +182,7 @@ def _input(v: Variation) -> tuple[object, ...]:
         what = ", ".join(map(value_text, v.options))
     else:
         what = f"{len(v.options)} values from {value_text(v.options[0])} to {value_text(v.options[-1])}"
-    return v.label, v.mode, what, "" if v.key == v.column else v.key
+    return v.label, v.mode, what, v.key
 
 
 def _left_out(name: str, result: SweepResult) -> str:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.model.columns import AFTER_TENDONS, OF_TENDONS
 from tdcr_fe.model.messages import count
-from tdcr_fe.report.environment import MINUS, fixed
+from tdcr_fe.report.environment import fixed
 from tdcr_fe.sweeps.cases import ABOUT_CASE, ESTIMATES, STATUSES, Outcome, columns_of_steps
 from tdcr_fe.sweeps.description import Design, Sweep
 from tdcr_fe.sweeps.statistics import SobolIndices, sobol_indices, summarise, varies
@@ -80,21 +80,16 @@ class Collected:
             **{name: [getattr(x, name) for x in every] for name in ABOUT_CASE},
             "warnings": [len(x.warnings) for x in every],
             **{name: pd.Series(map(_plain, values)) for name, values in design.items()},
-            **{
-                name: self._numbers[name]
-                for name in sorted(self._numbers, key=self._order(sweep).__getitem__)
-            },
+            **{name: self._numbers[name] for name in self._columns(sweep)},
         }
-        return SweepResult(
-            sweep, pd.DataFrame(table), messages, wall_time, sum(x.seconds for x in every), solved_now
-        )
+        return SweepResult(sweep, pd.DataFrame(table), messages, wall_time, solved_now)
 
-    def _order(self, sweep: Sweep) -> dict[str, int]:
+    def _columns(self, sweep: Sweep) -> list[str]:
         """Columns of the results: those of the load steps, step by step, then others by name."""
         tendons = [str(t["name"]) for t in (sweep.tables.robot or {}).get("tendons", ())]
         suffixes = sweep.output.suffixes(len(sweep.tables.scenario["steps"]))
-        names = [f"{name}{suffix}" for suffix in suffixes for name in columns_of_steps(tendons)]
-        return {name: k for k, name in enumerate(dict.fromkeys([*names, *sorted(self._numbers)]))}
+        known = [f"{name}{suffix}" for suffix in suffixes for name in columns_of_steps(tendons)]
+        return [*(n for n in known if n in self._numbers), *sorted(self._numbers.keys() - set(known))]
 
 
 def _plain(value: object) -> object:
@@ -116,8 +111,6 @@ class SweepResult:
         Reasons of cases that did not converge, by status, and by ``"warning"`` all warnings; the most frequent first.
     wall_time : float
         Of this call [s].
-    case_seconds : float
-        Sum of the times of all cases [s].
     solved_now : int
         Cases that this call solved; the others were recalled.
     """
@@ -126,7 +119,6 @@ class SweepResult:
     cases: pd.DataFrame
     messages: Mapping[str, tuple[Message, ...]] = field(default_factory=dict)
     wall_time: float = 0.0
-    case_seconds: float = 0.0
     solved_now: int = 0
 
     @cached_property
@@ -209,7 +201,7 @@ class SweepResult:
         lines = [f'sweep of {cases} by "{method}" over {", ".join(self.inputs)}: {states}']
         table = self.statistics()
         for name in self.listed[:MOST_PRINTED]:
-            how, s = display(name), display(name).texts(table[name], "-")
+            how, s = display(name), display(name).texts(table[name])
             spread = f"standard deviation {s['std']}, from {s['min']} to {s['max']}"
             lines.append(f"  {how.axis}: mean {s['mean']}, {spread}")
         if len(self.listed) > MOST_PRINTED:
@@ -238,13 +230,11 @@ class Display(NamedTuple):
         """Label with the unit."""
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
-    def texts(self, statistics: pd.Series, minus: str = MINUS) -> dict[str, str]:
+    def texts(self, statistics: pd.Series) -> dict[str, str]:
         """Statistics as text, all to the second digit of the standard error of the mean."""
         error = self.factor * statistics["std"] / math.sqrt(statistics["count"])
         decimals = max(0, 1 - math.floor(math.log10(error)))
-        texts = {
-            str(n): fixed(self.factor * x, decimals).replace(MINUS, minus) for n, x in statistics.items()
-        }
+        texts = {str(n): fixed(self.factor * x, decimals) for n, x in statistics.items()}
         return {**texts, "count": f"{statistics['count']:.0f}"}
 
 
