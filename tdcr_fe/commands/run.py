@@ -178,16 +178,15 @@ def figures(result: SequenceResult, asked: int) -> dict[str, Any]:
 
 
 def _report_failure(result: SequenceResult, scenario: Scenario, out: Path) -> int:
-    interrupted = result.message.startswith("interrupted")
     number, total = result.failed_step, len(scenario.steps)
     where = "the run with a finer mesh"
     if number is not None and 1 <= number <= total:
         label = scenario.steps[number - 1].label
         where = f"step {number} of {total}" + (f' ("{label}")' if label else "")
     solved = sum(s.converged for s in result.steps)
-    stopped = result.message if result.message.startswith("stopped") else "interrupted" if interrupted else ""
+    stopped = result.message if result.message.startswith(("interrupted", "stopped")) else ""
     what = f"{stopped} in {where}" if stopped else f"{where} did not converge"
     complain(f"{what}; {count(solved, 'step')} solved before it {'is' if solved == 1 else 'are'} in {out}")
     if result.message and not stopped:
         complain(result.message)
-    return Exit.INTERRUPTED if interrupted else Exit.FAILED
+    return Exit.INTERRUPTED if stopped == "interrupted" else Exit.FAILED

@@ -9,17 +9,18 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from tdcr_fe.elements.drives import DRIVES
-from tdcr_fe.io.problems import InputError, Problem
-from tdcr_fe.io.spreadsheet import millimetres_hint, number, read_table
+from tdcr_fe.io.problems import Reporter
+from tdcr_fe.io.spreadsheet import number, read_table
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, resolve
-from tdcr_fe.model.messages import PlausibilityWarning, issue, meant
+from tdcr_fe.model.messages import PlausibilityWarning, bare, issue, meant
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.schema import Keys, Mistake, Quantity
 from tdcr_fe.model.targets import TipTarget
 
 FORCES, POSITION, DIRECTION = ("force_x", "force_y", "force_z"), ("x", "y", "z"), ("dx", "dy", "dz")
@@ -42,36 +43,22 @@ class Loading(NamedTuple):
     branches: tuple[str, ...] = ()
 
 
-class _Numbers(NamedTuple):
-    """What a column of numbers may hold."""
-
-    least: float = -math.inf
-    most: float = math.inf
-    allowed: str = ""  # said where a number is beyond them
-    missing: str = ""  # said besides where there is none
-    empty: bool = False  # whether cells may be empty; they are None then
-    whole: bool = False
-
-    def wrong(self, text: str, value: float) -> str:
-        """What is wrong with a cell; nothing where it is right."""
-        if self.whole and value != np.round(value):
-            return "must be a whole number"
-        if math.isnan(value):
-            return "" if self.empty and not text else f"must be a finite number{self.missing}"
-        if self.least <= value <= self.most:
-            return ""
-        return self.allowed + (millimetres_hint(value, self.most) if math.isfinite(self.most) else "")
+_STEP, _TEXT = Annotated[int, Quantity(allowed="a whole number")], Annotated[str, Quantity()]
+#: A number, or an empty cell.
+_OPEN = Annotated[float | None, Quantity(allowed="a finite number, or empty")]
 
 
-_STEP = _Numbers(whole=True)
-#: Columns by name; None: texts.
-_Columns = Mapping[str, _Numbers | None]
+def _cell(text: str) -> float | str | None:
+    """A number, another text, or nothing."""
+    value = number(text)
+    if math.isnan(value):
+        return text or None
+    return int(value) if value.is_integer() else value
 
 
 def _rows(
     table: pd.DataFrame,
-    columns: _Columns,
-    required: Sequence[str],
+    columns: Keys,
     file: str,
     check: Callable[[Mapping[str, Any]], dict[str, str]] = lambda row: {},
 ) -> list[dict[str, Any]]:
@@ -83,8 +70,6 @@ def _rows(
         Of texts; its index is the line in the file.
     columns
         That may be there.
-    required
-        Columns that must be there.
     file
         For messages.
     check
@@ -95,35 +80,29 @@ def _rows(
     InputError
         With every mistake.
     """
-    problems = [Problem(file, column, "", text) for column, text in _wrong_columns(table, columns, required)]
-    if not problems and table.empty:
-        problems = [Problem(file, "", "", "has no rows")]
-    if problems:
-        raise InputError(problems)
-    rows: list[dict[str, Any]] = []
-    last = 0.0
-    steps: set[Any] = set()
+    reporter = Reporter(file)
+    for column, text in _wrong_columns([str(c) for c in table.columns], columns):
+        reporter(column, "", text)
+    if not reporter.problems and table.empty:
+        reporter("", "", "has no rows")
+    reporter.refuse()
+    names, rows, steps, last = {bare(c): c for c in columns}, [], set[Any](), 0.0
     for line, texts in table.to_dict("index").items():
-        row: dict[str, Any] = {str(column): text for column, text in texts.items()}
-        wrong: dict[str, str] = {}
-        for column, text in [*row.items()]:
-            if (known := columns[column]) is not None:
-                value = number(text)
-                row[column] = None if math.isnan(value) else int(value) if known.whole else value
-                if said := known.wrong(text, value):
-                    wrong[column] = said
+        mistakes: list[Mistake] = []
+        given = {str(c): text if columns[str(c)] is _TEXT else _cell(text) for c, text in texts.items()}
+        row, _ = columns.read(given, "", mistakes.append)
+        wrong = {names[m.key]: m.allowed for m in mistakes}
         step, time = row.get("step"), row.get("time") or 0.0
-        if step in steps and "step" not in wrong:
+        if step in steps:
             wrong["step"] = "the step appears more than once; the order of the rows is the order of loading"
         if time < last:
             wrong["time"] = f"must not be before the step before, at {last:g} s"
         for column, said in (wrong or check(row)).items():
-            problems.append(Problem(file, f"line {line}, {column}", texts[column] or "empty", said))
+            reporter(f"line {line}, {column}", texts[column] or "empty", said)
         rows.append(row)
         steps.add(step)
         last = max(last, time)
-    if problems:
-        raise InputError(problems)
+    reporter.refuse()
     numbers = [row["step"] for row in rows]
     if numbers != sorted(numbers):
         text = "numbers of steps do not ascend; the order of the rows is taken for the order in time"
@@ -131,11 +110,9 @@ def _rows(
     return rows
 
 
-def _wrong_columns(
-    table: pd.DataFrame, known: _Columns, required: Sequence[str]
-) -> Iterator[tuple[str, str]]:
+def _wrong_columns(there: Sequence[str], known: Keys) -> Iterator[tuple[str, str]]:
     """Columns that are unknown, missing, or given twice, and what is allowed."""
-    there = [str(c) for c in table.columns]
+    required = [column for column in known if column not in known.defaults]
     for column in there:
         if column not in known:
             yield column, f"unknown column{meant(column, known)}; allowed: {', '.join(known)}"
@@ -169,32 +146,33 @@ def read_loading(table: pd.DataFrame, robot: Robot, file: str) -> Loading:
         With every mistake in the file.
     """
     length, lost = robot.backbone.length, "; without it the history of loading is lost"
-    too_long = f"more than the robot's length of {length:g} m; must be in m"
-    force, time = _Numbers(missing=lost), _Numbers(missing=lost, empty=True)
-    tension = _Numbers(0.0, allowed="a tension must be zero or more [N]", missing=lost)
-    columns: dict[str, _Numbers | None] = {"step": _STEP, "branch": None, "time": time}
-    columns |= dict.fromkeys(FORCES, force)
+    force = Quantity(allowed=f"a finite number [N]{lost}")
+    tension = Quantity(ge=0.0, allowed=f"a tension [N], zero or more{lost}")
+    further = {"branch": _TEXT, "time": _OPEN, **dict.fromkeys(FORCES, Annotated[float, force])}
     for drive in DRIVES:
         for tendon in [t for t in robot.tendons if not drive.obstacle(t)]:
             most = length / drive.scale(tendon)
-            wound = _Numbers(-most, most, too_long, lost)
-            columns[f"{drive.name}_{tendon.name}"] = wound if drive.winds else tension
-    rows = _rows(table, columns, ["step"], file)
+            text = f"a number within the robot's length of {length:g} m, in m or rad{lost}"
+            own = Quantity(ge=-most, le=most, allowed=text) if drive.winds else tension
+            further[f"{drive.name}_{tendon.name}"] = Annotated[float, own]
+    columns = Keys({"step": _STEP, **further}, {**dict.fromkeys(further), "branch": ""})
+    rows = _rows(table, columns, file)
     return Loading(
         tuple(row["step"] for row in rows),
         tuple(_load_step(row, robot) for row in rows),
-        tuple(row.get("branch", "") for row in rows),
+        tuple(row["branch"] for row in rows),
     )
 
 
 def _load_step(row: Mapping[str, Any], robot: Robot) -> LoadStep:
-    force = tuple(row[c] for c in FORCES if c in row)
+    given = {column: x for column, x in row.items() if x is not None}
+    force = tuple(given[c] for c in FORCES if c in given)
     loads = {"tip": Load(robot.backbone.length, force)} if force else {}
     inputs: dict[str, Any] = {
-        d.inputs: {n: row[f"{d.name}_{n}"] for n in robot.tendon_names if f"{d.name}_{n}" in row}
+        d.inputs: {n: given[f"{d.name}_{n}"] for n in robot.tendon_names if f"{d.name}_{n}" in given}
         for d in DRIVES
     }
-    return LoadStep(str(row["step"]), loads=loads, time=row.get("time"), **inputs)
+    return LoadStep(str(row["step"]), loads=loads, time=row["time"], **inputs)
 
 
 def loading_table(
@@ -286,25 +264,24 @@ def read_path(path: str | os.PathLike[str]) -> tuple[TipTarget, ...]:
     InputError
         With every mistake in the file.
     """
-    columns: dict[str, _Numbers | None] = dict.fromkeys((*POSITION, *DIRECTION, "time"), _Numbers(empty=True))
-    columns |= {"step": _STEP, "label": None}
-    rows = _rows(read_table(path), columns, ("step", *POSITION), str(path), _wrong_target)
+    numbers, further = dict.fromkeys((*POSITION, *DIRECTION, "time"), _OPEN), (*DIRECTION, "time")
+    columns = Keys({"step": _STEP, **numbers, "label": _TEXT}, {**dict.fromkeys(further), "label": ""})
     return tuple(
         TipTarget(
             (row["x"], row["y"], row["z"]),
-            None if row.get("dx") is None else (row["dx"], row["dy"], row["dz"]),
-            row.get("label") or f"step {row['step']}",
-            row.get("time"),
+            None if row["dx"] is None else (row["dx"], row["dy"], row["dz"]),
+            row["label"] or f"step {row['step']}",
+            row["time"],
         )
-        for row in rows
+        for row in _rows(read_table(path), columns, str(path), _wrong_target)
     )
 
 
 def _wrong_target(row: Mapping[str, Any]) -> dict[str, str]:
     """Nothing given, or a direction of which a part is missing or that is zero; all of it may be left out."""
-    direction = {column: row[column] for column in DIRECTION if column in row}
+    direction = {column: row[column] for column in DIRECTION}
     given = [x for x in direction.values() if x is not None]
-    if not given and all(row.get(column) is None for column in POSITION):
+    if not given and all(row[column] is None for column in POSITION):
         return {"x": "must be a finite number where y and z are open"}
     if given and len(given) < 3:
         return {column: "must be a finite number" for column, x in direction.items() if x is None}
