@@ -128,9 +128,9 @@ def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
 def _read_priors(path: Path) -> tuple[LoadPrior, InputPrior]:
     """The tables of ``estimate.toml``."""
     reporter = Reporter(str(path))
-    top, _ = TOP.read(read_toml(path)[0], "", reporter.mistake)
-    load = keys_of(LoadPrior).read(top.get("load", {}), "load", reporter.mistake)[0]
-    inputs = keys_of(InputPrior).read(top["inputs"], "inputs", reporter.mistake)[0] if "inputs" in top else {}
+    top, _ = TOP.read(read_toml(path)[0], "", reporter)
+    load = keys_of(LoadPrior).read(top.get("load", {}), "load", reporter)[0]
+    inputs = keys_of(InputPrior).read(top["inputs"], "inputs", reporter)[0] if "inputs" in top else {}
     reporter.refuse()
     return LoadPrior(**load), InputPrior(**inputs)
 

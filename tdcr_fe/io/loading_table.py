@@ -20,7 +20,7 @@ from tdcr_fe.io.spreadsheet import number, read_table
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, resolve
 from tdcr_fe.model.messages import PlausibilityWarning, bare, issue, meant
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.schema import Keys, Mistake, Quantity
+from tdcr_fe.model.schema import Keys, Quantity
 from tdcr_fe.model.targets import TipTarget
 
 FORCES, POSITION, DIRECTION = ("force_x", "force_y", "force_z"), ("x", "y", "z"), ("dx", "dy", "dz")
@@ -88,10 +88,10 @@ def _rows(
     reporter.refuse()
     names, rows, steps, last = {bare(c): c for c in columns}, [], set[Any](), 0.0
     for line, texts in table.to_dict("index").items():
-        mistakes: list[Mistake] = []
+        found = Reporter(file)
         given = {str(c): text if columns[str(c)] is _TEXT else _cell(text) for c, text in texts.items()}
-        row, _ = columns.read(given, "", mistakes.append)
-        wrong = {names[m.key]: m.allowed for m in mistakes}
+        row, _ = columns.read(given, "", found)
+        wrong = {names[p.key]: p.allowed for p in found.problems}
         step, time = row.get("step"), row.get("time") or 0.0
         if step in steps:
             wrong["step"] = "the step appears more than once; the order of the rows is the order of loading"

@@ -220,7 +220,7 @@ def _with_declared_effects(data: MeasuredData, table: object, reporter: Reporter
 
 def _input_sigma(table: object, robot: Robot, reporter: Reporter) -> tuple[float, ...]:
     """The key ``sigma`` of the table ``[inputs]``, as `estimate.toml` has it: one number, or one for every tendon."""
-    names, (values, bad) = robot.tendon_names, INPUTS.read(table, "inputs", reporter.mistake)
+    names, (values, bad) = robot.tendon_names, INPUTS.read(table, "inputs", reporter)
     given = {} if bad else values["sigma"]
     by_name = given if isinstance(given, dict) else dict.fromkeys(names, given)
     if not bad and set(by_name) != set(names):

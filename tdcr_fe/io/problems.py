@@ -10,8 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from tdcr_fe.model.checks import Contradiction
-from tdcr_fe.model.messages import shown
-from tdcr_fe.model.schema import REQUIRED, Mistake
 
 
 @dataclass(frozen=True)
@@ -112,11 +110,6 @@ class Reporter:
         """Raise an `InputError` where there are mistakes."""
         if self.problems:
             raise InputError(self.problems)
-
-    def mistake(self, mistake: Mistake) -> None:
-        """Take a value that its field does not allow."""
-        value = "" if mistake.value is REQUIRED else shown(mistake.value)
-        self(mistake.key, value, mistake.allowed)
 
     def contradictions(self, found: Iterable[Contradiction]) -> None:
         """Take values that do not fit together."""

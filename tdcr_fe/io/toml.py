@@ -90,7 +90,7 @@ def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
         name = data.get("robot", "the robot.toml")
         raise refusal(reporter.file, f"is the file of a scenario; give its robot, {name}")
     before = len(reporter.problems)
-    top, bad = ROBOT.read(data, "", reporter.mistake)
+    top, bad = ROBOT.read(data, "", reporter)
     backbone, length = _build_backbone(top["backbone"], reporter) if "backbone" in top else (None, None)
     disks = _build_disks(top["disks"], length, reporter) if "disks" in top else None
     tables = top.get("tendons", ())
@@ -110,7 +110,7 @@ def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
 
 def _build_backbone(data: Any, reporter: Reporter) -> tuple[Backbone | None, float | None]:
     """The backbone, None where it is invalid; and its length [m]."""
-    values, bad = BACKBONE.read(data, "backbone", reporter.mistake)
+    values, bad = BACKBONE.read(data, "backbone", reporter)
     length = values.get("length")
     if bad:
         return None, length
@@ -129,7 +129,7 @@ def _build_disks(data: dict[str, Any] | None, length: float | None, reporter: Re
     """The disks; None where they, or their positions on a backbone of that length [m], are invalid."""
     if data is None:
         return Disks()
-    values, bad = DISKS.read(data, "disks", reporter.mistake)
+    values, bad = DISKS.read(data, "disks", reporter)
     given = {key: data[key] for key in ("count", "positions") if key in data}
     if len(given) != 1:
         text = "must have exactly one of count and positions"
@@ -151,7 +151,7 @@ def _build_tendon(
     key, kind = f"tendons[{i}]", data.get("routing") if isinstance(data, dict) else None
     routing = ROUTINGS.get(kind) if isinstance(kind, str) else None
 
-    values, bad = tendon_keys(kind if routing else None).read(data, key, reporter.mistake)
+    values, bad = tendon_keys(kind if routing else None).read(data, key, reporter)
     name = values.get("name")
     if routing is None or bad or disks is None or length is None:
         return None, name
@@ -182,7 +182,7 @@ def _build_model(data: Any, reporter: Reporter, robot: Robot | None = None) -> M
         data = {"tendon_path": default.tendon_path, **data}
         if data["tendon_path"] == default.tendon_path:
             data = {"friction": default.friction, **data}
-    values, bad = keys_of(Model).read(data, "model", reporter.mistake)
+    values, bad = keys_of(Model).read(data, "model", reporter)
     found = [*model_contradictions(values.get("tendon_path"), values.get("friction", "none"))]
     for c in found:
         given = c.value if "friction" in data else f"not given, so {c.value}"
@@ -191,13 +191,13 @@ def _build_model(data: Any, reporter: Reporter, robot: Robot | None = None) -> M
 
 
 def _build_settings(data: Any, reporter: Reporter) -> SolverSettings | None:
-    values, bad = keys_of(SolverSettings).read(data, "solver", reporter.mistake)
+    values, bad = keys_of(SolverSettings).read(data, "solver", reporter)
     return None if bad else SolverSettings(**values)
 
 
 def _build_step(i: int, data: Any, parts: RobotParts, reporter: Reporter) -> LoadStep:
     """A load step, without what is invalid in it."""
-    step = LoadStep(**keys_of(LoadStep).read(data, f"steps[{i}]", reporter.mistake)[0])
+    step = LoadStep(**keys_of(LoadStep).read(data, f"steps[{i}]", reporter)[0])
     reporter.contradictions(step_contradictions(i, step, parts.names, parts.length, parts.tendons))
     return step
 
@@ -305,7 +305,7 @@ def read_model_file(
         return Model() if robot is None else Model.default_for(robot), SolverSettings()
     data, _ = read_toml(path)
     reporter = Reporter(str(path))
-    top, _ = MODEL_FILE.read(data, "", reporter.mistake)
+    top, _ = MODEL_FILE.read(data, "", reporter)
     for key in sorted({"effects", "inputs"} & data.keys()) if not of_data else ():
         reporter(key, shown(data[key]), "only in a folder of measured data; leave it out")
     model = _build_model(top["model"], reporter, robot) if "model" in top else None
@@ -393,7 +393,7 @@ def build_scenario(tables: ScenarioTables, effects: Sequence[Effect] = ()) -> Sc
     if "backbone" in data and not {"robot", "steps"} & data.keys():
         raise refusal(tables.path, "is the file of a robot; give the scenario.toml that names it")
     reporter = Reporter(str(tables.path), problems)
-    top, _ = SCENARIO.read(data, "", reporter.mistake)
+    top, _ = SCENARIO.read(data, "", reporter)
 
     problems += tables.problems
     parts = RobotParts()

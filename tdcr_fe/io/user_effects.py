@@ -39,11 +39,11 @@ def apply_effects(
         With them.
     """
     catalogue = {e.name: e for e in (*EFFECTS, *own)}
-    given, _ = effect_keys(tuple(catalogue)).read(table, "effects", reporter.mistake)
+    given, _ = effect_keys(tuple(catalogue)).read(table, "effects", reporter)
     sound = {}
     for name in (n for n, values in given.items() if values is not None):
         parameters = parameter_keys(tuple(catalogue[name].parameters_of(experiment)))
-        values, _ = parameters.read(given[name], f"effects.{name}", reporter.mistake)
+        values, _ = parameters.read(given[name], f"effects.{name}", reporter)
         sound[name] = {key: value for key, value in values.items() if value is not None}
     try:
         return sound, with_effects(experiment, sound, tuple(catalogue.values()))

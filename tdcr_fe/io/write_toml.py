@@ -92,7 +92,7 @@ def robot_to_toml(robot: Robot) -> str:
     data["tendons"] = []
     for t in robot.tendons:
         own = _table(t)
-        first = {"name": own.pop("name"), "routing": t.routing.kind, **t.routing.to_table()}
+        first = {"name": own.pop("name"), "routing": t.routing.kind, **_table(t.routing)}
         data["tendons"].append({**first, **own})
     return to_toml(data)
 

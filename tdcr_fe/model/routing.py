@@ -18,7 +18,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
-from tdcr_fe.model.schema import Checked, FieldError, Quantity, keys_of
+from tdcr_fe.model.schema import Checked, FieldError, Quantity
 
 Array = NDArray[np.float64]
 
@@ -99,10 +99,6 @@ class Routing:
             A value does not fit the holes.
         """
         return cls(**values)
-
-    def to_table(self) -> dict[str, Any]:
-        """Values of its fields for ``robot.toml``, in which `from_table` finds an equal routing."""
-        return {name: getattr(self, name) for name in keys_of(type(self))}
 
 
 def _turned(distance: Polynomial, angle: Polynomial, s: Array, derivative: int) -> NDArray[np.complex128]:

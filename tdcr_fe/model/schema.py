@@ -38,8 +38,8 @@ class Mistake(NamedTuple):
     wrong_type: bool = False  # whether a value of another type is needed
 
 
-#: Takes each mistake.
-Note = Callable[[Mistake], None]
+#: Takes key, value and what is allowed of each mistake, as texts.
+Note = Callable[[str, str, str], object]
 
 
 class FieldError(ValueError):
@@ -241,18 +241,18 @@ class Keys(dict[str, Any]):
         key
             Dotted key of the table; empty at the top of a file.
         note
-            Takes each mistake.
+            Takes key, value and what is allowed of each mistake.
         """
         if not isinstance(data, dict):
-            note(Mistake(key, data, "must be a table with " + ", ".join(self), True))
+            note(key, shown(data), "must be a table with " + ", ".join(self))
             return {}, set(self)
         values, errors = self.validated(data)
         errors += [{"type": "missing", "loc": (n,)} for n in self if n not in data and n not in self.defaults]
         order = {name: k for k, name in enumerate(self)}  # unknown keys come last
         errors.sort(key=lambda e: order.get(e["loc"][0], len(order)))
         if errors:
-            for mistake in _mistakes(errors, self.json_schema, data, key):
-                note(mistake)
+            for m in _mistakes(errors, self.json_schema, data, key):
+                note(m.key, "" if m.value is REQUIRED else shown(m.value), m.allowed)
         bad = {e["loc"][0] for e in errors} & set(self)
         return {n: values.get(n, self.defaults.get(n)) for n in self if n not in bad}, bad
 

@@ -21,7 +21,7 @@ from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.messages import PlausibilityWarning, issue, join, meant, quoted, shown
 from tdcr_fe.model.plausibility import plausibility, warn_of_implausible
-from tdcr_fe.model.schema import Keys, Mistake, Quantity
+from tdcr_fe.model.schema import Keys, Quantity
 from tdcr_fe.model.targets import TensionLimits
 from tdcr_fe.model.units import number_or_none, with_units
 from tdcr_fe.sweeps.cases import ABOUT_CASE, columns_of_steps, tables_with
@@ -143,12 +143,11 @@ def _top(data: dict[str, Any], report: Reporter) -> dict[str, Any]:
     if units:
         data = {**data, "vary": [_with_numbers(x, u) for x, u in zip(given or (), units, strict=True)]}
 
-    def note(mistake: Mistake) -> None:
-        place = re.match(r"vary\[(\d+)\]", mistake.key)
-        if place and isinstance(mistake.value, str) and "number" in mistake.allowed:
-            text = with_units(mistake.allowed, mistake.value, units[int(place[1])])
-            mistake = mistake._replace(allowed=text)
-        report.mistake(mistake)
+    def note(key: str, value: str, allowed: str) -> None:
+        place = re.match(r"vary\[(\d+)\]", key)
+        if place and value.startswith('"') and "number" in allowed:
+            allowed = with_units(allowed, value.strip('"'), units[int(place[1])])
+        report(key, value, allowed)
 
     return TOP.read(data, "", note)[0]
 
