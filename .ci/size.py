@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 3038,
+    "elements": 2843,
     "tdcr_fe": 249,
     "tdcr_fe/commands": 976,
     "tdcr_fe/effects": 1315,
@@ -39,7 +39,7 @@ BUDGET = {
     "tdcr_fe/solve": 7040,
     "tdcr_fe/sweeps": 1442,
     "validation": 7108,
-    "tests": 14172,
+    "tests": 14170,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")

@@ -351,7 +351,7 @@ class TendonLaw:
             # The slip does not depend on the tensions, so that the mobilisations follow at once.
             trial = hysteresis.trial(self.slips(self.parameters.lengths - lengths), state)
             field = self.field(base_tension, lengths, angles, np.clip(trial, -1.0, 1.0), state, time)
-            return self._with_consistent_tangent(field, trial, state)
+            return self.with_slopes(field, lambda: np.abs(trial) < 1.0, trial, state)
         mobilisation = state.mobilisation
         for _ in range(MOST_ITERATIONS):
             field = self.field(base_tension, lengths, angles, mobilisation, state, time)
@@ -365,7 +365,7 @@ class TendonLaw:
             right = field.slip - state.slip - slip + (matrix @ mobilisation[..., None])[..., 0]
             by_tendon = zip(matrix, right, mobilisation, strict=True)
             mobilisation = np.stack([solve_box(*x)[0] for x in by_tendon])
-        return self._with_consistent_tangent(field, trial, state)
+        return self.with_slopes(field, lambda: np.abs(trial) < 1.0, trial, state)
 
     def _matrix(self, field: TensionField, flexibility: Array) -> Array:
         """Derivatives by the mobilisations of the slips that belong to them, less those of the slips [m], (m, g, g).
@@ -376,32 +376,43 @@ class TendonLaw:
         matrix: Array = flexibility[:, :, None] * np.eye(self.groups) - slips
         return matrix
 
-    def _with_consistent_tangent(
-        self, field: TensionField, trial: Array, state: FrictionState
+    def with_slopes(
+        self, field: TensionField, slopes: Callable[[], NDArray[Any]], trial: Array, state: FrictionState
     ) -> TensionField:
-        """A field with the consistent tangent of the return mapping: its derivatives include the mobilisations' change.
+        """A field with derivatives that include the change of the mobilisations, formed when first used.
 
-        They are formed when first used.
+        With the slopes 1 of holes that stick and 0 of those that slide it is the consistent tangent of the return
+        mapping.
+
+        Parameters
+        ----------
+        field
+            At the mobilisations in this configuration.
+        slopes
+            Gives the derivatives of the mobilisations by their trial values [1], shape (m, g).
+        trial
+            These values, which are not limited to [-1, 1], shape (m, g).
+        state
+            History at the beginning of the step.
         """
 
         def derive() -> TensionDerivatives:
-            sticks = np.abs(trial) < 1.0
             direction = np.sign(trial - state.mobilisation)
-            flexibility = self.hysteresis.flexibility(field.mobilisation, direction)
-            by_released = (sticks / flexibility)[:, :, None] * self.slip_operator
+            flexibility, slope = self.hysteresis.flexibility(field.mobilisation, direction), slopes()
+            by_released = (slope / flexibility)[:, :, None] * self.slip_operator
             by_length = by_released * field.released_d_length[:, None, :]
+            if not self.elastic:
+                return field.derivatives._replace(d_length=field.d_length + field.by_mobilisation @ by_length)
             scaled = self._matrix(field, flexibility) / flexibility[:, :, None]
-            jacobian = np.where(sticks[:, :, None], scaled, np.eye(self.groups))
+            jacobian = np.where(slope[:, :, None] > 0.0, scaled, np.eye(self.groups))
             by_tension = by_released * field.released_d_tension[:, None, :]
             by_base = by_tension @ field.d_base[:, :, None]
             by_angle = by_tension @ field.d_angle
-            if field.depends_on_length:
-                by_length = by_length + by_tension @ field.d_length
-            right = np.concatenate((by_length, by_angle, by_base), axis=2)
+            right = np.concatenate((by_length + by_tension @ field.d_length, by_angle, by_base), axis=2)
             ds = field.by_mobilisation @ np.linalg.solve(jacobian, right)
             n = self.shape[1]
             return TensionDerivatives(
-                field.d_length + ds[:, :, :n] if field.depends_on_length else ds[:, :, :n],
+                field.d_length + ds[:, :, :n],
                 field.d_angle + ds[:, :, n : 2 * n - 1],
                 field.d_base + ds[:, :, -1],
                 field.by_mobilisation,

@@ -294,8 +294,8 @@ class CableGeometry:
         return CableShape(between.lengths.T, between.angles.T, lines, width=self._width)
 
 
-def along_nodes(rows: Array, width: int, size: int = 6) -> Array:
-    """View of contiguous (m, r, size N): of row ``k`` the ``width`` entries from node ``k`` on, (m, r, width)."""
+def along_nodes(rows: Array, width: int) -> Array:
+    """View of contiguous (m, r, 6 N): of row ``k`` the ``width`` entries from node ``k`` on, (m, r, width)."""
     m, r, _ = rows.shape
     per_tendon, per_row, one = rows.strides
-    return np.ndarray((m, r, width), rows.dtype, rows, 0, (per_tendon, per_row + size * one, one))
+    return np.ndarray((m, r, width), rows.dtype, rows, 0, (per_tendon, per_row + 6 * one, one))

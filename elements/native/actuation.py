@@ -100,7 +100,7 @@ class TendonActuation:
         self.holes: Holes = "present"
         self.motors: tuple[Motor, ...] = ()
         self._node_coordinates = NodeCoordinates(system, self.nodes)
-        self._scene_forces = SceneForces(self._node_coordinates, model)
+        self._scene_forces = SceneForces(self._node_coordinates)
         self._backbone = IteratedBackbone(system, self._node_coordinates)
         self._solved: tuple[Array, RobotHistory, TendonForces] | None = None
         self._no_jacobian = _container(np.zeros((7 * len(self.nodes),) * 2))

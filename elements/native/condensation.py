@@ -26,6 +26,11 @@ class ElasticTendons(NamedTuple):
     history: RobotHistory  # At the beginning of the step
     stiffness: float  # EA used for an inextensible tendon [N]
 
+    @property
+    def iterated(self) -> bool:
+        """Whether tensions follow from angles and mobilisations alone, so that holes may be predicted."""
+        return self.model.law.simple and not np.any(self.driven)
+
     def law(self) -> TendonLaw:
         """How tension passes along these tendons."""
         law = self.model.law

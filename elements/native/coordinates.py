@@ -113,16 +113,16 @@ def generalized_tangent(k: Array, moments: Array, to_twist: Array) -> Array:
     to_twist
         See `twists_by_coordinates`.
     """
-    n = len(to_twist)
-    blocks = k.reshape(n, 6, n, 6)
-    right = blocks.transpose(0, 2, 1, 3) @ to_twist[None]
-    found = to_twist.swapaxes(1, 2)[:, None] @ right
+    n, found = len(to_twist), k
+    for _ in range(2):
+        # By node, its six rows become seven; then the same of the columns.
+        found = (to_twist.swapaxes(1, 2) @ found.reshape(n, 6, -1)).reshape(7 * n, -1).T
     # Sum over the axes of the moment of a constant antisymmetric matrix: G(de)^T m as a matrix times de.
     own = (moments @ _LINEAR).reshape(n, 4, 4)
     tangent = 0.25 * to_twist[:, 3:, 3:].swapaxes(1, 2) @ to_twist[:, 3:, 3:]
     every = np.arange(n)
-    found[every, every, 3:, 3:] += own - tangent.swapaxes(1, 2) @ own @ tangent
-    return found.transpose(0, 2, 1, 3).reshape(7 * n, 7 * n)
+    found.reshape(n, 7, n, 7)[every, 3:, every, 3:] += own - tangent.swapaxes(1, 2) @ own @ tangent
+    return found
 
 
 #: ``(m @ _LINEAR).reshape(4, 4) @ e`` is ``4 H(e) m``, with ``H`` of `euler_rate_matrix`.

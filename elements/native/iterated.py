@@ -8,10 +8,17 @@ of the step by more than what its bending stiffness may balance, the tangent the
 the iteration converges to does not change (compare D. Magisano, L. Leonetti, G. Garcea, How to improve efficiency and
 robustness of the Newton method in geometrically non-linear structural problem discretized via displacement-based
 finite elements, Comput. Methods Appl. Mech. Engrg. 313 (2017) 986-1005).
+
+The mobilisation of a hole is a function of its slip with two corners, over a presliding distance that is far shorter
+than what Newton's method moves in an iteration. With tangents of this function the iteration often jumps between all
+holes sliding one way and all sliding the other way. Two things prevent that. The first iterate of a step is computed
+for holes that are predicted to stick or to slide (`HolePrediction`). In the others a hole that has saturated since the
+iterate before is linearised by the secant between both iterates. Where an iteration converges, this is the tangent.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import exudyn as exu
@@ -19,16 +26,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import BackboneMesh, relative_twists, strain_matrices
+from tdcr_fe.elements.capstan import TensionField
+from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_tangent, twists_by_coordinates
 from tdcr_fe.elements.native.items import SystemReference
-from tdcr_fe.elements.native.straight_tendons import HolePrediction, Pull, StraightTendons
 from tdcr_fe.elements.section import (
     STRAIN_DIFFERENCE,
     add_element_tangent,
     wrench_tangent,
     wrenches_on_nodes,
 )
+from tdcr_fe.elements.tendons import CableShape
 
 Array = NDArray[np.float64]
 
@@ -124,40 +133,102 @@ def constant_wrench_tangent(wrenches: Array, twists: Array, rotations: Array, pa
     return generalized_tangent(k, of_nodes[:, 3:], twists_by_coordinates(rotations, parameters))
 
 
-class IteratedTwists(NamedTuple):
-    """An evaluation in an iteration of a solver, and for what."""
+class HolePrediction(NamedTuple):
+    """Which holes stick and which slide at the end of a step, assumed before it is solved."""
 
-    coordinates: Array  # (7 N,): Of the nodes, without reference values
-    time: float  # At the end of the step [s]
-    state: FrictionState  # History at its beginning
-    base_tension: Array  # (m,): [N]
-    pull: Pull
+    # (m, g): Friction variables that follow the slip linearly, however far it is; the others are constant
+    sticks: NDArray[np.bool_]
+    # (m, g): Mobilisation at the beginning of the step where it sticks, else that with which it slides
+    mobilisation: Array
 
-    def of_step(self, time: float, state: FrictionState, base_tension: Array) -> bool:
-        """Whether it belongs to the same attempt of a step."""
-        return (
-            self.time == time
-            and self.state is state
-            and (self.base_tension is base_tension or bool((self.base_tension == base_tension).all()))
-        )
+    @classmethod
+    def of(cls, start: Array, reached: Array) -> HolePrediction:
+        """From mobilisations at the beginning, and unlimited ones that are expected at the end, shape (m, g)."""
+        sticks = np.abs(reached) < 1.0
+        return cls(sticks, np.where(sticks, start, np.sign(reached)))
+
+
+class HoleIterate(NamedTuple):
+    """Tensions in one iterate of a step."""
+
+    trial: Array  # (m, g): Mobilisations before they are limited to [-1, 1]
+    field: TensionField
+    predicted: bool = False  # Whether holes stick and slide as predicted, in place of the law of friction
+
+    @classmethod
+    def of(
+        cls,
+        law: TendonLaw,
+        base_tension: Array,
+        shape: CableShape,
+        state: FrictionState,
+        time: float,
+        near: HolePrediction | HoleIterate | None,
+    ) -> HoleIterate:
+        """Tensions in a configuration; the law must be `TendonLaw.simple`.
+
+        Parameters
+        ----------
+        law
+            How tension passes along the tendons.
+        base_tension
+            [N], shape (m,).
+        shape
+            The configuration.
+        state
+            History of friction at the beginning of the step.
+        time
+            At its end [s].
+        near
+            What is predicted of the holes. The law of friction is taken nevertheless where it agrees, and where the
+            prediction is of no use: tensions below zero, or more than doubled. Or the iterate before, from which holes
+            that have saturated since are linearised by the secant. None is the law and its derivative.
+        """
+        trial = law.hysteresis.trial(law.slips(law.parameters.lengths - shape.lengths), state)
+        limited = np.minimum(np.maximum(trial, -1.0), 1.0)
+        given = base_tension, shape.lengths, shape.angles
+        if isinstance(near, HolePrediction):
+            sticks, mobilisation = near
+            beyond = np.where(sticks, trial - mobilisation, 0.0)
+            if (np.where(sticks, trial, mobilisation) != limited).any():
+                field = law.field(*given, mobilisation, state, time)
+                tension = field.tension + (field.by_mobilisation @ beyond[..., None])[..., 0]
+                if ((tension >= 0.0) & (tension <= 2.0 * field.tension)).all():
+                    field = law.with_slopes(field, lambda: sticks, trial, state)
+                    return cls(trial, replace(field, tension=tension), predicted=True)
+        before = near.trial if isinstance(near, HoleIterate) else trial
+        field = law.field(*given, limited, state, time)
+        return cls(trial, law.with_slopes(field, lambda: _secants(before, trial), trial, state))
+
+
+def _secants(before: Array, trial: Array) -> Array:
+    """Derivatives of limited mobilisations, or secants from the iterate before where they saturate, shape (m, g)."""
+    slopes: Array = (np.abs(trial) < 1.0).astype(float)
+    change = np.clip(trial, -1.0, 1.0) - np.clip(before, -1.0, 1.0)
+    saturated = (slopes == 0.0) & (change != 0.0)
+    slopes[saturated] = change[saturated] / (trial - before)[saturated]
+    return slopes
 
 
 class PastStep(NamedTuple):
     """A step that was solved, from which the next one is predicted."""
 
     end: FrictionState  # History at its end
-    rate: Array  # (g, m): Change of the mobilisations per time, unlimited [1/s]
-    # (g, m): The same in the step after it: half of the change of the rate since the step before goes on [1/s]
+    rate: Array  # (m, g): Change of the mobilisations per time, unlimited [1/s]
+    # (m, g): The same in the step after it: half of the change of the rate since the step before goes on [1/s]
     expected: Array
 
     @classmethod
     def of(
-        cls, start: FrictionState, pull: Pull, end: FrictionState, before: PastStep | None
+        cls, start: FrictionState, trial: Array, end: FrictionState, before: PastStep | None
     ) -> PastStep | None:
-        """Of a step from a history to another, and the step before it if known; None where no time has passed."""
+        """Of a step from a history to another, and the step before it if known; None where no time has passed.
+
+        ``trial``: mobilisations at its end, unlimited, shape (m, g).
+        """
         if end.time <= start.time:
             return None
-        rate = (pull.trial - start.mobilisation.T) / (end.time - start.time)
+        rate = (trial - start.mobilisation) / (end.time - start.time)
         known = before is not None and before.end is start
         return cls(end, rate, 1.5 * rate - 0.5 * before.rate if before is not None and known else rate)
 
@@ -169,89 +240,7 @@ def predicted_holes(past: PastStep | None, state: FrictionState, time: float) ->
     """
     if time <= state.time:
         return None
-    start = state.mobilisation.T
+    start = state.mobilisation
     if past is None or past.end is not state:
         return HolePrediction.of(start, start)
     return HolePrediction.of(start, start + (time - state.time) * past.expected)
-
-
-class IteratedTendons:
-    """Straight tendons in the iterations of a solver, the last two of which are kept for the tangent.
-
-    Parameters
-    ----------
-    tendons
-        Compute the forces.
-    nodes
-        On which they act.
-    """
-
-    def __init__(self, tendons: StraightTendons, nodes: NodeCoordinates) -> None:
-        self._tendons, self._nodes = tendons, nodes
-        self._last: IteratedTwists | None = None
-        self._before: IteratedTwists | None = None
-        self._past: PastStep | None = None
-        #: History at the beginning of the step in which the tangent was last evaluated.
-        self._linearised: FrictionState | None = None
-        #: Whether the last step was solved with the tangent: numerical derivatives need one law in all evaluations.
-        self._by_tangent = True
-
-    def _at(
-        self,
-        coordinates: Array,
-        time: float,
-        state: FrictionState,
-        base_tension: Array,
-        *,
-        by_law: bool,
-    ) -> Pull:
-        """The last evaluation if it was for the same, else a new one."""
-        last = self._last
-        same = last if last is not None and last.of_step(time, state, base_tension) else None
-        prediction = None
-        if same is not None and bool((same.coordinates == coordinates).all()):
-            if not (by_law and same.pull.prediction):
-                return same.pull
-        elif self._by_tangent and not (last is not None and last.state is state):
-            # A step that is tried again with another size was not solved with the prediction.
-            prediction = predicted_holes(self._past, state, time)
-        there = coordinates.reshape(-1, 7) + self._nodes.reference
-        pull = self._tendons.pull(there, base_tension, state, prediction)
-        self._last, self._before = IteratedTwists(coordinates, time, state, base_tension, pull), same
-        return pull
-
-    def forces(self, coordinates: Array, time: float, state: FrictionState, base_tension: Array) -> Array:
-        """Generalised forces on the coordinates of all nodes, shape (7 N,).
-
-        The first evaluation of a step is for holes that stick and slide as predicted; see `HolePrediction`.
-
-        Parameters
-        ----------
-        coordinates
-            Of the nodes, without reference values, shape (7 N,).
-        time
-            At the end of the step [s].
-        state
-            History of friction at its beginning.
-        base_tension
-            [N], shape (m,).
-        """
-        pull = self._at(coordinates, time, state, base_tension, by_law=True)
-        return self._tendons.forces(pull)
-
-    def tangent(self, coordinates: Array, time: float, state: FrictionState, base_tension: Array) -> Array:
-        """Tangent of `forces` for Newton's method, shape (7 N, 7 N); arguments as there."""
-        self._linearised = state
-        pull = self._at(coordinates, time, state, base_tension, by_law=False)
-        return self._tendons.tangent(pull, None if self._before is None else self._before.pull)
-
-    def step_end(
-        self, coordinates: Array, time: float, state: FrictionState, base_tension: Array
-    ) -> tuple[FrictionState, Array, Pull]:
-        """History of friction where a solved step ends, and tendon pulled in at the base [m]; arguments as there."""
-        pull = self._at(coordinates, time, state, base_tension, by_law=True)
-        friction = self._tendons.friction(pull, time)
-        self._past = PastStep.of(state, pull, friction, self._past)
-        if time > state.time:
-            self._by_tangent = self._linearised is state
-        return friction, self._tendons.base_slip(pull), pull

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.forces import ForceModel, TendonForces
+from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.condensation import ElasticTendons, add_condensed, forces_by_inputs
 from tdcr_fe.elements.native.coordinates import (
@@ -17,9 +17,8 @@ from tdcr_fe.elements.native.coordinates import (
     generalized_tangent,
     twists_by_coordinates,
 )
-from tdcr_fe.elements.native.iterated import IteratedTendons
+from tdcr_fe.elements.native.iterated import HoleIterate, HolePrediction, PastStep, predicted_holes
 from tdcr_fe.elements.native.motors import Motor, torques, with_motors
-from tdcr_fe.elements.native.straight_tendons import StraightTendons
 
 Array = NDArray[np.float64]
 
@@ -46,6 +45,17 @@ class Evaluation(NamedTuple):
     rotations: Array  # Of the nodes, shapes (N, 3, 3) and (N, 4)
     parameters: Array  # as `rotations`
     forces: TendonForces
+    holes: HoleIterate | None  # Of which these are the forces, where holes are iterated, see `SceneForces`
+
+    def of_step(self, time: float, inputs: Inputs, tendons: ElasticTendons) -> bool:
+        """Whether it belongs to the same attempt of a step."""
+        own = self.tendons
+        return (
+            self.time == time
+            and self.inputs is inputs
+            and own.driven is tendons.driven
+            and own.history is tendons.history
+        )
 
 
 class StepEnd(NamedTuple):
@@ -63,40 +73,32 @@ class StepEnd(NamedTuple):
 class SceneForces:
     """Forces of one robot; a step starts from the tensions of the evaluation before.
 
+    Where tensions follow from angles and mobilisations alone, holes are predicted and linearised by secants, see
+    `tdcr_fe.elements.native.iterated`.
+
     Parameters
     ----------
     coordinates
         Of its nodes.
-    model
-        Of its forces.
     """
 
-    def __init__(self, coordinates: NodeCoordinates, model: ForceModel) -> None:
+    def __init__(self, coordinates: NodeCoordinates) -> None:
         self._coordinates = coordinates
         self._last: Evaluation | None = None
-        straight = StraightTendons.of(model)
-        self._straight = None if straight is None else IteratedTendons(straight, coordinates)
+        self._past: PastStep | None = None
+        #: History at the beginning of the step in which the tangent was last evaluated.
+        self._linearised: FrictionState | None = None
+        #: Whether the last step was solved with the tangent: numerical derivatives need one law in all evaluations.
+        self._by_tangent = True
 
     def forget(self) -> None:
         """Forget the last evaluation, after another `Assemble`."""
         self._last = None
 
-    def matching(self, coordinates: Array, t: float, inputs: Inputs, tendons: ElasticTendons) -> Evaluation:
-        """The last evaluation if it was for the same state, inputs and time, else a new one; arguments as in `at`."""
-        last = self._last
-        if (
-            last is not None
-            and last.time == t
-            and last.inputs is inputs
-            and last.tendons.driven is tendons.driven
-            and last.tendons.history is tendons.history
-            and np.array_equal(last.coordinates, coordinates)
-        ):
-            return last
-        return self.at(coordinates, t, inputs, tendons)
-
-    def at(self, coordinates: Array, t: float, inputs: Inputs, tendons: ElasticTendons) -> Evaluation:
-        """Forces in a configuration.
+    def at(
+        self, coordinates: Array, t: float, inputs: Inputs, tendons: ElasticTendons, *, by_law: bool = True
+    ) -> Evaluation:
+        """Forces in a configuration: those of the last evaluation if it was for the same.
 
         Parameters
         ----------
@@ -108,29 +110,47 @@ class SceneForces:
             Tensions and displacements at the base.
         tendons
             With the history at the beginning of the step.
+        by_law
+            Whether the last evaluation does not count where it was for holes as predicted.
         """
+        last, history, iterated = self._last, tendons.history, tendons.iterated
+        same = last if last is not None and last.of_step(t, inputs, tendons) else None
+        near: HolePrediction | HoleIterate | None = None
+        if same is not None:
+            predicted = by_law and same.holes is not None and same.holes.predicted
+            if not predicted and np.array_equal(same.coordinates, coordinates):
+                return same
+            near = same.holes
+        elif self._by_tangent and iterated and not (last is not None and last.tendons.history is history):
+            # A step that is tried again with another size was not solved with the prediction.
+            near = predicted_holes(self._past, history.friction, t)
         positions, rotations, parameters = self._coordinates.poses(coordinates.reshape(-1, 7))
-        values, history, last = values_at(inputs, t), tendons.history, self._last
+        values, holes = values_at(inputs, t), None
         measured = tendons.model.measure(positions, rotations)
-        warm = last is not None and last.tendons.history is history
-        near = last.forces.base_tension if last is not None and warm else history.base_tension
-        forces = tendons.forces(measured, values, near, t)
-        self._last = Evaluation(coordinates, t, inputs, tendons, values, rotations, parameters, forces)
+        if iterated:
+            law, friction = tendons.model.law, history.friction
+            holes = HoleIterate.of(law, values, measured.shape, friction, t, near)
+            forces = TendonForces(tendons.model, measured, values, holes.field)
+        else:
+            warm = last is not None and last.tendons.history is history
+            start = last.forces.base_tension if last is not None and warm else history.base_tension
+            forces = tendons.forces(measured, values, start, t)
+        self._last = Evaluation(coordinates, t, inputs, tendons, values, rotations, parameters, forces, holes)
         return self._last
 
     def step_end(self, coordinates: Array, t: float, inputs: Inputs, tendons: ElasticTendons) -> StepEnd:
         """What is to be committed where a solved step ends; arguments as in `at`."""
-        if self._straight is not None and not tendons.driven.any():
-            values, state = values_at(inputs, t), tendons.history.friction
-            friction, base_slip, pull = self._straight.step_end(coordinates, t, state, values)
-            return StepEnd(friction, values, values, pull.tension.T, pull.straight.lengths.T, base_slip, None)
-        found = self.matching(coordinates, t, inputs, tendons)
-        forces, field = found.forces, found.forces.field
-        measured = forces.measured
+        found, start = self.at(coordinates, t, inputs, tendons), tendons.history.friction
+        field, measured = found.forces.field, found.forces.measured
+        friction = tendons.model.law.commit(field)
+        if found.holes is not None:
+            self._past = PastStep.of(start, found.holes.trial, friction, self._past)
+        if t > start.time:
+            self._by_tangent = self._linearised is start
         return StepEnd(
-            tendons.model.law.commit(field),
+            friction,
             found.values,
-            forces.base_tension,
+            found.forces.base_tension,
             field.tension,
             measured.shape.lengths,
             field.base_slip,
@@ -156,9 +176,6 @@ class SceneForces:
         motors
             Of the robot.
         """
-        if self._straight is not None and not tendons.driven.any() and not motors:
-            state = tendons.history.friction
-            return self._straight.forces(coordinates, t, state, values_at(inputs, t))
         found = self.at(coordinates, t, inputs, tendons)
         on_nodes = generalized_forces(found.forces.nodal_wrenches(), found.rotations, found.parameters)
         return np.append(on_nodes, torques(motors, found.forces))
@@ -181,10 +198,8 @@ class SceneForces:
         holes
             What is assumed of holes with friction: the derivative of the forces, or that all stick or slide on.
         """
-        if self._straight is not None and holes == "present" and not tendons.driven.any() and not motors:
-            state = tendons.history.friction
-            return self._straight.tangent(coordinates, t, state, values_at(inputs, t))
-        found = self.matching(coordinates, t, inputs, tendons)
+        self._linearised = tendons.history.friction
+        found = self.at(coordinates, t, inputs, tendons, by_law=False)
         forces = found.forces
         if holes != "present":
             forces = tendons.at_rest(forces.measured)
