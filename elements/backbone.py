@@ -214,6 +214,14 @@ class NodePoses(NamedTuple):
     frames: Array
 
 
+def node_frames(rotations: Array, parameters: Array) -> Array:
+    """`NodePoses.frames` of rotations (N, 3, 3) and their Euler parameters (N, 4)."""
+    frames = np.zeros((len(parameters), 7, 6))
+    frames[:, :3, :3] = rotations
+    frames[:, 3:, 3:] = euler_rate_matrix(parameters)
+    return frames
+
+
 class ElementChain:
     """The elements of one backbone one after the other: their twists, and the poses that follow from them.
 
@@ -246,10 +254,7 @@ class ElementChain:
         chain = cls(twists)
         positions, rotations = chain.poses(base)
         parameters = euler_parameters_near(rotations, near)
-        frames = np.zeros((len(positions), 7, 6))
-        frames[:, :3, :3] = rotations
-        frames[:, 3:, 3:] = euler_rate_matrix(parameters)
-        return chain, NodePoses(positions, rotations, parameters, frames)
+        return chain, NodePoses(positions, rotations, parameters, node_frames(rotations, parameters))
 
     @cached_property
     def _lever(self) -> Array:

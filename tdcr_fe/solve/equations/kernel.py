@@ -9,6 +9,7 @@ import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements.backbone import node_frames
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.hooks import SceneHooks
@@ -78,14 +79,14 @@ class StaticKernel:
             Whether that of constraints is computed anew.
         """
         if not self.triangles.touching:
-            return self._exudyns_jacobian(loads, constraints)
+            return self.exudyns_jacobian(loads, constraints)
         n2 = self._mbs.systemData.ODE2Size()
         with self.triangles.all_with("isActive", False):
-            found = self._exudyns_jacobian(loads, constraints).copy()
+            found = self.exudyns_jacobian(loads, constraints).copy()
         found[:n2, :n2] += self.triangles.derivative(self.residual)
         return found
 
-    def _exudyns_jacobian(self, loads: bool, constraints: bool) -> Array:
+    def exudyns_jacobian(self, loads: bool = False, constraints: bool = True) -> Array:
         """As `jacobian`, with what Exudyn takes for the derivative of contact with triangles."""
         self._kernel.ComputeJacobianODE2RHS(self._mbs, computeLoadsJacobian=int(loads))
         if constraints:
@@ -176,21 +177,17 @@ class ClampReactions(NamedTuple):
     influence: Mapping[int, Array]
 
     @classmethod
-    def of(cls, kernel: StaticKernel, layout: SceneLayout, mbs: exu.MainSystem) -> ClampReactions:
-        """Compute the influence of the multipliers, in which the residual is linear, in the current configuration."""
-        configuration = layout.space.from_scene()
-        layout.space.write(configuration)
-        multipliers = mbs.systemData.GetAECoordinates(copy=False)
-        at_present = kernel.residual().copy()
-        nodes = [layout.space.slices[i].start for i in layout.clamps]
-        columns = np.zeros((len(nodes), 6, 6))
-        for k in range(6 if nodes else 0):
-            which = [joint[k] for joint in layout.clamps.values()]
-            multipliers[which] += 1.0
-            change = kernel.residual() - at_present
-            multipliers[which] -= 1.0
-            columns[:, :, k] = [configuration.frames[n].T @ change[layout.reduction.beam[n]] for n in nodes]
-        return cls(layout.clamps, dict(zip(layout.clamps, np.linalg.inv(columns), strict=True)))
+    def of(cls, kernel: StaticKernel, layout: SceneLayout) -> ClampReactions:
+        """Those of the current configuration: the constraints' part of Exudyn's Jacobian."""
+        influence, reduction = {}, layout.reduction
+        if layout.clamps:
+            jacobian = kernel.exudyns_jacobian()
+        for i, joint in layout.clamps.items():
+            _, rotations, parameters = layout.space.robots[i].scene_poses()
+            base = reduction.beam[layout.space.slices[i].start]
+            columns = jacobian[np.ix_(base, reduction.n2 + joint)]
+            influence[i] = np.linalg.inv(node_frames(rotations[:1], parameters[:1])[0].T @ columns)
+        return cls(layout.clamps, influence)
 
     def alone(self, i: int) -> ClampReactions:
         """Those of one robot by itself."""

@@ -80,7 +80,7 @@ class SceneSystem:
         self._raw = self._kernel.residual
         self._user_residual = self.hooks.user_function("PreNewtonResidual")
         self.layout = SceneLayout.of(mbs, self.robots, with_clamps=True)
-        self._reactions = ClampReactions.of(self._kernel, self.layout, self.mbs)
+        self._reactions = ClampReactions.of(self._kernel, self.layout)
 
     def independent(self) -> list[SceneSystem]:
         """Systems of robots that nothing couples, each to be solved by itself; this one where there are none.
@@ -405,7 +405,7 @@ class SceneSystem:
     def release_clamps(self) -> None:
         """Treat clamped bases as any other joint from now on, because their supports have been moved."""
         self.layout = SceneLayout.of(self.mbs, self.robots, with_clamps=False)
-        self._reactions = ClampReactions.of(self._kernel, self.layout, self.mbs)
+        self._reactions = ClampReactions.of(self._kernel, self.layout)
 
     def with_base_reactions(self, residual: Residual) -> Configuration:
         """The configuration of a state in equilibrium with the reactions of its clamps."""
