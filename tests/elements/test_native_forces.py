@@ -1,4 +1,4 @@
-"""Forces of tendons and backbone for Exudyn\'s own solvers, their derivatives, and Jacobians of a step."""
+"""Forces of tendons and backbone for Exudyn's own solvers, their derivatives, and Jacobians of a step."""
 
 from dataclasses import replace
 
@@ -7,6 +7,8 @@ import pytest
 from native_solvers import recommended
 from robots import LENGTH, scene, solve_scene, tendon, three
 
+from tdcr_fe.elements.native.coordinates import twists_by_coordinates
+from tdcr_fe.elements.poses import rotation_of_euler_parameters
 from tdcr_fe.model.robot import Disks
 from tdcr_fe.model.routing import HelicalRouting
 
