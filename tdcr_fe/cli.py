@@ -12,16 +12,13 @@ import os
 import re
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 from tdcr_fe import __version__
 from tdcr_fe.commands.catalogue import COMMANDS
 from tdcr_fe.commands.common import Exit, Noted, complain, stdout_kept_free
 from tdcr_fe.io.processes import sigterm_as_interrupt
-from tdcr_fe.model.messages import count, warnings_to
-
-if TYPE_CHECKING:
-    from tdcr_fe.io.problems import Problem
+from tdcr_fe.model.messages import count, meant, warnings_to
 
 #: Mistakes in the input that are printed; of more their number is.
 MOST_PROBLEMS = 40
@@ -60,7 +57,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         error.parser.print_usage(sys.stderr)
         print(f"{error.parser.prog}: error: {error}", file=sys.stderr)
         if "--json" in given:
-            noted.errors, noted.message = (error.problem,), str(error)
+            from tdcr_fe.io.problems import Problem
+
+            noted.errors, noted.message = [Problem("arguments", "", "", str(error))], str(error)
             _print_json(noted, command, Exit.WRONG_INPUT)
         raise SystemExit(Exit.WRONG_INPUT) from None
     status = termination.status if status == Exit.INTERRUPTED else status
@@ -82,13 +81,6 @@ class WrongArguments(Exception):
         self.parser = parser
         super().__init__(message)
 
-    @property
-    def problem(self) -> Problem:
-        """As a mistake in the input."""
-        from tdcr_fe.io.problems import Problem
-
-        return Problem("arguments", "", "", str(self))
-
 
 class _Parser(argparse.ArgumentParser):
     """Parser whose errors are exceptions, so that they can be printed as JSON."""
@@ -96,8 +88,6 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Raise `WrongArguments`; for a choice that is misspelt it names the nearest one."""
         if wrong := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
-            from tdcr_fe.model.messages import meant
-
             message += meant(wrong[1], re.findall(r"[\w-]+", wrong[2]))
         raise WrongArguments(self, message)
 
@@ -124,8 +114,6 @@ def _run(args: argparse.Namespace) -> int:
         return Exit.DONE
     except OSError as error:  # a disk that is full, a directory that is read-only
         return _ended(args, Exit.FAILED, f"stopped: {error.strerror or error}: {error.filename or 'output'}")
-    except WrongArguments:
-        raise
     except Exception as error:
         from tdcr_fe.io.problems import InputError
 

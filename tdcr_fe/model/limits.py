@@ -165,7 +165,7 @@ def kind_of_material(modulus: float) -> str:
 def nearest_material(modulus: float, density: float) -> tuple[str, float]:
     """The material in `MATERIALS` that is nearest, and by which factor modulus [Pa] and density [kg/m^3] are off.
 
-    Where none has this modulus and density, the name is that of those with the density, with their moduli.
+    Where none has this modulus and density, the name is that of one with the density, with its moduli.
     """
 
     def off(value: float, low: float, high: float) -> float:
@@ -174,11 +174,6 @@ def nearest_material(modulus: float, density: float) -> tuple[str, float]:
     factors = {n: max(off(modulus / 1e9, *row[:2]), off(density, *row[2:])) for n, row in MATERIALS.items()}
     name = min(factors, key=lambda n: factors[n])
     if factors[name] > limits()["material" + REMARK].high:
-        light = limits()["material" + REMARK].high
-        dense = [
-            f"{n} has {row[0]:g} to {row[1]:g} GPa"
-            for n, row in MATERIALS.items()
-            if off(density, *row[2:]) <= light
-        ]
-        return "; ".join(dense[:2]) or "none has this density", factors[name]
+        dense = min(MATERIALS, key=lambda n: off(density, *MATERIALS[n][2:]))
+        return f"{dense} has {MATERIALS[dense][0]:g} to {MATERIALS[dense][1]:g} GPa", factors[name]
     return name, factors[name]
