@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Annotated, Any, Literal
 
@@ -13,7 +13,7 @@ from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.messages import quoted
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ROUTINGS
-from tdcr_fe.model.schema import Keys, Quantity, all_keys_of, keys_of
+from tdcr_fe.model.schema import Checked, Keys, Quantity, all_keys_of, keys_of
 from tdcr_fe.model.tendon import Tendon
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -99,18 +99,34 @@ ROBOT = Keys(
     {**_ROBOT.defaults, "disks": None},
 )
 _SIGMA = "a number above zero [N, m or rad], or a table with one for every tendon"
-_INPUTS = Quantity("standard deviation of their errors", gt=0.0, allowed=_SIGMA)
-#: Keys of ``[inputs]``.
-INPUTS = Keys({"sigma": Annotated[float | dict[str, float], _INPUTS]})
+
+
+@dataclass(frozen=True)
+class InputErrors(Checked):
+    """Independent errors of the inputs; the table ``[inputs]`` of measured data.
+
+    Attributes
+    ----------
+    sigma : float or mapping of str to float
+        Standard deviation of all inputs, or by tendon [N, m or rad].
+    """
+
+    sigma: Annotated[float | dict[str, float], Quantity(gt=0.0, allowed=_SIGMA)]
+
+
+_SOLVER = "numerics of the quasi-static solver"
 _SHARED = {
-    "model": _table("model", "how the robot is modelled"),
-    "solver": _table("solver", "numerics of the quasi-static solver"),
+    "model": Annotated[Model, Quantity("how the robot is modelled", allowed="a table [model]")],
+    "solver": Annotated[SolverSettings, Quantity(_SOLVER, allowed="a table [solver]")],
     "effects": _table("effects", "effects that the model includes, by name"),
 }
 #: Keys at the top of ``model.toml``; ``effects`` and ``inputs`` are those of measured data.
 MODEL_FILE = Keys(
-    {**_SHARED, "inputs": _table("inputs", "errors of the inputs", "sigma")},
-    {"solver": {}, "effects": {}, "inputs": None},
+    {
+        **_SHARED,
+        "inputs": Annotated[InputErrors, Quantity("errors of the inputs", allowed="a table [inputs]")],
+    },
+    {"solver": SolverSettings(), "effects": {}, "inputs": None},
 )
 _PATH = "the path of a robot.toml, in quotes, relative to this file"
 #: Keys at the top of ``scenario.toml``.
@@ -120,7 +136,7 @@ SCENARIO = Keys(
         **_SHARED,
         "steps": _tables("steps", "the loading sequence", least=1),
     },
-    {"model": {}, "solver": {}, "effects": {}},
+    {"model": Model(), "solver": SolverSettings(), "effects": {}},
 )
 
 
@@ -133,13 +149,12 @@ def _contents() -> dict[str, dict[str, Any]]:
         kind = {"description": table["properties"]["routing"]["description"], "enum": [name]}
         tendons.append({**table, "properties": {**table["properties"], "routing": kind}})
     either = [{"required": ["count"]}, {"required": ["positions"]}]
-    tables = {"model": Model, "solver": SolverSettings, "steps": LoadStep}
-    return {name: keys_of(cls).json_schema for name, cls in tables.items()} | {
+    return {
+        "steps": keys_of(LoadStep).json_schema,
         "backbone": BACKBONE.json_schema,
         "disks": {**DISKS.json_schema, "oneOf": either},
         "tendons": {"type": "object", "oneOf": tendons},
         "effects": _effects_schema(),
-        "inputs": INPUTS.json_schema,
     }
 
 

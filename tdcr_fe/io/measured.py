@@ -6,14 +6,14 @@ import itertools
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.io.atomic import write_text
-from tdcr_fe.io.keys import INPUTS
+from tdcr_fe.io.keys import InputErrors
 from tdcr_fe.io.loading_table import Loading, loading_table, read_loading
 from tdcr_fe.io.problems import InputError, Problem, Reporter, read_all, refusal
 from tdcr_fe.io.readings import (
@@ -25,7 +25,7 @@ from tdcr_fe.io.readings import (
     refuse_if_doubtful,
 )
 from tdcr_fe.io.spreadsheet import read_table
-from tdcr_fe.io.toml import digest, read_model_file, read_robot, read_toml
+from tdcr_fe.io.toml import digest, read_model_tables, read_robot
 from tdcr_fe.io.user_effects import apply_effects
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, value_to_toml
 from tdcr_fe.model.checks import size_contradictions
@@ -137,54 +137,48 @@ def read_measured(folder: str | os.PathLike[str]) -> MeasuredData:
     if not folder.is_dir():
         what = "is a file" if folder.exists() else "no such folder"
         raise refusal(folder, f"{what}; must be a folder with robot.toml, loading.csv, observations.csv")
-    paths = [folder / "loading.csv", folder / "observations.csv"]
-    of_model = folder / "model.toml"
-    (robot, model, settings), loading, observed = read_all(
-        lambda: _read_declared(folder), *(partial(read_table, path) for path in paths)
+    of_loading, observed, of_model = (
+        folder / name for name in ("loading.csv", "observations.csv", "model.toml")
     )
-    (step_ids, steps, branches), _ = read_all(
-        lambda: _read_steps(loading, robot, model, str(paths[0])),
-        lambda: _check_columns(observed, str(paths[1])),
+    (robot, declared), table, rows = read_all(
+        lambda: _read_declared(folder), lambda: read_table(of_loading), lambda: _read_rows(observed)
     )
-    readings, bad = read_observations(observed, robot, set(step_ids), str(paths[1]))
-    refuse_if_doubtful(bad, readings, str(paths[1]))
+    step_ids, steps, branches = _read_steps(table, robot, declared["model"], str(of_loading))
+    readings, bad = read_observations(rows, robot, set(step_ids), str(observed))
+    refuse_if_doubtful(bad, readings, str(observed))
     if not readings:
-        raise refusal(paths[1], "has no readings")
-    files = [path for path in (folder / "robot.toml", of_model, *paths) if path.exists()]
-    tables = read_toml(of_model)[0] if of_model in files else {}
+        raise refusal(observed, "has no readings")
+    files = [path for path in (folder / "robot.toml", of_model, of_loading, observed) if path.exists()]
     reporter = Reporter(str(of_model))
     data = MeasuredData(
         folder.resolve().name,
         robot,
-        model,
+        declared["model"],
         step_ids,
         steps,
         branches,
         tuple(readings),
         tuple(bad),
         {path.name: digest(path) for path in files},
-        settings,
-        input_sigma=_input_sigma(tables["inputs"], robot, reporter) if "inputs" in tables else (),
+        declared["solver"],
+        input_sigma=_input_sigma(declared["inputs"], robot, reporter),
     )
-    if "effects" in tables:
-        data = _with_declared_effects(data, tables["effects"], reporter)
+    if declared["effects"]:
+        data = _with_declared_effects(data, declared["effects"], reporter)
     reporter.refuse()
     return data
 
 
-def _read_declared(folder: Path) -> tuple[Robot, Model, SolverSettings]:
-    """``robot.toml`` and ``model.toml`` of a folder."""
+def _read_declared(folder: Path) -> tuple[Robot, dict[str, Any]]:
+    """``robot.toml`` and the tables of ``model.toml`` of a folder."""
     found: list[Robot] = []  # empty where the robot has mistakes
 
-    def read_declared_model() -> tuple[Model, SolverSettings]:
+    def read_declared_model() -> dict[str, Any]:
         file = folder / "model.toml"
-        robot = found[0] if found else None
-        return read_model_file(file if file.exists() else None, robot, of_data=True)
+        return read_model_tables(file if file.exists() else None, found[0] if found else None)
 
-    _, (model, settings) = read_all(
-        lambda: found.append(read_robot(folder / "robot.toml")), read_declared_model
-    )
-    return found[0], model, settings
+    _, tables = read_all(lambda: found.append(read_robot(folder / "robot.toml")), read_declared_model)
+    return found[0], tables
 
 
 def _read_steps(table: pd.DataFrame, robot: Robot, model: Model, file: str) -> Loading:
@@ -195,12 +189,14 @@ def _read_steps(table: pd.DataFrame, robot: Robot, model: Model, file: str) -> L
     return loading._replace(steps=with_displacements(robot, loading.steps))
 
 
-def _check_columns(table: pd.DataFrame, file: str) -> None:
-    """Refuse a table of readings with other columns."""
+def _read_rows(path: Path) -> pd.DataFrame:
+    """The table of readings, refused where a column is missing."""
+    table = read_table(path)
     allowed = f"missing column; must have {', '.join(OBSERVATION_COLUMNS)}"
-    missing = [Problem(file, c, "", allowed) for c in OBSERVATION_COLUMNS if c not in table.columns]
+    missing = [Problem(str(path), c, "", allowed) for c in OBSERVATION_COLUMNS if c not in table.columns]
     if missing:
         raise InputError(missing)
+    return table
 
 
 def _with_declared_effects(data: MeasuredData, table: object, reporter: Reporter) -> MeasuredData:
@@ -218,12 +214,13 @@ def _with_declared_effects(data: MeasuredData, table: object, reporter: Reporter
     return replace(data, robot=changed.robot, model=changed.model, effects=rest)
 
 
-def _input_sigma(table: object, robot: Robot, reporter: Reporter) -> tuple[float, ...]:
-    """The key ``sigma`` of the table ``[inputs]``, as `estimate.toml` has it: one number, or one for every tendon."""
-    names, (values, bad) = robot.tendon_names, INPUTS.read(table, "inputs", reporter)
-    given = {} if bad else values["sigma"]
+def _input_sigma(inputs: InputErrors | None, robot: Robot, reporter: Reporter) -> tuple[float, ...]:
+    """Standard deviations of the inputs by tendon; empty where none are declared."""
+    if inputs is None:
+        return ()
+    names, given = robot.tendon_names, inputs.sigma
     by_name = given if isinstance(given, dict) else dict.fromkeys(names, given)
-    if not bad and set(by_name) != set(names):
+    if set(by_name) != set(names):
         reporter("inputs.sigma", shown(given), f"must name every tendon: {', '.join(names)}")
     return tuple(by_name.get(name, 0.0) for name in names)
 

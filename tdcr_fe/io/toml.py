@@ -29,7 +29,6 @@ from tdcr_fe.model.checks import (
     course_contradictions,
     disk_contradictions,
     end_contradictions,
-    model_contradictions,
     name_contradictions,
     size_contradictions,
     spring_contradictions,
@@ -175,24 +174,16 @@ def _build_tendon(
 # ---------------------------------------------------------------------------------------- model and loading
 
 
-def _build_model(data: Any, reporter: Reporter, robot: Robot | None = None) -> Model | None:
-    """The model; what a table leaves out has the defaults of the robot's."""
-    if robot is not None and robot.without_disks and isinstance(data, dict):
-        default = Model.default_for(robot)
-        data = {"tendon_path": default.tendon_path, **data}
-        if data["tendon_path"] == default.tendon_path:
-            data = {"friction": default.friction, **data}
-    values, bad = keys_of(Model).read(data, "model", reporter)
-    found = [*model_contradictions(values.get("tendon_path"), values.get("friction", "none"))]
-    for c in found:
-        given = c.value if "friction" in data else f"not given, so {c.value}"
-        reporter(c.key, given, c.allowed)
-    return None if bad or found else Model(**values)
-
-
-def _build_settings(data: Any, reporter: Reporter) -> SolverSettings | None:
-    values, bad = keys_of(SolverSettings).read(data, "solver", reporter)
-    return None if bad else SolverSettings(**values)
+def _with_default_model(data: dict[str, Any], robot: Robot | None) -> dict[str, Any]:
+    """A file with what its table ``[model]`` leaves out, where that is other for the robot than for most."""
+    table = data.get("model", {})
+    if robot is None or not robot.without_disks or not isinstance(table, dict):
+        return data
+    default = Model.default_for(robot)
+    table = {"tendon_path": default.tendon_path, **table}
+    if table["tendon_path"] == default.tendon_path:
+        table = {"friction": default.friction, **table}
+    return {**data, "model": table}
 
 
 def _build_step(i: int, data: Any, parts: RobotParts, reporter: Reporter) -> LoadStep:
@@ -278,9 +269,9 @@ def read_model(path: str | os.PathLike[str], robot: Robot | None = None) -> Mode
 
 
 def read_model_file(
-    path: str | os.PathLike[str] | None, robot: Robot | None = None, of_data: bool = False
+    path: str | os.PathLike[str] | None, robot: Robot | None = None
 ) -> tuple[Model, SolverSettings]:
-    """Read the tables `[model]` and `[solver]` of `model.toml`.
+    """Read `model.toml`, which contains only the tables `[model]` and `[solver]`.
 
     Parameters
     ----------
@@ -288,8 +279,6 @@ def read_model_file(
         Of the file; None: there is none, so that all has its defaults.
     robot
         Whose model it is; one without disks has other defaults.
-    of_data
-        Whether it belongs to measured data, and may have the tables `[effects]` and `[inputs]`.
 
     Returns
     -------
@@ -301,20 +290,23 @@ def read_model_file(
     InputError
         With every mistake in the file.
     """
+    tables = read_model_tables(path, robot)
+    if of_data := [name for name in ("effects", "inputs") if tables[name]]:
+        raise refusal(path or "", "only in a folder of measured data; leave it out", of_data[0])
+    return tables["model"], tables["solver"]
+
+
+def read_model_tables(path: str | os.PathLike[str] | None, robot: Robot | None) -> dict[str, Any]:
+    """The tables of a `model.toml` by name, see `read_model_file`; also those of measured data, effects and inputs."""
     if path is None:
-        return Model() if robot is None else Model.default_for(robot), SolverSettings()
+        return {**MODEL_FILE.defaults, "model": Model() if robot is None else Model.default_for(robot)}
     data, _ = read_toml(path)
     reporter = Reporter(str(path))
-    top, _ = MODEL_FILE.read(data, "", reporter)
-    for key in sorted({"effects", "inputs"} & data.keys()) if not of_data else ():
-        reporter(key, shown(data[key]), "only in a folder of measured data; leave it out")
-    model = _build_model(top["model"], reporter, robot) if "model" in top else None
-    settings = _build_settings(top["solver"], reporter) if "solver" in top else None
-    if robot is not None and model is not None:
-        reporter.contradictions(course_contradictions(robot, model))
-    if reporter.problems or model is None or settings is None:
-        raise InputError(reporter.problems)
-    return model, settings
+    top, _ = MODEL_FILE.read(_with_default_model(data, robot), "", reporter)
+    if robot is not None and "model" in top:
+        reporter.contradictions(course_contradictions(robot, top["model"]))
+    reporter.refuse()
+    return top
 
 
 @dataclass(frozen=True)
@@ -392,16 +384,13 @@ def build_scenario(tables: ScenarioTables, effects: Sequence[Effect] = ()) -> Sc
     data = tables.scenario
     if "backbone" in data and not {"robot", "steps"} & data.keys():
         raise refusal(tables.path, "is the file of a robot; give the scenario.toml that names it")
-    reporter = Reporter(str(tables.path), problems)
-    top, _ = SCENARIO.read(data, "", reporter)
-
-    problems += tables.problems
     parts = RobotParts()
     if tables.robot is not None:
         parts = _build_robot(tables.robot, Reporter(str(tables.robot_path), problems))
-    robot = parts.robot
-    model = _build_model(top["model"], reporter, robot) if "model" in top else None
-    settings = _build_settings(top["solver"], reporter) if "solver" in top else None
+    problems += tables.problems
+    robot, reporter = parts.robot, Reporter(str(tables.path), problems)
+    top, _ = SCENARIO.read(_with_default_model(data, robot), "", reporter)
+    model = top.get("model")
     steps = tuple(_build_step(i, table, parts, reporter) for i, table in enumerate(top.get("steps", ())))
     reporter.contradictions(time_contradictions([s.time for s in steps]))
     if robot is not None and model is not None:
@@ -409,9 +398,9 @@ def build_scenario(tables: ScenarioTables, effects: Sequence[Effect] = ()) -> Sc
     if not problems and robot is not None and model is not None:
         robot, model, steps = _with_effects(top["effects"], (robot, model, steps), reporter, effects)
         reporter.contradictions(size_contradictions(robot, model, len(steps)))
-    if problems or robot is None or model is None or settings is None:
+    if problems or robot is None or model is None:
         raise InputError(problems)
-    return Scenario(robot, model, steps, tables.path, tables.robot_path, tables.digests, settings)
+    return Scenario(robot, model, steps, tables.path, tables.robot_path, tables.digests, top["solver"])
 
 
 _Declared = tuple[Robot, Model, tuple[LoadStep, ...]]

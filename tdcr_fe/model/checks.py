@@ -218,15 +218,6 @@ def robot_contradictions(robot: Robot) -> Iterator[Contradiction]:
             yield from tendon_contradictions(i, tendon, robot.disks, length)
 
 
-def model_contradictions(tendon_path: Any, friction: Any) -> Iterator[Contradiction]:
-    """The classical model with friction, which it does not have."""
-    if tendon_path == "continuous" and friction != "none":
-        text = (
-            'tendon_path = "continuous" is the classical model, which has no friction; set friction = "none"'
-        )
-        yield Contradiction("model.friction", shown(friction), text)
-
-
 def course_contradictions(robot: Robot, model: Model) -> list[Contradiction]:
     """Tendons that should run straight in a robot without disks, or follow a backbone whose base gives way."""
     follows, text = model.tendon_path == "continuous", ""

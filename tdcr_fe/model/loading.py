@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.drives import DISPLACEMENT, DRIVES, TENSION, Drive, TendonDrives
 from tdcr_fe.elements.hysteresis import HysteresisKind
 from tdcr_fe.model.arguments import check_instance
-from tdcr_fe.model.checks import model_contradictions, step_contradictions
+from tdcr_fe.model.checks import step_contradictions
+from tdcr_fe.model.messages import shown
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.schema import Checked, Quantity
+from tdcr_fe.model.schema import Checked, FieldError, Quantity
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -117,8 +118,9 @@ class Model(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for c in model_contradictions(self.tendon_path, self.friction):
-            raise ValueError(f"Model.{c.key.removeprefix('model.')} = {c.value}: {c.allowed}")
+        if self.tendon_path == "continuous" and self.friction != "none":
+            text = 'tendon_path = "continuous" is the classical model, which has no friction; set friction = "none"'
+            raise FieldError("friction", shown(self.friction), text)
 
     @classmethod
     def default_for(cls, robot: Robot) -> Model:

@@ -87,7 +87,7 @@ def test_model_file_holds_the_model_table_alone(tmp_path):
     path.write_text('robot = "x"\n[model]\nfriction = "nine"\n')
     with pytest.raises(InputError) as caught:
         read_model(path)
-    assert [p.key for p in caught.value.problems] == ["robot", "model.friction"]
+    assert [p.key for p in caught.value.problems] == ["model.friction", "robot"]
 
 
 def test_hole_on_the_rim_is_not_outside(tmp_path):
@@ -183,7 +183,7 @@ SCENARIO_MISTAKES = [
     (
         {"model.tendon_path": "continuous", "model.friction": REMOVED},
         "model.friction",
-        "not given",
+        "",
         ['set friction = "none"'],
     ),
     ({"model.elements_per_bay": "automatic"}, "model.elements_per_bay", '"automatic"', ['"auto"']),
