@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Annotated, Any, Literal
@@ -73,28 +74,60 @@ BACKBONE = Keys(
 )
 
 
-def _table(name: str, description: str, keys: str = "") -> Any:
-    """A key with a table, which is read by keys of its own."""
-    allowed = f"a table [{name}]" + f" with {keys}" * bool(keys)
-    return Annotated[dict[str, Any], Quantity(description, allowed=allowed)]
+@dataclass(frozen=True)
+class _Contents:
+    """JSON schema of a table, or of the tables of a list, that is read by keys of its own."""
+
+    schema: Callable[[], dict[str, Any]]
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        found, inner = handler(schema), self.schema()
+        return {**found, **(inner if found["type"] == "object" else {"items": inner})}
 
 
-def _tables(name: str, description: str, least: int = 0) -> Any:
-    """A key with a list of tables, each of which is read by keys of its own."""
-    allowed = f"tables [[{name}]]" + ", at least one" * bool(least)
-    return Annotated[list[Any], Quantity(description, min_items=least, allowed=allowed)]
+def _disks_schema() -> dict[str, Any]:
+    return {**DISKS.json_schema, "oneOf": [{"required": ["count"]}, {"required": ["positions"]}]}
 
 
-_ROBOT = all_keys_of(Robot)
-_DISKS = "the rigid disks on it; without it tendons follow the backbone"
+def _tendons_schema() -> dict[str, Any]:
+    """Of a table ``[[tendons]]``: one for every routing."""
+    tendons = []
+    for name in ROUTINGS:
+        table = tendon_keys(name).json_schema
+        kind = {"description": table["properties"]["routing"]["description"], "enum": [name]}
+        tendons.append({**table, "properties": {**table["properties"], "routing": kind}})
+    return {"type": "object", "oneOf": tendons}
+
+
+def _effects_schema() -> dict[str, Any]:
+    """Of the table ``[effects]``: by name of the effect, a table of its parameters."""
+    properties: dict[str, dict[str, Any]] = {}
+    for effect in EFFECTS:
+        table = {**parameter_keys(tuple(effect.parameters)).json_schema, "description": effect.description}
+        # Numbers of single tendons or markers, whose names the schema does not know.
+        for name, p in effect.further_parameters.items():
+            further = table.setdefault("patternProperties", {})
+            further[name] = parameter_keys((p,)).json_schema["properties"][p.name]
+        properties[effect.name] = table
+    return {"type": "object", "properties": properties, "additionalProperties": False}
+
+
+_ROBOT, _Table = all_keys_of(Robot), dict[str, Any]
+_ROD = "a table [backbone] with length, radius, youngs_modulus, poisson_ratio"
+_BACKBONE = Quantity("the elastic rod", allowed=_ROD)
+_DISKS = Quantity(
+    "the rigid disks on it; without it tendons follow the backbone",
+    allowed="a table [disks] with count or positions",
+)
+_TENDONS = Quantity("one table per tendon", allowed="tables [[tendons]]")
 #: Keys at the top of ``robot.toml``.
 ROBOT = Keys(
     {
         "name": _ROBOT["name"],
         **_ROBOT,
-        "backbone": _table("backbone", "the elastic rod", "length, radius, youngs_modulus, poisson_ratio"),
-        "disks": _table("disks", _DISKS, "count or positions"),
-        "tendons": _tables("tendons", "one table per tendon"),
+        "backbone": Annotated[_Table, _Contents(lambda: BACKBONE.json_schema), _BACKBONE],
+        "disks": Annotated[_Table, _Contents(_disks_schema), _DISKS],
+        "tendons": Annotated[list[Any], _Contents(_tendons_schema), _TENDONS],
     },
     {**_ROBOT.defaults, "disks": None},
 )
@@ -115,10 +148,11 @@ class InputErrors(Checked):
 
 
 _SOLVER = "numerics of the quasi-static solver"
+_EFFECTS = Quantity("effects that the model includes, by name", allowed="a table [effects]")
 _SHARED = {
     "model": Annotated[Model, Quantity("how the robot is modelled", allowed="a table [model]")],
     "solver": Annotated[SolverSettings, Quantity(_SOLVER, allowed="a table [solver]")],
-    "effects": _table("effects", "effects that the model includes, by name"),
+    "effects": Annotated[_Table, _Contents(_effects_schema), _EFFECTS],
 }
 #: Keys at the top of ``model.toml``; ``effects`` and ``inputs`` are those of measured data.
 MODEL_FILE = Keys(
@@ -129,46 +163,16 @@ MODEL_FILE = Keys(
     {"solver": SolverSettings(), "effects": {}, "inputs": None},
 )
 _PATH = "the path of a robot.toml, in quotes, relative to this file"
+_STEPS = Quantity("the loading sequence", min_items=1, allowed="tables [[steps]], at least one")
 #: Keys at the top of ``scenario.toml``.
 SCENARIO = Keys(
     {
         "robot": Annotated[str, Quantity("path of the robot.toml", allowed=_PATH)],
         **_SHARED,
-        "steps": _tables("steps", "the loading sequence", least=1),
+        "steps": Annotated[list[Any], _Contents(lambda: keys_of(LoadStep).json_schema), _STEPS],
     },
     {"model": Model(), "solver": SolverSettings(), "effects": {}},
 )
-
-
-@cache
-def _contents() -> dict[str, dict[str, Any]]:
-    """JSON schemas of the tables that are read by keys of their own."""
-    tendons = []
-    for name in ROUTINGS:
-        table = tendon_keys(name).json_schema
-        kind = {"description": table["properties"]["routing"]["description"], "enum": [name]}
-        tendons.append({**table, "properties": {**table["properties"], "routing": kind}})
-    either = [{"required": ["count"]}, {"required": ["positions"]}]
-    return {
-        "steps": keys_of(LoadStep).json_schema,
-        "backbone": BACKBONE.json_schema,
-        "disks": {**DISKS.json_schema, "oneOf": either},
-        "tendons": {"type": "object", "oneOf": tendons},
-        "effects": _effects_schema(),
-    }
-
-
-def _effects_schema() -> dict[str, Any]:
-    """Of the table ``[effects]``: by name of the effect, a table of its parameters."""
-    properties: dict[str, dict[str, Any]] = {}
-    for effect in EFFECTS:
-        table = {**parameter_keys(tuple(effect.parameters)).json_schema, "description": effect.description}
-        # Numbers of single tendons or markers, whose names the schema does not know.
-        for name, p in effect.further_parameters.items():
-            further = table.setdefault("patternProperties", {})
-            further[name] = parameter_keys((p,)).json_schema["properties"][p.name]
-        properties[effect.name] = table
-    return {"type": "object", "properties": properties, "additionalProperties": False}
 
 
 def json_schema(file: Literal["robot", "scenario", "model"]) -> dict[str, Any]:
@@ -184,9 +188,4 @@ def json_schema(file: Literal["robot", "scenario", "model"]) -> dict[str, Any]:
     keys = {"robot": ROBOT, "scenario": SCENARIO, "model": MODEL_FILE}
     if file not in keys:
         raise ValueError(f"no schema of {file!r}; there are {', '.join(keys)}")
-    schema, contents = keys[file].json_schema, _contents()
-    nodes = {name: dict(node) for name, node in schema["properties"].items()}
-    for name in nodes.keys() & contents.keys():
-        inner = contents[name] if nodes[name]["type"] == "object" else {"items": contents[name]}
-        nodes[name] |= inner
-    return {**schema, "properties": nodes, "$schema": _DIALECT, "title": f"{file}.toml of tdcr_fe"}
+    return {**keys[file].json_schema, "$schema": _DIALECT, "title": f"{file}.toml of tdcr_fe"}
