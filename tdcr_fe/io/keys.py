@@ -66,12 +66,15 @@ DISKS = Keys(
     },
     {**keys_of(Disks).defaults, "count": None, "positions": None},
 )
-_RADIUS = "radius of the (round) cross-section, or pairs of arc length and radius from base to tip, linear in between"
-_RADII = Annotated[float, Quantity(gt=0.0)] | tuple[tuple[float, float], ...]
-#: Keys of ``[backbone]``; its radius may change along it.
-BACKBONE = Keys(
-    {**keys_of(Backbone), "radius": Annotated[_RADII, Quantity(_RADIUS, "m")]}, keys_of(Backbone).defaults
+_RADIUS = Quantity(
+    "radius of the (round) cross-section, or pairs of arc length and radius from base to tip, linear in between",
+    "m",
+    allowed="a positive number [m] up to 1000, or pairs of arc length and radius above 0 [m]",
 )
+_PAIRS = tuple[tuple[float, Annotated[float, Quantity(gt=0.0)]], ...]
+_RADII = Annotated[float, Quantity(ge=1e-9, le=1000.0)] | Annotated[_PAIRS, Quantity(min_items=1)]
+#: Keys of ``[backbone]``; its radius may change along it.
+BACKBONE = Keys({**keys_of(Backbone), "radius": Annotated[_RADII, _RADIUS]}, keys_of(Backbone).defaults)
 
 
 @dataclass(frozen=True)

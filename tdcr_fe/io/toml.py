@@ -114,10 +114,6 @@ def _build_backbone(data: Any, reporter: Reporter) -> tuple[Backbone | None, flo
     if bad:
         return None, length
     if isinstance(taper := values["radius"], tuple):
-        if not taper or not taper[0][1] > 0.0:
-            text = "must be pairs of arc length and radius above 0 [m]"
-            reporter("backbone.radius", shown(data["radius"]), text)
-            return None, length
         values |= {"radius": taper[0][1], "taper": taper}
     backbone = Backbone(**values)
     reporter.contradictions(backbone_contradictions(backbone))

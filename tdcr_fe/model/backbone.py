@@ -142,8 +142,8 @@ class Backbone(Checked):
     """
 
     length: Annotated[float, Quantity(unit="m", gt=0.0, le=1000.0)]
-    radius: Annotated[float, Quantity(unit="m", gt=0.0)]
-    youngs_modulus: Annotated[float, Quantity(unit="Pa", gt=0.0)]
+    radius: Annotated[float, Quantity(unit="m", ge=1e-9, le=1000.0)]
+    youngs_modulus: Annotated[float, Quantity(unit="Pa", ge=1e-6, le=1e18)]
     poisson_ratio: Annotated[float, Quantity(gt=-1.0, le=0.5)]
     density: Annotated[float, Quantity(unit="kg/m^3", ge=0.0)] = 0.0
     bending_stiffness: Annotated[float | None, Quantity(unit="N m^2", gt=0.0)] = None

@@ -50,18 +50,7 @@ class Contradiction(NamedTuple):
 
 
 def backbone_contradictions(backbone: Backbone) -> Iterator[Contradiction]:
-    """Stiffnesses that overflow or vanish, tapers and patches off the backbone, laws that exclude each other."""
-    reported = set()
-    for name, of in (("EI", "bending"), ("GJ", "torsional"), ("EA", "axial"), ("GA", "shear")):
-        source = f"{of}_stiffness" if getattr(backbone, f"{of}_stiffness") is not None else "radius"
-        try:
-            value = float(getattr(backbone, name))
-        except OverflowError:
-            value = math.inf
-        if not 0.0 < value < math.inf and source not in reported:
-            reported.add(source)
-            text = f"must give a stiffness {name} that is positive and finite, not {value:g}"
-            yield Contradiction(f"backbone.{source}", f"{getattr(backbone, source):g}", text)
+    """Tapers and patches off the backbone, and laws that exclude each other."""
     if backbone.taper:
         yield from _taper_contradictions(backbone)
     if (law := backbone.nonlinear) is not None:

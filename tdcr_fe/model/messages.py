@@ -65,7 +65,6 @@ _NOUNS = {"number": "number", "['number', 'string']": "number", "integer": "whol
 _BOUNDS = {
     "exclusiveMinimum": "above {:g}",
     "minimum": "at least {:g}",
-    "exclusiveMaximum": "below {:g}",
     "maximum": "at most {:g}",
 }
 

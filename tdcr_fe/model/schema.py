@@ -65,7 +65,7 @@ class Quantity:
         What it is, for documentation and editors; empty: as in the docstring of the class.
     unit : str
         Of every number in it; empty where there is none. Files may give a text with another unit, such as "250 mm".
-    gt, ge, lt, le : float or None
+    gt, ge, le : float or None
         Bounds of every number in it.
     allowed : str
         What is allowed, as text; replaces the one made from type, unit and bounds.
@@ -87,7 +87,6 @@ class Quantity:
     unit: str = ""
     gt: float | None = None
     ge: float | None = None
-    lt: float | None = None
     le: float | None = None
     allowed: str = ""
     note: str = ""
@@ -114,7 +113,7 @@ class Quantity:
     def _tighten(self, schema: dict[str, Any]) -> None:
         """Bounds and units for all numbers in a schema; texts without a unit and truth values are no numbers."""
         if schema["type"] in ("float", "int"):
-            bounds = {b: getattr(self, b) for b in ("gt", "ge", "lt", "le")}
+            bounds = {b: getattr(self, b) for b in ("gt", "ge", "le")}
             schema |= {"strict": True, **{b: x for b, x in bounds.items() if x is not None}}
         if schema["type"] == "float":
             schema["allow_inf_nan"] = self.infinite
