@@ -19,8 +19,8 @@ from tdcr_fe.io.toml import Scenario, ScenarioTables, build_scenario, digest, re
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.messages import PlausibilityWarning, issue, join, meant, quoted, shown
-from tdcr_fe.model.plausibility import plausibility, warn_of_implausible
+from tdcr_fe.model.messages import join, meant, quoted, shown
+from tdcr_fe.model.plausibility import warn_of_implausible
 from tdcr_fe.model.schema import Keys, Quantity
 from tdcr_fe.model.targets import TensionLimits
 from tdcr_fe.model.units import number_or_none, with_units
@@ -125,14 +125,10 @@ def read_sweep(
     sweep = Sweep(tables, variations, sampling, output, workspace is not None, digests, files)
     _check_together(sweep, scenario, report)
     report.refuse()
-    implausible = _check_values(sweep, user_effects, report)
+    _check_values(sweep, user_effects, report)
     report.refuse()
-    declared: list[str] = []
     with suppress(ValueError):  # of a case that is refused the reason is in the table
-        declared = warn_of_implausible(scenario.robot, scenario.model, scenario.steps).warnings
-    keys = {_about(text) for text in declared}
-    new = [f"{where}: {text}" for (where, key), text in implausible.items() if key not in keys]
-    issue(new, PlausibilityWarning, depth=3)
+        warn_of_implausible(scenario.robot, scenario.model, scenario.steps)
     return sweep
 
 
@@ -250,42 +246,32 @@ def _check_together(sweep: Sweep, scenario: Scenario, report: Reporter) -> None:
         report("sampling.method", quoted(sampling.method), text)
 
 
-def _check_values(sweep: Sweep, effects: Sequence[Effect], report: Reporter) -> dict[tuple[str, str], str]:
-    """Report values that the files do not allow; warnings of values, by variation and key.
+def _check_values(sweep: Sweep, effects: Sequence[Effect], report: Reporter) -> None:
+    """Report values that the files do not allow.
 
     A value is refused where it is wrong alone, all others as declared, and in every case tried that has it as well.
     Other contradictions, which only some combinations have, become the status of their cases.
     """
-    design, warnings = sweep.design(), dict[tuple[str, str], str]()
-    found = dict[tuple[str, str, str], None]()
+    design, found = sweep.design(), dict[tuple[str, str, str], None]()
 
-    def build(changes: Sequence[Change]) -> tuple[Scenario | None, Sequence[Problem]]:
-        """The scenario with some changes, or its mistakes; a key that names nothing is one without a key."""
+    def problems_of(changes: Sequence[Change]) -> Sequence[Problem]:
+        """Mistakes of the scenario with some changes; a key that names nothing is one without a key."""
         try:
-            return build_scenario(tables_with(sweep, changes), effects), ()
+            build_scenario(tables_with(sweep, changes), effects)
         except KeyProblem as error:
-            return None, [Problem("", "", "", str(error))]
+            return [Problem("", "", "", str(error))]
         except InputError as error:
-            return None, error.problems
+            return error.problems
+        return ()
 
     for i, v in enumerate(sweep.variations):
         where = "workspace" if sweep.workspace and v.column.startswith("pull_") else f"vary[{i}]"
         for value, cases in _checked(v, design[v.column]):
-            scenario, problems = build([(v.place, v.mode, value)])
-            if scenario is not None:
-                with suppress(ValueError):
-                    for text in plausibility(scenario.robot, scenario.model, scenario.steps).warnings:
-                        warnings.setdefault((where, _about(text)), text)
-            elif not any(build(sweep.changes(design, case))[0] for case in cases):
+            problems = problems_of([(v.place, v.mode, value)])
+            if problems and all(problems_of(sweep.changes(design, case)) for case in cases):
                 found |= dict.fromkeys(_said(where, v, value, p) for p in problems)
     for mistake in found:
         report(*mistake)
-    return warnings
-
-
-def _about(text: str) -> str:
-    """Key that a sentence of `plausibility` begins with."""
-    return re.split("[ :]", text)[0]
 
 
 def _checked(v: Variation, values: list[Any]) -> Iterator[tuple[Any, list[int]]]:

@@ -167,13 +167,6 @@ def test_what_is_implausible_is_warned_of_before_any_case_is_solved(tmp_path):
         tdcr.read_sweep(write_files(tmp_path, robot=robot))
 
 
-def test_implausible_values_are_warned_of_once(tmp_path):
-    text = vary("backbone.bending_stiffness", "values = [1e3, 2e3]")
-    with pytest.warns(tdcr.PlausibilityWarning, match="= 1000 N m") as found:
-        tdcr.read_sweep(write_files(tmp_path, text))
-    assert len(found) == 1  # of the first value
-
-
 # ------------------------------------------------------------ keys
 
 
