@@ -26,20 +26,20 @@ from pathlib import Path
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
     "elements": 2845,
-    "tdcr_fe": 249,
+    "tdcr_fe": 241,
     "tdcr_fe/commands": 976,
     "tdcr_fe/effects": 1315,
     "tdcr_fe/estimate": 1081,
     "tdcr_fe/identify": 6681,
-    "tdcr_fe/io": 1906,
+    "tdcr_fe/io": 1895,
     "tdcr_fe/live": 359,
-    "tdcr_fe/model": 2671,
+    "tdcr_fe/model": 2649,
     "tdcr_fe/report": 1215,
     "tdcr_fe/scene": 1465,
     "tdcr_fe/solve": 7037,
-    "tdcr_fe/sweeps": 1442,
+    "tdcr_fe/sweeps": 1431,
     "validation": 7108,
-    "tests": 14172,
+    "tests": 14166,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
