@@ -27,7 +27,7 @@ STORED = Path(__file__).parents[1] / "net"
 )
 def test_a_case_is_the_stored_one(part: str, key: str, tmp_path: Path) -> None:
     """The whole net is compared by ``python -m tdcr_fe.validation net``."""
-    found = CAMPAIGN.run(Case(part, key, STORED, None), tmp_path)
+    found = CAMPAIGN.run(Case(part, key, STORED), tmp_path)
     assert found.passed, found.moved
 
 

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.validation.blind.declared import largest_commands
-from tdcr_fe.validation.blind.recipes import FORMS, Recipe
-from tdcr_fe.validation.drawing import Range, ranges
+from tdcr_fe.validation.blind.recipes import Recipe
+from tdcr_fe.validation.drawing import ranges
 
 Random = np.random.Generator
 #: By effect, the value of every parameter.
@@ -122,21 +122,8 @@ DRAW: Mapping[str, Callable[[Experiment, Mapping[str, float], Random], dict[str,
 }
 
 
-def ranges_of(name: str, declared: Experiment) -> Mapping[str, Range]:
-    """Ranges of an effect or form; some forms have as many parameters as the robot has tendons or markers."""
-    tendons, markers = declared.robot.tendon_names, len(declared.observation.markers)
-    if name == "stretch_of_each":
-        return {f"axial_stiffness_{t}": RANGES["tendon_stretch"]["axial_stiffness"] for t in tendons}
-    if name == "friction_of_each":
-        return {f"mu_{t}": Range(0.0, 0.4) for t in tendons}
-    if name == "markers_each":
-        names = [f"offset_{axis}_marker_{k}" for k in range(1, markers + 1) for axis in "xyz"]
-        return dict.fromkeys(names, RANGES["marker_offset"]["offset_x"])
-    return RANGES[name]
-
-
 def draw_values(recipe: Recipe, declared: Experiment, solution: SequenceResult, rng: Random) -> Values:
-    """Random values of the effects of a recipe, by the names of the list.
+    """Random values of the effects of a recipe, by their names.
 
     Parameters
     ----------
@@ -152,10 +139,10 @@ def draw_values(recipe: Recipe, declared: Experiment, solution: SequenceResult, 
         if name in DRAW:
             own = DRAW[name](declared, sizes, rng)
         else:
-            own = {p: r.draw(rng, sizes) for p, r in ranges_of(name, declared).items()}
+            own = {p: r.draw(rng, sizes) for p, r in RANGES[name].items()}
         if name == "hole_clearance":
             own["clearance"] = min(own["clearance"], 0.4 * sizes["offset"])
-        found[FORMS.get(name, name)] = own if recipe.at_a_place else _rounded(own)
+        found[name] = own if recipe.at_a_place else _rounded(own)
     return found
 
 

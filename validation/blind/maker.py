@@ -110,7 +110,7 @@ def _make(recipe: Recipe, rng: np.random.Generator, substeps: int) -> tuple[Meas
 def _draw_declared(recipe: Recipe, rng: np.random.Generator) -> tuple[Experiment, tuple[str, ...]]:
     """The declared robot with its loading sequence, and the branches of the steps."""
     robot = draw_robot(recipe.robot, rng)
-    if "pretension" in recipe.listed:
+    if "pretension" in recipe.effects:
         # Tendons that stretch by a fifth of the largest displacement at the tension that bends the robot by 1 rad.
         largest = {d: min(largest_commands(robot, d, 1.0).values()) for d in DRIVES}
         stiffness = 5.0 * robot.backbone.length * largest["tension"] / largest["displacement"]

@@ -69,9 +69,7 @@ def solved(setup: Experiment, settings: ReferenceSettings, extras: Extras | None
     NotMade
         It is not solved, or bends so far that the tip turns back to the base.
     """
-    result = solve_reference(
-        setup.robot, setup.model, setup.steps, settings=settings, extras=extras or Extras()
-    )
+    result = solve_reference(setup.robot, setup.model, setup.steps, settings=settings, extras=extras)
     if not result.converged:
         raise NotMade(result.message)
     if max(step.bending_angle for step in result.steps) > 2.8:

@@ -20,37 +20,9 @@ ROBOTS = ("single", "parallel", "helical", "converging", "points", "two-segment"
 PLANNED_PLACES = ("soft_bay", "side_spring", "stuck_hole")
 PLACES = (*PLANNED_PLACES, "kink")
 
-#: Forms of listed effects with other parameters, and the name of the effect in the list.
-FORMS = {
-    "stretch_by_segment": "tendon_stretch",
-    "stretch_of_each": "tendon_stretch",
-    "pretension_by_segment": "pretension",
-    "friction_of_each": "friction_coefficient",
-    "marker_beyond_tip": "marker_offset",
-    "markers_each": "marker_offset",
-    "frame_elsewhere": "frame_misalignment",
-}
-#: Those that need two segments, and those that need several tendons.
-OF_SEGMENTS = ("stretch_by_segment", "pretension_by_segment")
-OF_SEVERAL = ("stretch_of_each", "friction_of_each")
-
 #: Effects detectable only in data driven by tension, and only in data driven by displacement.
-BY_TENSION = (
-    "actuator_loss",
-    "idle_tension",
-    "friction_coefficient",
-    "friction_of_each",
-    "hole_adhesion",
-    "stuck_hole",
-)
-BY_DISPLACEMENT = (
-    "actuator_backlash",
-    "tendon_stretch",
-    "pretension",
-    "stretch_by_segment",
-    "stretch_of_each",
-    "pretension_by_segment",
-)
+BY_TENSION = ("actuator_loss", "idle_tension", "friction_coefficient", "hole_adhesion", "stuck_hole")
+BY_DISPLACEMENT = ("actuator_backlash", "tendon_stretch", "pretension")
 
 #: Effects of soft bodies, tried only where loads stretch the backbone noticeably, or where it has no disks: no robot
 #: drawn here is so.
@@ -85,7 +57,7 @@ class Recipe:
     robot : str
         A member of `ROBOTS`.
     effects : tuple of str
-        Hidden effects: names of the list, or of `FORMS`.
+        Names of the hidden effects.
     sigma : float
         Standard deviation of the noise on positions [m].
     drive : "tension" or "displacement"
@@ -101,7 +73,7 @@ class Recipe:
     weak: bool = False
 
     def __post_init__(self) -> None:
-        known = {e.name for e in EFFECTS} | set(FORMS)
+        known = {e.name for e in EFFECTS}
         unknown = sorted(set(self.effects) - known)
         if unknown:
             raise ValueError(f"no effect {unknown[0]!r}; there are {', '.join(sorted(known))}")
@@ -119,11 +91,6 @@ class Recipe:
     def at_a_place(self) -> bool:
         """Whether an effect acts at one place."""
         return bool(set(self.effects) & set(PLACES))
-
-    @property
-    def listed(self) -> tuple[str, ...]:
-        """Hidden effects by the name that `identify` has for them."""
-        return tuple(FORMS.get(n, n) for n in self.effects)
 
 
 def plan(count: int, seed: int = 0) -> list[Recipe]:
@@ -190,7 +157,6 @@ def plan_of(effects: Sequence[str], count: int, seed: int = 0) -> list[Recipe]:
         rng = np.random.default_rng([seed, k, 1])
         name = effects[k % len(effects)]
         drive: Drive = "displacement" if name in BY_DISPLACEMENT else "tension"
-        robots: tuple[str, ...] = ROBOTS[:-1] if drive == "displacement" else ROBOTS
-        robots = ROBOTS[-1:] if name in OF_SEGMENTS else robots[name in OF_SEVERAL :]
+        robots = ROBOTS[:-1] if drive == "displacement" else ROBOTS
         recipes.append(Recipe(10000 * (seed + 1) + 5000 + k, str(rng.choice(robots)), (name,), 1e-4, drive))
     return recipes

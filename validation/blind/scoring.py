@@ -12,7 +12,6 @@ import numpy as np
 from tdcr_fe.effects.places import bay_at
 from tdcr_fe.identify import IdentificationResult
 from tdcr_fe.validation.blind.maker import Answer
-from tdcr_fe.validation.blind.recipes import FORMS
 
 
 @dataclass(frozen=True)
@@ -46,11 +45,6 @@ class Score:
     found: dict[str, Any] = field(default_factory=dict)  # by effect and parameter, value and standard error
     remaining: str = ""  # where the rest is
     seconds: float = 0.0  # processor time of the identification [s]
-
-    @property
-    def listed(self) -> list[str]:
-        """Hidden effects by the name that `identify` has for them."""
-        return [FORMS.get(n, n) for n in self.hidden]
 
     @property
     def passed(self) -> bool:
@@ -99,7 +93,7 @@ def score(answer: Answer, result: IdentificationResult, seconds: float = 0.0) ->
 
 
 def _outcome(answer: Answer, result: IdentificationResult, rivals: dict[str, list[str]]) -> str:
-    hidden, named = list(answer.recipe.listed), list(rivals)
+    hidden, named = list(answer.recipe.effects), list(rivals)
     if answer.recipe.at_a_place:
         if result.verdict == "explained" and named == hidden and _at_the_place(answer, result):
             return "right"

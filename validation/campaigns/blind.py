@@ -84,7 +84,7 @@ def calibration(scores: Sequence[Score]) -> pd.DataFrame:
         (f"{percent} % intervals contain the true parameter", [(0.01 * percent, x <= width) for x in off])
         for percent, width in INTERVALS.items()
     ]
-    stated = [(p, name in s.listed) for s in scores for name, p in s.probabilities.items()]
+    stated = [(p, name in s.hidden) for s in scores for name, p in s.probabilities.items()]
     for low, high in pairwise(PROBABILITIES):
         text = f"effects with a stated probability from {low:g} to {min(high, 1.0):g} are right"
         claims.append((text, [x for x in stated if low <= x[0] < high]))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from itertools import count as numbers
 from itertools import islice
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
@@ -30,6 +30,8 @@ from tdcr_fe.validation.runner import Campaign
 ALLOWED = 1e-5
 #: Path tolerance of the parts [1].
 TIGHT = 1e-7
+#: Parts of each load step.
+PARTS = 64
 
 
 @dataclass(frozen=True)
@@ -73,24 +75,14 @@ class CutSteps(Campaign):
     count: ClassVar[int | None] = 200
     outcome = Outcome
 
-    def add_options(self, parser: argparse.ArgumentParser) -> None:
-        """Number of parts, and which robots."""
-        parser.add_argument("--parts", type=int, default=64, help="parts of each step (64)")
-        tendons = range(1, MOST_TENDONS + 1)
-        parser.add_argument(
-            "--tendons", type=int, nargs="+", default=[3, 6], choices=tendons, help="numbers of tendons (3 6)"
-        )
+    def cases(self, options: argparse.Namespace) -> Mapping[str, int]:
+        """Seeds of robots with three and six tendons."""
+        seeds = (k for k in numbers(options.first) if 1 + k % MOST_TENDONS in (3, 6))
+        return {str(seed): seed for seed in islice(seeds, options.n)}
 
-    def cases(self, options: argparse.Namespace) -> Mapping[str, Any]:
-        """Seeds of robots with these numbers of tendons, and the number of parts."""
-        if options.parts < 1:
-            raise ValueError("--parts must be at least 1")
-        seeds = (k for k in numbers(options.first) if 1 + k % MOST_TENDONS in options.tendons)
-        return {str(seed): (seed, options.parts) for seed in islice(seeds, options.n)}
-
-    def run(self, case: tuple[int, int], out: Path) -> Outcome:
+    def run(self, case: int, out: Path) -> Outcome:
         """Draw a robot and compare."""
-        return compare(draw(case[0]), case[1])
+        return compare(draw(case), PARTS)
 
     def report(self, outcomes: Sequence[Outcome]) -> list[str | pd.DataFrame]:
         """Median and largest difference, and those that are not reported."""

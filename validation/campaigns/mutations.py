@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import pandas as pd
 
@@ -140,7 +140,6 @@ class Mutations(Campaign):
 
     unit = "mutation"
     outcome = Outcome
-    most_late: ClassVar[int] = MOST_LATE
 
     def add_options(self, parser: argparse.ArgumentParser) -> None:
         """How far to go."""
@@ -166,9 +165,7 @@ class Mutations(Campaign):
 
     def passed(self, outcomes: Sequence[Outcome]) -> bool:
         """All are caught, nearly all of them by the default tests."""
-        return (
-            all(o.passed for o in outcomes) and sum(o.tier != "default" for o in outcomes) <= self.most_late
-        )
+        return all(o.passed for o in outcomes) and sum(o.tier != "default" for o in outcomes) <= MOST_LATE
 
 
 CAMPAIGN = Mutations()

@@ -1,8 +1,7 @@
 """The safety net: what the program computes against what is stored, number by number.
 
 Random robots, validation cases, scenes, derivatives by the parameters of all effects, inverse statics, the reference,
-broken files, and what the identification says of blind, faulty and measured data. The report says what moved, by how
-much, and where; "identical" is bit for bit.
+and broken files. The report says what moved, by how much, and where; "identical" is bit for bit.
 """
 
 from __future__ import annotations
@@ -13,19 +12,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from tdcr_fe.validation.net.comparison import Difference, differences, report
-from tdcr_fe.validation.net.identified import read_identified
 from tdcr_fe.validation.net.parts import PARTS, Record, solve
 from tdcr_fe.validation.net.storage import note, read_part, write_part
 from tdcr_fe.validation.runner import Campaign
-
-#: What the identification says may move by so much of a standard error, a held-out error by a tenth of it.
-IDENTIFY_TOLERANCE = 0.1
 
 
 class Case(NamedTuple):
@@ -34,7 +29,6 @@ class Case(NamedTuple):
     part: str
     key: str
     stored: Path | None  # None stores it anew
-    identified: Path | None  # folder of finished identifications
 
 
 @dataclass(frozen=True)
@@ -62,17 +56,11 @@ def _stored(part: str, folder: Path) -> dict[str, Record]:
     return read_part(part, folder)
 
 
-@cache
-def _identified(folder: Path) -> dict[str, Record]:
-    return read_identified(folder)
-
-
 class Net(Campaign):
     """See the text of this module."""
 
     unit = "case"
     outcome = Outcome
-    largest: ClassVar[int] = 10
 
     def add_options(self, parser: argparse.ArgumentParser) -> None:
         """Which parts and cases, and the folders."""
@@ -82,12 +70,6 @@ class Net(Campaign):
         parser.add_argument("--every", type=int, default=1, metavar="N", help="only every N-th case (1)")
         parser.add_argument("--quick", action="store_true", help="a share of every part, within 90 s")
         parser.add_argument(
-            "--identified",
-            type=Path,
-            metavar="FOLDER",
-            help="compare finished identifications in FOLDER, too",
-        )
-        parser.add_argument(
             "--stored", type=Path, default=Path("tests/net"), metavar="FOLDER", help="the net (tests/net)"
         )
         parser.add_argument(
@@ -96,34 +78,22 @@ class Net(Campaign):
 
     def cases(self, options: argparse.Namespace) -> Mapping[str, Any]:
         """Cases of the parts by "part/key"; those of the net, or all where they are to be stored."""
-        parts = list(options.parts)
         stored = None if options.store else options.stored
-        keys = {part: list(PARTS[part].keys() if options.store else _stored(part, stored)) for part in parts}
-        every = {part: PARTS[part].quick if options.quick else options.every for part in parts}
-        if options.identified is not None:
-            found = _identified(options.identified)
-            parts.append("identify")
-            every["identify"] = 1
-            keys["identify"] = list(found if options.store else _stored("identify", stored))
-        return {
-            f"{part}/{key}": Case(part, key, stored, options.identified)
-            for part in parts
-            for key in keys[part][:: every[part]]
-        }
+        found: dict[str, Case] = {}
+        for part in options.parts:
+            keys = list(PARTS[part].keys() if options.store else _stored(part, stored))
+            every = PARTS[part].quick if options.quick else options.every
+            found |= {f"{part}/{key}": Case(part, key, stored) for key in keys[::every]}
+        return found
 
     def run(self, case: Case, out: Path) -> Outcome:
         """Compute a case and compare it."""
-        part, key, folder, identified = case
-        if part == "identify":
-            assert identified is not None
-            record: Record = _identified(identified).get(key, {"failure": "not there"})
-        else:
-            record = solve(part, key)
+        part, key, folder = case
+        record = solve(part, key)
         if folder is None:
             plain = {k: v if isinstance(v, str) else v.tolist() for k, v in record.items()}
             return Outcome(part, key, [], plain)
-        tolerance = IDENTIFY_TOLERANCE if part == "identify" else PARTS[part].tolerance
-        moved = differences(part, key, _stored(part, folder)[key], record, tolerance)
+        moved = differences(part, key, _stored(part, folder)[key], record, PARTS[part].tolerance)
         return Outcome(part, key, [list(d) for d in moved])
 
     def table(self, outcomes: Sequence[Outcome]) -> pd.DataFrame:
@@ -133,7 +103,7 @@ class Net(Campaign):
     def report(self, outcomes: Sequence[Outcome]) -> list[str | pd.DataFrame]:
         """Counts by part, and the largest movements."""
         moved = [d for o in outcomes for d in o.differences]
-        return ["\n".join(report(Counter(o.part for o in outcomes), moved, self.largest))]
+        return ["\n".join(report(Counter(o.part for o in outcomes), moved))]
 
     def write(self, outcomes: Sequence[Outcome], out: Path) -> None:
         """The files of the parts that are to be stored."""

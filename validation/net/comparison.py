@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tdcr_fe.validation.net.identified import measure
 from tdcr_fe.validation.net.parts import Record
 
 #: Sizes below which a quantity does not become the measure of its movements [m, N].
@@ -56,7 +55,7 @@ def differences(part: str, case: str, stored: Record, found: Record, tolerance: 
         if isinstance(a, str) or isinstance(b, str):
             difference = _text(a, b)
         else:
-            difference = _numbers(a, b, measure(a) if part == "identify" else _size(quantity, a))
+            difference = _numbers(a, b, _size(quantity, a))
         if difference is not None:
             moved.append(Difference(part, case, quantity, *difference, tolerance))
     return moved
@@ -94,8 +93,8 @@ def _numbers(a: np.ndarray, b: np.ndarray, size: float) -> tuple[int | None, str
     return step, place, float(gap[at] / size), text
 
 
-def report(cases: Mapping[str, int], moved: Sequence[Difference], most: int = 10) -> list[str]:
-    """Counts by part, and the largest movements, in lines.
+def report(cases: Mapping[str, int], moved: Sequence[Difference]) -> list[str]:
+    """Counts by part, and the ten largest movements, in lines.
 
     Parameters
     ----------
@@ -103,8 +102,6 @@ def report(cases: Mapping[str, int], moved: Sequence[Difference], most: int = 10
         Number of cases that were compared, by part.
     moved
         All differences.
-    most
-        Number of movements that are listed.
     """
     lines = [f"{'part':12} {'cases':>6} {'identical':>10} {'within tolerance':>17} {'beyond':>7}"]
     for part, count in cases.items():
@@ -112,8 +109,9 @@ def report(cases: Mapping[str, int], moved: Sequence[Difference], most: int = 10
         within = {d.case for d in moved if d.part == part} - off
         lines.append(f"{part:12} {count:6} {count - len(within) - len(off):10} {len(within):17} {len(off):7}")
     largest = sorted(moved, key=lambda d: -d.size / d.tolerance)
-    lines += [str(d) for d in largest[:most]]
-    if len(largest) > most:
+    shown = largest[:10]
+    lines += map(str, shown)
+    if len(largest) > len(shown):
         kinds = Counter(f"{d.part} {d.quantity}" for d in largest)
         lines.append(f"{len(largest)} in all: " + ", ".join(f"{n} {k}" for k, n in kinds.most_common(12)))
     return lines

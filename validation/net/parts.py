@@ -38,7 +38,6 @@ class Part(NamedTuple):
     solve: Callable[[str], Record]
     quick: int  # the quick form takes every so many-th case
     tolerance: float = 1e-9  # of a quantity, relative to its size
-    reason: str = ""  # for another tolerance
 
 
 # ------------------------------------------------------------------------------------------------- loading sequences
@@ -265,13 +264,12 @@ def _numbers(count: int) -> Callable[[], list[str]]:
 PARTS: Mapping[str, Part] = {
     "robots": Part(_numbers(ROBOTS), _robot, 5),
     "cases": Part(lambda: list(_cases()), _case, 6),
-    "scenes": Part(
-        lambda: list(scenes.SCENES), scenes.solve, 3, 1e-7, "Exudyn's solvers stop at tolerances of their own"
-    ),
-    "derivatives": Part(_derivative_keys, _derivative, 10, 1e-6, "difference steps of parameters round off"),
-    "inverse": Part(
-        lambda: list(INVERSE), _inverse, 3, 1e-6, "a target is reached within 1e-6 of the length"
-    ),
+    # Exudyn's solvers stop at tolerances of their own.
+    "scenes": Part(lambda: list(scenes.SCENES), scenes.solve, 3, 1e-7),
+    # Difference steps of parameters round off.
+    "derivatives": Part(_derivative_keys, _derivative, 10, 1e-6),
+    # A target is reached within 1e-6 of the length.
+    "inverse": Part(lambda: list(INVERSE), _inverse, 3, 1e-6),
     "reference": Part(_numbers(REFERENCES), _reference, 10),
     "files": Part(_numbers(FILES), _file, 10),
 }
