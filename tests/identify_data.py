@@ -49,11 +49,16 @@ def sequence():
     )
 
 
+def simulated(experiment, tolerance=2e-5, along=None, **rest):
+    """A run of the identification with a path tolerance, along the substeps of another run where it is given."""
+    return simulate_experiment(Task(experiment, run_settings(SolverSettings(), tolerance), along, **rest))
+
+
 def positions(true, sigma=1e-4, seed=0, tolerance=2e-5, places=(0.1, LENGTH)):
     """Readings of the positions of markers in every step of an experiment, with noise."""
     ids = tuple(range(1, true.step_ends[-1][0] + 2))
     readings = [Reading(n, f"position_{a}", s, 0.0, sigma) for n in ids for s in places for a in "xyz"]
-    run = simulate_experiment(Task(true, run_settings(SolverSettings(), tolerance)))
+    run = simulated(true, tolerance)
     assert run.solved == len(ids)
     values = Reader(readings, ids, true.robot.tendon_names).read(run, true)
     values = values + np.random.default_rng(seed).normal(0.0, sigma, values.size)

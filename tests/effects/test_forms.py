@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from identify_data import simulated
 from robots import LENGTH, tendon, three
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import EFFECTS, ExcitationRange, Experiment, Observation, effect, with_effect
 from tdcr_fe.effects.by_tendon import segments
-from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.run import Reader
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import channel
-from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
+from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.observed_step import ObservedStep
 from tdcr_fe.solve.simulate import simulate
 
@@ -104,8 +104,7 @@ def test_pretension_is_that_of_the_elastic_tendons():
 
 
 def read(setup, readings):
-    run = simulate_experiment(Task(setup, run_settings(SolverSettings(), 2e-5)))
-    return Reader(readings, [1, 2], setup.robot.tendon_names).read(run, setup)
+    return Reader(readings, [1, 2], setup.robot.tendon_names).read(simulated(setup), setup)
 
 
 def test_a_marker_offset_along_the_tangent_is_beyond_its_section():

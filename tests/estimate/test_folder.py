@@ -31,6 +31,12 @@ def folder(tmp_path_factory):
     return path
 
 
+@pytest.fixture
+def wrong(folder, tmp_path):
+    """A copy of the folder, to be changed."""
+    return shutil.copytree(folder, tmp_path / "set")
+
+
 def test_the_command_writes_tables_and_a_page(folder, tmp_path, capsys):
     assert main(["estimate", str(folder), "-o", str(tmp_path / "out")]) == 0
     assert "4 frames estimated" in capsys.readouterr().out
@@ -88,18 +94,14 @@ def test_the_command_writes_tables_and_a_page(folder, tmp_path, capsys):
         ),
     ],
 )
-def test_mistakes_are_named(folder, tmp_path, capsys, file, old, new, said):
-    wrong = tmp_path / "set"
-    shutil.copytree(folder, wrong)
+def test_mistakes_are_named(wrong, tmp_path, capsys, file, old, new, said):
     (wrong / file).write_text((wrong / file).read_text().replace(old, new))
     assert main(["estimate", str(wrong), "-o", str(tmp_path / "out")]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
-def test_a_load_and_inputs_in_mn_are_warned_of(folder, tmp_path, capsys):
-    wrong = tmp_path / "set"
-    shutil.copytree(folder, wrong)
+def test_a_load_and_inputs_in_mn_are_warned_of(wrong, tmp_path, capsys):
     (wrong / "estimate.toml").write_text((wrong / "estimate.toml").read_text().replace("0.05", "500.0"))
     (wrong / "observations.csv").write_text(
         "step,quantity,location,value,sigma\n1,position_x,0.25,0.0,1e-4\n"
@@ -113,9 +115,7 @@ def test_a_load_and_inputs_in_mn_are_warned_of(folder, tmp_path, capsys):
     assert "estimate.toml: inputs.sigma" in said and "estimate.toml: load.sigma_moment = 500 N m:" in said
 
 
-def test_times_are_needed(folder, tmp_path, capsys):
-    wrong = tmp_path / "set"
-    shutil.copytree(folder, wrong)
+def test_times_are_needed(folder, wrong, tmp_path, capsys):
     pd.read_csv(wrong / "loading.csv").drop(columns="time").to_csv(wrong / "loading.csv", index=False)
     (wrong / "estimate.toml").unlink()
     assert main(["estimate", str(wrong), "-o", str(tmp_path / "out")]) == 2
@@ -128,10 +128,8 @@ def test_times_are_needed(folder, tmp_path, capsys):
     )
 
 
-def test_coordinates_of_the_other_sign_are_doubted(folder, tmp_path, capsys):
+def test_coordinates_of_the_other_sign_are_doubted(folder, wrong, tmp_path, capsys):
     """All frames were solved, with wrong forces and without a word."""
-    wrong = tmp_path / "set"
-    shutil.copytree(folder, wrong)
     table = pd.read_csv(wrong / "observations.csv")
     table.loc[table["quantity"] == "position_x", "value"] *= -1.0
     table.to_csv(wrong / "observations.csv", index=False)

@@ -17,7 +17,7 @@ from tdcr_fe.identify.report import render
 from tdcr_fe.io.toml import read_robot, read_scenario
 from tdcr_fe.model.loading import Load
 
-ROUGH = replace(ROBOT, tendons=tuple(replace(t, friction_coefficient=0.25) for t in ROBOT.tendons))
+ROUGH = ROBOT.with_tendons(friction_coefficient=0.25)
 PRECURVATURE = {"precurvature": {"kappa_x": 0.6, "kappa_y": -0.4}}
 COMMANDS = {"actuator_loss": {"dead_band": 0.05, "efficiency": 0.9}}
 MISALIGNMENT = {"frame_misalignment": {"rot_x": 0.03, "rot_y": -0.02, "rot_z": 0.05}}

@@ -4,12 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import MODEL, measured, problem_of
+from identify_data import MODEL, measured, problem_of, simulated
 
 from tdcr_fe.effects import Experiment, effect
-from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.load_steps import join_steps
-from tdcr_fe.model.loading import SolverSettings
 
 
 def timed(model):
@@ -28,7 +26,7 @@ def lagged(model):
 
 
 def tips(experiment):
-    run = simulate_experiment(Task(experiment, run_settings(SolverSettings(), 2e-5)))
+    run = simulated(experiment)
     assert run.solved == 11
     return run.positions[:, -1]
 

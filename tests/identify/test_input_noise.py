@@ -10,7 +10,7 @@ from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.criteria import residual_is_noise
 from tdcr_fe.identify.noise import find_input_noise
-from tdcr_fe.identify.problem import evaluate
+from tdcr_fe.identify.problem import evaluate, with_elements
 from tdcr_fe.io.measured import read_measured, write_measured
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.model.loading import LoadStep
@@ -39,7 +39,7 @@ def scatter(measured):
 def on_fine_mesh(measured):
     """The problem with three elements a bay."""
     problem = problem_of(measured, sigma=SIGMA)
-    return replace(problem, experiment=replace(problem.experiment, model=replace(MODEL, elements_per_bay=3)))
+    return replace(problem, experiment=with_elements(problem.experiment, 3))
 
 
 def errors(size, count, seed=0):

@@ -3,12 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-from identify_data import FRICTIONAL, ROBOT, measured, problem_of
+from identify_data import FRICTIONAL, ROBOT, measured, problem_of, simulated
 
-from tdcr_fe.identify.forward import ForwardModel, Task, run_settings, simulate_experiment
-from tdcr_fe.identify.problem import ORDER, refine
+from tdcr_fe.identify.forward import ForwardModel
+from tdcr_fe.identify.problem import ORDER, refine, with_elements
 from tdcr_fe.identify.run import mesh_nodes
-from tdcr_fe.model.loading import SolverSettings
 
 #: Far coarser than the noise: the path is then off by more than the mesh.
 LOOSE = 3e-3
@@ -18,18 +17,11 @@ def problem(data, path_tolerance=LOOSE):
     return replace(problem_of(data), path_tolerance=path_tolerance)
 
 
-def with_elements(own, count):
-    experiment = own.experiment
-    return replace(
-        own, experiment=replace(experiment, model=replace(experiment.model, elements_per_bay=count))
-    )
-
-
 def test_a_path_is_taken_to_another_mesh_with_the_twist_of_the_backbone():
     """The sum of the elements' twists is that of the whole backbone; holes and tendons have the same states."""
     about = measured(robot=ROBOT, model=FRICTIONAL).experiment
-    run = simulate_experiment(Task(about, run_settings(SolverSettings(), 1e-4), record=True))
-    finer = replace(about, model=replace(about.model, elements_per_bay=3))
+    run = simulated(about, 1e-4, record=True)
+    finer = with_elements(about, 3)
     moved = run.trajectory.on_mesh(mesh_nodes(finer))
     for before, after in zip(run.trajectory.waypoints, moved.waypoints, strict=True):
         for a, b in zip(before, after, strict=True):
@@ -38,8 +30,8 @@ def test_a_path_is_taken_to_another_mesh_with_the_twist_of_the_backbone():
             assert len(fine) == 3 * len(coarse)
             np.testing.assert_allclose(fine.sum(axis=0), coarse.sum(axis=0), atol=1e-12)
             np.testing.assert_array_equal(a.state.mobilisation[0], b.state.mobilisation[0])
-    along = simulate_experiment(Task(finer, run_settings(SolverSettings(), 1e-4), moved))
-    own = simulate_experiment(Task(finer, run_settings(SolverSettings(), 1e-4)))
+    along = simulated(finer, 1e-4, moved)
+    own = simulated(finer, 1e-4)
     np.testing.assert_allclose(along.positions, own.positions, atol=1e-5)
 
 
@@ -67,8 +59,9 @@ def test_the_error_of_the_path_is_not_counted_as_error_of_the_mesh():
     refined, _ = refine(own, (), {})
     assert own.forward.asked[0] == (1, False) and all(along for n, along in own.forward.asked if n > 1)
     fine = problem(data, 1e-5)
-    (coarse,), _ = with_elements(fine, 1).residuals((), [{}])
-    (exact,), _ = with_elements(fine, 6).residuals((), [{}])
+    (coarse,), (exact,) = (
+        replace(fine, experiment=with_elements(fine.experiment, n)).residuals((), [{}])[0] for n in (1, 6)
+    )
     true_error = float(np.sqrt(np.mean((coarse - exact) ** 2)))
     found = refined.mesh_error * refined.experiment.model.elements_per_bay**ORDER
     assert 0.8 * true_error < found < 1.25 * true_error

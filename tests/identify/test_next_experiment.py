@@ -5,17 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from identify_data import LENGTH, measured, problem_of, searching, state_of
+from identify_data import LENGTH, measured, problem_of, searching, simulated, state_of
 
 from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.next_experiment import candidate_sequences, choose_next, leading_rivals
 from tdcr_fe.identify.result import IdentificationResult
 from tdcr_fe.identify.run import Reader
 from tdcr_fe.io.loading_table import read_loading
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import SolverSettings
 
 SEARCH = searching()
 #: A stiffer backbone, where the tip forces were applied but nothing was read: a gain below one looks the same.
@@ -54,9 +52,7 @@ def test_an_ambiguity_is_separated_by_the_experiment_that_was_chosen(ambiguous):
     def predicted(effects):
         model = replace(data.model, elements_per_bay=2)
         experiment = with_effects(Experiment(data.robot, model, planned.steps), effects)
-        return reader.read(
-            simulate_experiment(Task(experiment, run_settings(SolverSettings(), 2e-5))), experiment
-        )
+        return reader.read(simulated(experiment), experiment)
 
     noise = np.random.default_rng(3).normal(0.0, 3e-4, len(readings))
     seen = predicted(TRUTH) + noise

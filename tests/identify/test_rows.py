@@ -14,13 +14,13 @@ from identify_data import (
     positions,
     problem_of,
     searching,
+    simulated,
     state_of,
 )
 
 from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.fitting import fit
-from tdcr_fe.identify.forward import Task, run_settings, simulate_experiment
 from tdcr_fe.identify.identification import fit_to_all_rows, problem_of_rows, with_friction, without_friction
 from tdcr_fe.identify.load_steps import (
     IN_BRANCH,
@@ -36,7 +36,7 @@ from tdcr_fe.identify.report import render
 from tdcr_fe.identify.sentences import sentences
 from tdcr_fe.identify.settings import ALL_STEPS, CEILING, SMALLER_MODELS, IdentifySettings
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import LoadStep, SolverSettings
+from tdcr_fe.model.loading import LoadStep
 
 SIGMA = 1e-4
 
@@ -141,7 +141,7 @@ def test_declared_friction_stays_where_the_model_is_better_with_it(true, kept):
 def test_friction_has_the_same_history_on_the_chosen_steps_of_a_branch():
     """All branches, of which each has 6 of 20 steps: within 2e-5 of the length of the run over all steps."""
     model = FRICTIONAL
-    robot = replace(ROBOT, tendons=tuple(replace(t, friction_coefficient=0.2) for t in ROBOT.tendons))
+    robot = ROBOT.with_tendons(friction_coefficient=0.2)
     data = replace(long_data(4), robot=robot, model=model)
     table = inputs(data)
     kept = [k for b in blocks(data) for k in _simplified(table, b)]
@@ -149,12 +149,10 @@ def test_friction_has_the_same_history_on_the_chosen_steps_of_a_branch():
 
     def tips(steps):
         experiment = Experiment(robot, model, tuple(data.steps[k] for k in steps))
-        return simulate_experiment(Task(experiment, run_settings(SolverSettings(), 2e-5))).positions[:, -1]
+        return simulated(experiment).positions[:, -1]
 
     every = tips(range(len(data.steps)))
-    free = simulate_experiment(
-        Task(Experiment(robot, MODEL, data.steps), run_settings(SolverSettings(), 2e-5))
-    )
+    free = simulated(Experiment(robot, MODEL, data.steps))
     assert np.max(np.abs(free.positions[:, -1] - every)) > 3e-4
     np.testing.assert_allclose(tips(kept), every[kept], atol=4e-6)
 

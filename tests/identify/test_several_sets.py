@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from identify_data import GRAVITY, LENGTH, MODEL, ROBOT, measured, problem_of
+from identify_data import GRAVITY, LENGTH, MODEL, ROBOT, measured, problem_of, simulated
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import Experiment, effect, with_effects
@@ -19,9 +19,8 @@ from tdcr_fe.model.loading import LoadStep, SolverSettings
 from tdcr_fe.solve.sensitivities.differences import tabulated
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter
 
-ROUGH = replace(ROBOT, tendons=tuple(replace(t, friction_coefficient=0.3) for t in ROBOT.tendons))
+ROUGH = ROBOT.with_tendons(friction_coefficient=0.3)
 FRICTION = replace(MODEL, friction="per-hole", elements_per_bay=1)
-SETTINGS = run_settings(SolverSettings(), 2e-5)
 
 
 def pulls(*values):
@@ -37,16 +36,16 @@ def both():
 
 def test_every_sequence_begins_with_the_unloaded_robot():
     """The same positions as in runs of their own, with friction, whose history would show otherwise."""
-    joined = simulate_experiment(Task(both(), SETTINGS, record=True))
-    own = [simulate_experiment(Task(Experiment(ROUGH, FRICTION, s), SETTINGS)) for s in (FIRST, SECOND)]
+    joined = simulated(both(), record=True)
+    own = [simulated(Experiment(ROUGH, FRICTION, s)) for s in (FIRST, SECOND)]
     np.testing.assert_array_equal(joined.positions, np.concatenate([r.positions for r in own]))
     np.testing.assert_array_equal(joined.base_tensions, np.concatenate([r.base_tensions for r in own]))
-    through = simulate_experiment(Task(Experiment(ROUGH, FRICTION, FIRST + SECOND), SETTINGS))
+    through = simulated(Experiment(ROUGH, FRICTION, FIRST + SECOND))
     assert np.abs(through.positions[3:] - joined.positions[3:]).max() > 1e-5
     # A neighbour that follows the recorded path agrees with one that does not.
     other = replace(both(), model=replace(FRICTION, gravity=(0.0, 0.5, 0.0)))
-    along = simulate_experiment(Task(other, SETTINGS, joined.trajectory))
-    free = simulate_experiment(Task(other, SETTINGS))
+    along = simulated(other, along=joined.trajectory)
+    free = simulated(other)
     np.testing.assert_allclose(along.positions, free.positions, atol=1e-6 * LENGTH)
 
 
@@ -60,7 +59,8 @@ def test_effects_with_a_history_begin_anew_with_every_sequence():
 
 def test_a_sequence_that_is_not_solved_leaves_its_steps_and_those_after_it_open():
     bad = replace(both(), steps=(FIRST[0], LoadStep(tensions={"t1": 5e4}), *FIRST[2:], *SECOND))
-    run = simulate_experiment(Task(bad, replace(SETTINGS, max_iterations=3, min_substep=1.0)))
+    settings = replace(run_settings(SolverSettings(), 2e-5), max_iterations=3, min_substep=1.0)
+    run = simulate_experiment(Task(bad, settings))
     assert run.solved == 1 and len(run.positions) == 5
     assert np.isfinite(run.positions[0]).all() and np.isnan(run.positions[1:]).all()
 
@@ -140,19 +140,10 @@ def test_derivatives_of_joined_sets_are_those_of_each():
 
     made = [
         parameter("g", 0.0, lambda e, v: replace(e, model=replace(e.model, gravity=(0.0, v, 0.0)))),
-        parameter(
-            "mu",
-            0.3,
-            lambda e, v: e.with_robot(
-                tendons=tuple(replace(t, friction_coefficient=v) for t in e.robot.tendons)
-            ),
-        ),
+        parameter("mu", 0.3, lambda e, v: replace(e, robot=e.robot.with_tendons(friction_coefficient=v))),
     ]
-    joined = simulate_experiment(Task(experiment, SETTINGS, parameters=tuple(p(experiment) for p in made)))
-    own = [
-        simulate_experiment(Task(e, SETTINGS, parameters=tuple(p(e) for p in made)))
-        for e in experiment.sequences
-    ]
+    joined = simulated(experiment, parameters=tuple(p(experiment) for p in made))
+    own = [simulated(e, parameters=tuple(p(e) for p in made)) for e in experiment.sequences]
     assert joined.derivatives.names == ("g", "mu")
     for field in joined.derivatives._TABLES:
         parts = np.concatenate([getattr(r.derivatives, field) for r in own])

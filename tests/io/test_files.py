@@ -457,22 +457,16 @@ end = 0.25
 POINTS = SOFT.split("[[tendons]]")[0] + (
     '[[tendons]]\nname = "a"\nrouting = "points"\nend = 0.2\nholes = [[8e-3, 0.0], [7e-3, 1e-3], [5e-3, 2e-3]]\n'
 )
-STEPS = "[[steps]]\ntensions = { a = 1.0 }\n"
-
-
-def write_soft(folder, robot=SOFT, model=""):
-    (folder / "robot.toml").write_text(robot)
-    (folder / "scenario.toml").write_text(f'robot = "robot.toml"\n{model}\n{STEPS}')
-    return folder / "scenario.toml"
+PULL = 'robot = "robot.toml"\n[[steps]]\ntensions = { a = 1.0 }\n'
 
 
 def test_points_of_a_course_are_equally_spaced_up_to_its_end(tmp_path):
-    write_soft(tmp_path, POINTS)
+    write(tmp_path, POINTS)
     assert read_robot(tmp_path / "robot.toml").tendons[0].routing.fixed_arc_lengths == (0.0, 0.1, 0.2)
 
 
 def test_its_tendons_follow_the_backbone_by_default(tmp_path):
-    assert read_scenario(write_soft(tmp_path)).model == Model("continuous", "none")
+    assert read_scenario(write(tmp_path, SOFT, PULL)).model == Model("continuous", "none")
     path = tmp_path / "model.toml"
     path.write_text("[model]\ngravity = [0.0, 0.0, 9.81]\n")
     robot = read_robot(tmp_path / "robot.toml")
@@ -488,13 +482,13 @@ def test_its_tendons_follow_the_backbone_by_default(tmp_path):
 )
 def test_a_model_with_holes_is_refused_by_name(tmp_path, model, key):
     with pytest.raises(InputError) as caught:
-        read_scenario(write_soft(tmp_path, model=model))
+        read_scenario(write(tmp_path, SOFT, PULL + model))
     assert [p.key for p in caught.value.problems] == [key]
 
 
 def test_the_command_runs_it(tmp_path, capsys):
     """Version 0.1 refused a robot without disks."""
-    assert main(["run", str(write_soft(tmp_path)), "-o", str(tmp_path / "out")]) == 0
+    assert main(["run", str(write(tmp_path, SOFT, PULL)), "-o", str(tmp_path / "out")]) == 0
     lines = (tmp_path / "out" / "tensions.csv").read_text().splitlines()
     assert lines == ["step,tendon,segment,tension,hole_state", "1,a,1,1.0,anchor"]
     assert (tmp_path / "out" / "view.html").exists()
