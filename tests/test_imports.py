@@ -111,6 +111,11 @@ def test_description_and_reference_import_no_solver():
         assert not {m for m in imports(module) if m.startswith("exudyn")}, module
 
 
+def test_the_maker_of_blind_sets_solves_with_the_reference_only():
+    maker = [m for m in FILES if m.startswith("tdcr_fe.validation.blind.") and not m.endswith(".scoring")]
+    assert maker and not [(m, x) for m in maker for x in own_imports(m) if layer(x) in ("solve", "elements")]
+
+
 def test_elements_read_no_file_format():
     formats = {"tomllib", "json", "csv", "pathlib", "pandas", "io"}
     assert not [(m, x) for m in IN_LAYER["elements"] for x in imports(m) if x.split(".")[0] in formats]
@@ -121,9 +126,3 @@ def test_numerics_neither_print_nor_open_files():
     calls = [(m, n.func) for m in NUMERICS for n in nodes(m) if isinstance(n, ast.Call)]
     called = [(m, f.id if isinstance(f, ast.Name) else getattr(f, "attr", "")) for m, f in calls]
     assert not [(m, name) for m, name in called if name in files]
-
-
-def test_modules_of_tests_have_different_names():
-    """pytest collects modules without packages by their names alone: one of two with the same name is an error."""
-    names = [p.name for p in Path(__file__).parent.rglob("*.py") if p.name != "conftest.py"]
-    assert sorted(names) == sorted(set(names))

@@ -235,12 +235,6 @@ def test_friction_is_switched_on_where_the_model_has_none():
     assert tip(s) == pytest.approx(tip(setup(0.3)), abs=1e-12)
 
 
-def test_adhesion_is_the_same_tension_drop_at_every_hole():
-    s = with_effect(setup(), "hole_adhesion", drop=0.01)
-    result = simulate(s.robot, s.model, s.steps)
-    assert np.diff(result.steps[-1].tensions[0]) == pytest.approx(-0.01, rel=1e-9)
-
-
 def test_clearance_lets_the_tendon_shift_away_from_the_backbone_of_a_bent_robot():
     robot = paper().with_disks(radius=6e-3)
     wide = robot.with_tendons(routing=ParallelRouting(4.7e-3))
@@ -248,15 +242,6 @@ def test_clearance_lets_the_tendon_shift_away_from_the_backbone_of_a_bent_robot(
     shifted = tip(with_effect(setup(robot=robot), "hole_clearance", clearance=0.2e-3))
     # Base and anchor, where the tendon shifts little or not at all, make the rest.
     assert np.linalg.norm(shifted - wider) < 0.1 * np.linalg.norm(plain - wider)
-
-
-def test_stretch_is_tension_times_length_over_stiffness():
-    # A rigid robot: all that is pulled in is stretch.
-    stiff = paper(backbone=Backbone(LENGTH, 5e-3, 200e9, 0.3))
-    s = with_effect(setup(robot=stiff, steps=pulled(1.0)), "tendon_stretch", axial_stiffness=500.0)
-    pulled_in = simulate(s.robot, s.model, s.steps).steps[0].displacements[0]
-    bare = simulate(stiff, MODEL, pulled(1.0)).steps[0].displacements[0]
-    assert pulled_in - bare == pytest.approx(LENGTH / 500.0, rel=5e-3)
 
 
 # ------------------------------------------------------------------------------------------------ soft bodies

@@ -13,23 +13,7 @@ from tdcr_fe.elements.friction import FRICTION_MODELS, TendonLaw, TendonParamete
 from tdcr_fe.elements.hysteresis import Dahl, ElasticPlastic, FrictionState
 from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
 
-LAWS = [FRICTION_MODELS["per-tendon"], FRICTION_MODELS["per-hole"]]
-
-
-# ---------------------------------------------------------------- Capstan
-
-
-@pytest.mark.parametrize("kind", LAWS, ids=lambda k: k.kind)
-@pytest.mark.parametrize("way", [1, -1])
-def test_sliding_tendon_obeys_the_capstan_equation(kind, way):
-    """T_k+1 / T_k = exp(-+ mu theta_k), paper Eqs. 28-30; the whole tendon in or out by a millimetre."""
-    x = tendon_law(kind)
-    lengths = LENGTHS - way * 1e-3 * MASK
-    field = x.evaluate(np.array([2.0, 1.0]), lengths, ANGLES, x.initial_state())
-    expected = 2.0 * np.exp(-way * 0.3 * np.concatenate(([0.0], np.cumsum(ANGLES[0]))))
-    assert field.tension[0] == pytest.approx(expected, rel=1e-14)
-    assert field.tension[1, :2] == pytest.approx([1.0, np.exp(-way * 0.3 * 0.15)], rel=1e-14)
-    assert field.base_slip == pytest.approx(way * np.array([4e-3, 2e-3]), rel=1e-12)
+# ---------------------------------------------------------------- adhesion, presliding, bounds
 
 
 def test_without_friction_the_tension_is_the_same_all_along():
@@ -94,15 +78,6 @@ def test_bounds_hold_and_no_hole_creates_energy_whatever_is_done(compliance, bas
 
 
 # ---------------------------------------------------------------- derivatives
-
-
-def test_elastic_tendon_releases_its_stretch():
-    """Slip at the base of a straight tendon under T, from its EA: L (1 - 1/(1 + T/EA))."""
-    x = tendon_law(FRICTION_MODELS["per-hole"], mu=0.0, compliance=1.0 / 400.0)
-    field = x.evaluate(np.array([4.0, 2.0]), LENGTHS, 0.0 * ANGLES, x.initial_state())
-    assert field.base_slip == pytest.approx(
-        LENGTHS.sum(axis=1) * np.array([0.01 / 1.01, 0.005 / 1.005]), rel=1e-12
-    )
 
 
 # ------------------------------------------------------------ friction coefficients

@@ -1,17 +1,14 @@
-"""Measured channels against closed forms of a constant-curvature arc and the reference; positions between nodes."""
+"""Measured channels against closed forms of a constant-curvature arc; positions between nodes."""
 
 import math
 
 import numpy as np
 import pytest
-from robots import LENGTH, single
+from robots import LENGTH
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.model.channels import CHANNELS, QUANTITIES, channel
-from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.observed_step import Observation, ObservedChange, ObservedStep
-from tdcr_fe.solve.simulate import simulate
-from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
 #: Bending moment of an arc by closed form [1/m], towards +x: the section turns about +y.
 KAPPA = 6.0
@@ -56,29 +53,6 @@ def test_curvature_belongs_to_the_section_and_not_to_the_measuring_frame():
     step = arc(observation=Observation((0.3, -0.2, 0.1), (1e-3, 2e-3)))
     assert predicted("curvature_y", step, 0.1) == pytest.approx(KAPPA, rel=1e-12)
     assert predicted("position_x", step, 0.1) != pytest.approx(predicted("position_x", arc(), 0.1), abs=1e-4)
-
-
-def test_curvature_of_a_finite_element_model_is_that_of_the_reference():
-    robot, model = single(0.2), Model(elements_per_bay=8)
-    steps = (LoadStep(tensions={"t1": 1.0}), LoadStep(tensions={"t1": 0.6}))
-    s = [float(np.mean(robot.disks.positions[k : k + 2])) + 1.3e-3 for k in (1, 3, 5)]
-    sampled = tuple(x + d for x in s for d in (-1e-4, 1e-4))
-    fe = simulate(robot, model, steps)
-    reference = solve_reference(robot, model, steps, settings=ReferenceSettings(sample_at=sampled))
-    names = tuple(robot.tendon_names)
-    for a, b in zip(fe.steps, reference.steps, strict=True):
-        found, exact = (
-            np.array(
-                [
-                    channel(f"curvature_{axis}").predict(ObservedStep.of(x, names, Observation()), s)
-                    for axis in "xy"
-                ]
-            )
-            for x in (a, b)
-        )
-        size = np.max(np.abs(exact))
-        assert size > 1.0
-        np.testing.assert_allclose(found, exact, atol=2e-3 * size)
 
 
 def test_the_straight_robot_shows_the_rest_values():

@@ -11,7 +11,6 @@ from tdcr_fe.model.results import Interrupted, SequenceResult
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve.simulate import PathRecord, Simulation, SolverSettings, StepFailed, simulate
-from tdcr_fe.validation.random_robots import draw
 
 
 def true_errors(coarse: SequenceResult, fine: SequenceResult) -> np.ndarray:
@@ -140,17 +139,3 @@ def test_elements_per_bay_can_be_given_for_every_bay() -> None:
     robot = replace(single(), disks=Disks((0.05, 0.1, 0.2)), tendons=())
     result = simulate(robot, Model(friction="none", elements_per_bay=counts), [LoadStep()])
     assert len(result.steps[0].s) == 1 + sum(counts)
-
-
-@pytest.mark.parametrize(
-    "seed", [*range(4), *(pytest.param(seed, marks=pytest.mark.integration) for seed in range(4, 12))]
-)
-def test_the_estimate_is_the_true_error_of_random_robots(seed: int) -> None:
-    """Against a mesh eight times as fine, with one element a bay: up to 1 % of the length, within a quarter of it."""
-    case, settings = draw(seed), SolverSettings(presliding=1e-5)
-    coarse, fine = (
-        simulate(case.robot, replace(case.model, elements_per_bay=count), case.steps[:2], settings)
-        for count in (1, 8)
-    )
-    for step, true in zip(coarse.steps, true_errors(coarse, fine), strict=True):
-        assert step.discretisation_error == pytest.approx(true, rel=0.25, abs=1e-9)

@@ -48,14 +48,6 @@ def test_displacement_driven_is_the_inverse_of_tension_driven(friction):
         assert distance(a.positions, b.positions) < 1e-4
 
 
-def test_displacement_of_an_inextensible_tendon_is_its_shortening():
-    robot = seven(0.3)
-    step = solve(robot, [LoadStep("", {"t1": 1.0, "t2": 0.5}, {"t3": -2e-3})]).steps[0]
-    rest = [length.sum() for length, _ in cables(robot, step)]
-    assert LENGTH - np.array(rest)[:2] == pytest.approx(step.displacements[:2], abs=1e-12)
-    assert step.displacements[2] == pytest.approx(LENGTH - rest[2], abs=1e-9) or step.base_tensions[2] == 0.0
-
-
 def test_elastic_tendon_needs_more_displacement_by_its_stretch():
     """No friction: displacement = shortening + T L_now / (EA + T)."""
     robot = paper(0.0, axial_stiffness=400.0)
@@ -171,8 +163,7 @@ def test_pretension_agrees_with_the_reference(friction):
     robot = tightened(0.0 if friction == "none" else 0.2)
     steps = [moved(2e-3, -1e-3, -1e-3), moved(-1e-3, 1e-3, -5e-3), moved(0.0, 0.0, 0.0)]
     ours = solve(robot, steps, friction=friction, elements_per_bay=4)
-    theirs = solve_reference(robot, Model(friction=friction), steps)
-    assert theirs.converged, theirs.message
+    theirs = solve_reference(robot, Model(friction=friction), steps).raise_if_failed()
     assert distance(ours.tips, theirs.tips) < 1e-5
     for a, b in zip(ours.steps, theirs.steps, strict=True):
         np.testing.assert_allclose(a.base_tensions, b.base_tensions, atol=2e-4 * T0)
