@@ -4,27 +4,20 @@ from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any
 
-ROBOT = """
-name = "small"
-[backbone]
-length = 0.2
-radius = 0.4e-3
-youngs_modulus = 85e9
-poisson_ratio = 0.3
-[disks]
-count = 2
-[[tendons]]
-name = "t1"
-routing = "parallel"
-offset = 4.5e-3
-friction_coefficient = 0.1
-[[tendons]]
-name = "t2"
-routing = "parallel"
-offset = 4.5e-3
-angle_deg = 120.0
-friction_coefficient = 0.2
-"""
+from robots import tendon
+
+from tdcr_fe.io.write_toml import robot_to_toml
+from tdcr_fe.model.backbone import Backbone
+from tdcr_fe.model.robot import Disks, Robot
+
+ROBOT = robot_to_toml(
+    Robot(
+        Backbone(0.2, 0.4e-3, 85e9, 0.3),
+        Disks.equally_spaced(2, 0.2),
+        (tendon("t1", 0.0, 0.1), tendon("t2", 120.0, 0.2)),
+        "small",
+    )
+)
 SCENARIO = """
 robot = "robot.toml"
 [model]

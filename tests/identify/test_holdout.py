@@ -59,20 +59,9 @@ def test_without_branches_a_pattern_is_refused():
         identify(measured(), IdentifySettings(hold_out_branches=("pair*",)))
 
 
-def command(data, folder):
-    write_measured(data, folder / "set")
-    return [
-        "identify",
-        str(folder / "set"),
-        "-o",
-        str(folder / "out"),
-        "--processes",
-        "1",
-        "-q",
-        "--hold-out",
-    ]
-
-
 def test_the_command_refuses_a_pattern_that_matches_nothing(data, tmp_path, capsys):
-    assert main([*command(data, tmp_path), "triple*"]) == 2
+    write_measured(data, tmp_path / "set")
+    assert (
+        main(["identify", str(tmp_path / "set"), "-o", str(tmp_path / "out"), "--hold-out", "triple*"]) == 2
+    )
     assert "one_up, one_down" in capsys.readouterr().err and not (tmp_path / "out").exists()

@@ -7,7 +7,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-from browser import check_on_a_phone, needs_chromium
 
 from tdcr_fe.cli import main
 from tdcr_fe.io.atomic import plain
@@ -129,11 +128,3 @@ def test_the_command_writes_one_html_file_and_json_and_returns_its_status(tmp_pa
     assert "All 2 cases pass" in page
     sources = re.findall(r'(?:src|href)="([^"]*)"', page)
     assert sources and all(s.startswith(("data:", "#")) for s in sources)
-
-
-@pytest.mark.integration
-@needs_chromium
-def test_the_page_fits_a_phone(record, tmp_path):
-    page = tmp_path / "report.html"
-    page.write_text(report.to_html(judged(record)), encoding="utf-8")
-    check_on_a_phone(page)

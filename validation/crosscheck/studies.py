@@ -68,12 +68,9 @@ def tips(robot: Robot, model: Model, steps: Sequence[LoadStep], meshes: Sequence
         A solver did not converge.
     """
     settings = SolverSettings(presliding=PRESLIDING)
-    results = [solve_reference(robot, model, steps, settings=ReferenceSettings(presliding=PRESLIDING))]
-    results += [simulate(robot, replace(model, elements_per_bay=n), steps, settings) for n in meshes]
-    for result in results:
-        if not result.converged:
-            raise RuntimeError(result.message)
-    return results[0].tips, np.array([r.tips for r in results[1:]])
+    exact = solve_reference(robot, model, steps, settings=ReferenceSettings(presliding=PRESLIDING))
+    found = [simulate(robot, replace(model, elements_per_bay=n), steps, settings) for n in meshes]
+    return exact.raise_if_failed().tips, np.array([r.raise_if_failed().tips for r in found])
 
 
 # ------------------------------------------------------------------------------------------- convergence
