@@ -10,7 +10,9 @@ import pytest
 from rod import Truth
 
 from tdcr_fe.cli import main
+from tdcr_fe.estimate.run import read_estimation, run_estimation
 from tdcr_fe.io.measured import MeasuredData, write_measured
+from tdcr_fe.model.messages import PlausibilityWarning
 from tdcr_fe.validation.campaigns.estimate import model
 
 COUNT = 4
@@ -101,16 +103,16 @@ def test_mistakes_are_named(wrong, tmp_path, capsys, file, old, new, said):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_load_and_inputs_in_mn_are_warned_of(wrong, tmp_path, capsys):
-    (wrong / "estimate.toml").write_text((wrong / "estimate.toml").read_text().replace("0.05", "500.0"))
-    (wrong / "observations.csv").write_text(
-        "step,quantity,location,value,sigma\n1,position_x,0.25,0.0,1e-4\n"
-    )
-    text = (wrong / "estimate.toml").read_text().replace("0.01", "500.0")
-    text = text.replace("[load]", "[load]\nsigma_moment = 500.0")
-    (wrong / "estimate.toml").write_text(text)
-    main(["estimate", str(wrong), "-o", str(tmp_path / "out")])
-    said = capsys.readouterr().err
+def test_a_load_and_inputs_in_mn_are_warned_of_before_the_first_frame(wrong, monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tdcr_fe.estimate.run.Estimator.step", stop)
+    text = (wrong / "estimate.toml").read_text().replace("0.05", "500.0\nsigma_moment = 500.0")
+    (wrong / "estimate.toml").write_text(text.replace("0.01", "500.0"))
+    with pytest.warns(PlausibilityWarning) as found:
+        assert run_estimation(read_estimation(wrong)).interrupted
+    said = "\n".join(str(w.message) for w in found)
     assert "estimate.toml: load.sigma = 500 N:" in said and "was it meant in mN" in said
     assert "estimate.toml: inputs.sigma" in said and "estimate.toml: load.sigma_moment = 500 N m:" in said
 
