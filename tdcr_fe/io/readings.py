@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from tdcr_fe.io.problems import InputError, Problem
-from tdcr_fe.io.spreadsheet import millimetres_hint, number, whole_number
+from tdcr_fe.io.spreadsheet import number
 from tdcr_fe.model.channels import QUANTITIES, Channel, channel
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.messages import meant
@@ -158,8 +158,8 @@ class _Fault(Exception):
 
 def _reading(row: Mapping[Any, str], robot: Robot, steps: set[int], line: int) -> Reading:
     """The reading in a row; raises a `_Fault`."""
-    step, quantity = whole_number(row["step"]), row["quantity"]
-    if step is None or step not in steps:
+    step, quantity = number(row["step"]), row["quantity"]
+    if step not in steps:
         raise _Fault("step", "must be a step of loading.csv")
     if quantity not in QUANTITIES:
         raise _Fault("quantity", f"must be one of {', '.join(QUANTITIES)}{meant(quantity, QUANTITIES)}")
@@ -167,7 +167,7 @@ def _reading(row: Mapping[Any, str], robot: Robot, steps: set[int], line: int) -
     location = _location(known, row["location"], robot)
     value = _value(known, row["value"], length)
     sigma = None if row["sigma"] == "" else _sigma(known, row["sigma"], length)
-    return Reading(step, quantity, location, value, sigma, line)
+    return Reading(int(step), quantity, location, value, sigma, line)
 
 
 def _location(known: Channel, text: str, robot: Robot) -> float | str | None:
@@ -175,10 +175,9 @@ def _location(known: Channel, text: str, robot: Robot) -> float | str | None:
     if known.location == "arc length":
         s = number(text)
         if not 0.0 <= s <= length + 10 * ARC_TOLERANCE:
-            hint = millimetres_hint(s, length) if math.isfinite(s) else ""
-            raise _Fault(
-                "location", f"must be an arc length from 0 to {length:g} m{hint}", "mm" if hint else ""
-            )
+            unit = "mm" if 0.0 <= s / 1000.0 <= length else ""
+            hint = f"; {s / 1000.0:g} would fit, are these mm?" if unit else ""
+            raise _Fault("location", f"must be an arc length from 0 to {length:g} m{hint}", unit)
         return min(s, length)
     if known.location == "tendon" and text not in robot.tendon_names:
         raise _Fault("location", f"must be a tendon: {', '.join(robot.tendon_names)}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 from numpy.typing import ArrayLike
 
+from tdcr_fe.report.page import Picture
 from tdcr_fe.report.style import COLOURS, HEAT, INK, PALE, styled
 from tdcr_fe.sweeps.result import SweepResult, display
 from tdcr_fe.sweeps.statistics import varies
@@ -176,33 +177,25 @@ def _with_prefixes(axis: Axis, values: ArrayLike) -> None:
         axis.set_major_formatter(EngFormatter())
 
 
-class Picture(NamedTuple):
-    """A picture that a sweep may have."""
-
-    draw: Callable[[SweepResult], Figure | None]  # None where the sweep has no data for it
-    title: str
-    caption: str
-
-
-#: Every picture, by its file.
-PICTURES = {
-    "workspace.png": Picture(
+#: By file, what draws a picture (None where the sweep has no data for it), its title and its caption.
+PICTURES: dict[str, tuple[Callable[[SweepResult], Figure | None], str, str]] = {
+    "workspace.png": (
         workspace,
         "Tip positions",
         "Tip of every case that converged. Side views share z, the direction of the undeformed backbone.",
     ),
-    "sobol_indices.png": Picture(
+    "sobol_indices.png": (
         sobol,
         "Sobol indices",
         "Share of the variance of a result that an input explains by itself (first order), and with all its "
         "interactions (total order). Lines are 95 % intervals from a bootstrap over the base samples.",
     ),
-    "distributions.png": Picture(
+    "distributions.png": (
         distributions,
         "Distributions of the results",
         "Cases by value. Solid line: mean; dashed line: median; shaded: the middle 95 % of the cases.",
     ),
-    "main_effects.png": Picture(
+    "main_effects.png": (
         main_effects,
         "Main effects",
         "Mean of a result over one input, averaged over all others; inputs with many values are divided into bins "
@@ -211,12 +204,16 @@ PICTURES = {
 }
 
 
-def drawn(result: SweepResult) -> dict[str, Figure]:
+def drawn(result: SweepResult) -> dict[str, Picture]:
     """The pictures for which a sweep has data, by their files; the one that suits best comes first."""
-    # The cloud of tips is one result among others, unless it was asked for.
-    order = sorted(PICTURES, key=lambda n: (n == "workspace.png") != result.sweep.workspace)
     if not result.counts.get("converged", 0):
         return {}
+    # The cloud of tips is one result among others, unless it was asked for.
+    order = sorted(PICTURES, key=lambda n: (n == "workspace.png") != result.sweep.workspace)
+    found = {}
     with styled():
-        figures = {name: PICTURES[name].draw(result) for name in order}
-    return {name: figure for name, figure in figures.items() if figure is not None}
+        for name in order:
+            draw, title, caption = PICTURES[name]
+            if (figure := draw(result)) is not None:
+                found[name] = Picture(figure, title, caption)
+    return found

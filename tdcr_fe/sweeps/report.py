@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from tdcr_fe.io.atomic import write_text
 from tdcr_fe.io.result_files import versions
@@ -16,7 +15,7 @@ from tdcr_fe.report.environment import fixed, quantity
 from tdcr_fe.report.page import Card, Page, Picture, Section, render
 from tdcr_fe.report.style import styled
 from tdcr_fe.sweeps.description import Variation
-from tdcr_fe.sweeps.figures import MOST_INPUTS, PICTURES, drawn, tips
+from tdcr_fe.sweeps.figures import MOST_INPUTS, drawn, tips
 from tdcr_fe.sweeps.result import SweepResult, display
 
 #: Warnings that are listed.
@@ -34,17 +33,15 @@ _METHODS = {
 
 def write_report(result: SweepResult, out: Path) -> None:
     """Write `report.html` and the pictures into a directory that exists."""
-    figures = drawn(result)
-    for name, figure in figures.items():
+    pictures = drawn(result)
+    for name, picture in pictures.items():
         with styled():
-            figure.savefig(out / name, dpi=150.0, facecolor="white")
-    write_text(render(_page(result, figures), "tdcr_fe.sweeps"), out / "report.html")
+            picture.figure.savefig(out / name, dpi=150.0, facecolor="white")
+    write_text(render(_page(result, pictures), "tdcr_fe.sweeps"), out / "report.html")
 
 
-def _page(result: SweepResult, figures: dict[str, Figure]) -> Page:
-    pictures = {n: Picture(f, PICTURES[n].title, PICTURES[n].caption) for n, f in figures.items()}
-    names = list(pictures)
-    sections = []
+def _page(result: SweepResult, pictures: dict[str, Picture]) -> Page:
+    names, sections = list(pictures), []
     if result.failures:
         failed = [
             (m.count, s, m.case, m.example) for s, messages in result.failures.items() for m in messages
@@ -55,7 +52,7 @@ def _page(result: SweepResult, figures: dict[str, Figure]) -> Page:
     for name in names[1:]:
         context = {"picture": pictures[name], "note": _left_out(name, result)}
         anchor, folded = name.partition(".")[0], len(sections) > 1
-        sections.append(Section(anchor, PICTURES[name].title, "picture.html.j2", context, folded=folded))
+        sections.append(Section(anchor, pictures[name].text, "picture.html.j2", context, folded=folded))
     note = "A factor multiplies the declared value, an offset is added to it."
     inputs = [_input(v) for v in result.sweep.variations]
     columns: tuple[str, ...] = ("column", "mode", "values", "key")
@@ -68,7 +65,7 @@ def _page(result: SweepResult, figures: dict[str, Figure]) -> Page:
     return Page(
         title="Sweep of a tendon-driven continuum robot",
         verdict=finding,
-        level="open" if result.interrupted else "good" if result.converged else "part" if figures else "bad",
+        level="open" if result.interrupted else "good" if result.converged else "part" if pictures else "bad",
         sentences=tuple(sentences),
         cards=_cards(result),
         pictures=tuple(pictures[name] for name in names[:1]),
@@ -187,10 +184,7 @@ def _input(v: Variation) -> tuple[object, ...]:
 
 def _left_out(name: str, result: SweepResult) -> str:
     """A remark where a picture shows only some of the columns."""
-    inputs, remarks = len(result.inputs), []
-    if result.drawn != result.listed and name != "workspace.png":
-        some = f"Drawn: {', '.join(display(n).label for n in result.drawn)} of {len(result.listed)} results;"
-        remarks.append(f"{some} [output] quantities in sweep.toml chooses others. cases.csv has all of them.")
-    if inputs > MOST_INPUTS and name == "main_effects.png":
-        remarks.append(f"{MOST_INPUTS} of {inputs} inputs are drawn.")
-    return " ".join(remarks)
+    if result.drawn == result.listed or name == "workspace.png":
+        return ""
+    some = f"Drawn: {', '.join(display(n).label for n in result.drawn)} of {len(result.listed)} results;"
+    return f"{some} [output] quantities in sweep.toml chooses others. cases.csv has all of them."
