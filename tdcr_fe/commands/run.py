@@ -20,7 +20,7 @@ from tdcr_fe.commands.common import Exit, complain, print_understood, progress_b
 from tdcr_fe.commands.printed import print_result
 from tdcr_fe.io.atomic import check_output_folder, write_folder
 from tdcr_fe.io.problems import InputError, Problem, read_all, refusal
-from tdcr_fe.io.result_files import summary, write_results
+from tdcr_fe.io.result_files import write_results
 from tdcr_fe.io.toml import Scenario, read_scenario
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.model.messages import count
@@ -156,12 +156,12 @@ class _Clock:
 
 def figures(result: SequenceResult, asked: int) -> dict[str, Any]:
     """Main results for ``--json``; tensions and displacements are those after the last step that was solved."""
-    full = summary(result, steps_asked=asked)
-    names = ("steps_asked", "steps_solved", "failed_step", "converged", "wall_time")
-    main = {
+    main: dict[str, Any] = {
         "robot": result.robot.name,
         "elements": sum(result.elements_per_bay),
-        **{n: full[n] for n in names},
+        "steps_asked": asked,
+        "steps_solved": sum(s.converged for s in result.steps),
+        **{n: getattr(result, n) for n in ("failed_step", "converged", "wall_time")},
     }
     if not result.steps:
         return main

@@ -135,13 +135,6 @@ def _common_cause(b: Backbone, beyond: Sequence[Value]) -> Value | None:
     if beyond and b.density > 0.0 and factor > row.high and not b.bending_stiffness:
         detail = f"{b.density:g} kg/m^3 ({name})"
         return modulus._replace(limit="material" + REMARK, ratio=factor, detail=detail)
-    parts = {"weight": "weight", "force": "load", "moment": "load"}
-    kinds = {parts.get(v.limit, parts.get(v.key.rpartition(".")[2], "tension")) for v in beyond}
-    if len(kinds) > 1 and not any(v.limit in ("bends", "hole", "adhesion") for v in beyond):
-        key = "bending_stiffness" if b.bending_stiffness else "radius"
-        worst = max(v.ratio / v.row.high for v in beyond)
-        unit = "N m^2" if b.bending_stiffness else "m"
-        return Value("thin", f"backbone.{key}", getattr(b, key), unit, worst, f"EI is {b.EI:.3g} N m^2")
     return None
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -219,38 +219,14 @@ def _tendon(d: Description, tendon: Tendon, key: str) -> Iterator[Value]:
 
 def _tendons(d: Description) -> Iterator[Value]:
     """Tendons against each other."""
-    tendons = d.robot.tendons
-    offsets = {n: c.offset for n, c in d.courses.items()}
-    keys = {t.name: f"tendons[{i}]" for i, t in enumerate(tendons)}
-    fields = {
-        ("friction_coefficient", ""): {t.name: t.friction_coefficient for t in tendons},
-        ("offset", "m"): offsets,
-        ("axial_stiffness", "N"): {t.name: t.axial_stiffness or 0.0 for t in tendons},
-        ("pretension", "N"): {t.name: t.pretension for t in tendons},
-    }
-    for (field, unit), values in fields.items():
-        if odd := _odd_one(values):
-            name, usual = odd
-            ratio = max(values[name] / usual, usual / values[name])
-            detail = f"{usual:g} {unit}".rstrip()
-            yield Value("one_tendon", f"{keys[name]}.{field}", values[name], unit, ratio, detail)
-    for one, other in itertools.combinations(tendons, 2):
-        a, b = (d.courses[t.name].holes for t in (one, other))
-        if a.shape == b.shape:
-            apart = float(np.max(np.linalg.norm(a - b, axis=1)))
-            yield Value("same_holes", keys[other.name], math.nan, "m", apart, keys[one.name])
-    angles = {t.name: getattr(t.routing, "angle_deg", math.inf) for t in tendons}
-    if len(set(angles.values())) > 1:
-        largest = max(map(abs, angles.values()))
+    for (i, one), (j, other) in itertools.combinations(enumerate(d.courses.values()), 2):
+        if one.holes.shape == other.holes.shape:
+            apart = float(np.max(np.linalg.norm(one.holes - other.holes, axis=1)))
+            yield Value("same_holes", f"tendons[{j}]", math.nan, "m", apart, f"tendons[{i}]")
+    angles = {getattr(t.routing, "angle_deg", math.inf) for t in d.robot.tendons}
+    if len(angles) > 1:
+        largest = max(map(abs, angles))
         yield Value("angles", "tendons.angle_deg", largest, "deg", largest)
-
-
-def _odd_one(values: Mapping[str, float]) -> tuple[str, float] | None:
-    """The one of three or more values above zero that differs where all others are alike; and the others'."""
-    given = {n: x for n, x in values.items() if x > 0.0}
-    usual = float(np.median([*given.values()])) if len(given) > 2 else 0.0
-    odd = [n for n, x in given.items() if usual and abs(x / usual - 1.0) > ALIKE]
-    return (odd[0], usual) if len(odd) == 1 else None
 
 
 # ------------------------------------------------------------------------------------------------- weights
