@@ -19,9 +19,24 @@ class HoleSlopes(NamedTuple):
     by_tension: Array  # (m, n-1): By the tension ``T_k`` before the hole [1]
     by_mobilisation: Array  # (m, n-1): By ``s_k`` [N]
     by_angle: Array  # (m, n-1): By ``theta_k`` [N/rad]
-    by_coefficient: Callable[[], Array]  # Gives the derivative by ``mu_k`` [N], shape (m, n-1)
-    chain: Callable[[], Array]  # Gives ``dT_k / dT_j`` of all pairs of segments, shape (m, n, n)
-    by_base: Array  # (m, n): By the tension at the base: its first column [1]
+    by_coefficient: Array  # (m, n-1): By ``mu_k`` [N]
+
+    @property
+    def by_base(self) -> Array:
+        """Of all tensions by that at the base [1], shape (m, n)."""
+        m, h = self.by_tension.shape
+        found: Array = np.ones((m, h + 1))
+        self.by_tension.cumprod(axis=1, out=found[:, 1:])
+        return found
+
+    def chain(self) -> Array:
+        """``dT_k / dT_j`` of all pairs of segments, shape (m, n, n)."""
+        m, h = self.by_tension.shape
+        # Factors of the holes from segment j on, one before it; their products reach from j to k.
+        factors = np.where(_from(h), self.by_tension[:, None, :], 1.0)
+        found = np.ones((m, h + 1, h + 1))
+        factors.cumprod(axis=2, out=found[:, :, 1:])
+        return found.swapaxes(1, 2) * _lower(h + 1)
 
 
 #: Gives the derivatives, which are formed on demand.
@@ -41,9 +56,16 @@ def _from(h: int) -> NDArray[np.bool_]:
 
 
 def capstan(
-    base_tension: Array, angles: Array, mobilisation: Array, coefficient: Array
+    base_tension: Array,
+    angles: Array,
+    mobilisation: Array,
+    coefficient: Array,
+    adhesion: Array | None = None,
 ) -> tuple[Array, Slopes]:
     """Tensions of all segments by ``T_k+1 = T_k exp(-s_k mu_k theta_k)`` (paper, Eqs. 28-31).
+
+    Where holes also take an adhesion ``a_k``, ``T_k+1 = max(0, T_k exp(-s_k mu_k theta_k) - s_k a_k)`` where the tendon
+    is pulled, ``s_k >= 0``, and ``T_k+1 = (T_k + |s_k| a_k) exp(|s_k| mu_k theta_k)`` where it is released.
 
     Parameters
     ----------
@@ -55,6 +77,8 @@ def capstan(
         ``s_k`` of the holes, shape (m, n-1).
     coefficient
         ``mu_k`` of the holes [1], shape (m, n-1).
+    adhesion
+        ``a_k`` of the holes [N], shape (m, n-1); None where there is none.
 
     Returns
     -------
@@ -66,71 +90,38 @@ def capstan(
     m, h = angles.shape
     turned = -coefficient * angles
     exponent = mobilisation * turned
-    ratio = np.empty((m, h + 1))
-    ratio[:, 0] = 1.0
-    np.exp(exponent.cumsum(axis=1), out=ratio[:, 1:])
-    tension = base_tension[:, None] * ratio
-
-    def chain() -> Array:
-        return ratio[:, :, None] / ratio[:, None, :] * _lower(h + 1)
-
-    def slopes() -> HoleSlopes:
-        after = tension[:, 1:]
-        return HoleSlopes(
-            np.exp(exponent),
-            turned * after,
-            -coefficient * mobilisation * after,
-            lambda: -angles * mobilisation * after,
-            chain,
-            ratio,
-        )
-
-    return tension, slopes
-
-
-def capstan_with_adhesion(
-    base_tension: Array, angles: Array, mobilisation: Array, coefficient: Array, adhesion: Array
-) -> tuple[Array, Slopes]:
-    """Tensions of all segments where holes also take an adhesion ``a_k`` [N], shape (m, n-1).
-
-    ``T_k+1 = max(0, T_k exp(-s_k mu_k theta_k) - s_k a_k)`` where the tendon is pulled, ``s_k >= 0``, and
-    ``T_k+1 = (T_k + |s_k| a_k) exp(|s_k| mu_k theta_k)`` where it is released. Otherwise as `capstan`.
-    """
-    s, a, mu = mobilisation, adhesion, coefficient
-    m, h = angles.shape
-    pulling = s >= 0.0
-    factor = np.exp(s * (-mu * angles))
-    gained = np.where(pulling, -s * a, -s * a * factor)
-    # By hole first: the recursion along the tendons runs on contiguous rows.
-    along = np.empty((h + 1, m))
-    along[0] = base_tension
-    least = np.where(pulling, 0.0, -np.inf).T.copy()
-    for k, (f, b) in enumerate(zip(factor.T.copy(), gained.T.copy(), strict=True)):
-        np.maximum(along[k] * f + b, least[k], out=along[k + 1])
-    tension = along.T
+    tension: Array = np.empty((m, h + 1))
+    tension[:, 0] = base_tension
+    if adhesion is None:
+        np.exp(exponent.cumsum(axis=1), out=tension[:, 1:])
+        tension[:, 1:] *= base_tension[:, None]
+    else:
+        _with_adhesion(tension, mobilisation, np.exp(exponent), adhesion)
 
     def slopes() -> HoleSlopes:
-        before, behind = tension[:, :-1], tension[:, 1:]
-        taut = ~pulling | (behind > 0.0)
-        slope = np.where(taut, factor, 0.0)
+        factor, before, behind = np.exp(exponent), tension[:, :-1], tension[:, 1:]
         # What Capstan's factor multiplies: the tension before the hole, and the adhesion too where it is released.
-        multiplied = np.where(pulling, before * slope, behind)
-        by_mobilisation = np.where(taut, -mu * angles * multiplied - a * np.where(pulling, 1.0, factor), 0.0)
-
-        def chain() -> Array:
-            # Factors of the holes from segment j on, one before it; their products reach from j to k.
-            from_segment = np.where(_from(h), slope[:, None, :], 1.0)
-            every = np.ones((m, h + 1, h + 1))
-            from_segment.cumprod(axis=2, out=every[:, :, 1:])
-            return every.swapaxes(1, 2) * _lower(h + 1)
-
-        by_base = np.ones((m, h + 1))
-        slope.cumprod(axis=1, out=by_base[:, 1:])
-        return HoleSlopes(
-            slope, by_mobilisation, -mu * s * multiplied, lambda: -angles * s * multiplied, chain, by_base
-        )
+        slope, multiplied, by_mobilisation = factor, behind, turned * behind
+        if adhesion is not None:
+            pulling = mobilisation >= 0.0
+            taut = ~pulling | (behind > 0.0)
+            slope = np.where(taut, factor, 0.0)
+            multiplied = np.where(pulling, before * slope, behind)
+            held = adhesion * np.where(pulling, 1.0, factor)
+            by_mobilisation = np.where(taut, turned * multiplied - held, 0.0)
+        acting = -mobilisation * multiplied
+        return HoleSlopes(slope, by_mobilisation, coefficient * acting, angles * acting)
 
     return tension, slopes
+
+
+def _with_adhesion(tension: Array, mobilisation: Array, factor: Array, adhesion: Array) -> None:
+    """Fill the tensions behind the first segments, hole by hole; ``factor`` is Capstan's."""
+    pulling = mobilisation >= 0.0
+    gained = np.where(pulling, -mobilisation * adhesion, -mobilisation * adhesion * factor)
+    least = np.where(pulling, 0.0, -np.inf)
+    for k in range(factor.shape[1]):
+        tension[:, k + 1] = np.maximum(tension[:, k] * factor[:, k] + gained[:, k], least[:, k])
 
 
 class TensionDerivatives(NamedTuple):

@@ -16,7 +16,7 @@ LEAST_EIGENVALUE = 0.05
 #: problem in which block pivots cycle takes longer; with fewer, others are given to single pivots, which are slow.
 MOST_IDLE_BLOCKS = 3
 #: What is smaller than this is round-off, over the size of what it belongs to [1]: here violations, of the bounds of
-#: `solve_box` and of ``w`` over the diagonal of the matrix, and of ``w`` over the right side in `solve_nonnegative`.
+#: `solve_box` and of ``w`` over the diagonal of the matrix.
 ROUND_OFF = 1e-12
 
 
@@ -73,8 +73,10 @@ def exchanged(
     return lowest, fewest, 0
 
 
-def solve_box(matrix: Array, right: Array, start: Array, max_blocks: int = 30) -> tuple[Array, bool]:
-    """Find ``-1 <= s <= 1`` with ``w = right - matrix s`` zero inside, ``>= 0`` at +1, ``<= 0`` at -1.
+def solve_box(
+    matrix: Array, right: Array, start: Array, lower: float = -1.0, upper: float = 1.0
+) -> tuple[Array, bool]:
+    """Find ``lower <= z <= upper`` with ``w = right - matrix z`` zero inside, ``>= 0`` at upper, ``<= 0`` at lower.
 
     Block principal pivoting: all indices that violate a condition are exchanged at once. When their number no
     longer falls, one index is exchanged at a time, the lowest first, which terminates for every P-matrix.
@@ -87,9 +89,8 @@ def solve_box(matrix: Array, right: Array, start: Array, max_blocks: int = 30) -
         Shape (k,).
     start
         Initial guess; it sets the first partition of the indices, shape (k,).
-    max_blocks
-        Pivots before giving up, besides one for each index: 67 random robots needed at most 20 where there was a
-        solution, and where there is none, all of them are in vain.
+    lower, upper
+        Bounds; they may be infinite.
 
     Returns
     -------
@@ -104,76 +105,36 @@ def solve_box(matrix: Array, right: Array, start: Array, max_blocks: int = 30) -
     Bard-type scheme for solving the complementarity problem, Opsearch 11 (1974) 123-130.
     """
     k = len(right)
-    side = np.trunc(np.minimum(np.maximum(start, -1.0), 1.0))
+    side = (start >= upper).astype(float) - (start <= lower)
     scale = np.maximum(np.abs(np.diagonal(matrix)), 1e-300)
     fewest, idle_left = k + 1, MOST_IDLE_BLOCKS
-    s = start
-    for _ in range(max_blocks + k):
-        free = side == 0
-        s = side.copy()
+    # Besides one pivot for each index: 67 random robots needed at most 20 where there was a solution, and
+    # where there is none, all of them are in vain.
+    for _ in range(30 + k):
+        free = side == 0.0
+        z = np.where(side > 0.0, upper, np.where(free, 0.0, lower))
         inside = np.flatnonzero(free)
         if inside.size:
-            rest = (right - matrix @ side)[inside]
-            _, _, s[inside], singular = dgesv(matrix[inside[:, None], inside], rest, overwrite_a=True)
+            rest = (right - matrix @ z)[inside]
+            _, _, z[inside], singular = dgesv(matrix[inside[:, None], inside], rest, overwrite_a=True)
             if singular:
-                return np.clip(start, -1.0, 1.0), False
-        w = (right - matrix @ s) / scale
-        up, down = free & (s > 1.0 + ROUND_OFF), free & (s < -1.0 - ROUND_OFF)
-        back = ((side == 1) & (w < -ROUND_OFF)) | ((side == -1) & (w > ROUND_OFF))
+                return np.clip(start, lower, upper), False
+        w = (right - matrix @ z) / scale
+        up, down = free & (z > upper + ROUND_OFF), free & (z < lower - ROUND_OFF)
+        back = side * w < -ROUND_OFF
         violated = up | down | back
         count = int(np.count_nonzero(violated))
         if count == 0:
-            return np.clip(s, -1.0, 1.0), True
+            return np.clip(z, lower, upper), True
         violated, fewest, idle_left = exchanged(violated, count, fewest, idle_left)
         side[violated & back] = 0.0
         side[violated & up] = 1.0
         side[violated & down] = -1.0
-    return np.clip(s, -1.0, 1.0), False
-
-
-def solve_nonnegative(matrix: Array, right: Array, start: Array) -> tuple[Array, bool]:
-    """Find ``z >= 0`` with ``w = right + matrix z >= 0`` and ``z w = 0``.
-
-    Block principal pivoting as in `solve_box`.
-
-    Parameters
-    ----------
-    matrix
-        Shape (k, k).
-    right
-        Shape (k,).
-    start
-        Initial guess; it sets the first partition of the indices, shape (k,).
-
-    Returns
-    -------
-    solution : ndarray, shape (k,)
-    solved : bool
-        False where the pivots ran out or met a singular block (the matrix is then not a P-matrix).
-    """
-    k = len(right)
-    positive = start > 0.0
-    tolerance = ROUND_OFF * float(np.abs(right).max(initial=0.0))
-    fewest, idle_left = k + 1, MOST_IDLE_BLOCKS
-    for _ in range(30 + 10 * k):
-        z, inside = np.zeros(k), np.flatnonzero(positive)
-        if inside.size:
-            block = matrix[inside[:, None], inside]
-            _, _, z[inside], singular = dgesv(block, -right[inside], overwrite_a=True)
-            if singular:
-                return start, False
-        w = right + matrix @ z
-        violated = np.where(positive, z <= 0.0, w < -tolerance)
-        count = int(np.count_nonzero(violated))
-        if count == 0:
-            return z, True
-        violated, fewest, idle_left = exchanged(violated, count, fewest, idle_left)
-        positive = positive ^ violated
-    return start, False
+    return np.clip(z, lower, upper), False
 
 
 def positive_definite_near(matrix: Array) -> Array:
-    """A symmetric positive definite matrix near a given one, with which `solve_nonnegative` always has one solution.
+    """A symmetric positive definite matrix near a given one, with which `solve_box` always has one solution.
 
     The symmetric part, scaled to diagonal entries of 1 or -1; where any of its eigenvalues is below `LEAST_EIGENVALUE`
     times the largest magnitude, what it lacks is added to all of them.

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.capstan import Slopes, TensionDerivatives, TensionField, capstan, capstan_with_adhesion
+from tdcr_fe.elements.capstan import TensionDerivatives, TensionField, capstan
 from tdcr_fe.elements.coefficients import (
     CoefficientLaw,
     Linearisation,
@@ -142,15 +142,15 @@ class TendonLaw:
         self.shape = (m, n)
         zero = np.zeros_like(parameters.friction)
         self.coefficients = parameters.friction if law.active else zero
-        self._adhesion = parameters.adhesion if law.active else zero
-        self._has_adhesion = bool(np.any(self._adhesion > 0.0))
+        adhesion = parameters.adhesion if law.active else zero
+        self._adhesion = adhesion if np.any(adhesion > 0.0) else None
         self.slip_operator = law.slip_operator(n)
         self.hole_incidence = law.hole_incidence(n)
         self.groups = self.slip_operator.shape[0]
         #: Laws of the coefficients, by tendon; empty where all are constant.
         self._laws = parameters.laws if law.active and any(x is not None for x in parameters.laws) else ()
         self._holes = parameters.mask[:, 1:]
-        acts = (self.coefficients > 0.0) | (self._adhesion > 0.0)
+        acts = (self.coefficients > 0.0) | (adhesion > 0.0)
         for i, coefficient in enumerate(self._laws):
             if coefficient is not None:
                 acts[i] = self._holes[i]
@@ -160,7 +160,7 @@ class TendonLaw:
         self.elastic = bool(np.any(parameters.compliance > 0.0) or np.any(parameters.spring > 0.0))
         self._masked = parameters.mask.astype(float)
         self.each_hole = self.groups == n - 1 and bool(np.all(self.hole_incidence == np.eye(n - 1)))
-        special = self.elastic or self._has_adhesion or self._laws
+        special = self.elastic or self._adhesion is not None or self._laws
         self.simple = self.hysteresis.linear and not special
         # Arrays that never change.
         self._negative, self._nothing, self._constant = -self._masked, np.zeros((m, n)), np.zeros((m, n, n))
@@ -220,7 +220,7 @@ class TendonLaw:
             return self._field_with_laws(
                 base_tension, lengths, angles, mobilisation, state or self.initial_state(), time
             )
-        tension, slopes = self._transfer(base_tension, angles, at_holes, self.coefficients)
+        tension, slopes = capstan(base_tension, angles, at_holes, self.coefficients, self._adhesion)
 
         def derive() -> TensionDerivatives:
             at_hole = slopes()
@@ -237,13 +237,6 @@ class TendonLaw:
         return TensionField(
             tension, released, slip, mobilisation, d_length, d_tension, None, time, False, derive, slopes
         )
-
-    def _transfer(
-        self, base_tension: Array, angles: Array, mobilisation: Array, coefficient: Array
-    ) -> tuple[Array, Slopes]:
-        if self._has_adhesion:
-            return capstan_with_adhesion(base_tension, angles, mobilisation, coefficient, self._adhesion)
-        return capstan(base_tension, angles, mobilisation, coefficient)
 
     def _released(self, tension: Array, lengths: Array) -> tuple[Array, Array, Array]:
         """Released lengths of the segments [m], with derivatives by their own lengths and tensions.
@@ -285,7 +278,7 @@ class TendonLaw:
         )
 
         def linearise(coefficient: Array) -> Linearisation:
-            tension, slopes = self._transfer(base_tension, angles, at_holes, coefficient)
+            tension, slopes = capstan(base_tension, angles, at_holes, coefficient, self._adhesion)
             released, _, released_d_tension = self._released(tension, lengths)
             rate = self.at_holes(self._slip_rate(self.slips(released), state, elapsed))
             law = evaluate_laws(
@@ -297,7 +290,7 @@ class TendonLaw:
             by_tension[:, hole, hole] += by_pull
             by_tension[:, hole, hole + 1] += by_pull
             at_hole = slopes()
-            by_coefficient = at_hole.chain()[:, :, 1:] * at_hole.by_coefficient()[:, None, :]
+            by_coefficient = at_hole.chain()[:, :, 1:] * at_hole.by_coefficient[:, None, :]
             return Linearisation(tension, slopes, law, by_tension, by_coefficient)
 
         start = evaluate_laws(

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tdcr_fe.elements.complementarity import solve_box, solve_nonnegative
+from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
@@ -65,7 +65,7 @@ def test_the_complementarity_problem_of_tensions_is_that_of_the_best_partition(s
     k = int(rng.integers(1, 7))
     root = rng.normal(size=(k, k))
     matrix, right = root @ root.T + 0.1 * np.eye(k), rng.normal(size=k)
-    found, solved = solve_nonnegative(matrix, right, np.maximum(rng.normal(size=k), 0.0))
+    found, solved = solve_box(matrix, -right, np.maximum(rng.normal(size=k), 0.0), 0.0, np.inf)
     assert solved
     solutions = []
     for taut in product((False, True), repeat=k):

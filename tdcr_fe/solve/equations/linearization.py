@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from tdcr_fe.elements.backbone import ElementChain
-from tdcr_fe.elements.complementarity import positive_definite_near, solve_nonnegative
+from tdcr_fe.elements.complementarity import positive_definite_near, solve_box
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.layout import Numbering, zero_bases
@@ -278,9 +278,9 @@ class Linearization(NamedTuple):
         gap, tension = self._gaps(forces, inputs)
         start = factors.inner.solve(-unbalanced)
         at_zero = gap + factors.rows @ start - factors.schur @ tension
-        new, solved = solve_nonnegative(factors.schur, at_zero, tension)
+        new, solved = solve_box(factors.schur, -at_zero, tension, 0.0, np.inf)
         if not solved:
-            new, solved = solve_nonnegative(positive_definite_near(factors.schur), at_zero, tension)
+            new, solved = solve_box(positive_definite_near(factors.schur), -at_zero, tension, 0.0, np.inf)
         if not solved:
             missed = np.where(factors.slack, tension, gap)
             return self, factors.solve(-np.concatenate((unbalanced, missed)))

@@ -32,14 +32,7 @@ from tdcr_fe.solve.equations.linearization import (
     Factors,
     Linearization,
 )
-from tdcr_fe.solve.equations.tangent import (
-    add_damping,
-    add_unbalanced,
-    backbone_tangent,
-    border,
-    hold,
-    robot_tangent,
-)
+from tdcr_fe.solve.equations.tangent import backbone_tangent, border, damping_of_node, hold
 
 Array = NDArray[np.float64]
 
@@ -367,30 +360,27 @@ class SceneSystem:
         numpy.linalg.LinAlgError
             The tangent is singular.
         """
-        if self.tangent_follows_from_elements():
-            factors = self._factors_of_robot(residual, numbering, damping)
-        else:
-            factors = self._factors_of_scene(residual, numbering, damping)
+        factors = self._factors(residual, numbering, damping_of_node(damping, self.length))
         if numbering.any_driven:
             factors = BorderedFactors.of(factors, *border(residual, numbering))
         return Linearization(factors, residual.state.configuration.chains, numbering, residual.forces)
 
-    def _factors_of_robot(self, residual: Residual, numbering: Numbering, damping: float) -> Factors:
-        """Factors of the tangent at fixed tensions of one robot, from its elements."""
-        (own,), (band,) = residual.forces, self.layout.bands
-        backbone = backbone_tangent(residual, damping, self.length)
-        if band is not None and own.has_hole_slopes:
-            return BandFactors.of(band.assemble(backbone, own, numbering.robots[0].clamped), band)
-        k = robot_tangent(backbone, own)
-        hold(k, numbering.clamped)
-        return DenseFactors.of(k)
-
-    def _factors_of_scene(self, residual: Residual, numbering: Numbering, damping: float) -> Factors:
-        """The same from Exudyn's Jacobian, as a full matrix."""
-        k = self.tangent(residual)
-        add_unbalanced(k, residual, self.layout.space.slices)
-        if damping > 0.0:
-            add_damping(k, self.layout.reduction.nodes, damping, self.length)
+    def _factors(self, residual: Residual, numbering: Numbering, damping: Array) -> Factors:
+        """Factors of the tangent at fixed tensions: of one robot from its elements, else with Exudyn's Jacobian."""
+        slices = self.layout.space.slices
+        if self.tangent_follows_from_elements():
+            (own,), (band,) = residual.forces, self.layout.bands
+            backbone = backbone_tangent(residual, 0, slices[0], damping, own.model.mesh)
+            if band is not None and own.has_hole_slopes:
+                return BandFactors.of(band.assemble(backbone, own, numbering.robots[0].clamped), band)
+            k = np.zeros((6 * slices[0].stop,) * 2)
+            backbone.add_to(k, np.arange(slices[0].stop))
+            own.add_tangent(k)
+        else:
+            k = self.tangent(residual)
+            for i, nodes in enumerate(slices):
+                backbone = backbone_tangent(residual, i, nodes, damping)
+                backbone.add_to(k, np.arange(nodes.start, nodes.stop))
         hold(k, numbering.clamped)
         return DenseFactors.of(k)
 

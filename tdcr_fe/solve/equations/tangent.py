@@ -1,4 +1,4 @@
-"""Tangent of a scene: the parts of robots alone, of unbalanced wrenches, of tendons, and of driven tendons."""
+"""Parts of the tangent of a scene: of backbones, of driven tendons, and of clamped bases."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.backbone import NodeStiffness
-from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.backbone import BackboneMesh, NodeStiffness
 from tdcr_fe.elements.poses import EYE6
 from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import Numbering, zero_bases
@@ -17,42 +16,33 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-def backbone_tangent(residual: Residual, damping: float, length: float) -> NodeStiffness:
-    """Tangent of the backbone of the only robot, where nothing else resists, with damping of its nodes.
+def backbone_tangent(
+    residual: Residual, robot: int, nodes: slice, damping: Array, mesh: BackboneMesh | None = None
+) -> NodeStiffness:
+    """What Exudyn's Jacobian leaves out of the tangent of a backbone, or with a mesh all of it.
+
+    These are the geometric terms of unbalanced wrenches, and the damping of pseudo-transient continuation.
 
     Parameters
     ----------
     residual
         Of a state.
+    robot, nodes
+        Its number, and its nodes among those of all robots.
     damping
-        Of the nodes, for pseudo-transient continuation [N m].
-    length
-        Of the backbone [m].
+        See `damping_of_node`, shape (6,).
+    mesh
+        Of the only robot, where nothing else resists.
     """
-    configuration, mesh = residual.state.configuration, residual.forces[0].model.mesh
-    found = configuration.chains[0].tangent(residual.unbalanced, *configuration.poses[0], mesh)
-    if damping > 0.0:
-        component = np.arange(6)
-        found.itself[:, component, component] -= damping_of_node(damping, length)
+    configuration, wrenches = (
+        residual.state.configuration,
+        residual.unbalanced[6 * nodes.start : 6 * nodes.stop],
+    )
+    found = configuration.chains[robot].tangent(wrenches, *configuration.poses[robot], mesh)
+    component = np.arange(6)
+    # Exudyn's Jacobian is that of the right-hand side: minus the stiffness.
+    found.itself[:, component, component] -= damping
     return found
-
-
-def robot_tangent(backbone: NodeStiffness, forces: TendonForces) -> Array:
-    """Tangent of one robot as a full matrix, from that of its backbone, shape (6 N, 6 N)."""
-    count = len(backbone.itself)
-    k = np.zeros((6 * count, 6 * count))
-    backbone.add_to(k, np.arange(count))
-    forces.add_tangent(k)
-    return k
-
-
-def add_unbalanced(k: Array, residual: Residual, nodes: Sequence[slice]) -> None:
-    """Add to Exudyn's Jacobian the geometric terms of unbalanced wrenches; ``nodes`` by robot among those of all."""
-    configuration = residual.state.configuration
-    for i, own in enumerate(nodes):
-        wrenches = residual.unbalanced[6 * own.start : 6 * own.stop]
-        terms = configuration.chains[i].tangent(wrenches, *configuration.poses[i])
-        terms.add_to(k, np.arange(own.start, own.stop))
 
 
 def border(residual: Residual, numbering: Numbering) -> tuple[Array, Array, Array, Flags]:
@@ -91,18 +81,11 @@ def border(residual: Residual, numbering: Numbering) -> tuple[Array, Array, Arra
 
 
 def damping_of_node(damping: float, length: float) -> Array:
-    """Damping [N m] of pseudo-transient continuation by the increments of a node, shape (6,).
+    """Damping of pseudo-transient continuation [N m] by the increments of a node, shape (6,).
 
     Forces act by a lever of the length [m].
     """
     return damping * np.repeat((1.0 / length**2, 1.0), 3)
-
-
-def add_damping(k: Array, nodes: int, damping: float, length: float) -> None:
-    """Add the damping of all nodes, see `damping_of_node`."""
-    # Exudyn's Jacobian is that of the right-hand side: minus the stiffness.
-    diagonal = np.arange(6 * nodes)
-    k[diagonal, diagonal] -= np.tile(damping_of_node(damping, length), nodes)
 
 
 def hold(k: Array, bases: Sequence[slice]) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.compiled import compilable, compiled_as
-from tdcr_fe.elements.capstan import capstan_with_adhesion
+from tdcr_fe.elements.capstan import capstan
 from tdcr_fe.elements.friction import TendonLaw
 
 Array = NDArray[np.float64]
@@ -186,7 +186,7 @@ def distance_to_branch_change(
 
 
 class AdhesiveTransfer:
-    """Constant coefficients with adhesion: hole by hole, as `tdcr_fe.elements.capstan.capstan_with_adhesion`.
+    """Constant coefficients with adhesion: hole by hole, as `tdcr_fe.elements.capstan.capstan`.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ class AdhesiveTransfer:
         tension, by_base, beyond = np.empty(q), np.empty(q), np.zeros((q, r))
         by_angle, by_mobilisation = np.empty(r), np.empty(r)
         for segments, holes in self._places:
-            found, slopes = capstan_with_adhesion(base[segments[:, 0]], *(x[holes] for x in at_holes))
+            found, slopes = capstan(base[segments[:, 0]], *(x[holes] for x in at_holes))
             own = slopes()
             tension[segments], by_base[segments] = found, own.by_base
             beyond[segments[:, :, None], holes[:, None]] = own.chain()[:, :, 1:]
