@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2621,
     "tdcr_fe/report": 1215,
     "tdcr_fe/scene": 1465,
-    "tdcr_fe/solve": 7017,
+    "tdcr_fe/solve": 6986,
     "tdcr_fe/sweeps": 1426,
     "validation": 6958,
     "tests": 13987,

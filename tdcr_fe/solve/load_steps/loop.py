@@ -24,7 +24,6 @@ class Proposal(NamedTuple):
 
     end: float  # Load factor [1]
     warm_start: SolverState | None = None  # A state that is near its end
-    linearization: Linearization | None = None  # In that state, where known
 
 
 class Trial(NamedTuple):
@@ -84,14 +83,11 @@ class Trial(NamedTuple):
         return self.begin.then(replace(path, rejected=path.rejected + spent))
 
     def divided(self, fraction: float = 0.5) -> Instead:
-        """Proposes a first part of it, a fraction of it [1], and the rest; what is known of its ends is kept."""
-        rest = Proposal(self.end)
-        if self.final is not None and not self.solver.jump_suspected(self.before, self.result.state):
-            rest = Proposal(self.end, self.final.state, self.final.linearization)
+        """Proposes a first part of it, a fraction of it [1], and the rest; what is known of its start is kept."""
         spent = self.begin.rejected + self.rejected + self.result.iterations
         end = self.begin.end if self.final is None else self.first
         path = replace(self.begin, rejected=spent, end=end)
-        return Instead(path, (Proposal(self.start + fraction * self.length), rest))
+        return Instead(path, (Proposal(self.start + fraction * self.length), Proposal(self.end)))
 
 
 class Instead(NamedTuple):
@@ -118,10 +114,9 @@ def solved(solver: SubstepSolver, path: SolvedPath, proposal: Proposal, ahead: i
     before, substeps = path.state, path.substeps + ahead + 1
     spent = 0
     if proposal.warm_start is not None:
-        near, linear = with_unknowns_of(proposal.warm_start, before), proposal.linearization
-        result = solver.solve(near, proposal.end, linear, before)
+        result = solver.solve(with_unknowns_of(proposal.warm_start, before), proposal.end, None, before)
         if result.converged:
-            return Trial(solver, path, proposal.end, substeps, result, linear, from_start=False)
+            return Trial(solver, path, proposal.end, substeps, result, None, from_start=False)
         spent = result.iterations
     linear = path.linearization
     result = solver.solve(before, proposal.end, linear, before)

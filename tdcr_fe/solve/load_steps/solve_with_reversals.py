@@ -135,7 +135,7 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
         if not states:
             return trial._replace(rejected=trial.rejected + result.iterations)
         states = [*states, (1.0, _final(solver, result, known))]
-        linked = known_states(solver, states, known.span, known)
+        linked = known_states(solver, states, known.span)
         again = _reversals(solver, linked, allowed, solved_with_reversals=True)
         assert again is not None
         diverges = again.effect > found.effect

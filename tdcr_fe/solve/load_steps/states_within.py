@@ -30,10 +30,7 @@ MOST_INTERVALS_AT_FIRST = 4
 
 
 def known_states(
-    solver: SubstepSolver,
-    states: Sequence[tuple[float, Equilibrium]],
-    span: Span,
-    before: KnownStates | None = None,
+    solver: SubstepSolver, states: Sequence[tuple[float, Equilibrium]], span: Span
 ) -> KnownStates:
     """States with their responses to tensions and loads.
 
@@ -45,8 +42,6 @@ def known_states(
         With their fractions of the substep [1].
     span
         The substep.
-    before
-        States of the same substep, of which some are kept.
     """
     taut = TautTendons.of([state for _, state in states])
     ramp, system = solver.ramp, solver.system
@@ -54,16 +49,12 @@ def known_states(
     if not ramp.changes_beyond_inputs:
         return KnownStates(span, taut, tuple([InterpolationPoint(x, point) for x, point in ready]))
     # What is left of the change of the loads, seen from every state; from the last one, back to the start.
-    closing = ramp.apply(system, span.end)
-    known = {} if before is None else {id(point.state): point for point in before.points[:-1]}
-    points = [
-        known[id(point)]
-        if id(point) in known
-        else InterpolationPoint(x, point, point.load_response(system, closing).times(1.0 / (1.0 - x)))
-        for x, point in ready[:-1]
-    ]
-    opening = ramp.apply(system, span.start)
-    end = ready[-1][1]
+    points, closing = [], ramp.apply(system, span.end)
+    for x, point in ready[:-1]:
+        points.append(
+            InterpolationPoint(x, point, point.load_response(system, closing).times(1.0 / (1.0 - x)))
+        )
+    end, opening = ready[-1][1], ramp.apply(system, span.start)
     last = InterpolationPoint(1.0, end, end.load_response(system, opening).times(-1.0))
     return KnownStates(span, taut, (*points, last))
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements.backbone import ElementChain
-from tdcr_fe.elements.complementarity import ROUND_OFF, solve_box
+from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.kernel import Residual
@@ -167,13 +167,6 @@ class FrictionResponse(NamedTuple):
     # (k, k'): Flexibility times identity, minus the derivative of the slips by the mobilisations [m]
     matrix: Array
 
-    def then(self, other: FrictionResponse) -> FrictionResponse:
-        """The response to further mobilisations beside these."""
-        return FrictionResponse(
-            np.concatenate((self.columns, other.columns), axis=1),
-            np.concatenate((self.matrix, other.matrix), axis=1),
-        )
-
 
 def friction_step(
     coupling: FrictionCoupling,
@@ -183,9 +176,6 @@ def friction_step(
     mobilisation: Array,
 ) -> Array:
     """Complementarity step: the step with the mobilisations as unknowns, shape (total,).
-
-    Most holes keep slipping. The problem is solved for those that stick or would reverse in the step at fixed friction;
-    any other that then reverses joins them.
 
     Parameters
     ----------
@@ -198,24 +188,10 @@ def friction_step(
     residual, mobilisation
         See `slip_residual`; mobilisations that are unknowns, of all robots one after the other, shape (k,).
     """
-    side, (slips, flexibility) = np.trunc(mobilisation), residual
-    which = np.flatnonzero((side == 0.0) | (side * slips < 0.0))
-    response = coupling.response(solve, which, flexibility)
-    while True:
-        before, matrix = mobilisation[which], response.matrix[which]
-        new, _ = solve_box(matrix, slips[which] + matrix @ before, before)
-        change = new - before
-        excess = slips - response.matrix @ change
-        reversing = side * excess < -ROUND_OFF * flexibility
-        reversing[which] = False
-        further = np.flatnonzero(reversing)
-        if not further.size:
-            break
-        response = response.then(coupling.response(solve, further, flexibility))
-        which = np.concatenate((which, further))
-    changes = np.zeros(len(mobilisation))
-    changes[which] = change
-    return np.concatenate((fixed + response.columns @ change, changes))
+    response = coupling.response(solve, np.arange(len(mobilisation)), residual.flexibility)
+    new, _ = solve_box(response.matrix, residual.excess + response.matrix @ mobilisation, mobilisation)
+    change = new - mobilisation
+    return np.concatenate((fixed + response.columns @ change, change))
 
 
 class NewtonStep(NamedTuple):
