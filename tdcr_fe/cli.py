@@ -20,6 +20,7 @@ from tdcr_fe.commands.common import Exit, Noted, complain, stdout_kept_free
 from tdcr_fe.io.processes import sigterm_as_interrupt
 from tdcr_fe.model.messages import count, meant, warnings_to
 
+INTERRUPTED = "130 interrupted (143 by SIGTERM), what was found until then is written"
 #: Mistakes in the input that are printed; of more their number is.
 MOST_PROBLEMS = 40
 
@@ -145,15 +146,15 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="tdcr-fe",
         description="Tendon-driven continuum robots in Exudyn: finite elements with Capstan friction.",
-        epilog="Exit status: 0 done, 1 the model did not converge or nothing could be written, 2 the input is wrong, "
-        "130 interrupted (143 by SIGTERM).",
+        epilog="Exit status: 0 done; 1 the model did not converge, or nothing could be written; 2 the input is wrong; "
+        f"{INTERRUPTED}.",
     )
     parser.add_argument("--version", action="version", version=f"tdcr-fe {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
     for name, command in COMMANDS.items():
         epilog = "\n  ".join(["Examples:", *(f"tdcr-fe {example}" for example in command.examples)])
-        if command.status:
-            epilog += f"\n\nExit status: {command.status}"
+        if command.failure:
+            epilog += f"\n\nExit status: 0 done; 1 {command.failure}; 2 the input is wrong; {INTERRUPTED}."
         sub = commands.add_parser(
             name,
             help=command.help,

@@ -30,8 +30,8 @@ class Command:
         What it does, in a line; perhaps more about it; after an empty line its arguments, in the order of its help.
     examples : tuple of str
         What follows the program's name.
-    status : str
-        Meaning of the exit statuses, where it differs from that of `tdcr-fe --help`.
+    failure : str
+        Meaning of exit status 1, where it differs from that of `tdcr-fe --help`.
     options : mapping of str to dict
         Further arguments of `add_argument`, by name of the argument.
     """
@@ -39,7 +39,7 @@ class Command:
     handler: str
     text: str
     examples: tuple[str, str]
-    status: str = ""
+    failure: str = ""
     options: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     @property
@@ -167,8 +167,7 @@ COMMANDS = {
             "follow robot.toml path.csv --largest 5 -o results",
             "follow robot.toml path.csv --largest t1=5 t2=4 t3=4 --pretension 0.1 -o results",
         ),
-        "0 every target was reached or is out of reach; 1 a load step or a search did not converge; 2 the input is "
-        "wrong; 130 interrupted (143 by SIGTERM), what was found is written.",
+        "a load step or a search did not converge",
         {"largest": {"required": True}, "pretension": {"default": ["0"]}, "tolerance": {"type": float}},
     ),
     "sweep": Command(
@@ -183,8 +182,7 @@ COMMANDS = {
         --retry  solve cases in the journal that did not converge again
         and out, processes, effects, no-pictures, quiet""",
         ("sweep sweep.toml --check", "sweep sweep.toml -o results --processes 4"),
-        "0 all cases converged; 1 a case did not (the table says why); 2 the input is wrong; 130 interrupted (143 by "
-        "SIGTERM), finished cases are written.",
+        "a case did not converge (the table says why)",
         {"out": {}},
     ),
     "view": Command(
@@ -241,8 +239,7 @@ COMMANDS = {
                             the report says what was left out [%(default)s]
         and effects, json, quiet""",
         ("identify measured -o report", "identify monday tuesday -o report --minutes 5"),
-        "0 done, whatever the verdict; 1 the declared model did not converge; 2 the input is wrong; 130 interrupted "
-        "(143 by SIGTERM), what was found is written.",
+        "the declared model did not converge",
         {
             "processes": {"type": whole(1), "default": min(2, cores())},
             "hold-out": {"action": "append", "default": []},
@@ -257,8 +254,7 @@ COMMANDS = {
         folder  contains robot.toml, loading.csv with times, observations.csv and estimate.toml
         and out, quiet""",
         ("estimate measured -o estimated", "estimate measured -o estimated --quiet"),
-        "0 done; 1 a frame was not solved (it keeps the state before, and the run goes on); 2 the input is wrong; 130 "
-        "interrupted (143 by SIGTERM), the frames until then are written.",
+        "a frame was not solved (it keeps the state before, and the run goes on)",
     ),
     "live": Command(
         "tdcr_fe.commands.live:live",
@@ -272,8 +268,7 @@ COMMANDS = {
         --no-browser   print the address and open no browser
         and quiet""",
         ("live robot.toml", "live robot.toml --port 8000 --no-browser"),
-        "0 the page was closed; 2 the input is wrong; 130 interrupted.",
-        {"port": {"type": whole(0, 65535), "default": 0}},
+        options={"port": {"type": whole(0, 65535), "default": 0}},
     ),
     "validate": Command(
         "tdcr_fe.commands.validate:validate",
@@ -284,7 +279,7 @@ COMMANDS = {
         --full        every case; without it a quick set
         and processes, quiet""",
         ("validate -o validation", "validate -o validation --full --processes 4"),
-        "0 all cases and requirements pass, 1 one fails, 2 the input is wrong, 130 interrupted.",
+        "a case or a requirement fails",
     ),
     "schema": Command(
         "tdcr_fe.commands.new:schema",
