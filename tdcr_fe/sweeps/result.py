@@ -72,17 +72,19 @@ class Collected:
     def result(self, sweep: Sweep, design: Design, wall_time: float, solved_now: int) -> SweepResult:
         """All that was collected, as the result of a sweep: cases in their order."""
         every = self._outcomes.values()
-        messages: dict[str, tuple[Message, ...]] = {}
-        for status in STATUSES:
-            messages[status] = _messages((x.case, x.reason) for x in every if x.status == status and x.reason)
-        messages["warning"] = _messages((x.case, text) for x in every for text in x.warnings)
+        failures: dict[str, tuple[Message, ...]] = {
+            status: found
+            for status in STATUSES
+            if (found := _messages((x.case, x.reason) for x in every if x.status == status and x.reason))
+        }
+        warnings = _messages((x.case, text) for x in every for text in x.warnings)
         table = {
             **{name: [getattr(x, name) for x in every] for name in ABOUT_CASE},
             "warnings": [len(x.warnings) for x in every],
             **{name: pd.Series(map(_plain, values)) for name, values in design.items()},
             **{name: self._numbers[name] for name in self._columns(sweep)},
         }
-        return SweepResult(sweep, pd.DataFrame(table), messages, wall_time, solved_now)
+        return SweepResult(sweep, pd.DataFrame(table), failures, warnings, wall_time, solved_now)
 
     def _columns(self, sweep: Sweep) -> list[str]:
         """Columns of the results: those of the load steps, step by step, then others by name."""
@@ -107,8 +109,10 @@ class SweepResult:
     cases : pandas.DataFrame
         One row per case, in their order: ``case``, ``status``, ``reason``, ``warnings`` (their number), the values of
         the variations, the results.
-    messages : mapping of str to tuple of Message
-        Reasons of cases that did not converge, by status, and by ``"warning"`` all warnings; the most frequent first.
+    failures : mapping of str to tuple of Message
+        By status, the reasons of cases that did not converge; the most frequent first.
+    warnings : tuple of Message
+        Of all cases; the most frequent first.
     wall_time : float
         Of this call [s].
     solved_now : int
@@ -117,7 +121,8 @@ class SweepResult:
 
     sweep: Sweep
     cases: pd.DataFrame
-    messages: Mapping[str, tuple[Message, ...]] = field(default_factory=dict)
+    failures: Mapping[str, tuple[Message, ...]] = field(default_factory=dict)
+    warnings: tuple[Message, ...] = ()
     wall_time: float = 0.0
     solved_now: int = 0
 
@@ -136,16 +141,6 @@ class SweepResult:
         """Number of cases by status; those that occur."""
         numbers = self.cases["status"].value_counts()
         return {name: int(numbers[name]) for name in STATUSES if name in numbers}
-
-    @property
-    def failures(self) -> dict[str, tuple[Message, ...]]:
-        """By status, the reasons of cases that did not converge."""
-        return {s: m for s, m in self.messages.items() if m and s in STATUSES}
-
-    @property
-    def warnings(self) -> tuple[Message, ...]:
-        """Warnings of all cases."""
-        return self.messages.get("warning", ())
 
     @property
     def interrupted(self) -> bool:
