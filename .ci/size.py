@@ -26,8 +26,8 @@ from pathlib import Path
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
     "elements": 2812,
-    "tdcr_fe": 241,
-    "tdcr_fe/commands": 976,
+    "tdcr_fe": 242,
+    "tdcr_fe/commands": 971,
     "tdcr_fe/effects": 1315,
     "tdcr_fe/estimate": 1081,
     "tdcr_fe/identify": 6681,
@@ -37,7 +37,7 @@ BUDGET = {
     "tdcr_fe/report": 1215,
     "tdcr_fe/scene": 1465,
     "tdcr_fe/solve": 6986,
-    "tdcr_fe/sweeps": 1426,
+    "tdcr_fe/sweeps": 1423,
     "validation": 6958,
     "tests": 13987,
 }
