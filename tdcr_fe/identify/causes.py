@@ -7,6 +7,7 @@ Loads that depend on the solved state, and shifts of the readings, are causes wi
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -33,19 +34,28 @@ def is_named(effect: Effect) -> bool:
 class Cause(Effect):
     """A cause on no list.
 
+    Parameters
+    ----------
+    name, kind, parameters
+        See `Effect`.
+    sentence
+        What acts, in words, without its place.
+    price
+        What its choice among all of the same kind costs, in natural units of the logarithm of its prior probability.
+
     Attributes
     ----------
-    sentence : str
-        What acts, in words, without its place.
-    price : float
-        What its choice among all of the same kind costs, in natural units of the logarithm of its prior probability.
     held : mapping of str to sequence of float
         Parameters that change nothing where the others have their null values, and values at which these are tried.
     """
 
-    sentence: str = ""
-    price: float = 0.0
     held: Mapping[str, Sequence[float]] = MappingProxyType({})
+
+    def __init__(
+        self, name: str, kind: Kind, parameters: tuple[Parameter, ...], sentence: str, price: float = 0.0
+    ) -> None:
+        self.name, self.kind, self.parameters = name, kind, parameters
+        self.sentence, self.price = sentence, price
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """One direction for each parameter that is not held."""
@@ -73,13 +83,11 @@ class ChangedDescription(Cause):
 
     Parameters
     ----------
-    name, kind, sentence
-        Of the cause.
-    parameters
-        Its numbers.
+    name, kind, parameters, sentence, price
+        See `Cause`.
     change
         From the experiment and values other than the null values to the experiment with the cause.
-    price, held, exact_derivatives
+    held, exact_derivatives
         See `Cause` and `Effect`.
     """
 
@@ -95,9 +103,8 @@ class ChangedDescription(Cause):
         held: Mapping[str, Sequence[float]] = Cause.held,
         exact_derivatives: bool = True,
     ) -> None:
-        self.name, self.kind, self.parameters, self.change = name, kind, parameters, change
-        self.sentence, self.price = sentence, price
-        self.held, self.exact_derivatives = held, exact_derivatives
+        super().__init__(name, kind, parameters, sentence, price)
+        self.change, self.held, self.exact_derivatives = change, held, exact_derivatives
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
@@ -111,8 +118,8 @@ class StateLoad(Cause):
 
     Parameters
     ----------
-    name, kind, sentence
-        Of the cause.
+    name, kind, sentence, price
+        See `Cause`.
     parameters
         Coefficients, zero where nothing acts.
     terms
@@ -126,9 +133,10 @@ class StateLoad(Cause):
         parameters: tuple[Parameter, ...],
         terms: tuple[Callable[[BayState], Array], ...],
         sentence: str = "",
+        price: float = 0.0,
     ) -> None:
-        self.name, self.kind, self.parameters, self.terms = name, kind, parameters, terms
-        self.sentence = sentence
+        super().__init__(name, kind, parameters, sentence, price)
+        self.terms = terms
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """The description stays as it is."""
@@ -183,8 +191,8 @@ class SettlingLoad(StateLoad):
         duration = float(np.ptp(clock(state)))
         last = number(*span, (1e-3 * duration, 10.0 * duration), 0.2 * duration, 0.02 * duration)
         name, sentence = f"{load.name}, settling", f"{load.sentence}, which settles"
-        super().__init__(name, load.kind, (*load.parameters, last), load.terms, sentence)
-        self.load, self.clock, self.price, self.span = load, clock, load.price, last.name
+        super().__init__(name, load.kind, (*load.parameters, last), load.terms, sentence, load.price)
+        self.load, self.clock, self.span = load, clock, last.name
         self.held = {self.span: [x * duration for x in (0.05, 0.2, 0.6)]}
 
     def action(self, state: BayState, values: Values) -> Array:
@@ -224,15 +232,12 @@ class PointForce(StateLoad):
     def __init__(
         self, name: str, sentence: str, at: float, bay: int, state: BayState, law: tuple[Parameter, ...]
     ) -> None:
-        length = float(state.edges[-1])
-        self.at, self.bay, self.reach = at, bay, 0.5 * length
-        self.name, self.sentence = f"{name} ({state.place(bay)})", sentence
-        self.kind = Kind("force", ("position",), state.place(bay))
-        far = 20.0 * self.reach
-        places = (
-            Parameter(a, "m", -far, far, 0.0, 0.05 * self.reach, f"{a} of the point") for a in ("x", "y", "z")
-        )
-        self.parameters = (*places, *law)
+        self.at, self.bay, self.reach = at, bay, 0.5 * float(state.edges[-1])
+        where, far = state.place(bay), 20.0 * self.reach
+        point = (Parameter(a, "m", -far, far, 0.0, 0.05 * self.reach, f"{a} of the point") for a in "xyz")
+        price = math.log(state.shape[1]) if bay < state.shape[1] - 1 else 0.0
+        kind = Kind("force", ("position",), where)
+        super().__init__(f"{name} ({where})", kind, (*point, *law), (), sentence, price)
         self.declared = state.moved[:, bay]
 
     def pull(self, distance: Array, values: Values) -> Array:
@@ -391,8 +396,8 @@ class ReadingCause(Cause):
 
     Parameters
     ----------
-    name, kind, sentence
-        Of the cause.
+    name, kind, sentence, price
+        See `Cause`.
     parameters
         Coefficients, zero where nothing is shifted.
     shapes
@@ -407,9 +412,10 @@ class ReadingCause(Cause):
         parameters: tuple[Parameter, ...],
         shapes: tuple[Callable[[FitProblem, Run], Array], ...],
         sentence: str = "",
+        price: float = 0.0,
     ) -> None:
-        self.name, self.kind, self.parameters, self.shapes = name, kind, parameters, shapes
-        self.sentence = sentence
+        super().__init__(name, kind, parameters, sentence, price)
+        self.shapes = shapes
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """The robot stays as it is."""

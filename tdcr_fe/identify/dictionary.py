@@ -378,8 +378,7 @@ def _readings(problem: FitProblem) -> list[ReadingCause]:
             )
         for name, text, numbers, moves in forms:
             shapes = tuple(partial(m, axis=i, weight=weight, marker=marker) for m in moves for i in range(3))
-            found.append(ReadingCause(f"{name} of {who}{since}", kind, numbers, shapes, text))
-            found[-1].price = price
+            found.append(ReadingCause(f"{name} of {who}{since}", kind, numbers, shapes, text, price))
     return found
 
 

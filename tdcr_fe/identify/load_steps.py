@@ -352,23 +352,10 @@ def join_steps(experiment: Experiment) -> Experiment:
     steps: list[LoadStep] = []
     passed: LoadStep | None = None
     for j, (step, (k, _)) in enumerate(zip(experiment.steps, experiment.ends, strict=True)):
-        passed = step if passed is None else _after(passed, step)
+        passed = step if passed is None else step.after(passed)
         if j + 1 == len(experiment.ends) or experiment.ends[j + 1][0] != k:
             steps.append(passed)
             passed = None
     if len(steps) == len(experiment.steps):
         return experiment
     return replace(experiment, steps=tuple(steps), ends=None)
-
-
-def _after(first: LoadStep, second: LoadStep) -> LoadStep:
-    """One step for two, of which the second keeps what it does not name."""
-    tensions = {n: v for n, v in first.tensions.items() if n not in second.displacements}
-    displacements = {n: v for n, v in first.displacements.items() if n not in second.tensions}
-    return replace(
-        second,
-        tensions={**tensions, **second.tensions},
-        displacements={**displacements, **second.displacements},
-        loads={**first.loads, **second.loads},
-        time=first.time if second.time is None else second.time,
-    )

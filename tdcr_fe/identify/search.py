@@ -224,8 +224,7 @@ def fit_proposals(
             same = [y.listed for y in chosen.values() if y.named is x.named]
             enough = same.count(x.listed) >= half or (x.listed not in same and len(set(same)) >= most)
             late = search.out_of_time and state.best.effects
-            known = any(x.names in models for models in (state.fits, state.behind, chosen))
-            if enough or late or known:
+            if enough or late or x.names in state.fits or x.names in chosen:
                 continue
             if ahead is None or could_match(problem, ahead, x):
                 chosen[x.names] = x
@@ -239,7 +238,7 @@ def fit_proposals(
             while queue and len(together) < problem.forward.processes:
                 _, now, x = queue.pop(0)
                 if ahead is not None and not _may_reach(problem, ahead, now, x):
-                    state = replace(state, behind=state.behind | {x.names})
+                    state = state.with_fit(replace(now, pruned=True))
                 elif left[x.named]:
                     left[x.named] -= 1
                     together.append(_fitted(problem, now, x.score.start.predicted, races[x.named]))
@@ -404,15 +403,13 @@ def _in_best_forms(search: Search, state: SearchState) -> SearchState:
 
 def _cost_without(problem: FitProblem, fit: Fit, e: Effect, names: Set[str]) -> float:
     """Cost of a model, to first order, with some numbers of a cause at their null values, to which the others adapt."""
-    which, weights = problem.fitted, problem.root_weights(fit.residual)
-    gone = np.array([k[0] == e.name and k[1] in names for k in fit.free])
     null = {**fit.values, e.name: e.null_values(problem.experiment)}
     here, there = (problem.coordinates(fit.effects, values, fit.free) for values in (fit.values, null))
-    jacobian = fit.jacobian[which] * weights[which, None]
-    left = fit.residual[which] * weights[which] - jacobian[:, gone] @ (there - here)[gone]
-    kept = jacobian[:, ~gone]
-    left -= kept @ np.linalg.lstsq(kept, left, rcond=1e-10)[0]
-    return float(left @ left)
+    gone = np.array([k[0] == e.name and k[1] in names for k in fit.free])
+    left = fit.residual - fit.jacobian[:, gone] @ (there - here)[gone]
+    kept = tuple(k for k, away in zip(fit.free, gone, strict=True) if not away)
+    rest = replace(fit, residual=left, cost=problem.cost(left)[0], jacobian=fit.jacobian[:, ~gone], free=kept)
+    return fitting.reachable_cost(problem, rest)
 
 
 # --------------------------------------------------------------------------------------------------- selection

@@ -85,8 +85,6 @@ class SearchState:
     extended: frozenset[tuple[Names, str]] = frozenset()
     # parts of models that were fitted from the values of these, with them
     refits: frozenset[tuple[Names, Names]] = frozenset()
-    # models that were evaluated and cannot become about as probable as one that leaves noise
-    behind: frozenset[Names] = frozenset()
     candidates: tuple[Candidate, ...] = ()  # result of each, for the report
     refused: Mapping[str, str] = field(default_factory=dict)  # effects that are not tried, with the reason
     # by effect of the best model, those that explain the data as well
@@ -115,7 +113,6 @@ class SearchState:
             scores={},
             extended=frozenset(),
             refits=frozenset(),
-            behind=frozenset(),
         )
 
     def with_fit(self, fit: Fit) -> SearchState:

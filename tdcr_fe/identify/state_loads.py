@@ -19,7 +19,7 @@ from tdcr_fe.effects import Parameter
 from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify.balance import scale
 from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, last_direction
-from tdcr_fe.identify.causes import Attraction, Cause, Cord, PointForce, SettlingLoad, StateLoad
+from tdcr_fe.identify.causes import Attraction, Cause, Cord, SettlingLoad, StateLoad
 from tdcr_fe.identify.criteria import OTHER_GRAVITY, UNNAMED
 from tdcr_fe.identify.load_steps import possible_starts
 
@@ -317,9 +317,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
                 return []
             step = TYPICAL / most
             numbers.append(Parameter(label, unit, -FARTHEST * step, FARTHEST * step, 0.0, step, label))
-        cause = StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text)
-        cause.price = price
-        return [cause]
+        return [StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text, price)]
 
     for term in library(bays, clock):
         if not progress and ROW in term.factors:
@@ -366,11 +364,8 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
     strength = TYPICAL * float(size[-1])
     for bay, at in enumerate(state.edges[1:].tolist()):
         powers = (2, 1, 3) if bay == bays - 1 else (2,)
-        points: list[PointForce] = [Attraction(at, bay, state, power, strength) for power in powers]
-        points += [Cord(at, bay, state, strength / length)]
-        for cause in points:
-            cause.price = 0.0 if bay == bays - 1 else math.log(bays)
-        found += points
+        found += [Attraction(at, bay, state, power, strength) for power in powers]
+        found.append(Cord(at, bay, state, strength / length))
     return found
 
 

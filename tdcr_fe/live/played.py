@@ -211,7 +211,7 @@ class PlayedRobot:
     def _take(self, step: LoadStep) -> Answer:
         """Solve one load step; where that fails, the robot stays where it was."""
         begun = time.perf_counter()
-        acting = _after(self._sequence.acting, step)
+        acting = step.after(self._sequence.acting)
         (target,) = resolve(self.robot, [acting])
         before = self._sequence.simulation.position
         try:
@@ -228,15 +228,3 @@ class PlayedRobot:
         message = " ".join(step_warnings(number, report))
         self.last = Answer(result, time.perf_counter() - begun, message)
         return self.last
-
-
-def _after(acting: LoadStep, step: LoadStep) -> LoadStep:
-    """All that acts after a load step, from all that acts before it."""
-    tensions = {k: v for k, v in acting.tensions.items() if k not in step.displacements}
-    displacements = {k: v for k, v in acting.displacements.items() if k not in step.tensions}
-    return LoadStep(
-        step.label,
-        {**tensions, **step.tensions},
-        {**displacements, **step.displacements},
-        {**acting.loads, **step.loads},
-    )

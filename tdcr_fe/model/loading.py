@@ -86,6 +86,16 @@ class LoadStep(Checked):
         for drive in DRIVES:
             yield drive, getattr(self, drive.inputs)
 
+    def after(self, before: LoadStep) -> LoadStep:
+        """The step with all that it keeps of the step before it: both together as one step."""
+        given = {name for _, own in self.inputs() for name in own}
+        inputs: dict[str, Any] = {
+            drive.inputs: {n: x for n, x in kept.items() if n not in given} | dict(own)
+            for (drive, own), (_, kept) in zip(self.inputs(), before.inputs(), strict=True)
+        }
+        time = before.time if self.time is None else self.time
+        return replace(self, **inputs, loads={**before.loads, **self.loads}, time=time)
+
 
 @dataclass(frozen=True)
 class Model(Checked):
