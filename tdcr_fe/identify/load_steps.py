@@ -328,7 +328,7 @@ def _spread(table: Array, branches: Sequence[Sequence[int]], most: int) -> list[
     return [k for i in chosen for k in branches[i]]
 
 
-# ------------------------------------------------------------------------------------------------------------ joined
+# ------------------------------------------------------------------------------------------- joined, and whole
 
 
 def join_steps(experiment: Experiment) -> Experiment:
@@ -359,3 +359,8 @@ def join_steps(experiment: Experiment) -> Experiment:
     if len(steps) == len(experiment.steps):
         return experiment
     return replace(experiment, steps=tuple(steps), ends=None)
+
+
+def whole_steps(experiment: Experiment) -> Experiment:
+    """With each step solved as a whole, whatever its friction path, which suffices to order candidates."""
+    return replace(experiment, steps=tuple(replace(step, substeps=1) for step in experiment.steps))

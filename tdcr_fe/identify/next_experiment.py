@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from tdcr_fe.identify.causes import ReadingCause, StateLoad
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize_each
 from tdcr_fe.identify.fitting import covariance
+from tdcr_fe.identify.load_steps import whole_steps
 from tdcr_fe.identify.problem import Fit, FitProblem, Readings
 from tdcr_fe.identify.result import NextExperiment
 from tdcr_fe.identify.search_state import Search, SearchState, as_good
@@ -68,9 +69,10 @@ def choose_next(search: Search, state: SearchState) -> NextExperiment | None:
     models = [_Model(f, covariance(problem, f)) for f in (best, *leading_rivals(search, state))]
     candidates = candidate_sequences(problem)
     judge = _parting if len(models) > 1 else _shrinking
-    rough = judge(models, [_planned(problem, _whole(steps)) for steps in candidates])
+    planned = [_planned(problem, steps) for steps in candidates]
+    rough = judge(models, [replace(p, experiment=whole_steps(p.experiment)) for p in planned])
     for i in sorted(rough, key=lambda i: -rough[i].value):
-        exact = judge(models, [_planned(problem, candidates[i])])
+        exact = judge(models, [planned[i]])
         if exact:
             return exact[0].experiment
     return None
@@ -128,11 +130,6 @@ def candidate_sequences(problem: FitProblem) -> list[tuple[LoadStep, ...]]:
         tuple(step(v, f, k) for k, (v, f) in enumerate(((p, none), (p, force), (0.5 * (p + rest), none))))
         for p, force in found[:CANDIDATES]
     ]
-
-
-def _whole(steps: tuple[LoadStep, ...]) -> tuple[LoadStep, ...]:
-    """Each step solved as a whole, whatever its friction path, which suffices to order candidates."""
-    return tuple(replace(step, substeps=1) for step in steps)
 
 
 def _distinct(values: Sequence[Array]) -> list[Array]:

@@ -61,6 +61,7 @@ def test_a_hole_that_holds_fast_is_found_although_its_derivative_is_that_of_a_sm
     own = problem_of(measured({"stuck_hole": {"tendon": 2.0, "s": 0.05}}, robot=ROBOT, model=FRICTIONAL))
     *_, state = search_causes(searching(), state_of(own))
     assert state.best.names == ("stuck_hole (tendon = 2, s = 0.05)",)
+    assert state.history[0].startswith("round 1: stuck_hole")
     assert state.best.cost < 2.0 * own.count < 0.1 * state.declared.cost
 
 
