@@ -65,6 +65,7 @@ def unnamed(problem: FitProblem, state: BayState) -> list[Cause]:
         *_along(problem),
         *input_causes(problem),
         *_loads_and_base(problem),
+        *_rough_holes(problem),
         *_friction_by_force(problem, state),
         *_readings(problem),
     ]
@@ -169,6 +170,31 @@ def _has_coefficients(problem: FitProblem) -> bool:
     """Whether there is friction, with constant coefficients."""
     experiment = problem.experiment
     return experiment.model.friction != "none" and not any(t.friction for t in experiment.robot.tendons)
+
+
+def _rough_holes(problem: FitProblem) -> list[Cause]:
+    """Another coefficient of friction at one hole."""
+    robot = problem.experiment.robot
+    holes = [(t.name, float(s)) for t in robot.tendons for s in robot.hole_arc_lengths(t)[1:-1]]
+    found = list[Cause]()
+    for name, s in holes if _has_coefficients(problem) else ():
+
+        def rougher(experiment: Experiment, values: Values, name: str = name, s: float = s) -> Experiment:
+            tendons = []
+            for t in experiment.robot.tendons:
+                hole = TightHole(s, None, max(t.friction_coefficient + values["friction"], 0.0))
+                own = (hole, *t.tight_holes) if t.name == name else t.tight_holes
+                tendons.append(replace(t, tight_holes=own))
+            return experiment.with_robot(tendons=tuple(tendons))
+
+        where, numbers = f"tendon {name}, s = {s:.4g} m", (number("friction", "1", (-1.0, 2.0), 0.0, 0.02),)
+        kind, text, price = (
+            Kind("transmission", ("place",), where),
+            "one hole is rougher",
+            math.log(len(holes)),
+        )
+        found.append(ChangedDescription(f"friction at a hole ({where})", kind, numbers, rougher, text, price))
+    return found
 
 
 def _friction_by_force(problem: FitProblem, state: BayState) -> list[Cause]:

@@ -249,6 +249,19 @@ def library(bays: int, clock: Factor) -> list[Term]:
     return terms
 
 
+def terms_from_a_row_on(clock: Factor, starts: Mapping[int, float]) -> list[Term]:
+    """A stiffness, a precurvature, and a gain of all tendons, from a row on; ``starts``: see `loads_from_a_row_on`."""
+
+    def later(state: BayState, start: float) -> Array:
+        return (clock.value(state) >= start).astype(float)
+
+    steps = [
+        Factor(f"a step in row {n}", f"step(row >= {n})", (0, 0, 0), partial(later, start=x), "row")
+        for n, x in starts.items()
+    ]
+    return [Term((step,), d) for step in steps for d in (BENDING, SECTION, TENDONS)]
+
+
 def _repeated_sign(factors: tuple[Factor, ...], direction: Direction) -> bool:
     """Whether a sign stands twice: its square is one."""
     count = factors.count(LOADING) + (direction is TENDON_SIGN)
@@ -319,11 +332,15 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
             numbers.append(Parameter(label, unit, -FARTHEST * step, FARTHEST * step, 0.0, step, label))
         return [StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text, price)]
 
-    for term in library(bays, clock):
+    rows = possible_starts(problem.data) if progress and not problem.data.parts else ()
+    starts = {problem.data.step_ids[k]: float(clock.value(state)[k, -1]) for k in rows}
+    jumps = terms_from_a_row_on(clock, starts)
+    for term in (*library(bays, clock), *jumps):
         if not progress and ROW in term.factors:
             continue
         perturbs, depends = term.kind
-        price = math.log(10.0) + 1.5 * len(term.factors) + (math.log(bays) if term.bay is not None else 0.0)
+        choices = len(starts) if term in jumps else bays if term.bay is not None else 1
+        price = math.log(10.0) + 1.5 * len(term.factors) + math.log(choices)
         kind = Kind(perturbs, depends, where(term, state.edges))
         found += load(term.key, kind, term.actions, sentence(term), price)
         if progress and term.factors == (clock,) and term.bay is None and ((), term.direction) in _LISTED:
@@ -331,8 +348,6 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
             lasting = load(last.key, kind, last.actions, sentence(last), price)
             span = ("time", "s") if clock is TIME else ("rows", "1")
             found += [SettlingLoad(x, lambda b: clock.value(b)[:, :1], span, state) for x in lasting]
-    rows = possible_starts(problem.data) if progress and not problem.data.parts else ()
-    starts = {problem.data.step_ids[k]: float(clock.value(state)[k, -1]) for k in rows}
     for free in (*_free_loads(clock), *loads_from_a_row_on(clock, starts, bays)):
         if "row" in free.depends_on and not progress:
             continue

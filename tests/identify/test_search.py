@@ -93,7 +93,18 @@ def test_a_cause_has_as_many_numbers_as_the_data_support(hidden, number):
         assert last.best.values[found.name][name] == pytest.approx(value, abs=0.03)
 
 
+def test_one_hole_of_one_tendon_may_be_rougher():
+    own = problem_of(measured(model=FRICTIONAL), sigma=1e-4)
+    causes = [e for e in whole_dictionary(own) if e.name.startswith("friction at a hole")]
+    assert len(causes) == sum(len(own.experiment.robot.hole_arc_lengths(t)) - 2 for t in ROBOT.tendons)
+    first, second = causes[0].apply(own.experiment, {"friction": 0.2}).robot.tendons
+    (hole,) = first.tight_holes
+    assert hole.friction_coefficient == pytest.approx(first.friction_coefficient + 0.2)
+    assert not second.tight_holes
+
+
 def test_what_promises_less_than_many_that_lag_behind_is_not_evaluated(monkeypatch):
+<<<<<<< HEAD
     """Counted for listed effects and for others by themselves, whatever the number of processes."""
     problem, _, causes = declared()
     own = state_of(problem)
@@ -101,15 +112,21 @@ def test_what_promises_less_than_many_that_lag_behind_is_not_evaluated(monkeypat
     costs = [200, 1e3, 1e3, 1e3, 100, 1e3, 300, 1e3]  # the fifth comes after three that lag behind
     effects = [gravity] * 5 + [unnamed] * 3
     proposals = [Proposal(own.best, Score.refused(e, own.best, ""), k) for k, e in enumerate(effects)]
+=======
+    """Whatever the number of processes."""
+    own = state_of(problem_of(measured()))
+    costs = [200, 1e3, 1e3, 100, 1e3, 1e3, 1e3, 90]  # the last comes after three that lag behind
+    proposals = [Proposal(own.best, Score.refused(effect("gravity"), own.best, ""), k) for k in range(8)]
+>>>>>>> 58ecbeb4 (Identify: far from the data listed effects are compared by rough fits, listed ones are fitted before others, a stiffness, precurvature or gain from a row on, and another friction at one hole)
 
     def evaluated(_, found):
-        return [replace(own.best, effects=(x.score.effect,), free=(), cost=costs[x.criterion]) for x in found]
+        return [replace(own.best, free=(), cost=costs[x.criterion]) for x in found]
 
     monkeypatch.setattr(search, "_begun", evaluated)
     for processes in (1, 2, 3):
         monkeypatch.setattr(own.problem.forward, "processes", processes)
         found = search._evaluated(own.problem, proposals, 1e4, 3)
-        assert [x.criterion for _, _, x in found] == [0, 1, 2, 3, 5, 6, 7]
+        assert [f.proposal.criterion for f in found] == [0, 1, 2, 3, 4, 5, 6]
 
 
 def test_causes_that_take_a_run_each_leave_the_response_that_forces_towards_points_need():
