@@ -132,20 +132,32 @@ class _Inputs(NamedTuple):
         return ChangedDescription("lag of the inputs", kind, (share,), lagging, text)
 
     def jumps(self, data: MeasuredData) -> Iterator[Cause]:
-        """Another zero of one input from a row on."""
-        progress, price = progress_along(data.steps), math.log(len(data.steps) * len(self.names))
-        text = "the zero of an input jumps"
-        for name, k in itertools.product(self.names, possible_starts(data)):
-            where = f"tendon {name}, from row {data.step_ids[k]} on"
-            one = number(name, self.unit, (-self.most, self.most), 0.0, 0.01 * self.most)
+        """Another zero of one input, or another gain of all, from a row on."""
+        progress, price, many = (
+            progress_along(data.steps),
+            math.log(len(data.steps)),
+            math.log(len(self.names)),
+        )
+        gain = number("all", "1", (-0.9, 3.0), 0.0, 0.01)
+        for k in possible_starts(data):
+            since, start = f"from row {data.step_ids[k]} on", float(progress[k])
 
-            def later(
-                commands: Mapping[str, float], name: str, p: float, start: float = progress[k]
-            ) -> float:
+            def later(commands: Mapping[str, float], name: str, p: float, start: float = start) -> float:
                 return float(p >= start)
 
-            kind, change = Kind("input", ("row",), where), _with_inputs(later)
-            yield ChangedDescription(f"jump of the input ({where})", kind, (one,), change, text, price)
+            def gained(commands: Mapping[str, float], name: str, p: float, start: float = start) -> float:
+                return commands[name] * (p >= start)
+
+            kind, text = Kind("input", ("row",), since), "the gain of the inputs jumps"
+            yield ChangedDescription(
+                f"jump of the gain ({since})", kind, (gain,), _with_inputs(gained), text, price
+            )
+            for name in self.names:
+                where, text = f"tendon {name}, {since}", "the zero of an input jumps"
+                one = number(name, self.unit, (-self.most, self.most), 0.0, 0.01 * self.most)
+                kind, change = Kind("input", ("row",), where), _with_inputs(later)
+                label = f"jump of the input ({where})"
+                yield ChangedDescription(label, kind, (one,), change, text, price + many)
 
 
 def _with_inputs(shape: _InputLaw) -> Change:

@@ -569,7 +569,11 @@ def _entry(state: SearchState, number: int, proposal: Proposal) -> Candidate:
     held_out = mean_cost(fit.held_cost, problem.held_out) if np.any(problem.held_out) else None
     note = "" if fit.solved else "the model did not converge there"
     return replace(
-        entry, fitted=True, chi2_fit=mean_cost(fit.cost, problem.fitted), chi2_held_out=held_out, note=note
+        entry,
+        fitted=not fit.pruned,
+        chi2_fit=mean_cost(fit.cost, problem.fitted),
+        chi2_held_out=held_out,
+        note=note,
     )
 
 

@@ -250,7 +250,7 @@ def library(bays: int, clock: Factor) -> list[Term]:
 
 
 def terms_from_a_row_on(clock: Factor, starts: Mapping[int, float]) -> list[Term]:
-    """A stiffness, a precurvature, and a gain of all tendons, from a row on; ``starts``: see `loads_from_a_row_on`."""
+    """Another stiffness, or another precurvature, from a row on; ``starts``: see `loads_from_a_row_on`."""
 
     def later(state: BayState, start: float) -> Array:
         return (clock.value(state) >= start).astype(float)
@@ -259,7 +259,7 @@ def terms_from_a_row_on(clock: Factor, starts: Mapping[int, float]) -> list[Term
         Factor(f"a step in row {n}", f"step(row >= {n})", (0, 0, 0), partial(later, start=x), "row")
         for n, x in starts.items()
     ]
-    return [Term((step,), d) for step in steps for d in (BENDING, SECTION, TENDONS)]
+    return [Term((step,), d) for step in steps for d in (BENDING, SECTION)]
 
 
 def _repeated_sign(factors: tuple[Factor, ...], direction: Direction) -> bool:

@@ -95,7 +95,7 @@ def test_a_cause_has_as_many_numbers_as_the_data_support(hidden, number):
 
 def test_one_hole_of_one_tendon_may_be_rougher():
     own = problem_of(measured(model=FRICTIONAL), sigma=1e-4)
-    causes = [e for e in whole_dictionary(own) if e.name.startswith("friction at a hole")]
+    causes = [e for n, e in causes_of(own)[1].items() if n.startswith("friction at a hole")]
     assert len(causes) == sum(len(own.experiment.robot.hole_arc_lengths(t)) - 2 for t in ROBOT.tendons)
     first, second = causes[0].apply(own.experiment, {"friction": 0.2}).robot.tendons
     (hole,) = first.tight_holes
@@ -104,20 +104,10 @@ def test_one_hole_of_one_tendon_may_be_rougher():
 
 
 def test_what_promises_less_than_many_that_lag_behind_is_not_evaluated(monkeypatch):
-<<<<<<< HEAD
-    """Counted for listed effects and for others by themselves, whatever the number of processes."""
-    problem, _, causes = declared()
-    own = state_of(problem)
-    gravity, unnamed = effect("gravity"), [*causes.values()][-1]
-    costs = [200, 1e3, 1e3, 1e3, 100, 1e3, 300, 1e3]  # the fifth comes after three that lag behind
-    effects = [gravity] * 5 + [unnamed] * 3
-    proposals = [Proposal(own.best, Score.refused(e, own.best, ""), k) for k, e in enumerate(effects)]
-=======
     """Whatever the number of processes."""
     own = state_of(problem_of(measured()))
     costs = [200, 1e3, 1e3, 100, 1e3, 1e3, 1e3, 90]  # the last comes after three that lag behind
     proposals = [Proposal(own.best, Score.refused(effect("gravity"), own.best, ""), k) for k in range(8)]
->>>>>>> 58ecbeb4 (Identify: far from the data listed effects are compared by rough fits, listed ones are fitted before others, a stiffness, precurvature or gain from a row on, and another friction at one hole)
 
     def evaluated(_, found):
         return [replace(own.best, free=(), cost=costs[x.criterion]) for x in found]
@@ -224,19 +214,22 @@ def test_inputs_jump_at_a_row_share_are_limited_have_a_dead_zone_and_stay_behind
     problem, _, causes = declared()
     steps = problem.experiment.steps
     jump = causes["jump of the input (tendon t1, from row 7 on)"].apply(problem.experiment, {"t1": 0.1})
+    gain = causes["jump of the gain (from row 7 on)"].apply(problem.experiment, {"all": 0.1})
     share = causes["share of t1 in t2"].apply(problem.experiment, {"t2": 0.1})
     limit = causes["limit of the inputs"].apply(problem.experiment, {"share": 1.0, "limit": 0.5})
     dead = causes["dead zone of the inputs"].apply(problem.experiment, {"share": 1.0, "limit": 0.2})
     lag = causes["lag of the inputs"].apply(problem.experiment, {"share": 0.2})
-    changed = (e.steps for e in (jump, share, limit, dead, lag))
+    changed = (e.steps for e in (jump, gain, share, limit, dead, lag))
     acted = steps[0].tensions
-    for n, given, jumped, shared, limited, lost, behind in zip(
+    for n, given, jumped, gained, shared, limited, lost, behind in zip(
         problem.data.step_ids, steps, *changed, strict=True
     ):
         t1, t2 = given.tensions["t1"], given.tensions["t2"]
         acted = {"t1": 0.2 * acted["t1"] + 0.8 * t1, "t2": 0.2 * acted["t2"] + 0.8 * t2}
         assert behind.tensions == pytest.approx(acted)
         assert jumped.tensions == pytest.approx({"t1": t1 + (0.1 if n >= 7 else 0.0), "t2": t2})
+        factor = 1.1 if n >= 7 else 1.0
+        assert gained.tensions == pytest.approx({"t1": factor * t1, "t2": factor * t2})
         assert shared.tensions == pytest.approx({"t1": t1, "t2": t2 + 0.1 * t1})
         assert limited.tensions == pytest.approx({"t1": min(t1, 0.5), "t2": min(t2, 0.5)})
         assert lost.tensions == pytest.approx({"t1": max(t1 - 0.2, 0.0), "t2": max(t2 - 0.2, 0.0)})

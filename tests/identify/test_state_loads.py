@@ -84,19 +84,13 @@ def test_loads_from_a_row_on_act_on_all_disks_of_short_sequences():
         assert len(found) == 8 and {load.at_tip for load in found} == {at_tip}
 
 
-def test_stiffness_precurvature_and_gain_from_a_row_on_act_in_these_rows():
-    problem = problem_of(measured())
-    (run,) = problem.run([Job(problem.experiment, states=True)])
-    causes = {e.name: e for e in dictionary(problem, run.bays)}
+def test_stiffness_and_precurvature_from_a_row_on_act_in_these_rows():
+    problem, run, causes = declared()
     later, bend = np.array(problem.data.step_ids) >= 5, causes["step(row >= 5) kappa"]
     expected = np.where(later[:, None, None], run.bays.curvature[..., :2], 0.0)
     np.testing.assert_array_equal(bend.action(run.bays, {"coefficient": 2.0})[..., :2], 2.0 * expected)
-    found = {k: causes[f"step(row >= 5) {k}"].kind for k in ("kappa", "e", "m_T")}
-    assert {k: (x.perturbs, x.depends_on) for k, x in found.items()} == {
-        "kappa": ("stiffness", ("row",)),
-        "e": ("precurvature", ("row",)),
-        "m_T": ("input", ("row",)),
-    }
+    for name, perturbs in (("kappa", "stiffness"), ("e", "precurvature")):
+        assert causes[f"step(row >= 5) {name}"].kind == (perturbs, ("row",), "everywhere")
 
 
 def test_the_response_to_an_action_is_exact():
