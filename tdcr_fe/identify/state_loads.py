@@ -432,8 +432,8 @@ def _free_loads(clock: Factor) -> list[_FreeLoad]:
 
     found = []
     for perturbs, text, by, direction, factors in (
-        ("force", "of fixed direction", "", fixed, (None, clock, DISTANCE)),
-        ("moment", "of fixed direction", "", fixed, (None, clock, DISTANCE)),
+        ("force", "of fixed direction", "", fixed, (None, clock, TENSION, DISTANCE)),
+        ("moment", "of fixed direction", "", fixed, (None, clock, TENSION, DISTANCE)),
         ("force", "that turns with the tip", "orientation", turning, (None,)),
         ("moment", "that turns with the tip", "orientation", turning, (None,)),
         ("moment", "of a uniform field on a magnet along the tip", "orientation", dipole, (None, clock)),
