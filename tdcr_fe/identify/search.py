@@ -63,8 +63,9 @@ MANY, WORTHWHILE = 4, 0.1
 #: Candidates of a round that the report shows.
 SHOWN = 40
 
-#: Misfit per fitted reading from which on listed effects are fitted before they are compared, and iterations at most.
-#: An adhesion that held back most of the tension had 4700, was the 30th by first order, and left 1.
+#: Misfit per fitted reading from which on, if the most promising cause leaves it to first order, listed effects are
+#: fitted before they are compared, and iterations at most. An adhesion that held back most of the tension was the 30th
+#: of all, the first would have left 3000, and the adhesion left 1.
 FAR, ROUGH_ITERATIONS = 1000.0, 8
 
 #: Causes that saturate, simulated at full strength beside a model: the right one was the first or the sixth by its fall
@@ -194,7 +195,8 @@ def singles(
     """Single causes beside a model that are worth a fit; beside the declared one, those that saturate among them."""
     state, scores, reference = scores_beside(state, parent, costly)
     found = [x for x in scores if not _saturates(x.effect)]
-    if parent.cost > FAR * np.count_nonzero(state.problem.fitted):
+    left = parent.cost - max((x.drop for x in found), default=0.0)
+    if left > FAR * np.count_nonzero(state.problem.fitted):
         found = _roughly_fitted(state.problem, parent, found)
     proposals = worth_fitting(search, state.problem, parent, found, reference)
     if not (parent.effects or costly):
@@ -274,7 +276,7 @@ def fit_proposals(
             ready += _evaluated(problem, list(chosen.values()), _lowest(state, False), half)
         except OutOfTime:
             break
-        now = [f.cost <= noise if named is None else f.proposal.named is named for f in ready]
+        now = [f.may_leave(noise) if named is None else f.proposal.named is named for f in ready]
         queue = sorted(itertools.compress(ready, now), key=lambda f: f.criterion)
         ready, left = [f for f, chosen_now in zip(ready, now, strict=True) if not chosen_now], half
         while queue:
@@ -303,6 +305,10 @@ class _Evaluated(NamedTuple):
     # That it can reach, by its derivatives there
     cost: float
     criterion: float
+
+    def may_leave(self, cost: float) -> bool:
+        """Whether it may come down to a cost, by the error of first order."""
+        return self.cost <= cost + FIRST_ORDER * self.proposal.parent.cost
 
 
 def _evaluated(
