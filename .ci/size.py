@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2629,
     "tdcr_fe/report": 1215,
     "tdcr_fe/scene": 1465,
-    "tdcr_fe/solve": 6986,
+    "tdcr_fe/solve": 6980,
     "tdcr_fe/sweeps": 1423,
     "validation": 6958,
     "tests": 14003,

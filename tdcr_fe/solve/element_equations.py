@@ -32,9 +32,8 @@ _RATES: Array = np.zeros((6, 3, 4))
 _RATES[3:, :, :3] = skew(np.eye(3))
 _RATES[:3, :, 3] = np.eye(3)
 _RATES = _RATES.reshape(6, 12)
-#: Fixed-point iterations of the collocation equations, least and most; the change of the elements' ends in one,
-#: over their distance from the ends of the finite elements, that stops them.
-LEAST_SWEEPS, MOST_SWEEPS, SWEEP_CHANGE = 4, 12, 0.01
+#: Fixed-point iterations of the collocation equations.
+SWEEPS = 8
 
 
 @dataclass(frozen=True)
@@ -153,10 +152,8 @@ def exact_elements(
     both = np.empty((*start.shape[:-1], 2, 3))
     both[..., 0, :] = force - weight[..., None, :] * along
     moments = np.zeros((*twists.shape[:-1], 3))
-    ends = poses[..., 0, :, :]
     arm = skew(force)
-    own = exp_matrix(twists, coefficients(twists[..., 3:]))[..., :3, :]
-    for sweep in range(1, MOST_SWEEPS + 1):
+    for _ in range(SWEEPS):
         p = poses[..., 3]
         both[..., 1, :] = moment + (arm @ p[..., None])[..., 0]
         if heavy:
@@ -174,9 +171,5 @@ def exact_elements(
         every = integrals @ rates.reshape(*start.shape[:-1], 12)
         every += _IDENTITY
         every = every.reshape(*every.shape[:-1], 3, 4)
-        before, poses, ends = ends, every[..., :-1, :, :], every[..., -1, :, :]
-        if sweep >= LEAST_SWEEPS:
-            change = np.abs(ends - before).max(axis=(1, 2, 3))
-            if np.all(change <= SWEEP_CHANGE * np.abs(ends - own).max(axis=(1, 2, 3))):
-                break
+        poses, ends = every[..., :-1, :, :], every[..., -1, :, :]
     return ends, moments
