@@ -192,16 +192,19 @@ def worth_fitting(
 def singles(
     search: Search, state: SearchState, parent: Fit, costly: bool = False
 ) -> tuple[SearchState, list[Proposal]]:
-    """Single causes beside a model that are worth a fit; beside the declared one, those that saturate among them."""
+    """Single causes beside a model that are worth a fit.
+
+    Those that saturate are among them beside the declared model, and beside several causes, which may stand for one.
+    """
     state, scores, reference = scores_beside(state, parent, costly)
     found = [x for x in scores if not _saturates(x.effect)]
     left = parent.cost - max((x.drop for x in found), default=0.0)
     if left > FAR * np.count_nonzero(state.problem.fitted):
         found = _roughly_fitted(state.problem, parent, found)
     proposals = worth_fitting(search, state.problem, parent, found, reference)
-    if not (parent.effects or costly):
+    if not costly and len(parent.effects) != 1 and not search.is_noise(state.problem, parent):
         state, strong = at_full_strength(search, state, parent)
-        done = frozenset[str](), at_full_strength.__name__
+        done = frozenset(parent.names), at_full_strength.__name__
         state, proposals = replace(state, extended=state.extended | {done}), proposals + strong
     return state, proposals
 
@@ -485,15 +488,13 @@ def grow(search: Search, state: SearchState) -> Stage:
         progress = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
         more = len(names) < most_effects and (names, singles.__name__) not in state.extended
         tries: list[_Try] = [(singles, state.best)] if more else _hidden(search, state)
-        # Several causes that leave more than noise may stand for one that saturates, or for others.
-        if len(state.best.effects) > 1 and not search.explained(state):
-            if (names, at_full_strength.__name__) not in state.extended:
-                tries = [(at_full_strength, state.best)]
-            elif not search.long_data and (names, exchange.__name__) not in state.extended:
-                state = replace(state, extended=state.extended | {(names, exchange.__name__)})
-                state = yield from exchange(search, state, progress, costly=False)
-                if state.best is not before:
-                    continue
+        # Several causes that leave more than noise may stand for others.
+        anew = (names, exchange.__name__) not in state.extended and not search.long_data
+        if anew and len(state.best.effects) > 1 and not search.explained(state):
+            state = replace(state, extended=state.extended | {(names, exchange.__name__)})
+            state = yield from exchange(search, state, progress, costly=False)
+            if state.best is not before:
+                continue
         if not tries:
             break
         if search.out_of_time and state.best.effects:
