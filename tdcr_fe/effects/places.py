@@ -117,11 +117,12 @@ class EffectAtPlace(Effect):
 
     def __init__(self, general: PlaceEffect, place: Place) -> None:
         self.general, self.place = general, dict(place)
-        where = ", ".join(f"{name} = {value:.6g}" for name, value in place.items())
-        self.name = f"{general.name} ({where})"
+        named = ", ".join(f"{name} = {value:.6g}" for name, value in place.items())
+        self.name = f"{general.name} ({named})"
         self.description = general.description
         self.separating_experiment = general.separating_experiment
-        self.kind = general.kind._replace(where=self.where)
+        tendon = f"tendon {place['tendon']:.0f}, " if "tendon" in place else ""
+        self.kind = general.kind._replace(where=f"{tendon}s = {place['s']:.4g} m")
         self.parameters = tuple(p for p in general.parameters if p.name not in general.place_names)
 
     @property
@@ -129,19 +130,9 @@ class EffectAtPlace(Effect):
         """See `Effect.listed`."""
         return self.general.name
 
-    @property
-    def where(self) -> str:
-        """The place, in words."""
-        tendon = f"tendon {self.place['tendon']:.0f}, " if "tendon" in self.place else ""
-        return f"{tendon}s = {self.place['s']:.4g} m"
-
     def spread(self, robot: Robot) -> dict[str, float]:
         """See `PlaceEffect.spread`."""
         return self.general.spread(robot, self.place)
-
-    def all_values(self, values: Values) -> dict[str, float]:
-        """Values of the listed effect: the place and the size."""
-        return {**self.place, **values}
 
     def choices(self, robot: Robot) -> int:
         """See `Effect.choices`."""
@@ -163,7 +154,7 @@ class EffectAtPlace(Effect):
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
-        return self.general.apply(experiment, self.all_values(values))
+        return self.general.apply(experiment, {**self.place, **values})
 
 
 class BayEffect(PlaceEffect):
