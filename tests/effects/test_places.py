@@ -112,7 +112,7 @@ def test_an_effect_at_a_fixed_place_is_the_listed_one_there(e):
     there = e.at(place)
     assert there.listed == e.name and not set(place) & {p.name for p in there.parameters}
     values = e.size_probes(DECLARED, place)[0][0]
-    same = with_effect(DECLARED, e.name, **there.all_values(values))
+    same = with_effect(DECLARED, e.name, **{**there.place, **values})
     assert there.apply(DECLARED, values).robot == same.robot
     null = there.null_values(DECLARED)
     assert distance(tips(there.apply(DECLARED, null)), tips(DECLARED)) < 1e-9
