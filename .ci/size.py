@@ -30,7 +30,7 @@ BUDGET = {
     "tdcr_fe/commands": 971,
     "tdcr_fe/effects": 1310,
     "tdcr_fe/estimate": 1081,
-    "tdcr_fe/identify": 6741,
+    "tdcr_fe/identify": 6735,
     "tdcr_fe/io": 1889,
     "tdcr_fe/live": 350,
     "tdcr_fe/model": 2629,

@@ -58,6 +58,10 @@ class BayState:
         last = bay == self.shape[1] - 1
         return "tip" if last else f"disk at s = {self.edges[bay + 1]:.4g} m"
 
+    def choices(self, bay: int) -> int:
+        """Among how many places the end of a bay is one: the tip stands alone."""
+        return 1 if bay == self.shape[1] - 1 else self.shape[1]
+
     @property
     def tip(self) -> Array:
         """Rotation of the section at the end of the last bay, shape (K, 3, 3)."""

@@ -235,8 +235,7 @@ class PointForce(StateLoad):
         self.at, self.bay, self.reach = at, bay, 0.5 * float(state.edges[-1])
         where, far = state.place(bay), 20.0 * self.reach
         point = (Parameter(a, "m", -far, far, 0.0, 0.05 * self.reach, f"{a} of the point") for a in "xyz")
-        price = math.log(state.shape[1]) if bay < state.shape[1] - 1 else 0.0
-        kind = Kind("force", ("position",), where)
+        kind, price = Kind("force", ("position",), where), math.log(state.choices(bay))
         super().__init__(f"{name} ({where})", kind, (*point, *law), (), sentence, price)
         self.declared = state.moved[:, bay]
 

@@ -31,7 +31,7 @@ from tdcr_fe.model.friction import ForceDependentFriction
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import MisplacedRouting, PointsRouting
-from tdcr_fe.model.tendon import TightHole
+from tdcr_fe.model.tendon import Tendon, TightHole
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.problem import FitProblem
@@ -154,9 +154,7 @@ def _along(problem: FitProblem) -> list[Cause]:
             tendons = []
             for tendon in experiment.robot.tendons:
                 s = experiment.robot.hole_arc_lengths(tendon)[1:-1]
-                more = np.maximum(tendon.friction_coefficient + profile.value(values, 0.0, s), 0.0)
-                holes = (TightHole(float(x), None, float(mu)) for x, mu in zip(s, more, strict=True))
-                tendons.append(replace(tendon, tight_holes=(*holes, *tendon.tight_holes)))
+                tendons.append(_with_friction_at(tendon, s, profile.value(values, 0.0, s)))
             return experiment.with_robot(tendons=tuple(tendons))
 
         add("radius", "stiffness", profile, tapered, radius)
@@ -172,28 +170,30 @@ def _has_coefficients(problem: FitProblem) -> bool:
     return experiment.model.friction != "none" and not any(t.friction for t in experiment.robot.tendons)
 
 
+def _with_friction_at(tendon: Tendon, s: Array, more: Array) -> Tendon:
+    """A tendon with coefficients of friction that are larger by so much at holes, shape (n,) both."""
+    coefficients = np.maximum(tendon.friction_coefficient + more, 0.0)
+    holes = (TightHole(float(x), None, float(mu)) for x, mu in zip(s, coefficients, strict=True))
+    return replace(tendon, tight_holes=(*holes, *tendon.tight_holes))
+
+
 def _rough_holes(problem: FitProblem) -> list[Cause]:
     """Another coefficient of friction at one hole."""
     robot = problem.experiment.robot
     holes = [(t.name, float(s)) for t in robot.tendons for s in robot.hole_arc_lengths(t)[1:-1]]
-    found = list[Cause]()
+    friction, found = number("friction", "1", (-1.0, 2.0), 0.0, 0.02), list[Cause]()
     for name, s in holes if _has_coefficients(problem) else ():
 
         def rougher(experiment: Experiment, values: Values, name: str = name, s: float = s) -> Experiment:
-            tendons = []
-            for t in experiment.robot.tendons:
-                hole = TightHole(s, None, max(t.friction_coefficient + values["friction"], 0.0))
-                own = (hole, *t.tight_holes) if t.name == name else t.tight_holes
-                tendons.append(replace(t, tight_holes=own))
-            return experiment.with_robot(tendons=tuple(tendons))
+            at, more = np.array([s]), np.array([values["friction"]])
+            tendons = experiment.robot.tendons
+            changed = tuple(_with_friction_at(t, at, more) if t.name == name else t for t in tendons)
+            return experiment.with_robot(tendons=changed)
 
-        where, numbers = f"tendon {name}, s = {s:.4g} m", (number("friction", "1", (-1.0, 2.0), 0.0, 0.02),)
-        kind, text, price = (
-            Kind("transmission", ("place",), where),
-            "one hole is rougher",
-            math.log(len(holes)),
-        )
-        found.append(ChangedDescription(f"friction at a hole ({where})", kind, numbers, rougher, text, price))
+        where, text, price = f"tendon {name}, s = {s:.4g} m", "one hole is rougher", math.log(len(holes))
+        kind = Kind("transmission", ("place",), where)
+        label = f"friction at a hole ({where})"
+        found.append(ChangedDescription(label, kind, (friction,), rougher, text, price))
     return found
 
 

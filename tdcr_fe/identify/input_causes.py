@@ -133,11 +133,7 @@ class _Inputs(NamedTuple):
 
     def jumps(self, data: MeasuredData) -> Iterator[Cause]:
         """Another zero of one input, or another gain of all, from a row on."""
-        progress, price, many = (
-            progress_along(data.steps),
-            math.log(len(data.steps)),
-            math.log(len(self.names)),
-        )
+        progress, price = progress_along(data.steps), math.log(len(data.steps))
         gain = number("all", "1", (-0.9, 3.0), 0.0, 0.01)
         for k in possible_starts(data):
             since, start = f"from row {data.step_ids[k]} on", float(progress[k])
@@ -157,7 +153,8 @@ class _Inputs(NamedTuple):
                 one = number(name, self.unit, (-self.most, self.most), 0.0, 0.01 * self.most)
                 kind, change = Kind("input", ("row",), where), _with_inputs(later)
                 label = f"jump of the input ({where})"
-                yield ChangedDescription(label, kind, (one,), change, text, price + many)
+                each = price + math.log(len(self.names))
+                yield ChangedDescription(label, kind, (one,), change, text, each)
 
 
 def _with_inputs(shape: _InputLaw) -> Change:

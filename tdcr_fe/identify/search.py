@@ -199,7 +199,7 @@ def singles(
     state, scores, reference = scores_beside(state, parent, costly)
     found = [x for x in scores if not _saturates(x.effect)]
     left = parent.cost - max((x.drop for x in found), default=0.0)
-    if left > FAR * np.count_nonzero(state.problem.fitted):
+    if not costly and left > FAR * np.count_nonzero(state.problem.fitted):
         found = _roughly_fitted(state.problem, parent, found)
     proposals = worth_fitting(search, state.problem, parent, found, reference)
     if not costly and len(parent.effects) != 1 and not search.is_noise(state.problem, parent):
@@ -652,9 +652,8 @@ def at_full_strength(search: Search, state: SearchState, parent: Fit) -> tuple[S
     """
     state, scores, _ = scores_beside(state, parent)
     problem = state.problem
-    causes = [
-        e for x in scores if isinstance(e := x.effect, EffectAtPlace) and _saturates(e) and x.drop > 0.0
-    ][:STRONG]
+    places = ((x.effect, x.drop) for x in scores if isinstance(x.effect, EffectAtPlace))
+    causes = [e for e, drop in places if e.general.saturates and drop > 0.0][:STRONG]
 
     def simulated(at: FitProblem, chosen: Sequence[EffectAtPlace], along: Fit | None) -> list[Fit]:
         points = [{**parent.values, e.name: e.full_strength(problem.experiment)} for e in chosen]

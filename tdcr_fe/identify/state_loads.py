@@ -354,7 +354,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         for bay in range(bays - 1 if free.at_tip else 0, bays):
             at = state.place(bay)
             terms = [(a, free.unit, free.on(bay, axis)) for axis, a in enumerate("xyz")]
-            price = 1.5 + (0.0 if bay == bays - 1 else math.log(bays)) + math.log(free.choices)
+            price = 1.5 + math.log(state.choices(bay)) + math.log(free.choices)
             kind = Kind(free.perturbs, free.depends_on, at)
             found += load(
                 f"{free.perturbs} {free.text} ({at})", kind, terms, f"a {free.perturbs} {free.text}", price
