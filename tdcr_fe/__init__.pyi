@@ -71,7 +71,7 @@ from .scene.loads import PointLoad as PointLoad
 from .solve.inverse_statics.inverse import follow_path as follow_path
 from .solve.inverse_statics.inverse import reach as reach
 from .solve.load_steps.load_path import StepFailed as StepFailed
-from .solve.sensitivities.local_response import local_response as local_response
+from .solve.sensitivities.linear_response import local_response as local_response
 from .solve.sensitivities.parameters import effect_parameter as effect_parameter
 from .solve.simulate import simulate as simulate
 from .solve.simulation import Simulation as Simulation

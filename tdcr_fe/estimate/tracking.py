@@ -24,8 +24,13 @@ from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Actuation, LoadStep
 from tdcr_fe.model.targets import TensionLimits, TipTarget, tip_targets
 from tdcr_fe.solve.inverse_statics.inverse import TOLERANCE
-from tdcr_fe.solve.inverse_statics.target_search import FIRST_RADIUS, Objective, TargetSearch
-from tdcr_fe.solve.inverse_statics.trials import Trial, TrialSteps
+from tdcr_fe.solve.inverse_statics.target_search import (
+    FIRST_RADIUS,
+    Objective,
+    TargetSearch,
+    Trial,
+    TrialSteps,
+)
 from tdcr_fe.solve.simulation import one_thread
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve.load_steps.load_path import StepFailed
-from tdcr_fe.solve.sensitivities.local_response import local_response
+from tdcr_fe.solve.sensitivities.linear_response import local_response
 from tdcr_fe.solve.simulation import Simulation, step_warnings
 
 Array = NDArray[np.float64]

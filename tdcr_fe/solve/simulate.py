@@ -29,7 +29,7 @@ from tdcr_fe.solve.mesh import (
     on_mesh,
     refined,
 )
-from tdcr_fe.solve.sensitivities.local_response import local_response
+from tdcr_fe.solve.sensitivities.linear_response import local_response
 from tdcr_fe.solve.sensitivities.parameters import Parameter, parameters
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
 from tdcr_fe.solve.simulation import Simulation, one_thread, step_warnings

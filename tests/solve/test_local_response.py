@@ -9,7 +9,7 @@ from robots import BACKBONE, LENGTH, tendon
 
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.solve.sensitivities.local_response import local_response
+from tdcr_fe.solve.sensitivities.linear_response import local_response
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.solve.simulation import Simulation
 

@@ -1,5 +1,8 @@
 """States of a scene: the configuration of its backbones, the tensions, and the history of friction.
 
+A beam node has seven coordinates (position and Euler parameters) and one norm constraint in Exudyn; here it has the
+six components ``[v, w]`` of a twist in its own frame. Everything else in the scene keeps its coordinates.
+
 A `Configuration` is a value; `ConfigurationSpace` builds, moves and compares them and writes them into Exudyn's scene.
 """
 
@@ -19,13 +22,66 @@ from tdcr_fe.elements.forces import Measurement
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.poses import ONES4, coefficients, exp_matrix, pose_matrix
-from tdcr_fe.solve.equations.reduction import BodyFrameReduction
 
 Array = NDArray[np.float64]
+
+
 ByRobot = tuple[Array, ...]
-
-
 _CURRENT, _INITIAL = exu.ConfigurationType.Current, exu.ConfigurationType.Initial
+
+
+class BodyFrameReduction:
+    """Map from Exudyn's unknowns to those of the strain-space solver.
+
+    Parameters
+    ----------
+    mbs
+        An assembled system.
+    beam
+        ODE2 coordinate numbers of all beam nodes, shape (N, 7).
+    dropped
+        Numbers of what is neither solved nor kept in equilibrium, multipliers behind all coordinates: the nodes' norm
+        constraints and joints of clamped bases, which are satisfied by construction, and what does not change.
+    """
+
+    def __init__(self, mbs: exu.MainSystem, beam: NDArray[np.int_], dropped: NDArray[np.int_]) -> None:
+        data = mbs.systemData
+        self.n2 = data.ODE2Size()
+        self.size = self.n2 + data.AEsize()
+        self.beam = beam
+        self.nodes = len(beam)
+        taken = np.zeros(self.size, dtype=bool)
+        taken[beam.ravel()] = True
+        taken[dropped] = True
+        #: Exudyn's numbers of what is not a beam node, coordinates first, multipliers behind them.
+        self.other = np.flatnonzero(~taken)
+        self.other_coordinates = self.other[self.other < self.n2]
+        self.other_multipliers = self.other[self.other >= self.n2] - self.n2
+        #: Number of unknowns after the reduction.
+        self.count = 6 * self.nodes + len(self.other)
+
+    def residual(self, r: Array, frames: Array) -> Array:
+        """Wrenches ``[f, m]`` of the nodes in their own frames, then the rest, shape (count,)."""
+        at_nodes = (r.take(self.beam)[:, None, :] @ frames).reshape(-1)
+        return np.concatenate((at_nodes, r[self.other])) if self.other.size else at_nodes
+
+    def tangent(self, j: Array, frames: Array) -> Array:
+        """Exudyn's Jacobian in the same terms, shape (count, count).
+
+        Parameters
+        ----------
+        j
+            Shape (size, size).
+        frames
+            See `tdcr_fe.elements.backbone.NodePoses`.
+        """
+        order = np.concatenate((self.beam.ravel(), self.other))
+        rows = j[np.ix_(order, order)]
+        for _ in range(2):
+            # By node, its seven rows become six; then the same of the columns.
+            at_nodes = frames.swapaxes(1, 2) @ rows[: self.beam.size].reshape(self.nodes, 7, -1)
+            rows = np.concatenate((at_nodes.reshape(6 * self.nodes, -1), rows[self.beam.size :])).T
+        return np.ascontiguousarray(rows)
 
 
 class Unknowns(NamedTuple):
@@ -55,13 +111,6 @@ class Configuration(NamedTuple):
     def twists(self) -> tuple[Array, ...]:
         """By robot, relative twists of the elements, shape (E, 6)."""
         return self.unknowns.twists
-
-
-class Move(NamedTuple):
-    """Configuration after a step."""
-
-    configuration: Configuration
-    fraction: float  # Fraction of the step that was taken [1]
 
 
 class ConfigurationSpace:
@@ -170,8 +219,8 @@ class ConfigurationSpace:
 
     def move(
         self, start: Configuration, step: Array, chains: Sequence[ElementChain], max_turn: float
-    ) -> Move:
-        """Take a step, or the fraction of it in which no element turns by more than allowed.
+    ) -> tuple[Configuration, float]:
+        """The configuration after a step, or the fraction of it [1] in which no element turns by more than allowed.
 
         Parameters
         ----------
@@ -208,7 +257,7 @@ class ConfigurationSpace:
             coordinates[reduction.other_coordinates] += rest[:n2]
             multipliers[reduction.other_multipliers] += rest[n2:]
         moved = Unknowns(coordinates, multipliers, twists, tuple(bases))
-        return Move(self.build(moved, start.parameters), fraction)
+        return self.build(moved, start.parameters), fraction
 
     def write(self, configuration: Configuration, initial: bool = False) -> None:
         """Make this the current configuration of Exudyn's scene; with ``initial`` the initial one, too."""

@@ -15,8 +15,7 @@ from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.scene.mesh import of_backbone
 from tdcr_fe.solve.equations.band import BandLayout
-from tdcr_fe.solve.equations.configuration import ConfigurationSpace
-from tdcr_fe.solve.equations.reduction import BodyFrameReduction
+from tdcr_fe.solve.equations.configuration import BodyFrameReduction, ConfigurationSpace
 
 Array = NDArray[np.float64]
 

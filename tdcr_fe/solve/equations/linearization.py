@@ -1,7 +1,8 @@
-"""Linearised equilibrium: factors of the tangent, and the steps that follow from them."""
+"""Linearised equilibrium: the tangent of a scene, its factors, and the steps that follow from them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite
 from typing import NamedTuple, Protocol
 
@@ -9,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgetrf, dgetrs
 
-from tdcr_fe.elements.backbone import ElementChain
+from tdcr_fe.elements.backbone import BackboneMesh, ElementChain, NodeStiffness
 from tdcr_fe.elements.complementarity import positive_definite_near, solve_box
 from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.poses import EYE6
 from tdcr_fe.solve.equations.configuration import SolverState, Target
+from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import Numbering, zero_bases
 
 Array = NDArray[np.float64]
@@ -82,14 +85,27 @@ class BorderedFactors(NamedTuple):
     border: DenseFactors  # Of ``schur`` with the rows of slack tendons replaced
 
     @classmethod
-    def of(cls, inner: Factors, columns: Array, rows: Array, own: Array, slack: Flags) -> BorderedFactors:
-        """From the factors of ``K``, and from ``C``, ``R``, the diagonal of ``D``, and which tendons are slack.
+    def of(cls, inner: Factors, residual: Residual, numbering: Numbering) -> BorderedFactors:
+        """From the factors of ``K``, and the forces in the state of a residual.
 
         Raises
         ------
         numpy.linalg.LinAlgError
             The matrix is singular.
         """
+        count = numbering.linear - numbering.reduced
+        columns = np.zeros((numbering.reduced, count), order="F")
+        rows, own, slack = np.zeros((count, numbering.reduced)), np.zeros(count), np.zeros(count, dtype=bool)
+        for part in numbering.robots:
+            which, at = part.driven, residual.forces[part.robot]
+            if not which.size:
+                continue
+            here = slice(part.tensions.start - numbering.reduced, part.tensions.stop - numbering.reduced)
+            columns[part.nodes, here] = at.base_tension_columns()[:, which]
+            rows[here, part.nodes] = at.base_slip_rows()[which]
+            own[here] = at.base_slip_by_base()[which]
+            slack[here] = at.base_tension[which] <= 0.0
+        zero_bases(columns, numbering.clamped)
         response = inner.solve(columns)
         schur = np.diag(own) - rows @ response
         return cls(inner, response, rows, schur, slack, _border(schur, slack))
@@ -303,3 +319,48 @@ class Linearization(NamedTuple):
         """Largest change of the rotation of any element since, with the present twists by robot [rad]."""
         pairs = zip(self.chains, twists, strict=True)
         return max([float(np.abs(new[:, 3:] - chain.twists[:, 3:]).max()) for chain, new in pairs])
+
+
+def backbone_tangent(
+    residual: Residual, robot: int, nodes: slice, damping: Array, mesh: BackboneMesh | None = None
+) -> NodeStiffness:
+    """What Exudyn's Jacobian leaves out of the tangent of a backbone, or with a mesh all of it.
+
+    These are the geometric terms of unbalanced wrenches, and the damping of pseudo-transient continuation.
+
+    Parameters
+    ----------
+    residual
+        Of a state.
+    robot, nodes
+        Its number, and its nodes among those of all robots.
+    damping
+        See `damping_of_node`, shape (6,).
+    mesh
+        Of the only robot, where nothing else resists.
+    """
+    configuration, wrenches = (
+        residual.state.configuration,
+        residual.unbalanced[6 * nodes.start : 6 * nodes.stop],
+    )
+    found = configuration.chains[robot].tangent(wrenches, *configuration.poses[robot], mesh)
+    component = np.arange(6)
+    # Exudyn's Jacobian is that of the right-hand side: minus the stiffness.
+    found.itself[:, component, component] -= damping
+    return found
+
+
+def damping_of_node(damping: float, length: float) -> Array:
+    """Damping of pseudo-transient continuation [N m] by the increments of a node, shape (6,).
+
+    Forces act by a lever of the length [m].
+    """
+    return damping * np.repeat((1.0 / length**2, 1.0), 3)
+
+
+def hold(k: Array, bases: Sequence[slice]) -> None:
+    """Replace the equations of clamped bases by zero increments."""
+    for base in bases:
+        rows = k[base]
+        rows.fill(0.0)
+        rows[:, base] = EYE6

@@ -31,8 +31,10 @@ from tdcr_fe.solve.equations.linearization import (
     DenseFactors,
     Factors,
     Linearization,
+    backbone_tangent,
+    damping_of_node,
+    hold,
 )
-from tdcr_fe.solve.equations.tangent import backbone_tangent, border, damping_of_node, hold
 
 Array = NDArray[np.float64]
 
@@ -362,7 +364,7 @@ class SceneSystem:
         """
         factors = self._factors(residual, numbering, damping_of_node(damping, self.length))
         if numbering.any_driven:
-            factors = BorderedFactors.of(factors, *border(residual, numbering))
+            factors = BorderedFactors.of(factors, residual, numbering)
         return Linearization(factors, residual.state.configuration.chains, numbering, residual.forces)
 
     def _factors(self, residual: Residual, numbering: Numbering, damping: Array) -> Factors:

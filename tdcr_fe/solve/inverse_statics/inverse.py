@@ -34,8 +34,13 @@ from tdcr_fe.model.targets import (
     tip_targets,
 )
 from tdcr_fe.scene.mesh import elements_of_bays
-from tdcr_fe.solve.inverse_statics.target_search import AGREEMENT, Objective, SearchResult, TargetSearch
-from tdcr_fe.solve.inverse_statics.trials import TrialSteps
+from tdcr_fe.solve.inverse_statics.target_search import (
+    AGREEMENT,
+    Objective,
+    SearchResult,
+    TargetSearch,
+    TrialSteps,
+)
 from tdcr_fe.solve.load_steps.load_path import Position
 from tdcr_fe.solve.mesh import MOST_MESHES, MeshMonitor, error_order, mesh_warnings, refined
 from tdcr_fe.solve.simulate import CONVERGED, INTERRUPTED, with_estimate

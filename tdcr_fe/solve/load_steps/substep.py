@@ -225,9 +225,9 @@ class SubstepSolver:
         change[: len(motion)] = (
             -np.copysign(PUSH * system.length, _along(motion, state, unstable.state)) * motion
         )
-        moved = system.layout.space.move(start, change, start.chains, self.settings.max_turn)
+        configuration, _ = system.layout.space.move(start, change, start.chains, self.settings.max_turn)
         sign = self._stable_sign(state, unstable.target)
-        return state._replace(configuration=moved.configuration, tangent_sign=sign)
+        return state._replace(configuration=configuration, tangent_sign=sign)
 
     def failure(
         self, state: SolverState, start: float, end: float, failed: NewtonResult, iterations: int

@@ -18,9 +18,8 @@ from scipy.linalg import LinAlgError, cholesky, eig
 
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.kernel import Residual
-from tdcr_fe.solve.equations.linearization import Linearization
+from tdcr_fe.solve.equations.linearization import Linearization, damping_of_node
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.equations.tangent import damping_of_node
 from tdcr_fe.solve.newton.steps import FrictionCoupling
 
 Array = NDArray[np.float64]

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.backbone import ElementChain
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.equations.configuration import SolverState
@@ -260,16 +259,15 @@ def advanced(
     system: SceneSystem, state: SolverState, step: NewtonStep, numbering: Numbering, max_turn: float
 ) -> SolverState:
     """The state after a step, no element turning more than allowed."""
-    chains: tuple[ElementChain, ...] = step.linearization.chains
-    change = step.change
-    move = system.layout.space.move(state.configuration, change, chains, max_turn)
+    chains, change = step.linearization.chains, step.change
+    configuration, fraction = system.layout.space.move(state.configuration, change, chains, max_turn)
     tension, mobilisation = state.base_tension, state.mobilisation
     for part in numbering.robots:
         i = part.robot
         if part.driven.size:
             new = tension[i].copy()
-            pulled = np.maximum(new[part.driven] + move.fraction * change[part.tensions], 0.0)
-            if move.fraction == 1.0:
+            pulled = np.maximum(new[part.driven] + fraction * change[part.tensions], 0.0)
+            if fraction == 1.0:
                 # Exactly: round-off in the tension of a slack tendon would count as a miss of its displacement.
                 pulled[step.linearization.slack[i]] = 0.0
             new[part.driven] = pulled
@@ -277,6 +275,6 @@ def advanced(
         slipped = change[part.mobilisations]
         if slipped.any():
             new = mobilisation[i].copy()
-            new[part.frictional] = np.clip(new[part.frictional] + move.fraction * slipped, -1.0, 1.0)
+            new[part.frictional] = np.clip(new[part.frictional] + fraction * slipped, -1.0, 1.0)
             mobilisation = (*mobilisation[:i], new, *mobilisation[i + 1 :])
-    return state._replace(configuration=move.configuration, base_tension=tension, mobilisation=mobilisation)
+    return state._replace(configuration=configuration, base_tension=tension, mobilisation=mobilisation)

@@ -1,10 +1,10 @@
-"""Derivatives by differences: rules for the steps, models beside the present one, and changes of the inputs."""
+"""Derivatives by differences: rules for the steps, and changes of the inputs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Experiment
 from tdcr_fe.model.loading import Actuation, LoadStep, resolve
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, StepInput
-from tdcr_fe.solve.sensitivities.robot_model import RobotModel
 from tdcr_fe.solve.simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -127,47 +126,6 @@ def same_structure(present: Sequence[LoadStep], other: Sequence[LoadStep]) -> bo
     )
 
 
-#: Models at neighbouring values, by number of the parameter.
-Neighbours = Mapping[int, Stencil[RobotModel]]
-
-
-def neighbours(present: RobotModel, chosen: Sequence[Parameter]) -> Neighbours:
-    """Models at neighbouring values of all parameters of the description.
-
-    Parameters
-    ----------
-    present
-        Model at the present values.
-    chosen
-        Parameters; inputs of the current step have no neighbours.
-
-    Raises
-    ------
-    ValueError
-        A parameter changes the mesh or the tendons' holes, so that there is no derivative.
-    """
-
-    def build(experiment: Experiment) -> RobotModel:
-        model = present.beside(experiment)
-        _check_structure(present, model)
-        return model
-
-    return {
-        number: stencil(present.experiment, parameter, build)
-        for number, parameter in enumerate(chosen)
-        if isinstance(parameter, ModelParameter)
-    }
-
-
-def _check_structure(present: RobotModel, other: RobotModel) -> None:
-    """Refuse a model of another mesh, or with other holes."""
-    a, b = present.forces, other.forces
-    if a.mesh.arc_lengths.size != b.mesh.arc_lengths.size or not np.array_equal(present.rigid, other.rigid):
-        raise StructureChanged("the mesh has other nodes there")
-    if a.law.shape != b.law.shape or not np.array_equal(a.law.parameters.mask, b.law.parameters.mask):
-        raise StructureChanged("the tendons have other holes there")
-
-
 class InputValues(NamedTuple):
     """Derivatives of inputs (m, P), loads (L, 6, P) and time (P,) at one load factor."""
 
@@ -233,10 +191,10 @@ class InputDerivatives:
         experiment: Experiment,
         simulation: Simulation,
         chosen: Sequence[Parameter],
-        found: Neighbours,
+        found: Mapping[int, Stencil[Any]],
         frictional: bool,
     ) -> InputDerivatives:
-        """Derivatives by all parameters; see `neighbours`. ``frictional``: whether any hole has friction.
+        """Derivatives by all parameters, ``found`` by their numbers. ``frictional``: whether any hole has friction.
 
         Raises
         ------

@@ -1,21 +1,24 @@
-"""The forces of a robot and of its neighbours, with other values of its parameters, in one state.
+"""Derivatives of a robot's forces and slips by parameters at a fixed state, as differences between neighbouring models.
 
-All are evaluated at once, the tendons of all models as if they were so many tendons of one robot. The forces are those
-of `tdcr_fe.solve.equations.system.SceneSystem.residual`.
+Poses, tensions at the base and mobilisations are kept. The models at neighbouring values are built once; nothing is
+known of what a parameter means. All are evaluated at once, the tendons of all models as if they were so many tendons of
+one robot. The forces are those of `tdcr_fe.solve.equations.system.SceneSystem.residual`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements.backbone import strain_matrices
-from tdcr_fe.elements.forces import ForceModel
+from tdcr_fe.elements.forces import ForceModel, TendonForces
 from tdcr_fe.elements.friction import TendonLaw, TendonParameters
 from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
 from tdcr_fe.elements.section import SectionForces
@@ -23,6 +26,8 @@ from tdcr_fe.elements.tendons import CableGeometry, CableShape
 from tdcr_fe.scene.forces import force_model
 from tdcr_fe.scene.mesh import build_mesh, softened
 from tdcr_fe.scene.parts import BasePose
+from tdcr_fe.solve.sensitivities.differences import Stencil, StructureChanged, stencil
+from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter
 
 Array = NDArray[np.float64]
 
@@ -256,56 +261,204 @@ def _without_friction(parameters: TendonParameters) -> TendonParameters:
     return replace(parameters, friction=none, adhesion=none, laws=())
 
 
-class ModelStack:
-    """Several models of one robot, evaluated at once.
+#: Models at neighbouring values, by number of the parameter.
+Neighbours = Mapping[int, Stencil[RobotModel]]
+
+
+def neighbours(present: RobotModel, chosen: Sequence[Parameter]) -> Neighbours:
+    """Models at neighbouring values of all parameters of the description.
 
     Parameters
     ----------
-    models
-        With the same nodes, tendons and holes.
+    present
+        Model at the present values.
+    chosen
+        Parameters; inputs of the current step have no neighbours.
+
+    Raises
+    ------
+    ValueError
+        A parameter changes the mesh or the tendons' holes, so that there is no derivative.
+    """
+
+    def build(experiment: Experiment) -> RobotModel:
+        model = present.beside(experiment)
+        _check_structure(present, model)
+        return model
+
+    return {
+        number: stencil(present.experiment, parameter, build)
+        for number, parameter in enumerate(chosen)
+        if isinstance(parameter, ModelParameter)
+    }
+
+
+def _check_structure(present: RobotModel, other: RobotModel) -> None:
+    """Refuse a model of another mesh, or with other holes."""
+    a, b = present.forces, other.forces
+    if a.mesh.arc_lengths.size != b.mesh.arc_lengths.size or not np.array_equal(present.rigid, other.rigid):
+        raise StructureChanged("the mesh has other nodes there")
+    if a.law.shape != b.law.shape or not np.array_equal(a.law.parameters.mask, b.law.parameters.mask):
+        raise StructureChanged("the tendons have other holes there")
+
+
+class Inherited(NamedTuple):
+    """Derivatives of what an increment inherits, and of its times."""
+
+    slip: Array  # (m, g, P): Of the history [m, m/s]
+    slip_rate: Array  # as `slip`
+    time: Array  # (P,): Of the time at its end, and of its duration [s]
+    elapsed: Array  # as `time`
+
+
+def with_rates(change: Values, own: TendonForces, rate: Array, inherited: Inherited | None) -> Values:
+    """The change of forces where the rates of slip follow, of one where they are kept.
+
+    Rates are slips since the beginning of an increment over its duration. What changes them acts like released
+    lengths, whose effect the forces know. Differences would have to be small against the slip at which a law's
+    coefficient falls, which no parameter knows.
+
+    Parameters
+    ----------
+    change
+        Of a robot whose nodes, tensions at the base and mobilisations are kept; parameters are the last axis.
+    own
+        Forces in the present state.
+    rate
+        Of the slips [m/s], shape (m, g).
+    inherited
+        Changes of the slips from which the rates are counted, and of the duration; None where there are none.
+    """
+    field, law = own.field, own.model.law
+    if not field.depends_on_length:
+        return change
+    released = change.released
+    if inherited is not None:
+        by_slip = np.stack([np.linalg.pinv(law.slip_operator * exists) for exists in law.parameters.mask])
+        released = released - by_slip @ (inherited.slip + rate[:, :, None] * inherited.elapsed)
+    by_length = field.released_d_length[:, :, None]
+    longer = np.zeros_like(change.tension)
+    np.divide(released, by_length, out=longer, where=by_length != 0.0)
+    moved = field.d_length @ longer
+    wrenches = change.wrenches.copy()
+    wrenches[own.model.cable_nodes] += own.measured.shape.lines.softening(moved)
+    by_tension = field.released_d_tension[:, :, None]
+    return Values(wrenches, change.tension + moved, change.released + by_tension * moved)
+
+
+class ExplicitDerivatives:
+    """Derivatives of one robot's forces by its parameters.
+
+    Parameters
+    ----------
+    present
+        Model at the present values.
+    neighbours
+        Models at neighbouring values, by parameter of the description; inputs of the load steps have none.
+    count
+        Number of parameters P, inputs included.
 
     Attributes
     ----------
-    tendons : TendonStack
+    law : FrictionModel
+        Of the friction in the models; where the present one has none, that of the neighbours.
+    arc_lengths : ndarray, shape (N, P)
+        Derivatives of the arc lengths of the nodes [m].
     """
 
-    def __init__(self, models: Sequence[RobotModel]) -> None:
-        self.models = models
-        self.tendons = TendonStack.of([m.forces for m in models])
+    def __init__(self, present: RobotModel, neighbours: Neighbours, count: int) -> None:
+        self.present = present
+        models, self._owner = [present], np.full(1, -1)
+        self._offsets = np.zeros(1)
+        for number, each in neighbours.items():
+            models += each.models
+            self._owner = np.append(self._owner, np.full(len(each.models), number))
+            self._offsets = np.append(self._offsets, each.offsets)
+        weights = np.concatenate([np.zeros(0), *(each.weights for each in neighbours.values())])
+        place = self._owner[1:], np.arange(1, len(models))
+        self._weights = sparse.csr_array((weights, place), (count, len(models)))
+        self._models = models
         self._weight = np.stack([m.weight for m in models], axis=1)
+        self._tendons = TendonStack.of([m.forces for m in models])
+        self.law = self._tendons.law.law
+        self.arc_lengths = self._derivative(np.stack([m.forces.mesh.arc_lengths for m in models]))
 
-    def at(self, point: RobotPoint, rates: Array, times: Array) -> Values:
-        """Forces in a state.
+    def _derivative(self, values: Array) -> Array:
+        """Derivatives from values of all models, (S, ...) to (..., P)."""
+        shape, count = values.shape[1:], self._weights.shape[0]
+        change = (values - values[0]).reshape(len(values), math.prod(shape))
+        return np.ascontiguousarray((self._weights @ change).T).reshape(*shape, count)
+
+    def released_unloaded(self) -> Array:
+        """Derivatives of the released lengths in the unloaded shape without tension, shape (m, n, P)."""
+        tendons = self._tendons
+        shape = (1 + tendons.index.max(), *self.present.forces.law.shape)
+        values = tendons.law.released_unloaded().reshape(shape)
+        return self._derivative(values[tendons.index])
+
+    def at(
+        self,
+        own: TendonForces,
+        point: RobotPoint,
+        rate: Array,
+        times: tuple[float, float],
+        inherited: Inherited,
+    ) -> Values:
+        """Derivatives in a state by all parameters, which are the last axis.
 
         Parameters
         ----------
+        own
+            Forces there.
         point
             The state.
-        rates
-            Of the slips [m/s], shape (S, m, g).
+        rate
+            Of the slips [m/s], shape (m, g).
         times
-            Up to which the backbones creep [s], shape (S,).
+            At the beginning and at the end of the increment [s].
+        inherited
+            Derivatives of history and times.
+        """
+        begin, end = times
+        if len(self._owner) == 1:  # inputs alone, as in inverse statics
+            count = self._weights.shape[0]
+            still = np.zeros((*own.field.tension.shape, count))
+            none = Values(np.zeros((len(point.positions), 6, count)), still, still)
+            return with_rates(none, own, rate, inherited)
+        by_parameter = np.append(inherited.time, 0.0)
+        rates = np.broadcast_to(rate, (len(self._owner), *rate.shape))
+        if end <= begin and rate.shape == inherited.slip_rate.shape[:2]:
+            # No time passes: the rates are those of the history.
+            by_rate = np.append(inherited.slip_rate, np.zeros((*rate.shape, 1)), axis=2)
+            rates = rates + np.moveaxis(by_rate[..., self._owner] * self._offsets, -1, 0)
+        values = self._forces(point, rates, end + by_parameter[self._owner] * self._offsets)
+        return with_rates(Values(*map(self._derivative, values)), own, rate, inherited)
+
+    def _forces(self, point: RobotPoint, rates: Array, times: Array) -> Values:
+        """Forces of all models in a state.
+
+        ``rates``: of the slips [m/s], shape (S, m, g); ``times``: up to which the backbones creep [s], shape (S,).
         """
         twists, positions, rotations = point.twists, point.positions, point.rotations
-        gradient = np.empty((len(twists), len(self.models), 6))
+        gradient = np.empty((len(twists), len(self._models), 6))
         # Most parameters leave the backbone as it is.
         different: dict[Any, Array] = {}
-        for k, (model, time) in enumerate(zip(self.models, times.tolist(), strict=True)):
+        for k, (model, time) in enumerate(zip(self._models, times.tolist(), strict=True)):
             key = id(model.forces.mesh), id(model.forces.section), time
             if key not in different:
                 different[key] = model.gradient(twists, point.base_tension, time)
             gradient[:, k] = different[key]
         ends = gradient @ strain_matrices(twists)
         # By node first: the same matrices apply to all models.
-        wrenches = np.zeros((len(positions), len(self.models), 6))
+        wrenches = np.zeros((len(positions), len(self._models), 6))
         wrenches[:-1] -= ends[..., :6]
         wrenches[1:] -= ends[..., 6:]
         wrenches[..., :3] += self._weight @ rotations
-        for k, model in enumerate(self.models):
+        for k, model in enumerate(self._models):
             springs = model.forces.springs
             if springs is not None:
                 np.add.at(wrenches[:, k, :3], springs.nodes, springs.forces(positions, rotations))
-        nodes = self.models[0].forces.cable_nodes
-        found = self.tendons.at(point, rates, nodes)
+        nodes = self.present.forces.cable_nodes
+        found = self._tendons.at(point, rates, nodes)
         wrenches[nodes] += found.wrenches.swapaxes(0, 1)
         return found._replace(wrenches=wrenches.swapaxes(0, 1))

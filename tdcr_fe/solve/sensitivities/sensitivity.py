@@ -25,18 +25,19 @@ from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.scene.parts import BasePose
-from tdcr_fe.solve.load_steps.reversal_points import ReversalPoint, reversal_points
+from tdcr_fe.solve.load_steps.states_within import ReversalPoint, reversal_points
 from tdcr_fe.solve.load_steps.stepping import SolvedLoadStep
-from tdcr_fe.solve.sensitivities.differences import (
-    InputDerivatives,
-    InputValues,
-    Neighbours,
-    neighbours,
-)
-from tdcr_fe.solve.sensitivities.explicit import ExplicitDerivatives, Inherited
+from tdcr_fe.solve.sensitivities.differences import InputDerivatives, InputValues
 from tdcr_fe.solve.sensitivities.linear_response import Disturbance, Response, SolvedPoint, TendonChange
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, parameters
-from tdcr_fe.solve.sensitivities.robot_model import RobotModel, RobotPoint
+from tdcr_fe.solve.sensitivities.robot_model import (
+    ExplicitDerivatives,
+    Inherited,
+    Neighbours,
+    RobotModel,
+    RobotPoint,
+    neighbours,
+)
 from tdcr_fe.solve.simulation import Simulation
 
 Array = NDArray[np.float64]
