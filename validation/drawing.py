@@ -27,11 +27,6 @@ class RandomCase:
     steps: tuple[LoadStep, ...]
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # that were drawn, by name
 
-    @property
-    def by_displacement(self) -> bool:
-        """Whether the tendons are driven by displacement."""
-        return any(step.displacements for step in self.steps)
-
 
 @dataclass(frozen=True)
 class Draw:

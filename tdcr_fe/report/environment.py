@@ -112,18 +112,12 @@ def words(name: str) -> str:
     return name.replace("_", " ")
 
 
-def milliseconds(seconds: float | None) -> str:
-    """A time in ms, without the unit."""
-    return fixed(None if seconds is None else 1e3 * seconds, 0)
-
-
 FILTERS = {
     "significant": significant,
     "fixed": fixed,
     "short": short,
     "quantity": quantity,
     "words": words,
-    "ms": milliseconds,
 }
 
 

@@ -22,7 +22,7 @@ BAD = "#c0392b"
 #: Distinguishable for colour-blind readers, too (Okabe and Ito, yellow replaced by a darker one).
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9")
 #: One colour for the same thing in every report.
-MEASURED, DECLARED, CORRECTED, REFERENCE = INK, COLOURS[1], COLOURS[0], INK
+MEASURED, DECLARED, CORRECTED = INK, COLOURS[1], COLOURS[0]
 #: Colours of tensions; without the yellow end, which is invisible on white and, inverted, on black.
 HEAT = ListedColormap(colormaps["plasma"](np.linspace(0.0, 0.86, 256)), "heat")
 #: Ground of steps that were held out.
@@ -136,12 +136,3 @@ def space(axes: Any, limits: NDArray[np.float64], unit: str) -> None:
     axes.tick_params(pad=1.0, labelsize=8.5)
     axes.set_box_aspect(span, zoom=0.92)
     axes.view_init(elev=ELEVATION, azim=AZIMUTH)
-
-
-def no_axes(axes: Axes) -> None:
-    """Hide ticks, grid and frame, for a drawing to scale that carries its own scale bar."""
-    axes.set_xticks([])
-    axes.set_yticks([])
-    axes.grid(visible=False)
-    for spine in axes.spines.values():
-        spine.set_visible(False)

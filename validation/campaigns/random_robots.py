@@ -7,7 +7,6 @@ together in every step, or a solver warned of the step.
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,16 +32,11 @@ class Outcome:
     """Comparison of both solutions of a case, by load step that both solved."""
 
     number: int  # seed
-    tendons: int
-    disks: int
-    drive: str  # "tension", "displacement" or "elastic"
     gaps: list[float]  # largest distance of a disk between both, over the length [1]
     estimates: list[float]  # discretisation error that the finite elements announce, over the length [1]
     announced: list[bool]  # whether a solver warned of the step
     failures: list[str]  # messages of the solvers that did not converge
     warnings: list[str]
-    seconds: float  # processor time of the finite elements [s]
-    seconds_reference: float
 
     @property
     def unannounced(self) -> int:
@@ -55,42 +49,28 @@ class Outcome:
         """Both solved every step, and every difference is announced."""
         return not self.failures and self.unannounced == 0
 
-    @property
-    def milliseconds(self) -> float:
-        """Processor time of the finite elements by load step [ms]."""
-        return 1e3 * self.seconds / max(1, len(self.gaps))
-
 
 def compare(case: RandomCase, solvers: Mapping[str, Callable[..., SequenceResult]]) -> Outcome:
     """Solve a case with both solvers, and compare; an error of the program is a failure like any other."""
-    results, failures, warnings, seconds = {}, [], [], {}
+    results, failures, warnings = {}, [], []
     for name, solver in solvers.items():
-        begun = time.process_time()
         try:
             results[name] = result = solver(case.robot, case.model, case.steps)
             warnings += [f"{name}: {w}" for w in result.warnings]
             failures += [] if result.converged else [f"{name}: {result.message}"]
         except Exception as error:
             failures.append(f"{name}: {type(error).__name__}: {error}")
-        seconds[name] = time.process_time() - begun
     at, length = np.array(case.robot.disks.positions), case.robot.backbone.length
     # Of an error there are no steps.
     pairs = list(zip(*(r.steps for r in results.values()), strict=False)) if len(results) == 2 else []
     gaps = [np.linalg.norm(a.position_at(at) - b.position_at(at), axis=1).max() / length for a, b in pairs]
-    drive = "tension"
-    if case.by_displacement:
-        drive = "displacement" if case.robot.tendons[0].axial_stiffness is None else "elastic"
     return Outcome(
         case.number,
-        len(case.robot.tendons),
-        len(at),
-        drive,
         [float(gap) for gap in gaps],
         [(a.discretisation_error or 0.0) / length for a, _ in pairs],
         [any(re.search(rf"\bsteps? (?:\d+, )*{k}\b", w) for w in warnings) for k in range(1, len(pairs) + 1)],
         failures,
         warnings,
-        *seconds.values(),
     )
 
 
@@ -109,12 +89,11 @@ class RandomRobots(Campaign):
         row = super().row(outcome)
         largest = {f"largest_{k[:-1]}": max(vars(outcome)[k], default=np.nan) for k in ("gaps", "estimates")}
         kept = {k: v for k, v in row.items() if k not in ("gaps", "estimates", "announced")}
-        return {**kept, "passed": outcome.passed, **largest, "milliseconds_per_step": outcome.milliseconds}
+        return {**kept, "passed": outcome.passed, **largest}
 
     def report(self, outcomes: Sequence[Outcome]) -> list[str | pd.DataFrame]:
-        """Gaps, unannounced differences and times."""
+        """Gaps and unannounced differences."""
         gaps = np.array([gap for o in outcomes for gap in o.gaps] or [np.nan])
-        times = np.array([o.milliseconds for o in outcomes for _ in o.gaps] or [np.nan])
         failed = [str(o.number) for o in outcomes if not o.passed]
         return [
             f"{count(len(outcomes), 'robot')}, {sum(len(o.gaps) for o in outcomes)} load steps",
@@ -122,8 +101,6 @@ class RandomRobots(Campaign):
             f"{np.quantile(gaps, 0.99):.1e}, worst {gaps.max():.1e}",
             f"{int((gaps > TOLERANCE).sum())} steps differ by more than {100.0 * TOLERANCE:g} %, "
             f"{sum(o.unannounced for o in outcomes)} of them unannounced",
-            f"finite elements, processor time per step: median {np.median(times):.3g} ms, 90 % below "
-            f"{np.quantile(times, 0.9):.3g} ms, worst {times.max():.3g} ms",
             "all passed" if not failed else f"{len(failed)} failed: {', '.join(failed)}",
         ]
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+from matplotlib.figure import Figure
+
 from tdcr_fe.model.messages import count
-from tdcr_fe.report.environment import short
 from tdcr_fe.report.page import Card, Page, Picture, Section, render
-from tdcr_fe.validation.crosscheck import figures
+from tdcr_fe.report.style import BAD, COLOURS, INK, styled
 from tdcr_fe.validation.crosscheck.cases import (
     ELEMENTS_PER_BAY,
     LARGE_TENSIONS,
-    MODELS,
     MOST_COMPRESSION,
     MOST_TENSION,
     ROUTINGS,
@@ -22,11 +23,10 @@ from tdcr_fe.validation.records import Record
 
 def to_html(outcome: Record) -> str:
     """The report as one self-contained HTML file."""
-    return render(page(outcome), "tdcr_fe.validation.crosscheck")
+    return render(_page(outcome), "tdcr_fe.validation.crosscheck")
 
 
-def page(outcome: Record) -> Page:
-    """What the report shows."""
+def _page(outcome: Record) -> Page:
     counts, time, studies = outcome["counts"], outcome["time"], outcome["studies"]
     made = ", ".join(f"{name} {number}" for name, number in outcome["versions"].items())
     recalled = f", {time['recalled']} records from an earlier run" if time["recalled"] else ""
@@ -36,20 +36,33 @@ def page(outcome: Record) -> Page:
     else:
         verdict = f"All {counts['cases']} cases pass{'.' if outcome['passed'] else '; a requirement fails.'}"
     solved = [c for c in outcome["cases"] if not c["error"]]
-    sections = [Section("shapes", "Shapes and tensions", "shapes.html.j2", {"groups": _groups(solved)})]
+    picture = None
+    if solved:
+        drawn = _deviations(solved, TIP_TOLERANCE, outcome["worst"]["median_percent"])
+        picture = Picture(drawn, "Deviation of the tip in every case", "One dot for each case; crosses fail.")
+    differing = [
+        {**hole, "case": c["id"], "step": n}
+        for c in solved
+        for n, step in enumerate(c["steps"], start=1)
+        for hole in step["holes_differing"]
+    ]
+    context = {
+        "differing": differing,
+        "threshold": THRESHOLD,
+        "most": MOST_COMPRESSION,
+        "tolerance": TIP_TOLERANCE,
+        "presliding": PRESLIDING,
+        "most_tension": MOST_TENSION,
+        "largest_tension": max(LARGE_TENSIONS),
+    }
+    sections = []
     if studies["mesh"]:
         sections.append(Section("mesh", "Mesh convergence", "mesh.html.j2", {"studies": studies["mesh"]}))
     if studies["buckling"]:
-        context = {"studies": studies["buckling"], "most": MOST_COMPRESSION, "tolerance": TIP_TOLERANCE}
-        sections.append(Section("buckling", "Bays near buckling", "buckling.html.j2", context))
-    context = {
-        "presliding": PRESLIDING,
-        "most_tension": MOST_TENSION,
-        "most_compression": MOST_COMPRESSION,
-        "largest_tension": max(LARGE_TENSIONS),
-    }
+        found = {**context, "studies": studies["buckling"]}
+        sections.append(Section("buckling", "Bays near buckling", "buckling.html.j2", found))
     sections += [
-        _histories(solved),
+        Section("holes", "Hole states that differ", "holes.html.j2", context),
         Section("literature", "Closed forms and results of other codes", "literature.html.j2", studies),
         Section("all", "All cases", "cases.html.j2", {"cases": outcome["cases"]}),
         Section("method", "Method", "method.html.j2", context),
@@ -64,7 +77,7 @@ def page(outcome: Record) -> Page:
             f"{counts['steps']} load steps, {counts['holes']} hole states.",
         ),
         cards=tuple(_card(r) for r in outcome["requirements"][:4]),
-        pictures=_deviations(solved, outcome["worst"]["median_percent"]),
+        pictures=() if picture is None else (picture,),
         summary=Section("summary", "", "requirements.html.j2", outcome),
         sections=tuple(sections),
         notes=(
@@ -82,53 +95,31 @@ def _card(requirement: Record) -> Card:
     )
 
 
-def _deviations(solved: Sequence[Record], median: float) -> tuple[Picture, ...]:
-    if not solved:
-        return ()
-    drawn = figures.deviations(solved, TIP_TOLERANCE, median)
-    return (Picture(drawn, "Deviation of the tip in every case", "One dot for each case; crosses fail."),)
-
-
-def _groups(solved: Sequence[Record]) -> list[Record]:
-    """One picture for each routing and model: a case of each load, with different numbers of disks."""
-    found = []
-    for routing in ROUTINGS:
-        for path, friction in MODELS:
-            key = ("grid", routing, path, friction)
-            of_model = [
-                c for c in solved if (c["group"], c["routing"], c["tendon_path"], c["friction"]) == key
-            ]
-            if not of_model:
-                continue
-            friction_text = "no" if friction == "none" else friction
-            title = f"{routing}: {path if path == 'continuous' else f'{path}, {friction_text} friction'}"
-            worst = max(of_model, key=lambda c: c["deviation_percent"])
-            drawn = figures.shapes_and_tensions([c for c in of_model if c["quick"]] or of_model[:1])
-            found.append(
-                {
-                    "title": title,
-                    "count": count(len(of_model), "case"),
-                    "worst": short(worst["deviation_percent"]),
-                    "where": f"{worst['load']}, {worst['disks']} disks",
-                    "picture": Picture(drawn, f"Shapes and tensions, {title}"),
-                }
-            )
-    return found
-
-
-def _histories(solved: Sequence[Record]) -> Section:
-    context = {
-        "histories": [
-            {"case": c, "picture": Picture(figures.history(c), f"Hysteresis of {c['id']}")}
-            for c in solved
-            if c["group"] == "history" and c["friction"] == "per-hole"
-        ],
-        "differing": [
-            {**hole, "case": c["id"], "step": n}
-            for c in solved
-            for n, step in enumerate(c["steps"], start=1)
-            for hole in step["holes_differing"]
-        ],
-        "threshold": THRESHOLD,
-    }
-    return Section("histories", "Loading, unloading, reloading; hole states", "histories.html.j2", context)
+def _deviations(cases: Sequence[Record], tolerance: float, median: float) -> Figure:
+    """Every case by its tip deviation, one row per routing, with tolerance and median."""
+    with styled():
+        figure = Figure(figsize=(4.8, 2.5))
+        axes = figure.add_subplot()
+        rows = [r for r in ROUTINGS if any(c["routing"] == r for c in cases)]
+        rng = np.random.default_rng(0)
+        for y, routing in enumerate(rows[::-1]):
+            own = [c for c in cases if c["routing"] == routing]
+            x = np.maximum([c["deviation_percent"] for c in own], 1e-10)
+            height = y + rng.uniform(-0.28, 0.28, len(x))
+            good = np.array([c["passed"] for c in own], dtype=bool)
+            colour = COLOURS[ROUTINGS.index(routing)]
+            axes.scatter(x[good], height[good], s=13, color=colour, alpha=0.6, linewidths=0)
+            axes.scatter(x[~good], height[~good], s=26, color=BAD, marker="x", linewidths=1.2)
+        axes.axvline(tolerance, color=BAD, lw=1.2)
+        axes.axvline(median, color=INK, lw=1.0, ls=(0, (4, 3)))
+        top = len(rows) - 0.42
+        axes.text(tolerance * 1.12, top, f"tolerance {tolerance:g} %", color=BAD, va="bottom", fontsize=8.5)
+        axes.text(median / 1.12, top, f"median {median:.2g} %", va="bottom", ha="right", fontsize=8.5)
+        axes.set_xscale("log")
+        axes.set_xlim(right=40.0 * tolerance)  # room for its text
+        axes.set_yticks(range(len(rows)), rows[::-1])
+        axes.set_ylim(-0.6, len(rows) - 0.4)
+        axes.tick_params(axis="y", length=0, labelcolor=INK)
+        axes.grid(axis="y", visible=False)
+        axes.set_xlabel("deviation of the tip, worst step of each case [% of the length]")
+    return figure

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tdcr_fe.io.atomic import plain, write_json, write_text
+from tdcr_fe.io.atomic import write_json, write_text
 from tdcr_fe.report.environment import short
 from tdcr_fe.validation.crosscheck.compare import LARGEST, TENSION_TOLERANCE, TIP_TOLERANCE
 from tdcr_fe.validation.crosscheck.page import to_html
@@ -26,8 +26,6 @@ CLOSED_TOLERANCE, LITERATURE_TOLERANCE = 1e-6, 2e-6
 BOUND_TOLERANCE = 1e-8
 #: Kinds of studies, see `tdcr_fe.validation.crosscheck.studies`.
 STUDY_KINDS = ("mesh", "buckling", "closed", "literature")
-#: Fields left out of report.json, because only the pictures need them.
-_PICTURES_ONLY = ("shape_finite_element", "shape_reference")
 
 
 def judge(cases: Sequence[Record], studies: Sequence[Record], full: bool, time: Record) -> Record:
@@ -67,11 +65,7 @@ def judge(cases: Sequence[Record], studies: Sequence[Record], full: bool, time: 
             **{key: sum(c[key] for c in solved) for key in summed},
         },
         "worst": {key: _largest(solved, key)[0] for key in LARGEST} | {"median_percent": _median(solved)},
-        "time": {
-            **time,
-            "finite_element": sum(c["time_finite_element"] for c in solved),
-            "reference": sum(c["time_reference"] for c in solved),
-        },
+        "time": time,
         "versions": versions(),
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "cases": list(cases),
@@ -93,14 +87,8 @@ def _requirements(solved: Sequence[Record], studies: Record) -> list[Record]:
     """All requirements: what, found, required, unit as texts, whether passed, and where the largest value is."""
 
     def requirement(what: str, found: str, required: str, unit: str, passed: bool) -> Record:
-        return {
-            "what": what,
-            "found": found,
-            "required": required,
-            "unit": unit,
-            "passed": passed,
-            "where": "",
-        }
+        row = {"what": what, "found": found, "required": required, "unit": unit}
+        return {**row, "passed": passed, "where": ""}
 
     def below(what: str, found: tuple[float, str], limit: float, unit: str = "% of the length") -> Record:
         """A number that must be below a limit; one that was not found (NaN) does not pass."""
@@ -142,16 +130,5 @@ def headline(outcome: Record) -> list[str]:
 
 def write(outcome: Record, out: Path) -> None:
     """Write report.json and report.html into a directory."""
-    write_json(to_json(outcome), out / "report.json", indent=1)
+    write_json(outcome, out / "report.json", indent=1)
     write_text(to_html(outcome), out / "report.html")
-
-
-def to_json(outcome: Record) -> Record:
-    """The outcome for scripts: without the fields that only pictures need."""
-
-    def slim(case: Record) -> Record:
-        steps = [{k: v for k, v in s.items() if k not in _PICTURES_ONLY} for s in case.get("steps", ())]
-        return {**case, "steps": steps}
-
-    result: Record = plain({**outcome, "cases": [slim(c) for c in outcome["cases"]]})
-    return result
