@@ -57,58 +57,31 @@ class Response:
     def of(cls, simulation: Simulation, loaded: NDArray[np.int_]) -> Response:
         """Of the last solved state; ``loaded``: nodes on which loads may act, shape (q,)."""
         system, state = simulation.system, simulation.state
-        presliding = simulation.handle.actuation.law.hysteresis.presliding
-        target = Target(state.inputs, state.loads, state.time)
-        solved = SolvedPoint.of(system, state, target, linearization=simulation.linearization())
-        # The friction is a parameter at first; which holes stick is taken into account below.
-        solved = replace(solved, sticking=tuple(np.zeros_like(x) for x in solved.sticking))
-        own = solved.forces[0]
-        frictional = own.model.law.frictional
-        m, k = len(frictional), int(frictional.sum())
-        changes = solved.respond((_disturbance(own, state, loaded),))
-        tendons = changes.tendons[0]
-        slips = (own.model.law.slip_operator @ tendons.released)[frictional]
-        poses = state.configuration.poses[0]
-        moved = poses[1][:, None] @ changes.unknowns[solved.numbering.robots[0].nodes].reshape(
-            len(poses[0]), 2, 3, -1
+        target, mobilisation = Target(state.inputs, state.loads, state.time), state.mobilisation[0]
+        sticking = (np.abs(mobilisation) < 1.0 - AT_BOUND,)
+        solved = SolvedPoint.of(
+            system, state, target, sticking=sticking, linearization=simulation.linearization()
         )
-        displacements = tendons.released.sum(axis=1)
-        by_displacement = simulation.handle.actuation.drives.winds
-        displacements[by_displacement] = np.eye(m, displacements.shape[1])[by_displacement]
+        law = solved.forces[0].model.law
+        changes = solved.respond((_disturbance(solved.forces[0], state, loaded),))
+        tendons, (positions, rotations) = changes.tendons[0], state.configuration.poses[0]
+        moved = changes.unknowns[solved.numbering.robots[0].nodes].reshape(len(positions), 2, 3, -1)
+        moved = rotations[:, None] @ moved
+        displacements, m = tendons.released.sum(axis=1), len(law.frictional)
+        winds = simulation.handle.actuation.drives.winds
+        displacements[winds] = np.eye(m, displacements.shape[1])[winds]
         ends = [len(x) - 1 for x in simulation.handle.tensions().values()]
-        found = cls(
+        mobilisations = tendons.mobilisation[law.frictional]
+        slips = (law.slip_operator @ tendons.released)[law.frictional]
+        return cls(
             moved[:, 0],
             moved[:, 1],
             displacements,
             tendons.base_tension,
             tendons.tension[np.arange(m), ends],
-            slips,
-            np.eye(k, slips.shape[1], slips.shape[1] - k),
+            slips - law.hysteresis.presliding * mobilisations,
+            mobilisations,
         )
-        if not k:
-            return found
-        mobilisation = state.mobilisation[0][frictional]
-        return found._with_holes(np.abs(mobilisation) < 1.0 - AT_BOUND, presliding)
-
-    def _with_holes(self, sticks: NDArray[np.bool_], presliding: float) -> Response:
-        """By the plastic slips in place of the mobilisations, which are the last k parameters; holes keep sticking."""
-        k = len(sticks)
-        first, count = self.nodes.shape[-1] - k, int(sticks.sum())
-        by_friction = self.plastic_slips[:, first:]
-        # Slips of sticking holes: slip = plastic slip + presliding * mobilisation.
-        right = self.plastic_slips[sticks].copy()
-        right[:, first:] = -np.eye(k)[sticks]
-        matrix = by_friction[np.ix_(sticks, sticks)] - presliding * np.eye(count)
-        mobilisations = np.zeros((k, first + k))
-        mobilisations[sticks] = -np.linalg.solve(matrix, right)
-
-        def held(values: Array) -> Array:
-            at_fixed = values.copy()
-            at_fixed[..., first:] = 0.0
-            return at_fixed + values[..., first:] @ mobilisations
-
-        found = Response(*(held(x) for x in vars(self).values()))
-        return replace(found, plastic_slips=found.plastic_slips - presliding * mobilisations)
 
     def combined(self, weights: Array) -> Response:
         """By other parameters, of which these are linear functions: ``weights`` has shape (P, Q)."""
@@ -124,8 +97,8 @@ class Response:
 
 
 def _disturbance(own: TendonForces, state: SolverState, loaded: NDArray[np.int_]) -> Disturbance:
-    """Unit inputs, unit forces and moments in the world on nodes, and unit mobilisations."""
-    frictional, field = own.model.law.frictional, own.field
+    """Unit inputs, unit forces and moments in the world on nodes, and unit plastic slips before the step."""
+    frictional = own.model.law.frictional
     m, k = len(frictional), int(frictional.sum())
     first = m + 6 * len(loaded)
     found = Disturbance.none(own, first + k)
@@ -135,10 +108,5 @@ def _disturbance(own: TendonForces, state: SolverState, loaded: NDArray[np.int_]
         turn, start = rotations[node].T, m + 6 * j
         found.wrenches[6 * node : 6 * node + 3, start : start + 3] = turn
         found.wrenches[6 * node + 3 : 6 * node + 6, start + 3 : start + 6] = turn
-    if k:
-        found.wrenches[:, first:] = own.mobilisation_columns()
-        tendon, group = np.nonzero(frictional)
-        found.tension[tendon, :, first + np.arange(k)] = field.by_mobilisation[tendon, :, group]
-        released = field.released_d_tension[tendon] * field.by_mobilisation[tendon, :, group]
-        found.released[tendon, :, first + np.arange(k)] = released
+    found.slip[(*np.nonzero(frictional), first + np.arange(k))] = 1.0
     return found
