@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Observation
 from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, memory
-from tdcr_fe.estimate.frame import Frame, Problem, Readings, Solved, name_at
+from tdcr_fe.estimate.frame import Frame, Problem, Solved, name_at
 from tdcr_fe.estimate.response import plastic_slips
 from tdcr_fe.estimate.volume import Volume
 from tdcr_fe.io.readings import Reading
@@ -142,9 +142,7 @@ class Estimator:
                 raise ValueError(f"{where}: reading of {quantity}: location = {at}: must be {allowed}")
         self._commands = resolve(self.robot, [step], self._commands)[0]
         substeps = step.substeps or (None if self._time is None else SUBSTEPS)
-        frame = Frame(
-            self._problem, self.simulation.position, self._commands, Readings.of(readings), substeps
-        )
+        frame = Frame(self._problem, self.simulation.position, self._commands, readings, substeps)
         with one_thread():
             found = self._estimated(frame)
         result = replace(found.result, step=self._number, label=step.label)
@@ -153,7 +151,7 @@ class Estimator:
     def _estimated(self, frame: Frame) -> Estimate:
         """The estimate of a frame, which the estimator takes for its state; the last state where there is none."""
         mean, covariance = self._prior(frame)
-        read = len(frame.readings.values) > 0
+        read = len(frame.readings) > 0
         held = self._problem.at_given_place(covariance)[1]
         if read:
             mean = mean + self._volume.change_of_mean(held)

@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Observation
-from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.estimate.most_probable import Found, linear_start, most_probable, posterior_covariance
 from tdcr_fe.estimate.response import Response, plastic_slips, with_plastic_slips
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.channels import Location, channel
 from tdcr_fe.model.loading import Actuation, Load
 from tdcr_fe.model.observed_step import ObservedStep
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState
@@ -26,8 +24,6 @@ from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, Positi
 from tdcr_fe.solve.simulation import Simulation
 
 Array = NDArray[np.float64]
-#: Readings by quantity: which, and where.
-Groups = tuple[tuple[str, list[int], list[Location]], ...]
 
 #: Places along the body that are tried where that of the load is unknown, and most times that one is chosen anew.
 PLACES, MOST_CHOICES = 100, 5
@@ -130,34 +126,13 @@ class Problem:
 
 
 @dataclass(frozen=True, eq=False)
-class Readings:
-    """Readings of one frame."""
-
-    values: Array  # (n,): In the units of the channels
-    sigmas: Array  # (n,): Standard deviations
-    groups: Groups
-
-    @classmethod
-    def of(cls, readings: Sequence[Reading]) -> Readings:
-        """From rows of a table."""
-        groups: dict[str, list[int]] = {}
-        for i, reading in enumerate(readings):
-            groups.setdefault(reading.quantity, []).append(i)
-        return cls(
-            np.array([r.value for r in readings]),
-            np.array([r.sigma for r in readings], dtype=float),
-            tuple((q, which, [readings[i].location for i in which]) for q, which in groups.items()),
-        )
-
-
-@dataclass(frozen=True, eq=False)
 class Frame:
     """What is prescribed and read in a frame, and where the simulation is before it."""
 
     problem: Problem
     start: Position
     commands: Actuation
-    readings: Readings
+    readings: Sequence[Reading]
     substeps: int | None
 
     def most_probable(self, mean: Array, covariance: Array, last: Solved | None) -> Found[Solved] | None:
@@ -168,7 +143,7 @@ class Frame:
         place = self.problem.place
         variance = covariance[place, place]
         start = np.zeros(len(mean)) if last is None else last.start_of(self, mean, covariance)
-        if variance == 0.0 or not len(self.readings.values):
+        if variance == 0.0 or not self.readings:
             if last is not None:
                 found = most_probable(self.solved, mean, covariance, start, last)
                 if found is not None and found.converged:
@@ -250,58 +225,42 @@ class Solved:
         return found
 
     @cached_property
-    def _observed(self) -> ObservedStep:
-        """The state as it is observed."""
-        simulation = self.simulation
-        positions, rotations = simulation.state.configuration.poses[0]
-        tensions = simulation.handle.tensions()
-        base, distal = np.array([(x[0], x[-1]) for x in tensions.values()]).T
-        return ObservedStep(
-            self.frame.problem.s,
-            positions,
-            rotations @ BEAM_TO_SECTION.T,
-            simulation.displacement,
-            base,
-            distal,
-            tuple(tensions),
-            self.frame.problem.observation,
+    def _moved(self) -> tuple[ObservedStep, Array]:
+        """The state as it is observed, with small changes of the parameters of `_by_node`, and these."""
+        problem, change = self.frame.problem, self._by_node.observed
+        names, result = (
+            problem.simulation.handle.robot.tendon_names,
+            self.simulation.result(0, "", self.report),
         )
+        observed = ObservedStep.of(result, names, problem.observation)
+        h = change.difference_steps(observed)
+        return observed.moved(change, h), h
+
+    def _compared(self, readings: Sequence[Reading]) -> tuple[Array, Array]:
+        """Readings less their predictions, and derivatives of these by the parameters of `_by_node`.
+
+        Both over their standard deviations, shapes (n_readings,) and (n_readings, P).
+        """
+        moved, h = self._moved
+        sigmas = np.array([r.sigma for r in readings], dtype=float)
+        missed = [r.value - r.channel.predict(moved, [r.location])[0, 0] for r in readings]
+        slopes = [r.channel.differences(moved, h, [r.location])[0] for r in readings]
+        return np.array(missed) / sigmas, np.reshape(slopes, (len(sigmas), h.size)) / sigmas[:, None]
 
     @cached_property
+    def _of_frame(self) -> tuple[Array, Array]:
+        """The readings of its frame, compared."""
+        return self._compared(self.frame.readings)
+
+    @property
     def residual(self) -> Array:
         """See `tdcr_fe.estimate.most_probable.SolvedState`."""
-        return self._of_readings(self.frame.readings)[0]
+        return self._of_frame[0]
 
     @cached_property
     def jacobian(self) -> Array:
         """See `tdcr_fe.estimate.most_probable.SolvedState`."""
-        return self._of_readings(self.frame.readings)[1]
-
-    def _of_readings(self, readings: Readings) -> tuple[Array, Array]:
-        """Residual of readings, and derivatives of their predictions by the unknowns.
-
-        Both over their standard deviations, shapes (n_readings,) and (n_readings, n).
-        """
-        groups = readings.groups
-        alike = groups == self.frame.readings.groups
-        predicted, found = self._predicted if alike else self._prediction(groups, self.response)
-        return (readings.values - predicted) / readings.sigmas, found / readings.sigmas[:, None]
-
-    @cached_property
-    def _predicted(self) -> tuple[Array, Array]:
-        """The readings of its frame, and their derivatives by the unknowns."""
-        return self._prediction(self.frame.readings.groups, self.response)
-
-    def _prediction(self, groups: Groups, response: Response) -> tuple[Array, Array]:
-        """Predictions, shape (n_readings,), and their derivatives by P parameters of a response."""
-        count, change = sum(len(which) for _, which, _ in groups), response.observed
-        predicted, found = np.zeros(count), np.zeros((count, response.nodes.shape[-1]))
-        h = change.difference_steps(self._observed)
-        moved = self._observed.moved(change, h)
-        for quantity, which, locations in groups:
-            predicted[which] = channel(quantity).predict(moved, locations)[0]
-            found[which] = channel(quantity).differences(moved, h, locations)
-        return predicted, found
+        return self._of_frame[1] @ self._weights(self.unknowns)
 
     def _change_to(self, frame: Frame, unknowns: Array) -> Array:
         """Of the unknowns, to those of its frame or of the next one, which begins where this state ends."""
@@ -339,7 +298,8 @@ class Solved:
 
     def start_of(self, frame: Frame, mean: Array, covariance: Array) -> Array:
         """``v`` with which the next frame begins from its prior, by the derivatives in this state."""
-        residual, jacobian = self._of_readings(frame.readings)
+        residual, by_node = self._compared(frame.readings)
+        jacobian = by_node @ self._weights(self.unknowns)
         return linear_start(covariance, residual - jacobian @ self._change_to(frame, mean), jacobian)
 
     def best_place(self, mean: Array, given: Array, held: Array, variance: float) -> tuple[float, Array]:
@@ -363,9 +323,7 @@ class Solved:
         start : ndarray, shape (n,)
             ``v`` of `most_probable` that leads there.
         """
-        problem = self.frame.problem
-        readings = self.frame.readings
-        by_node = self._prediction(readings.groups, self._by_node)[1] / readings.sigmas[:, None]
+        problem, by_node = self.frame.problem, self._of_frame[1]
         x, place, load = self.unknowns, problem.place, problem.load
         best = (np.inf, 0.0, np.zeros(len(mean)))
         present = by_node @ self._weights(x)
