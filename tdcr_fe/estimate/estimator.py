@@ -90,16 +90,15 @@ class Estimator:
         settings = settings or SolverSettings(tolerance=TOLERANCE)
         self.simulation = Simulation(robot, model, resolve(robot, self.steps), settings)
         loaded = np.array([self.simulation.handle.mesh.node_at(s, 1e-6) for s in places])
-        components = 6 if load.sigma_moment > 0.0 else 3
         # Uniform along the body where it is unknown.
         of_place = length / np.sqrt(12.0) if load.at == "unknown" else 0.0
-        of_load = np.repeat((load.sigma, load.sigma_moment), 3)[:components]
-        of_inputs = inputs.sigmas(robot.tendon_names)
-        self._problem = Problem(self.simulation, observation or Observation(), loaded, components, of_inputs)
+        of_load, of_inputs = np.repeat((load.sigma, load.sigma_moment), 3), inputs.sigmas(robot.tendon_names)
+        place = len(of_inputs) + 6
+        self._problem = Problem(self.simulation, observation or Observation(), loaded, of_inputs, place)
         slips = plastic_slips(self.simulation, self.simulation.state)
         self._sigmas = np.concatenate((of_inputs, of_load, [of_place], 0.0 * slips))
         self._typical = np.zeros(len(self._sigmas))
-        self._typical[self._problem.place] = 0.5 * length if load.at == "unknown" else places[0]
+        self._typical[place] = 0.5 * length if load.at == "unknown" else places[0]
         self._mean = self._typical
         self._covariance = np.diag(self._sigmas**2)
         self._commands: Actuation | None = None
@@ -182,11 +181,10 @@ class Estimator:
         """Mean and covariance of the unknowns of a frame before its readings."""
         if self._time is None:
             return self._mean, self._covariance
-        elapsed, first, count = frame.commands.time - self._time, self._problem.place + 1, len(self._mean)
-        changes = [memory(prior, elapsed) for prior in (self.inputs, self.load)]
-        changes.append((1.0, 0.0))  # Plastic slips stay.
-        m = self._problem.tendons
-        kept, grown = np.repeat(changes, (m, first - m, count - first), axis=0).T
+        place, elapsed = self._problem.place, frame.commands.time - self._time
+        kept, grown = np.ones(len(self._mean)), np.zeros(len(self._mean))  # Plastic slips stay.
+        for prior, which in ((self.inputs, self._problem.inputs), (self.load, slice(place - 6, place + 1))):
+            kept[which], grown[which] = memory(prior, elapsed)
         mean = self._typical + kept * (self._mean - self._typical)
         return mean, self._covariance * np.outer(kept, kept) + np.diag(grown * self._sigmas**2)
 
@@ -196,7 +194,7 @@ class Estimator:
         ``state``: where derivatives are taken.
         """
         response, problem = state.response, self._problem
-        place, force = problem.place, slice(problem.tendons, problem.tendons + 3)
+        place, (force, moment) = problem.place, np.split(x[problem.load], 2)
         acting = problem.actuation(state.frame.commands, x)
         result = self.simulation.result(0, "", state.report, acting)
         return Estimate(
@@ -204,10 +202,10 @@ class Estimator:
             state.frame.commands.time,
             float(x[place]),
             float(np.sqrt(covariance[place, place])),
-            x[force],
-            x[force.stop : place] if place > force.stop else np.zeros(3),
-            covariance[force, force],
-            x[: problem.tendons],
+            force,
+            moment,
+            covariance[problem.load, problem.load][:3, :3],
+            x[problem.inputs],
             result.base_tensions,
             response.base_tensions @ covariance @ response.base_tensions.T,
             np.einsum("nip,pq,njq->nij", response.nodes, covariance, response.nodes, optimize=True),

@@ -1,7 +1,7 @@
 """One frame: the load step from the state before it to given unknowns, what is read of it, and the most probable state.
 
-The unknowns are the errors of the inputs (m), the components of the load (3, or 6 with the moment), its place, and the
-plastic slips of the holes at the beginning of the frame (k).
+The unknowns are the errors of the inputs (m), force and moment of the load (6), its place, and the plastic slips of the
+holes at the beginning of the frame (k). Those that are known, such as a moment that there is not, have no variance.
 """
 
 from __future__ import annotations
@@ -43,41 +43,30 @@ class Problem:
 
     simulation: Simulation
     observation: Observation
-    loaded: NDArray[
-        np.int_
-    ]  # Nodes that may carry the load; several, base plate left out, where its place is unknown
-    components: int  # Of the load: 3, or 6 with the moment
+    # Nodes that may carry the load; several, base plate left out, where its place is unknown
+    loaded: NDArray[np.int_]
     input_sigmas: Array  # (m,): Standard deviations of the inputs
+    place: int  # Number of the place among the unknowns
 
     @cached_property
     def s(self) -> Array:
         """Arc lengths of the nodes [m]."""
         return self.simulation.handle.arc_lengths
 
-    @cached_property
-    def tendons(self) -> int:
-        """Their number."""
-        return len(self.simulation.handle.robot.tendons)
-
     @property
-    def place(self) -> int:
-        """Number of the place among the unknowns."""
-        return self.tendons + self.components
+    def inputs(self) -> slice:
+        """Errors of the inputs among the unknowns."""
+        return slice(0, self.place - 6)
 
     @property
     def load(self) -> slice:
-        """The load among the unknowns."""
-        return slice(self.tendons, self.place)
+        """Force and moment among the unknowns."""
+        return slice(self.place - 6, self.place)
 
     @property
     def history(self) -> slice:
         """The plastic slips among the unknowns."""
         return slice(self.place + 1, None)
-
-    @property
-    def spacing(self) -> float:
-        """Of the places that are tried [m]."""
-        return float(self.s[-1]) / PLACES
 
     def at_given_place(self, covariance: Array) -> tuple[Array, Array]:
         """Change of all unknowns with the place of the load [1/m], and their covariance at a given place."""
@@ -101,28 +90,25 @@ class Problem:
         shares[k : k + 2], slopes[k : k + 2] = (1.0 - part, part), (-1.0 / length, 1.0 / length)
         return shares[1:], slopes[1:]
 
-    def inputs(self, commands: Actuation, unknowns: Array) -> tuple[Array, Array]:
+    def acting(self, commands: Actuation, unknowns: Array) -> tuple[Array, Array]:
         """Inputs that act, and their derivatives by their errors, each of shape (m,).
 
         A tension is not negative. Where its error would make it so, it still depends on the error a little: otherwise
         the iteration would not leave a slack tendon.
         """
         scale, wound = commands.drives.scale, commands.by_displacement
-        values = commands.values + scale * unknowns[: self.tendons]
+        values = commands.values + scale * unknowns[self.inputs]
         root = np.hypot(values, SLACK * self.input_sigmas)
         tension = 0.5 * (values + root)
         return np.where(wound, values, tension), scale * np.where(wound, 1.0, tension / root)
 
     def actuation(self, commands: Actuation, unknowns: Array) -> Actuation:
         """Inputs and loads that act."""
-        values, _ = self.inputs(commands, unknowns)
-        load = np.zeros(6)
-        load[: self.components] = unknowns[self.load]
         loads = dict(commands.loads)
         for node, share in zip(self.loaded, self.shares(unknowns[self.place])[0], strict=True):
-            at = float(self.s[node])
-            loads[name_at(at)] = Load(at=at, force=tuple(share * load[:3]), moment=tuple(share * load[3:]))
-        return replace(commands, values=values, loads=loads)
+            at, load = float(self.s[node]), share * unknowns[self.load]
+            loads[name_at(at)] = Load(at=at, force=tuple(load[:3]), moment=tuple(load[3:]))
+        return replace(commands, values=self.acting(commands, unknowns)[0], loads=loads)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +142,7 @@ class Frame:
             if at is None:
                 return None
             s, towards = at.best_place(mean, given, held, variance)
-            if abs(s - before) < self.problem.spacing:
+            if abs(s - before) < self.problem.s[-1] / PLACES:
                 break
             # At first the state is far off, and the linear model is no guide.
             begin = np.zeros_like(towards) if found is None and last is None else towards
@@ -214,14 +200,13 @@ class Solved:
     def _weights(self, unknowns: Array) -> Array:
         """From the unknowns to inputs, loads on nodes and plastic slips."""
         problem = self.frame.problem
-        m, place, count = problem.tendons, problem.place, problem.components
+        shares, slopes = problem.shares(unknowns[problem.place])
+        m, ends = problem.place - 6, problem.place - 6 + 6 * len(shares)
         found = np.zeros((self._by_node.nodes.shape[-1], len(unknowns)))
-        found[:m, :m] = np.diag(problem.inputs(self.frame.commands, unknowns)[1])
-        for j, (share, slope) in enumerate(zip(*problem.shares(unknowns[place]), strict=True)):
-            rows = slice(m + 6 * j, m + 6 * j + count)
-            found[rows, problem.load] = share * np.eye(count)
-            found[rows, place] = slope * unknowns[problem.load]
-        found[m + 6 * len(problem.loaded) :, problem.history] = np.eye(len(unknowns) - place - 1)
+        found[:m, :m] = np.diag(problem.acting(self.frame.commands, unknowns)[1])
+        found[m:ends, problem.load] = np.kron(shares[:, None], np.eye(6))
+        found[m:ends, problem.place] = np.kron(slopes, unknowns[problem.load])
+        found[ends:, problem.history] = np.eye(len(found) - ends)
         return found
 
     @cached_property
@@ -267,7 +252,7 @@ class Solved:
         problem, change = self.frame.problem, unknowns - self.unknowns
         if frame is not self.frame:
             given = frame.commands.values - self.frame.commands.values
-            change[: problem.tendons] += given / frame.commands.drives.scale
+            change[problem.inputs] += given / frame.commands.drives.scale
             slips = plastic_slips(problem.simulation, self.position.state)
             change[problem.history] = unknowns[problem.history] - slips
         return change
@@ -327,7 +312,7 @@ class Solved:
         x, place, load = self.unknowns, problem.place, problem.load
         best = (np.inf, 0.0, np.zeros(len(mean)))
         present = by_node @ self._weights(x)
-        for s in problem.spacing * np.arange(1, PLACES + 1):
+        for s in np.linspace(0.0, problem.s[-1], PLACES + 1)[1:]:
             moved = x.copy()
             moved[place] = s
             weights = by_node @ self._weights(moved)
