@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.io.keys import InputErrors
+from tdcr_fe.model.messages import shown
 from tdcr_fe.model.results import StepResult
-from tdcr_fe.model.schema import Checked, Quantity
+from tdcr_fe.model.schema import Checked, FieldError, Quantity
 
 Array = NDArray[np.float64]
 
-_TIME = Quantity("correlation time of the prior; 0: nothing is known from the frame before", "s", ge=0.0)
-_WALK = Quantity(
-    "growth of the standard deviation in one second, of a random walk that begins with sigma; 0: none", ge=0.0
-)
 _PLACE = 'an arc length above zero [m], "tip" or "unknown"'
 
 
@@ -35,31 +32,27 @@ class LoadPrior(Checked):
     sigma_moment : float
         The same of the moment [N m]; 0: there is no moment.
     correlation_time : float
-        Of the Gauss-Markov process that the components follow [s].
+        Of the Gauss-Markov process that the components follow; 0: nothing is known from the frame before [s].
     random_walk : float
         In place of it: growth of the standard deviation in one second, in units of sigma [1].
     """
 
-    at: Annotated[
-        float | Literal["tip", "unknown"], Quantity("where the load acts", "m", gt=0.0, allowed=_PLACE)
-    ] = "tip"
-    sigma: Annotated[float, Quantity("standard deviation of each component of the force", "N", gt=0.0)] = 0.05
-    sigma_moment: Annotated[
-        float, Quantity("standard deviation of each component of the moment; 0: there is none", "N m", ge=0.0)
-    ] = 0.0
-    correlation_time: Annotated[float, _TIME] = 1.0
-    random_walk: Annotated[float, _WALK] = 0.0
+    at: Annotated[float | Literal["tip", "unknown"], Quantity(unit="m", gt=0.0, allowed=_PLACE)] = "tip"
+    sigma: Annotated[float, Quantity(unit="N", gt=0.0)] = 0.05
+    sigma_moment: Annotated[float, Quantity(unit="N m", ge=0.0)] = 0.0
+    correlation_time: Annotated[float, Quantity(unit="s", ge=0.0)] = 1.0
+    random_walk: Annotated[float, Quantity(ge=0.0)] = 0.0
 
     def check(self, length: float) -> None:
-        """Raise a ValueError where it does not fit a backbone of a length [m]."""
+        """Raise a FieldError where it does not fit a backbone of a length [m]."""
         if not isinstance(self.at, str) and self.at > length:
-            raise ValueError(
-                f"load.at: {self.at:g}: must be at most the length of the backbone, {length:g} m"
+            raise FieldError(
+                "load.at", shown(self.at), f"must be at most the length of the backbone, {length:g} m"
             )
 
 
 @dataclass(frozen=True)
-class InputPrior(Checked):
+class InputPrior(InputErrors):
     """Errors of the inputs: what acts minus what is commanded or measured; the table ``[inputs]``.
 
     Attributes
@@ -68,35 +61,13 @@ class InputPrior(Checked):
         Standard deviation, of every tendon or by name: [N] where the tension is given, [m] where the displacement is,
         [rad] where the angle of the motor is.
     correlation_time : float
-        Of the Gauss-Markov process that the errors follow [s].
+        Of the Gauss-Markov process that the errors follow; 0: nothing is known from the frame before [s].
     random_walk : float
         In place of it: growth of the standard deviation in one second, in units of sigma [1].
     """
 
-    sigma: Annotated[
-        float | dict[str, Annotated[float, Quantity("", gt=0.0)]],
-        Quantity(
-            "standard deviation of every input [N, m or rad], or a table by tendon",
-            gt=0.0,
-            allowed="a number above zero, or a table with one for every tendon",
-        ),
-    ]
-    correlation_time: Annotated[float, _TIME] = 1.0
-    random_walk: Annotated[float, _WALK] = 0.0
-
-    def sigmas(self, names: Sequence[str]) -> Array:
-        """Of all tendons, shape (n_tendons,).
-
-        Raises
-        ------
-        ValueError
-            A table that does not name exactly the tendons.
-        """
-        if not isinstance(self.sigma, Mapping):
-            return np.full(len(names), self.sigma)
-        if set(self.sigma) != set(names):
-            raise ValueError(f"inputs.sigma: names {', '.join(self.sigma)}; must name {', '.join(names)}")
-        return np.array([self.sigma[n] for n in names])
+    correlation_time: Annotated[float, Quantity(unit="s", ge=0.0)] = 1.0
+    random_walk: Annotated[float, Quantity(ge=0.0)] = 0.0
 
 
 def memory(prior: LoadPrior | InputPrior, elapsed: float) -> tuple[float, float]:

@@ -20,16 +20,17 @@ from tdcr_fe.io.toml import read_toml
 from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.messages import PlausibilityWarning, issue
 from tdcr_fe.model.plausibility import plausibility
-from tdcr_fe.model.schema import Keys, Quantity, keys_of
+from tdcr_fe.model.schema import FieldError, Keys, Quantity
 
-_INPUTS = Quantity("errors of the inputs", allowed="a table [inputs] with sigma, correlation_time")
-#: Keys at the top of ``estimate.toml``.
+#: Keys of ``estimate.toml``.
 TOP = Keys(
     {
-        "load": Annotated[dict[str, Any], Quantity("the load")],
-        "inputs": Annotated[dict[str, Any], _INPUTS],
+        "load": Annotated[LoadPrior, Quantity("the load")],
+        "inputs": Annotated[
+            InputPrior, Quantity("errors of the inputs", allowed="a table [inputs] with sigma")
+        ],
     },
-    {"load": {}},
+    {"load": LoadPrior()},
 )
 
 
@@ -105,11 +106,10 @@ def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
     data, (load, inputs) = read_all(lambda: read_measured(folder), lambda: _read_priors(path))
     reporter = Reporter(str(path))
     try:
-        inputs.sigmas(data.robot.tendon_names)
+        inputs.by_tendon(data.robot.tendon_names)
         load.check(data.robot.backbone.length)
-    except ValueError as error:
-        key, _, allowed = str(error).partition(": ")
-        reporter(key, "", allowed)
+    except FieldError as error:
+        reporter(error.field, error.value, error.allowed)
     untimed = [n for n, step in zip(data.step_ids, data.steps, strict=True) if step.time is None]
     unknown = [r.line for r in data.readings if r.sigma is None]
     effects = ["actuator_backlash"] if data.experiment.ends is not None else []
@@ -129,18 +129,15 @@ def _read_priors(path: Path) -> tuple[LoadPrior, InputPrior]:
     """The tables of ``estimate.toml``."""
     reporter = Reporter(str(path))
     top, _ = TOP.read(read_toml(path)[0], "", reporter)
-    load = keys_of(LoadPrior).read(top.get("load", {}), "load", reporter)[0]
-    inputs = keys_of(InputPrior).read(top["inputs"], "inputs", reporter)[0] if "inputs" in top else {}
     reporter.refuse()
-    return LoadPrior(**load), InputPrior(**inputs)
+    return top["load"], top["inputs"]
 
 
 def _implausible_priors(estimation: Estimation) -> list[str]:
     """Standard deviations of load and inputs that are beyond what the robot can carry, as sentences."""
     data, sigma = estimation.data, estimation.load.sigma
-    errors = dict(
-        zip(data.robot.tendon_names, estimation.inputs.sigmas(data.robot.tendon_names), strict=True)
-    )
+    names = data.robot.tendon_names
+    errors = dict(zip(names, estimation.inputs.by_tendon(names), strict=True))
     drives: dict[str, Any] = {
         drive.inputs: {n: errors[n] for n in given} for drive, given in data.steps[0].inputs() if given
     }

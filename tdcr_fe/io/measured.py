@@ -13,7 +13,6 @@ import pandas as pd
 
 from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.io.atomic import write_text
-from tdcr_fe.io.keys import InputErrors
 from tdcr_fe.io.loading_table import Loading, loading_table, read_loading
 from tdcr_fe.io.problems import InputError, Problem, Reporter, read_all, refusal
 from tdcr_fe.io.readings import (
@@ -30,8 +29,8 @@ from tdcr_fe.io.user_effects import apply_effects
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, value_to_toml
 from tdcr_fe.model.checks import size_contradictions
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, with_displacements
-from tdcr_fe.model.messages import shown
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.schema import FieldError
 
 
 @dataclass(frozen=True)
@@ -149,7 +148,11 @@ def read_measured(folder: str | os.PathLike[str]) -> MeasuredData:
     if not readings:
         raise refusal(observed, "has no readings")
     files = [path for path in (folder / "robot.toml", of_model, of_loading, observed) if path.exists()]
-    reporter = Reporter(str(of_model))
+    reporter, inputs, sigmas = Reporter(str(of_model)), declared["inputs"], tuple[float, ...]()
+    try:
+        sigmas = inputs.by_tendon(robot.tendon_names) if inputs else ()
+    except FieldError as error:
+        reporter(error.field, error.value, error.allowed)
     data = MeasuredData(
         folder.resolve().name,
         robot,
@@ -161,7 +164,7 @@ def read_measured(folder: str | os.PathLike[str]) -> MeasuredData:
         tuple(bad),
         {path.name: digest(path) for path in files},
         declared["solver"],
-        input_sigma=_input_sigma(declared["inputs"], robot, reporter),
+        input_sigma=sigmas,
     )
     if declared["effects"]:
         data = _with_declared_effects(data, declared["effects"], reporter)
@@ -212,17 +215,6 @@ def _with_declared_effects(data: MeasuredData, table: object, reporter: Reporter
         if not _is_of_robot(declared, with_effects(declared, {name: values}))
     }
     return replace(data, robot=changed.robot, model=changed.model, effects=rest)
-
-
-def _input_sigma(inputs: InputErrors | None, robot: Robot, reporter: Reporter) -> tuple[float, ...]:
-    """Standard deviations of the inputs by tendon; empty where none are declared."""
-    if inputs is None:
-        return ()
-    names, given = robot.tendon_names, inputs.sigma
-    by_name = given if isinstance(given, dict) else dict.fromkeys(names, given)
-    if set(by_name) != set(names):
-        reporter("inputs.sigma", shown(given), f"must name every tendon: {', '.join(names)}")
-    return tuple(by_name.get(name, 0.0) for name in names)
 
 
 def _is_of_robot(before: Experiment, after: Experiment) -> bool:

@@ -82,7 +82,7 @@ def test_the_command_writes_tables_and_a_page(folder, tmp_path, capsys):
             "estimate.toml",
             "sigma = 0.05",
             "at = 0.9",
-            "load.at: 0.9: must be at most the length",
+            "load.at = 0.9: must be at most the length",
         ),
         ("estimate.toml", "sigma = 0.01", "sigma = {helix = 0.1}", "must name helix, t180, t270, t0"),
         ("loading.csv", "time", "tim", "loading.csv: tim: unknown column"),
