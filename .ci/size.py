@@ -27,9 +27,9 @@ from pathlib import Path
 BUDGET = {
     "elements": 2812,
     "tdcr_fe": 242,
-    "tdcr_fe/commands": 971,
+    "tdcr_fe/commands": 966,
     "tdcr_fe/effects": 1310,
-    "tdcr_fe/estimate": 1086,
+    "tdcr_fe/estimate": 994,
     "tdcr_fe/identify": 6735,
     "tdcr_fe/io": 1889,
     "tdcr_fe/live": 350,

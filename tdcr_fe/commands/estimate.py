@@ -7,7 +7,6 @@ import argparse
 import numpy as np
 
 from tdcr_fe.commands.common import Exit, complain, complain_of_left_out, print_understood, progress_bar
-from tdcr_fe.estimate.description import Estimate
 from tdcr_fe.estimate.report import write_estimates
 from tdcr_fe.estimate.run import read_estimation, run_estimation
 from tdcr_fe.io.atomic import check_output_folder
@@ -23,26 +22,20 @@ def run(args: argparse.Namespace) -> int:
     complain_of_left_out(args, data.left_out)
     print_understood(args, data.robot, data.model, data.steps)
     with progress_bar(args, len(data.steps), unit="frame") as bar:
-
-        def progress(frame: Estimate) -> None:
-            bar.update(1)
-
-        result = run_estimation(estimation, progress)
+        result = run_estimation(estimation, lambda frame: bar.update(1))
     if not result.frames:
         complain("interrupted before the first frame; nothing is written")
         return Exit.INTERRUPTED
     written = write_estimates(result, out)
-    failed = result.failed
     if not args.quiet:
         median, most = 1e-3 * np.quantile([frame.milliseconds for frame in result.frames], (0.5, 0.95))
         print(
             f"{count(len(result.frames), 'frame')} estimated, {quantity(median, 's')} each (median), 95 % within "
             f"{quantity(most, 's')}\nWritten to {out}: " + ", ".join(p.name for p in written)
         )
-    if failed:
-        first = next(frame.message for frame in result.frames if frame.message)
-        complain(f"{count(len(failed), 'frame')} not solved, the first is step {failed[0]}: {first}")
+    if result.failure:
+        complain(result.failure)
     if result.interrupted:
         complain(f"interrupted after {count(len(result.frames), 'frame')}; what was estimated is written")
         return Exit.INTERRUPTED
-    return Exit.FAILED if failed else Exit.DONE
+    return Exit.FAILED if result.failure else Exit.DONE

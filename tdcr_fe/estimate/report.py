@@ -144,15 +144,13 @@ def _page(result: EstimateResult) -> Page:
 
 def _sentences(result: EstimateResult) -> list[str]:
     """How many frames had readings, and what was not solved."""
-    data, failed = result.estimation.data, result.failed
+    data = result.estimation.data
     read = len({r.step for r in data.readings})
     found = [f"{count(len(data.readings), 'reading')} in {read} of {count(len(data.steps), 'frame')}."]
     if text := result.contradiction:
         found.append(f"{text[0].upper()}{text[1:]}.")
-    if failed:
-        first = next(f.message for f in result.frames if f.message)
-        text = f"{count(len(failed), 'frame')} not solved, the first is step {failed[0]}: {first}"
-        found.append(f"{text}. They have the state of the frame before.")
+    if result.failure:
+        found.append(f"{result.failure}. They have the state of the frame before.")
     if result.interrupted:
         found.append(f"Interrupted after {count(len(result.frames), 'frame')}.")
     return found

@@ -18,7 +18,7 @@ from tdcr_fe.io.problems import Problem, Reporter, read_all
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_toml
 from tdcr_fe.model.loading import Load, LoadStep
-from tdcr_fe.model.messages import PlausibilityWarning, issue
+from tdcr_fe.model.messages import PlausibilityWarning, count, issue
 from tdcr_fe.model.plausibility import plausibility
 from tdcr_fe.model.schema import FieldError, Keys, Quantity
 
@@ -77,6 +77,14 @@ class EstimateResult:
         """Numbers of the steps that were not solved, as the file has them."""
         ids = self.estimation.data.step_ids
         return tuple(n for n, frame in zip(ids, self.frames, strict=False) if frame.message)
+
+    @property
+    def failure(self) -> str:
+        """How many frames were not solved, and the first reason; empty where there are none."""
+        if not (failed := self.failed):
+            return ""
+        first = next(frame.message for frame in self.frames if frame.message)
+        return f"{count(len(failed), 'frame')} not solved, the first is step {failed[0]}: {first}"
 
     @property
     def contradiction(self) -> str:
@@ -155,7 +163,7 @@ def _implausible_priors(estimation: Estimation) -> list[str]:
 
 
 def run_estimation(
-    estimation: Estimation, progress: Callable[[Estimate], None] | None = None
+    estimation: Estimation, progress: Callable[[Estimate], object] | None = None
 ) -> EstimateResult:
     """Estimate all frames in order.
 
