@@ -10,13 +10,14 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from types import FrameType
+from typing import Any
 
 from tdcr_fe.model.messages import ignore_warnings
 
@@ -44,10 +45,24 @@ class Termination:
 
 
 @contextmanager
-def sigterm_as_interrupt() -> Iterator[Termination]:
-    """Raise `Terminated` in the main thread on SIGTERM, so that a command ends as on Ctrl-C.
+def _handled(number: int, handler: Callable[[int, FrameType | None], object]) -> Iterator[Any]:
+    """Handle a signal otherwise inside; yields the handler before.
 
     In another thread than the main one, where Python allows no signal handlers, it changes nothing.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield None
+        return
+    before = signal.signal(number, handler)
+    try:
+        yield before
+    finally:
+        signal.signal(number, before)
+
+
+@contextmanager
+def sigterm_as_interrupt() -> Iterator[Termination]:
+    """Raise `Terminated` in the main thread on SIGTERM, so that a command ends as on Ctrl-C.
 
     Yields
     ------
@@ -55,36 +70,21 @@ def sigterm_as_interrupt() -> Iterator[Termination]:
         Reports afterwards which signal arrived, even if the exception has been handled since.
     """
     termination = Termination()
-    if threading.current_thread() is not threading.main_thread():
-        yield termination
-        return
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         termination.received = True
         raise Terminated
 
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
+    with _handled(signal.SIGTERM, interrupt):
         yield termination
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager
 def interruption_deferred() -> Iterator[None]:
-    """Let Ctrl-C wait until the block, of a second or two, has ended: some libraries make another error of it.
-
-    In another thread than the main one it changes nothing.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
+    """Let Ctrl-C wait until the block, of a second or two, has ended: some libraries make another error of it."""
     received: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, frame: received.append(number))
-    try:
+    with _handled(signal.SIGINT, lambda number, frame: received.append(number)) as before:
         yield
-    finally:
-        signal.signal(signal.SIGINT, before)
     if received and callable(before):
         before(received[0], None)
 

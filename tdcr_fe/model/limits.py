@@ -135,26 +135,12 @@ def sentences(found: Iterable[Value]) -> list[str]:
 
 #: Kinds of material by Young's modulus, and where they begin [Pa].
 KINDS = {"steel": 1.5e11, "metal": 2e10, "plastic": 1e8, "rubber": 0.0}
-#: Materials of backbones, by Young's modulus [GPa] and density [kg/m^3], from and to (Ashby).
-MATERIALS = {
-    "steel": (190.0, 215.0, 7700.0, 8100.0),
-    "NiTi": (28.0, 90.0, 6400.0, 6600.0),
-    "titanium": (100.0, 120.0, 4400.0, 4600.0),
-    "aluminium": (65.0, 80.0, 2600.0, 2900.0),
-    "magnesium": (41.0, 47.0, 1700.0, 1900.0),
-    "copper or brass": (90.0, 135.0, 8300.0, 9000.0),
-    "cobalt-chromium": (200.0, 250.0, 8200.0, 9300.0),
-    "silver": (70.0, 85.0, 10400.0, 10600.0),
-    "platinum": (145.0, 200.0, 21000.0, 22000.0),
-    "tungsten": (340.0, 415.0, 17000.0, 19400.0),
-    "glass fibre": (20.0, 55.0, 1700.0, 2200.0),
-    "carbon fibre": (50.0, 300.0, 1400.0, 1800.0),
-    "plastic": (0.5, 5.0, 700.0, 1450.0),
-    "fluoroplastic": (0.4, 2.5, 1700.0, 2250.0),
-    "filled plastic": (3.0, 20.0, 1200.0, 1700.0),
-    "thermoplastic elastomer": (5e-3, 0.6, 880.0, 1300.0),
-    "rubber": (1e-5, 1e-2, 900.0, 1600.0),
-}
+
+
+@lru_cache(maxsize=1)
+def materials() -> dict[str, list[float]]:
+    """Materials of backbones, by Young's modulus [GPa] and density [kg/m^3], from and to: ``data/materials.toml``."""
+    return tomllib.loads((files("tdcr_fe") / "data" / "materials.toml").read_text(encoding="utf-8"))
 
 
 def kind_of_material(modulus: float) -> str:
@@ -163,7 +149,7 @@ def kind_of_material(modulus: float) -> str:
 
 
 def nearest_material(modulus: float, density: float) -> tuple[str, float]:
-    """The material in `MATERIALS` that is nearest, and by which factor modulus [Pa] and density [kg/m^3] are off.
+    """The material in `materials` that is nearest, and by which factor modulus [Pa] and density [kg/m^3] are off.
 
     Where none has this modulus and density, the name is that of one with the density, with its moduli.
     """
@@ -171,9 +157,9 @@ def nearest_material(modulus: float, density: float) -> tuple[str, float]:
     def off(value: float, low: float, high: float) -> float:
         return max(low / max(value, 1e-30), value / high, 1.0)
 
-    factors = {n: max(off(modulus / 1e9, *row[:2]), off(density, *row[2:])) for n, row in MATERIALS.items()}
+    factors = {n: max(off(modulus / 1e9, *row[:2]), off(density, *row[2:])) for n, row in materials().items()}
     name = min(factors, key=lambda n: factors[n])
     if factors[name] > limits()["material" + REMARK].high:
-        dense = min(MATERIALS, key=lambda n: off(density, *MATERIALS[n][2:]))
-        return f"{dense} has {MATERIALS[dense][0]:g} to {MATERIALS[dense][1]:g} GPa", factors[name]
+        dense, row = min(materials().items(), key=lambda x: off(density, *x[1][2:]))
+        return f"{dense} has {row[0]:g} to {row[1]:g} GPa", factors[name]
     return name, factors[name]

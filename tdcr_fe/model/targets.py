@@ -281,20 +281,8 @@ class FollowResult:
 
         names = self.robot.tendon_names
         columns = [
-            *(
-                "target",
-                "label",
-                "step",
-                "status",
-                "error",
-                "direction_error",
-                "x",
-                "y",
-                "z",
-                "dx",
-                "dy",
-                "dz",
-            ),
+            *("target", "label", "step", "status", "error", "direction_error"),
+            *("x", "y", "z", "dx", "dy", "dz"),
             *("tip_x", "tip_y", "tip_z", "tangent_x", "tangent_y", "tangent_z"),
             *(f"tension_{n}" for n in names),
             *(f"displacement_{n}" for n in names),
