@@ -162,7 +162,7 @@ def _parser() -> argparse.ArgumentParser:
             epilog=epilog,
             formatter_class=_Formatter,
         )
-        for names, options in command.arguments():
+        for names, options in command.parsed_arguments():
             sub.add_argument(*names, **options)
         sub.set_defaults(parser=sub)
     return parser
