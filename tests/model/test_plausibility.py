@@ -116,6 +116,13 @@ ROWS = {
     # Others.
     "radius in mm": (
         WIRE.with_backbone(radius=0.5), Model(), PULL, "backbone.radius = 0.5 m: not thinner", "in mm or cm?"),
+    "radius in cm": (
+        Robot(Backbone(0.1, 0.025, 0.4e6, 0.45), tendons=(Tendon("t1", ParallelRouting(9e-3)),)), Model(), [],
+        "backbone.radius = 0.025 m: larger than a fifth of the length", "in cm?"),
+    "radius in m for mm": (
+        WIRE.with_backbone(radius=1.6e-6), Model(), PULL, "backbone.radius = 1.6e-06 m: the length is 125000 times", ""),
+    "disks wider than long": (
+        WIRE.with_disks(radius=0.12), Model(), PULL, "disks.radius = 0.12 m: larger than half the length", "in mm or cm?"),
     "all lengths in mm": (
         Robot(replace(BACKBONE, length=200.0, radius=0.4), Disks.equally_spaced(13, 200.0, radius=5.0)), Model(), [],
         "backbone.length = 200 m", "in mm or cm?"),
@@ -379,6 +386,9 @@ RIGHT = {
         Robot(CATHETER, Disks.equally_spaced(40, 0.1, radius=2.3e-3), CHANNELS), Model(), RISE),
     "a pull between two of a pretension": (WIRE, HELD, FEW),
     "released, and pulled again": (WIRE, HELD, pulled(0.5, 1.0, 2.0, 0.5, 0.0, 0.1, 1.0, 2.0)),
+    "a thick body": (Robot(Backbone(0.1, 0.018, 0.4e6, 0.45, 1070.0)), Model(), []),
+    "a thin wire": (Robot(Backbone(0.8, 1e-5, 200e9, 0.3)), Model(), []),
+    "wide disks": (WIRE.with_disks(radius=0.08, mass=0.0), Model(), PULL),
     "tips of two segments": (
         WIRE.with_tendons(["t1"], end=0.1), HELD,
         [*RISE, LoadStep(loads={"tip1": Load(0.1, (0.0, 0.2, 0.0)), "multiple": Load(0.1)})]),
