@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,24 +29,24 @@ STEPS, SHAPE, TENSIONS, SUMMARY = "steps.csv", "shape.csv", "tensions.csv", "sum
 CORRECTED, MARKERS, DECLARED = "corrected", "markers.csv", "declared.csv"
 
 
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Refuse a file whose contents make an error inside."""
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, IndexError, RecursionError) as error:
+        reason = f"missing: {error.args[0]}" if isinstance(error, KeyError) else str(error).partition("\n")[0]
+        raise refusal(path, f"not as tdcr-fe wrote it: {reason}") from error
+
+
 def _table(path: Path, numbers: Sequence[str], texts: Sequence[str] = ()) -> pd.DataFrame:
-    """A table with at least these columns; texts stay as they are."""
+    """These columns of a table; texts stay as they are."""
     import pandas as pd
 
-    columns = [*numbers, *texts]
-    try:
-        found = pd.read_csv(
-            path,
-            usecols=lambda name: name in columns,
-            dtype=dict.fromkeys(texts, str),
-            keep_default_na=False,
-            na_values={name: ["", "nan"] for name in numbers},
-        )
-        if missing := [c for c in columns if c not in found.columns]:
-            raise refusal(path, f"missing column; needed are {', '.join(columns)}", missing[0])
-        return found.astype(dict.fromkeys(numbers, float))
-    except (ValueError, pd.errors.ParserError) as error:
-        raise refusal(path, f"not a table of results: {str(error).splitlines()[0]}") from error
+    with _reading(path):
+        types = {**dict.fromkeys(numbers, float), **dict.fromkeys(texts, str)}
+        empty = {name: ["", "nan"] for name in numbers}
+        return pd.read_csv(path, usecols=list(types), dtype=types, keep_default_na=False, na_values=empty)
 
 
 def _by_step(rows: pd.DataFrame, path: Path, steps: Sequence[int]) -> Array:
@@ -58,13 +59,11 @@ def _by_step(rows: pd.DataFrame, path: Path, steps: Sequence[int]) -> Array:
 
 
 def _summary(path: Path) -> dict[str, Any]:
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise refusal(path, f"not JSON: {error}") from error
-    if not isinstance(found, dict) or not isinstance(found.get("geometry"), dict):
-        raise refusal(path, "missing; written since version 0.2: run the scenario again", "geometry")
-    return found
+    with _reading(path):
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        if "geometry" not in found:
+            raise refusal(path, "missing; written since version 0.2: run the scenario again", "geometry")
+        return found
 
 
 def _folder(folder: str | os.PathLike[str]) -> Path:
@@ -128,8 +127,8 @@ def read_motion(folder: str | os.PathLike[str]) -> Motion:
     """
     path = _folder(folder)
     summary = _summary(path / SUMMARY)
-    shape = summary["geometry"]
-    try:
+    with _reading(path / SUMMARY):
+        shape = summary["geometry"]
         names = [str(t["name"]) for t in shape["tendons"]]
         columns = [f"{kind}_{n}" for kind in ("tension", "displacement") for n in names]
         table = _table(path / STEPS, ["step", *columns], ["label"])
@@ -158,9 +157,6 @@ def read_motion(folder: str | os.PathLike[str]) -> Motion:
             friction=summary["model"]["friction"] != "none",
             markers=_markers(path, steps),
         )
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        reason = f"missing: {error.args[0]}" if isinstance(error, KeyError) else str(error)
-        raise refusal(path / SUMMARY, f"not as tdcr-fe wrote it: {reason}") from error
 
 
 def write_markers(markers: Markers, steps: Iterable[int], folder: Path) -> None:
