@@ -31,15 +31,15 @@ BUDGET = {
     "tdcr_fe/effects": 1310,
     "tdcr_fe/estimate": 994,
     "tdcr_fe/identify": 6735,
-    "tdcr_fe/io": 1888,
+    "tdcr_fe/io": 1881,
     "tdcr_fe/live": 350,
-    "tdcr_fe/model": 2601,
+    "tdcr_fe/model": 2591,
     "tdcr_fe/report": 1206,
-    "tdcr_fe/scene": 1465,
-    "tdcr_fe/solve": 6916,
+    "tdcr_fe/scene": 1447,
+    "tdcr_fe/solve": 6919,
     "tdcr_fe/sweeps": 1423,
     "validation": 6784,
-    "tests": 14012,
+    "tests": 14015,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")

@@ -197,10 +197,13 @@ SCENES = [
     (lambda: created(loadPositions=[0.3]), "0 to 0.25 m"),
     (lambda: created(referenceRotationMatrix=2.0 * np.eye(3)), "must be a rotation"),
     (lambda: created(referenceRotationMatrix=np.diag([1.0, 1.0, -1.0])), "reflection"),
-    (lambda: created(graphicsDataList=SPHERE), "is of type dict; expected a list of"),
-    (lambda: created(graphicsDataList=[0.1]), "is of type float; expected a list of graphics"),
-    (lambda: created(show="no"), "show is 'no'; expected True or False"),
-    (lambda: created(referencePosition=[0.0, 1.0]), "referencePosition is of type list; expected 3 numbers"),
+    (lambda: created(graphicsDataList=SPHERE), "graphicsDataList = .*: must be a list of graphics"),
+    (lambda: created(graphicsDataList=[0.1]), r"graphicsDataList\[0\] = 0.1: must be a list of graphics"),
+    (lambda: created(show="no"), 'show = "no": must be True, or False, which draws nothing'),
+    (
+        lambda: created(referencePosition=[0.0, 1.0]),
+        r"referencePosition = \[0.0, 1.0\]: must be three finite numbers \[m\]",
+    ),
     (lambda: on_a_body(graphicsDataList=[SPHERE]), "graphicsDataList is drawn on the base"),
     (
         lambda: on_a_body(referencePosition=[0.0, 0.0, 0.0]),

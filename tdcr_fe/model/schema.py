@@ -112,6 +112,8 @@ class Quantity:
 
     def _tighten(self, schema: dict[str, Any]) -> None:
         """Bounds and units for all numbers in a schema; texts without a unit and truth values are no numbers."""
+        if schema["type"] == "bool":
+            schema["strict"] = True
         if schema["type"] in ("float", "int"):
             bounds = {b: getattr(self, b) for b in ("gt", "ge", "le")}
             schema |= {"strict": True, **{b: x for b, x in bounds.items() if x is not None}}
@@ -313,17 +315,28 @@ class Checked:
         given = {n: x for n in keys if (x := getattr(self, n)) is not keys.defaults.get(n, REQUIRED)}
         if not given:
             return
-        values, errors = keys.validated(given)
-        if errors:  # numbers of other libraries are taken, too
-            given = {n: _python_value(x) for n, x in given.items()}
-            values, errors = keys.validated(given)
-        if errors:
-            found = list(_mistakes(errors, keys.json_schema, given))
-            text = "\n".join(f"{cls.__name__}.{m.key} = {shown(m.value)}: {m.allowed}" for m in found)
-            raise (TypeError if any(m.wrong_type for m in found) else ValueError)(text)
+        values = _checked(cls.__name__, keys, given)
         for name, value in values.items():
             if value is not getattr(self, name):
                 object.__setattr__(self, name, value)
+
+
+def _checked(title: str, keys: Keys, given: dict[str, Any]) -> dict[str, Any]:
+    """Values in normal form; raises a TypeError or a ValueError where some are wrong, with all mistakes."""
+    values, errors = keys.validated(given)
+    if errors:  # numbers of other libraries are taken, too
+        given = {n: _python_value(x) for n, x in given.items()}
+        values, errors = keys.validated(given)
+    if errors:
+        found = list(_mistakes(errors, keys.json_schema, given))
+        text = "\n".join(f"{title}.{m.key} = {shown(m.value)}: {m.allowed}" for m in found)
+        raise (TypeError if any(m.wrong_type for m in found) else ValueError)(text)
+    return values
+
+
+def check_arguments(function: str, keys: Keys, given: Mapping[str, Any]) -> None:
+    """Check arguments of a public function as fields of a `Checked` are; ``given`` has others, too, as ``locals()``."""
+    _checked(function, keys, {name: given[name] for name in keys})
 
 
 def _python_value(value: Any) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
 import exudyn as exu
 import exudyn.itemInterface as eii
@@ -17,11 +17,12 @@ from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.history import HistoryNodes
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.elements.native.items import Clamp, Connectors
-from tdcr_fe.model import arguments
+from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.checks import course_contradictions, size_contradictions
-from tdcr_fe.model.loading import Model
+from tdcr_fe.model.loading import Model, Vector
 from tdcr_fe.model.plausibility import warn_of_implausible
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.schema import Keys, Quantity, check_arguments
 from tdcr_fe.scene import parts
 from tdcr_fe.scene.forces import force_model
 from tdcr_fe.scene.handle import TDCR
@@ -29,6 +30,23 @@ from tdcr_fe.scene.mesh import build_mesh
 
 #: Colour of the backbone (RGBA).
 BACKBONE_COLOR = (0.20, 0.25, 0.35, 1.0)
+_COLOR = Quantity(ge=0.0, le=1.0, allowed="four numbers from 0 to 1, such as [1, 0, 0, 1] for red")
+_GRAPHICS = Quantity(allowed="a list of graphics, such as [exudyn.graphics.Sphere(radius=0.01)]")
+#: Arguments of `CreateTDCR` that are checked as they stand.
+ARGUMENTS = Keys(
+    {
+        "name": Annotated[str | None, Quantity()],
+        "referencePosition": Annotated[Vector | None, Quantity(unit="m")],
+        "initialVelocity": Annotated[Vector, Quantity(unit="m/s")],
+        "initialAngularVelocity": Annotated[Vector, Quantity(unit="rad/s")],
+        "loadPositions": Annotated[tuple[float, ...], Quantity(unit="m")],
+        "presliding": Annotated[float, Quantity(unit="m", gt=0.0)],
+        "show": Annotated[bool, Quantity(allowed="True, or False, which draws nothing")],
+        "gravity": Annotated[Vector | None, Quantity(unit="m/s^2")],
+        "color": Annotated[tuple[float, float, float, float] | None, _COLOR],
+        "graphicsDataList": Annotated[list[dict[str, Any]], _GRAPHICS],
+    }
+)
 
 
 def CreateTDCR(
@@ -103,11 +121,11 @@ def CreateTDCR(
         the tip, a base on ground has a velocity, or the pose of ``baseMarker`` is another than the one given.
     """
     check_system("CreateTDCR", mbs)
+    check_arguments("CreateTDCR", ARGUMENTS, locals())
     model = _checked_model(robot, model, gravity)
     warn_of_implausible(robot, model, ())
-    _check_placement(name, referencePosition, loadPositions, presliding)
-    motion = _checked_motion(initialVelocity, initialAngularVelocity, baseMarker is None)
-    _check_drawing(show, color, graphicsDataList, baseMarker is not None)
+    motion = np.array([initialVelocity, initialAngularVelocity], dtype=float)
+    _check_base(motion, graphicsDataList, baseMarker is None)
     outside = [s for s in loadPositions if not -1e-9 <= s <= robot.backbone.length + 1e-9]
     if outside:
         raise ValueError(
@@ -160,19 +178,17 @@ def CreateTDCR(
 def check_system(function: str, mbs: Any) -> None:
     """Refuse anything but a system of Exudyn; the error names what makes one."""
     hint = "an exudyn.MainSystem. SC = exudyn.SystemContainer(); mbs = SC.AddSystem() makes one."
-    arguments.check_instance(function, "mbs", mbs, exu.MainSystem, hint)
+    check_instance(function, "mbs", mbs, exu.MainSystem, hint)
 
 
 def _checked_model(robot: Any, model: Any, gravity: Sequence[float] | None) -> Model:
     """The model of a robot, with the gravity given beside it; refuses one that needs too much memory."""
     hint = "a Robot. read_robot(path) reads one from robot.toml"
-    arguments.check_instance("CreateTDCR", "robot", robot, Robot, hint)
+    check_instance("CreateTDCR", "robot", robot, Robot, hint)
     model = Model.default_for(robot) if model is None else model
     hint = "a Model, such as Model(friction='per-hole')"
-    arguments.check_instance("CreateTDCR", "model", model, Model, hint)
+    check_instance("CreateTDCR", "model", model, Model, hint)
     if gravity is not None:
-        hint = "[0, 0, -9.81] is that on earth."
-        arguments.check_numbers("CreateTDCR", "gravity", gravity, hint, count=3)
         if any(model.gravity):
             raise ValueError(
                 "CreateTDCR: gravity is given by the argument and by the model; give one of them"
@@ -183,47 +199,14 @@ def _checked_model(robot: Any, model: Any, gravity: Sequence[float] | None) -> M
     return model
 
 
-def _check_placement(name: Any, position: Any, load_positions: Any, presliding: Any) -> None:
-    """Refuse arguments of `CreateTDCR` of another type or size."""
-    hint = "a text. It is the prefix of all item names; None takes the robot's name."
-    arguments.check_instance("CreateTDCR", "name", name, (str, type(None)), hint)
-    if position is not None:
-        hint = "[0, 0, 0] is the origin [m]."
-        arguments.check_numbers("CreateTDCR", "referencePosition", position, hint, count=3)
-    hint = "loadPositions=[0.1] adds a node at 0.1 m."
-    arguments.check_numbers("CreateTDCR", "loadPositions", load_positions, hint)
-    hint = "1e-6 is the default [m]."
-    arguments.check_number("CreateTDCR", "presliding", presliding, hint, positive=True)
-
-
-def _checked_motion(velocity: Any, angular_velocity: Any, on_ground: bool) -> NDArray[np.float64]:
-    """Velocity and angular velocity of the base plate [m/s, rad/s], shape (2, 3); refused for one on ground."""
-    given = {"initialVelocity": velocity, "initialAngularVelocity": angular_velocity}
-    for argument, value in given.items():
-        arguments.check_numbers("CreateTDCR", argument, value, "[0, 0, 0] is at rest.", count=3)
-    motion = np.array([velocity, angular_velocity], dtype=float)
+def _check_base(motion: NDArray[np.float64], graphics: Sequence[Any], on_ground: bool) -> None:
+    """Refuse a velocity of a base on ground, and graphics where no base of its own draws them."""
     if on_ground and motion.any():
         raise ValueError(
             "CreateTDCR: a base on ground has no velocity; initialVelocity and initialAngularVelocity are for a "
             "baseMarker on a body that moves"
         )
-    return motion
-
-
-def _check_drawing(show: Any, color: Any, graphics: Any, on_marker: bool) -> None:
-    """Refuse a colour other than four numbers in [0, 1], and graphics where no base of its own draws them."""
-    check = arguments.check_instance
-    check("CreateTDCR", "show", show, (bool, np.bool_), "True or False. False draws nothing.")
-    hint = "a list of graphics. [exudyn.graphics.Sphere(radius=0.01)] is one."
-    check("CreateTDCR", "graphicsDataList", graphics, (list, tuple), hint)
-    for each in graphics:
-        check("CreateTDCR", "graphicsDataList", each, dict, hint)
-    if color is not None:
-        hint = "[1, 0, 0, 1] is red; exudyn.graphics.color has others."
-        arguments.check_numbers("CreateTDCR", "color", color, hint, count=4)
-        if np.any((np.asarray(color) < 0.0) | (np.asarray(color) > 1.0)):
-            raise ValueError(f"CreateTDCR: color = {list(color)}; must be four numbers from 0 to 1. {hint}")
-    if len(graphics) and on_marker:
+    if len(graphics) and not on_ground:
         raise ValueError(
             "CreateTDCR: graphicsDataList is drawn on the base of a robot on ground; with baseMarker, give it to your "
             "own body"

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.model import arguments
+from tdcr_fe.model.arguments import check_instance
+from tdcr_fe.model.loading import Vector
+from tdcr_fe.model.schema import Checked, Keys, Quantity
 from tdcr_fe.scene.assembled_robot import AssembledRobot
 
 Array = NDArray[np.float64]
@@ -35,26 +37,34 @@ class Sphere(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ContactLaw:
-    """Penalty contact of two surfaces, with the parameters of Exudyn's ``ObjectContactSphereSphere``."""
+class ContactLaw(Checked):
+    """Penalty contact of two surfaces, with the parameters of Exudyn's ``ObjectContactSphereSphere``.
 
-    contactStiffness: float  # force over penetration [N/m]
-    contactDamping: float = 0.0  # [N s/m]
-    dynamicFriction: float = 0.0  # coefficient [1]; acts on velocities, so it is zero at rest
-    frictionProportionalZone: float = 1e-3  # velocity up to which friction is proportional to it [m/s]
+    Attributes
+    ----------
+    contactStiffness : float
+        Force over penetration [N/m].
+    contactDamping : float
+        [N s/m].
+    dynamicFriction : float
+        Coefficient; it acts on velocities, so it is zero at rest [1].
+    frictionProportionalZone : float
+        Velocity up to which friction is proportional to it [m/s].
+    """
 
-    def __post_init__(self) -> None:
-        hints = {
-            "contactStiffness": "2000.0 lets a force of 1 N press disk and obstacle 0.5 mm together [N/m].",
-            "contactDamping": "It is in [N s/m].",
-            "dynamicFriction": "It is in [1].",
-            "frictionProportionalZone": "1e-3 is the default [m/s].",
-        }
-        for name, value in asdict(self).items():
-            may_be_zero = name in ("contactDamping", "dynamicFriction")
-            arguments.check_number("add_disk_contact", name, value, hints[name], positive=not may_be_zero)
-            if value < 0.0:
-                raise ValueError(f"add_disk_contact: {name} = {value}; must not be negative")
+    contactStiffness: Annotated[float, Quantity(unit="N/m", gt=0.0)]
+    contactDamping: Annotated[float, Quantity(unit="N s/m", ge=0.0)] = 0.0
+    dynamicFriction: Annotated[float, Quantity(ge=0.0)] = 0.0
+    frictionProportionalZone: Annotated[float, Quantity(unit="m/s", gt=0.0)] = 1e-3
+
+
+#: Where an obstacle that is a sphere lies on its body [m], and its radius [m].
+OBSTACLE = Keys(
+    {
+        "localPosition": Annotated[Vector, Quantity(unit="m")],
+        "sphereRadius": Annotated[float | None, Quantity(unit="m", gt=0.0)],
+    }
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,15 +232,11 @@ def check_obstacle(other: Any, radius: float | None, quad: Any, position: Sequen
     """Refuse what is neither a sphere on a body or marker nor a quadrangle on a body."""
     hint = "Give a TDCR, the number of a body (ObjectIndex) or, for a sphere, of a marker (MarkerIndex)."
     kinds = (exu.ObjectIndex, exu.MarkerIndex) if quad is None else exu.ObjectIndex
-    arguments.check_instance("add_disk_contact", "other", other, kinds, f"a robot, body or marker. {hint}")
+    check_instance("add_disk_contact", "other", other, kinds, f"a robot, body or marker. {hint}")
     if (radius is None) == (quad is None):
         raise ValueError("add_disk_contact: give sphereRadius or quadPoints of the obstacle, one of them")
-    arguments.check_numbers("add_disk_contact", "localPosition", position, "It is on the body [m].", count=3)
     if quad is not None and np.any(np.asarray(position, dtype=float)):
         raise ValueError("add_disk_contact: localPosition is that of a sphere; quadPoints are on the body")
-    if radius is not None:
-        hint = "0.03 is an obstacle of 30 mm radius [m]."
-        arguments.check_number("add_disk_contact", "sphereRadius", radius, hint, positive=True)
 
 
 def check_spacing(spheres: Sequence[Sphere], radius: float, name: str) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from tdcr_fe.elements.native.hooks import SceneHooks, round_off
 from tdcr_fe.elements.native.motors import Motor
 from tdcr_fe.model.loading import Model
+from tdcr_fe.model.schema import check_arguments
 from tdcr_fe.scene import contact
 from tdcr_fe.scene.assembled_robot import AssembledRobot
 from tdcr_fe.scene.contact import DiskContact, Sphere
@@ -269,6 +270,7 @@ class TDCR(AssembledRobot):
         """
         if self.mbs.systemIsConsistent:
             raise ValueError(f"robot {self.name!r}: add_disk_contact must be called before mbs.Assemble()")
+        check_arguments("add_disk_contact", contact.OBSTACLE, locals())
         law = contact.ContactLaw(contactStiffness, contactDamping, dynamicFriction, frictionProportionalZone)
         made, own = DiskContact(self.mbs, [], [], [], law), self._contact_spheres(backbone)
         if isinstance(other, TDCR):

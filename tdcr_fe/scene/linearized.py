@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import exudyn as exu
 import numpy as np
@@ -13,11 +13,12 @@ from scipy.linalg import eig
 
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.elements.native.scene_forces import Holes
-from tdcr_fe.model import arguments
+from tdcr_fe.model.schema import Keys, Quantity, check_arguments
 from tdcr_fe.scene.builder import check_system
 
 Array = NDArray[np.float64]
 
+_MODES = Keys({"numberOfEigenvalues": Annotated[int, Quantity(ge=1)]})
 #: Change of a coordinate in the differences of sensors [m, 1].
 DIFFERENCE = 1e-6
 
@@ -128,8 +129,7 @@ def TDCREigenvalues(mbs: exu.MainSystem, *, holes: Holes = "stuck", numberOfEige
     ValueError
         The system is not assembled or has no robot, or an argument is another.
     """
-    hint = "It is the number of modes."
-    arguments.check_number("TDCREigenvalues", "numberOfEigenvalues", numberOfEigenvalues, hint, positive=True)
+    check_arguments("TDCREigenvalues", _MODES, locals())
     mass, stiffness, _, basis = _matrices(mbs, _checked_hooks("TDCREigenvalues", mbs, holes), holes)
     squared, vectors = eig(stiffness, mass)
     moving = np.isfinite(squared)

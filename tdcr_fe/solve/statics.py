@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import exudyn as exu
 import numpy as np
@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.complementarity import ROUND_OFF
 from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.elements.native.hooks import SceneHooks
-from tdcr_fe.model.arguments import check_instance, check_number, check_numbers
+from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.loading import SolverSettings
+from tdcr_fe.model.schema import Keys, Quantity, check_arguments
 from tdcr_fe.scene.builder import check_system
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.solve.equations.system import SceneSystem
@@ -30,6 +31,11 @@ Array = NDArray[np.float64]
 
 #: Key of the last solution in ``mbs.variables``.
 KEY = "tdcr_fe.last_solution"
+_TIME = Annotated[float | None, Quantity(unit="s")]
+#: Arguments of `SolveTDCR` that are checked as they stand.
+ARGUMENTS = Keys(
+    {"startTime": _TIME, "endTime": _TIME, "substeps": Annotated[int | None, Quantity(ge=1)]},
+)
 
 
 def SolveTDCR(
@@ -87,11 +93,9 @@ def SolveTDCR(
     check_system("SolveTDCR", mbs)
     hint = "SolverSettings, such as SolverSettings(max_substeps=128)"
     check_instance("SolveTDCR", "settings", settings, (SolverSettings, type(None)), hint)
-    if substeps is not None:
-        check_number("SolveTDCR", "substeps", substeps, "None lets the solver choose.", positive=True)
+    check_arguments("SolveTDCR", ARGUMENTS, locals())
     start = mbs.systemData.GetTime() if startTime is None else startTime
     end = start if endTime is None else endTime
-    check_numbers("SolveTDCR", "startTime, endTime", (start, end), "They are times [s].")
     hooks = SceneHooks.of(mbs)
     hooks.refuse_motors("SolveTDCR")
     if not all(robot.connected for robot in hooks.actuations):
