@@ -1,7 +1,7 @@
 """Derivatives of whole simulations by central differences, along the same substeps."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,34 +19,19 @@ SETTINGS = SolverSettings(tolerance=1e-11)
 #: Relative error that derivatives must meet.
 TOLERANCE = 1e-5
 #: Sizes of results of each kind.
-SCALES = {
-    "positions": 0.25,
-    "rotations": 1.0,
-    "base_tensions": 1.0,
-    "displacements": 1e-2,
-    "tensions": 1.0,
-    "slips": 1e-2,
-}
-
-
-@dataclass
-class Values:
-    """Results of a simulation at the ends of its steps."""
-
-    positions: np.ndarray
-    rotations: np.ndarray
-    base_tensions: np.ndarray
-    displacements: np.ndarray
-    tensions: list[np.ndarray]
-    slips: np.ndarray
+PLAIN = {"positions": 0.25, "rotations": 1.0, "base_tensions": 1.0, "displacements": 1e-2}
+SCALES = {**PLAIN, "tensions": 1.0, "slips": 1e-2}
 
 
 def run(
     experiment: Experiment,
     chosen: Sequence[str | Parameter] = (),
     path: list[list[Increment]] | None = None,
-) -> tuple[Values, Sensitivities, list[list[Increment]]]:
-    """Simulate, with sensitivities, along the substeps of another run where they are given."""
+) -> tuple[dict[str, np.ndarray], Sensitivities, list[list[Increment]]]:
+    """Simulate, with sensitivities, along the substeps of another run where they are given.
+
+    The results at the ends of the steps are by kind, with those of all tendons side by side.
+    """
     actions = resolve(experiment.robot, experiment.steps)
     simulation = Simulation(experiment.robot, experiment.model, actions, SETTINGS)
     history = None
@@ -62,35 +47,21 @@ def run(
         results.append(simulation.result(k + 1, "", report, action))
         released = simulation.handle.actuation.current_forces().field.released_length
         slips.append(np.cumsum(released[:, ::-1], axis=1)[:, ::-1][:, 1:])
-    values = Values(
-        np.array([r.positions for r in results]),
-        np.array([r.rotations for r in results]),
-        np.array([r.base_tensions for r in results]),
-        np.array([r.displacements for r in results]),
-        [np.array([r.tensions[i] for r in results]) for i in range(len(experiment.robot.tendons))],
-        np.array(slips),
-    )
+    values = {kind: np.array([getattr(r, kind) for r in results]) for kind in PLAIN}
+    values["tensions"] = np.array([np.concatenate(r.tensions) for r in results])
+    values["slips"] = np.array(slips)
     return values, Sensitivities() if history is None else history.result(), made
 
 
 def _whole(
     experiment: Experiment, count: int, path: list[list[Increment]]
-) -> tuple[Values, list[list[Increment]]]:
+) -> tuple[dict[str, np.ndarray], list[list[Increment]]]:
     """Results of a neighbour at the ends of the steps of the present experiment, which is undivided if it differs."""
     if len(experiment.steps) == count:
         values, _, made = run(experiment, (), path)
         return values, made
-    values = run(experiment)[0]
     last = [k for k, (_, factor) in enumerate(experiment.step_ends) if factor == 1.0]
-    whole = Values(
-        values.positions[last],
-        values.rotations[last],
-        values.base_tensions[last],
-        values.displacements[last],
-        [t[last] for t in values.tensions],
-        values.slips[last],
-    )
-    return whole, path
+    return {kind: v[last] for kind, v in run(experiment)[0].items()}, path
 
 
 def same_states(a: list[list[Increment]], b: list[list[Increment]]) -> bool:
@@ -111,10 +82,8 @@ def rotation_vectors(before: np.ndarray, change: np.ndarray) -> np.ndarray:
     return np.stack((w[..., 2, 1], w[..., 0, 2], w[..., 1, 0]), axis=-1)
 
 
-def errors(
-    experiment: Experiment, name: str | Parameter, relative: Sequence[float] = (1e-4, 1e-3)
-) -> dict[str, float]:
-    """Largest differences between sensitivities and central differences, over the largest derivative of each kind.
+def check(experiment: Experiment, name: str | Parameter, relative: Sequence[float] = (1e-4, 1e-3)) -> None:
+    """Compare sensitivities with central differences, over the largest derivative of each kind.
 
     The best of several difference steps counts, as each has its own truncation error and round-off; no further ones are
     tried where all errors are below `TOLERANCE`. Where the neighbours have divided load steps, the ends of the whole
@@ -124,38 +93,26 @@ def errors(
     parameter = parameters(experiment, [name])[0]
     assert isinstance(parameter, ModelParameter)
     own = found[parameter.name]
+    ours = {kind: getattr(own, kind) for kind in PLAIN}
+    ours["tensions"] = np.concatenate(own.tensions, axis=1)
+    if own.slips and own.slips[0].size and all(s.shape == own.slips[0].shape for s in own.slips):
+        ours["slips"] = np.stack(own.slips, axis=1)
     best: dict[str, float] = {}
     for h in relative:
         near = replace(parameter, size=parameter.size * h / 1e-5)
         at = stencil(experiment, near, lambda each: _whole(each, len(experiment.steps), path))
         if not all(same_states(path, made) for _, made in at.models):
             continue  # differences across a change of state say nothing about the derivative
-        neighbours = [values for values, _ in at.models]
-
-        def differ(take, weights=at.weights, neighbours=neighbours):
-            return sum(w * (take(v) - take(base)) for w, v in zip(weights, neighbours, strict=True))
-
-        kinds = {
-            "positions": (own.positions, differ(lambda v: v.positions)),
-            "rotations": (
-                own.rotations,
-                rotation_vectors(base.rotations, differ(lambda v: v.rotations)),
-            ),
-            "base_tensions": (own.base_tensions, differ(lambda v: v.base_tensions)),
-            "displacements": (own.displacements, differ(lambda v: v.displacements)),
-            "tensions": (
-                np.concatenate(own.tensions, axis=1),
-                differ(lambda v: np.concatenate(v.tensions, axis=1)),
-            ),
-        }
-        if own.slips and own.slips[0].size and all(s.shape == own.slips[0].shape for s in own.slips):
-            kinds["slips"] = (np.stack(own.slips, axis=1), differ(lambda v: v.slips))
-        for kind, (ours, theirs) in kinds.items():
+        for kind, derivative in ours.items():
+            now = base[kind]
+            theirs = sum(w * (v[kind] - now) for w, (v, _) in zip(at.weights, at.models, strict=True))
+            if kind == "rotations":
+                theirs = rotation_vectors(now, theirs)
             # A derivative of zero is one far below the value over the parameter.
             size = max(float(np.abs(theirs).max()), 1e-6 * SCALES[kind] / parameter.size)
-            error = float(np.abs(ours - theirs).max()) / size
+            error = float(np.abs(derivative - theirs).max()) / size
             best[kind] = min(best.get(kind, np.inf), error)
         if max(best.values()) < TOLERANCE:
-            break
+            return
     assert best, "holes change their states between all neighbours"
-    return best
+    assert max(best.values()) < TOLERANCE, best

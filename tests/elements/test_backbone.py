@@ -5,14 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, solve
-from scipy.linalg import expm
-from scipy.optimize import brentq
-from scipy.special import ellipk, ellipkinc
 
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.scene.mesh import build_mesh
+from tdcr_fe.validation.reference.closed_forms import constant_strain, elastica_tip, helix_wrench
 
 ROD = Robot(BACKBONE, DISKS, (), name="rod")
 EI, GJ, EA, GA = BACKBONE.EI, BACKBONE.GJ, BACKBONE.EA, BACKBONE.GA
@@ -51,22 +49,9 @@ def test_small_force_bends_a_cantilever():
 
 @pytest.mark.parametrize("force", [0.05, 0.2])
 def test_elastica_under_a_transverse_end_force(force):
-    """Inextensible cantilever, dead load at right angles: elliptic integrals.
-
-    Bisshopp and Drucker, Large deflection of cantilever beams, Quart. Appl. Math. 3 (1945) 272-275:
-    ``L sqrt(F/EI) = K(k) - F(k, phi0)``, ``k^2 = (1 + sin theta_L) / 2``, ``sin phi0 = 1 / (k sqrt 2)``, and the
-    end moves along the beam to ``x = sqrt(2 EI sin theta_L / F)``.
-    """
-    stiff = replace(BACKBONE, axial_stiffness=1e7, shear_stiffness=1e7)
-    robot = Robot(stiff, DISKS, ())
-
-    def excess(theta):
-        m = 0.5 * (1 + np.sin(theta))
-        phi = np.arcsin(1 / np.sqrt(2 * m))
-        return ellipk(m) - ellipkinc(phi, m) - LENGTH * np.sqrt(force / EI)
-
-    theta = brentq(excess, 1e-6, np.pi / 2 - 1e-9)
-    along = np.sqrt(2 * EI * np.sin(theta) / force)
+    """Bisshopp and Drucker, Large deflection of cantilever beams, Quart. Appl. Math. 3 (1945) 272-275."""
+    robot = Robot(replace(BACKBONE, axial_stiffness=1e7, shear_stiffness=1e7), DISKS, ())
+    _, along, theta = elastica_tip(LENGTH, EI, force)
     n = np.array([1, 2, 4])
     steps = [loaded(robot, k, force=(force, 0.0, 0.0)) for k in n]
     angle = np.array([abs(s.bending_angle - theta) for s in steps])
@@ -79,29 +64,22 @@ def test_elastica_under_a_transverse_end_force(force):
 def test_rod_of_constant_strain_is_a_helix():
     """Constant strain u, v in a precurved rod: moment and force are constant in the section's frame.
 
-    Balance of the rod in its own frame: ``u x n = 0`` and ``u x m + e_z x n = 0``, so a wrench fixed in the tip frame
-    balances it, and the pose at the tip is one exponential. Elements of constant strain would be exact but for their
-    residual flexibility, which takes the moment to change with the shear force; here ``u x m`` makes up for it.
+    A wrench fixed in the tip frame balances it, and the pose at the tip is one exponential. Elements of constant
+    strain would be exact but for their residual flexibility, which takes the moment to change with the shear force;
+    here ``u x m`` makes up for it.
     """
     k, twist = 3.0, 2.0
     robot = Robot(replace(BACKBONE, precurvature=(0.0, k)), DISKS, ())
-    u = np.array([0.0, k, twist])
-    m = np.array([0.0, 0.0, GJ * twist])
-    across = -np.cross(u, m)
-    force = -across[0] / k * u
-    assert np.cross(u, force) == pytest.approx(np.zeros(3), abs=1e-15)
-    assert np.cross(u, m) + np.cross([0.0, 0.0, 1.0], force) == pytest.approx(np.zeros(3), abs=1e-15)
+    m, force = np.split(helix_wrench(k, twist, 0.0, GJ), 2)
     load = [LoadStep("", loads={"tip": Load(LENGTH, tuple(force), tuple(m), "section")})]
     n = np.array([1, 2, 4])
-    steps = [solve(robot, load, elements_per_bay=k).steps[0] for k in n]
-    strain = np.zeros((4, 4))
-    strain[:3, :3] = [[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]]
-    strain[:3, 3] = [0.0, force[1] / GA, 1.0 + force[2] / EA]
-    pose = expm(LENGTH * strain)
-    error = [distance(step.tip, pose[:3, 3]) for step in steps]
+    steps = [solve(robot, load, elements_per_bay=each).steps[0] for each in n]
+    strain = np.array([0.0, k, twist, 0.0, force[1] / GA, 1.0 + force[2] / EA])
+    rotation, tip = constant_strain(strain, LENGTH)
+    error = [distance(step.tip, tip) for step in steps]
     assert np.diff(np.log(error)) / np.diff(np.log(n)) == pytest.approx([-2.0, -2.0], abs=0.02)
     assert error[-1] < 1e-5
-    assert steps[-1].rotations[-1] == pytest.approx(pose[:3, :3], abs=2e-6)
+    assert steps[-1].rotations[-1] == pytest.approx(rotation, abs=2e-6)
 
 
 def test_loads_in_world_and_section_frame():

@@ -73,6 +73,10 @@ def standing_still():
     ("change", "words"),
     [
         (exchange_axes, "x = position_y, y = position_x"),
+        (
+            lambda r: exchange_axes(r) if r.step > 6 else r,
+            "if from step 7 on the axes are relabelled: x = pos",
+        ),
         (one_step_late, "those of each step appear one step later"),
         (exchange_markers, "the markers at s = 0.1 m and s = 0.2 m are exchanged"),
         (height(lambda r: r.value - r.location), "position_z counts up from the unloaded marker"),
@@ -146,22 +150,22 @@ def test_after_a_fault_nothing_is_searched(clean):
     assert "x = position_y" in sentences(found)[0] and found.log.runs < 20
 
 
+def exchange_tendons(data, first=0):
+    """The inputs of the two tendons are exchanged from some step on."""
+    steps = [replace(s, tensions={"t1": s.tensions["t2"], "t2": s.tensions["t1"]}) for s in data.steps]
+    return replace(data, steps=(*data.steps[:first], *steps[first:]))
+
+
 def test_exchanged_tendons_are_named(clean):
-    """The loading sequence has the inputs of two tendons exchanged."""
-    a, b = clean.robot.tendon_names[:2]
-    other = {a: b, b: a}
-    steps = tuple(replace(s, tensions={other[n]: t for n, t in s.tensions.items()}) for s in clean.steps)
-    assert f"tendons {a} and {b} are exchanged" in fault_of(replace(clean, steps=steps))
+    assert "tendons t1 and t2 are exchanged" in fault_of(exchange_tendons(clean))
 
 
 def test_forces_of_the_other_sign_are_named(clean):
     """All readings of the pushed steps were outliers."""
-    pushed = [
-        replace(s, loads={"tip": Load(0.2, (0.0, 0.02 * (k % 3), 0.0))}) for k, s in enumerate(clean.steps)
-    ]
-    other = [
-        replace(s, loads={"tip": Load(0.2, (0.0, -0.02 * (k % 3), 0.0))}) for k, s in enumerate(clean.steps)
-    ]
+    pushed, other = (
+        [replace(s, loads={"tip": Load(0.2, (0.0, y * (k % 3), 0.0))}) for k, s in enumerate(clean.steps)]
+        for y in (0.02, -0.02)
+    )
     read = positions(Experiment(clean.robot, clean.model, tuple(pushed)))
     for steps, words in ((other, "forces at the tip have the opposite sign"), (pushed, "")):
         found = fault_of(data_of(steps, read, clean.robot))
@@ -207,20 +211,8 @@ def test_displacements_driven_with_the_other_sign_are_named_beside_their_errors(
 @pytest.mark.parametrize("model", [MODEL, FRICTIONAL])
 def test_tendons_exchanged_from_some_row_on_are_named(model):
     """The rows before fit to the noise: a search found effects that were not there. Step 7 pulls one tendon alone."""
-    data = measured(model=model, robot=ROBOT)
-    a, b = data.robot.tendon_names[:2]
-    other = {a: b, b: a}
-    steps = [
-        s if k < 7 else replace(s, tensions={other[n]: t for n, t in s.tensions.items()})
-        for k, s in enumerate(data.steps)
-    ]
-    found = fault_of(replace(data, steps=tuple(steps)))
-    assert found == f"the readings fit if from step 8 on tendons {a} and {b} are exchanged"
-
-
-def test_axes_exchanged_from_some_row_on_are_named(clean):
-    data = changed(clean, lambda r: exchange_axes(r) if r.step > 6 else r)
-    assert "if from step 7 on the axes are relabelled: x = position_y, y = position_x" in fault_of(data)
+    found = fault_of(exchange_tendons(measured(model=model, robot=ROBOT), 7))
+    assert found == "the readings fit if from step 8 on tendons t1 and t2 are exchanged"
 
 
 def test_markers_beyond_the_declared_length_contradict_it(clean):

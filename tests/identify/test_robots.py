@@ -62,8 +62,8 @@ def test_an_interruption_keeps_the_robots_that_are_finished(tmp_path, monkeypatc
 
 @pytest.mark.integration
 def test_robots_of_one_design_share_their_effect_and_its_scatter(tmp_path, capsys, monkeypatch):
-    """Stiffer than declared by 20, 26 and 35 %: by one robot each."""
-    truth = {"r1": 1.20, "r2": 1.26, "r3": 1.35}
+    """Stiffer than declared by 20 and by 35 %."""
+    truth = {"r1": 1.20, "r2": 1.35}
     for seed, (name, bending) in enumerate(truth.items()):
         data = measured({"stiffness_scale": {"bending": bending, "torsion": 1.0}}, seed=seed)
         write_measured(replace(data, name=name), tmp_path / name)

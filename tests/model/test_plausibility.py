@@ -120,9 +120,9 @@ ROWS = {
         Robot(Backbone(0.1, 0.025, 0.4e6, 0.45), tendons=(Tendon("t1", ParallelRouting(9e-3)),)), Model(), [],
         "backbone.radius = 0.025 m: larger than a fifth of the length", "in cm?"),
     "radius in m for mm": (
-        WIRE.with_backbone(radius=1.6e-6), Model(), PULL, "backbone.radius = 1.6e-06 m: the length is 125000 times", ""),
+        WIRE.with_backbone(radius=1.6e-6), Model(), PULL, "backbone.radius = 1.6e-06 m: the length is 125000", ""),
     "disks wider than long": (
-        WIRE.with_disks(radius=0.12), Model(), PULL, "disks.radius = 0.12 m: larger than half the length", "in mm or cm?"),
+        WIRE.with_disks(radius=0.12), Model(), PULL, "disks.radius = 0.12 m: larger than half the", "in mm or cm?"),
     "all lengths in mm": (
         Robot(replace(BACKBONE, length=200.0, radius=0.4), Disks.equally_spaced(13, 200.0, radius=5.0)), Model(), [],
         "backbone.length = 200 m", "in mm or cm?"),
