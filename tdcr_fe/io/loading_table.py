@@ -193,27 +193,22 @@ def loading_table(
         The file has no columns for some of it; the message names what.
     """
     states = resolve(robot, steps)
-    foreign = without_columns(robot, states)
-    if foreign:
+    if foreign := without_columns(robot, states):
         raise ValueError(f"loading.csv cannot express {'; '.join(foreign)}")
+    table = pd.DataFrame({"step": step_ids})
+    if any(branches):
+        table["branch"] = branches
+    if any(step.time is not None for step in steps):
+        table["time"] = [step.time for step in steps]
     named = {name for step in steps for _, given in step.inputs() for name in given}
-    driven = [(i, name) for i, name in enumerate(robot.tendon_names) if name in named]
-    rows = []
-    for step_id, branch, step, state in zip(step_ids, branches, steps, states, strict=True):
-        row: dict[str, object] = {"step": step_id}
-        if any(branches):
-            row["branch"] = branch
-        if step.time is not None:
-            row["time"] = step.time
-        row |= {
-            f"{state.drives.kinds[i].name}_{name}": float(state.values[i] / state.drives.scale[i])
-            for i, name in driven
-        }
-        if any(s.loads for s in steps):
-            force = np.sum([load.force for load in state.loads.values()], axis=0, initial=0.0)
-            row |= dict(zip(FORCES, np.broadcast_to(force, 3).tolist(), strict=True))
-        rows.append(row)
-    return pd.DataFrame(rows)
+    for i, name in enumerate(robot.tendon_names):
+        if name in named:
+            column = f"{states[-1].drives.kinds[i].name}_{name}"
+            table[column] = [float(state.values[i] / state.drives.scale[i]) for state in states]
+    if any(step.loads for step in steps):
+        acting = [[np.zeros(3), *(load.force for load in state.loads.values())] for state in states]
+        table[list(FORCES)] = [np.sum(forces, axis=0) for forces in acting]
+    return table
 
 
 def without_columns(robot: Robot, states: Sequence[Actuation]) -> list[str]:
