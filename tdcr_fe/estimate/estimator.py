@@ -211,7 +211,7 @@ class Estimator:
             x[problem.inputs],
             result.base_tensions,
             response.base_tensions @ covariance @ response.base_tensions.T,
-            np.einsum("nip,pq,njq->nij", response.nodes, covariance, response.nodes, optimize=True),
+            np.einsum("nip,pq,njq->nij", response.positions, covariance, response.positions, optimize=True),
             misfit,
             np.nan,
             message,

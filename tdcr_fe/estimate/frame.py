@@ -202,7 +202,7 @@ class Solved:
         problem = self.frame.problem
         shares, slopes = problem.shares(unknowns[problem.place])
         m, ends = problem.place - 6, problem.place - 6 + 6 * len(shares)
-        found = np.zeros((self._by_node.nodes.shape[-1], len(unknowns)))
+        found = np.zeros((self._by_node.positions.shape[-1], len(unknowns)))
         found[:m, :m] = np.diag(problem.acting(self.frame.commands, unknowns)[1])
         found[m:ends, problem.load] = np.kron(shares[:, None], np.eye(6))
         found[m:ends, problem.place] = np.kron(slopes, unknowns[problem.load])
@@ -212,7 +212,7 @@ class Solved:
     @cached_property
     def _moved(self) -> tuple[ObservedStep, Array]:
         """The state as it is observed, with small changes of the parameters of `_by_node`, and these."""
-        problem, change = self.frame.problem, self._by_node.observed
+        problem, change = self.frame.problem, self._by_node
         names, result = (
             problem.simulation.handle.robot.tendon_names,
             self.simulation.result(0, "", self.report),
@@ -261,7 +261,7 @@ class Solved:
         """The state at other unknowns of its frame or of the next one, to first order."""
         state, response, change = self.position.state, self.response, self._change_to(frame, unknowns)
         simulation, configuration = self.frame.problem.simulation, state.configuration
-        moved = np.stack((response.nodes @ change, response.rotations @ change), axis=1)
+        moved = np.stack((response.positions @ change, response.rotations @ change), axis=1)
         in_sections = moved @ configuration.poses[0][1]
         twists = configuration.chains[0].changes(in_sections.reshape(-1, 6))
         most = simulation.settings.max_turn

@@ -29,8 +29,6 @@ def plastic_slips(simulation: Simulation, state: SolverState) -> Array:
 
 def with_plastic_slips(simulation: Simulation, state: SolverState, change: Array) -> SolverState:
     """A state whose history has other plastic slips, by a change of shape (k,) [m]."""
-    if not change.size:
-        return state
     own = state.friction[0]
     slip = own.slip.copy()
     slip[simulation.handle.actuation.law.frictional] += change
@@ -38,18 +36,13 @@ def with_plastic_slips(simulation: Simulation, state: SolverState, change: Array
 
 
 @dataclass(frozen=True, eq=False)
-class Response:
-    """Derivatives of a solved state; parameters are the last axis.
+class Response(ObservedChange):
+    """Derivatives of a solved state, also of its history of friction; parameters are the last axis.
 
     These are the inputs of the tendons (m), the six components of a load on each of some nodes, and the plastic slips
     of the holes at the beginning of the step (k).
     """
 
-    nodes: Array  # (n, 3, P): Positions of the nodes in the world [m]
-    rotations: Array  # (n, 3, P): World rotation vectors [rad]
-    displacements: Array  # (m, P): At the base plate [m]
-    base_tensions: Array  # (m, P): [N]
-    distal_tensions: Array  # (m, P): [N]
     plastic_slips: Array  # (k, P): At the end of the step [m]
     mobilisations: Array  # (k, P): as `plastic_slips` [1]
 
@@ -79,6 +72,7 @@ class Response:
             displacements,
             tendons.base_tension,
             tendons.tension[np.arange(m), ends],
+            np.zeros((len(positions), displacements.shape[1])),  # nodes stay where they are on the backbone
             slips - law.hysteresis.presliding * mobilisations,
             mobilisations,
         )
@@ -86,14 +80,6 @@ class Response:
     def combined(self, weights: Array) -> Response:
         """By other parameters, of which these are linear functions: ``weights`` has shape (P, Q)."""
         return Response(*(x @ weights for x in vars(self).values()))
-
-    @property
-    def observed(self) -> ObservedChange:
-        """As the channels of measurement need it."""
-        still = np.zeros((len(self.nodes), self.nodes.shape[-1]))
-        return ObservedChange(
-            self.nodes, self.rotations, self.displacements, self.base_tensions, self.distal_tensions, still
-        )
 
 
 def _disturbance(own: TendonForces, state: SolverState, loaded: NDArray[np.int_]) -> Disturbance:

@@ -180,10 +180,10 @@ def run_estimation(
         A frame that was not solved says so, and the run goes on with the next. After Ctrl-C, the frames until then.
     """
     data, experiment = estimation.data, estimation.data.experiment
-    for category, texts in first_checks(data).items():
-        issue(
-            [*texts, *_implausible_priors(estimation)] if category is PlausibilityWarning else texts, category
-        )
+    found = first_checks(data)
+    found[PlausibilityWarning] += _implausible_priors(estimation)
+    for category, texts in found.items():
+        issue(texts, category)
     by_step: dict[int, list[Reading]] = {n: [] for n in data.step_ids}
     for reading in data.readings:
         by_step[reading.step].append(reading)

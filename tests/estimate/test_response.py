@@ -58,7 +58,7 @@ def test_derivatives_are_those_of_the_load_step(friction, by_displacement):
     response = Response.of(simulation, np.array([tip]))
     found = np.concatenate(
         (
-            response.nodes.reshape(3 * (tip + 1), -1),
+            response.positions.reshape(3 * (tip + 1), -1),
             response.base_tensions,
             response.displacements,
             response.distal_tensions,
@@ -82,5 +82,5 @@ def test_a_moment_at_the_tip_turns_it_as_its_compliance_says():
     tip = len(simulation.handle.arc_lengths) - 1
     response = Response.of(simulation, np.array([tip]))
     compliance = tdcr.local_response(simulation).compliance
-    np.testing.assert_allclose(response.nodes[-1][:, 4:10], compliance[:3], atol=1e-9)
+    np.testing.assert_allclose(response.positions[-1][:, 4:10], compliance[:3], atol=1e-9)
     np.testing.assert_allclose(response.rotations[-1][:, 4:10], compliance[3:], atol=1e-7)
