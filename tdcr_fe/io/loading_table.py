@@ -206,8 +206,8 @@ def loading_table(
             column = f"{states[-1].drives.kinds[i].name}_{name}"
             table[column] = [float(state.values[i] / state.drives.scale[i]) for state in states]
     if any(step.loads for step in steps):
-        acting = [[np.zeros(3), *(load.force for load in state.loads.values())] for state in states]
-        table[list(FORCES)] = [np.sum(forces, axis=0) for forces in acting]
+        for k, column in enumerate(FORCES):
+            table[column] = [sum(load.force[k] for load in state.loads.values()) for state in states]
     return table
 
 
