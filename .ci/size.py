@@ -31,7 +31,7 @@ BUDGET = {
     "tdcr_fe/effects": 1310,
     "tdcr_fe/estimate": 982,
     "tdcr_fe/identify": 6735,
-    "tdcr_fe/io": 1876,
+    "tdcr_fe/io": 1875,
     "tdcr_fe/live": 350,
     "tdcr_fe/model": 2591,
     "tdcr_fe/report": 1206,

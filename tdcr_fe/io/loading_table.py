@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import combinations
 from typing import Annotated, Any, NamedTuple
 
-import numpy as np
 import pandas as pd
 
 from tdcr_fe.elements.drives import DRIVES
@@ -207,7 +206,7 @@ def loading_table(
             table[column] = [float(state.values[i] / state.drives.scale[i]) for state in states]
     if any(step.loads for step in steps):
         for k, column in enumerate(FORCES):
-            table[column] = [sum(load.force[k] for load in state.loads.values()) for state in states]
+            table[column] = [sum((x.force[k] for x in state.loads.values()), 0.0) for state in states]
     return table
 
 
