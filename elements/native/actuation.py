@@ -20,15 +20,18 @@ from tdcr_fe.elements.drives import DISPLACEMENT, TendonDrives
 from tdcr_fe.elements.forces import ForceModel, TendonForces
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.hysteresis import FrictionState
-from tdcr_fe.elements.native.condensation import ElasticTendons, stretch
-from tdcr_fe.elements.native.coordinates import NodeCoordinates
+from tdcr_fe.elements.native.condensation import ElasticTendons, forces_by_inputs, stretch
+from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_forces
 from tdcr_fe.elements.native.history import HistoryNodes, RobotHistory
 from tdcr_fe.elements.native.items import Clamp, Connectors, SystemReference, show_shifts
 from tdcr_fe.elements.native.iterated import IteratedBackbone
 from tdcr_fe.elements.native.motors import Motor, wound
-from tdcr_fe.elements.native.scene_forces import Holes, Inputs, SceneForces, values_at
+from tdcr_fe.elements.native.scene_forces import Holes, SceneForces
 
 Array = NDArray[np.float64]
+
+#: Tensions [N] and displacements [m] at the base, shape (m,), as set or over time [s].
+Inputs = Array | Callable[[float], Array]
 
 
 class TendonActuation:
@@ -50,9 +53,6 @@ class TendonActuation:
         Where its history is kept.
     has_mass
         Whether anything of the robot has a mass.
-    inextensible_stiffness
-        EA used for an inextensible tendon whose displacement is prescribed in Exudyn's own solvers, where the
-        tension is not an unknown [N].
     clamp
         The joint that fixes the base to ground; None where the base is free or on another body.
 
@@ -80,7 +80,6 @@ class TendonActuation:
         connectors: Connectors,
         history: HistoryNodes,
         has_mass: bool,
-        inextensible_stiffness: float = 1e5,
         clamp: Clamp | None = None,
     ) -> None:
         self.name = name
@@ -89,7 +88,6 @@ class TendonActuation:
         self.model = model
         self.connectors = connectors
         self.has_mass = has_mass
-        self.inextensible_stiffness = inextensible_stiffness
         self.clamp = clamp
         m = model.law.shape[0]
         self.count = m
@@ -176,9 +174,7 @@ class TendonActuation:
             friction,
             forces.base_tension,
             prescribed,
-            stretch(
-                self.law, forces.field.tension, forces.measured.shape.lengths, self.inextensible_stiffness
-            ),
+            stretch(self.law, forces.field.tension, forces.measured.shape.lengths),
         )
         kept = self.history_nodes.write(history, forces.field.tension, forces.field.base_slip, initial=True)
         self._solved = coordinates.copy(), kept, forces
@@ -204,12 +200,16 @@ class TendonActuation:
 
     def input_values(self, t: float = 0.0, configuration: Any = exu.ConfigurationType.Current) -> Array:
         """Tensions [N] and displacements [m] at the base, at time t, with what the motors have wound in the scene."""
-        values = values_at(self.inputs, t)
+        values = self._set_values(t)
         if not self.motors:
             return values
         data = self.mbs.systemData.GetODE2Coordinates(configuration, copy=False)
         angles = np.array([data[self.mbs.GetNodeODE2Index(motor.node)] for motor in self.motors])
         return wound(self.motors, values, angles, self.drives.winds)
+
+    def _set_values(self, t: float) -> Array:
+        """Tensions and displacements at the base as they were set."""
+        return np.asarray(self.inputs(t) if callable(self.inputs) else self.inputs, dtype=float)
 
     def add_motor(self, motor: Motor) -> None:
         """Let a motor wind a tendon, before ``mbs.Assemble()``; the tendon is then driven by displacement."""
@@ -255,8 +255,8 @@ class TendonActuation:
         t
             Time [s].
         """
-        nodes, inputs = self._wound(displacements, t)
-        return self._scene_forces.generalized(nodes, t, inputs, self._elastic(), self.motors)
+        nodes, tendons = self._in_step(displacements, t)
+        return self._scene_forces.generalized(nodes, tendons, self.motors)
 
     def jacobian_on_coordinates(
         self, displacements: Sequence[float], t: float, by_position: float, by_velocity: float
@@ -282,9 +282,9 @@ class TendonActuation:
             )
         if not self.connected:
             return self._no_jacobian
-        nodes, inputs = self._wound(displacements, t)
+        nodes, tendons = self._in_step(displacements, t)
         holes = "present" if self.motors else self._assumed_holes(by_position, by_velocity)
-        tangent = self._scene_forces.tangent(nodes, t, inputs, self._elastic(), holes, self.motors)
+        tangent = self._scene_forces.tangent(nodes, tendons, holes, self.motors)
         # Both factors together are those of an iteration in time; derivatives for linearised systems are exact.
         if by_velocity != 0.0 and by_position != 0.0:
             excess = self._backbone.excess_tangent(self.mesh, nodes)
@@ -314,35 +314,44 @@ class TendonActuation:
         stuck
             Whether every hole with friction sticks; else every one slides on.
         """
-        return self._scene_forces.by_inputs(self._elastic(), stuck)
+        positions, rotations, parameters = self.scene_poses()
+        tendons = self.elastic_tendons(self.base_tension, self.state.time)
+        forces = tendons.at_rest(self.model.measure(positions, rotations))
+        columns = forces_by_inputs(forces, tendons.driven, stuck, 6 * len(positions))
+        return np.stack(
+            [generalized_forces(each.reshape(-1, 6), rotations, parameters) for each in columns.T], axis=1
+        )
 
-    def _wound(self, displacements: Sequence[float], t: float) -> tuple[Array, Inputs]:
-        """Coordinates of the nodes, and inputs with what the motors have wound."""
-        moved, count = np.array(displacements), len(self.motors)
-        if not count:
-            return moved, self.inputs
-        values = values_at(self.inputs, t)
-        return moved[:-count], wound(self.motors, values, moved[-count:], self.drives.winds)
+    def _in_step(self, displacements: Sequence[float], t: float) -> tuple[Array, ElasticTendons]:
+        """Coordinates of the nodes, and the tendons with what the motors have wound."""
+        moved, values, count = np.array(displacements), self._set_values(t), len(self.motors)
+        if count:
+            values = wound(self.motors, values, moved[-count:], self.drives.winds)
+            moved = moved[:-count]
+        return moved, self.elastic_tendons(values, t)
 
-    def _elastic(self) -> ElasticTendons:
-        """The tendons as Exudyn's own solvers take them, with the history of the scene."""
-        return ElasticTendons(self.model, self.drives.winds, self.history, self.inextensible_stiffness)
+    def elastic_tendons(self, values: Array, t: float) -> ElasticTendons:
+        """The tendons as Exudyn's own solvers take them, with the history of the scene.
+
+        ``values``: inputs of a step [N, m], shape (m,), at its end ``t`` [s].
+        """
+        return ElasticTendons(self.model, self.drives.winds, self.history, values, t)
 
     def commit_scene(self, t: float) -> None:
         """Commit the scene's current state, solved at time t [s], to the friction history."""
         coordinates = self._node_coordinates.displacements().reshape(-1)
-        inputs = self.input_values(t) if self.motors else self.inputs
-        end = self._scene_forces.step_end(coordinates, t, inputs, self._elastic())
-        driven = self.drives.winds
-        stretched = stretch(self.law, end.tension, end.lengths, self.inextensible_stiffness)
+        tendons = self.elastic_tendons(self.input_values(t), t)
+        friction, forces = self._scene_forces.step_end(coordinates, tendons)
+        driven, tension = tendons.driven, forces.field.tension
+        stretched = stretch(self.law, tension, forces.measured.shape.lengths)
         history = RobotHistory(
-            end.friction,
-            end.base_tension,
-            np.where(driven, end.values, np.nan),
-            np.where(driven[:, None], self.history.stretch, stretched),
+            friction,
+            forces.base_tension,
+            np.where(driven, tendons.values, np.nan),
+            np.where(driven[:, None], tendons.history.stretch, stretched),
         )
-        self.history_nodes.write(history, end.tension, end.base_slip)
-        self._show_shifts(end.offsets)
+        self.history_nodes.write(history, tension, forces.field.base_slip)
+        self._show_shifts(forces.measured.offsets)
 
     def attach(self, force_function: Callable[..., Any], jacobian_function: Callable[..., Any]) -> None:
         """Give Exudyn's item its user functions."""

@@ -14,9 +14,12 @@ from tdcr_fe.elements.native.history import RobotHistory
 
 Array = NDArray[np.float64]
 
+#: EA of an inextensible tendon that Exudyn's own solvers drive by displacement [N].
+STIFFNESS = 1e5
+
 
 class ElasticTendons(NamedTuple):
-    """Tendons of a robot, those that are inextensible and driven by displacement with an elasticity.
+    """Tendons of a robot in a step, those that are inextensible and driven by displacement with an elasticity.
 
     In Exudyn's own solvers the tension is not an unknown, so every driven tendon must be elastic.
     """
@@ -24,7 +27,13 @@ class ElasticTendons(NamedTuple):
     model: ForceModel  # With the tendons as they are
     driven: NDArray[np.bool_]  # (m,): Which tendons have their displacement prescribed
     history: RobotHistory  # At the beginning of the step
-    stiffness: float  # EA used for an inextensible tendon [N]
+    values: Array  # (m,): Inputs at the end of the step, tensions [N] and displacements [m] at the base
+    time: float  # There [s]
+
+    def same_step(self, other: ElasticTendons) -> bool:
+        """Whether these and others are those of the same attempt of a step."""
+        same = self.time == other.time and self.driven is other.driven and self.history is other.history
+        return same and np.array_equal(self.values, other.values)
 
     @property
     def iterated(self) -> bool:
@@ -39,25 +48,21 @@ class ElasticTendons(NamedTuple):
         if not np.any(inextensible):
             return law
         return law.with_parameters(
-            compliance=np.where(inextensible, 1.0 / self.stiffness, parameters.compliance),
+            compliance=np.where(inextensible, 1.0 / STIFFNESS, parameters.compliance),
             lengths=parameters.lengths + np.where(inextensible[:, None], self.history.stretch, 0.0),
         )
 
-    def forces(self, measured: Measurement, values: Array, near: Array, t: float) -> TendonForces:
+    def forces(self, measured: Measurement, near: Array) -> TendonForces:
         """Forces where the tension of tendons driven by displacement follows from their elasticity.
 
         Parameters
         ----------
         measured
             The configuration.
-        values
-            Inputs, tensions [N] and displacements [m] at the base, shape (m,).
         near
             Tensions at the base from which those of driven tendons are sought [N], shape (m,).
-        t
-            Time [s].
         """
-        driven, state = self.driven, self.history.friction
+        driven, state, values, t = self.driven, self.history.friction, self.values, self.time
         if not np.any(driven):
             return self.model.after(measured, values, state, t)
         soft = self.law()
@@ -84,7 +89,7 @@ class ElasticTendons(NamedTuple):
         )
 
 
-def stretch(law: TendonLaw, tension: Array, lengths: Array, stiffness: float) -> Array:
+def stretch(law: TendonLaw, tension: Array, lengths: Array) -> Array:
     """Stretch, see `RobotHistory`, with which tendons of their own elasticity take over at these tensions [m], (m, n).
 
     Parameters
@@ -93,10 +98,8 @@ def stretch(law: TendonLaw, tension: Array, lengths: Array, stiffness: float) ->
         Of the tendons as they are.
     tension, lengths
         Of the segments [N, m], shape (m, n).
-    stiffness
-        EA used for an inextensible tendon [N].
     """
-    relative = tension / stiffness
+    relative = tension / STIFFNESS
     stretched = -lengths * relative / (1.0 + relative)
     parameters = law.parameters
     stretched = np.where(parameters.mask, stretched, 0.0)

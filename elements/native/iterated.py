@@ -217,10 +217,18 @@ class PastStep(NamedTuple):
     rate: Array  # (m, g): Change of the mobilisations per time, unlimited [1/s]
     # (m, g): The same in the step after it: half of the change of the rate since the step before goes on [1/s]
     expected: Array
+    by_tangent: (
+        bool  # Whether it was solved with the tangent: numerical derivatives need one law in all evaluations
+    )
 
     @classmethod
     def of(
-        cls, start: FrictionState, trial: Array, end: FrictionState, before: PastStep | None
+        cls,
+        start: FrictionState,
+        trial: Array,
+        end: FrictionState,
+        before: PastStep | None,
+        by_tangent: bool,
     ) -> PastStep | None:
         """Of a step from a history to another, and the step before it if known; None where no time has passed.
 
@@ -230,15 +238,16 @@ class PastStep(NamedTuple):
             return None
         rate = (trial - start.mobilisation) / (end.time - start.time)
         known = before is not None and before.end is start
-        return cls(end, rate, 1.5 * rate - 0.5 * before.rate if before is not None and known else rate)
+        expected = 1.5 * rate - 0.5 * before.rate if before is not None and known else rate
+        return cls(end, rate, expected, by_tangent)
 
 
 def predicted_holes(past: PastStep | None, state: FrictionState, time: float) -> HolePrediction | None:
-    """Holes at the end of a step from a history to a time [s]; None where no time passes.
+    """Holes at the end of a step from a history to a time [s]; None where no time passes, or nothing may be predicted.
 
     They go on as in the past step, or stay as they are where the history is that of another step.
     """
-    if time <= state.time:
+    if time <= state.time or (past is not None and not past.by_tangent):
         return None
     start = state.mobilisation
     if past is None or past.end is not state:

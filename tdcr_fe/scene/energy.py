@@ -22,7 +22,6 @@ from tdcr_fe.elements.disks import disk_inertia
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.native.actuation import TendonActuation
-from tdcr_fe.elements.native.condensation import ElasticTendons
 from tdcr_fe.elements.native.coordinates import NodeCoordinates, twists_by_coordinates
 from tdcr_fe.elements.native.material_damping import MaterialDamping
 from tdcr_fe.elements.poses import log_so3
@@ -187,7 +186,8 @@ class EnergySums:
     def values(self) -> Array:
         """All columns in the current configuration, see `ENERGY_COLUMNS` [J], shape (7,)."""
         motion = NodeMotion.of(self._system.mbs, self._coordinates, _CURRENT)
-        tendons = self._tendons()
+        robot = self._actuation
+        tendons = robot.elastic_tendons(robot.base_tension, robot.state.time)
         elastic = elastic_energy(
             self._actuation, motion, tendons.at_rest(self._measured(motion)), tendons.law()
         )
@@ -207,9 +207,9 @@ class EnergySums:
         begin, finish = (NodeMotion.of(mbs, self._coordinates, which) for which in (_START, _CURRENT))
         if np.array_equal(begin.coordinates, finish.coordinates):
             return
-        start = self._forces(begin, mbs.systemData.GetTime(_START), _START)
-        end = self._forces(finish, t, _CURRENT)
-        tendon_work, friction = tendon_work_and_dissipation(self._tendons().law(), start, end)
+        _, start = self._forces(begin, mbs.systemData.GetTime(_START), _START)
+        law, end = self._forces(finish, t, _CURRENT)
+        tendon_work, friction = tendon_work_and_dissipation(law, start, end)
         # The static solver leaves velocities as they are, and ramps loads and weight.
         statics = np.array_equal(begin.velocities, finish.velocities)
         factors = np.array([factor_before, self._load_factor])
@@ -235,17 +235,14 @@ class EnergySums:
         everything: Array = data.GetDataCoordinates(_CURRENT, copy=False)
         return everything[first : first + _SUMS]
 
-    def _forces(self, motion: NodeMotion, t: float, configuration: Any) -> TendonForces:
+    def _forces(self, motion: NodeMotion, t: float, configuration: Any) -> tuple[TendonLaw, TendonForces]:
         """With the history at the beginning of the step, at a time [s]; motors are as in a configuration of Exudyn."""
-        values = self._actuation.input_values(t, configuration)
-        return self._tendons().forces(self._measured(motion), values, self._actuation.history.base_tension, t)
+        robot = self._actuation
+        tendons = robot.elastic_tendons(robot.input_values(t, configuration), t)
+        return tendons.law(), tendons.forces(self._measured(motion), robot.base_tension)
 
     def _measured(self, motion: NodeMotion) -> Any:
         return self._actuation.model.measure(motion.positions, motion.rotations)
-
-    def _tendons(self) -> ElasticTendons:
-        a = self._actuation
-        return ElasticTendons(a.model, a.drives.winds, a.history, a.inextensible_stiffness)
 
 
 def _moved(k: int, begin: NodeMotion, finish: NodeMotion) -> tuple[Array, Array, Array]:
