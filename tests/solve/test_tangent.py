@@ -48,18 +48,18 @@ def test_forces_and_tangent_of_tendons_are_those_of_exudyns_connectors(per_bay):
 def test_other_objects_and_changed_stiffness_bring_exudyns_jacobian_back():
     """The elements' stiffness is the tangent only where nothing else resists, and where the beams have it."""
     keep, mbs, handle = scene(paper())
-    assert SceneSystem(mbs).robots_only
+    assert SceneSystem(mbs).layout.only_robots_resist(())
     section = mbs.GetObjectParameter(handle.oBeams[2], "sectionData")
     section.stiffnessMatrix = 1.5 * np.array(section.stiffnessMatrix)
     mbs.SetObjectParameter(handle.oBeams[2], "sectionData", section)
-    assert not SceneSystem(mbs).robots_only
+    assert not SceneSystem(mbs).layout.only_robots_resist(())
 
     keep, mbs, handle = scene(paper(), assemble=False)
     ground = mbs.AddObject(eii.ObjectGround())
     above = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=ground, localPosition=[0.0, 0.0, 0.3]))
     mbs.AddObject(eii.SpringDamper(markerNumbers=[handle.mTip, above], stiffness=10.0, referenceLength=0.05))
     mbs.Assemble()
-    assert not SceneSystem(mbs).robots_only
+    assert not SceneSystem(mbs).layout.only_robots_resist(())
     assert keep
 
 

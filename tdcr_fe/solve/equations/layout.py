@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.backbone import BackboneMesh
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.native.actuation import TendonActuation
+from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.scene.mesh import of_backbone
 from tdcr_fe.solve.equations.band import BandLayout
 from tdcr_fe.solve.equations.configuration import BodyFrameReduction, ConfigurationSpace
@@ -268,7 +269,10 @@ class SceneLayout:
     reduction: BodyFrameReduction
     space: ConfigurationSpace
     scales: ResidualScales
-    turning: tuple[int, ...]  # Numbers of the loads that change with the pose of their node
+    # (L, 6): Components of the concentrated loads on robots that change with the pose of their node; and whether any
+    # other load does
+    turning: NDArray[np.bool_]
+    others_turn: bool
     user_loads: bool  # Whether functions of the user may change loads while a load step is solved
     no_others: bool  # Whether no objects but the robots resist motion
     # By robot, order of the unknowns of a banded tangent, where only robots resist and it is faster than a full one
@@ -279,7 +283,13 @@ class SceneLayout:
     numberings: dict[tuple[bytes, ...], Numbering] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, mbs: exu.MainSystem, robots: Sequence[TendonActuation], with_clamps: bool) -> SceneLayout:
+    def of(
+        cls,
+        mbs: exu.MainSystem,
+        robots: Sequence[TendonActuation],
+        point_loads: Sequence[PointLoad],
+        with_clamps: bool,
+    ) -> SceneLayout:
         """Layout of an assembled scene; ``with_clamps=False`` treats the joints of clamped bases as any other."""
         data = mbs.systemData
         for robot in robots:
@@ -295,19 +305,28 @@ class SceneLayout:
         space = ConfigurationSpace(mbs, robots, reduction, clamps)
         loads = [mbs.GetLoad(i) for i in range(data.NumberOfLoads())]
         # Forces fixed in the world have no derivative at a node; all other loads may have one.
-        turning = tuple(i for i, load in enumerate(loads) if _turns(mbs, load))
+        turning = {i for i, load in enumerate(loads) if _turns(mbs, load)}
+        numbers = [item.numbers for item in point_loads]
         no_others = not len(reduction.other) and _nothing_but_robots(mbs, robots)
         return cls(
             clamps,
             reduction,
             space,
             ResidualScales.of(robots, reduction),
-            turning,
+            np.repeat(np.isin(np.reshape(numbers, (-1, 2)), list(turning)), 3, axis=1),
+            not turning.issubset(n for pair in numbers for n in pair),
             any(load.get("loadVectorUserFunction") or load.get("loadUserFunction") for load in loads),
             no_others,
             tuple([BandLayout.of(robot) if no_others else None for robot in robots]),
             tuple(buckling_shortening(robot) for robot in robots),
         )
+
+    def only_robots_resist(self, loads: Sequence[Array]) -> bool:
+        """Whether nothing else resists motion: no other objects, and no loads that turn, of concentrated ones (6,)."""
+        if not self.no_others or self.others_turn:
+            return False
+        # A moment of zero does not turn.
+        return not self.turning.any() or not np.array(loads)[self.turning].any()
 
     def alone(self, mbs: exu.MainSystem, i: int) -> SceneLayout:
         """That of one robot, which nothing couples with the others and no load turns with; all else stays as it is."""
@@ -319,7 +338,7 @@ class SceneLayout:
             reduction=reduction,
             space=ConfigurationSpace(mbs, robots, reduction, {0}, joint),
             scales=ResidualScales.of(robots, reduction),
-            turning=(),
+            turning=np.zeros((0, 6), dtype=bool),
             bands=(self.bands[i],),
             buckling=(self.buckling[i],),
             numberings={},

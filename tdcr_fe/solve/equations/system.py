@@ -24,6 +24,7 @@ from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.solve.equations.band import BandFactors
 from tdcr_fe.solve.equations.configuration import Configuration, SolverState, StoredState, Target
+from tdcr_fe.solve.equations.contact import ContactStates
 from tdcr_fe.solve.equations.kernel import ClampReactions, Residual, StaticKernel, residual_of_robot
 from tdcr_fe.solve.equations.layout import Numbering, SceneLayout, zero_bases
 from tdcr_fe.solve.equations.linearization import (
@@ -74,7 +75,7 @@ class SceneSystem:
         self._kernel = StaticKernel(mbs, self.hooks)
         self._raw = self._kernel.residual
         self._user_residual = self.hooks.user_function("PreNewtonResidual")
-        self.layout = SceneLayout.of(mbs, self.robots, with_clamps=True)
+        self.layout = SceneLayout.of(mbs, self.robots, self.point_loads, with_clamps=True)
         self._reactions = ClampReactions.of(self._kernel, self.layout)
 
     def independent(self) -> list[SceneSystem]:
@@ -88,7 +89,8 @@ class SceneSystem:
             self.hooks.user_function(kind) for kind in ("PreNewtonResidual", "PreStep", "SystemJacobian")
         )
         turned = any(load.applied[0 if load.frame == "section" else 3 :].any() for load in self.point_loads)
-        if users or turned or layout.user_loads or self.has_contact or not self.robots_only:
+        values = [load.value for load in self.point_loads]
+        if users or turned or layout.user_loads or self.has_contact or not layout.only_robots_resist(values):
             return [self]
         raw = self._raw().copy()
         if robots == 1 or len(layout.clamps) < robots or not self.clamps_are_closed(raw):
@@ -262,26 +264,20 @@ class SceneSystem:
         """Whether the scene has items of contact."""
         return self._kernel.contact.present
 
-    def contact_motion_limit(self, state: SolverState) -> float:
-        """By how much a node may move from a state without jumping over a contact [m]."""
-        if not self.has_contact:
-            return float("inf")
+    def contact_at(self, state: SolverState) -> ContactStates:
+        """The contact in a state, which is left in the scene."""
         self.layout.space.write(state.configuration)
         self._kernel.contact.follow()
-        return self._kernel.contact.motion_limit()
+        return self._kernel.contact
 
     def may_jump_over_contact(self, before: SolverState, after: SolverState) -> bool:
         """Whether bodies may have jumped over each other from one state to another, which is left in the scene."""
-        contact = self._kernel.contact
         moved = after.configuration.positions - before.configuration.positions
-        if float(np.linalg.norm(moved, axis=1).max()) > contact.general_motion_limit:
+        if float(np.linalg.norm(moved, axis=1).max()) > self._kernel.contact.general_motion_limit:
             return True
-        self.layout.space.write(before.configuration)
-        contact.follow()
+        contact = self.contact_at(before)
         limits, start = contact.approach_limits(), contact.relative_positions()
-        self.layout.space.write(after.configuration)
-        contact.follow()
-        approach = np.linalg.norm(contact.relative_positions() - start, axis=1)
+        approach = np.linalg.norm(self.contact_at(after).relative_positions() - start, axis=1)
         return bool(np.any(approach > limits))
 
     def scene_tangent(self, residual: Residual) -> Array:
@@ -298,41 +294,24 @@ class SceneSystem:
             Exudyn's sign: minus the stiffness.
         """
         layout = self.layout
-        j = self._kernel.jacobian(
-            loads=len(layout.turning) > 0, constraints=len(layout.reduction.other_multipliers) > 0
-        )
+        turning = layout.others_turn or bool(layout.turning.any())
+        j = self._kernel.jacobian(loads=turning, constraints=len(layout.reduction.other_multipliers) > 0)
         extra = self.hooks.user_jacobian(residual.target.time)
         if extra is not None:
             j[: extra.shape[0], : extra.shape[1]] += extra
         return layout.reduction.tangent(j, residual.state.configuration.frames)
 
-    def contact_too_deep(self, state: SolverState) -> bool:
-        """Whether a body is so deep in another one that contact no longer separates them; leaves it in the scene."""
-        self.layout.space.write(state.configuration)
-        self._kernel.contact.follow()
-        return self._kernel.contact.too_deep()
-
     def whole_tangent(self) -> Array:
         """Exudyn's Jacobian of the scene as it is, tendons left out, joints included, shape (size, size)."""
         return self._kernel.jacobian(loads=True)
 
-    @property
-    def robots_only(self) -> bool:
-        """Whether nothing but robots resists motion: no other objects, and no loads that turn with their nodes."""
-        if not self.layout.no_others:
-            return False
-        turning = set(self.layout.turning)
-        for load in self.point_loads if turning else ():
-            # A moment of zero does not turn.
-            for number, value in zip(load.numbers, load.value.reshape(2, 3), strict=True):
-                if not value.any():
-                    turning.discard(number)
-        return not turning
+    def tangent_follows_from_elements(self, loads: Sequence[Array]) -> bool:
+        """Whether the tangent follows from the elements' stiffness alone, without Exudyn's Jacobian: of one robot.
 
-    def tangent_follows_from_elements(self) -> bool:
-        """Whether the tangent follows from the elements' stiffness alone, without Exudyn's Jacobian: of one robot."""
+        ``loads``: the concentrated loads that act, shape (6,) each.
+        """
         return (
-            self.robots_only
+            self.layout.only_robots_resist(loads)
             and len(self.robots) == 1
             and self.mbs.NumberOfGeneralContacts() == 0
             and self.hooks.user_function("SystemJacobian") is None
@@ -370,7 +349,7 @@ class SceneSystem:
     def _factors(self, residual: Residual, numbering: Numbering, damping: Array) -> Factors:
         """Factors of the tangent at fixed tensions: of one robot from its elements, else with Exudyn's Jacobian."""
         slices = self.layout.space.slices
-        if self.tangent_follows_from_elements():
+        if self.tangent_follows_from_elements(residual.target.loads):
             (own,), (band,) = residual.forces, self.layout.bands
             backbone = backbone_tangent(residual, 0, slices[0], damping, own.model.mesh)
             if band is not None and own.has_hole_slopes:
@@ -396,7 +375,7 @@ class SceneSystem:
 
     def release_clamps(self) -> None:
         """Treat clamped bases as any other joint from now on, because their supports have been moved."""
-        self.layout = SceneLayout.of(self.mbs, self.robots, with_clamps=False)
+        self.layout = SceneLayout.of(self.mbs, self.robots, self.point_loads, with_clamps=False)
         self._reactions = ClampReactions.of(self._kernel, self.layout)
 
     def with_base_reactions(self, residual: Residual) -> Configuration:

@@ -141,7 +141,7 @@ def is_continuous(
         Their load factors [1].
     """
     ramp, system = solver.ramp, solver.system
-    if ramp.nonlinear or ramp.before_increment is not None or not system.tangent_follows_from_elements():
+    if not solver.is_smooth(end):
         return False
     try:
         first = Equilibrium.at(system, before, ramp.apply(system, start))

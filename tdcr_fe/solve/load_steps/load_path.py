@@ -109,13 +109,17 @@ class Ramp:
         """Whether anything but the tendons' inputs may change: loads, or what depends on time."""
         return self.loads_change or self.user_inputs or self.before_increment is not None
 
+    def loads_at(self, load_factor: float) -> tuple[Array, ...]:
+        """The concentrated loads at a load factor, shape (6,) each."""
+        return tuple(load.at(load_factor) for load in self.loads)
+
     def apply(self, system: SceneSystem, load_factor: float) -> Target:
         """Apply loads and time at a load factor in [0, 1] to the scene, and return the target."""
         time = self.start_time + load_factor * (self.end_time - self.start_time)
         system.mbs.systemData.SetTime(time)
         if self.before_increment is not None:
             self.before_increment(time)
-        loads = tuple(load.at(load_factor) for load in self.loads)
+        loads = self.loads_at(load_factor)
         for load, value in zip(self.loads, loads, strict=True):
             if load.changes or self.before_increment is not None:  # which may have set it
                 load.item.set(value[:3], value[3:])

@@ -87,7 +87,7 @@ def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:
     trial = trial._replace(error=found.total, division=None if found.total <= allowed else 0.5)
     if trial.division is None:
         return trial
-    if found.path is None or not (found.error <= allowed or _may_be_refined(solver)):
+    if found.path is None or not (found.error <= allowed or solver.is_smooth(trial.end)):
         return trial
     return _located(trial, known, found, allowed)
 
@@ -96,12 +96,6 @@ def allowed_error(trial: Trial) -> float:
     """Displacement of a node that what is not resolved of a substep may cause, over the length [1]."""
     tolerance = trial.solver.settings.path_tolerance
     return max(SHARE * (tolerance - trial.begin.refinement_error), LEAST_SHARE * tolerance)
-
-
-def _may_be_refined(solver: SubstepSolver) -> bool:
-    """Whether states may be solved within a substep: nothing but robots, and inputs and loads linear in it."""
-    linear = not solver.ramp.nonlinear and solver.ramp.before_increment is None
-    return linear and solver.system.tangent_follows_from_elements()
 
 
 def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float) -> Trial:
@@ -148,7 +142,7 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
             final=known.end,
             located=located._replace(known=known, path=found.path or located.path),
         )
-        if accepted or diverges or (found.error > allowed and not _may_be_refined(solver)):
+        if accepted or diverges or (found.error > allowed and not solver.is_smooth(trial.end)):
             break
     return trial
 

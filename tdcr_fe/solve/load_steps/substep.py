@@ -115,7 +115,7 @@ class SubstepSolver:
         """
         if not (self.system.has_contact and result.converged):
             return result
-        if self.system.contact_too_deep(result.state):
+        if self.system.contact_at(result.state).too_deep():
             return result._replace(status=NewtonStatus.CONTACT_TOO_DEEP, unmet=None)
         if not may_jump and self.system.may_jump_over_contact(start, result.state):
             return result._replace(status=NewtonStatus.CONTACT_PASSED, unmet=None)
@@ -143,6 +143,13 @@ class SubstepSolver:
         passed = status is NewtonStatus.CONTACT_PASSED
         return length > (
             min(SMALLEST_PART, self.settings.min_substep) if passed else self.settings.min_substep
+        )
+
+    def is_smooth(self, load_factor: float) -> bool:
+        """Whether nothing but a robot resists at a load factor, and inputs and loads are linear in the load step."""
+        ramp = self.ramp
+        return not (ramp.nonlinear or ramp.before_increment) and self.system.tangent_follows_from_elements(
+            ramp.loads_at(load_factor)
         )
 
     @property

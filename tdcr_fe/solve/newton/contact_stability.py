@@ -86,9 +86,9 @@ def _compliance(
         stuck = np.flatnonzero(np.abs(mobilised) < 1.0)
         flexibility = numbering.at_frictional_holes([own.resting_flexibility for own in residual.forces])
         coupling = FrictionCoupling.of(numbering, residual.forces, linear.slack)
-        response = coupling.response(linear.factorisation.solve, stuck, flexibility)
-        held = np.linalg.solve(response.matrix[stuck], coupling.rows[stuck] @ moved)
-        moved = moved + response.columns @ held
+        columns, matrix = coupling.response(linear.factorisation.solve, stuck, flexibility)
+        held = np.linalg.solve(matrix[stuck], coupling.rows[stuck] @ moved)
+        moved = moved + columns @ held
     found: Array = moved[which]
     return found
 

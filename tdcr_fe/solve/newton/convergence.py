@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.forces import TendonForces
-from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.model.loading import SolverSettings
+from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import ResidualScales
 
 Array = NDArray[np.float64]
@@ -51,18 +50,15 @@ class NewtonStatus(Enum):
 class Iterate(NamedTuple):
     """What the tests see of an iteration."""
 
-    residual: float  # Largest unbalanced force, gap or miss of a prescribed displacement over its scale [1]
-    forces: tuple[TendonForces, ...]  # By robot
-    mobilisation: tuple[Array, ...]  # By robot [1]
-    history: tuple[FrictionState, ...]  # By robot, at the last solution
+    residual: Residual
     softening: float  # Factor on the presliding distance [1]
-    with_friction: bool = True  # Whether mobilisations are among the unknowns
+    with_friction: bool  # Whether mobilisations are among the unknowns
 
 
 def friction_error(iterate: Iterate) -> float:
     """Largest distance of any mobilisation from the one that its slip leads to [1]."""
-    worst = 0.0
-    for own, s, before in zip(iterate.forces, iterate.mobilisation, iterate.history, strict=True):
+    worst, state = 0.0, iterate.residual.state
+    for own, s, before in zip(iterate.residual.forces, state.mobilisation, state.friction, strict=True):
         law = own.model.law
         if law.has_friction and iterate.with_friction:
             trial = law.hysteresis.softened(iterate.softening).trial(own.field.slip, before)
@@ -83,7 +79,7 @@ class ConvergenceTest:
 #: All conditions of a solution, in the order in which they are tested; a test is made where those before it are met.
 CONVERGENCE_TESTS: tuple[ConvergenceTest, ...] = (
     ConvergenceTest(
-        lambda iterate: iterate.residual,
+        lambda iterate: iterate.residual.size,
         lambda settings: settings.tolerance,
         NewtonStatus.NO_BALANCE,
         "the relative residual is",

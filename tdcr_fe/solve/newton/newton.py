@@ -153,6 +153,7 @@ class _Solve(NamedTuple):
     def iterate(self, residual: Residual) -> NewtonResult:
         """Newton's iteration from a first residual."""
         system, numbering, settings, damped = self.system, self.numbering, self.settings, self.damped
+        frictional = numbering.has_friction
         limit = 10 * settings.max_iterations if damped else settings.max_iterations
         residuals: list[float] = []
         step: NewtonStep | None = None
@@ -168,7 +169,7 @@ class _Solve(NamedTuple):
             residuals.append(residual.size)
             if not isfinite(residual.size):
                 return end(NewtonStatus.NOT_FINITE)
-            unmet = first_unmet(self._iterate(residual), settings)
+            unmet = first_unmet(Iterate(residual, self.softening, frictional), settings)
             if unmet is None:
                 return end(NewtonStatus.CONVERGED)
             if len(residuals) > limit:
@@ -188,21 +189,13 @@ class _Solve(NamedTuple):
                 trial, residual.target, numbering, len(residuals), hold_contact=not damped
             )
             last = stalled(before, residual.size, step.change, system.layout.scales, settings)
-            if last and first_unmet(self._iterate(residual), settings, balance=False) is None:
+            if (
+                last
+                and first_unmet(Iterate(residual, self.softening, frictional), settings, balance=False)
+                is None
+            ):
                 residuals.append(residual.size)
                 return end(NewtonStatus.STALLED)
-
-    def _iterate(self, residual: Residual) -> Iterate:
-        """What the convergence tests see."""
-        state = residual.state
-        return Iterate(
-            residual.size,
-            residual.forces,
-            state.mobilisation,
-            state.friction,
-            self.softening,
-            self.numbering.has_friction,
-        )
 
     def _committed(self, residual: Residual, linear: Linearization | None) -> SolverState:
         """A solution with its history committed and the reactions of its clamps recovered."""

@@ -64,7 +64,7 @@ def predict(
         None where the last step says nothing about this one, or not enough.
     """
     last = linear.solved
-    if last is None or not system.robots_only or not same_loads(state, target):
+    if last is None or not system.layout.only_robots_resist(target.loads) or not same_loads(state, target):
         return None
     numbering = system.numbering()
     length = _length_of(last, np.concatenate(changes))

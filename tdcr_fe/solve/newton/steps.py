@@ -50,21 +50,14 @@ def slip_changes(
     return found
 
 
-class SlipResidual(NamedTuple):
-    """Excess of the slips over those of their mobilisations, after a step at fixed friction."""
-
-    excess: Array  # (k,): [m]
-    flexibility: Array  # (k,): Derivatives of the slips of the mobilisations by these [m]
-
-
 def slip_residual(
     numbering: Numbering,
     forces: Sequence[TendonForces],
     state: SolverState,
     step: Array,
     softening: float = 1.0,
-) -> SlipResidual:
-    """Slip residual of a step at fixed friction.
+) -> tuple[Array, Array]:
+    """Excess of the slips over those of their mobilisations, after a step at fixed friction.
 
     Parameters
     ----------
@@ -78,6 +71,13 @@ def slip_residual(
         At fixed friction, shape (linear,).
     softening
         Factor on the presliding distance [1].
+
+    Returns
+    -------
+    excess : ndarray, shape (k,)
+        [m].
+    flexibility : ndarray, shape (k,)
+        Derivatives of the slips of the mobilisations by these [m].
     """
     excess, flexibility = [], []
     changes = slip_changes(numbering, forces, step)
@@ -89,7 +89,7 @@ def slip_residual(
         on_line, slope = hysteresis.line(own.field.slip, mobilisation, before, slip)
         excess.append(slip - before.slip - on_line)
         flexibility.append(slope)
-    return SlipResidual(numbering.at_frictional_holes(excess), numbering.at_frictional_holes(flexibility))
+    return numbering.at_frictional_holes(excess), numbering.at_frictional_holes(flexibility)
 
 
 def all_keep_slipping(mobilisation: Array, residual: Array) -> bool:
@@ -141,8 +141,10 @@ class FrictionCoupling(NamedTuple):
         zero_bases(columns, numbering.clamped)
         return cls(columns, rows, own)
 
-    def response(self, solve: Callable[[Array], Array], which: Index, flexibility: Array) -> FrictionResponse:
-        """Response to some of the mobilisations.
+    def response(
+        self, solve: Callable[[Array], Array], which: Index, flexibility: Array
+    ) -> tuple[Array, Array]:
+        """Response of the linearised equilibrium to some of the mobilisations.
 
         Parameters
         ----------
@@ -151,46 +153,19 @@ class FrictionCoupling(NamedTuple):
         which
             Numbers of the mobilisations, shape (k',).
         flexibility
-            See `SlipResidual`.
+            See `slip_residual`.
+
+        Returns
+        -------
+        columns : ndarray, shape (linear, k')
+            Change of the unknowns of equilibrium by the mobilisations.
+        matrix : ndarray, shape (k, k')
+            Flexibility times identity, minus the derivative of the slips by the mobilisations [m].
         """
         columns = -solve(np.asfortranarray(self.columns[:, which]))
         matrix = -(self.rows @ columns) - self.own[:, which]
         matrix[which, np.arange(len(which))] += flexibility[which]
-        return FrictionResponse(columns, matrix)
-
-
-class FrictionResponse(NamedTuple):
-    """Response of the linearised equilibrium to mobilisations."""
-
-    columns: Array  # (linear, k'): Change of the unknowns of equilibrium by the mobilisations
-    # (k, k'): Flexibility times identity, minus the derivative of the slips by the mobilisations [m]
-    matrix: Array
-
-
-def friction_step(
-    coupling: FrictionCoupling,
-    solve: Callable[[Array], Array],
-    fixed: Array,
-    residual: SlipResidual,
-    mobilisation: Array,
-) -> Array:
-    """Complementarity step: the step with the mobilisations as unknowns, shape (total,).
-
-    Parameters
-    ----------
-    coupling
-        Between the unknowns of equilibrium and the mobilisations.
-    solve
-        Solves the linearised equilibrium at fixed friction for several right sides, shape (linear, k).
-    fixed
-        Step at fixed friction, shape (linear,).
-    residual, mobilisation
-        See `slip_residual`; mobilisations that are unknowns, of all robots one after the other, shape (k,).
-    """
-    response = coupling.response(solve, np.arange(len(mobilisation)), residual.flexibility)
-    new, _ = solve_box(response.matrix, residual.excess + response.matrix @ mobilisation, mobilisation)
-    change = new - mobilisation
-    return np.concatenate((fixed + response.columns @ change, change))
+        return columns, matrix
 
 
 class NewtonStep(NamedTuple):
@@ -211,13 +186,15 @@ def full_step(
         return NewtonStep(fixed, linear, damping)
     state, forces = residual.state, residual.forces
     mobilised = numbering.at_frictional_holes(state.mobilisation)
-    slips = slip_residual(numbering, forces, state, fixed, softening)
-    if all_keep_slipping(mobilised, slips.excess):
+    excess, flexibility = slip_residual(numbering, forces, state, fixed, softening)
+    if all_keep_slipping(mobilised, excess):
         unchanged = np.zeros(numbering.total - numbering.linear)
         return NewtonStep(np.append(fixed, unchanged), linear, damping)
     coupling = FrictionCoupling.of(numbering, forces, linear.slack)
-    change = friction_step(coupling, linear.factorisation.solve, fixed, slips, mobilised)
-    return NewtonStep(change, linear, damping)
+    columns, matrix = coupling.response(linear.factorisation.solve, np.arange(len(mobilised)), flexibility)
+    new, _ = solve_box(matrix, excess + matrix @ mobilised, mobilised)
+    change = new - mobilised
+    return NewtonStep(np.concatenate((fixed + columns @ change, change)), linear, damping)
 
 
 def damped_step(
@@ -230,7 +207,7 @@ def damped_step(
     nodes = 6 * system.layout.reduction.nodes
     scale = system.layout.scales.elastic_force * system.length
     least, most = 1e-6 * scale, MOST_DAMPING * scale
-    limit = system.contact_motion_limit(residual.state)
+    limit = system.contact_at(residual.state).motion_limit()
     for _ in range(20):
         step = full_step(system, residual, numbering, softening, damping)
         change = step.change[:nodes].reshape(-1, 6)

@@ -271,14 +271,14 @@ class SolvedPoint:
         )
         coupling = FrictionCoupling.of(numbering, self.forces, self.linearization.slack)
         which = np.flatnonzero(pick(self.sticking))
-        response = coupling.response(
+        columns, matrix = coupling.response(
             self.linearization.factorisation.solve, which, pick([holes.end for holes in self.holes])
         )
         change = np.zeros(excess.shape)
-        change[which] = np.linalg.solve(response.matrix[which], excess[which])
+        change[which] = np.linalg.solve(matrix[which], excess[which])
         none = [np.zeros(own.mobilisation.shape) for own in disturbances]
         changes = numbering.with_frictional_holes(none, change)
-        return fixed + response.columns @ change[which], list(changes)
+        return fixed + columns @ change[which], list(changes)
 
 
 def _by_shifts(own: TendonForces, point: RobotPoint) -> Values:
