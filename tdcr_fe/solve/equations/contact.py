@@ -44,19 +44,55 @@ def general_contacts(mbs: exu.MainSystem) -> list[Any]:
     return [mbs.GetGeneralContact(k) for k in range(mbs.NumberOfGeneralContacts())]
 
 
-class GeneralTriangles(NamedTuple):
-    """A ``GeneralContact`` with spheres and triangles."""
+class GeneralSpheres(NamedTuple):
+    """Spheres of a ``GeneralContact``."""
 
     contact: Any
-    spheres: int  # Number of its spheres
-    first: int  # Number of the first triangle in its lists of active contacts
+    markers: NDArray[np.int_]  # (n,)
+    radii: Array  # (n,): [m]
+    # Number of the first triangle in its lists of active contacts; None where there are no triangles
+    first_triangle: int | None
+
+    @classmethod
+    def of(cls, contact: Any) -> GeneralSpheres:
+        """Those of a general contact."""
+        about = contact.GetPythonObject()
+        if about["numberOfANCFCable2D"]:
+            raise ValueError("GeneralContact with ANCF cables is not solved by the quasi-static solver")
+        count, first = about["numberOfSpheresMarkerBased"], None
+        spheres = [contact.GetSphereMarkerBased(i, addData=True) for i in range(count)]
+        if about["numberOfTrigsRigidBodyBased"]:
+            offsets = about["globalContactIndexOffsets"]
+            first = int(offsets[int(exu.ContactTypeIndex.IndexTrigsRigidBodyBased)])
+        markers = np.array([int(s["markerIndex"]) for s in spheres], dtype=int)
+        return cls(contact, markers, np.array([float(s["radius"]) for s in spheres]), first)
 
     @property
-    def touching(self) -> bool:
-        """Whether a sphere is in contact with a triangle, by the present active sets."""
+    def size(self) -> float:
+        """How far a body may move into a contact without leaving it on the other side [m].
+
+        That of the two smallest spheres, or of the smallest one and a triangle.
+        """
+        smallest = np.sort(self.radii)[: 2 if self.first_triangle is None else 1]
+        return float(smallest.sum()) if smallest.size else np.inf
+
+    @property
+    def touch_triangles(self) -> bool:
+        """Whether any is in contact with a triangle, by the present active sets."""
+        if self.first_triangle is None:
+            return False
         kind = exu.ContactTypeIndex.IndexSpheresMarkerBased
-        active = [self.contact.GetActiveContacts(kind, i) for i in range(self.spheres)]
-        return any(abs(int(number)) >= self.first for numbers in active for number in numbers)
+        active = [self.contact.GetActiveContacts(kind, i) for i in range(len(self.radii))]
+        return any(abs(int(number)) >= self.first_triangle for numbers in active for number in numbers)
+
+    def centers_inside(self, mbs: exu.MainSystem, configuration: Any) -> NDArray[np.bool_]:
+        """Which pairs have the centre of one inside the other, shape (n, n), false below the diagonal."""
+        if not len(self.markers):
+            return np.zeros((0, 0), dtype=bool)
+        position = exu.OutputVariableType.Position
+        at = np.array([mbs.GetMarkerOutput(int(m), position, configuration) for m in self.markers])
+        inside = cdist(at, at) < np.maximum(self.radii[:, None], self.radii)
+        return np.triu(inside, 1)
 
 
 class TriangleContact:
@@ -70,23 +106,15 @@ class TriangleContact:
 
     def __init__(self, mbs: exu.MainSystem) -> None:
         self._mbs = mbs
-        self._all: list[GeneralTriangles] = []
-        radii: list[float] = []
-        for contact in general_contacts(mbs):
-            about = contact.GetPythonObject()
-            spheres = int(about["numberOfSpheresMarkerBased"])
-            if spheres and about["numberOfTrigsRigidBodyBased"]:
-                offsets = about["globalContactIndexOffsets"]
-                first = int(offsets[int(exu.ContactTypeIndex.IndexTrigsRigidBodyBased)])
-                self._all.append(GeneralTriangles(contact, spheres, first))
-                radii += GeneralSpheres.of(contact).radii.tolist()
-        self._step = RELATIVE_STEP * min(radii, default=0.0)
+        general = [GeneralSpheres.of(contact) for contact in general_contacts(mbs)]
+        self._all = [each for each in general if each.first_triangle is not None and each.radii.size]
+        self._step = RELATIVE_STEP * min((float(each.radii.min()) for each in self._all), default=0.0)
         self._nodes = _nodes_of_coordinates(mbs)
 
     @property
     def touching(self) -> bool:
         """Whether a sphere is in contact with a triangle, by the present active sets."""
-        return any(each.touching for each in self._all)
+        return any(each.touch_triangles for each in self._all)
 
     @contextmanager
     def all_with(self, attribute: str, value: bool) -> Iterator[None]:
@@ -134,39 +162,6 @@ def _nodes_of_coordinates(mbs: exu.MainSystem) -> Index:
     for node in range(data.NumberOfNodes()):
         found[np.asarray(data.GetNodeLTGODE2(node), dtype=int)] = node
     return found
-
-
-class GeneralSpheres(NamedTuple):
-    """Spheres of a ``GeneralContact``."""
-
-    markers: NDArray[np.int_]  # (n,)
-    radii: Array  # (n,): [m]
-    size: float  # How far a body may move into a contact without leaving it on the other side [m]
-
-    @classmethod
-    def of(cls, contact: Any) -> GeneralSpheres:
-        """Those of a general contact; its size is that of its two smallest, or of its smallest one and a triangle."""
-        counts = contact.GetPythonObject()
-        if counts["numberOfANCFCable2D"]:
-            raise ValueError("GeneralContact with ANCF cables is not solved by the quasi-static solver")
-        count = counts["numberOfSpheresMarkerBased"]
-        spheres = [contact.GetSphereMarkerBased(i, addData=True) for i in range(count)]
-        radii = np.array([float(s["radius"]) for s in spheres])
-        smallest = np.sort(radii)[: 1 if counts["numberOfTrigsRigidBodyBased"] else 2]
-        return cls(
-            np.array([int(s["markerIndex"]) for s in spheres], dtype=int),
-            radii,
-            float(smallest.sum()) if count else np.inf,
-        )
-
-    def centers_inside(self, mbs: exu.MainSystem, configuration: Any) -> NDArray[np.bool_]:
-        """Which pairs have the centre of one inside the other, shape (n, n), false below the diagonal."""
-        if not len(self.markers):
-            return np.zeros((0, 0), dtype=bool)
-        position = exu.OutputVariableType.Position
-        at = np.array([mbs.GetMarkerOutput(int(m), position, configuration) for m in self.markers])
-        inside = cdist(at, at) < np.maximum(self.radii[:, None], self.radii)
-        return np.triu(inside, 1)
 
 
 class ContactStates:

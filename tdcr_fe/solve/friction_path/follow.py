@@ -24,11 +24,9 @@ from tdcr_fe.compiled import compilable, compiled_as, is_compiled, run_compiled
 from tdcr_fe.elements.complementarity import ROUND_OFF, largest, largest_magnitude, smallest
 from tdcr_fe.solve.friction_path.path import (
     FrictionPath,
-    PathSegment,
     PathSegments,
     along_segment,
     empty_path,
-    set_segment,
 )
 from tdcr_fe.solve.friction_path.rates import (
     Bounds,
@@ -71,13 +69,6 @@ SHORTEST_SEGMENT = 1e-5
 MOST_SHORTENED, MOST_SHORTENINGS = 0.75, 4
 
 
-class FreeUnknowns(NamedTuple):
-    """Unknowns inside their bounds at the end of a path segment, as they would be without the bounds."""
-
-    which: Index  # (f,): Their numbers
-    values: Array  # (f,): [1, N]
-
-
 class Constraints(NamedTuple):
     """The complements that stay constant along a path; the arrays are changed on the way."""
 
@@ -87,25 +78,10 @@ class Constraints(NamedTuple):
 
 
 @compilable
-def no_free_unknowns() -> FreeUnknowns:
-    """No unknowns inside their bounds."""
-    return FreeUnknowns(np.zeros(0, dtype=np.int64), np.zeros(0))
-
-
-@compilable
-def no_constraints(count: int) -> Constraints:
-    """At the start of a path with so many unknowns."""
-    return Constraints(np.zeros(count, dtype=np.bool_), np.zeros(count), np.zeros(count, dtype=np.bool_))
-
-
-@compilable
-def fraction_inside(unclipped: FreeUnknowns, start: Array, bounds: Bounds) -> float:
+def fraction_inside(unclipped: Array, start: Array, bounds: Bounds) -> float:
     """Fraction of a path segment over which unknowns that begin it at given values are inside their bounds [1]."""
-    which = unclipped.which
-    if not which.size:
-        return 1.0
-    moved = unclipped.values - start[which]
-    room = np.where(moved > 0.0, bounds.upper[which], bounds.lower[which]) - start[which]
+    moved = unclipped - start
+    room = np.where(moved > 0.0, bounds.upper, bounds.lower) - start
     return smallest(np.where(np.abs(moved) > np.abs(room), room / moved, 1.0))
 
 
@@ -125,7 +101,7 @@ def set_free(
 @compilable
 def projected(
     constraints: Constraints, z: Array, state: SlipState, unknowns: PathUnknowns
-) -> tuple[Array, SlipState, FreeUnknowns]:
+) -> tuple[Array, SlipState, Array]:
     """Unknowns without drift.
 
     A free unknown that came to its bound too early is moved back once only: else its way there might never end.
@@ -146,22 +122,22 @@ def projected(
     unknowns : ndarray, shape (n,)
     state : SlipState
         Slips there.
-    unclipped : FreeUnknowns
-        What the free unknowns would be without bounds.
+    unclipped : ndarray, shape (n,)
+        What they would be without bounds.
     """
     free = constraints.free.nonzero()[0]
     if not free.size:
-        return z, state, no_free_unknowns()
+        return z, state, z
     here, bounds = z[free], unknowns.bounds
     drift = state.slip[free] - state.derivatives.elastic_slip[free] * here - constraints.complement[free]
     columns = columns_of(state.derivatives, free)
     change = solved_transposed(factorised(some_columns(columns, free)), drift)
-    unclipped = FreeUnknowns(free, here + change)
+    unclipped, new = z.copy(), z.copy()
+    unclipped[free] = here + change
     at_bound = sides(bounds, z)[free] != 0.0
     change = np.where(at_bound & constraints.at_bound[free], 0.0, change)
     constraints.at_bound[free] = at_bound
     moved = np.minimum(np.maximum(here + change, bounds.lower[free]), bounds.upper[free])
-    new = z.copy()
     new[free] = moved
     return new, with_changed(state, free, columns, moved - here), unclipped
 
@@ -181,6 +157,7 @@ class _Here(NamedTuple):
     z: Array  # (n,): Unknowns
     state: SlipState
     rates: Rates
+    slack: Array  # (c,): Of the tendons driven by displacement [m]
 
 
 class _LastReversals(NamedTuple):
@@ -228,10 +205,11 @@ def _integrated(
 ) -> tuple[Array, _LastReversals, PathSegments, int, bool]:
     """Integrate the friction states."""
     holes, most, factor, count, passed = unknowns.holes, 50 + 6 * len(z), 0.0, 0, 0
-    path, constraints = empty_path(most, len(z), len(tension)), no_constraints(len(z))
+    path, none = empty_path(most, len(z), len(tension)), np.zeros(len(z), dtype=np.bool_)
+    constraints = Constraints(none, np.zeros(len(z)), none.copy())
     last = _LastReversals(np.zeros(holes), z[:holes].copy(), np.zeros(holes))
     state = evaluated(slips, factor, z, tension)
-    tension, start_slip, unclipped = state.tension, state.slip, no_free_unknowns()
+    tension, start_slip, unclipped = state.tension, state.slip, z
     evaluation, current, shortenings = _Evaluation(factor, tension, largest(tension)), True, 0
     for _ in range(most):
         if not current:
@@ -266,16 +244,15 @@ def _integrated(
             passed += 1
             if passed == len(breakpoints):
                 return z, last, path, count, True
-        here, left = _Here(factor, z, state, rates), breakpoints[passed] - factor
-        segment = _next_segment(slips, unknowns, here, slack, min(left, LONGEST_SEGMENT))
-        set_segment(path, count, segment)
-        factor, z, tension = along_segment(path, count, segment.length, unknowns.bounds)
+        here, left = _Here(factor, z, state, rates, slack), breakpoints[passed] - factor
+        length = _add_segment(path, count, slips, unknowns, here, min(left, LONGEST_SEGMENT))
+        factor, z, tension = along_segment(path, count, length, unknowns.bounds)
         count += 1
         current = factor < breakpoints[passed] - ROUND_OFF and _is_near(evaluation, factor, tension, 1.0)
         current = current and not left_branch(state.derivatives, branches_at(slips.transfer, z, tension))
         if current:
-            state = extrapolated(state, segment.length, tension, rates.rate, rates.complement)
-            unclipped = no_free_unknowns()
+            state = extrapolated(state, length, tension, rates.rate, rates.complement)
+            unclipped = z
     return z, last, path, count, False
 
 
@@ -289,11 +266,16 @@ def _is_near(evaluation: _Evaluation, factor: float, tension: Array, fraction: f
 
 
 @compilable
-def _next_segment(
-    slips: InterpolatedSlips, unknowns: PathUnknowns, here: _Here, slack: Array, longest: float
-) -> PathSegment:
-    """The path segment up to the next event, but no longer than given."""
-    z, state, rates, free = here.z, here.state, here.rates, here.rates.free
+def _add_segment(
+    path: PathSegments,
+    i: int,
+    slips: InterpolatedSlips,
+    unknowns: PathUnknowns,
+    here: _Here,
+    longest: float,
+) -> float:
+    """Add the path segment up to the next event, but no longer than given; its length."""
+    z, state, rates, slack, free = here.z, here.state, here.rates, here.slack, here.rates.free
     tension_rate = state.derivatives.tension_by_load
     if free.size:
         tension_rate = tension_rate + rates.rate[free].dot(tension_columns(state.derivatives, free))
@@ -302,9 +284,10 @@ def _next_segment(
         event = min(event, distance_to_tautness(rates, slack, unknowns.holes))
     branch = distance_to_branch_change(slips.transfer, z, rates.rate, state.tension, tension_rate)
     length = min(longest, max(SHORTEST_SEGMENT, min(event, branch)))
-    return PathSegment(
-        here.factor, length, z, rates.side, rates.rate, rates.complement, state.tension, tension_rate
-    )
+    path.start[i], path.length[i], path.unknowns[i] = here.factor, length, z
+    path.side[i], path.rate[i], path.complement[i] = rates.side, rates.rate, rates.complement
+    path.tension[i], path.tension_rate[i] = state.tension, tension_rate
+    return length
 
 
 @compilable
@@ -314,7 +297,7 @@ def _fraction_before_reversal(
     i: int,
     turned: Index,
     side: Array,
-    unclipped: FreeUnknowns,
+    unclipped: Array,
     unknowns: PathUnknowns,
 ) -> float:
     """Fraction of a path segment over which slips kept their direction [1].

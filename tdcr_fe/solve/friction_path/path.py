@@ -14,33 +14,20 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-class PathSegment(NamedTuple):
-    """A part of the substep over which the rates of all unknowns are constant.
+class PathSegments(NamedTuple):
+    """Parts of the substep over which the rates of all unknowns are constant; the arrays have one row a path segment.
 
     Unknowns are those of `tdcr_fe.solve.friction_path.rates`; load factors are those within the substep, 0 to 1.
     """
 
-    start: float  # Load factor where it begins, and by how much it grows in it [1]
-    length: float  # as `start`
-    unknowns: Array  # (n,): Where it begins
-    side: Array  # (n,): 1 or -1 where an unknown stays at its bound, 0 where it is free
-    rate: Array  # (n,): Of the unknowns [1, N]
-    complement: Array  # (n,): Of their complements [m]
-    # (q,): Tensions of the segments where it begins, and their derivative by the load factor [N]
-    tension: Array
-    tension_rate: Array  # as `tension`
-
-
-class PathSegments(NamedTuple):
-    """Several path segments, see `PathSegment`; their arrays have one row a path segment."""
-
-    start: Array  # (p,): [1]
+    start: Array  # (p,): Load factor where it begins, and by how much it grows in it [1]
     length: Array  # as `start`
-    unknowns: Array  # (p, n)
-    side: Array  # as `unknowns`
-    rate: Array  # as `unknowns`
-    complement: Array  # as `unknowns`
-    tension: Array  # (p, q): [N]
+    unknowns: Array  # (p, n): Where it begins
+    side: Array  # (p, n): 1 or -1 where an unknown stays at its bound, 0 where it is free
+    rate: Array  # (p, n): Of the unknowns [1, N]
+    complement: Array  # (p, n): Of their complements [m]
+    # (p, q): Tensions of the segments where it begins, and their derivative by the load factor [N]
+    tension: Array
     tension_rate: Array  # as `tension`
 
     def first(self, count: int) -> PathSegments:
@@ -57,14 +44,6 @@ def empty_path(count: int, unknowns: int, segments: int) -> PathSegments:
         (np.empty(n), np.empty(n), np.empty(n), np.empty(n)),
     )
     return PathSegments(*starts, *by_unknown, np.empty(q), np.empty(q))
-
-
-@compilable
-def set_segment(path: PathSegments, i: int, segment: PathSegment) -> None:
-    """Set one of the path segments."""
-    path.start[i], path.length[i], path.unknowns[i] = segment.start, segment.length, segment.unknowns
-    path.side[i], path.rate[i], path.complement[i] = segment.side, segment.rate, segment.complement
-    path.tension[i], path.tension_rate[i] = segment.tension, segment.tension_rate
 
 
 @compilable

@@ -41,7 +41,7 @@ class LoadResponse(NamedTuple):
 
     def times(self, factor: float) -> LoadResponse:
         """The response to a change that is larger by a factor."""
-        return LoadResponse(factor * self.nodes, factor * self.lengths, factor * self.angles)
+        return LoadResponse(*(factor * x for x in self))
 
 
 class TensionResponse(NamedTuple):
@@ -200,7 +200,6 @@ class TautTendons(NamedTuple):
     """
 
     tendons: tuple[TendonsInSubstep, ...]  # By robot that has any of them
-    robots: tuple[int, ...]  # Numbers of these robots
     numbers: tuple[Index, ...]  # By robot, all of them, numbers of the tendons under tension
     holes: Index  # (k,): Numbers of their frictional holes, among those of all tendons
     driven: Index  # (c,): And of those driven by displacement, among all of these
@@ -215,7 +214,7 @@ class TautTendons(NamedTuple):
             Solved states of a substep, from its start to its end.
         """
         start, end = states[0], states[-1]
-        tendons, robots, numbers, holes, unknown = [], [], [], [], []
+        tendons, numbers, holes, unknown = [], [], [], []
         hole = base = 0
         for part in end.numbering.robots:
             law = end.forces[part.robot].model.law
@@ -225,17 +224,15 @@ class TautTendons(NamedTuple):
             acting = part.frictional if part.has_friction else np.zeros_like(part.frictional)
             if which.size:
                 driven = np.flatnonzero(np.isin(which, part.driven))
-                tendons.append(TendonsInSubstep(law, which, acting[which], driven, tension[:, which]))
-                robots.append(part.robot)
+                own = TendonsInSubstep(part.robot, law, which, acting[which], driven, tension[:, which])
+                tendons.append(own)
             numbers.append(which)
             order = hole + np.cumsum(acting.reshape(-1)).reshape(acting.shape) - 1
             holes.append(order[which][acting[which]])
             hole += int(np.count_nonzero(acting))
             unknown.append(base + np.flatnonzero(np.isin(part.driven, which)))
             base += len(part.driven)
-        return cls(
-            tuple(tendons), tuple(robots), tuple(numbers), np.concatenate(holes), np.concatenate(unknown)
-        )
+        return cls(tuple(tendons), tuple(numbers), np.concatenate(holes), np.concatenate(unknown))
 
     @property
     def presliding(self) -> Array:
@@ -270,8 +267,9 @@ class TautTendons(NamedTuple):
         values, by_tension, by_load = [], [], []
         bases: list[tuple[Array, Array, Array]] = []
         segment = 0
-        for own, robot in zip(self.tendons, self.robots, strict=True):
-            field, count, here = forces[robot].field, len(own.which), slice(segment, segment + own.segments)
+        for own in self.tendons:
+            field, count = forces[own.robot].field, len(own.which)
+            here = slice(segment, segment + own.segments)
             by_length = field.released_d_length[own.which].reshape(-1, 1)
             released = -by_length * flexibility[here]
             stretched = field.released_d_tension[own.which].reshape(-1)
@@ -284,7 +282,7 @@ class TautTendons(NamedTuple):
             by_load.append(slips[:, -1])
             driven = own.which[own.driven]
             pulled = -both[own.driven].sum(axis=1)
-            first, last = (target.inputs[robot][driven] for target in targets)
+            first, last = (target.inputs[own.robot][driven] for target in targets)
             minus_slack = first + factor * (last - first) - field.base_slip[driven]
             bases.append((minus_slack, pulled[:, :-1], pulled[:, -1] + last - first))
             segment = here.stop

@@ -37,13 +37,6 @@ REFINED_ERROR = 0.5
 AGREEMENT = 2e-6
 
 
-class PathError(NamedTuple):
-    """What the interpolation of the slips leaves uncertain in a followed path."""
-
-    displacement: float  # Of a node at the end of the substep, the largest [m]
-    reverses: bool  # Whether any slip reverses with other slips that are possible
-
-
 class SubstepSlips(NamedTuple):
     """Slips of the tendons under tension in a substep that was solved as a whole."""
 
@@ -171,8 +164,11 @@ class SubstepSlips(NamedTuple):
         """Whether the interpolation is too uncertain to locate reversals."""
         return float(self.slip_error.max()) > ROUGH * self.largest_slip
 
-    def path_error(self, path: FrictionPath, mobilisation: Array) -> PathError | None:
+    def path_error(self, path: FrictionPath, mobilisation: Array) -> tuple[float, bool] | None:
         """What the interpolation leaves uncertain in a complete path; None where it is too rough to say.
+
+        The largest displacement of a node at the end [m], and whether any slip reverses with other slips that are
+        possible.
 
         Where the error may be larger than allowed to first order, and the other path shows nothing of it, states within
         the substep have to decide: that path has one error of many.
@@ -186,7 +182,7 @@ class SubstepSlips(NamedTuple):
         """
         allowed, first_order = self.allowed, self._displacement_by_error(path)
         if first_order == 0.0:
-            return PathError(0.0, False)
+            return 0.0, False
         if self.is_rough:
             return None
         other = self.follow(DEFECT_FACTOR)
@@ -194,8 +190,8 @@ class SubstepSlips(NamedTuple):
             return None
         moved = self.displacement(mobilisation - self.at_end(other))
         if moved <= allowed < first_order:
-            return PathError(UNDECIDED * allowed, True)
-        return PathError(moved, bool(other.reversed.any()))
+            return UNDECIDED * allowed, True
+        return moved, bool(other.reversed.any())
 
     def _displacement_by_error(self, path: FrictionPath) -> float:
         """Largest displacement of a node by the error of the slips, to first order [m].
@@ -296,9 +292,10 @@ def find_reversals(
     if path.complete:
         found = substep.path_error(path, corrected)
         if found is not None:
-            if not (path.reversed.any() or found.reverses or solved_with_reversals):
+            error, reverses = found
+            if not (path.reversed.any() or reverses or solved_with_reversals):
                 return None
-            return Reversals(effect, found.displacement / length, history, path)
+            return Reversals(effect, error / length, history, path)
     # Reversals are not located well enough.
     error = substep.displacement(corrected - substep.worst_case(path, corrected)) / length
     return Reversals(effect, error, history, path if path.complete else None)

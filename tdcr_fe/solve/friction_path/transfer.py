@@ -25,6 +25,7 @@ Flags = NDArray[np.bool_]
 class TendonsInSubstep(NamedTuple):
     """Tendons of one robot that are under tension at either end of a substep."""
 
+    robot: int  # Its number
     law: TendonLaw
     which: Index  # Their numbers, shape (m,)
     frictional: NDArray[np.bool_]  # (m, g): Which of their mobilisations are unknowns

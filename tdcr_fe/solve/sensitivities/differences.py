@@ -103,17 +103,14 @@ class Tabulated:
 
 def tabulated(parameter: ModelParameter, experiment: Experiment) -> ModelParameter:
     """A parameter whose neighbours are made now: on both sides, or two on the side where that is possible."""
-    step = RELATIVE_STEP * parameter.size
-    found: dict[int, Experiment] = {}
-    refused = ""
-    for offset in (1, -1, 2, -2):
-        if abs(offset) == 2 and ((-1 in found and 1 in found) or offset // 2 not in found):
-            continue
-        try:
-            found[offset] = parameter.apply(experiment, parameter.value + step * offset)
-        except ValueError as error:
-            refused = str(error)
-    return replace(parameter, apply=Tabulated(parameter.value, step, found, refused))
+    step, refused = RELATIVE_STEP * parameter.size, ""
+    made: Mapping[int, Experiment] = {}
+    try:
+        found = stencil(experiment, parameter, lambda neighbour: None)
+        made = {round(x / step): own for x, own in zip(found.offsets, found.experiments, strict=True)}
+    except NoDerivative as error:
+        refused = error.reason
+    return replace(parameter, apply=Tabulated(parameter.value, step, made, refused))
 
 
 def same_structure(present: Sequence[LoadStep], other: Sequence[LoadStep]) -> bool:
