@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
+from tdcr_fe.effects import EFFECTS, Experiment, Observation, effect, with_effects
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.forward import ForwardModel, Job, Task, run_settings, simulate_experiment
 from tdcr_fe.identify.identification import declared_state, prepare
@@ -72,12 +72,13 @@ def data_of(steps, readings, robot=ROBOT, model=MODEL, branches=None, name="smal
 
 
 def measured(truth=None, sigma=1e-4, seed=0, robot=None, given=True, model=MODEL, catalogue=EFFECTS):
-    """Readings of a true robot that is ``robot`` (`ROBOT`) with effects, on a finer mesh, with noise.
+    """Readings of two markers of a true robot that is ``robot`` (`ROBOT`) with effects, on a finer mesh, with noise.
 
     With another ``model`` than `MODEL`, the robot is also the declared one.
     """
     steps = sequence()
-    fine = Experiment(robot or ROBOT, replace(model, elements_per_bay=4), steps)
+    markers = Observation(markers=(0.1, LENGTH))
+    fine = Experiment(robot or ROBOT, replace(model, elements_per_bay=4), steps, markers)
     readings = positions(with_effects(fine, truth or {}, catalogue), sigma, seed)
     if not given:
         readings = tuple(replace(r, sigma=None) for r in readings)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import problem_of
+from identify_data import data_of, problem_of
 from robots import BACKBONE, LENGTH, tendon
 
 from tdcr_fe.effects import EFFECTS, Effect, PlaceEffect, effect
@@ -15,7 +15,6 @@ from tdcr_fe.identify.forward import ForwardModel, Job
 from tdcr_fe.identify.input_causes import input_causes
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.screening import screen
-from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import CHANNELS
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
@@ -136,19 +135,33 @@ def known(about: FitProblem, name: str) -> Effect:
 def problem(kind: str) -> FitProblem:
     """Readings of all channels in all steps, at disks and between them."""
     steps = STEPS[kind]
-    ids = tuple(range(1, len(steps) + 1))
     places = {"arc length": (0.1, 0.2173), "tendon": ROBOT.tendon_names, "": (None,)}
     readings = tuple(
-        Reading(n, c.quantity, where, 0.0, 1.0) for n in ids for c in CHANNELS for where in places[c.location]
+        Reading(n + 1, c.quantity, where, 0.0, 1.0)
+        for n in range(len(steps))
+        for c in CHANNELS
+        for where in places[c.location]
     )
-    data = MeasuredData("all channels", ROBOT, Model(), ids, steps, ("",) * len(ids), readings)
+    data = data_of(steps, readings, ROBOT, Model())
     return problem_of(data, sigma=1.0, forward=ForwardModel(settings=SolverSettings(tolerance=1e-11)))
+
+
+def completed(about: FitProblem, values: dict) -> tuple[tuple[Effect, ...], dict]:
+    """Effects by their names, and their values with those that are not given."""
+    effects = tuple(known(about, n) for n in values)
+    return effects, {e.name: {**e.null_values(about.experiment), **values[e.name]} for e in effects}
+
+
+def relative_error(about: FitProblem, found: np.ndarray, expected: np.ndarray, size: float) -> float:
+    """The largest of all families of channels; what differs by no more than round-off counts as zero."""
+    families, off = np.array([r.channel.family for r in about.data.readings]), np.abs(found - expected)
+    own = [families == q for q in set(families)]
+    return max(np.max(off[x]) / max(np.max(np.abs(expected[x])), 1e-7 / size) for x in own)
 
 
 def linear(about: FitProblem, values: dict, names: list[tuple[str, str]]) -> Linear:
     """Linearised at values, by some of their parameters."""
-    effects = tuple(known(about, n) for n in values)
-    full = {n: {**known(about, n).null_values(about.experiment), **v} for n, v in values.items()}
+    effects, full = completed(about, values)
     null = {e: known(about, e).null_values(about.experiment) for e, _ in names}
     columns = tuple(Column(known(about, e), p, {**null, **full}[e], 1e-3) for e, p in names)
     return linearize(about, [Request(effects, full, columns)])[0]
@@ -156,8 +169,7 @@ def linear(about: FitProblem, values: dict, names: list[tuple[str, str]]) -> Lin
 
 def difference(about: FitProblem, values: dict, name: tuple[str, str], run, h: float) -> np.ndarray:
     """Central difference of the predictions by a coordinate, along the substeps of a run."""
-    effects = tuple(known(about, n) for n in values)
-    full = {n: {**known(about, n).null_values(about.experiment), **v} for n, v in values.items()}
+    effects, full = completed(about, values)
     (z,) = about.coordinates(effects, full, [name])
     points = [about.point(effects, full, [name], np.array([x])) for x in (z + h, z - h)]
     found = []
@@ -192,17 +204,14 @@ def test_derivatives_of_all_channels_are_those_of_whole_simulations(kind: str, v
     names = [(e, p) for e, own in values.items() for p in own]
     found = linear(about, values, names)
     assert not found.differenced
-    families = np.array([r.channel.family for r in about.data.readings])
     for name, column in zip(names, found.matrix.T, strict=True):
         parameter = next(p for p in known(about, name[0]).parameters if p.name == name[1])
         coordinate = parameter.coordinate(values[name[0]][name[1]])
         size = max(abs(coordinate), 0.1 * parameter.scale)
-        errors = []
-        for relative in (1e-2, 1e-3, 1e-4):
-            expected = difference(about, values, name, found.run, relative * size)
-            # What differs by no more than round-off counts as zero.
-            scale = {q: max(np.max(np.abs(expected[families == q])), 1e-7 / size) for q in set(families)}
-            errors.append(max(np.max(np.abs(column - expected)[families == q]) / scale[q] for q in scale))
+        errors = [
+            relative_error(about, column, difference(about, values, name, found.run, h * size), size)
+            for h in (1e-2, 1e-3, 1e-4)
+        ]
         assert min(errors) < TOLERANCE, (name, errors)
 
 
@@ -259,7 +268,6 @@ def test_derivatives_at_null_of_effects_at_places_are_those_of_whole_simulations
     families = [f for f in at_places(about) if f[0].listed == name]
     e = families[0][len(families[0]) // 2]
     null = e.null_values(about.experiment)
-    families_of = np.array([r.channel.family for r in about.data.readings])
     for p in e.parameters:
         (found,) = linearize(about, [Request((), {}, (Column(e, p.name, null, 1e-3),), fit.run)])
         assert not found.differenced
@@ -268,10 +276,7 @@ def test_derivatives_at_null_of_effects_at_places_are_those_of_whole_simulations
             moved = [{e.name: {**null, p.name: p.value(p.coordinate(null[p.name]) + k * h)}} for k in (1, 2)]
             (first, second), _ = about.residuals((e,), moved, reference=fit.run)
             expected = (1.5 * found.residual - 2.0 * first + 0.5 * second) / h
-            scale = {q: max(np.max(np.abs(expected[families_of == q])), 1e-7 / p.scale) for q in families_of}
-            errors.append(
-                max(np.max(np.abs(found.matrix[:, 0] - expected)[families_of == q]) / scale[q] for q in scale)
-            )
+            errors.append(relative_error(about, found.matrix[:, 0], expected, p.scale))
         assert min(errors) < 1e-4, (e.name, p.name, errors)
 
 

@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
-from identify_data import MODEL, ROBOT
+from identify_data import data_of, problem_of
 from identify_result import GRAVITY, result
 
-from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.noise import held_out_ceiling, predicted_residuals
-from tdcr_fe.identify.problem import Fit, FitProblem
+from tdcr_fe.identify.problem import Fit
 from tdcr_fe.identify.result import Misfit
 from tdcr_fe.identify.sentences import sentences
-from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep
 
@@ -28,13 +26,12 @@ def cycles():
     readings = tuple(
         Reading(k + 1, f"position_{a}", 0.2, 0.0, 1e-4) for k in range(len(steps)) for a in "xyz"
     )
-    ids = tuple(range(1, len(steps) + 1))
-    return MeasuredData("cycles", ROBOT, MODEL, ids, tuple(steps), tuple(branches), readings)
+    return data_of(steps, readings, branches=branches)
 
 
 DATA = cycles()
-HELD = np.array([DATA.branches[r.step - 1].endswith(("2", "5")) for r in DATA.readings])
-PROBLEM = FitProblem.of(DATA, np.full(len(DATA.readings), 1e-4), HELD, ForwardModel())
+PROBLEM = problem_of(DATA, [n for n, b in zip(DATA.step_ids, DATA.branches, strict=True) if b[-1] in "25"])
+HELD = PROBLEM.held_out
 NOISE = np.random.default_rng(0).normal(size=HELD.size)
 
 

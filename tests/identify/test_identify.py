@@ -8,10 +8,10 @@ import pytest
 from identify_data import (
     GRAVITY,
     LENGTH,
-    MODEL,
     ROBOT,
     begun,
     concluded,
+    data_of,
     measured,
     problem_of,
     state_of,
@@ -29,7 +29,7 @@ from tdcr_fe.identify.problem import Fit, refine
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.result import Profile
 from tdcr_fe.identify.sentences import summary
-from tdcr_fe.io.measured import MeasuredData, write_measured
+from tdcr_fe.io.measured import write_measured
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
@@ -55,9 +55,7 @@ def test_one_monotone_branch_holds_out_its_last_levels():
     assert choose_held_out(one) == ()
     steps = tuple(LoadStep(tensions={"t1": 0.2 * k}) for k in range(1, 7))
     readings = tuple(Reading(k, "tip_offset", None, 0.01, 1e-4) for k in range(1, 7))
-    assert choose_held_out(
-        MeasuredData("x", ROBOT, MODEL, tuple(range(1, 7)), steps, ("",) * 6, readings)
-    ) == (5,)
+    assert choose_held_out(data_of(steps, readings)) == (5,)
 
 
 def test_sigma_is_estimated_from_scatter_about_smooth_curves():

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from identify_data import LENGTH, MODEL, ROBOT, declared, measured, problem_of
+from identify_data import LENGTH, ROBOT, data_of, declared, measured, problem_of
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import Parameter, effect
@@ -32,7 +32,6 @@ from tdcr_fe.identify.state_loads import (
     library,
     loads_from_a_row_on,
 )
-from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.robot import Robot
@@ -121,7 +120,7 @@ def test_a_hardening_law_holds_in_the_arc_that_a_moment_gives():
     moment = 4.0 * rod.backbone.EI
     steps = tuple(LoadStep(loads={"tip": Load(LENGTH, moment=(0.0, x * moment, 0.0))}) for x in (0.5, 1.0))
     readings = (Reading(1, "position_x", LENGTH, 0.0, 1e-4), Reading(2, "position_x", LENGTH, 0.0, 1e-4))
-    problem = problem_of(MeasuredData("rod", rod, MODEL, (1, 2), steps, ("", ""), readings))
+    problem = problem_of(data_of(steps, readings, rod))
     load, c = load_of(HARDENING), 0.25 * rod.backbone.EI / 4.0
     values = {load.name: {"coefficient": -c}}
     run = linearize(problem, [Request((load,), values, ())])[0].run
