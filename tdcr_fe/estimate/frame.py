@@ -81,14 +81,12 @@ class Problem:
 
         Between two nodes both together carry the force, and for the body beyond them its moment.
         """
-        if len(self.loaded) == 1:
-            return np.ones(1), np.zeros(1)
-        k = int(np.clip(np.searchsorted(self.s, place) - 1, 0, len(self.s) - 2))
-        shares, slopes = np.zeros(len(self.s)), np.zeros(len(self.s))
-        length = self.s[k + 1] - self.s[k]
-        part = np.clip((place - self.s[k]) / length, 0.0, 1.0)
-        shares[k : k + 2], slopes[k : k + 2] = (1.0 - part, part), (-1.0 / length, 1.0 / length)
-        return shares[1:], slopes[1:]
+        nodes = np.concatenate(([0.0], self.s[self.loaded]))
+        k = int(np.clip(np.searchsorted(nodes, place), 1, len(nodes) - 1))
+        before, after = np.eye(len(nodes))[k - 1 : k + 1]
+        length = nodes[k] - nodes[k - 1]
+        part = np.clip((place - nodes[k - 1]) / length, 0.0, 1.0)
+        return ((1.0 - part) * before + part * after)[1:], ((after - before) / length)[1:]
 
     def acting(self, commands: Actuation, unknowns: Array) -> tuple[Array, Array]:
         """Inputs that act, and their derivatives by their errors, each of shape (m,).
@@ -195,17 +193,25 @@ class Solved:
     @cached_property
     def response(self) -> Response:
         """Derivatives by the unknowns."""
-        return self._by_node.combined(self._weights(self.unknowns))
+        return self._by_node.combined(self._by_unknowns)
 
-    def _weights(self, unknowns: Array) -> Array:
-        """From the unknowns to inputs, loads on nodes and plastic slips."""
+    @cached_property
+    def _by_unknowns(self) -> Array:
+        """Derivatives of inputs, loads on nodes and plastic slips by the unknowns."""
+        problem, place = self.frame.problem, self.frame.problem.place
+        found, slopes = self._weights(self.unknowns[place]), problem.shares(self.unknowns[place])[1]
+        first = problem.load.start
+        found[first : first + 6 * len(slopes), place] = np.kron(slopes, self.unknowns[problem.load])
+        return found
+
+    def _weights(self, place: float) -> Array:
+        """From the unknowns to inputs, loads on nodes and plastic slips, where the load stays at a place [m]."""
         problem = self.frame.problem
-        shares, slopes = problem.shares(unknowns[problem.place])
-        m, ends = problem.place - 6, problem.place - 6 + 6 * len(shares)
-        found = np.zeros((self._by_node.positions.shape[-1], len(unknowns)))
-        found[:m, :m] = np.diag(problem.acting(self.frame.commands, unknowns)[1])
+        shares = problem.shares(place)[0]
+        m, ends = problem.load.start, problem.load.start + 6 * len(shares)
+        found = np.zeros((self._by_node.positions.shape[-1], len(self.unknowns)))
+        found[:m, :m] = np.diag(problem.acting(self.frame.commands, self.unknowns)[1])
         found[m:ends, problem.load] = np.kron(shares[:, None], np.eye(6))
-        found[m:ends, problem.place] = np.kron(slopes, unknowns[problem.load])
         found[ends:, problem.history] = np.eye(len(found) - ends)
         return found
 
@@ -245,7 +251,7 @@ class Solved:
     @cached_property
     def jacobian(self) -> Array:
         """See `tdcr_fe.estimate.most_probable.SolvedState`."""
-        return self._of_frame[1] @ self._weights(self.unknowns)
+        return self._of_frame[1] @ self._by_unknowns
 
     def _change_to(self, frame: Frame, unknowns: Array) -> Array:
         """Of the unknowns, to those of its frame or of the next one, which begins where this state ends."""
@@ -284,7 +290,7 @@ class Solved:
     def start_of(self, frame: Frame, mean: Array, covariance: Array) -> Array:
         """``v`` with which the next frame begins from its prior, by the derivatives in this state."""
         residual, by_node = self._compared(frame.readings)
-        jacobian = by_node @ self._weights(self.unknowns)
+        jacobian = by_node @ self._by_unknowns
         return linear_start(covariance, residual - jacobian @ self._change_to(frame, mean), jacobian)
 
     def best_place(self, mean: Array, given: Array, held: Array, variance: float) -> tuple[float, Array]:
@@ -309,17 +315,12 @@ class Solved:
             ``v`` of `most_probable` that leads there.
         """
         problem, by_node = self.frame.problem, self._of_frame[1]
-        x, place, load = self.unknowns, problem.place, problem.load
         best = (np.inf, 0.0, np.zeros(len(mean)))
-        present = by_node @ self._weights(x)
+        # What would be missed where nothing acted.
+        alone = self.residual + by_node @ self._weights(self.unknowns[problem.place]) @ self.unknowns
         for s in np.linspace(0.0, problem.s[-1], PLACES + 1)[1:]:
-            moved = x.copy()
-            moved[place] = s
-            weights = by_node @ self._weights(moved)
-            weights[:, place] = 0.0
-            shift = s - mean[place]
-            missed = self.residual + weights @ (x - mean - given * shift)
-            missed += (present - weights)[:, load] @ x[load]
+            shift, weights = s - mean[problem.place], by_node @ self._weights(s)
+            missed = alone - weights @ (mean + given * shift)
             inner = weights @ held @ weights.T + np.eye(len(weights))
             left = np.linalg.solve(inner, missed)
             value = missed @ left + np.linalg.slogdet(inner)[1] + shift**2 / variance
