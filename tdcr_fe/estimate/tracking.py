@@ -128,36 +128,30 @@ class Tracker:
         if self._command is None:
             self._command = replace(measured, loads={}, time=None)
         if acting is not None and not message:
-            objective = self._objective(estimate.tensions, tip_targets(target)[0])
-            found = self._nearest(objective, acting, begun + self.deadline)
+            found = self._nearest(tip_targets(target)[0], acting, begun + self.deadline)
             if found is None:
                 message = "no load step towards the target was solved in time"
             else:
-                errors = memory(self.estimator.inputs, elapsed)[0] * estimate.input_errors
-                self._command, error = self._inputs(found, acting.drives, errors), objective.errors(found)[0]
+                (trial, error), kept = found, memory(self.estimator.inputs, elapsed)[0]
+                self._command = self._inputs(trial, acting.drives, kept * estimate.input_errors)
         return TrackedSample(self._command, estimate, error, 1e3 * (time.perf_counter() - begun), message)
 
-    def _objective(self, present: Array, target: TipTarget) -> Objective:
-        """Of a sample with present tensions [N]."""
-        lower, upper = (
-            np.clip(b, present - self._change, present + self._change).clip(*self._bounds)
-            for b in self._bounds
-        )
-        return Objective(
-            target, self._length, self._tolerance, lower, upper, np.zeros_like(present), self._scale
-        )
-
-    def _nearest(self, objective: Objective, acting: Actuation, until: float) -> Trial | None:
-        """The nearest trial step that was found in time, from the estimated state; None where there is none."""
+    def _nearest(self, target: TipTarget, acting: Actuation, until: float) -> tuple[Trial, float] | None:
+        """The trial step from the estimated state that comes nearest in time, and its error [m]; None without any."""
         simulation = self.estimator.simulation
-        position = simulation.position
-        present = np.clip(position.state.base_tension[0], objective.lower, objective.upper)
+        position, (lowest, highest) = simulation.position, self._bounds
+        tensions = position.state.base_tension[0]
+        near = (tensions - self._change, tensions + self._change)
+        lower, upper = (np.clip(bound, *near).clip(lowest, highest) for bound in self._bounds)
+        objective = Objective(
+            target, self._length, self._tolerance, lower, upper, np.zeros_like(tensions), self._scale
+        )
         self._trials.begin(acting)
         search = TargetSearch(self._trials, position.state, objective, deadline=until)
         with one_thread():
-            found = search.run(present, substeps=SUBSTEPS)
+            found = search.run(np.clip(tensions, lower, upper), substeps=SUBSTEPS)
         simulation.return_to(position)
-        return None if found is None or search.count < 2 else found.trial
+        return None if found is None or search.count < 2 else (found.trial, objective.errors(found.trial)[0])
 
     def _inputs(self, found: Trial, drives: TendonDrives, errors: Array) -> LoadStep:
         """What is to be commanded so that a trial comes about with these errors of the inputs."""
