@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Observation
 from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, memory
-from tdcr_fe.estimate.frame import Frame, Problem, Solved, name_at
+from tdcr_fe.estimate.frame import Frame, Problem, Solved, Volume, name_at
 from tdcr_fe.estimate.response import plastic_slips
-from tdcr_fe.estimate.volume import Volume
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.robot import Robot

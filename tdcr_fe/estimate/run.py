@@ -12,8 +12,7 @@ from typing import Annotated, Any
 
 from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior
 from tdcr_fe.estimate.estimator import Estimator
-from tdcr_fe.io.first_checks import first_checks, large_sigma
-from tdcr_fe.io.measured import MeasuredData, read_measured
+from tdcr_fe.io.measured import MeasuredData, first_checks, large_sigma, read_measured
 from tdcr_fe.io.problems import Problem, Reporter, read_all
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_toml

@@ -17,8 +17,7 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.forward import last_parts
 from tdcr_fe.identify.noise import is_noise, outliers, series, structure
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber
-from tdcr_fe.io.first_checks import impossible_place
-from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.measured import MeasuredData, impossible_place
 from tdcr_fe.io.spreadsheet import number
 from tdcr_fe.model.channels import CHANNELS, arc_lengths
 from tdcr_fe.model.loading import LoadStep

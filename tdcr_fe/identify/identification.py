@@ -38,11 +38,10 @@ from tdcr_fe.identify.settings import (
     clock,
 )
 from tdcr_fe.identify.verdict import Found, conclude
-from tdcr_fe.io.first_checks import first_checks, with_columns
-from tdcr_fe.io.measured import MeasuredData, without_unread_steps
+from tdcr_fe.io.measured import MeasuredData, first_checks, with_columns, without_unread_steps
 from tdcr_fe.io.user_effects import check_on
-from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.messages import issue, warnings_to
+from tdcr_fe.model.schema import check_instance
 
 #: Tolerance of the loading path as a fraction of the noise of a position (a third of it is left), and its limit.
 PATH_SHARE, LOOSEST = 0.6, 3e-4

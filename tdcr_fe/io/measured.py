@@ -1,14 +1,16 @@
-"""Measured data: read a folder of robot, loading sequence and readings, check every row, and write such a folder."""
+"""Measured data: read, check and write a folder of robot, loading sequence and readings."""
 
 from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from tdcr_fe.effects import Experiment, Observation, with_effects
@@ -29,6 +31,8 @@ from tdcr_fe.io.user_effects import apply_effects
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, value_to_toml
 from tdcr_fe.model.checks import size_contradictions
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, with_displacements
+from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, TDCRWarning
+from tdcr_fe.model.plausibility import plausibility
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import FieldError
 
@@ -308,3 +312,63 @@ def join_measured(sets: Sequence[MeasuredData]) -> MeasuredData:
         digests={f"{s.name}/{n}": d for s in sets for n, d in (s.digests or {}).items()},
         parts=tuple((s.name, len(s.steps)) for s in trimmed),
     )
+
+
+# ------------------------------------------------------------------------------------- checks before solving
+
+#: A marker is elsewhere where it is read farther from the base than its arc length by this share of the length [1].
+ELSEWHERE = 0.25
+
+
+def first_checks(data: MeasuredData) -> dict[type[TDCRWarning], list[str]]:
+    """Warnings and remarks on a data set, by category.
+
+    Raises
+    ------
+    InputError
+        A load is far beyond what the robot can carry.
+    """
+    try:
+        warned, remarks = plausibility(data.robot, data.model, data.steps)
+    except ValueError as error:
+        raise InputError([Problem(data.name, "", "", with_columns(str(error), data))]) from error
+    warned += [impossible_place(data), large_sigma(data, data.input_sigma, "model.toml")]
+    found = {PlausibilityWarning: warned, PlausibilityRemark: remarks}
+    return {category: [with_columns(x, data) for x in texts if x] for category, texts in found.items()}
+
+
+def large_sigma(data: MeasuredData, sigmas: Iterable[float], file: str) -> str:
+    """Standard deviations of inputs that are larger than all inputs, as a sentence."""
+    inputs = [abs(x) for step in data.steps for _, given in step.inputs() for x in given.values()]
+    largest, sigma = max(inputs, default=0.0), max(sigmas, default=0.0)
+    if not 0.0 < largest < sigma:
+        return ""
+    return f"{file}: inputs.sigma = {sigma:g}: larger than every input; the largest is {largest:g}"
+
+
+def with_columns(text: str, data: MeasuredData) -> str:
+    """A sentence with the columns of loading.csv in place of keys of a scenario."""
+
+    def column(found: re.Match[str]) -> str:
+        step = data.step_ids[int(found[1])]
+        name = found[2].replace("tensions.", "tension_").replace("displacements.", "displacement_")
+        return f"loading.csv, step {step}: " + re.sub(r"^loads\.\w+\.", "", name)
+
+    return re.sub(r"steps\[(\d+)\]\.([\w.]+)", column, text)
+
+
+def impossible_place(data: MeasuredData) -> str:
+    """A marker that most readings place farther from the base than the backbone is long up to it, as a sentence."""
+    squares: dict[float, dict[int, float]] = {}
+    for r in data.readings:
+        if r.channel.family == "position" and isinstance(r.location, float):
+            own = squares.setdefault(r.location, {})
+            own[r.step] = own.get(r.step, 0.0) + r.value**2
+    for s, by_step in sorted(squares.items()):
+        far = float(np.sqrt(np.median(list(by_step.values()))))
+        if far > s + ELSEWHERE * data.robot.backbone.length:
+            return (
+                f"the marker at s = {s:g} m is read {far:.4g} m from the base, farther than the backbone reaches up to "
+                f"there: it must be at s = {far:.3g} m or beyond"
+            )
+    return ""

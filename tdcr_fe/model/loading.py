@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements.drives import DISPLACEMENT, DRIVES, TENSION, Drive, TendonDrives
 from tdcr_fe.elements.hysteresis import HysteresisKind
-from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.checks import step_contradictions
 from tdcr_fe.model.messages import shown
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.schema import Checked, FieldError, Quantity
+from tdcr_fe.model.schema import Checked, FieldError, Quantity, check_instance
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]

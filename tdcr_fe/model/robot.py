@@ -13,10 +13,9 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import ARC_TOLERANCE, robot_contradictions
-from tdcr_fe.model.schema import Checked, Quantity
+from tdcr_fe.model.schema import Checked, Quantity, check_instance
 from tdcr_fe.model.tendon import Tendon
 
 _POSITIONS = "arc lengths of the disks [m], at least one, ascending from above 0 to at most the length"

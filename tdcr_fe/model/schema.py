@@ -334,6 +334,17 @@ def _checked(title: str, keys: Keys, given: dict[str, Any]) -> dict[str, Any]:
     return values
 
 
+def check_instance(
+    function: str, argument: str, value: Any, types: type | tuple[type, ...], hint: str
+) -> None:
+    """Refuse a value of another type, by a TypeError that names function, argument and what was given."""
+    if not isinstance(value, types):
+        given = (
+            repr(value) if isinstance(value, str) and len(value) < 60 else f"of type {type(value).__name__}"
+        )
+        raise TypeError(f"{function}: {argument} is {given}; expected {hint}")
+
+
 def check_arguments(function: str, keys: Keys, given: Mapping[str, Any]) -> None:
     """Check arguments of a public function as fields of a `Checked` are; ``given`` has others, too, as ``locals()``."""
     _checked(function, keys, {name: given[name] for name in keys})

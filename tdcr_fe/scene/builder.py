@@ -17,12 +17,11 @@ from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.history import HistoryNodes
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.elements.native.items import Clamp, Connectors
-from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.checks import course_contradictions, size_contradictions
 from tdcr_fe.model.loading import Model, Vector
 from tdcr_fe.model.plausibility import warn_of_implausible
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.schema import Keys, Quantity, check_arguments
+from tdcr_fe.model.schema import Keys, Quantity, check_arguments, check_instance
 from tdcr_fe.scene import parts
 from tdcr_fe.scene.forces import force_model
 from tdcr_fe.scene.handle import TDCR

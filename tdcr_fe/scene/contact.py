@@ -12,9 +12,8 @@ import exudyn.itemInterface as eii
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.loading import Vector
-from tdcr_fe.model.schema import Checked, Keys, Quantity
+from tdcr_fe.model.schema import Checked, Keys, Quantity, check_instance
 from tdcr_fe.scene.assembled_robot import AssembledRobot
 
 Array = NDArray[np.float64]

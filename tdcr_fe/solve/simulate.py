@@ -10,12 +10,12 @@ from math import isfinite
 from typing import NamedTuple
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.messages import issue, warnings_to
 from tdcr_fe.model.plausibility import strain_warnings, warn_of_implausible
 from tdcr_fe.model.results import Interrupted, Sensitivities, SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.schema import check_instance
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve.equations.configuration import StoredState
 from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, StepFailed

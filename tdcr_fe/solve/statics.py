@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.complementarity import ROUND_OFF
 from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.elements.native.hooks import SceneHooks
-from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.loading import SolverSettings
-from tdcr_fe.model.schema import Keys, Quantity, check_arguments
+from tdcr_fe.model.schema import Keys, Quantity, check_arguments, check_instance
 from tdcr_fe.scene.builder import check_system
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.solve.equations.system import SceneSystem

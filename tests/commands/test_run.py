@@ -14,7 +14,7 @@ import tdcr_fe as tdcr
 from tdcr_fe import cli
 from tdcr_fe.cli import main
 from tdcr_fe.commands import run as command
-from tdcr_fe.commands.printed import step_table
+from tdcr_fe.commands.run import step_table
 from tdcr_fe.io.toml import read_scenario
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.solve.simulate import simulate

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from tdcr_fe.estimate.frame import Volume
 from tdcr_fe.estimate.most_probable import most_probable
-from tdcr_fe.estimate.volume import Volume
 
 
 @dataclass

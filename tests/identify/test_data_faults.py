@@ -10,7 +10,7 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.identify import IdentifySettings, identify
 from tdcr_fe.identify.data_faults import data_fault, gross_errors, wrong_sigma
 from tdcr_fe.identify.sentences import headline, sentences
-from tdcr_fe.io.first_checks import impossible_place
+from tdcr_fe.io.measured import impossible_place
 from tdcr_fe.io.readings import BadRow, Reading
 from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.messages import PlausibilityWarning

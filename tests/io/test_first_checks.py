@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from identify_data import ROBOT, data_of, sequence
 
-from tdcr_fe.io.first_checks import first_checks
+from tdcr_fe.io.measured import first_checks
 from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import LoadStep, Model

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.model.arguments import check_instance
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.messages import issue, warnings_to
 from tdcr_fe.model.plausibility import strain_warnings, warn_of_implausible
 from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.schema import check_instance
 from tdcr_fe.model.targets import (
     DriveBy,
     EffortKind,
