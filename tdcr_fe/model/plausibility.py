@@ -17,9 +17,8 @@ from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import Contradiction
 from tdcr_fe.model.limits import REMARK, Value, kind_of_material, limits, nearest_material, sentences
 from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.loading_quantities import loading_values, strain
 from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, issue
-from tdcr_fe.model.quantities import Description, masses, robot_values, sag
+from tdcr_fe.model.quantities import Description, loading_values, masses, robot_values, sag, strain
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.units import mistaken

@@ -5,14 +5,17 @@ Imports no solver.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
+from math import degrees
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.model.loading import Actuation, Model
+from tdcr_fe.model.messages import count
 from tdcr_fe.model.robot import Robot
 
 if TYPE_CHECKING:
@@ -105,6 +108,8 @@ class LocalResponse:
     motor_stiffness: Array
 
 
+#: Tendons, and load steps of the HTML table, that are shown before "and ... more".
+MOST_TENDONS, MOST_STEPS = 6, 12
 #: States of a hole: the tendon sticks, is pulled or released through it, or is anchored.
 HOLE_STATES = ("stick", "pull", "release", "anchor")
 
@@ -298,15 +303,19 @@ class SequenceResult:
         return self
 
     def __repr__(self) -> str:
-        from tdcr_fe.model.display import as_text
-
-        return as_text(self)
+        return "\n".join(f"{name:<12}  {text}" for name, text in _summary_rows(self))
 
     def _repr_html_(self) -> str:
-        """For notebooks."""
-        from tdcr_fe.model.display import as_html
-
-        return as_html(self)
+        """For notebooks: the summary, and below it the table of load steps."""
+        left = 'style="text-align:left"'
+        rows = "".join(
+            f"<tr><th {left}>{escape(name)}</th><td {left}>{escape(text)}</td></tr>"
+            for name, text in _summary_rows(self)
+        )
+        table: str = self.to_frame().to_html(
+            index=False, max_rows=MOST_STEPS, float_format=lambda x: f"{x:.6g}", escape=True
+        )
+        return f"<table>{rows}</table>\n{table}"
 
 
 class Interrupted(KeyboardInterrupt):
@@ -325,3 +334,48 @@ class Interrupted(KeyboardInterrupt):
     def __str__(self) -> str:
         steps = len(self.result.steps)
         return f"interrupted; the attribute `result` has {steps} solved load step{'' if steps == 1 else 's'}"
+
+
+# ------------------------------------------------------------------------------------- a result as text
+
+
+def _summary_rows(result: SequenceResult) -> list[tuple[str, str]]:
+    """Name and text of every line: robot, model, steps, status, last step, tip, angle, tendons, warnings."""
+    robot, model, warnings = result.robot, result.model, result.warnings
+    tendons, disks = count(len(robot.tendons), "tendon"), count(len(robot.disks.positions), "disk")
+    path, friction = f"tendon path {model.tendon_path}", f"friction {model.friction}"
+    failed = "" if result.failed_step is None else f", step {result.failed_step} not"
+    iterations = sum(s.iterations for s in result.steps)
+    status = result.message or ("all steps converged" if result.converged else "did not converge")
+    first = f"{len(warnings)}, the first: {warnings[0]}" if len(warnings) > 1 else "".join(warnings)
+    return [
+        ("robot", f"{robot.name}: {tendons}, {disks}, length {1e3 * robot.backbone.length:g} mm"),
+        ("model", f"{path}, {friction}, elements per bay {model.elements_per_bay}"),
+        (
+            "steps",
+            f"{len(result.steps)} solved{failed}; {iterations} Newton iterations, {result.wall_time:.2f} s",
+        ),
+        ("status", status),
+        *(_last_step(result.robot.tendon_names, result.steps[-1]) if result.steps else ()),
+        ("warnings", first or "none"),
+    ]
+
+
+def _last_step(names: Sequence[str], step: StepResult) -> list[tuple[str, str]]:
+    def listed(values: Iterable[str]) -> str:
+        every = [f"{name} {value}" for name, value in zip(names, values, strict=True)]
+        more = len(every) - MOST_TENDONS
+        return (", ".join(every[:MOST_TENDONS]) + (f" and {more} more" if more > 0 else "")) or "no tendons"
+
+    base, anchor = (f"{t:.4g}" for t in step.base_tensions), (f"{t[-1]:.4g}" for t in step.tensions)
+    tip = ", ".join(map(_millimetres, step.tip))
+    return [
+        ("last step", f"{step.step}" + (f": {step.label}" if step.label else "")),
+        ("tip [mm]", f"({tip}), bending angle {degrees(step.bending_angle):.3f} deg"),
+        ("tension [N]", f"at the base: {listed(base)}; at the anchor: {listed(anchor)}"),
+        ("pulled [mm]", listed(map(_millimetres, step.displacements))),
+    ]
+
+
+def _millimetres(metres: float) -> str:
+    return f"{round(1e3 * float(metres), 3) + 0.0:.3f}"  # no negative zero
