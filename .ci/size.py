@@ -33,7 +33,7 @@ BUDGET = {
     "tdcr_fe/identify": 6733,
     "tdcr_fe/io": 1871,
     "tdcr_fe/live": 350,
-    "tdcr_fe/model": 2587,
+    "tdcr_fe/model": 2566,
     "tdcr_fe/report": 1206,
     "tdcr_fe/scene": 1443,
     "tdcr_fe/solve": 6861,

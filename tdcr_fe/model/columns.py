@@ -7,11 +7,12 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from tdcr_fe.model.results import SequenceResult, StepResult
 
 Array = NDArray[np.float64]
@@ -68,6 +69,8 @@ OF_TENDONS: dict[str, Callable[[StepResult], Array]] = {
 
 def steps_frame(result: SequenceResult) -> pd.DataFrame:
     """One row per load step: actuation, tip pose and angles, with the columns of `steps.csv`."""
+    import pandas as pd
+
     columns = [
         *BEFORE_TENDONS,
         *(f"{quantity}_{tendon}" for quantity in OF_TENDONS for tendon in result.robot.tendon_names),
@@ -86,6 +89,8 @@ def steps_frame(result: SequenceResult) -> pd.DataFrame:
 
 def sensitivities_frame(result: SequenceResult) -> pd.DataFrame:
     """One row per load step and parameter, with the columns of `sensitivities.csv`."""
+    import pandas as pd
+
     columns = [
         *("step", "label", "parameter", "value"),
         *(f"{quantity}_{tendon}" for quantity in OF_TENDONS for tendon in result.robot.tendon_names),
@@ -105,6 +110,8 @@ def sensitivities_frame(result: SequenceResult) -> pd.DataFrame:
 
 def shape_frame(result: SequenceResult) -> pd.DataFrame:
     """One row per backbone node and load step, with the columns of `shape.csv`."""
+    import pandas as pd
+
     columns = ["step", "s", "x", "y", "z", "qw", "qx", "qy", "qz"]
     tables = [
         pd.DataFrame(
@@ -117,6 +124,8 @@ def shape_frame(result: SequenceResult) -> pd.DataFrame:
 
 def tensions_frame(result: SequenceResult) -> pd.DataFrame:
     """One row per tendon segment and load step, with the columns of `tensions.csv`."""
+    import pandas as pd
+
     rows = [
         (s.step, name, k, float(tension), state)
         for s in result.steps

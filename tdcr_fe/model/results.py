@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.model import columns
 from tdcr_fe.model.loading import Actuation, Model
 from tdcr_fe.model.messages import count
 from tdcr_fe.model.robot import Robot
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from tdcr_fe.model.targets import FollowResult
 
 Array = NDArray[np.float64]
@@ -266,29 +265,10 @@ class SequenceResult:
         """Angle between tip tangent and +z, by step [rad], shape (n_steps,)."""
         return np.array([s.bending_angle for s in self.steps])
 
-    def to_frame(self) -> pd.DataFrame:
-        """One row per load step: actuation, tip pose and angles, with the columns of ``steps.csv``."""
-        from tdcr_fe.model.columns import steps_frame
-
-        return steps_frame(self)
-
-    def shape_frame(self) -> pd.DataFrame:
-        """One row per backbone node and load step, with the columns of ``shape.csv``."""
-        from tdcr_fe.model.columns import shape_frame
-
-        return shape_frame(self)
-
-    def tensions_frame(self) -> pd.DataFrame:
-        """One row per tendon segment and load step, with the columns of ``tensions.csv``."""
-        from tdcr_fe.model.columns import tensions_frame
-
-        return tensions_frame(self)
-
-    def sensitivities_frame(self) -> pd.DataFrame:
-        """One row per load step and parameter, with the columns of ``sensitivities.csv``."""
-        from tdcr_fe.model.columns import sensitivities_frame
-
-        return sensitivities_frame(self)
+    to_frame = columns.steps_frame
+    shape_frame = columns.shape_frame
+    tensions_frame = columns.tensions_frame
+    sensitivities_frame = columns.sensitivities_frame
 
     def raise_if_failed(self) -> SequenceResult:
         """Return the result itself where all steps converged.
