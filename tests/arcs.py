@@ -47,7 +47,9 @@ def arc_step(robot: Robot, number: int, angle: float, phi: float, tensions: np.n
     )
 
 
-def arc_result(robot: Robot | None = None, steps: list[LoadStep] | None = None, **rest) -> SequenceResult:
+def arc_result(
+    robot: Robot | None = None, steps: list[LoadStep] | None = None, model: Model | None = None, **rest
+) -> SequenceResult:
     """Synthetic result with hysteresis: the angle follows a lagging tension; a tip load turns the plane of bending."""
     robot = robot or paper_robot()
     names = robot.tendon_names
@@ -62,5 +64,6 @@ def arc_result(robot: Robot | None = None, steps: list[LoadStep] | None = None, 
         before = total
         force = sum((np.array(x.force) for x in state.loads.values()), np.zeros(3))
         phi = float(np.arctan2(10.0 * force[1], 1.0))
-        solved.append(arc_step(robot, number, angle, phi, state.values, label=step.label))
-    return SequenceResult(robot, Model(), tuple(solved), message="solved", wall_time=0.1, **rest)
+        one = arc_step(robot, number, angle, phi, state.values, label=step.label, actuation=state)
+        solved.append(one)
+    return SequenceResult(robot, model or Model(), tuple(solved), message="solved", wall_time=0.1, **rest)

@@ -24,17 +24,23 @@ def estimator(*, friction=0.0, load=None, inputs=None):
     )
 
 
+def followed(own, truth, sigma=1e-4):
+    """Frames of a whole run, with the errors of their forces and what these are by their covariances."""
+    rng = np.random.default_rng(4)
+    frames = [
+        own.step(truth.command(k), truth.positions(rng, k, sigma=sigma)) for k in range(len(truth.nodes))
+    ]
+    errors = np.array([f.force for f in frames]) - truth.forces
+    return frames, errors, squared(errors, np.array([f.force_covariance for f in frames]))
+
+
 def test_where_the_robot_is_nearly_linear_the_covariance_is_that_of_the_errors():
     """Prior and noise of a fiftieth of the test problem's; errors correlated over 0.1 s, so that the mean tells."""
-    scale, count, memory = 0.02, 160, 0.1
-    truth = Truth(count, 3, scale=scale, memory=memory)
-    rng = np.random.default_rng(4)
+    scale, memory = 0.02, 0.1
+    truth = Truth(160, 3, scale=scale, memory=memory)
     load = tdcr.LoadPrior(sigma=0.05 * scale, correlation_time=memory)
     inputs = tdcr.InputPrior(sigma=0.01 * scale, correlation_time=memory)
-    own = estimator(load=load, inputs=inputs)
-    frames = [own.step(truth.command(k), truth.positions(rng, k, sigma=2e-6)) for k in range(count)]
-    errors = np.array([f.force for f in frames]) - truth.forces
-    force = squared(errors, np.array([f.force_covariance for f in frames]))
+    frames, errors, force = followed(estimator(load=load, inputs=inputs), truth, 2e-6)
     tensions = squared(
         np.array([f.tensions for f in frames]) - truth.tensions,
         np.array([f.tension_covariance for f in frames]),
@@ -47,27 +53,21 @@ def test_where_the_robot_is_nearly_linear_the_covariance_is_that_of_the_errors()
 
 def test_forces_along_the_rod_are_not_biased_towards_compression_which_makes_it_compliant():
     """Tensions are known to 0.1 N. The least misfit alone has a mean error of -73 mN and 16.6 in place of 3."""
-    count = 60
-    truth = Truth(count, 2, tension_sigma=0.1)
-    rng, own = np.random.default_rng(4), estimator(inputs=tdcr.InputPrior(sigma=0.1))
-    frames = [own.step(truth.command(k), truth.positions(rng, k)) for k in range(count)]
-    errors = np.array([f.force for f in frames]) - truth.forces
+    own = estimator(inputs=tdcr.InputPrior(sigma=0.1))
+    frames, errors, force = followed(own, Truth(60, 2, tension_sigma=0.1))
     along = np.array([f.result.rotations[-1][:, 2] for f in frames])
     assert abs(np.mean(np.sum(errors * along, axis=1)[5:])) < 0.02
-    assert squared(errors, np.array([f.force_covariance for f in frames]))[5:].mean() < 5.0
+    assert force[5:].mean() < 5.0
 
 
 def test_with_friction_in_the_model_the_force_is_found_and_without_it_is_not():
-    count, friction = 40, 0.2
-    truth = Truth(count, 1, friction=friction)
+    friction = 0.2
+    truth = Truth(40, 1, friction=friction)
     errors, inside = {}, {}
     for modelled in (friction, 0.0):
-        rng, own = np.random.default_rng(4), estimator(friction=modelled)
-        frames = [own.step(truth.command(k), truth.positions(rng, k)) for k in range(count)]
-        found = np.array([f.force for f in frames]) - truth.forces
+        frames, found, force = followed(estimator(friction=modelled), truth)
         errors[modelled] = np.sqrt(np.mean(found**2))
-        covariances = np.array([f.force_covariance for f in frames])
-        inside[modelled] = np.mean(squared(found, covariances) < chi2.ppf(0.95, 3))
+        inside[modelled] = np.mean(force < chi2.ppf(0.95, 3))
         assert not any(f.message for f in frames)
         if modelled:
             shapes = np.array([f.result.positions for f in frames])

@@ -1,7 +1,6 @@
 """Result files: documented columns, no incomplete files; files for ParaView."""
 
 import base64
-import dataclasses
 import html
 import json
 import math
@@ -20,7 +19,7 @@ from tdcr_fe.io import result_files as output
 from tdcr_fe.io.result_files import write_results
 from tdcr_fe.io.vtk_files import PARTS, write_vtk
 from tdcr_fe.model.columns import quaternions
-from tdcr_fe.model.loading import Load, LoadStep, resolve
+from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.report.motion import motion_of
 from tdcr_fe.report.viewer_data import STATES
 
@@ -37,7 +36,7 @@ def test_columns_are_those_of_the_format(tmp_path):
 
 
 def test_columns_are_the_same_without_a_solved_step(tmp_path):
-    result = dataclasses.replace(arc_result(), steps=(), converged=False, failed_step=1, message="no")
+    result = replace(arc_result(), steps=(), converged=False, failed_step=1, message="no")
     written = write_results(result, tmp_path / "out")
     assert {p.name for p in written} == set(output.RESULT_FILES)
     full = tmp_path / "full"
@@ -112,8 +111,6 @@ def case(tmp_path_factory):
     loads = {"tip": Load(0.25, (0.0, 0.05, 0.0), moment=(0.0, 1e-3, 0.0))}
     steps = [LoadStep("", {"t1": 0.5 * k}, loads=loads if k == 2 else {}) for k in (1, 2)]
     result = arc_result(robot, steps)
-    solved = zip(result.steps, resolve(robot, steps), strict=True)
-    result = replace(result, steps=tuple(replace(s, actuation=a) for s, a in solved))
     folder = tmp_path_factory.mktemp("vtk")
     return result, folder, write_vtk(motion_of(result), folder)
 

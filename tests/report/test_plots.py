@@ -1,6 +1,5 @@
 """Pictures and videos: contents, labels and units, for few steps and for many, and of scenes."""
 
-import dataclasses
 from dataclasses import replace
 
 import matplotlib as mpl
@@ -11,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 from robots import scene, three
 
-from tdcr_fe.elements.drives import DISPLACEMENT, TENSION, TendonDrives
+from tdcr_fe.elements.drives import DISPLACEMENT, TendonDrives
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.report import plots, video
@@ -52,7 +51,7 @@ def test_straight_tendon_is_drawn_from_hole_to_hole_and_classical_one_along_the_
     nodes = np.concatenate(([0], np.arange(2, 27, 2)))
     holes = step.positions[nodes] + 4.5e-3 * step.rotations[nodes][:, :, 0]
     assert line == pytest.approx(holes, abs=1e-9)
-    classical = motion_of(dataclasses.replace(result, model=Model("continuous", "none")))
+    classical = motion_of(replace(result, model=Model("continuous", "none")))
     assert len(classical.tendon_points(4, classical.tendons[0])) == 6 * 13 + 1
 
 
@@ -76,17 +75,13 @@ def test_tensions_are_steps_over_arc_length():
 
 def test_what_there_is_is_drawn(tmp_path):
     """No steps: nothing. One step, or tensions that only rise: no hysteresis. No tendons: the shapes."""
-    assert plots.save_pictures(dataclasses.replace(arc_result(), steps=()), tmp_path) == []
+    assert plots.save_pictures(replace(arc_result(), steps=()), tmp_path) == []
     one = arc_result(steps=[LoadStep("", {"t1": 0.0})])
     rising = arc_result(steps=[LoadStep("", {"t1": t}) for t in (0.5, 1.0, 1.5)])
     assert plots.hysteresis(one) is None is plots.hysteresis(rising)
     bare = Robot(one.robot.backbone, one.robot.disks)
-    none = np.zeros(0)
-    step = dataclasses.replace(
-        one.steps[0], tensions=(), hole_states=(), base_tensions=none, displacements=none
-    )
-    result = dataclasses.replace(one, robot=bare, steps=(step,))
-    assert [p.name for p in plots.save_pictures(result, tmp_path, dpi=40)] == ["shapes.png"]
+    written = plots.save_pictures(arc_result(bare, [LoadStep()]), tmp_path, dpi=40)
+    assert [p.name for p in written] == ["shapes.png"]
 
 
 def six_tendons(**rest):
@@ -94,10 +89,10 @@ def six_tendons(**rest):
     one = paper_robot(6)
     ends = [one.disks.positions[6]] * 3 + [None] * 3
     tendons = tuple(
-        dataclasses.replace(t, name=f"{'proximal' if e else 'distal'}{k % 3 + 1}", end=e)
+        replace(t, name=f"{'proximal' if e else 'distal'}{k % 3 + 1}", end=e)
         for k, (t, e) in enumerate(zip(one.tendons, ends, strict=True))
     )
-    robot = dataclasses.replace(one, tendons=tendons, name="two segments, six tendons", **rest)
+    robot = replace(one, tendons=tendons, name="two segments, six tendons", **rest)
     steps = [LoadStep("", {t.name: value for t in tendons}) for value in (0.2, 0.4, 0.6, 0.4, 0.2)]
     return arc_result(robot, steps)
 
@@ -120,24 +115,16 @@ def test_title_and_legend_of_six_tendons_lie_apart_from_the_axes(draw):
     assert legend.x0 >= 0.0 and legend.x1 <= figure.bbox.width
 
 
-def with_actuation(result, by_displacement, loads=None):
-    """The same steps, with their loads."""
-    steps = []
-    for s in result.steps:
-        count = len(s.base_tensions)
-        driven = TendonDrives(((TENSION, DISPLACEMENT)[by_displacement],) * count, np.ones(count))
-        inputs = Actuation(driven, s.displacements if by_displacement else s.base_tensions, loads or {})
-        steps.append(dataclasses.replace(s, actuation=inputs))
-    return dataclasses.replace(result, steps=tuple(steps))
-
-
 @pytest.mark.parametrize("by_displacement", [False, True])
 def test_hysteresis_is_drawn_over_the_input(by_displacement):
     """0.1 drew the tension that follows in place of a displacement."""
-    result = with_actuation(arc_result(), by_displacement)
+    result, given = arc_result(), "base_tensions"
+    if by_displacement:
+        driven, given = TendonDrives((DISPLACEMENT,), np.ones(1)), "displacements"
+        moved = [replace(s, actuation=Actuation(driven, s.displacements)) for s in result.steps]
+        result = replace(result, steps=tuple(moved))
     (line, *_), steps = axes_by_title(plots.hysteresis(result))["tendon t1"].lines, result.steps[:2]
-    given = [1e3 * s.displacements[0] if by_displacement else s.base_tensions[0] for s in steps]
-    assert line.get_xdata() == pytest.approx(given)
+    assert line.get_xdata() == pytest.approx([1e3**by_displacement * getattr(s, given)[0] for s in steps])
     assert line.get_ydata() == pytest.approx(np.degrees([s.bending_angle for s in steps]))
 
 
@@ -147,8 +134,7 @@ def test_loads_and_gravity_are_drawn_as_arrows_to_scale():
         "tip": Load(0.25, force=(0.0, 0.05, 0.0)),
         "mid": Load(0.125, force=(0.025, 0.0, 0.0), moment=(0.0, 0.0, 1e-3)),
     }
-    bare = arc_result(steps=[LoadStep("", {"t1": 0.5})])
-    result = dataclasses.replace(with_actuation(bare, False, loads), model=Model(gravity=(0.0, 0.0, -9.81)))
+    result = arc_result(None, [LoadStep("", {"t1": 0.5}, loads=loads)], Model(gravity=(0.0, 0.0, -9.81)))
     step = result.steps[0]
     motion = motion_of(result)
     (tip, force, moment) = motion.load_arrows(0)
@@ -164,7 +150,8 @@ def test_loads_and_gravity_are_drawn_as_arrows_to_scale():
 
 
 def test_a_load_that_follows_the_section_is_turned_with_it():
-    result = with_actuation(arc_result(), False, {"tip": Load(0.25, force=(0.0, 0.0, 1.0), frame="section")})
+    loads = {"tip": Load(0.25, force=(0.0, 0.0, 1.0), frame="section")}
+    result = arc_result(steps=[LoadStep("", {"t1": t}, loads=loads) for t in (0.5, 1.0)])
     motion = motion_of(result)
     for k, step in enumerate(result.steps):
         assert motion.load_arrows(k)[0][2] == pytest.approx(step.tangent)

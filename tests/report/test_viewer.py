@@ -18,7 +18,7 @@ from inputs import write
 from tdcr_fe import cli
 from tdcr_fe.io.result_files import write_results
 from tdcr_fe.io.result_folder import read_motion
-from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
+from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.report.motion import Markers, motion_of
 from tdcr_fe.report.viewer import view_page
@@ -45,9 +45,7 @@ def loaded_result() -> SequenceResult:
         "twist": Load(0.1, moment=(0.0, 0.0, 1e-3), frame="section"),
     }
     steps = [LoadStep(f"pull {k}", {"t1": 0.25 * k}, loads=loads if k == 5 else {}) for k in range(1, 11)]
-    result = arc_result(robot, steps)
-    solved = tuple(replace(s, actuation=a) for s, a in zip(result.steps, resolve(robot, steps), strict=True))
-    return replace(result, steps=solved, model=Model(gravity=(0.0, 0.0, -9.81)))
+    return arc_result(robot, steps, Model(gravity=(0.0, 0.0, -9.81)))
 
 
 @settings(suppress_health_check=[HealthCheck.too_slow])

@@ -194,7 +194,7 @@ SOFTENING = SuperelasticSection(np.array([2e-3, 3e-3]), np.array([5.0, 4.0]), 0.
 
 
 @pytest.mark.parametrize("law", [FIBRES, SOFTENING], ids=["fibres", "softening"])
-def test_the_force_of_a_section_is_the_derivative_of_its_energy(law):
+def test_the_force_of_a_section_is_the_derivative_of_its_energy_and_its_stiffness_that_of_the_force(law):
     """By central differences, about random twists of a precurved section; at rest the energy is zero."""
     rng = np.random.default_rng(3)
     lengths = np.array([0.02, 0.03])
@@ -213,6 +213,12 @@ def test_the_force_of_a_section_is_the_derivative_of_its_energy(law):
         found[e, k] = (energy(twists + step) - energy(twists - step)) / 2e-7
     assert found == pytest.approx(expected, rel=1e-4, abs=1e-5 * np.abs(expected).max())
     assert np.abs(expected).max() > 1e-6
+    n, bend = law.strain(twists, lengths)
+    for k, h in enumerate(np.diag([1e-6, 1e-4, 1e-4])):
+        change = law.wrench(n + h[0], bend + h[1:]) - law.wrench(n - h[0], bend - h[1:])
+        np.testing.assert_allclose(
+            law.stiffness(n, bend)[..., k], change / (2.0 * h[k]), rtol=1e-5, atol=1e-9
+        )
 
 
 # ---------------------------------------------------------------- what goes in and out

@@ -58,10 +58,8 @@ def swing(mbs, load, sensor, force, end: float = 1.5) -> float:
 
 
 def bend(mbs, handle, by_displacement: bool) -> None:
-    if by_displacement:
-        handle.set_displacements([4e-3, -1.9e-3, -1.9e-3])
-    else:
-        handle.set_tensions([1.0, 0.2, 0.2])
+    change = handle.set_displacements if by_displacement else handle.set_tensions
+    change([4e-3, -1.9e-3, -1.9e-3] if by_displacement else [1.0, 0.2, 0.2])
     SolveTDCR(mbs)
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from robots import LENGTH, distance, three
 
-from tdcr_fe.elements.section import NonlinearSection
 from tdcr_fe.model.backbone import Backbone, NonlinearMaterial, StiffnessPatch
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
@@ -158,32 +157,6 @@ def test_a_tip_moment_bends_a_hardening_rod_to_the_arc_of_its_moment_curvature_c
     angle = curvature * L
     expected = [(1.0 - np.cos(angle)) / curvature, 0.0, np.sin(angle) / curvature]
     np.testing.assert_allclose(result.tips[0], expected, atol=1e-9)
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_wrench_is_the_integral_of_the_stress_and_stiffness_its_derivative(law):
-    ea, ei = ROD.EA, ROD.EI
-    one = np.ones(1)
-    section = NonlinearSection(
-        ea * one, ei * one, ROD.radius * one, law.quadratic * one, law.cubic * one, np.zeros((1, 3))
-    )
-    n, bend = np.array([0.03]), np.array([[4.0, -6.0]])
-    s, weight = np.polynomial.legendre.leggauss(12)
-    radii, angles = 0.5 * ROD.radius * (s + 1.0), np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
-    y, z = np.outer(radii, np.cos(angles)), np.outer(radii, np.sin(angles))
-    area = np.outer(0.5 * ROD.radius * weight * radii, np.full(32, 2.0 * np.pi / 32))
-    # Curvature about y strains fibres by +z, about z by -y, in beam axes.
-    e = n[0] + bend[0, 0] * z - bend[0, 1] * y
-    stress = ROD.youngs_modulus * (law.quadratic * e**2 + law.cubic * e**3)
-    expected = [np.sum(stress * f * area) for f in (1.0, z, -y)]
-    np.testing.assert_allclose(section.wrench(n, bend)[0], expected, rtol=1e-9)
-    for k, step in enumerate(np.eye(3) * np.array([1e-6, 1e-4, 1e-4])):
-        up = section.wrench(n + step[0], bend + step[1:])
-        down = section.wrench(n - step[0], bend - step[1:])
-        size = step[k]
-        np.testing.assert_allclose(
-            section.stiffness(n, bend)[0, :, k], ((up - down) / (2.0 * size))[0], rtol=1e-6
-        )
 
 
 FIBRES = Robot(
