@@ -195,6 +195,10 @@ SCENES = [
     (lambda: created(gravity=HEAVY, model=Model(gravity=tuple(HEAVY))), "by the argument and by the model"),
     (lambda: created(color=[2.0, 0.0, 0.0, 1.0]), "four numbers from 0 to 1"),
     (lambda: created(loadPositions=[0.3]), "0 to 0.25 m"),
+    (
+        lambda: created(loadPositions=["100 mm"]),
+        r'loadPositions\[0\] = "100 mm": must be a list of finite numbers, in m',
+    ),
     (lambda: created(referenceRotationMatrix=2.0 * np.eye(3)), "must be a rotation"),
     (lambda: created(referenceRotationMatrix=np.diag([1.0, 1.0, -1.0])), "reflection"),
     (lambda: created(graphicsDataList=SPHERE), "graphicsDataList = .*: must be a list of graphics"),
@@ -202,7 +206,7 @@ SCENES = [
     (lambda: created(show="no"), 'show = "no": must be True, or False, which draws nothing'),
     (
         lambda: created(referencePosition=[0.0, 1.0]),
-        r"referencePosition = \[0.0, 1.0\]: must be three finite numbers \[m\]",
+        r"referencePosition = \[0.0, 1.0\]: must be three finite numbers, in m",
     ),
     (lambda: on_a_body(graphicsDataList=[SPHERE]), "graphicsDataList is drawn on the base"),
     (

@@ -346,7 +346,10 @@ def check_instance(
 
 
 def check_arguments(function: str, keys: Keys, given: Mapping[str, Any]) -> None:
-    """Check arguments of a public function as fields of a `Checked` are; ``given`` has others, too, as ``locals()``."""
+    """Check arguments of a public function as fields of a `Checked` are; ``given`` has others, too, as ``locals()``.
+
+    Keys have no units: arguments are used as they are given, and no text is a number.
+    """
     _checked(function, keys, {name: given[name] for name in keys})
 
 

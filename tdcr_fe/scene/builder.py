@@ -35,13 +35,13 @@ _GRAPHICS = Quantity(allowed="a list of graphics, such as [exudyn.graphics.Spher
 ARGUMENTS = Keys(
     {
         "name": Annotated[str | None, Quantity()],
-        "referencePosition": Annotated[Vector | None, Quantity(unit="m")],
-        "initialVelocity": Annotated[Vector, Quantity(unit="m/s")],
-        "initialAngularVelocity": Annotated[Vector, Quantity(unit="rad/s")],
-        "loadPositions": Annotated[tuple[float, ...], Quantity(unit="m")],
-        "presliding": Annotated[float, Quantity(unit="m", gt=0.0)],
+        "referencePosition": Annotated[Vector | None, Quantity(note="in m")],
+        "initialVelocity": Annotated[Vector, Quantity(note="in m/s")],
+        "initialAngularVelocity": Annotated[Vector, Quantity(note="in rad/s")],
+        "loadPositions": Annotated[tuple[float, ...], Quantity(note="in m")],
+        "presliding": Annotated[float, Quantity(note="in m", gt=0.0)],
         "show": Annotated[bool, Quantity(allowed="True, or False, which draws nothing")],
-        "gravity": Annotated[Vector | None, Quantity(unit="m/s^2")],
+        "gravity": Annotated[Vector | None, Quantity(note="in m/s^2")],
         "color": Annotated[tuple[float, float, float, float] | None, _COLOR],
         "graphicsDataList": Annotated[list[dict[str, Any]], _GRAPHICS],
     }

@@ -60,8 +60,8 @@ class ContactLaw(Checked):
 #: Where an obstacle that is a sphere lies on its body [m], and its radius [m].
 OBSTACLE = Keys(
     {
-        "localPosition": Annotated[Vector, Quantity(unit="m")],
-        "sphereRadius": Annotated[float | None, Quantity(unit="m", gt=0.0)],
+        "localPosition": Annotated[Vector, Quantity(note="in m")],
+        "sphereRadius": Annotated[float | None, Quantity(note="in m", gt=0.0)],
     }
 )
 

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 #: Key of the last solution in ``mbs.variables``.
 KEY = "tdcr_fe.last_solution"
-_TIME = Annotated[float | None, Quantity(unit="s")]
+_TIME = Annotated[float | None, Quantity(note="in s")]
 #: Arguments of `SolveTDCR` that are checked as they stand.
 ARGUMENTS = Keys(
     {"startTime": _TIME, "endTime": _TIME, "substeps": Annotated[int | None, Quantity(ge=1)]},
