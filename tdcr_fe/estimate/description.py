@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from tdcr_fe.io.keys import InputErrors
 from tdcr_fe.model.messages import shown
 from tdcr_fe.model.results import StepResult
-from tdcr_fe.model.schema import Checked, FieldError, Quantity
+from tdcr_fe.model.schema import Checked, FieldError, Quantity, by_tendon
 
 Array = NDArray[np.float64]
 
@@ -68,6 +69,10 @@ class InputPrior(InputErrors):
 
     correlation_time: Annotated[float, Quantity(unit="s", ge=0.0)] = 1.0
     random_walk: Annotated[float, Quantity(ge=0.0)] = 0.0
+
+    def sigmas(self, names: Sequence[str]) -> Array:
+        """Standard deviations of all tendons, shape (n_tendons,); a FieldError where not all of them are named."""
+        return by_tendon("inputs.sigma", self.sigma, names)
 
 
 def memory(prior: LoadPrior | InputPrior, elapsed: float) -> tuple[float, float]:

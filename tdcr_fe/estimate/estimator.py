@@ -91,10 +91,7 @@ class Estimator:
         loaded = np.array([self.simulation.handle.mesh.node_at(s, 1e-6) for s in places])
         # Uniform along the body where it is unknown.
         of_place = length / np.sqrt(12.0) if load.at == "unknown" else 0.0
-        of_load, of_inputs = (
-            np.repeat((load.sigma, load.sigma_moment), 3),
-            np.array(inputs.by_tendon(robot.tendon_names)),
-        )
+        of_load, of_inputs = np.repeat((load.sigma, load.sigma_moment), 3), inputs.sigmas(robot.tendon_names)
         place = len(of_inputs) + 6
         self._problem = Problem(self.simulation, observation or Observation(), loaded, of_inputs, place)
         slips = plastic_slips(self.simulation, self.simulation.state)

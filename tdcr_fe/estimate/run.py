@@ -113,7 +113,7 @@ def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
     data, (load, inputs) = read_all(lambda: read_measured(folder), lambda: _read_priors(path))
     reporter = Reporter(str(path))
     try:
-        inputs.by_tendon(data.robot.tendon_names)
+        inputs.sigmas(data.robot.tendon_names)
         load.check(data.robot.backbone.length)
     except FieldError as error:
         reporter(error.field, error.value, error.allowed)
@@ -144,7 +144,7 @@ def _implausible_priors(estimation: Estimation) -> list[str]:
     """Standard deviations of load and inputs that are beyond what the robot can carry, as sentences."""
     data, sigma = estimation.data, estimation.load.sigma
     names = data.robot.tendon_names
-    errors = dict(zip(names, estimation.inputs.by_tendon(names), strict=True))
+    errors = dict(zip(names, estimation.inputs.sigmas(names), strict=True))
     drives: dict[str, Any] = {
         drive.inputs: {n: errors[n] for n in given} for drive, given in data.steps[0].inputs() if given
     }

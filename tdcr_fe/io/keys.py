@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Annotated, Any, Literal
@@ -11,10 +11,10 @@ from typing import Annotated, Any, Literal
 from tdcr_fe.effects import EFFECTS, Parameter
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
-from tdcr_fe.model.messages import quoted, shown
+from tdcr_fe.model.messages import quoted
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ROUTINGS
-from tdcr_fe.model.schema import Checked, FieldError, Keys, Quantity, all_keys_of, keys_of
+from tdcr_fe.model.schema import Checked, Keys, Quantity, all_keys_of, keys_of
 from tdcr_fe.model.tendon import Tendon
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -148,19 +148,6 @@ class InputErrors(Checked):
     """
 
     sigma: Annotated[float | dict[str, float], Quantity(gt=0.0, allowed=_SIGMA)]
-
-    def by_tendon(self, names: Sequence[str]) -> tuple[float, ...]:
-        """Standard deviations of all tendons.
-
-        Raises
-        ------
-        FieldError
-            A table that does not name exactly the tendons.
-        """
-        given = self.sigma if isinstance(self.sigma, dict) else dict.fromkeys(names, self.sigma)
-        if set(given) != set(names):
-            raise FieldError("inputs.sigma", shown(given), f"must name {', '.join(names)}")
-        return tuple(given[name] for name in names)
 
 
 _SOLVER = "numerics of the quasi-static solver"

@@ -34,7 +34,7 @@ from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, with_displace
 from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, TDCRWarning
 from tdcr_fe.model.plausibility import plausibility
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.schema import FieldError
+from tdcr_fe.model.schema import FieldError, by_tendon
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,8 @@ def read_measured(folder: str | os.PathLike[str]) -> MeasuredData:
     files = [path for path in (folder / "robot.toml", of_model, of_loading, observed) if path.exists()]
     reporter, inputs, sigmas = Reporter(str(of_model)), declared["inputs"], tuple[float, ...]()
     try:
-        sigmas = inputs.by_tendon(robot.tendon_names) if inputs else ()
+        if inputs:
+            sigmas = tuple(by_tendon("inputs.sigma", inputs.sigma, robot.tendon_names).tolist())
     except FieldError as error:
         reporter(error.field, error.value, error.allowed)
     data = MeasuredData(

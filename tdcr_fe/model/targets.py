@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from tdcr_fe.model.loading import LoadStep, Vector
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.schema import Checked, Quantity
+from tdcr_fe.model.schema import Checked, FieldError, Quantity, by_tendon
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -93,8 +93,11 @@ def tip_targets(targets: ArrayLike | Sequence[TipTarget] | TipTarget) -> tuple[T
     return tuple(TipTarget(tuple(row[:3]), tuple(row[3:]) if len(row) == 6 else None) for row in table)
 
 
+_TENSION = Quantity(unit="N", ge=0.0, allowed="a tension [N], zero or more, or a table of tensions by tendon")
+
+
 @dataclass(frozen=True)
-class TensionLimits:
+class TensionLimits(Checked):
     """Bounds of the tensions at the base.
 
     Attributes
@@ -105,8 +108,8 @@ class TensionLimits:
         Smallest tension, of all tendons or by tendon; above zero no tendon becomes slack [N].
     """
 
-    largest: float | Mapping[str, float]
-    pretension: float | Mapping[str, float] = 0.0
+    largest: Annotated[float | Mapping[str, float], _TENSION]
+    pretension: Annotated[float | Mapping[str, float], _TENSION] = 0.0
 
     def bounds(self, names: Sequence[str]) -> tuple[Array, Array]:
         """Smallest and largest tension of every tendon [N], each of shape (n_tendons,).
@@ -114,30 +117,15 @@ class TensionLimits:
         Raises
         ------
         ValueError
-            A tendon is missing or unknown, a bound is negative or not finite, or they exclude each other.
+            A tendon is missing or unknown, or the bounds of one exclude each other.
         """
-        lower, upper = (_by_tendon(field, getattr(self, field), names) for field in ("pretension", "largest"))
+        lower = by_tendon("TensionLimits.pretension", self.pretension, names, 0.0)
+        upper = by_tendon("TensionLimits.largest", self.largest, names)
         for name, low, high in zip(names, lower, upper, strict=True):
             if low > high:
-                raise ValueError(
-                    f"TensionLimits: the pretension of {low:g} N of {name} is above the largest tension of {high:g} N"
-                )
+                text = f"above the largest tension of {name}, {high:g} N"
+                raise FieldError("TensionLimits.pretension", f"{low:g}", text)
         return lower, upper
-
-
-def _by_tendon(field: str, value: float | Mapping[str, float], names: Sequence[str]) -> Array:
-    if isinstance(value, Mapping):
-        unknown = [n for n in value if n not in names]
-        missing = [n for n in names if n not in value] if field == "largest" else []
-        if unknown or missing:
-            what = f"unknown tendon {unknown[0]}" if unknown else f"tendon {missing[0]} is missing"
-            raise ValueError(f"TensionLimits.{field}: {what}; the robot has {', '.join(names)}")
-        found = np.array([float(value.get(n, 0.0)) for n in names])
-    else:
-        found = np.full(len(names), float(value))
-    if not np.isfinite(found).all() or (found < 0.0).any():
-        raise ValueError(f"TensionLimits.{field} = {value!r}: must be zero or more, and finite [N]")
-    return found
 
 
 class ReachStatus(Enum):

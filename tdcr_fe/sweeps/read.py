@@ -21,8 +21,7 @@ from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.messages import join, meant, quoted, shown
 from tdcr_fe.model.plausibility import warn_of_implausible
-from tdcr_fe.model.schema import Keys, Quantity
-from tdcr_fe.model.targets import TensionLimits
+from tdcr_fe.model.schema import FieldError, Keys, Quantity, by_tendon
 from tdcr_fe.model.units import number_or_none, with_units
 from tdcr_fe.sweeps.cases import ABOUT_CASE, columns_of_steps, tables_with
 from tdcr_fe.sweeps.description import (
@@ -190,10 +189,10 @@ def _workspace(table: Workspace, scenario: Scenario, sampling: Sampling, report:
     if not table.count and not sampling.is_sample:
         report("workspace.count", "", 'missing; method = "grid" needs values per tendon')
     try:
-        low, high = TensionLimits(table.largest, table.smallest).bounds(names)
-    except ValueError as error:
-        text = str(error).removeprefix("TensionLimits").strip(".: ").replace("pretension", "smallest")
-        report("workspace", "", text)
+        low = by_tendon("workspace.smallest", table.smallest, names, 0.0)
+        high = by_tendon("workspace.largest", table.largest, names)
+    except FieldError as error:
+        report(error.field, error.value, error.allowed)
         return []
     if not (low < high).all():
         report("workspace.largest", shown(table.largest), "must be above smallest")

@@ -84,7 +84,12 @@ def test_the_command_writes_tables_and_a_page(folder, tmp_path, capsys):
             "at = 0.9",
             "load.at = 0.9: must be at most the length",
         ),
-        ("estimate.toml", "sigma = 0.01", "sigma = {helix = 0.1}", "must name helix, t180, t270, t0"),
+        (
+            "estimate.toml",
+            "sigma = 0.01",
+            "sigma = {helix = 0.1}",
+            "tendon t180 is missing; the robot has helix, t180, t270, t0",
+        ),
         ("loading.csv", "time", "tim", "loading.csv: tim: unknown column"),
         ("observations.csv", "quantity", "channel", "observations.csv: quantity: missing column"),
         ("observations.csv", "position_", "place_", "0 of 9 rows would be left"),
