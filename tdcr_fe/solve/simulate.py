@@ -13,7 +13,7 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.messages import issue, warnings_to
 from tdcr_fe.model.plausibility import strain_warnings, warn_of_implausible
-from tdcr_fe.model.results import Interrupted, Sensitivities, SequenceResult, StepResult
+from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import check_instance
 from tdcr_fe.scene.mesh import elements_of_bays
@@ -115,32 +115,15 @@ def simulate(
         kept, last, stop = _refined_runs(request)
     if record_path is not None:
         record_path[:] = kept.path
-    estimates = kept.monitor.estimates
-    warnings = [
-        *kept.warnings,
-        *mesh_warnings(kept.simulation.handle, model, estimates, settings.mesh_tolerance),
-        *instability_warnings(kept.unstable),
-        *([] if kept is last else [_coarser_mesh_kept(kept, last)]),
-        *strain_warnings(robot, kept.solved),
-    ]
-    issue(warnings)
-    failed, message = (last.failed, last.message) if kept is last else _outcome_on_coarser_mesh(kept, last)
-    if (doubts := [*implausible, *remarks]) and message not in (CONVERGED, INTERRUPTED):
-        message = f"{message.partition(' Try smaller')[0]} Check the input first: {doubts[0]}"
-    result = SequenceResult(
-        robot=robot,
-        model=model,
-        steps=tuple(with_estimate(*each) for each in zip_longest(kept.solved, estimates)),
-        converged=message == CONVERGED,
-        message=message,
-        failed_step=failed,
-        wall_time=time.perf_counter() - begun,
-        warnings=(*implausible, *warnings),
-        remarks=tuple(remarks),
-        settings=asdict(settings),
-        elements_per_bay=kept.elements_per_bay,
-        sensitivities=Sensitivities() if kept.history is None else kept.history.result(),
-    )
+    further = [*instability_warnings(kept.unstable)]
+    if kept is not last:
+        further.append(_coarser_mesh_kept(kept, last))
+        kept.failed, kept.message = _outcome_on_coarser_mesh(kept, last)
+    if (doubts := [*implausible, *remarks]) and kept.message not in (CONVERGED, INTERRUPTED):
+        kept.message = f"{kept.message.partition(' Try smaller')[0]} Check the input first: {doubts[0]}"
+    result = kept.result(model, time.perf_counter() - begun, implausible, remarks, further)
+    if kept.history is not None:
+        result = replace(result, sensitivities=kept.history.result())
     if stop is not None:
         raise Interrupted(result) from stop
     return result
@@ -210,7 +193,107 @@ def _outcome_on_coarser_mesh(kept: _Run, last: _Run) -> tuple[int | None, str]:
     return number, f"step {number} was not solved, since the refined mesh failed before it: {last.message}"
 
 
-def with_estimate(step: StepResult, estimate: MeshEstimate | None) -> StepResult:
+class MeshedRun:
+    """A run with one mesh: what is solved so far, and the estimated error of the mesh.
+
+    Parameters
+    ----------
+    simulation
+        Of the robot, at its beginning.
+
+    Attributes
+    ----------
+    goal : float
+        Error of the mesh above which it is too coarse [m].
+    monitor : MeshMonitor
+    solved : list of StepResult
+    warnings : list of str
+    failed : int or None
+        Number of the step that was not solved.
+    message : str
+    pilots : list of MeshEstimate or None
+        Estimates for steps to come; None until there is need of them.
+    """
+
+    def __init__(self, simulation: Simulation) -> None:
+        self.simulation = simulation
+        self.goal = simulation.settings.mesh_tolerance * simulation.handle.robot.backbone.length
+        self.monitor = MeshMonitor(simulation, self.goal)
+        self.solved: list[StepResult] = []
+        self.warnings: list[str] = []
+        self.failed: int | None = None
+        self.message = CONVERGED
+        self.pilots: list[MeshEstimate] | None = []
+
+    @property
+    def elements_per_bay(self) -> tuple[int, ...]:
+        """Of the mesh."""
+        counts = self.simulation.handle.model.elements_per_bay
+        assert isinstance(counts, tuple)
+        return counts
+
+    @property
+    def _estimates(self) -> tuple[MeshEstimate, ...]:
+        """Of all steps so far, and of those to come where these were estimated."""
+        return (*self.monitor.estimates, *(self.pilots or ()))
+
+    def too_coarse(self) -> bool:
+        """Whether any step estimated so far misses the tolerance."""
+        return any(not e.largest <= self.goal for e in self._estimates)
+
+    def refined_mesh(self) -> tuple[int, ...] | None:
+        """Elements per bay of a finer mesh; None where the limit is reached."""
+        order = error_order(self.simulation.handle)
+        finer = refined(self.elements_per_bay, self._estimates, self.goal, order)
+        return None if finer == self.elements_per_bay else finer
+
+    def result(
+        self,
+        model: Model,
+        wall_time: float,
+        implausible: Sequence[str],
+        remarks: Sequence[str],
+        further: Sequence[str] = (),
+    ) -> SequenceResult:
+        """What was solved; its warnings are issued, but for those on the input.
+
+        Parameters
+        ----------
+        model
+            As the user gave it.
+        wall_time
+            [s].
+        implausible, remarks
+            On the input, see `warn_of_implausible`.
+        further
+            Other warnings.
+        """
+        simulation, estimates = self.simulation, self.monitor.estimates
+        handle, settings = simulation.handle, simulation.settings
+        steps = tuple(_with_estimate(*each) for each in zip_longest(self.solved, estimates))
+        warnings = [
+            *self.warnings,
+            *mesh_warnings(handle, model, estimates, settings.mesh_tolerance),
+            *further,
+            *strain_warnings(handle.robot, steps),
+        ]
+        issue(warnings)
+        return SequenceResult(
+            robot=handle.robot,
+            model=model,
+            steps=steps,
+            converged=self.message == CONVERGED,
+            message=self.message,
+            failed_step=self.failed,
+            wall_time=wall_time,
+            warnings=(*implausible, *warnings),
+            remarks=tuple(remarks),
+            settings=asdict(settings),
+            elements_per_bay=self.elements_per_bay,
+        )
+
+
+def _with_estimate(step: StepResult, estimate: MeshEstimate | None) -> StepResult:
     """A step with its discretisation error, where that was estimated."""
     if estimate is None:
         return step
@@ -219,29 +302,21 @@ def with_estimate(step: StepResult, estimate: MeshEstimate | None) -> StepResult
     )
 
 
-class _Run:
+class _Run(MeshedRun):
     """One run through a loading sequence with one mesh."""
 
     def __init__(self, request: _Request, model: Model, before: _Run | None = None) -> None:
-        experiment, settings = request.experiment, request.settings
+        experiment = request.experiment
+        super().__init__(Simulation(experiment.robot, model, request.targets, request.settings))
         self.request, self.steps = request, experiment.steps
-        self.simulation = Simulation(experiment.robot, model, request.targets, settings)
-        self.tolerance = settings.mesh_tolerance
-        self.goal = self.tolerance * experiment.robot.backbone.length
-        self.monitor = MeshMonitor(self.simulation, self.goal)
         self.history: SensitivityHistory | None = None
         if request.parameters:
             meshed = replace(experiment, model=model)
             self.history = SensitivityHistory.of(self.simulation, meshed, request.parameters)
-        self.solved: list[StepResult] = []
         self.path: PathRecord = []
-        self.warnings: list[str] = []
         self.compression = ExternalCompression.of(self.simulation)
         self.unstable: list[int] = []
-        self.failed: int | None = None
-        self.message = CONVERGED
-        # Estimates for steps to come, see `_pilot`; None until there is need of them.
-        self.pilots: list[MeshEstimate] | None = None if request.pilots else []
+        self.pilots = None if request.pilots else []
         #: States that are near the ends of the steps, from which their solutions begin.
         self.warm_starts: dict[int, StoredState] = (
             {} if before is None else before.warm_starts_on(self.simulation)
@@ -254,7 +329,7 @@ class _Run:
 
     def take_steps(self, refine: bool) -> tuple[int, ...] | None:
         """Solve all steps; or return the elements per bay of the finer mesh that they need."""
-        request, estimated = self.request, isfinite(self.tolerance)
+        request, estimated = self.request, isfinite(self.goal)
         for number, (step, target) in enumerate(zip(self.steps, request.targets, strict=True), start=1):
             try:
                 report = self.simulation.advance(
@@ -271,15 +346,15 @@ class _Run:
             if request.reference_path is None and is_unstable(self.simulation, self.compression, result):
                 self.unstable.append(number)
             self.warnings += step_warnings(number, report)
-            if estimated and self._enough_estimated(number, report, refine) and refine and self._too_coarse():
-                finer = self._refined_mesh()
+            if estimated and self._enough_estimated(number, report, refine) and refine and self.too_coarse():
+                finer = self.refined_mesh()
                 if finer is not None:
                     return finer
                 refine = False
             if request.progress is not None:
                 request.progress(self.solved[-1])
         self.monitor.flush()
-        return self._refined_mesh() if refine and self._too_coarse() else None
+        return self.refined_mesh() if refine and self.too_coarse() else None
 
     def _near(self, number: int, substeps: int | None) -> Sequence[Increment]:
         """States near the solution of a load step: of the reference path, or from a coarser mesh."""
@@ -306,7 +381,7 @@ class _Run:
         if not refine or self.pilots is not None or not costly or number == len(self.steps):
             return changed
         self.monitor.flush()
-        self.pilots = [] if self._too_coarse() else self._pilot(number)
+        self.pilots = [] if self.too_coarse() else self._pilot(number)
         return True
 
     def _pilot(self, solved: int) -> list[MeshEstimate]:
@@ -345,28 +420,6 @@ class _Run:
             return found
         responses = tuple(local_response(self.simulation, reversal=x) for x in (False, True))
         return replace(found, responses=responses)
-
-    @property
-    def elements_per_bay(self) -> tuple[int, ...]:
-        """Of the mesh."""
-        counts = self.simulation.handle.model.elements_per_bay
-        assert isinstance(counts, tuple)
-        return counts
-
-    @property
-    def _estimates(self) -> tuple[MeshEstimate, ...]:
-        """Of all steps so far, and of those to come where these were estimated."""
-        return (*self.monitor.estimates, *(self.pilots or ()))
-
-    def _too_coarse(self) -> bool:
-        """Whether any step estimated so far misses the tolerance."""
-        return any(not e.largest <= self.goal for e in self._estimates)
-
-    def _refined_mesh(self) -> tuple[int, ...] | None:
-        """Elements per bay of a finer mesh; None where the limit is reached."""
-        order = error_order(self.simulation.handle)
-        finer = refined(self.elements_per_bay, self._estimates, self.goal, order)
-        return None if finer == self.elements_per_bay else finer
 
 
 __all__ = ["PathRecord", "Simulation", "SolverSettings", "StepFailed", "simulate"]

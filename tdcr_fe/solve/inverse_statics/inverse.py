@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
-from itertools import zip_longest
+from dataclasses import dataclass, replace
 from math import isfinite
 
 import numpy as np
@@ -18,9 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
-from tdcr_fe.model.messages import issue, warnings_to
-from tdcr_fe.model.plausibility import strain_warnings, warn_of_implausible
-from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
+from tdcr_fe.model.messages import warnings_to
+from tdcr_fe.model.plausibility import warn_of_implausible
+from tdcr_fe.model.results import Interrupted, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import check_instance
 from tdcr_fe.model.targets import (
@@ -42,8 +41,8 @@ from tdcr_fe.solve.inverse_statics.target_search import (
     TrialSteps,
 )
 from tdcr_fe.solve.load_steps.load_path import Position
-from tdcr_fe.solve.mesh import MOST_MESHES, MeshMonitor, error_order, mesh_warnings, refined
-from tdcr_fe.solve.simulate import CONVERGED, INTERRUPTED, with_estimate
+from tdcr_fe.solve.mesh import MOST_MESHES
+from tdcr_fe.solve.simulate import INTERRUPTED, MeshedRun
 from tdcr_fe.solve.simulation import Simulation, one_thread, step_warnings
 
 Array = NDArray[np.float64]
@@ -134,8 +133,7 @@ def follow_path(
     implausible, remarks = warn_of_implausible(robot, model, task.before, positions, upper.tolist())
     with one_thread(), warnings_to():
         run, stop = _refined_runs(task, settings or SolverSettings(), progress)
-    result = run.result(time.perf_counter() - begun, implausible, remarks)
-    issue(result.simulation.warnings[len(implausible) :])
+    result = run.follow_result(time.perf_counter() - begun, implausible, remarks)
     if stop is not None:
         raise Interrupted(result) from stop
     return result
@@ -223,7 +221,7 @@ def _refined_runs(
     return run, None
 
 
-class _FollowRun:
+class _FollowRun(MeshedRun):
     """One pass through all targets with one mesh.
 
     Parameters
@@ -241,28 +239,22 @@ class _FollowRun:
     def __init__(
         self, task: _Task, counts: tuple[int, ...], settings: SolverSettings, guesses: tuple[Array, ...]
     ) -> None:
-        self.task, self.counts, self.settings, self.guesses = task, counts, settings, guesses
+        self.task, self.guesses = task, guesses
         self.model = replace(task.model, elements_per_bay=counts)
-        simulation = Simulation(task.robot, self.model, resolve(task.robot, task.before), settings)
+        super().__init__(Simulation(task.robot, self.model, resolve(task.robot, task.before), settings))
         experiment = Experiment(task.robot, self.model, (*task.before, LoadStep()))
-        self.trials = TrialSteps(simulation, experiment)
-        self.goal = settings.mesh_tolerance * task.robot.backbone.length
-        self.monitor = MeshMonitor(self.trials.simulation, self.goal)
+        self.trials = TrialSteps(self.simulation, experiment)
         # Squares, since the tensions of least effort are small in most tendons.
         points = np.random.default_rng(1).random((MOST_STARTS, len(task.lower))) ** 2
         self.points = task.lower + (task.upper - task.lower) * points
         self.steps: list[LoadStep] = []
-        self.solved: list[StepResult] = []
         self.found: list[ReachedTarget] = []
-        self.warnings: list[str] = []
-        self.failed: int | None = None
-        self.message = CONVERGED
 
     def follow(
         self, progress: Callable[[ReachedTarget], None] | None, refine: bool
     ) -> tuple[int, ...] | None:
         """Reach for all targets; or return the elements per bay of the finer mesh that they need."""
-        simulation, task = self.trials.simulation, self.task
+        simulation, task = self.simulation, self.task
         for step, actuation in zip(task.before, resolve(task.robot, task.before), strict=True):
             report = simulation.advance(actuation, step.substeps)
             self.trials.begin(actuation)
@@ -281,11 +273,7 @@ class _FollowRun:
             if progress is not None:
                 progress(found)
         self.monitor.flush()
-        if not refine or all(e.largest <= self.goal for e in self.monitor.estimates):
-            return None
-        order = error_order(simulation.handle)
-        finer = refined(self.counts, self.monitor.estimates, self.goal, order)
-        return None if finer == self.counts else finer
+        return self.refined_mesh() if refine and self.too_coarse() else None
 
     def _keep(self, step: LoadStep, result: StepResult) -> None:
         """Take the present state of the simulation as the end of a load step."""
@@ -296,7 +284,7 @@ class _FollowRun:
 
     def _reach(self, number: int, target: TipTarget) -> ReachedTarget | None:
         """Reach for one target from the present state; None where no trial step has a solution."""
-        task, simulation = self.task, self.trials.simulation
+        task, simulation = self.task, self.simulation
         start = simulation.state
         present = np.clip(start.base_tension[0], task.lower, task.upper)
         reference = np.zeros_like(present) if task.effort == "tension" else start.base_tension[0]
@@ -347,32 +335,13 @@ class _FollowRun:
             result,
         )
 
-    def result(self, wall_time: float, implausible: Sequence[str], remarks: Sequence[str]) -> FollowResult:
+    def follow_result(
+        self, wall_time: float, implausible: Sequence[str], remarks: Sequence[str]
+    ) -> FollowResult:
         """The loading sequence, and what it reaches."""
-        task, estimates = self.task, self.monitor.estimates
-        handle = self.trials.simulation.handle
-        self.solved = [with_estimate(*each) for each in zip_longest(self.solved, estimates)]
-        warnings = [
-            *implausible,
-            *self.warnings,
-            *mesh_warnings(handle, task.model, estimates, self.settings.mesh_tolerance),
-            *strain_warnings(task.robot, self.solved),
-        ]
-        sequence = SequenceResult(
-            robot=task.robot,
-            model=self.model,
-            steps=tuple(self.solved),
-            converged=self.message == CONVERGED,
-            message=self.message,
-            failed_step=self.failed,
-            wall_time=wall_time,
-            warnings=tuple(warnings),
-            remarks=tuple(remarks),
-            settings=asdict(self.settings),
-            elements_per_bay=self.counts,
-        )
-        first = len(task.before)
-        found = tuple(
-            replace(x, result=result) for x, result in zip(self.found, self.solved[first:], strict=False)
-        )
+        task = self.task
+        sequence = self.result(task.model, wall_time, implausible, remarks)
+        steps = sequence.steps[len(task.before) :]
+        found = tuple(replace(x, result=step) for x, step in zip(self.found, steps, strict=False))
+        sequence = replace(sequence, model=self.model)
         return FollowResult(found, tuple(self.steps), sequence, task.tolerance, wall_time)

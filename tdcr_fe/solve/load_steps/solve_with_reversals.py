@@ -49,15 +49,12 @@ def with_reversals(trial: Trial) -> Trial:
         # Nothing changes.
         return trial
     linear = result.linearization or trial.linearization
-    if linear is None:
-        linear = _linearised(trial.solver, result.state, trial.end).linearization
+    linear = linear or _linearised(trial.solver, result.state, trial.end).linearization
     if is_steady(trial, linear):
         return trial
-    first, final = _first(trial, linear.numbering), Equilibrium.of(result.state, result.forces, linear)
+    first, final = _first(trial, linear.numbering), _final(trial.solver, result, linear, trial.end)
     if not first.balanced:
         return trial._replace(division=0.0, final=final)
-    if not final.exact:
-        final = _linearised(trial.solver, result.state, trial.end)
     return _examined(trial._replace(first=first, final=final), first, final)
 
 
@@ -128,7 +125,8 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
             states = refined(solver, known, found, allowed, most)
         if not states:
             return trial._replace(rejected=trial.rejected + result.iterations)
-        states = [*states, (1.0, _final(solver, result, known))]
+        linear = result.linearization or known.end.linearization
+        states = [*states, (1.0, _final(solver, result, linear, trial.end))]
         linked = known_states(solver, states, known.span)
         again = _reversals(solver, linked, allowed, solved_with_reversals=True)
         assert again is not None
@@ -164,11 +162,12 @@ def _first(trial: Trial, numbering: Numbering) -> Equilibrium:
     return _linearised(solver, state, trial.start)
 
 
-def _final(solver: SubstepSolver, result: NewtonResult, known: KnownStates) -> Equilibrium:
-    """The end of a substep that was solved once more, linearised exactly."""
-    linear = result.linearization or known.end.linearization
+def _final(
+    solver: SubstepSolver, result: NewtonResult, linear: Linearization, load_factor: float
+) -> Equilibrium:
+    """The end of a substep, linearised exactly: by a linearisation near it where that is as good."""
     final = Equilibrium.of(result.state, result.forces, linear)
-    return final if final.exact else _linearised(solver, result.state, known.span.end)
+    return final if final.exact else _linearised(solver, result.state, load_factor)
 
 
 def _linearised(solver: SubstepSolver, state: SolverState, load_factor: float) -> Equilibrium:

@@ -239,19 +239,15 @@ def advanced(
     chains, change = step.linearization.chains, step.change
     configuration, fraction = system.layout.space.move(state.configuration, change, chains, max_turn)
     tension, mobilisation = state.base_tension, state.mobilisation
-    for part in numbering.robots:
-        i = part.robot
-        if part.driven.size:
-            new = tension[i].copy()
-            pulled = np.maximum(new[part.driven] + fraction * change[part.tensions], 0.0)
-            if fraction == 1.0:
-                # Exactly: round-off in the tension of a slack tendon would count as a miss of its displacement.
-                pulled[step.linearization.slack[i]] = 0.0
-            new[part.driven] = pulled
-            tension = (*tension[:i], new, *tension[i + 1 :])
-        slipped = change[part.mobilisations]
-        if slipped.any():
-            new = mobilisation[i].copy()
-            new[part.frictional] = np.clip(new[part.frictional] + fraction * slipped, -1.0, 1.0)
-            mobilisation = (*mobilisation[:i], new, *mobilisation[i + 1 :])
+    if numbering.any_driven:
+        pulled = numbering.at_driven(tension) + fraction * change[numbering.reduced : numbering.linear]
+        pulled = np.maximum(pulled, 0.0)
+        if fraction == 1.0:
+            # Exactly: round-off in the tension of a slack tendon would count as a miss of its displacement.
+            pulled[np.concatenate(step.linearization.slack)] = 0.0
+        tension = numbering.with_driven(tension, pulled)
+    slipped = change[numbering.linear :]
+    if slipped.any():
+        mobilised = numbering.at_frictional_holes(mobilisation) + fraction * slipped
+        mobilisation = numbering.with_frictional_holes(mobilisation, np.clip(mobilised, -1.0, 1.0))
     return state._replace(configuration=configuration, base_tension=tension, mobilisation=mobilisation)

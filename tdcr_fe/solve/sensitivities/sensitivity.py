@@ -113,14 +113,6 @@ class _StepValues:
     carried: _Carried
 
 
-@dataclass(frozen=True)
-class NodeLoad:
-    """Where a concentrated load acts: node of the robot, -1 for one of another robot, and its frame."""
-
-    node: int
-    frame: str
-
-
 @dataclass(frozen=True, eq=False)
 class SensitivityHistory:
     """Derivatives along the load steps of a robot."""
@@ -129,7 +121,8 @@ class SensitivityHistory:
     parameters: tuple[Parameter, ...]
     explicit: ExplicitDerivatives
     inputs: InputDerivatives
-    loads: tuple[NodeLoad, ...]  # All concentrated loads of the scene
+    # Of all concentrated loads of the scene, the node, -1 where it is on another robot, and the frame
+    loads: tuple[tuple[int, str], ...]
     # What has been computed, by load step. Cleared, the history begins anew.
     steps: list[_StepValues] = field(default_factory=list)
 
@@ -154,7 +147,7 @@ class SensitivityHistory:
             There is no derivative by a parameter; the message says why.
         """
         handle = simulation.handle
-        loads = tuple(NodeLoad(handle.mesh.node_at(at, 1e-6), frame) for _, at, frame in simulation.loads)
+        loads = tuple((handle.mesh.node_at(at, 1e-6), frame) for _, at, frame in simulation.loads)
         present, near = _models(handle, experiment, chosen)
         frictional = bool(present.forces.law.frictional.any())
         inputs = InputDerivatives.of(experiment, simulation, chosen, near, frictional)
@@ -182,9 +175,9 @@ class SensitivityHistory:
         own = {id(load): name for name, load in arm.loads.items()}
         items = SceneHooks.of(arm.mbs).point_loads
         loads = tuple(
-            NodeLoad(arm.mesh.node_at(named[own[id(x)]].at, 1e-6), arm.loads[own[id(x)]].frame)
+            (arm.mesh.node_at(named[own[id(x)]].at, 1e-6), arm.loads[own[id(x)]].frame)
             if id(x) in own
-            else NodeLoad(-1, "world")
+            else (-1, "world")
             for x in items
         )
         labels = [own.get(id(x), "") for x in items]
@@ -315,10 +308,10 @@ class SensitivityHistory:
         """Derivatives of the concentrated loads on nodes with these rotations, shape (6 N, P)."""
         count = len(self.parameters)
         nodes = np.zeros((len(rotations), 2, 3, count))
-        for load, values in zip(self.loads, loads, strict=True):
-            if load.node >= 0:
-                turn = BEAM_TO_SECTION if load.frame == "section" else rotations[load.node]
-                nodes[load.node] += turn.T @ values.reshape(2, 3, count)
+        for (node, frame), values in zip(self.loads, loads, strict=True):
+            if node >= 0:
+                turn = BEAM_TO_SECTION if frame == "section" else rotations[node]
+                nodes[node] += turn.T @ values.reshape(2, 3, count)
         return nodes.reshape(-1, count)
 
     # ------------------------------------------------------------------ result
