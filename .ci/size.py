@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2565,
     "tdcr_fe/report": 1206,
     "tdcr_fe/scene": 1443,
-    "tdcr_fe/solve": 6861,
+    "tdcr_fe/solve": 6838,
     "tdcr_fe/sweeps": 1422,
     "validation": 6784,
     "tests": 13898,
