@@ -79,19 +79,6 @@ def test_a_load_step_has_the_coefficient_of_its_own_slip_rate(friction, tensions
     assert np.ptp(law.coefficient(force, rate)[0]) > 1e-3 or friction == "per-tendon"
 
 
-@pytest.mark.parametrize("axial_stiffness", [None, 2000.0], ids=["inextensible", "elastic"])
-def test_force_dependent_friction_has_the_coefficient_of_its_normal_force(axial_stiffness):
-    """Every hole slips at the end of a pull, and again at the end of a deep release; no time is needed."""
-    law = ForceDependentFriction(0.3, reference_force=0.2)
-    robot = with_law(law, axial_stiffness=axial_stiffness)
-    result = solve(robot, timed([1.0, 2.0, 0.5], None))
-    for before, after, name in ((0, 1, "pull"), (1, 2, "release")):
-        mu, force, _ = recovered(robot, result.steps[before], result.steps[after], 1.0)
-        assert set(result.steps[after].hole_states[0][:-1]) == {name}
-        assert mu == pytest.approx(law.coefficient(force, force)[0], abs=1e-6)
-        assert np.ptp(mu) > 0.005
-
-
 @pytest.mark.parametrize(("friction", "axial_stiffness"), [("per-hole", None), ("per-tendon", 300.0)])
 @pytest.mark.parametrize(
     "law",

@@ -5,27 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from robots import BACKBONE, DISKS, LENGTH, solve
-from scipy.optimize import brentq
 
 from tdcr_fe.elements.section import NonlinearSection, SectionForces
 from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.validation.reference.section import bending_moment
 
 
 def test_superelastic_robot_under_a_tip_moment_is_an_arc_of_the_softened_curvature():
-    """Constant moment, constant curvature k with M(k) = M; k from the law written out here."""
-    strain, ratio, m = 0.002, 0.3, 1.2e-2
-    robot = Robot(replace(BACKBONE, superelastic=Superelastic(strain, ratio)), DISKS, ())
-    kc = strain / BACKBONE.radius
-    w = kc / 40
-
-    def law(k):
-        soft = k - w * (np.logaddexp(0, (k - kc) / w) - np.logaddexp(0, -kc / w))
-        return BACKBONE.EI * (ratio * k + (1 - ratio) * soft) - m
-
-    k = brentq(law, 0.0, 10 * kc)
-    assert k > 1.2 * kc
+    """Constant moment, constant curvature k with M(k) = M, by the law as the reference has it."""
+    law, k = Superelastic(0.002, 0.3), 12.0
+    (m,), _ = bending_moment(np.array([k]), np.array([BACKBONE.EI]), law, BACKBONE.radius)
+    assert BACKBONE.EI * k > 1.2 * m
+    robot = Robot(replace(BACKBONE, superelastic=law), DISKS, ())
     step = solve(robot, [LoadStep("", loads={"tip": Load(LENGTH, moment=(0.0, m, 0.0))})]).steps[0]
     assert np.trace(step.rotations[-1]) == pytest.approx(1 + 2 * np.cos(k * LENGTH), abs=1e-7)
     assert step.tip[0] == pytest.approx((1 - np.cos(k * LENGTH)) / k, abs=1e-7)

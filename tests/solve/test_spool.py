@@ -70,19 +70,6 @@ def test_a_stiff_spring_is_a_displacement(stiffness, tolerance):
         assert np.abs(a.positions - b.positions).max() < tolerance * LENGTH
 
 
-def test_a_spring_is_an_elastic_tendon_of_its_stiffness():
-    """Without friction the tension is one along the tendon, so that the stretch of spring and tendon add."""
-    elastic = tdcr.simulate(seven(0.0, axial_stiffness=400.0), MODEL, steps(RADIUS, "displacements"))
-    step = elastic.steps[1]
-    tension = step.base_tensions[0]
-    # u = L - l / (1 + T / EA), with the present length l of the tendon between base plate and anchor.
-    lengths = (LENGTH - step.displacements[0]) * (1.0 + tension / 400.0)
-    spring = (400.0 + tension) / lengths
-    result = tdcr.simulate(wound(spring, 0.0), MODEL, steps())
-    assert result.steps[1].base_tensions[0] == pytest.approx(tension, rel=1e-8)
-    assert np.abs(result.steps[1].positions - step.positions).max() < 1e-8 * LENGTH
-
-
 def test_scenes_and_exudyn_follow_the_angles():
     """`SolveTDCR` step by step, then ``mbs.SolveStatic``, against `simulate`."""
     _keep, mbs = system()
