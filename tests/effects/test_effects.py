@@ -158,14 +158,6 @@ def test_a_step_is_divided_where_one_of_two_tensions_begins_to_move():
     )
 
 
-def test_gain_of_tension_is_a_softer_robot_without_friction_and_load():
-    assert tip(with_effect(setup(), "actuator_gain", gain=1.2)) == pytest.approx(
-        tip(Experiment(paper(), MODEL, pulled(0.6, 1.2))), abs=1e-12
-    )
-    softer = with_effect(setup(), "stiffness_scale", bending=1 / 1.2, torsion=1 / 1.2)
-    assert tip(with_effect(setup(), "actuator_gain", gain=1.2)) == pytest.approx(tip(softer), abs=2e-6)
-
-
 # ------------------------------------------------------------------------------------------ the robot itself
 
 
@@ -228,11 +220,6 @@ def test_twist_turns_parallel_tendons_into_helical_ones():
     twisted = with_effect(setup(0.2), "routing_twist", angle_tip=math.pi)
     helix = Tendon("t1", HelicalRouting(offset=4.5e-3, angle_deg=0.0, turns=0.5), friction_coefficient=0.2)
     assert tip(twisted) == pytest.approx(tip(setup(robot=replace(paper(), tendons=(helix,)))), abs=1e-12)
-
-
-def test_friction_is_switched_on_where_the_model_has_none():
-    s = with_effect(setup(0.0, friction="none"), "friction_coefficient", mu=0.3)
-    assert tip(s) == pytest.approx(tip(setup(0.3)), abs=1e-12)
 
 
 def test_clearance_lets_the_tendon_shift_away_from_the_backbone_of_a_bent_robot():

@@ -133,19 +133,6 @@ def test_a_spring_at_a_disk_is_solved_without_any_load():
 
 
 K = 0.02
-BARE = Robot(BACKBONE, Disks.equally_spaced(5, LENGTH), base_stiffness=K)
-
-
-def test_a_tip_moment_turns_base_and_backbone():
-    moment = 5e-3
-    loads = {"tip": Load(LENGTH, moment=(0.0, moment, 0.0))}
-    found = solve(BARE, [LoadStep(loads=loads)], friction="none").steps[0]
-    assert found.bending_angle == pytest.approx(moment * (LENGTH / BACKBONE.EI + 1.0 / K), rel=1e-4)
-    # The backbone is an arc from the turned base on.
-    turn, kappa = moment / K, moment / BACKBONE.EI
-    arc = np.array([(1.0 - np.cos(kappa * LENGTH)) / kappa, np.sin(kappa * LENGTH) / kappa])
-    x = np.cos(turn) * arc[0] + np.sin(turn) * arc[1]
-    assert found.tip[0] == pytest.approx(x, rel=1e-4)
 
 
 @pytest.mark.integration

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from native_solvers import damped, dynamic_settings, static_settings
+from native_solvers import static_settings
 from robots import distance, paper, pull, scene, solve, solve_scene
 from two_tendons import ANGLES, LENGTHS, tendon_law
 
@@ -115,15 +115,3 @@ def test_exudyns_static_solver_has_dahls_history():
     for tension, tip in zip((1.2, 0.6), expected, strict=True):
         solve_scene(mbs, handle, [tension])
         assert distance(handle.tip_position, tip) < 1e-5
-
-
-@pytest.mark.integration
-def test_a_slow_pull_in_time_ends_where_statics_do_with_dahl():
-    """Half a second to 1 N, and as long at rest; small swings leave 1 % in the tensions."""
-    kind = {"hysteresis": "dahl"}
-    _keep, mbs, handle = damped(paper(0.3), presliding=2e-5, **kind)
-    handle.set_inputs_over_time(lambda t: [min(2.0 * t, 1.0)])
-    assert mbs.SolveDynamic(dynamic_settings(1.0, 2e-3))
-    expected = solve(paper(0.3), pull(1.0), SolverSettings(presliding=2e-5), **kind).steps[-1]
-    assert distance(handle.tip_position, expected.tip) < 1e-3
-    assert handle.tensions()["t1"] == pytest.approx(expected.tensions[0], abs=2e-2)

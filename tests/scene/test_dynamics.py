@@ -280,21 +280,6 @@ def test_the_energy_of_random_motions_is_conserved_for_half_a_second(seed):
     check(random_run(seed, 0.5, elements="auto"), 2e-4)
 
 
-def test_a_swing_loses_what_the_material_dissipates():
-    robot = replace(seven(0.0), backbone=replace(BACKBONE, retardation_time=3e-3))
-    _keep, mbs, handle, load, sensor = measured(robot)
-    load.set([0.02, 0.0, 0.0])
-    SolveTDCR(mbs)
-    load.set([0.0, 0.0, 0.0])
-    before = present(mbs, sensor)["elastic"]
-    run(mbs, handle, 0.1)
-    found = columns(mbs, sensor)
-    assert found["elastic"][0] == pytest.approx(before, rel=1e-12)
-    lost = before - found["elastic"][-1] - found["kinetic"][-1]
-    assert lost > 0.1 * before
-    assert found["material_dissipation"][-1] == pytest.approx(lost, rel=3e-3)
-
-
 def test_loads_and_weight_that_the_static_solver_ramps_do_the_work_of_the_ramp():
     """``mbs.SolveStatic`` multiplies them by a factor from 0 to 1: a load does half its final value times the way."""
     _keep, mbs, handle, load, sensor = measured(seven(0.0), gravity=(0.5, 0.0, 0.0))
