@@ -21,21 +21,9 @@ from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.io.keys import BACKBONE, DISKS, MODEL_FILE, ROBOT, SCENARIO, tendon_keys
 from tdcr_fe.io.problems import InputError, Problem, Reporter, read_bytes, refusal
 from tdcr_fe.io.user_effects import apply_effects
+from tdcr_fe.model import checks
 from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.checks import (
-    ARC_TOLERANCE,
-    Contradiction,
-    backbone_contradictions,
-    course_contradictions,
-    disk_contradictions,
-    end_contradictions,
-    name_contradictions,
-    size_contradictions,
-    spring_contradictions,
-    step_contradictions,
-    tendon_contradictions,
-    time_contradictions,
-)
+from tdcr_fe.model.checks import ARC_TOLERANCE, Contradiction
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.messages import shown
 from tdcr_fe.model.robot import Disks, Robot
@@ -96,9 +84,9 @@ def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
     built = [_build_tendon(i, table, disks, length, reporter) for i, table in enumerate(tables)]
     tendons = tuple(tendon for tendon, _ in built if tendon is not None)
     names = tuple(name for _, name in built if name is not None)
-    reporter.contradictions(name_contradictions(names))
+    reporter.contradictions(checks.name_contradictions(names))
     if length is not None:
-        reporter.contradictions(spring_contradictions(top.get("springs", ()), length))
+        reporter.contradictions(checks.spring_contradictions(top.get("springs", ()), length))
     robot = None
     if len(reporter.problems) == before and backbone is not None and disks is not None:
         rest = {k: top[k] for k in ("name", "tip_mass", "springs", "base_stiffness")}
@@ -116,7 +104,7 @@ def _build_backbone(data: Any, reporter: Reporter) -> tuple[Backbone | None, flo
     if isinstance(taper := values["radius"], tuple):
         values |= {"radius": taper[0][1], "taper": taper}
     backbone = Backbone(**values)
-    reporter.contradictions(backbone_contradictions(backbone))
+    reporter.contradictions(checks.backbone_contradictions(backbone))
     return backbone, length
 
 
@@ -134,7 +122,7 @@ def _build_disks(data: dict[str, Any] | None, length: float | None, reporter: Re
     if (count := values.pop("count")) is not None:
         values["positions"] = Disks.equally_spaced(count, length).positions
     disks = Disks(**values)
-    found = [*disk_contradictions(disks, length)]
+    found = [*checks.disk_contradictions(disks, length)]
     reporter.contradictions(found)
     return None if any(c.key.startswith("disks.positions") for c in found) else disks
 
@@ -154,13 +142,13 @@ def _build_tendon(
     arcs = (0.0, *(s for s in disks.positions if s <= end + ARC_TOLERANCE))
     if not disks.positions:  # a tendon that follows the backbone: points at equal distances
         arcs = tuple(np.linspace(0.0, end, max(len(values.get("holes", ())), 2)).tolist())
-    found = [*end_contradictions(i, values["end"], disks, length)]
+    found = [*checks.end_contradictions(i, values["end"], disks, length)]
     if not found:
         own = {name: values.pop(name) for name in keys_of(routing)}
         try:
             values["routing"] = routing.from_table(own, arcs)
             tendon = Tendon(**values)
-            found = [*tendon_contradictions(i, tendon, disks, length)]
+            found = [*checks.tendon_contradictions(i, tendon, disks, length)]
         except FieldError as error:
             found = [Contradiction(f"{key}.{error.field}", error.value, error.allowed)]
     reporter.contradictions(found)
@@ -185,7 +173,7 @@ def _with_default_model(data: dict[str, Any], robot: Robot | None) -> dict[str, 
 def _build_step(i: int, data: Any, parts: RobotParts, reporter: Reporter) -> LoadStep:
     """A load step, without what is invalid in it."""
     step = LoadStep(**keys_of(LoadStep).read(data, f"steps[{i}]", reporter)[0])
-    reporter.contradictions(step_contradictions(i, step, parts.names, parts.length, parts.tendons))
+    reporter.contradictions(checks.step_contradictions(i, step, parts.names, parts.length, parts.tendons))
     return step
 
 
@@ -300,7 +288,7 @@ def read_model_tables(path: str | os.PathLike[str] | None, robot: Robot | None) 
     reporter = Reporter(str(path))
     top, _ = MODEL_FILE.read(_with_default_model(data, robot), "", reporter)
     if robot is not None and "model" in top:
-        reporter.contradictions(course_contradictions(robot, top["model"]))
+        reporter.contradictions(checks.course_contradictions(robot, top["model"]))
     reporter.refuse()
     return top
 
@@ -388,12 +376,12 @@ def build_scenario(tables: ScenarioTables, effects: Sequence[Effect] = ()) -> Sc
     top, _ = SCENARIO.read(_with_default_model(data, robot), "", reporter)
     model = top.get("model")
     steps = tuple(_build_step(i, table, parts, reporter) for i, table in enumerate(top.get("steps", ())))
-    reporter.contradictions(time_contradictions([s.time for s in steps]))
+    reporter.contradictions(checks.time_contradictions([s.time for s in steps]))
     if robot is not None and model is not None:
-        reporter.contradictions(course_contradictions(robot, model))
+        reporter.contradictions(checks.course_contradictions(robot, model))
     if not problems and robot is not None and model is not None:
         robot, model, steps = _with_effects(top["effects"], (robot, model, steps), reporter, effects)
-        reporter.contradictions(size_contradictions(robot, model, len(steps)))
+        reporter.contradictions(checks.size_contradictions(robot, model, len(steps)))
     if problems or robot is None or model is None:
         raise InputError(problems)
     return Scenario(robot, model, steps, tables.path, tables.robot_path, tables.digests, top["solver"])
