@@ -237,9 +237,10 @@ class Solved:
         """
         moved, h = self._moved
         sigmas = np.array([r.sigma for r in readings], dtype=float)
-        missed = [r.value - r.channel.predict(moved, [r.location])[0, 0] for r in readings]
-        slopes = [r.channel.differences(moved, h, [r.location])[0] for r in readings]
-        return np.array(missed) / sigmas, np.reshape(slopes, (len(sigmas), h.size)) / sigmas[:, None]
+        found = [r.channel.differences(moved, h, [r.location]) for r in readings]
+        missed = [r.value - values[0] for r, (values, _) in zip(readings, found, strict=True)]
+        slopes = np.reshape([of for _, of in found], (len(sigmas), h.size))
+        return np.array(missed) / sigmas, slopes / sigmas[:, None]
 
     @cached_property
     def _of_frame(self) -> tuple[Array, Array]:

@@ -93,15 +93,18 @@ class Channel:
             Of the readings, k of them.
         """
         h = change.difference_steps(step)
-        return self.differences(step.moved(change, h), h, locations)
+        return self.differences(step.moved(change, h), h, locations)[1]
 
-    def differences(self, moved: ObservedStep, h: Array, locations: Sequence[Location]) -> Array:
-        """`derivatives` from steps that `ObservedStep.moved` has changed by ``h``, as for several channels at once."""
+    def differences(
+        self, moved: ObservedStep, h: Array, locations: Sequence[Location]
+    ) -> tuple[Array, Array]:
+        """Values, shape (k,), and `derivatives` from steps that `ObservedStep.moved` has changed by ``h``."""
         found = self.predict(moved, locations)
         here, (ahead, behind) = found[0], found[1:].reshape(2, h.size, -1)
         bend = np.abs(ahead - here) + np.abs(behind - here)
         at_zero = np.abs(ahead + behind - 2.0 * here) > 0.5 * bend
-        return np.asarray(np.where(at_zero, ahead - here, 0.5 * (ahead - behind)) / h[:, None]).T
+        changes = np.where(at_zero, ahead - here, 0.5 * (ahead - behind))
+        return here, np.asarray(changes / h[:, None]).T
 
 
 def arc_lengths(locations: Sequence[Location]) -> Array:
