@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import Observation
 from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, memory
-from tdcr_fe.estimate.frame import Frame, Problem, Solved, Volume, name_at
+from tdcr_fe.estimate.frame import PLACE, Frame, Problem, Solved, Volume, name_at
 from tdcr_fe.estimate.response import plastic_slips
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, SolverSettings, resolve
@@ -92,12 +92,11 @@ class Estimator:
         # Uniform along the body where it is unknown.
         of_place = length / np.sqrt(12.0) if load.at == "unknown" else 0.0
         of_load, of_inputs = np.repeat((load.sigma, load.sigma_moment), 3), inputs.sigmas(robot.tendon_names)
-        place = len(of_inputs) + 6
-        self._problem = Problem(self.simulation, observation or Observation(), loaded, of_inputs, place)
+        self._problem = Problem(self.simulation, observation or Observation(), loaded, of_inputs)
         slips = plastic_slips(self.simulation, self.simulation.state)
-        self._sigmas = np.concatenate((of_inputs, of_load, [of_place], 0.0 * slips))
+        self._sigmas = np.concatenate((of_load, [of_place], of_inputs, 0.0 * slips))
         self._typical = np.zeros(len(self._sigmas))
-        self._typical[place] = 0.5 * length if load.at == "unknown" else places[0]
+        self._typical[PLACE] = 0.5 * length if load.at == "unknown" else places[0]
         self._mean = self._typical
         self._covariance = np.diag(self._sigmas**2)
         self._commands: Actuation | None = None
@@ -180,9 +179,9 @@ class Estimator:
         """Mean and covariance of the unknowns of a frame before its readings."""
         if self._time is None:
             return self._mean, self._covariance
-        place, elapsed = self._problem.place, frame.commands.time - self._time
+        elapsed = frame.commands.time - self._time
         kept, grown = np.ones(len(self._mean)), np.zeros(len(self._mean))  # Plastic slips stay.
-        for prior, which in ((self.inputs, self._problem.inputs), (self.load, slice(place - 6, place + 1))):
+        for prior, which in ((self.load, slice(0, PLACE + 1)), (self.inputs, self._problem.inputs)):
             kept[which], grown[which] = memory(prior, elapsed)
         mean = self._typical + kept * (self._mean - self._typical)
         return mean, self._covariance * np.outer(kept, kept) + np.diag(grown * self._sigmas**2)
@@ -193,17 +192,16 @@ class Estimator:
         ``state``: where derivatives are taken.
         """
         response, problem = state.response, self._problem
-        place, (force, moment) = problem.place, np.split(x[problem.load], 2)
         acting = problem.actuation(state.frame.commands, x)
         result = self.simulation.result(0, "", state.report, acting)
         return Estimate(
             replace(result, converged=not message),
             state.frame.commands.time,
-            float(x[place]),
-            float(np.sqrt(covariance[place, place])),
-            force,
-            moment,
-            covariance[problem.load, problem.load][:3, :3],
+            float(x[PLACE]),
+            float(np.sqrt(covariance[PLACE, PLACE])),
+            x[:3],
+            x[3:6],
+            covariance[:3, :3],
             x[problem.inputs],
             result.base_tensions,
             response.base_tensions @ covariance @ response.base_tensions.T,

@@ -1,6 +1,6 @@
 """One frame: the load step from the state before it to given unknowns, what is read of it, and the most probable state.
 
-The unknowns are the errors of the inputs (m), force and moment of the load (6), its place, and the plastic slips of the
+The unknowns are force and moment of the load (6), its place, the errors of the inputs (m), and the plastic slips of the
 holes at the beginning of the frame (k). Those that are known, such as a moment that there is not, have no variance.
 """
 
@@ -26,6 +26,8 @@ from tdcr_fe.solve.simulation import Simulation
 
 Array = NDArray[np.float64]
 
+#: The load and its place among the unknowns.
+LOAD, PLACE = slice(0, 6), 6
 #: Places along the body that are tried where that of the load is unknown, and most times that one is chosen anew.
 PLACES, MOST_CHOICES = 100, 5
 #: Width in which a tension goes over to zero, over its standard deviation [1]. With three tendons of which two are
@@ -49,7 +51,6 @@ class Problem:
     # Nodes that may carry the load; several, base plate left out, where its place is unknown
     loaded: NDArray[np.int_]
     input_sigmas: Array  # (m,): Standard deviations of the inputs
-    place: int  # Number of the place among the unknowns
 
     @cached_property
     def s(self) -> Array:
@@ -59,24 +60,17 @@ class Problem:
     @property
     def inputs(self) -> slice:
         """Errors of the inputs among the unknowns."""
-        return slice(0, self.place - 6)
-
-    @property
-    def load(self) -> slice:
-        """Force and moment among the unknowns."""
-        return slice(self.place - 6, self.place)
+        return slice(PLACE + 1, PLACE + 1 + len(self.input_sigmas))
 
     @property
     def history(self) -> slice:
         """The plastic slips among the unknowns."""
-        return slice(self.place + 1, None)
+        return slice(self.inputs.stop, None)
 
     def at_given_place(self, covariance: Array) -> tuple[Array, Array]:
         """Change of all unknowns with the place of the load [1/m], and their covariance at a given place."""
-        variance = covariance[self.place, self.place]
-        if variance == 0.0:
-            return np.zeros(len(covariance)), covariance
-        given = covariance[self.place] / variance
+        variance = covariance[PLACE, PLACE]
+        given = covariance[PLACE] / (variance or 1.0)  # where the place is known, nothing changes with it
         return given, covariance - variance * np.outer(given, given)
 
     def shares(self, place: float) -> tuple[Array, Array]:
@@ -106,8 +100,8 @@ class Problem:
     def actuation(self, commands: Actuation, unknowns: Array) -> Actuation:
         """Inputs and loads that act."""
         loads = dict(commands.loads)
-        for node, share in zip(self.loaded, self.shares(unknowns[self.place])[0], strict=True):
-            at, load = float(self.s[node]), share * unknowns[self.load]
+        for node, share in zip(self.loaded, self.shares(unknowns[PLACE])[0], strict=True):
+            at, load = float(self.s[node]), share * unknowns[LOAD]
             loads[name_at(at)] = Load(at=at, force=tuple(load[:3]), moment=tuple(load[3:]))
         return replace(commands, values=self.acting(commands, unknowns)[0], loads=loads)
 
@@ -127,8 +121,7 @@ class Frame:
 
         ``last``: the state of the frame before, where it is a guide.
         """
-        place = self.problem.place
-        variance = covariance[place, place]
+        variance = covariance[PLACE, PLACE]
         start = np.zeros(len(mean)) if last is None else last.start_of(self, mean, covariance)
         if variance == 0.0 or not self.readings:
             if last is not None:
@@ -147,7 +140,7 @@ class Frame:
                 break
             # At first the state is far off, and the linear model is no guide.
             begin = np.zeros_like(towards) if found is None and last is None else towards
-            before, shift = s, s - mean[place]
+            before, shift = s, s - mean[PLACE]
             found = most_probable(self.solved, mean + given * shift, held, begin, at)
             if found is None:
                 return None
@@ -201,20 +194,19 @@ class Solved:
     @cached_property
     def _by_unknowns(self) -> Array:
         """Derivatives of inputs, loads on nodes and plastic slips by the unknowns."""
-        problem, place = self.frame.problem, self.frame.problem.place
-        found, slopes = self._weights(self.unknowns[place]), problem.shares(self.unknowns[place])[1]
-        first = problem.load.start
-        found[first : first + 6 * len(slopes), place] = np.kron(slopes, self.unknowns[problem.load])
+        problem, place = self.frame.problem, self.unknowns[PLACE]
+        found, slopes, m = self._weights(place), problem.shares(place)[1], len(problem.input_sigmas)
+        found[m : m + 6 * len(slopes), PLACE] = np.kron(slopes, self.unknowns[LOAD])
         return found
 
     def _weights(self, place: float) -> Array:
         """From the unknowns to inputs, loads on nodes and plastic slips, where the load stays at a place [m]."""
         problem = self.frame.problem
-        shares = problem.shares(place)[0]
-        m, ends = problem.load.start, problem.load.start + 6 * len(shares)
+        shares, m = problem.shares(place)[0], len(problem.input_sigmas)
+        ends = m + 6 * len(shares)
         found = np.zeros((self._by_node.positions.shape[-1], len(self.unknowns)))
-        found[:m, :m] = np.diag(problem.acting(self.frame.commands, self.unknowns)[1])
-        found[m:ends, problem.load] = np.kron(shares[:, None], np.eye(6))
+        found[:m, problem.inputs] = np.diag(problem.acting(self.frame.commands, self.unknowns)[1])
+        found[m:ends, LOAD] = np.kron(shares[:, None], np.eye(6))
         found[ends:, problem.history] = np.eye(len(found) - ends)
         return found
 
@@ -318,12 +310,12 @@ class Solved:
         start : ndarray, shape (n,)
             ``v`` of `most_probable` that leads there.
         """
-        problem, by_node = self.frame.problem, self._of_frame[1]
+        by_node, length = self._of_frame[1], self.frame.problem.s[-1]
         best = (np.inf, 0.0, np.zeros(len(mean)))
         # What would be missed where nothing acted.
-        alone = self.residual + by_node @ self._weights(self.unknowns[problem.place]) @ self.unknowns
-        for s in np.linspace(0.0, problem.s[-1], PLACES + 1)[1:]:
-            shift, weights = s - mean[problem.place], by_node @ self._weights(s)
+        alone = self.residual + by_node @ self._weights(self.unknowns[PLACE]) @ self.unknowns
+        for s in np.linspace(0.0, length, PLACES + 1)[1:]:
+            shift, weights = s - mean[PLACE], by_node @ self._weights(s)
             missed = alone - weights @ (mean + given * shift)
             inner = weights @ held @ weights.T + np.eye(len(weights))
             left = np.linalg.solve(inner, missed)
