@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from tdcr_fe.io.keys import InputErrors
 from tdcr_fe.model.messages import shown
 from tdcr_fe.model.results import StepResult
-from tdcr_fe.model.schema import Checked, FieldError, Quantity, by_tendon
+from tdcr_fe.model.schema import Checked, FieldError, Quantity
+from tdcr_fe.model.tendon import by_tendon
 
 Array = NDArray[np.float64]
 

@@ -34,7 +34,8 @@ from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, with_displace
 from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, TDCRWarning
 from tdcr_fe.model.plausibility import plausibility
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.schema import FieldError, by_tendon
+from tdcr_fe.model.schema import FieldError
+from tdcr_fe.model.tendon import by_tendon
 
 
 @dataclass(frozen=True)

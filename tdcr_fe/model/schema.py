@@ -19,7 +19,6 @@ from numbers import Integral, Real
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.model.messages import allowed, join, meant, options, quoted, shown
 from tdcr_fe.model.units import PATTERN, has_unit, number_or_none, with_units
@@ -333,25 +332,6 @@ def _checked(title: str, keys: Keys, given: dict[str, Any]) -> dict[str, Any]:
         text = "\n".join(f"{title}.{m.key} = {shown(m.value)}: {m.allowed}" for m in found)
         raise (TypeError if any(m.wrong_type for m in found) else ValueError)(text)
     return values
-
-
-def by_tendon(
-    key: str, given: float | Mapping[str, float], names: Sequence[str], default: float | None = None
-) -> NDArray[np.float64]:
-    """Numbers of all tendons, from one for all or a table by name; those that it may leave out have a default.
-
-    Raises
-    ------
-    FieldError
-        The table names an unknown tendon, or not all that it must.
-    """
-    table = given if isinstance(given, Mapping) else dict.fromkeys(names, given)
-    wrong = [f"unknown tendon {name}" for name in table if name not in names]
-    if default is None:
-        wrong += [f"tendon {name} is missing" for name in names if name not in table]
-    if wrong:
-        raise FieldError(key, shown(given), f"{wrong[0]}; the robot has {', '.join(names)}")
-    return np.array([table.get(name, default) for name in names], dtype=float)
 
 
 def check_instance(

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from tdcr_fe.model.loading import LoadStep, Vector
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.schema import Checked, FieldError, Quantity, by_tendon
+from tdcr_fe.model.schema import Checked, FieldError, Quantity
+from tdcr_fe.model.tendon import by_tendon
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tdcr_fe.model.friction import FRICTION_COEFFICIENTS, FrictionCoefficient
+from tdcr_fe.model.messages import shown
 from tdcr_fe.model.routing import Routing
-from tdcr_fe.model.schema import Checked, Quantity
+from tdcr_fe.model.schema import Checked, FieldError, Quantity
 
 
 @dataclass(frozen=True)
@@ -90,3 +95,22 @@ class Tendon(Checked):
     tight_holes: tuple[TightHole, ...] = ()
     spool: Spool | None = None
     friction: Annotated[FrictionCoefficient | None, Quantity(variants=FRICTION_COEFFICIENTS)] = None
+
+
+def by_tendon(
+    key: str, given: float | Mapping[str, float], names: Sequence[str], default: float | None = None
+) -> NDArray[np.float64]:
+    """Numbers of all tendons, from one for all or a table by name; those that it may leave out have a default.
+
+    Raises
+    ------
+    FieldError
+        The table names an unknown tendon, or not all that it must.
+    """
+    table = given if isinstance(given, Mapping) else dict.fromkeys(names, given)
+    wrong = [f"unknown tendon {name}" for name in table if name not in names]
+    if default is None:
+        wrong += [f"tendon {name} is missing" for name in names if name not in table]
+    if wrong:
+        raise FieldError(key, shown(given), f"{wrong[0]}; the robot has {', '.join(names)}")
+    return np.array([table.get(name, default) for name in names], dtype=float)

@@ -6,18 +6,19 @@ import io
 import math
 import re
 from contextlib import AbstractContextManager
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from matplotlib import colormaps, rc_context
+from matplotlib import colormaps, rc_context, rc_params_from_file
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-#: Text and main lines; labels and secondary text; frames; grid lines.
-INK, SOFT, PALE, RULE = "#1f2933", "#56626f", "#b8c0c8", "#dfe3e7"
+#: Text and main lines; labels and secondary text; frames.
+INK, SOFT, PALE = "#1f2933", "#56626f", "#b8c0c8"
 BAD = "#c0392b"
 #: Distinguishable for colour-blind readers, too (Okabe and Ito, yellow replaced by a darker one).
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9")
@@ -30,34 +31,8 @@ HELD_OUT = "#ebe6da"
 #: Direction from which views in space are seen [deg].
 ELEVATION, AZIMUTH = 22.0, -55.0
 
-STYLE: Any = {
-    "font.family": "sans-serif",
-    "font.sans-serif": ["Helvetica", "Arial", "Liberation Sans", "DejaVu Sans"],
-    "font.size": 9.0,
-    "axes.titlesize": 9.5,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.labelcolor": SOFT,
-    "axes.edgecolor": PALE,
-    "axes.linewidth": 0.8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": RULE,
-    "grid.linewidth": 0.6,
-    "xtick.color": SOFT,
-    "ytick.color": SOFT,
-    "text.color": INK,
-    "lines.solid_capstyle": "round",
-    "legend.frameon": False,
-    "legend.fontsize": 8.5,
-    "figure.titlesize": 10.5,
-    "figure.titleweight": "bold",
-    "svg.fonttype": "path",
-    # The same figure drawn twice gives the same text.
-    "svg.hashsalt": "tdcr-fe",
-}
+#: Settings of matplotlib.
+STYLE = rc_params_from_file(str(files("tdcr_fe") / "data" / "figures.mplstyle"), use_default_template=False)
 
 
 def styled() -> AbstractContextManager[None]:
