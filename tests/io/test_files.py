@@ -102,6 +102,7 @@ ROBOT_MISTAKES = [
     # change, key, value, words of what is allowed
     ({"backbone.lenght": 1.0}, "backbone.lenght", "1.0", ["unknown key", "did you mean length?", "radius"]),
     ({"backbone.length": -0.25}, "backbone.length", "-0.25", ["positive"]),
+    ({"backbone.length": "250 N"}, "backbone.length", '"250 N"', ["at most 1000, or a number with its unit"]),
     ({"backbone.radius": REMOVED}, "backbone.radius", "", ["missing", "a positive number [m]"]),
     ({"backbone.radius": [1.0]}, "backbone.radius", "[1.0]", ["a positive number [m]"]),
     ({"backbone.radius": [[0.0, 1e-3], [0.2, 5e-4]]}, "backbone.radius", "", ["ascend from 0 to the length"]),
@@ -191,6 +192,8 @@ SCENARIO_MISTAKES = [
     ({"steps": []}, "steps", "[]", ["at least one"]),
     ({"steps.0.tension": {"t1": 1}}, "steps[0].tension", "{t1 = 1}", ["did you mean tensions?", "substeps"]),
     ({"steps.0.tensions": 1.5}, "steps[0].tensions", "1.5", ["by name, each a number [N], zero or more"]),
+    ({"steps.0.tensions.t1": "1.5 Nm"}, "steps[0].tensions.t1", '"1.5 Nm"', ["mN, kN, gf, kgf); Nm cannot be"]),
+    ({"effects": {"gravity": {"g_z": "9.81 m/s"}}}, "effects.gravity.g_z", '"9.81 m/s"', ["[m/s^2] from -12 to 12"]),
     ({"steps.0.tensions.t11": 1.5}, "steps[0].tensions.t11", "1.5", ["unknown", "mean t1?", "t2, t3"]),
     ({"steps.0.displacements.x y": 0.1}, 'steps[0].displacements."x y"', "0.1", ["unknown tendon", "t1, t2"]),
     ({"steps.0.displacements.t1": 0.1}, "steps[0].displacements.t1", "0.1", ["exactly one"]),

@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from inputs import ROBOT, SCENARIO, changed, write
 
-from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.toml import read_scenario
 from tdcr_fe.model.units import UnitError, number_of
 
@@ -82,28 +81,3 @@ def test_files_with_units_are_the_same_as_those_without(tmp_path):
     plain = read_scenario(write(tmp_path))
     given = read_scenario(write(tmp_path, changed(ROBOT, WITH_UNITS), changed(SCENARIO, STEPS_WITH_UNITS)))
     assert (given.robot, given.model, given.steps) == (plain.robot, plain.model, plain.steps)
-
-
-@pytest.mark.parametrize(
-    ("file", "key", "value", "words"),
-    [
-        (
-            "robot",
-            "backbone.length",
-            "250 N",
-            "a positive number [m], at most 1000, or a number with its unit",
-        ),
-        ("scenario", "steps.0.tensions.t1", "1.5 Nm", "(N, mN, kN, gf, kgf); Nm cannot be converted to N"),
-        ("scenario", "effects.gravity.g_z", "9.81 m/s", "must be a number [m/s^2] from -12 to 12, or"),
-    ],
-)
-def test_a_wrong_unit_is_named_with_file_key_value_and_units(tmp_path, file, key, value, words):
-    texts = {"robot": ROBOT, "scenario": changed(SCENARIO, {"effects": {"gravity": {}}})}
-    texts[file] = changed(texts[file], {key: value})
-    with pytest.raises(InputError) as caught:
-        read_scenario(write(tmp_path, **texts))
-    (problem,) = caught.value.problems
-    assert problem.file.endswith(f"{file}.toml")
-    assert problem.key.replace("[", ".").replace("]", "") == key
-    assert problem.value.strip('"') == value
-    assert words in problem.allowed
