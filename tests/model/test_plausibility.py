@@ -250,25 +250,9 @@ def test_a_side_spring_in_n_per_mm_is_remarked_on(at):
 # ------------------------------------------------------------------------------------------------- no false alarms
 
 
-def test_antagonists_that_are_let_out_give_no_warning():
-    """Of three tendons at 120 degrees, one takes up what the others are pulled in; of two, opposite ones the same."""
-    assert plausibility(WIRE, Model(), drawn(t1=-4e-3, t2=2e-3, t3=2e-3)).warnings == []
-    assert plausibility(wire((0.0, 180.0)), Model(), drawn(t1=4e-3, t2=-4e-3)).warnings == []
-    assert plausibility(WIRE, Model(gravity=(9.81, 0.0, 0.0)), drawn(t1=-1e-3)).warnings == []
-
-
 def test_a_thin_robot_may_hang_down():
     assert plausibility(WIRE.with_disks(mass=0.1), Model(gravity=(0.0, 0.0, 9.81)), PULL).warnings == []
     assert len(plausibility(WIRE.with_disks(mass=0.1), GRAVITY, PULL).warnings) == 1
-
-
-def test_a_soft_robot_gives_no_warning():
-    body = Backbone(0.12, 0.01, 0.2e6, 0.5, 1070.0)
-    robot = Robot(
-        body, tendons=(Tendon("t1", ParallelRouting(6e-3)), Tendon("t2", ParallelRouting(6e-3, 180.0)))
-    )
-    steps = [LoadStep(tensions={"t1": 2.0})]
-    assert plausibility(robot, Model.default_for(robot), steps).warnings == []
 
 
 def test_random_robots_give_no_warning():
@@ -365,16 +349,6 @@ def test_what_does_not_fit_together_gets_one_remark_and_no_warning(row):
     assert len(found) == 1 and found[0].startswith(begin) and words in found[0], found
 
 
-@pytest.mark.parametrize(
-    "angles", [(0.0,), (0.0, 180.0), (0.0, 90.0), (0.0, 120.0, 240.0), (0.0, 90.0, 180.0, 270.0)]
-)
-def test_a_common_robot_gets_no_remark(angles):
-    described = wire(angles)
-    for steps in (RISE, [LoadStep(displacements={"t1": 1e-3}), LoadStep(displacements={"t1": 3e-3})]):
-        assert plausibility(described, HELD, steps).warnings == []
-        assert plausibility(described, HELD, steps).remarks == []
-
-
 CATHETER = Backbone(0.1, 2.3e-3, 50e6, 0.45, 1050.0)
 CHANNELS = tuple(
     Tendon(f"t{k}", ParallelRouting(1.9e-3, 90.0 * k), friction_coefficient=0.1) for k in range(1, 5)
@@ -393,7 +367,17 @@ RIGHT = {
         WIRE.with_tendons(["t1"], end=0.1), HELD,
         [*RISE, LoadStep(loads={"tip1": Load(0.1, (0.0, 0.2, 0.0)), "multiple": Load(0.1)})]),
     "nylon pulled by tensions": (WIRE.with_tendons(axial_stiffness=80.0), HELD, RISE),
+    "a soft robot": (
+        Robot(Backbone(0.12, 0.01, 0.2e6, 0.5, 1070.0), tendons=(Tendon("t1", ParallelRouting(6e-3)),)),
+        Model("continuous", "none"), pulled(2.0)),
+    # Of three tendons at 120 degrees, one takes up what the others are pulled in; of two, opposite ones the same.
+    "antagonists of three": (WIRE, HELD, drawn(t1=-4e-3, t2=2e-3, t3=2e-3)),
+    "antagonists of two": (wire((0.0, 180.0)), HELD, drawn(t1=4e-3, t2=-4e-3)),
+    "let out under a weight": (WIRE, Model(gravity=(9.81, 0.0, 0.0)), drawn(t1=-1e-3)),
 }  # fmt: skip
+for at in ((0.0,), (0.0, 180.0), (0.0, 90.0), (0.0, 120.0, 240.0), (0.0, 90.0, 180.0, 270.0)):
+    RIGHT[f"tendons at {at}, pulled"] = (wire(at), HELD, RISE)
+    RIGHT[f"tendons at {at}, moved"] = (wire(at), HELD, drawn(t1=3e-3))
 
 
 @pytest.mark.parametrize("case", RIGHT)
