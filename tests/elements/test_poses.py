@@ -32,19 +32,6 @@ def test_euler_parameters_are_scipys_quaternions(w):
     assert poses.rotation_of_euler_parameters(e) == pytest.approx(r.as_matrix(), abs=1e-14)
 
 
-@settings(max_examples=40)
-@given(VECTOR, VECTOR)
-def test_rate_of_euler_parameters_against_differences(a, w):
-    h = 1e-6
-    r = Rotation.from_rotvec(a)
-    e = [
-        poses.euler_parameters_of_rotation((r * Rotation.from_rotvec(x * h * w)).as_matrix())
-        for x in (-1, 0, 1)
-    ]
-    e = [x if x @ e[1] > 0 else -x for x in e]
-    assert poses.euler_rate_matrix(e[1]) @ w == pytest.approx((e[2] - e[0]) / (2 * h), abs=1e-9)
-
-
 @settings(max_examples=60)
 @given(TWIST, st.sampled_from([1.0, 1e-2, 1e-4, 1e-9]))
 def test_exponential_is_the_matrix_exponential(xi, scale):

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, single, solve
+from robots import BACKBONE, DISKS, LENGTH, distance, paper, single, solve
 
 from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.model.loading import Load, LoadStep
@@ -46,13 +46,6 @@ def test_tip_converges_with_order_two_or_better_in_the_mesh(robot):
     assert distance(tips[0], tips[-1]) < 1e-5
 
 
-def test_classical_model_converges_with_order_two_in_the_mesh():
-    """A tip force bends the backbone unevenly, out of the plane of the tendon."""
-    steps = [LoadStep("", {"t1": 1.0}, loads={"tip": Load(LENGTH, (0.0, 0.05, 0.0))})]
-    _, orders = refined(paper(), steps, (1, 2, 4, 8), friction="none", tendon_path="continuous")
-    assert orders == pytest.approx([2.0, 2.0], abs=0.15)
-
-
 @pytest.mark.integration
 @pytest.mark.parametrize("friction", ["none", "per-tendon", "per-hole"])
 def test_the_energy_balance_closes_with_order_two_in_the_substeps(friction):
@@ -75,12 +68,3 @@ def test_the_energy_balance_closes_with_order_two_in_the_substeps(friction):
     else:
         assert found.work > 5e-4
         assert gaps[-1] < 0.1 * gaps[0]
-
-
-def test_dissipation_of_a_pull_without_reversal():
-    """Sliding in one direction: the dissipation is (T_k - T_k+1) times the slip, summed over holes."""
-    robot = paper(0.3)
-    found = ledger(solve(robot, divided(robot, pull(2.0), 64)))
-    assert found.gap < 1e-4
-    # The farther from the base, the less material passes and the less tension is left.
-    assert np.all(np.diff(found.dissipated) < 0.0)
