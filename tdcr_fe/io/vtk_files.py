@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.io.atomic import write_folder
+from tdcr_fe.report.environment import environment
 from tdcr_fe.report.motion import Motion
 from tdcr_fe.report.viewer_data import hole_codes
 
@@ -28,16 +29,13 @@ CORNERS = 24
 _TYPES = {"f": "Float32", "i": "Int32", "u": "UInt8"}
 
 
-def _array(name: str, values: NDArray[np.generic], indent: str) -> str:
+def _array(name: str, values: NDArray[np.generic]) -> str:
     """One array as XML: base64 with its number of bytes in front."""
     kind = values.dtype.kind
-    stored = np.ascontiguousarray(values, dtype={"f": "<f4", "i": "<i4", "u": "u1"}[kind])
-    raw = stored.tobytes()
+    raw = np.ascontiguousarray(values, dtype={"f": "<f4", "i": "<i4", "u": "u1"}[kind]).tobytes()
     columns = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
     text = base64.b64encode(np.array([len(raw)], dtype="<u4").tobytes() + raw).decode()
-    return (
-        f'{indent}<DataArray type="{_TYPES[kind]}" Name="{name}"{columns} format="binary">{text}</DataArray>'
-    )
+    return f'<DataArray type="{_TYPES[kind]}" Name="{name}"{columns} format="binary">{text}</DataArray>'
 
 
 class _Cell(NamedTuple):
@@ -97,21 +95,13 @@ def vtk_text(motion: Motion, step: int, codes: Sequence[NDArray[np.uint8]]) -> s
 def _document(cells: Sequence[_Cell], of_points: Mapping[str, Array]) -> str:
     """The text of a file from its cells, by kind, and the arrays of its points."""
     points = np.concatenate([cell.points for cell in cells])
-    numbers = {kind: sum(cell.kind == kind for cell in cells) for kind in KINDS}
-    counts = " ".join(f'NumberOf{kind}="{number}"' for kind, number in numbers.items())
-    text = [
-        '<?xml version="1.0"?>',
-        '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt32">',
-        "  <PolyData>",
-        f'    <Piece NumberOfPoints="{len(points)}" {counts} NumberOfStrips="0">',
-        *_section("Points", {"Points": points}),
-    ]
-    first = 0
+    sections: list[tuple[str, str, Mapping[str, NDArray[np.generic]]]] = [("Points", "", {"Points": points})]
+    numbers, first = {}, 0
     for kind in KINDS:
         ends = np.cumsum([len(cell.points) for cell in cells if cell.kind == kind], dtype=np.int32)
-        count = int(ends[-1]) if len(ends) else 0
+        numbers[kind], count = len(ends), int(ends[-1]) if len(ends) else 0
         connections = first + np.arange(count, dtype=np.int32)
-        text += _section(kind, {"connectivity": connections, "offsets": ends})
+        sections.append((kind, "", {"connectivity": connections, "offsets": ends}))
         first += count
     of_cells: dict[str, NDArray[np.generic]] = {
         "part": np.array([PARTS.index(cell.part) for cell in cells], dtype=np.int32),
@@ -119,15 +109,9 @@ def _document(cells: Sequence[_Cell], of_points: Mapping[str, Array]) -> str:
         "tension": np.array([cell.tension for cell in cells]),
         "hole_state": np.array([cell.state for cell in cells], dtype=np.uint8),
     }
-    text += _section("PointData", of_points, ' Vectors="force"')
-    text += _section("CellData", of_cells, ' Scalars="tension"')
-    return "\n".join([*text, "    </Piece>", "  </PolyData>", "</VTKFile>", ""])
-
-
-def _section(name: str, arrays: Mapping[str, NDArray[np.generic]], attributes: str = "") -> list[str]:
-    """An element with arrays, line by line."""
-    rows = [_array(key, values, "        ") for key, values in arrays.items()]
-    return [f"      <{name}{attributes}>", *rows, f"      </{name}>"]
+    sections += [("PointData", ' Vectors="force"', of_points), ("CellData", ' Scalars="tension"', of_cells)]
+    template = environment().get_template("robot.vtp.j2")
+    return template.render(points=len(points), numbers=numbers, sections=sections, array=_array) + "\n"
 
 
 def write_vtk(motion: Motion, folder: str | Path) -> list[Path]:
@@ -142,12 +126,8 @@ def write_vtk(motion: Motion, folder: str | Path) -> list[Path]:
     """
     width = max(4, len(str(max(motion.steps))))
     names = [f"robot_{n:0{width}d}.vtp" for n in motion.steps]
-    rows = [
-        f'    <DataSet timestep="{n}" file="{name}"/>' for n, name in zip(motion.steps, names, strict=True)
-    ]
-    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="1.0" byte_order="LittleEndian">\n  <Collection>'
-    listing = "\n".join([head, *rows, "  </Collection>", "</VTKFile>", ""])
-
+    listed = zip(motion.steps, names, strict=True)
+    listing = environment().get_template("robot.pvd.j2").render(files=listed) + "\n"
     codes = hole_codes(motion)
 
     def write(place: Path) -> None:
