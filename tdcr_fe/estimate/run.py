@@ -6,7 +6,7 @@ import math
 import os
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -140,24 +140,25 @@ def _read_priors(path: Path) -> tuple[LoadPrior, InputPrior]:
     return top["load"], top["inputs"]
 
 
+#: Keys of the priors, by those of the load steps in which they are judged.
+_JUDGED = {
+    r"steps\[0\]\.loads\.expected\.force": "load.sigma",
+    r"steps\[0\]\.loads\.expected\.moment": "load.sigma_moment",
+    r"steps\[0\]\.(?!loads)[.\w]+": "inputs.sigma",
+}
+
+
 def _implausible_priors(estimation: Estimation) -> list[str]:
     """Standard deviations of load and inputs that are beyond what the robot can carry, as sentences."""
-    data, sigma = estimation.data, estimation.load.sigma
-    names = data.robot.tendon_names
+    data, prior, names = estimation.data, estimation.load, estimation.data.robot.tendon_names
     errors = dict(zip(names, estimation.inputs.sigmas(names), strict=True))
-    drives: dict[str, Any] = {
-        drive.inputs: {n: errors[n] for n in given} for drive, given in data.steps[0].inputs() if given
-    }
-    moment = (estimation.load.sigma_moment, 0.0, 0.0)
-    loads = {"expected": Load(data.robot.backbone.length, (sigma, 0.0, 0.0), moment)}
+    drives: dict[str, Any] = {d.inputs: {n: errors[n] for n in given} for d, given in data.steps[0].inputs()}
+    load = Load(data.robot.backbone.length, (prior.sigma, 0.0, 0.0), (prior.sigma_moment, 0.0, 0.0))
     found = [text] if (text := large_sigma(data, errors.values(), "estimate.toml")) else []
-    for step, own, key in (
-        (LoadStep(loads=loads), "load.sigma", r"steps\[0\]\.loads\.expected\.force"),
-        (LoadStep(loads=loads), "load.sigma_moment", r"steps\[0\]\.loads\.expected\.moment"),
-        (replace(LoadStep(), **drives), "inputs.sigma", rf"steps\[0\]\.(?:{'|'.join(drives)})[.\w]*"),
-    ):
-        texts = plausibility(data.robot, data.model, [step]).warnings
-        found += [re.sub(key, f"estimate.toml: {own}", text) for text in texts if re.match(key, text)]
+    for step in (LoadStep(loads={"expected": load}), LoadStep(**drives)):
+        texts = plausibility(data.robot, data.model, [step]).warnings  # also of the robot
+        for key, own in _JUDGED.items():
+            found += [re.sub(key, f"estimate.toml: {own}", text) for text in texts if re.match(key, text)]
     return found
 
 
