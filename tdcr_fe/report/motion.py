@@ -6,7 +6,7 @@ drawn without the input files.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,6 +30,7 @@ POINTS_PER_BAY = 6
 SAME_NODE = 1e-7
 #: Points of a backbone drawn as a line, and of the rim of a disk.
 CURVE_POINTS, RIM_POINTS = 120, 25
+_ARRAYS_BY_STEP = ("positions", "rotations", "base_tensions", "displacements", "driven_by_displacement")
 #: Radius of the base plate as it is drawn, over that of a disk [1].
 PLATE = 1.6
 
@@ -162,6 +163,14 @@ class Motion:
         s = np.linspace(self.s[0], self.s[-1], CURVE_POINTS)
         return interpolate_positions(self.s, self.positions[step], self.matrices(step), s)
 
+    def inputs(self) -> Iterator[tuple[str, Array, str]]:
+        """What drives each tendon: its name, displacements [mm] or tensions [N] by step, and a label for an axis."""
+        for j, tendon in enumerate(self.tendons):
+            kind, unit, values = "tension", "N", self.base_tensions[:, j]
+            if self.driven_by_displacement[:, j].any():
+                kind, unit, values = "displacement", "mm", 1e3 * self.displacements[:, j]
+            yield tendon.name, values, f"{kind} of {tendon.name} at the base [{unit}]"
+
     def label(self, step: int) -> str:
         """Label of a step (from 0); empty where it is only the number."""
         number, label = self.steps[step], self.labels[step]
@@ -179,24 +188,16 @@ class Motion:
 
     def at_steps(self, kept: Sequence[int]) -> Motion:
         """The motion with some of its steps (from 0) alone."""
-        markers = self.markers
-        return replace(
-            self,
-            steps=tuple(self.steps[k] for k in kept),
-            labels=tuple(self.labels[k] for k in kept),
-            positions=self.positions[kept],
-            rotations=self.rotations[kept],
-            tensions=tuple(t[kept] for t in self.tensions),
-            hole_states=tuple(tuple(states[k] for k in kept) for states in self.hole_states),
-            base_tensions=self.base_tensions[kept],
-            displacements=self.displacements[kept],
-            driven_by_displacement=self.driven_by_displacement[kept],
-            loads=tuple(self.loads[k] for k in kept),
-            markers=None
-            if markers is None
-            else replace(markers, measured=markers.measured[kept], declared=markers.declared[kept]),
-            ellipsoids=tuple(self.ellipsoids[k] for k in kept) if self.ellipsoids else (),
-        )
+        found: dict[str, Any] = {name: getattr(self, name)[kept] for name in _ARRAYS_BY_STEP}
+        for name in ("steps", "labels", "loads", "ellipsoids"):
+            values = getattr(self, name)
+            found[name] = tuple(values[k] for k in kept) if values else ()
+        found["tensions"] = tuple(t[kept] for t in self.tensions)
+        found["hole_states"] = tuple(tuple(states[k] for k in kept) for states in self.hole_states)
+        if self.markers is not None:
+            measured, declared = self.markers.measured[kept], self.markers.declared[kept]
+            found["markers"] = replace(self.markers, measured=measured, declared=declared)
+        return replace(self, **found)
 
     def matrices(self, step: int) -> Array:
         """World rotations of all sections in a step (from 0), shape (n, 3, 3)."""

@@ -295,18 +295,6 @@ def _mark_holes(axes: Axes, holes: Array, tensions: Array, states: NDArray[np.st
 # ------------------------------------------------------------------------------------------------ hysteresis
 
 
-def _driven(motion: Motion) -> list[tuple[str, Array, str]]:
-    """Tendons whose input rises and falls, a displacement [mm] or a tension [N]: name, values, label."""
-    driven = []
-    for j, tendon in enumerate(motion.tendons):
-        kind, unit, values = "tension", "N", motion.base_tensions[:, j]
-        if motion.driven_by_displacement[:, j].any():
-            kind, unit, values = "displacement", "mm", motion.displacements[:, j] * _MM
-        if _returns(values):
-            driven.append((tendon.name, values, f"{kind} of {tendon.name} at the base [{unit}]"))
-    return driven
-
-
 def _returns(values: Array) -> bool:
     """Whether values rise and fall by more than a thousandth of their range."""
     from_zero = np.concatenate(([0.0], values))
@@ -328,7 +316,7 @@ def hysteresis(result: SequenceResult) -> Figure | None:
         None where no input rises and falls.
     """
     motion = motion_of(result)
-    driven = _driven(motion)
+    driven = [of_tendon for of_tendon in motion.inputs() if _returns(of_tendon[1])]
     if not driven:
         return None
     angle = np.degrees(motion.bending_angles)

@@ -82,16 +82,11 @@ class _Drawing:
     def _response(self) -> tuple[Array, str]:
         """The input that changes most and the bending angle in degrees, shape (steps, 2); the input's label."""
         m, angle = self.motion, np.degrees(self.motion.bending_angles)
-        x, label = np.array(m.steps, dtype=float), "load step"
-        best = 0.0
-        for j, tendon in enumerate(m.tendons):
-            driven = bool(m.driven_by_displacement[:, j].any())
-            values = _MM * m.displacements[:, j] if driven else m.base_tensions[:, j]
-            change = float(np.ptp(values)) / (_MM * m.length if driven else self.largest)
-            if change > best:
-                best, x = change, values
-                kind, unit = ("displacement", "mm") if driven else ("tension", "N")
-                label = f"{kind} of {tendon.name} [{unit}]"
+        x, label, most = np.array(m.steps, dtype=float), "load step", 0.0
+        for (_, values, text), by_displacement in zip(m.inputs(), m.driven_by_displacement.T, strict=True):
+            change = float(np.ptp(values)) / (_MM * m.length if by_displacement.any() else self.largest)
+            if change > most:
+                most, x, label = change, values, text
         return np.column_stack((x, angle)), label
 
     def _plot_response(self, axes: Axes, label: str) -> Any:
