@@ -33,7 +33,7 @@ BUDGET = {
     "tdcr_fe/identify": 6733,
     "tdcr_fe/io": 1840,
     "tdcr_fe/live": 350,
-    "tdcr_fe/model": 2572,
+    "tdcr_fe/model": 2565,
     "tdcr_fe/report": 1162,
     "tdcr_fe/scene": 1443,
     "tdcr_fe/solve": 6838,

@@ -57,7 +57,7 @@ class Reading:
 
     @property
     def channel(self) -> Channel:
-        """Unit, display and prediction of the quantity."""
+        """Unit and prediction of the quantity."""
         return channel(self.quantity)
 
     @property

@@ -1,7 +1,7 @@
 """Measured channels: every quantity that a data set may contain, each an object in the list `CHANNELS`.
 
-Adding a channel takes one object in that list: its name, unit and kind of location, what is plausible, how it is
-displayed, and how it is predicted from a solved step. Reading, prediction, fitting, reports and the maker of blind data
+Adding a channel takes one object in that list: its name, unit and kind of location, what is plausible, and how it is
+predicted from a solved step. Reading, prediction, fitting, reports and the maker of blind data
 all go through the list.
 """
 
@@ -52,8 +52,6 @@ class Channel:
     limits, largest_sigma, resolution : callable
         From the backbone's length [m] to the lowest and highest plausible value, the largest plausible sigma, and the
         smallest sigma that may be estimated from scatter.
-    display_unit, display_factor : str, float
-        Unit in reports and pictures, and the factor from `unit` to it.
     at_rest : callable
         Value of the straight, unloaded robot, from the location.
     family : str
@@ -68,13 +66,10 @@ class Channel:
     limits: Callable[[float], tuple[float, float]]
     largest_sigma: Callable[[float], float]
     resolution: Callable[[float], float]
-    display_unit: str = ""
-    display_factor: float = 1.0
     family: str = ""
     at_rest: Callable[[Location], float] = lambda location: 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "display_unit", self.display_unit or self.unit)
         object.__setattr__(self, "family", self.family or self.quantity)
 
     def derivatives(self, step: ObservedStep, change: ObservedChange, locations: Sequence[Location]) -> Array:
@@ -143,16 +138,12 @@ _METRES: dict[str, Any] = {
     "limits": lambda length: (-LARGEST_POSITION * length, LARGEST_POSITION * length),
     "largest_sigma": lambda length: 0.5 * length,
     "resolution": lambda length: 2e-5 * length,
-    "display_unit": "mm",
-    "display_factor": 1e3,
 }
 _RADIANS: dict[str, Any] = {
     "unit": "rad",
     "limits": lambda length: (-0.2, math.pi + 0.2),
     "largest_sigma": lambda length: 1.6,
     "resolution": lambda length: 2e-5,
-    "display_unit": "deg",
-    "display_factor": math.degrees(1.0),
 }
 _PER_METRE: dict[str, Any] = {
     "unit": "1/m",
