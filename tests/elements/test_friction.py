@@ -77,9 +77,6 @@ def test_bounds_hold_and_no_hole_creates_energy_whatever_is_done(compliance, bas
         state = x.commit(field)
 
 
-# ---------------------------------------------------------------- derivatives
-
-
 # ------------------------------------------------------------ friction coefficients
 
 

@@ -7,7 +7,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from native_solvers import dynamic_settings, recommended, static_settings
-from robots import BACKBONE, LENGTH, SEVEN, Robot, paper, scene, seven, solve_scene, tendon, three
+from robots import BACKBONE, LENGTH, Robot, paper, scene, seven, solve_scene, tendon, three
 from scipy.optimize import curve_fit
 
 from tdcr_fe.elements.poses import euler_rate_matrix
@@ -138,9 +138,6 @@ def wrenches(mbs, handle, velocity):
     return np.array(found).reshape(-1, 6)
 
 
-# ---------------------------------------------------------------- statics
-
-
 # ------------------------------------------------------------ energy sensor
 
 
@@ -171,21 +168,6 @@ def measured(robot, frame="world", **rest):
 
 
 # ---------------------------------------------------------------- what is stored
-
-
-def test_elastic_and_gravitational_energy_are_those_of_closed_forms():
-    """A moment ``M`` at the tip stores ``M^2 L / (2 EI)``; a straight robot weighs on the middle and on its disks."""
-    m, g = 3e-3, 9.81
-    _keep, mbs, _, load, sensor = measured(seven(0.0), gravity=(0.0, 0.0, -g))
-    disks = sum(SEVEN.mass * s for s in SEVEN.positions)
-    height = BACKBONE.mass_per_length * LENGTH**2 / 2.0 + disks
-    assert present(mbs, sensor)["gravity"] == pytest.approx(g * height, rel=1e-12)
-    assert present(mbs, sensor)["elastic"] == pytest.approx(0.0, abs=1e-18)
-    _keep, mbs, _, load, sensor = measured(seven(0.0))
-    load.set([0.0, 0.0, 0.0], [0.0, m, 0.0])
-    SolveTDCR(mbs)
-    assert present(mbs, sensor)["elastic"] == pytest.approx(m**2 * LENGTH / (2.0 * BACKBONE.EI), rel=1e-9)
-    assert present(mbs, sensor)["kinetic"] == 0.0
 
 
 CURVED = np.array([[0.0, 1.0, 2.0], [0.0, 0.0, -1.0]])

@@ -94,9 +94,6 @@ def test_both_ways_of_driving_mixed_and_switched():
     assert distance(d.tip, np.array([0.0, 0.0, LENGTH])) < 1e-5
 
 
-# ---------------------------------------------------------------- what a sequence refuses
-
-
 # ------------------------------------------------------------ pretension
 
 
