@@ -43,21 +43,6 @@ class SlipData(NamedTuple):
     by_load: Array  # (k + c + r,): Those by the load factor at fixed tensions [m, rad]
 
 
-class LinePoint(NamedTuple):
-    """Values on the straight line between the tensions of two states, at one load factor."""
-
-    tension: Array  # (q,): Of the segments, on the line [N]
-    values: Array  # (k + c + r,): As in `SlipData` [m, rad]
-    by_tension: Array  # (k + c + r, q): Their derivatives by the tensions [m/N, rad/N]
-    # (k + c + r,): Their derivatives by the load factor where the tensions stay as they are, on the line [m,
-    # rad]
-    fixed_rates: Array
-    # (k + c + r, q): Derivatives of these by tensions off the line, times the length of the interval [m/N,
-    # rad/N]
-    rate_by_tension: Array
-    length: float  # Of the interval between both states [1]
-
-
 class Intervals(NamedTuple):
     """Values between solved states as polynomials of the load factor, in each of the ``s`` intervals between them."""
 
@@ -142,8 +127,24 @@ def _interval(first: SlipData, last: SlipData) -> tuple[float | Array, ...]:
 
 
 @compilable
-def point_on_line(intervals: Intervals, factor: float) -> LinePoint:
-    """Tensions on the straight line at a load factor, the values there, their rates and derivatives."""
+def point_on_line(intervals: Intervals, factor: float) -> tuple[Array, Array, Array, Array, Array, float]:
+    """Tensions on the straight line between those of two states at a load factor, and the values there.
+
+    Returns
+    -------
+    tension : ndarray, shape (q,)
+        Of the segments, on the line [N].
+    values : ndarray, shape (k + c + r,)
+        As in `SlipData` [m, rad].
+    by_tension : ndarray, shape (k + c + r, q)
+        Their derivatives by the tensions [m/N, rad/N].
+    fixed_rates : ndarray, shape (k + c + r,)
+        Their derivatives by the load factor where the tensions stay as they are, on the line [m, rad].
+    change : ndarray, shape (k + c + r, q)
+        Derivatives of these by tensions off the line, times the length of the interval [m/N, rad/N].
+    length : float
+        Of the interval between both states [1].
+    """
     i, last = 0, len(intervals.start) - 1
     while i < last and intervals.start[i + 1] <= factor:
         i += 1
@@ -157,7 +158,7 @@ def point_on_line(intervals: Intervals, factor: float) -> LinePoint:
     by_tension += intervals.by_tension[i]
     line = intervals.tension[i] + moved * intervals.tension_rate[i]
     rates = polynomials[1] / length - intervals.along[i] - weight * intervals.along_change[i]
-    return LinePoint(line, polynomials[0], by_tension, rates, change, length)
+    return line, polynomials[0], by_tension, rates, change, length
 
 
 class InterpolatedSlips(NamedTuple):
@@ -225,19 +226,20 @@ def slips_at(slips: InterpolatedSlips, factor: float, z: Array, tension: Array) 
     tension
         Of the segments, about [N], shape (q,).
     """
-    n, line = len(z), point_on_line(slips.intervals, factor)
-    by_tension, turning = line.by_tension[:n], line.by_tension[n:]
+    n = len(z)
+    line, values, by_every, fixed_rates, change, length = point_on_line(slips.intervals, factor)
+    by_tension, turning = by_every[:n], by_every[n:]
     for _ in range(MOST_CORRECTIONS):
-        angles = np.maximum(line.values[n:] + turning.dot(tension - line.tension), 0.0)
+        angles = np.maximum(values[n:] + turning.dot(tension - line), 0.0)
         passed = tensions_at(slips.transfer, factor, z, angles)
         factors = factorised(slips.identity - passed.by_angle.dot(turning))
         excess = passed.tension - tension
         tension = tension + solved(factors, excess)
         if largest_magnitude(excess) <= NEAR_TENSION * largest(tension):
             break
-    off = tension - line.tension
-    rate = line.fixed_rates + line.rate_by_tension.dot(off) / line.length
-    slip = line.values[:n] + by_tension.dot(off)
+    off = tension - line
+    rate = fixed_rates + change.dot(off) / length
+    slip = values[:n] + by_tension.dot(off)
     tension_by_load = solved(factors, passed.by_angle.dot(rate[n:]) + passed.by_load)
     derivatives = SlipDerivatives(
         rate[:n] + by_tension.dot(tension_by_load),

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.solve.equations.configuration import SolverState
-from tdcr_fe.solve.friction_path.known_states import Span, twist_change, twists
-from tdcr_fe.solve.friction_path.response import Equilibrium
+from tdcr_fe.solve.friction_path.response import Equilibrium, Span, twist_change, twists
 from tdcr_fe.solve.load_steps.load_path import SolvedPath, StepFailed
 from tdcr_fe.solve.load_steps.loop import Instead, Judge, Proposal, Trial, take_substeps
 from tdcr_fe.solve.load_steps.solve_with_reversals import (

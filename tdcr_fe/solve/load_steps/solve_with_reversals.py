@@ -13,8 +13,7 @@ from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization, input_changes
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.friction_path.known_states import KnownStates, Span
-from tdcr_fe.solve.friction_path.response import Equilibrium, near_enough
+from tdcr_fe.solve.friction_path.response import Equilibrium, KnownStates, Span, near_enough
 from tdcr_fe.solve.friction_path.reversals import Reversals, SlipHistory, find_reversals
 from tdcr_fe.solve.load_steps.load_path import LocatedReversals
 from tdcr_fe.solve.load_steps.loop import Trial

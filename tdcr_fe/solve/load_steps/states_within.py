@@ -11,15 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.solve.equations.configuration import SolverState
-from tdcr_fe.solve.friction_path.known_states import (
+from tdcr_fe.solve.friction_path.path import FrictionPath, PathReversal
+from tdcr_fe.solve.friction_path.response import (
+    Equilibrium,
     InterpolationPoint,
     KnownStates,
     Span,
+    TautTendons,
     interpolated,
     with_path_unknowns,
 )
-from tdcr_fe.solve.friction_path.path import FrictionPath, PathReversal
-from tdcr_fe.solve.friction_path.response import Equilibrium, TautTendons
 from tdcr_fe.solve.friction_path.reversals import Reversals
 from tdcr_fe.solve.load_steps.load_path import SolvedSubstep, StepFailed
 from tdcr_fe.solve.load_steps.substep import SubstepSolver

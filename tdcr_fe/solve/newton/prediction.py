@@ -97,13 +97,12 @@ def _length_of(last: SolvedStep, loading: Array) -> float | None:
 
 def _all_keep_slipping(state: SolverState, slips: Array, numbering: Numbering) -> bool:
     """Whether all holes of tendons under tension slip, and continue in the same direction."""
-    mobilised = numbering.at_frictional_holes(state.mobilisation)
-    if all_keep_slipping(mobilised, slips):
-        return True
     tension = [
-        t[:, None] + np.zeros(s.shape) for t, s in zip(state.base_tension, state.mobilisation, strict=True)
+        np.broadcast_to(t[:, None], s.shape)
+        for t, s in zip(state.base_tension, state.mobilisation, strict=True)
     ]
     tense = numbering.at_frictional_holes(tension) > 0.0
+    mobilised = numbering.at_frictional_holes(state.mobilisation)
     return not tense.any() or all_keep_slipping(mobilised[tense], slips[tense])
 
 
