@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -272,6 +273,7 @@ class TendonLaw:
         elapsed = time - state.time
         at_holes = self.at_holes(mobilisation)
         half = 0.5 * angles
+        laws = partial(evaluate_laws, self._laws, self.coefficients, self._holes)
         # Derivatives of the slip rates at the holes by the released lengths of the segments [1/s].
         rate_by_released = (self.hole_incidence @ self.slip_operator) * (
             1.0 / elapsed if elapsed > 0.0 else 0.0
@@ -281,9 +283,7 @@ class TendonLaw:
             tension, slopes = capstan(base_tension, angles, at_holes, coefficient, self._adhesion)
             released, _, released_d_tension = self._released(tension, lengths)
             rate = self.at_holes(self._slip_rate(self.slips(released), state, elapsed))
-            law = evaluate_laws(
-                self._laws, self.coefficients, self._holes, normal_forces(tension, angles), rate
-            )
+            law = laws(normal_forces(tension, angles), rate)
             by_tension = (law.by_rate[:, :, None] * rate_by_released) * released_d_tension[:, None, :]
             by_pull = law.by_normal * np.sin(half)
             hole = np.arange(half.shape[1])
@@ -293,13 +293,8 @@ class TendonLaw:
             by_coefficient = at_hole.chain()[:, :, 1:] * at_hole.by_coefficient[:, None, :]
             return Linearisation(tension, slopes, law, by_tension, by_coefficient)
 
-        start = evaluate_laws(
-            self._laws,
-            self.coefficients,
-            self._holes,
-            2.0 * base_tension[:, None] * np.sin(half),
-            self.at_holes(self._slip_rate(state.slip, state, 0.0)),
-        )
+        at_rest = self.at_holes(self._slip_rate(state.slip, state, 0.0))
+        start = laws(2.0 * base_tension[:, None] * np.sin(half), at_rest)
         _, solved = solve_coefficients(linearise, start.value)
         tension = solved.tension
         released, d_length, d_tension = self._released(tension, lengths)

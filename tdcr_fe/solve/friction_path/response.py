@@ -41,10 +41,6 @@ class LoadResponse(NamedTuple):
     lengths: Array  # (q,): [m]
     angles: Array  # (r,): [rad]
 
-    def times(self, factor: float) -> LoadResponse:
-        """The response to a change that is larger by a factor."""
-        return LoadResponse(*(factor * x for x in self))
-
 
 class TensionResponse(NamedTuple):
     """Derivatives by the tensions of q segments; with r turning angles, padded ones included. All others are slack."""
@@ -183,10 +179,10 @@ class Equilibrium(NamedTuple):
         response = TensionResponse.of(self.linearization, self.forces, tendons)
         return self._replace(response=response)
 
-    def load_response(self, system: SceneSystem, other: Target) -> LoadResponse:
-        """Response to the change to another target's loads, which are in the scene, at fixed tensions."""
+    def load_response(self, system: SceneSystem, other: Target, factor: float) -> LoadResponse:
+        """Response to a multiple of the change to another target's loads, which are in the scene, at fixed tensions."""
         assert self.response is not None
-        unbalanced = system.unbalanced(self.state, other, self.forces, self.numbering)
+        unbalanced = factor * system.unbalanced(self.state, other, self.forces, self.numbering)
         return self.response.to_load(self.linearization, self.forces, unbalanced)
 
 

@@ -16,6 +16,7 @@ from tdcr_fe.solve.friction_path.response import (
     Equilibrium,
     InterpolationPoint,
     KnownStates,
+    LoadResponse,
     Span,
     TautTendons,
     interpolated,
@@ -49,17 +50,14 @@ def known_states(
     taut = TautTendons.of([state for _, state in states])
     ramp, system = solver.ramp, solver.system
     ready = [(x, point.with_response(taut.numbers)) for x, point in states]
-    if not ramp.changes_beyond_inputs:
-        return KnownStates(span, taut, tuple([InterpolationPoint(x, point) for x, point in ready]))
-    # What is left of the change of the loads, seen from every state; from the last one, back to the start.
-    points, closing = [], ramp.apply(system, span.end)
-    for x, point in ready[:-1]:
-        points.append(
-            InterpolationPoint(x, point, point.load_response(system, closing).times(1.0 / (1.0 - x)))
-        )
-    end, opening = ready[-1][1], ramp.apply(system, span.start)
-    last = InterpolationPoint(1.0, end, end.load_response(system, opening).times(-1.0))
-    return KnownStates(span, taut, (*points, last))
+    loads: list[LoadResponse | None] = [None] * len(ready)
+    if ramp.changes_beyond_inputs:
+        # What is left of the change of the loads, seen from every state; from the last one, back to the start.
+        closing = ramp.apply(system, span.end)
+        loads = [point.load_response(system, closing, 1.0 / (1.0 - x)) for x, point in ready[:-1]]
+        loads.append(ready[-1][1].load_response(system, ramp.apply(system, span.start), -1.0))
+    points = [InterpolationPoint(x, point, load) for (x, point), load in zip(ready, loads, strict=True)]
+    return KnownStates(span, taut, tuple(points))
 
 
 def solve_within(
