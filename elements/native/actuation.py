@@ -25,8 +25,7 @@ from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_for
 from tdcr_fe.elements.native.history import HistoryNodes, RobotHistory
 from tdcr_fe.elements.native.items import Clamp, Connectors, SystemReference, show_shifts
 from tdcr_fe.elements.native.iterated import IteratedBackbone
-from tdcr_fe.elements.native.motors import Motor, wound
-from tdcr_fe.elements.native.scene_forces import Holes, SceneForces
+from tdcr_fe.elements.native.scene_forces import Holes, Motor, SceneForces, wound
 
 Array = NDArray[np.float64]
 

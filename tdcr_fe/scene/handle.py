@@ -12,7 +12,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from tdcr_fe.elements.native.hooks import SceneHooks, round_off
-from tdcr_fe.elements.native.motors import Motor
+from tdcr_fe.elements.native.scene_forces import Motor
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.schema import check_arguments
 from tdcr_fe.scene import contact

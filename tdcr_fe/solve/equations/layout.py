@@ -10,7 +10,6 @@ import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.elements.backbone import BackboneMesh
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.scene.loads import PointLoad
@@ -68,7 +67,8 @@ class ResidualScales:
         nodes = np.tile(np.repeat((1.0, 50.0 / length), 3), reduction.nodes)
         other = np.ones(len(reduction.other_coordinates))
         gaps = np.full(len(reduction.other_multipliers), 1.0 / length)
-        elastic = min(_elastic_force(r.mesh) for r in robots)
+        meshes = [(r.mesh.stiffness[of_backbone(r.mesh), 5], r.mesh.arc_lengths[-1]) for r in robots]
+        elastic = min(float(bending.min()) / float(own) ** 2 for bending, own in meshes)
         return cls(
             np.concatenate((nodes, other, gaps)), reduction.nodes, len(nodes) + len(other), length, elastic
         )
@@ -113,13 +113,6 @@ class ResidualScales:
         """Largest displacement over the length, or rotation, of any node in a step [1]."""
         largest = np.abs(step[: 6 * self.nodes].reshape(-1, 6)).max(axis=0).tolist()
         return max(max(largest[:3]) / self.length, *largest[3:])
-
-
-def _elastic_force(mesh: BackboneMesh) -> float:
-    """Smallest EI of the backbone over the square of its length [N], without the element that stands for the base."""
-    length = float(mesh.arc_lengths[-1])
-    bending = mesh.stiffness[of_backbone(mesh), 5]
-    return float(np.min(bending)) / length**2
 
 
 class RobotUnknowns(NamedTuple):

@@ -18,7 +18,7 @@ from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.layout import Numbering, zero_bases
 from tdcr_fe.solve.equations.linearization import BorderedFactors, Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.friction_path.path import FrictionPath
+from tdcr_fe.solve.friction_path.follow import FrictionPath
 from tdcr_fe.solve.friction_path.slips import SlipData, cubic
 from tdcr_fe.solve.friction_path.transfer import TendonsInSubstep
 from tdcr_fe.solve.newton.convergence import BALANCED

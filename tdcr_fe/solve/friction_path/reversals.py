@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.layout import Numbering
-from tdcr_fe.solve.friction_path.follow import follow_friction
-from tdcr_fe.solve.friction_path.path import FrictionPath
+from tdcr_fe.solve.friction_path.follow import FrictionPath, follow_friction
 from tdcr_fe.solve.friction_path.rates import columns_of, tension_columns
 from tdcr_fe.solve.friction_path.response import KnownStates
 from tdcr_fe.solve.friction_path.slips import InterpolatedSlips

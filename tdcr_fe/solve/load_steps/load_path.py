@@ -16,7 +16,7 @@ from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState, Target
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.friction_path.path import FrictionPath
+from tdcr_fe.solve.friction_path.follow import FrictionPath
 from tdcr_fe.solve.friction_path.response import Equilibrium, KnownStates
 from tdcr_fe.solve.newton.newton import NewtonResult
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.solve.equations.configuration import SolverState
-from tdcr_fe.solve.friction_path.path import FrictionPath, PathReversal
+from tdcr_fe.solve.friction_path.follow import FrictionPath, PathReversal
 from tdcr_fe.solve.friction_path.response import (
     Equilibrium,
     InterpolationPoint,

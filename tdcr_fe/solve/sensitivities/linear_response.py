@@ -78,22 +78,6 @@ class Disturbance(NamedTuple):
         return cls(*(np.zeros((*x, count)) for x in ((nodes,), (m,), (m, n), (m, n), (m, g), (m, g))))
 
 
-class HoleFlexibility(NamedTuple):
-    """Slopes of the slips by the mobilisations of holes that stick, in the direction in which they slip."""
-
-    start: Array  # (m, g): At the beginning of the increment and at its end [m]
-    end: Array  # as `start`
-
-    @classmethod
-    def of(
-        cls, hysteresis: Hysteresis, mobilisation: Array, history: FrictionState, *, turns: bool
-    ) -> HoleFlexibility:
-        """From a history to a mobilisation; where nothing has moved, on in its direction, or back where all turns."""
-        moved = np.sign(mobilisation - history.mobilisation)
-        direction = np.where(moved == 0.0, np.sign(-mobilisation if turns else mobilisation), moved)
-        return cls(*(hysteresis.flexibility(at, direction) for at in (history.mobilisation, mobilisation)))
-
-
 @dataclass(frozen=True, eq=False)
 class SolvedPoint:
     """A solved state, linearised."""
@@ -104,7 +88,9 @@ class SolvedPoint:
     forces: tuple[TendonForces, ...]  # By robot
     linearization: Linearization
     sticking: tuple[NDArray[np.bool_], ...]  # (m, g): By robot, whose mobilisations follow their slips
-    holes: tuple[HoleFlexibility, ...]  # By robot
+    # (2, m, g): By robot, slopes of the slips by the mobilisations of holes that stick, at the beginning of the
+    # increment and at its end [m]
+    flexibility: tuple[Array, ...]
 
     @classmethod
     def of(
@@ -152,11 +138,11 @@ class SolvedPoint:
                 own.model.law.frictional & (all_stick | ~_slips(own, mobilisation, history, softening))
                 for own, mobilisation, history in by_robot
             )
-        holes = tuple(
-            HoleFlexibility.of(own.model.law.hysteresis.softened(softening), s, history, turns=all_stick)
+        flexibility = tuple(
+            _flexibility(own.model.law.hysteresis.softened(softening), s, history, turns=all_stick)
             for own, s, history in by_robot
         )
-        return cls(system, numbering, state, forces, linearization, sticking, holes)
+        return cls(system, numbering, state, forces, linearization, sticking, flexibility)
 
     def respond(self, disturbances: tuple[Disturbance, ...], unbalanced: Array | None = None) -> Response:
         """Response to disturbances, one of each robot, and to a residual (reduced,) beside the last of them."""
@@ -263,16 +249,16 @@ class SolvedPoint:
             [
                 own.model.law.slip_operator @ change.released
                 - disturbance.slip
-                + holes.start[..., None] * disturbance.mobilisation
-                for own, change, disturbance, holes in zip(
-                    self.forces, tendons, disturbances, self.holes, strict=True
+                + flexibility[0, ..., None] * disturbance.mobilisation
+                for own, change, disturbance, flexibility in zip(
+                    self.forces, tendons, disturbances, self.flexibility, strict=True
                 )
             ]
         )
         coupling = FrictionCoupling.of(numbering, self.forces, self.linearization.slack)
         which = np.flatnonzero(pick(self.sticking))
         columns, matrix = coupling.response(
-            self.linearization.factorisation.solve, which, pick([holes.end for holes in self.holes])
+            self.linearization.factorisation.solve, which, pick([at_end for _, at_end in self.flexibility])
         )
         change = np.zeros(excess.shape)
         change[which] = np.linalg.solve(matrix[which], excess[which])
@@ -305,6 +291,18 @@ def _by_shifts(own: TendonForces, point: RobotPoint) -> Values:
     wrenches = np.zeros((len(point.positions), 6, count))
     wrenches[which] = pulled
     return with_rates(Values(wrenches, tension, released), own, rate, None)
+
+
+def _flexibility(
+    hysteresis: Hysteresis, mobilisation: Array, history: FrictionState, *, turns: bool
+) -> Array:
+    """Slopes of the slips by the mobilisations at a history and at a mobilisation [m], shape (2, m, g).
+
+    Where nothing has moved, on in its direction, or back where all turns.
+    """
+    moved = np.sign(mobilisation - history.mobilisation)
+    direction = np.where(moved == 0.0, np.sign(-mobilisation if turns else mobilisation), moved)
+    return np.array([hysteresis.flexibility(at, direction) for at in (history.mobilisation, mobilisation)])
 
 
 def _slips(
