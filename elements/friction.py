@@ -412,10 +412,6 @@ class TendonLaw:
         """History after a converged (sub)step."""
         return FrictionState(field.slip, field.mobilisation, field.slip_rate, field.time)
 
-    def with_parameters(self, **changes: Any) -> TendonLaw:
-        """A copy of the law with other parameters."""
-        return TendonLaw(replace(self.parameters, **changes), self.law, self.hysteresis)
-
 
 def hole_states(mobilisation: Array, count: int) -> tuple[str, ...]:
     """Names of the states of the holes at the distal end of ``count`` segments, the anchor last.

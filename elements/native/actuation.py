@@ -23,7 +23,7 @@ from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.condensation import ElasticTendons, forces_by_inputs, stretch
 from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_forces
 from tdcr_fe.elements.native.history import HistoryNodes, RobotHistory
-from tdcr_fe.elements.native.items import Clamp, Connectors, SystemReference, show_shifts
+from tdcr_fe.elements.native.items import Clamp, Connectors, SystemReference
 from tdcr_fe.elements.native.iterated import IteratedBackbone
 from tdcr_fe.elements.native.scene_forces import Holes, Motor, SceneForces, wound
 
@@ -372,8 +372,15 @@ class TendonActuation:
             self._show_shifts(self.current_forces().measured.offsets)
 
     def _show_shifts(self, offsets: Array | None) -> None:
-        """Draw the tendons where they lie in their holes."""
-        show_shifts(self.mbs, self.connectors, float(self.mesh.lengths[0]), offsets)
+        """Draw the tendons where they lie in their holes (m, n+1, 3); None where they cannot shift."""
+        if offsets is None:
+            return
+        half = 0.5 * float(self.mesh.lengths[0])
+        for markers, of_tendon in zip(self.connectors.hole_markers, offsets, strict=True):
+            for k, (marker, offset) in enumerate(zip(markers, of_tendon.tolist(), strict=False)):
+                # The base plate's holes sit on the first beam, whose origin is its middle.
+                x = -half if k == 0 else 0.0
+                self.mbs.SetMarkerParameter(marker, "localPosition", [x, offset[1], offset[2]])
 
 
 def _container(matrix: Array) -> exu.MatrixContainer:

@@ -47,10 +47,12 @@ class ElasticTendons(NamedTuple):
         inextensible = self.driven & parameters.rigid
         if not np.any(inextensible):
             return law
-        return law.with_parameters(
+        elastic = replace(
+            parameters,
             compliance=np.where(inextensible, 1.0 / STIFFNESS, parameters.compliance),
             lengths=parameters.lengths + np.where(inextensible[:, None], self.history.stretch, 0.0),
         )
+        return TendonLaw(elastic, law.law, law.hysteresis)
 
     def forces(self, measured: Measurement, near: Array) -> TendonForces:
         """Forces where the tension of tendons driven by displacement follows from their elasticity.

@@ -97,14 +97,11 @@ class StepSizes:
         """Whether a step of the dynamic solver up to a time [s] is a tiny one."""
         solver, settings = mbs.sys.get("dynamicSolver"), mbs.sys.get("simulationSettings")
         # Of a solver that ran before, as beside a static one, the time is another.
-        running = solver is not None and settings is not None and solver.it.currentTime == t
-        return running and 0.0 < t - self._last < TINY * _asked(settings)
-
-
-def _asked(settings: exu.SimulationSettings) -> float:
-    """Step size that settings ask for in time [s]."""
-    integration = settings.timeIntegration
-    return float(integration.endTime - integration.startTime) / max(1, int(integration.numberOfSteps))
+        if solver is None or settings is None or solver.it.currentTime != t:
+            return False
+        asked = settings.timeIntegration
+        size = (asked.endTime - asked.startTime) / max(1, int(asked.numberOfSteps))
+        return 0.0 < t - self._last < TINY * float(size)
 
 
 @dataclass(eq=False)
@@ -217,24 +214,28 @@ class SceneHooks:
     def add(self, actuation: TendonActuation) -> None:
         """Add a robot, and give its force items the functions that Exudyn calls.
 
+        An iteration that diverges may overflow, without a warning: the solver sees the result and takes a smaller step.
+
         Parameters
         ----------
         actuation
             Tendons, friction and section forces of the robot.
         """
 
-        def forces(t: float, q: Sequence[float], q_t: Sequence[float]) -> Any:
+        def forces(mbs: exu.MainSystem, t: float, item: int, q: Sequence[float], q_t: Sequence[float]) -> Any:
             self._check_counts()
             self.adopt(self.system.mbs)
-            found = actuation.forces_on_coordinates(q, t)
+            with np.errstate(all="ignore"):
+                found = actuation.forces_on_coordinates(q, t)
             if np.isnan(found[0]) and not actuation.law.simple:
                 self._step_sizes.check_tensions(self.system.mbs, t, actuation)
             return found
 
-        def jacobian(t: float, q: Sequence[float], q_t: Sequence[float], factors: tuple[float, ...]) -> Any:
-            return actuation.jacobian_on_coordinates(q, t, *factors)
+        def jacobian(mbs: Any, t: float, item: int, q: Any, q_t: Any, *factors: float) -> Any:
+            with np.errstate(all="ignore"):
+                return actuation.jacobian_on_coordinates(q, t, *factors)
 
-        actuation.attach(*user_functions(forces, jacobian))
+        actuation.attach(forces, jacobian)
         nodes = (actuation.nodes[0], actuation.nodes[-1], *actuation.history_nodes.nodes[-1:])
         items = RecordedItems.of(self.system.mbs, [actuation.connectors.forces], nodes)
         self.robots.append(RobotInScene(actuation, items))
@@ -299,33 +300,6 @@ class SceneHooks:
             for load in robot.point_loads:
                 load.applied = load.value
         return True if self._users_post_step is None else bool(self._users_post_step(mbs, t))
-
-
-def user_functions(
-    forces: Callable[[float, Sequence[float], Sequence[float]], Any],
-    jacobian: Callable[[float, Sequence[float], Sequence[float], tuple[float, ...]], Any],
-) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """User functions of an object of Exudyn for its forces and their Jacobian.
-
-    An iteration that diverges may overflow, without a warning: the solver sees the result and takes a smaller step.
-
-    Parameters
-    ----------
-    forces
-        Of time, coordinates and velocities.
-    jacobian
-        Of the same, and the factors that Exudyn gives to derivatives by positions and velocities.
-    """
-
-    def of_force(mbs: exu.MainSystem, t: float, item: int, q: Sequence[float], q_t: Sequence[float]) -> Any:
-        with np.errstate(all="ignore"):
-            return forces(t, q, q_t)
-
-    def of_jacobian(mbs: Any, t: float, item: int, q: Any, q_t: Any, *factors: float) -> Any:
-        with np.errstate(all="ignore"):
-            return jacobian(t, q, q_t, factors)
-
-    return of_force, of_jacobian
 
 
 def _function(present: Any) -> Callable[..., Any] | None:

@@ -135,29 +135,3 @@ class Clamp:
     joint: Any  # Exudyn's number of the joint, which blocks all six motions
     position: Array  # Pose to which it fixes the base node, the rotation in beam axes; shapes (3,) and (3, 3)
     rotation: Array  # as `position`
-
-
-def show_shifts(
-    mbs: exu.MainSystem, connectors: Connectors, first_element: float, offsets: Array | None
-) -> None:
-    """Move the markers of the drawn tendons to where these lie in their holes.
-
-    Parameters
-    ----------
-    mbs
-        The system.
-    connectors
-        Items of the robot.
-    first_element
-        Length of its first beam [m].
-    offsets
-        Of the tendons in their holes, see `tdcr_fe.elements.forces.Measurement`; None where they cannot shift.
-    """
-    if offsets is None:
-        return
-    half = 0.5 * first_element
-    for markers, of_tendon in zip(connectors.hole_markers, offsets, strict=True):
-        for k, (marker, offset) in enumerate(zip(markers, of_tendon.tolist(), strict=False)):
-            # The base plate's holes sit on the first beam, whose origin is its middle.
-            x = -half if k == 0 else 0.0
-            mbs.SetMarkerParameter(marker, "localPosition", [x, offset[1], offset[2]])

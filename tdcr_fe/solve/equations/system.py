@@ -23,7 +23,7 @@ from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.solve.equations.band import BandFactors
-from tdcr_fe.solve.equations.configuration import Configuration, SolverState, StoredState, Target
+from tdcr_fe.solve.equations.configuration import SolverState, StoredState, Target
 from tdcr_fe.solve.equations.contact import ContactStates
 from tdcr_fe.solve.equations.kernel import ClampReactions, Residual, StaticKernel, residual_of_robot
 from tdcr_fe.solve.equations.layout import Numbering, SceneLayout, zero_bases
@@ -53,8 +53,10 @@ class SceneSystem:
     robots : list of TendonActuation
     point_loads : list of PointLoad
         The concentrated loads on them.
+    kernel : StaticKernel
     layout : SceneLayout
-        Replaced by `release_clamps`.
+    reactions : ClampReactions
+        This and the layout are replaced by `release_clamps`.
 
     Raises
     ------
@@ -72,11 +74,11 @@ class SceneSystem:
         if not mbs.systemIsConsistent:
             raise ValueError("the system is not assembled; call mbs.Assemble() before solving")
         self.point_loads: list[PointLoad] = self.hooks.point_loads
-        self._kernel = StaticKernel(mbs, self.hooks)
-        self._raw = self._kernel.residual
+        self.kernel = StaticKernel(mbs, self.hooks)
+        self._raw = self.kernel.residual
         self._user_residual = self.hooks.user_function("PreNewtonResidual")
         self.layout = SceneLayout.of(mbs, self.robots, self.point_loads, with_clamps=True)
-        self._reactions = ClampReactions.of(self._kernel, self.layout)
+        self.reactions = ClampReactions.of(self.kernel, self.layout)
 
     def independent(self) -> list[SceneSystem]:
         """Systems of robots that nothing couples, each to be solved by itself; this one where there are none.
@@ -102,7 +104,7 @@ class SceneSystem:
         own = copy(self)
         own.robots, own.point_loads = [self.robots[i]], self.hooks.robots[i].point_loads
         own._raw = residual_of_robot(self.mbs, self.robots[i], own.point_loads, raw)
-        own.layout, own._reactions = self.layout.alone(self.mbs, i), self._reactions.alone(i)
+        own.layout, own.reactions = self.layout.alone(self.mbs, i), self.reactions.alone(i)
         return own
 
     @property
@@ -165,7 +167,7 @@ class SceneSystem:
             item.applied = load
             item.keep()
         self.layout.space.write(state.configuration, initial=True)
-        self._kernel.contact.keep()
+        self.kernel.contact.keep()
 
     def connect(self) -> None:
         """Let Exudyn's items apply the forces of the stored state again, for Exudyn's own solvers and for drawing."""
@@ -244,7 +246,7 @@ class SceneSystem:
         """Write a state into the scene; arguments as of `residual`."""
         self.layout.space.write(state.configuration)
         if not hold_contact:
-            self._kernel.contact.follow()
+            self.kernel.contact.follow()
         if self._user_residual is not None:
             self._user_residual(self.mbs, target.time, iteration, 0)
 
@@ -262,18 +264,18 @@ class SceneSystem:
     @property
     def has_contact(self) -> bool:
         """Whether the scene has items of contact."""
-        return self._kernel.contact.present
+        return self.kernel.contact.present
 
     def contact_at(self, state: SolverState) -> ContactStates:
         """The contact in a state, which is left in the scene."""
         self.layout.space.write(state.configuration)
-        self._kernel.contact.follow()
-        return self._kernel.contact
+        self.kernel.contact.follow()
+        return self.kernel.contact
 
     def may_jump_over_contact(self, before: SolverState, after: SolverState) -> bool:
         """Whether bodies may have jumped over each other from one state to another, which is left in the scene."""
         moved = after.configuration.positions - before.configuration.positions
-        if float(np.linalg.norm(moved, axis=1).max()) > self._kernel.contact.general_motion_limit:
+        if float(np.linalg.norm(moved, axis=1).max()) > self.kernel.contact.general_motion_limit:
             return True
         contact = self.contact_at(before)
         limits, start = contact.approach_limits(), contact.relative_positions()
@@ -295,15 +297,11 @@ class SceneSystem:
         """
         layout = self.layout
         turning = layout.others_turn or bool(layout.turning.any())
-        j = self._kernel.jacobian(loads=turning, constraints=len(layout.reduction.other_multipliers) > 0)
+        j = self.kernel.jacobian(loads=turning, constraints=len(layout.reduction.other_multipliers) > 0)
         extra = self.hooks.user_jacobian(residual.target.time)
         if extra is not None:
             j[: extra.shape[0], : extra.shape[1]] += extra
         return layout.reduction.tangent(j, residual.state.configuration.frames)
-
-    def whole_tangent(self) -> Array:
-        """Exudyn's Jacobian of the scene as it is, tendons left out, joints included, shape (size, size)."""
-        return self._kernel.jacobian(loads=True)
 
     def tangent_follows_from_elements(self, loads: Sequence[Array]) -> bool:
         """Whether the tangent follows from the elements' stiffness alone, without Exudyn's Jacobian: of one robot.
@@ -376,8 +374,4 @@ class SceneSystem:
     def release_clamps(self) -> None:
         """Treat clamped bases as any other joint from now on, because their supports have been moved."""
         self.layout = SceneLayout.of(self.mbs, self.robots, self.point_loads, with_clamps=False)
-        self._reactions = ClampReactions.of(self._kernel, self.layout)
-
-    def with_base_reactions(self, residual: Residual) -> Configuration:
-        """The configuration of a state in equilibrium with the reactions of its clamps."""
-        return self._reactions.balance(residual)
+        self.reactions = ClampReactions.of(self.kernel, self.layout)

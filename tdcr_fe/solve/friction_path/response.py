@@ -344,11 +344,6 @@ class KnownStates(NamedTuple):
             [(self.span.load_factor(point.factor), point.state.state) for point in self.points[1:-1]]
         )
 
-    @property
-    def before_end(self) -> list[tuple[float, Equilibrium]]:
-        """All states but the last, with their fractions of the substep."""
-        return [(point.factor, point.state) for point in self.points[:-1]]
-
 
 def twists(point: Equilibrium) -> Array:
     """Twists of all elements: translations [m] and rotations [rad], six values each."""

@@ -119,7 +119,7 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
         close = allowed * solver.system.length
         if found.error <= allowed and found.history.distance(result.state) <= close:
             return corrected._replace(error=found.error, division=None, final=None)
-        states = known.before_end
+        states = [(point.factor, point.state) for point in known.points[:-1]]
         if found.error > allowed:
             states = refined(solver, known, found, allowed, most)
         if not states:

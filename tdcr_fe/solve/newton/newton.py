@@ -204,7 +204,7 @@ class _Solve(NamedTuple):
         if linear is not None and not self.numbering.any_driven:
             sign = linear.factorisation.sign
         return state._replace(
-            configuration=self.system.with_base_reactions(residual),
+            configuration=self.system.reactions.balance(residual),
             friction=tuple(own.model.law.commit(own.field) for own in residual.forces),
             loads=residual.target.loads,
             time=residual.target.time,
