@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2774,
+    "elements": 2746,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 782,
     "tdcr_fe/effects": 1310,
@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2565,
     "tdcr_fe/report": 1162,
     "tdcr_fe/scene": 1443,
-    "tdcr_fe/solve": 6838,
+    "tdcr_fe/solve": 6783,
     "tdcr_fe/sweeps": 1423,
     "validation": 6784,
     "tests": 13701,
