@@ -31,7 +31,7 @@ BUDGET = {
     "tdcr_fe/effects": 1310,
     "tdcr_fe/estimate": 959,
     "tdcr_fe/identify": 6733,
-    "tdcr_fe/io": 1840,
+    "tdcr_fe/io": 1835,
     "tdcr_fe/live": 350,
     "tdcr_fe/model": 2565,
     "tdcr_fe/report": 1162,

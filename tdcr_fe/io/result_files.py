@@ -27,14 +27,9 @@ from tdcr_fe.report.motion import geometry
 
 def versions() -> dict[str, str]:
     """Versions of this package and of the libraries that its results depend on."""
-    found = {"tdcr_fe": __version__}
-    for name in ("exudyn", "numpy", "scipy"):
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = "not installed"
     return {
-        **found,
+        "tdcr_fe": __version__,
+        **{name: importlib.metadata.version(name) for name in ("exudyn", "numpy", "scipy")},
         "numba": (numba_version() if is_compiled() else None) or "not used",
         "python": platform.python_version(),
     }
