@@ -182,8 +182,9 @@ class Equilibrium(NamedTuple):
     def load_response(self, system: SceneSystem, other: Target, factor: float) -> LoadResponse:
         """Response to a multiple of the change to another target's loads, which are in the scene, at fixed tensions."""
         assert self.response is not None
-        unbalanced = factor * system.unbalanced(self.state, other, self.forces, self.numbering)
-        return self.response.to_load(self.linearization, self.forces, unbalanced)
+        unbalanced = system.unbalanced(self.state, other, self.forces, self.numbering)
+        found = self.response.to_load(self.linearization, self.forces, unbalanced)
+        return LoadResponse(*(factor * x for x in found))
 
 
 def near_enough(state: SolverState, linearization: Linearization) -> bool:
