@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2565,
     "tdcr_fe/report": 1162,
     "tdcr_fe/scene": 1443,
-    "tdcr_fe/solve": 6783,
+    "tdcr_fe/solve": 6784,
     "tdcr_fe/sweeps": 1423,
     "validation": 6784,
     "tests": 13701,
