@@ -17,10 +17,11 @@ from tdcr_fe.identify.data_faults import data_fault, other_sign_solves
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.load_steps import RowChoice, choose_held_out, choose_rows, held_out_branches
 from tdcr_fe.identify.next_experiment import choose_next
-from tdcr_fe.identify.noise import estimate_sigma, find_input_noise, with_input_sigma
+from tdcr_fe.identify.noise import estimate_sigma
 from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate, fit_of_run, refine, with_elements
 from tdcr_fe.identify.result import IdentificationResult
 from tdcr_fe.identify.run import Run
+from tdcr_fe.identify.scatter import find_scatter, with_input_sigma
 from tdcr_fe.identify.search import search_causes
 from tdcr_fe.identify.search_state import Progress, Search, SearchState, cut_short, mean_cost
 from tdcr_fe.identify.settings import (
@@ -28,9 +29,9 @@ from tdcr_fe.identify.settings import (
     FAULTS,
     FRICTION,
     FURTHER_EFFECTS,
-    INPUT_NOISE,
     NEXT_EXPERIMENT,
     PROFILES,
+    SCATTER,
     SMALLER_MODELS,
     IdentifySettings,
     OutOfTime,
@@ -166,8 +167,8 @@ def _search(
                     state = state.without_trying(FRICTION)
             state = fit_to_all_rows(whole, state, replace(prepared.problem, deadline=latest))
         if not whole.explained(state):  # parameters of a model that leaves more than noise have no profiles
-            noise, state = _in_time(lambda x: find_input_noise(x.problem, x.best), state, INPUT_NOISE)
-            return state, Found(planned, noise)
+            scatter, state = _in_time(lambda x: find_scatter(x.problem, x.best), state, SCATTER)
+            return state, Found(planned, scatter)
         if whole.out_of_time:
             return state.without_trying(PROFILES) if state.best.free else state, Found(planned)
         return state, Found(planned, profiles=fitting.profiles(state.problem, state.best))

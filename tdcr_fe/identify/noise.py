@@ -1,28 +1,21 @@
-"""What a residual is: tests for noise, sigma, noise of the inputs, and what a regression explains of it."""
+"""What a residual is: tests for noise, sigma, and what a regression explains of it."""
 
 from __future__ import annotations
 
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 from scipy.spatial.distance import cdist
-from scipy.special import chdtrc, chdtri, fdtrc, ndtr, ndtri
+from scipy.special import chdtrc, ndtr, ndtri
 
-from tdcr_fe.effects import Effect, Experiment
-from tdcr_fe.identify.forward import Job, last_parts
 from tdcr_fe.identify.load_steps import blocks, directions, inputs
-from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, Point
-from tdcr_fe.identify.result import InputNoise, Misfit, Structure
-from tdcr_fe.identify.run import Run
+from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem
+from tdcr_fe.identify.result import Misfit, Structure
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import resolve
 
 Array = NDArray[np.float64]
 
@@ -176,199 +169,9 @@ def outliers(r: Array) -> tuple[tuple[int, float], ...]:
     return tuple((int(i), float(r[i])) for i in np.flatnonzero(np.abs(r) > OUTLIER * scale))
 
 
-#: Chance of reporting noise of the inputs that is not there, or a group of readings in which nothing is left; and of
-#: calling errors systematic that follow nothing [1].
-SIGNIFICANCE, FOLLOWS = 1e-4, 1e-3
-
-#: So many standard errors beyond that of normal errors, the kurtosis tells that errors are rare and large [1].
-KURTOSIS = 5.0
-
-#: The rms residual over sigma must fall at least to this share of it, and the relative error of an input be at most so
-#: large; beyond, something else is wrong [1].
-MOST_REMAINING, LARGEST = 0.8, 0.25
-
-#: Range of the ratio of the variances that is searched, as exponents of ten, over that at which both matter alike.
-EXPONENTS = (-6.0, 6.0)
-
-
-class _Block(NamedTuple):
-    """One step: its readings, the residual in the directions of its inputs, and how strong these are."""
-
-    step: int
-    readings: NDArray[np.int_]  # shape (r,)
-    active: NDArray[np.int_]  # tendons whose input moves the readings, shape (q,)
-    # Singular vectors of the derivatives, shape (r, q), (q, q)
-    left: Array
-    strength: Array  # singular values, shape (q,)
-    right: Array
-    along: Array  # residual in the directions of ``left``, shape (q,)
-    rest: float  # sum of squares of the residual across them
-
-
-def find_input_noise(problem: FitProblem, fit: Fit) -> InputNoise | None:
-    """Scatter of the inputs that would account for the residual of a model.
-
-    Parameters
-    ----------
-    problem
-        Readings and forward model.
-    fit
-        The model.
-
-    Returns
-    -------
-    InputNoise or None
-        None where it would account for little, the errors would be systematic or larger than noise is, or the model
-        was not solved.
-
-    Raises
-    ------
-    OutOfTime
-        The deadline of the problem has passed.
-    """
-    if not fit.solved or problem.roots:  # errors of the inputs that are declared are in the covariance
-        return None
-    experiment = problem.with_effects(fit.effects, fit.values)
-    reference = fit.run if fit.run.trajectory is not None else None
-    by_input = _input_response(problem, experiment, reference)
-    values, displaced = _inputs(experiment)
-    each = values[problem.readings.reader.step]
-    found = [_likeliest(problem, fit, by_input * each, "1", values)]
-    driven = np.any(values != 0.0, axis=0)
-    if len(set(displaced[driven].tolist())) == 1:
-        unit = "m" if displaced[driven][0] else "N"
-        found.append(_likeliest(problem, fit, by_input * (each != 0.0), unit, values))
-    gain, systematic, noise = max(found, key=lambda x: x[0])
-    relative = noise.size if noise.unit == "1" else noise.size / float(np.max(np.abs(values)))
-    accounts = noise.after.chi2_per_dof <= MOST_REMAINING**2 * noise.before.chi2_per_dof
-    certain = gain >= 0.5 * chdtri(1, SIGNIFICANCE)
-    return noise if certain and accounts and relative <= LARGEST and not systematic else None
-
-
-def _likeliest(
-    problem: FitProblem, fit: Fit, derivatives: Array, unit: str, values: Array
-) -> tuple[float, bool, InputNoise]:
-    """Noise of the largest likelihood, for inputs whose errors change the readings over sigma by these derivatives.
-
-    With the gain of the logarithmic likelihood, and whether its errors are systematic.
-    """
-    blocks = _blocks(problem, fit.residual, derivatives)
-    usual = float(np.median(np.concatenate([b.strength for b in blocks]) ** 2)) if blocks else 0.0
-    usual = max(usual, 1e-300)
-
-    def cost(exponent: float) -> float:
-        return -_log_likelihood(blocks, 10.0**exponent / usual)
-
-    found = minimize_scalar(cost, bounds=EXPONENTS, method="bounded", options={"xatol": 1e-3})
-    ratio = 10.0 ** float(found.x) / usual
-    errors = [b.right.T @ (b.along * ratio * b.strength / (1.0 + ratio * b.strength**2)) for b in blocks]
-    left = fit.residual.copy()
-    for b, a in zip(blocks, errors, strict=True):
-        left[b.readings] -= b.left @ (b.strength * (b.right @ a))
-    everything = np.ones(left.size, dtype=bool)
-    before, after = problem.misfit(fit.residual, everything), problem.misfit(left, everything)
-    size = float(np.sqrt(ratio * _noise_variance(blocks, ratio)))
-    gain = _log_likelihood(blocks, ratio) - _log_likelihood(blocks, 0.0)
-    systematic = _is_systematic(errors, blocks, values) or _are_rare(blocks, ratio)
-    return gain, systematic, InputNoise(size, unit, before, after)
-
-
-def _is_systematic(errors: Sequence[Array], blocks: Sequence[_Block], values: Array) -> bool:
-    """Whether the errors follow anything: then another cause is meant, and no scatter.
-
-    A mean of a tendon that differs from zero, or a dependence on the input, its square, the direction in which it has
-    changed, the row, or the error in the step before, by the F test.
-    """
-    largest, count = max(float(np.max(np.abs(values))), 1e-300), values.shape[1]
-    before = np.zeros(count)
-    rows, goal = [], []
-    for block, own in zip(blocks, errors, strict=True):
-        last = values[block.step - 1] if block.step else np.zeros(count)
-        for i, error in zip(block.active, own, strict=True):
-            x, changed = values[block.step, i] / largest, np.sign(values[block.step, i] - last[i])
-            rows.append((*np.eye(count)[i], x, x * x, changed, block.step, before[i]))
-            goal.append(error)
-            before[i] = error
-    a, y = np.array(rows, dtype=float), np.array(goal)
-    rank = int(np.linalg.matrix_rank(a)) if a.size else 0
-    spare = len(y) - rank
-    if spare < 3:
-        return True
-    left = float(np.sum((y - a @ np.linalg.lstsq(a, y, rcond=None)[0]) ** 2))
-    ratio = (float(y @ y) - left) / rank / max(left / spare, 1e-300)
-    return bool(fdtrc(rank, spare, ratio) < FOLLOWS)
-
-
-def _are_rare(blocks: Sequence[_Block], ratio: float) -> bool:
-    """Whether some steps have large errors and most have none, by the kurtosis: then something acts there alone."""
-    z = np.concatenate([b.along / np.sqrt(1.0 + ratio * b.strength**2) for b in blocks])
-    kurtosis = float(np.mean(z**4) / max(float(np.mean(z**2)) ** 2, 1e-300))
-    return kurtosis - 3.0 > KURTOSIS * math.sqrt(24.0 / z.size)
-
-
-def _blocks(problem: FitProblem, residual: Array, derivatives: Array) -> list[_Block]:
-    """One block for every step with readings."""
-    steps = problem.readings.reader.step
-    found = []
-    for k in np.unique(steps):
-        own = np.flatnonzero(steps == k)
-        active = np.flatnonzero(np.any(derivatives[own] != 0.0, axis=0))
-        left, strength, right = np.linalg.svd(derivatives[np.ix_(own, active)], full_matrices=False)
-        along = left.T @ residual[own]
-        rest = float(residual[own] @ residual[own] - along @ along)
-        found.append(_Block(int(k), own, active, left, strength, right, along, rest))
-    return found
-
-
-def _noise_variance(blocks: Sequence[_Block], ratio: float) -> float:
-    """The likeliest variance of the readings over sigma, where that of the inputs is in this ratio to it."""
-    squares = sum(b.rest + float(np.sum(b.along**2 / (1.0 + ratio * b.strength**2))) for b in blocks)
-    return squares / sum(b.readings.size for b in blocks)
-
-
-def _log_likelihood(blocks: Sequence[_Block], ratio: float) -> float:
-    """Of the residual, at the likeliest variance of the readings, but for a constant."""
-    count = sum(b.readings.size for b in blocks)
-    spread = sum(float(np.sum(np.log1p(ratio * b.strength**2))) for b in blocks)
-    return -0.5 * (count * float(np.log(max(_noise_variance(blocks, ratio), 1e-300))) + spread)
-
-
-def _inputs(experiment: Experiment) -> tuple[Array, NDArray[np.bool_]]:
-    """Inputs of all commanded steps, shape (K, n_tendons), and which tendons are driven by displacement."""
-    actions = resolve(experiment.robot, experiment.steps)
-    chosen = [actions[j] for j in last_parts(experiment)]
-    return np.array([a.values for a in chosen]), np.any([a.by_displacement for a in chosen], axis=0)
-
-
-def with_input_sigma(
-    problem: FitProblem, effects: Sequence[Effect] = (), values: Point | None = None
-) -> FitProblem:
-    """The problem with the covariance that declared errors of the inputs give the readings of a model, by step.
-
-    They are independent from step to step; what an error does to later steps through friction is left out.
-    """
-    if not problem.data.input_sigma:
-        return problem
-    experiment = problem.with_effects(effects, values or {})
-    by_input = _input_response(problem, experiment) * np.array(problem.data.input_sigma)
-    roots, steps = [], problem.readings.reader.step
-    for k in np.unique(steps):
-        own = np.flatnonzero(steps == k)
-        size, along = np.linalg.eigh(np.eye(own.size) + by_input[own] @ by_input[own].T)
-        roots.append((own, np.asarray((along * np.sqrt(size)) @ along.T)))
-    return replace(problem, roots=tuple(roots))
-
-
-def _input_response(problem: FitProblem, experiment: Experiment, reference: Run | None = None) -> Array:
-    """Derivatives of the readings over sigma by the inputs of their own step, shape (n, n_tendons)."""
-    from tdcr_fe.solve.sensitivities.parameters import StepInput
-
-    names = experiment.robot.tendon_names
-    inputs = tuple(StepInput(f"inputs.{name}", tendon=i) for i, name in enumerate(names))
-    (run,) = problem.run([Job(experiment, reference, False, inputs)])
-    derivatives = problem.readings.reader.derivatives(run, experiment) / problem.sigma[:, None]
-    return np.where(np.isfinite(derivatives), derivatives, 0.0)
-
+#: Chance of reporting a group of readings in which nothing is left, or what differs from step to step and is not there
+#: [1].
+SIGNIFICANCE = 1e-4
 
 # ---------------------------------------------------------------------------------- what a regression explains
 

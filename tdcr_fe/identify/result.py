@@ -282,12 +282,14 @@ class NextExperiment:
         return aim | {"parameter": self.parameter, "remaining_share": self.remaining_share}
 
 
-class InputNoise(NamedTuple):
-    """Noise of the inputs that would account for a part of the residual."""
+class Scatter(NamedTuple):
+    """What may be different in every step, and would account for a part of the residual."""
 
+    what: str  # "inputs", "positions", which are shifted together, or "force"
+    place: str  # where a force acts; empty for others
     size: float  # standard deviation, over the input [1] or in `unit`
-    unit: str  # "N" or "m": alike for all inputs; "1": in proportion to every input
-    # Of all readings: the final model's, and with the most likely errors of the inputs
+    unit: str  # "N" or "m": alike in all steps; "1": in proportion to every input
+    # Of all readings: the final model's, and with the most likely values in every step
     before: Misfit
     after: Misfit
 
@@ -303,7 +305,13 @@ class InputNoise(NamedTuple):
 
     def to_json(self) -> dict[str, Any]:
         """As in ``result.json``."""
-        own = {"kind": self.kind, "size": self.size, "unit": self.unit}
+        own = {
+            "what": self.what,
+            "place": self.place,
+            "kind": self.kind,
+            "size": self.size,
+            "unit": self.unit,
+        }
         return own | {"before": self.before.to_json(), "after": self.after.to_json()}
 
 
@@ -427,8 +435,8 @@ class IdentificationResult:
         Held-out misfit that a flexible regression of the residual leaves; None where it was not tried.
     next_experiment : NextExperiment or None
         None where nothing is to be separated or refined.
-    input_noise : InputNoise or None
-        Errors of the inputs that would account for a part of what is left; None where there are none such.
+    scatter : Scatter or None
+        What may be different in every step and would account for a part of what is left; None where nothing would.
     by_set : tuple of SetErrors
         Of every data set, where several were given.
     unlisted : float
@@ -450,7 +458,7 @@ class IdentificationResult:
     simulated: Simulated
     ceiling: Misfit | None = None
     next_experiment: NextExperiment | None = None
-    input_noise: InputNoise | None = None
+    scatter: Scatter | None = None
     by_set: tuple[SetErrors, ...] = ()
     unlisted: float = 0.0
 
@@ -522,7 +530,7 @@ class IdentificationResult:
             "law": None if self.names_nothing else law and {**law.to_json(), "after": self.after.to_json()},
             "ceiling": self.ceiling and {"held_out": self.ceiling.to_json()},
             "next_experiment": self.next_experiment and self.next_experiment.to_json(),
-            "input_scatter": self.input_noise and self.input_noise.to_json(),
+            "scatter": self.scatter and self.scatter.to_json(),
             "searched_steps": log.steps and list(log.steps.steps),
         }
         document |= {name: value for name, value in where_there_are.items() if value is not None}

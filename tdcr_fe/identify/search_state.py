@@ -20,9 +20,9 @@ from tdcr_fe.identify.criteria import (
     residual_is_noise,
     robust_threshold,
 )
-from tdcr_fe.identify.noise import with_input_sigma
 from tdcr_fe.identify.problem import SAME, Fit, FitProblem, fit_of_run, refine
 from tdcr_fe.identify.result import Candidate
+from tdcr_fe.identify.scatter import with_input_sigma
 from tdcr_fe.identify.screening import Score
 from tdcr_fe.identify.settings import MAY_EXPLAIN, IdentifySettings, OutOfTime, clock
 

@@ -122,7 +122,7 @@ def sentences(result: IdentificationResult) -> list[str]:
     """Further sentences on the first screen."""
     parts = (
         _reason, _causes, _errors, _held_out, _noise, _search, _explainable, _by_set, _indistinguishable, _remaining,
-        _input_noise, _readings, next_sentence,
+        _scatter, _readings, next_sentence,
     )  # fmt: skip
     return [text for part in parts for text in part(result)]
 
@@ -252,19 +252,33 @@ def _remaining(result: IdentificationResult) -> list[str]:
     return found
 
 
-def _input_noise(result: IdentificationResult) -> list[str]:
-    """Errors of the inputs that would account for a part of what is left."""
-    noise = result.input_noise
-    if noise is None:
+def _scatter(result: IdentificationResult) -> list[str]:
+    """What may be different in every step, and would account for a part of what is left."""
+    scatter = result.scatter
+    if scatter is None:
         return []
-    how = quantity(noise.size, noise.unit)
-    if noise.kind == "relative":
-        how = f"{significant(100.0 * noise.size, 2)}{SPACE}% of their values"
-    what = {"m": "displacements", "N": "tensions", "1": "inputs"}[noise.unit]
+    how = quantity(scatter.size, scatter.unit)
+    if scatter.kind == "relative":
+        how = f"{significant(100.0 * scatter.size, 2)}{SPACE}% of their values"
+    inputs = {"m": "displacements", "N": "tensions", "1": "inputs"}[scatter.unit]
+    what, hint = {
+        "inputs": (
+            f"Random errors of the {inputs}",
+            "No effect predicts them: measure the inputs at the base, or declare their sigma ([inputs] in model.toml).",
+        ),
+        "positions": (
+            "A shift of all positions",
+            "Does the instrument move, or the base plate?",
+        ),
+        "force": (
+            f"A force on the {scatter.place} that is another one in every step",
+            "What touches or pulls the robot there?",
+        ),
+    }[scatter.what]
+    share = "all of" if scatter.explains_all else "part of"
     return [
-        f"Random errors of the {what} with a standard deviation of {how}, independent in every step, would explain "
-        f"part of the remaining error: it would fall from {size(noise.before)} to {size(noise.after)} over all steps. "
-        "No effect predicts them: measure the inputs at the base, or declare their sigma ([inputs] in model.toml)."
+        f"{what} with a standard deviation of {how}, independent in every step, would explain {share} the "
+        f"remaining error: it would fall from {size(scatter.before)} to {size(scatter.after)} over all steps. {hint}"
     ]
 
 

@@ -70,7 +70,7 @@ FRICTION = "the best model with friction"
 
 NEXT_EXPERIMENT = "the next experiment"
 
-INPUT_NOISE = "the noise of the inputs"
+SCATTER = "what may be different in every step"
 
 PROFILES = "the profiles of the parameters"
 

@@ -38,12 +38,12 @@ from tdcr_fe.identify.result import (
     Errors,
     Estimate,
     IdentificationResult,
-    InputNoise,
     NextExperiment,
     Parameters,
     Profile,
     Remainder,
     Residuals,
+    Scatter,
     SearchLog,
     SetErrors,
     Shapes,
@@ -61,7 +61,7 @@ class Found(NamedTuple):
     """What an identification has found besides the last state of its search."""
 
     next_experiment: NextExperiment | None = None
-    input_noise: InputNoise | None = None
+    scatter: Scatter | None = None
     profiles: tuple[Profile, ...] = ()  # of the fitted parameters
     rows: RowChoice | None = None  # load steps that the search used; None for all
     sigma_estimated: bool = False  # whether any sigma was not given
@@ -135,7 +135,7 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
         ),
         ceiling=ceiling,
         next_experiment=found.next_experiment,
-        input_noise=found.input_noise,
+        scatter=found.scatter,
         by_set=_by_set(problem, declared, best),
         unlisted=unlisted,
     )
@@ -154,17 +154,20 @@ def _undecided(search: Search, state: SearchState, found: Found, explained: bool
     problem, best = state.problem, state.best
     insufficient = insufficient_data(problem, state.declared, best, explained)
     alone = not (insufficient or best.effects)
-    inputs_explain = not insufficient and found.input_noise is not None and found.input_noise.explains_all
-    faulty = state.data_fault or (wrong_sigma(problem, best) if alone and not inputs_explain else "")
+    scatter = found.scatter if not insufficient and found.scatter and found.scatter.explains_all else None
+    faulty = state.data_fault or (wrong_sigma(problem, best) if alone and scatter is None else "")
     faulty = faulty or ("" if explained else gross_errors(problem, best, search.significance))
     unknown_noise = mostly_estimated_noise(problem.data) if explained and alone else ""
+    what = "" if scatter is None else scatter.what
+    shifted = "another shift of all positions in every step would explain all of the remaining error"
     inputs = (
         "random errors of the inputs, independent in every step, would explain all of the remaining error"
     )
     reasons = (
         Remainder(THE_DATA, faulty),
         Remainder(NOT_KNOWN, insufficient),
-        Remainder(THE_INPUTS, inputs if inputs_explain else ""),
+        Remainder(THE_DATA, shifted if what == "positions" else ""),
+        Remainder(THE_INPUTS, inputs if what == "inputs" else ""),
         Remainder(THE_NOISE, unknown_noise),
     )
     return next((reason for reason in reasons if reason.description), None)

@@ -1,4 +1,4 @@
-"""Scatter of the inputs: found with its size where each step has other errors, and nowhere else."""
+"""What is different in every step: errors of inputs, shifts and forces, found with their size, and nowhere else."""
 
 from dataclasses import replace
 
@@ -9,11 +9,11 @@ from identify_data import GRAVITY, MODEL, ROBOT, begun, concluded, data_of, posi
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.criteria import residual_is_noise
-from tdcr_fe.identify.noise import find_input_noise
 from tdcr_fe.identify.problem import evaluate, with_elements
+from tdcr_fe.identify.scatter import find_scatter
 from tdcr_fe.io.measured import read_measured, write_measured
 from tdcr_fe.io.problems import InputError
-from tdcr_fe.model.loading import LoadStep
+from tdcr_fe.model.loading import Load, LoadStep
 
 SIGMA = 1e-4
 PULLS = [(a, b) for a in (0.0, 0.3, 0.6, 0.9, 1.2) for b in (0.0, 0.3, 0.6, 0.9, 1.2) if a or b]
@@ -33,7 +33,7 @@ def data(factors, added, by="tensions", pulls=PULLS, truth=None):
 def scatter(measured):
     """Scatter beside the declared model."""
     problem = on_fine_mesh(measured)
-    return find_input_noise(problem, evaluate(problem, (), {}))
+    return find_scatter(problem, evaluate(problem, (), {}))
 
 
 def on_fine_mesh(measured):
@@ -63,6 +63,38 @@ def test_absolute_errors_of_displacements_are_found_with_their_size_and_unit():
     assert found.size == pytest.approx(np.std(own[np.array(PATHS) > 0.0]), rel=0.15)
 
 
+def test_a_force_that_is_another_one_in_every_step_is_found_with_its_place_and_size():
+    forces = np.random.default_rng(3).normal(0.0, 0.02, (len(PULLS), 3))
+    commanded = [LoadStep(tensions={"t1": float(a), "t2": float(b)}) for a, b in PULLS]
+    steps = tuple(
+        replace(step, loads={"hand": Load(ROBOT.bay_edges[3], tuple(map(float, f)))})
+        for step, f in zip(commanded, forces, strict=True)
+    )
+    true = Experiment(ROBOT, replace(MODEL, elements_per_bay=4), steps)
+    problem = on_fine_mesh(data_of(commanded, positions(true, SIGMA, 1)))
+    state = state_of(problem)
+    found = find_scatter(problem, state.best)
+    assert (found.what, found.place) == ("force", f"disk at s = {ROBOT.bay_edges[3]:.4g} m")
+    assert found.size == pytest.approx(0.02, rel=0.2)
+
+    result = concluded(state, scatter=found)
+    assert result.verdict == "unexplained"
+    assert "is another one in every step" in str(result)
+
+
+def test_positions_that_are_shifted_together_in_every_step_are_no_cause_in_the_robot():
+    measured = data(1.0, 0.0)
+    shifts = np.random.default_rng(3).normal(0.0, 1e-3, (len(PULLS), 3))
+    moved = [
+        replace(r, value=r.value + shifts[r.step - 1, "xyz".index(r.quantity[-1])]) for r in measured.readings
+    ]
+    state = state_of(on_fine_mesh(replace(measured, readings=tuple(moved))))
+    found = find_scatter(state.problem, state.best)
+    assert (found.what, found.unit) == ("positions", "m")
+    assert found.size == pytest.approx(1e-3, rel=0.2)
+    assert concluded(state, scatter=found).remaining.where == "the data"
+
+
 @pytest.mark.parametrize(
     ("factors", "truth"),
     [(1.0, None), (1.1, None), (1.0, {"precurvature": {"kappa_x": 0.8, "kappa_y": 0.0}})],
@@ -81,12 +113,12 @@ def test_large_errors_of_a_few_steps_are_no_scatter():
 
 def test_the_report_says_what_the_inputs_would_account_for():
     state = state_of(on_fine_mesh(data(1.0 + errors(0.04, len(PULLS)), 0.0)))
-    scatter = find_input_noise(state.problem, state.best)
-    result = concluded(state, input_noise=scatter)
+    scatter = find_scatter(state.problem, state.best)
+    result = concluded(state, scatter=scatter)
 
     assert (result.verdict, result.remaining.where) == ("cannot tell", "the inputs")
-    assert 0.02 < result.input_noise.size < 0.06
-    assert result.to_json()["input_scatter"]["kind"] == "relative"
+    assert 0.02 < result.scatter.size < 0.06
+    assert result.to_json()["scatter"]["kind"] == "relative"
     assert "% of their values, independent in every step" in str(result)
 
 
