@@ -32,9 +32,9 @@ Array = NDArray[np.float64]
 #: coefficient in such steps [1].
 TYPICAL, FARTHEST = 0.02, 2000.0
 
-#: Loads begin and end with rows on all disks for so many pairs of row and disk at most, else on the tip only: each pair
-#: is twelve columns.
-MOST_PAIRS = 600
+#: Loads begin or end with rows on all disks for so many pairs of a part of the rows and a disk at most, else on the tip
+#: only: each pair is six columns.
+MOST_PAIRS = 1200
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,13 @@ class Factor:
     powers: tuple[int, int, int]  # of metre, newton and second
     value: Callable[[BayState], Array]  # from a `BayState` to shape (K, n_bays)
     kind: str  # what a cause with this factor depends on
+    choices: int = 1  # among how many of its kind it is chosen
+    when: str = ""  # in words, where a load acts with it in some rows only
+
+    @property
+    def how(self) -> str:
+        """How a load with it acts, in words."""
+        return self.when or f"in proportion to {self.name}"
 
 
 @dataclass(frozen=True)
@@ -249,17 +256,25 @@ def library(bays: int, clock: Factor) -> list[Term]:
     return terms
 
 
-def terms_from_a_row_on(clock: Factor, starts: Mapping[int, float]) -> list[Term]:
-    """Another stiffness, or another precurvature, from a row on; ``starts``: see `loads_from_a_row_on`."""
+def parts_of_rows(clock: Factor, starts: Mapping[int, float]) -> list[Factor]:
+    """One from a row on, and zero before it, or the other way; ``starts``: by row, the value of the clock there."""
 
-    def later(state: BayState, start: float) -> Array:
-        return (clock.value(state) >= start).astype(float)
+    def part(state: BayState, start: float, after: bool) -> Array:
+        return ((clock.value(state) >= start) == after).astype(float)
 
-    steps = [
-        Factor(f"a step in row {n}", f"step(row >= {n})", (0, 0, 0), partial(later, start=x), "row")
+    return [
+        Factor(
+            f"a step in row {n}",
+            f"step(row {'>=' if after else '<'} {n})",
+            (0, 0, 0),
+            partial(part, start=x, after=after),
+            "row",
+            2 * len(starts),
+            f"from row {n} on" if after else f"before row {n}",
+        )
         for n, x in starts.items()
+        for after in (True, False)
     ]
-    return [Term((step,), d) for step in steps for d in (BENDING, SECTION)]
 
 
 def _repeated_sign(factors: tuple[Factor, ...], direction: Direction) -> bool:
@@ -334,12 +349,14 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
 
     rows = possible_starts(problem.data) if progress and not problem.data.parts else ()
     starts = {problem.data.step_ids[k]: float(clock.value(state)[k, -1]) for k in rows}
-    jumps = terms_from_a_row_on(clock, starts)
+    parts = parts_of_rows(clock, starts)
+    # another stiffness, or another precurvature, before a row is one from it on
+    jumps = [Term((part,), d) for part in parts[::2] for d in (BENDING, SECTION)]
     for term in (*library(bays, clock), *jumps):
         if not progress and ROW in term.factors:
             continue
         perturbs, depends = term.kind
-        choices = len(starts) if term in jumps else bays if term.bay is not None else 1
+        choices = (1 if term.bay is None else bays) * math.prod(f.choices for f in term.factors)
         price = math.log(10.0) + 1.5 * len(term.factors) + math.log(choices)
         kind = Kind(perturbs, depends, where(term, state.edges))
         found += load(term.key, kind, term.actions, sentence(term), price)
@@ -348,7 +365,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
             lasting = load(last.key, kind, last.actions, sentence(last), price)
             span = ("time", "s") if clock is TIME else ("rows", "1")
             found += [SettlingLoad(x, lambda b: clock.value(b)[:, :1], span, state) for x in lasting]
-    for free in (*_free_loads(clock), *loads_from_a_row_on(clock, starts, bays)):
+    for free in free_loads(clock, parts, bays):
         if "row" in free.depends_on and not progress:
             continue
         for bay in range(bays - 1 if free.at_tip else 0, bays):
@@ -414,8 +431,11 @@ class _FreeLoad(NamedTuple):
 _Along = Callable[[BayState, int], Array]
 
 
-def _free_loads(clock: Factor) -> list[_FreeLoad]:
-    """Along fixed directions and along those that turn with the tip, constant or in proportion to something."""
+def free_loads(clock: Factor, parts: Sequence[Factor], bays: int) -> list[_FreeLoad]:
+    """Along fixed directions and along those that turn with the tip, constant or in proportion to something.
+
+    ``parts``: of the rows, see `parts_of_rows`.
+    """
 
     def fixed(state: BayState, axis: int) -> Array:
         return np.tile(np.eye(3)[axis], (state.shape[0], 1))
@@ -430,44 +450,22 @@ def _free_loads(clock: Factor) -> list[_FreeLoad]:
         along = direction(state, axis)
         return along if factor is None else factor.value(state)[:, bay, None] * along
 
-    found = []
+    found, many = [], len(parts) * bays > MOST_PAIRS
     for perturbs, text, by, direction, factors in (
-        ("force", "of fixed direction", "", fixed, (None, clock, TENSION, DISTANCE)),
-        ("moment", "of fixed direction", "", fixed, (None, clock, TENSION, DISTANCE)),
+        ("force", "of fixed direction", "", fixed, (None, clock, TENSION, DISTANCE, *parts)),
+        ("moment", "of fixed direction", "", fixed, (None, clock, TENSION, DISTANCE, *parts)),
         ("force", "that turns with the tip", "orientation", turning, (None,)),
         ("moment", "that turns with the tip", "orientation", turning, (None,)),
         ("moment", "of a uniform field on a magnet along the tip", "orientation", dipole, (None, clock)),
     ):
         for factor in factors:
-            how = "constant" if factor is None else f"in proportion to {factor.name}"
+            how = "constant" if factor is None else factor.how
             depends = tuple(filter(None, (by, factor.kind if factor else ""))) or ("nothing",)
             unit = _unit((0 if perturbs == "force" else 1, 1, 0), [factor.powers] if factor else [])
-            load = partial(vector, direction, factor)
-            found.append(_FreeLoad(perturbs, f"{text}, {how}", depends, unit, load, direction is not fixed))
+            load, choices = partial(vector, direction, factor), factor.choices if factor else 1
+            at_tip = direction is not fixed or (choices > 1 and many)
+            found.append(_FreeLoad(perturbs, f"{text}, {how}", depends, unit, load, at_tip, choices))
     return found
-
-
-def loads_from_a_row_on(clock: Factor, starts: Mapping[int, float], bays: int) -> list[_FreeLoad]:
-    """Forces and moments that begin in a row, or end before it; ``starts``: by row, the value of the clock there."""
-    at_tip = len(starts) * bays > MOST_PAIRS
-
-    def part(state: BayState, bay: int, axis: int, start: float, after: bool) -> Array:
-        return ((clock.value(state)[:, bay, None] >= start) == after) * np.eye(3)[axis]
-
-    return [
-        _FreeLoad(
-            perturbs,
-            f"of fixed direction, {'from' if after else 'before'} row {n}{' on' if after else ''}",
-            ("row",),
-            unit,
-            partial(part, start=x, after=after),
-            at_tip,
-            2 * len(starts),
-        )
-        for perturbs, unit in (("force", "N"), ("moment", "N m"))
-        for n, x in starts.items()
-        for after in (True, False)
-    ]
 
 
 def _by_curvature(state: BayState, axes: str) -> Array:
