@@ -248,7 +248,8 @@ def _is_systematic(errors: Sequence[Array], blocks: Sequence[_Block], inputs: Ar
 def _follows_inputs(values: Array, inputs: Array) -> bool:
     """Whether values of shape (K, q) have a mean, or depend on the inputs, each by itself."""
     known = np.column_stack((np.ones(len(inputs)), inputs))
-    return _depends(np.kron(np.eye(values.shape[1]), known), values.T.ravel())
+    rows = np.asarray(np.kron(np.eye(values.shape[1]), known), dtype=float)
+    return _depends(rows, values.T.ravel())
 
 
 def _depends(rows: Array, goal: Array) -> bool:
