@@ -489,7 +489,7 @@ def grow(search: Search, state: SearchState) -> Stage:
         names, before = frozenset(state.best.names), state.best
         progress = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
         more = len(names) < most_effects and (names, singles.__name__) not in state.extended
-        tries: list[_Try] = [(singles, state.best)] if more else _hidden(search, state)
+        tries = _visible(search, state) if more else _hidden(search, state)
         # Several causes that leave more than noise may stand for others.
         anew = (names, exchange.__name__) not in state.extended and not search.long_data
         if anew and len(state.best.effects) > 1 and not search.explained(state):
@@ -518,6 +518,7 @@ def grow(search: Search, state: SearchState) -> Stage:
             if better:
                 state = replace(state, best=better[0])
                 yield state
+            if better and (search.explained(state) or not more):
                 break
         entries = [_entry(state, number, x) for x in pool[:SHOWN]]
         state = replace(state, candidates=(*state.candidates, *entries))
@@ -540,6 +541,22 @@ def grow(search: Search, state: SearchState) -> Stage:
 
 #: A search for candidates beside a model, and that model.
 _Try = tuple[Callable[[Search, SearchState, Fit], tuple[SearchState, list[Proposal]]], Fit]
+
+
+def _visible(search: Search, state: SearchState) -> list[_Try]:
+    """Single causes beside the best model.
+
+    And beside the best one of listed effects, where a cause without a name leaves more than noise: gravity and friction
+    were a force on one disk and friction up to another, and no exchange of one of them led back.
+    """
+    tries: list[_Try] = [(singles, state.best)]
+    if not _all_named(state.best.effects) and not search.explained(state):
+        size = len(state.best.effects)
+        named = [
+            f for f in state.fits.values() if len(f.effects) == size and _all_named(f.effects) and f.solved
+        ]
+        tries += [(singles, min(named, key=lambda f: rank(state.problem, f)))] if named else []
+    return tries
 
 
 def _hidden(search: Search, state: SearchState) -> list[_Try]:
