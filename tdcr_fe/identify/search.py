@@ -546,17 +546,16 @@ _Try = tuple[Callable[[Search, SearchState, Fit], tuple[SearchState, list[Propos
 def _visible(search: Search, state: SearchState) -> list[_Try]:
     """Single causes beside the best model.
 
-    And beside the best one of listed effects, where a cause without a name leaves more than noise: gravity and friction
-    were a force on one disk and friction up to another, and no exchange of one of them led back.
+    And first beside the best one of listed effects, where a cause without a name leaves more than noise: gravity and
+    friction were a force on one disk and friction up to another, and no exchange of one of them led back.
     """
     tries: list[_Try] = [(singles, state.best)]
-    if not _all_named(state.best.effects) and not search.explained(state):
-        size = len(state.best.effects)
-        named = [
-            f for f in state.fits.values() if len(f.effects) == size and _all_named(f.effects) and f.solved
-        ]
-        tries += [(singles, min(named, key=lambda f: rank(state.problem, f)))] if named else []
-    return tries
+    if _all_named(state.best.effects) or search.explained(state):
+        return tries
+    size = len(state.best.effects)
+    named = [f for f in state.fits.values() if len(f.effects) == size and _all_named(f.effects) and f.solved]
+    first = sorted(named, key=lambda f: rank(state.problem, f))[:1]
+    return [*((singles, f) for f in first), *tries]
 
 
 def _hidden(search: Search, state: SearchState) -> list[_Try]:
