@@ -127,9 +127,11 @@ def sweep(
         try:
             with closing(stream):  # explicitly: on an interruption workers end before this function does
                 for solved, outcome in enumerate(stream, start=1):
+                    collected.add(
+                        outcome
+                    )  # first: what the journal has is in the table, wherever it is interrupted
                     if lines is not None:
                         lines.append([vars(outcome)])
-                    collected.add(outcome)
                     report_progress(described.count - len(left) + solved, described.count)
         except KeyboardInterrupt as interruption:
             stop = interruption
