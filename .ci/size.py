@@ -37,7 +37,7 @@ BUDGET = {
     "tdcr_fe/report": 1162,
     "tdcr_fe/scene": 1443,
     "tdcr_fe/solve": 6784,
-    "tdcr_fe/sweeps": 1425,
+    "tdcr_fe/sweeps": 1419,
     "validation": 6784,
     "tests": 13730,
 }
