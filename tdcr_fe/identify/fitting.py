@@ -41,9 +41,6 @@ NOTHING, VISIBLE, FURTHEST = 0.02, 3.0, 100.0
 #: Share of the extrapolated discretisation error that may be wrong.
 UNSURE = 1.0 / 3.0
 
-#: Assumed error of the simulation, as a fraction of the length and in radians [1, rad].
-NUMERICS = 2e-5
-
 #: A run takes substeps that another run has chosen where their predictions differ by less than this, rms over sigma. On
 #: robots with friction, substeps of its own then change them by 0.05 or less.
 NEAR_PATH = 2.0
@@ -320,7 +317,7 @@ def _proposal(problem: FitProblem, now: Fit, damping: float) -> tuple[Array, Arr
 def covariance(problem: FitProblem, fit: Fit) -> Array:
     """Of the coordinates of the free parameters, shape (p, p).
 
-    Enlarged where the misfit is above noise, and by the effect of the simulation's own errors.
+    Enlarged where the misfit is above noise, and by the effect of the errors of mesh and path.
     """
     if not fit.free:
         return np.zeros((0, 0))
@@ -331,10 +328,6 @@ def covariance(problem: FitProblem, fit: Fit) -> Array:
     inner = np.linalg.pinv((j / norm).T @ (j / norm), rcond=1e-10)
     dof = max(1, int(np.count_nonzero(fitted)) - len(fit.free))
     factor = max(1.0, fit.cost / dof)
-    # An undetectable systematic error biases the parameters most where it is parallel to their sensitivities.
-    scale = np.where(problem.readings.is_position, problem.data.robot.backbone.length, 1.0) / problem.sigma
-    known = (problem.readings.is_position | problem.readings.is_angle) & fitted
-    factor += NUMERICS**2 * float(np.sum(scale[known] ** 2))
     # The extrapolated error of mesh and path is known to about a third; so is its effect on the parameters.
     shift = inner / np.outer(norm, norm) @ (j.T @ (UNSURE * problem.correction[fitted] * w))
     return np.asarray(inner / np.outer(norm, norm) * factor + np.outer(shift, shift))
