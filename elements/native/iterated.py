@@ -217,9 +217,8 @@ class PastStep(NamedTuple):
     rate: Array  # (m, g): Change of the mobilisations per time, unlimited [1/s]
     # (m, g): The same in the step after it: half of the change of the rate since the step before goes on [1/s]
     expected: Array
-    by_tangent: (
-        bool  # Whether it was solved with the tangent: numerical derivatives need one law in all evaluations
-    )
+    # Whether it was solved with the tangent: numerical derivatives need one law in all evaluations
+    by_tangent: bool
 
     @classmethod
     def of(

@@ -277,6 +277,26 @@ def parts_of_rows(clock: Factor, starts: Mapping[int, float]) -> list[Factor]:
     ]
 
 
+def tensions_of(names: Sequence[str]) -> list[Factor]:
+    """The tension of each of several tendons."""
+
+    def tension(state: BayState, number: int) -> Array:
+        return state.tension[..., number]
+
+    return [
+        Factor(
+            f"the tension of tendon {n}",
+            f"T_{n}",
+            (0, 1, 0),
+            partial(tension, number=i),
+            "tension",
+            len(names),
+        )
+        for i, n in enumerate(names)
+        if len(names) > 1
+    ]
+
+
 def _repeated_sign(factors: tuple[Factor, ...], direction: Direction) -> bool:
     """Whether a sign stands twice: its square is one."""
     count = factors.count(LOADING) + (direction is TENDON_SIGN)
@@ -365,7 +385,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
             lasting = load(last.key, kind, last.actions, sentence(last), price)
             span = ("time", "s") if clock is TIME else ("rows", "1")
             found += [SettlingLoad(x, lambda b: clock.value(b)[:, :1], span, state) for x in lasting]
-    for free in free_loads(clock, parts, bays):
+    for free in free_loads(clock, tensions_of(problem.experiment.robot.tendon_names), parts, bays):
         if "row" in free.depends_on and not progress:
             continue
         for bay in range(bays - 1 if free.at_tip else 0, bays):
@@ -431,10 +451,12 @@ class _FreeLoad(NamedTuple):
 _Along = Callable[[BayState, int], Array]
 
 
-def free_loads(clock: Factor, parts: Sequence[Factor], bays: int) -> list[_FreeLoad]:
+def free_loads(
+    clock: Factor, tensions: Sequence[Factor], parts: Sequence[Factor], bays: int
+) -> list[_FreeLoad]:
     """Along fixed directions and along those that turn with the tip, constant or in proportion to something.
 
-    ``parts``: of the rows, see `parts_of_rows`.
+    ``tensions``: of single tendons; ``parts``: of the rows, see `parts_of_rows`.
     """
 
     def fixed(state: BayState, axis: int) -> Array:
@@ -451,9 +473,10 @@ def free_loads(clock: Factor, parts: Sequence[Factor], bays: int) -> list[_FreeL
         return along if factor is None else factor.value(state)[:, bay, None] * along
 
     found, many = [], len(parts) * bays > MOST_PAIRS
+    anywhere = (None, clock, TENSION, DISTANCE, *tensions, *parts)
     for perturbs, text, by, direction, factors in (
-        ("force", "of fixed direction", "", fixed, (None, clock, TENSION, DISTANCE, *parts)),
-        ("moment", "of fixed direction", "", fixed, (None, clock, TENSION, DISTANCE, *parts)),
+        ("force", "of fixed direction", "", fixed, anywhere),
+        ("moment", "of fixed direction", "", fixed, anywhere),
         ("force", "that turns with the tip", "orientation", turning, (None,)),
         ("moment", "that turns with the tip", "orientation", turning, (None,)),
         ("moment", "of a uniform field on a magnet along the tip", "orientation", dipole, (None, clock)),
@@ -463,7 +486,7 @@ def free_loads(clock: Factor, parts: Sequence[Factor], bays: int) -> list[_FreeL
             depends = tuple(filter(None, (by, factor.kind if factor else ""))) or ("nothing",)
             unit = _unit((0 if perturbs == "force" else 1, 1, 0), [factor.powers] if factor else [])
             load, choices = partial(vector, direction, factor), factor.choices if factor else 1
-            at_tip = direction is not fixed or (choices > 1 and many)
+            at_tip = direction is not fixed or (many and factor in parts)
             found.append(_FreeLoad(perturbs, f"{text}, {how}", depends, unit, load, at_tip, choices))
     return found
 

@@ -76,11 +76,20 @@ def test_loads_begin_and_end_with_a_row(when, acts):
     np.testing.assert_allclose(moment, expected, atol=1e-15)
 
 
+def test_a_load_may_follow_the_tension_of_one_tendon():
+    _, run, causes = declared()
+    force = causes["force of fixed direction, in proportion to the tension of tendon t2 (tip)"]
+    expected = np.zeros((*run.bays.shape, 6))
+    expected[:, -1, 4] = 3.0 * run.bays.tension[:, -1, 1]
+    np.testing.assert_array_equal(force.action(run.bays, {"x": 0.0, "y": 3.0, "z": 0.0}), expected)
+    assert force.kind == ("force", ("tension",), "tip")
+
+
 def test_loads_from_a_row_on_act_on_all_disks_of_short_sequences():
     """Up to 1200 pairs of rows and disks, else on the tip alone: their columns would take too much memory."""
     parts = parts_of_rows(ROW, {7: 7.0, 8: 8.0})
     for bays, at_tip in ((300, False), (301, True)):
-        found = [load for load in free_loads(ROW, parts, bays) if load.choices > 1]
+        found = [load for load in free_loads(ROW, (), parts, bays) if load.choices > 1]
         assert len(found) == 8 and {load.at_tip for load in found} == {at_tip}
 
 

@@ -87,9 +87,8 @@ class BodyFrameReduction:
 class Unknowns(NamedTuple):
     """The independent unknowns of a configuration; small, and can be pickled."""
 
-    coordinates: (
-        Array  # Of the scene, as in Exudyn; those of its nodes alone of a robot that is solved by itself
-    )
+    # Of the scene, as in Exudyn; those of its nodes alone of a robot that is solved by itself
+    coordinates: Array
     multipliers: Array  # as `coordinates`
     twists: tuple[Array, ...]  # By robot, relative twists of the elements, length times strain, shape (E, 6)
     bases: tuple[Array, ...]  # By robot, pose of the base node, shape (4, 4)

@@ -73,9 +73,8 @@ class CapstanTransfer(NamedTuple):
     # zero where they are unknown
     base_tension: Array
     base_change: Array  # as `base_tension`
-    base_of_segment: (
-        Array  # (c, q): Ones where an unknown tension is that at the base of the segment's tendon
-    )
+    # (c, q): Ones where an unknown tension is that at the base of the segment's tendon
+    base_of_segment: Array
 
     @classmethod
     def of(cls, tendons: Sequence[TendonsInSubstep]) -> CapstanTransfer:

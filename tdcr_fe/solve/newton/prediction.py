@@ -28,9 +28,8 @@ class Prediction(NamedTuple):
     """A predicted solution."""
 
     state: SolverState  # The state at the beginning of the step with predicted unknowns
-    slope: (
-        Array  # Derivative of the unknowns at the beginning of the step, times its length, see `SolvedStep`
-    )
+    # Derivative of the unknowns at the beginning of the step, times its length, see `SolvedStep`
+    slope: Array
 
 
 def predict(
