@@ -25,21 +25,21 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2746,
+    "elements": 2744,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 782,
     "tdcr_fe/effects": 1310,
     "tdcr_fe/estimate": 959,
-    "tdcr_fe/identify": 6855,
+    "tdcr_fe/identify": 6873,
     "tdcr_fe/io": 1835,
     "tdcr_fe/live": 350,
     "tdcr_fe/model": 2565,
     "tdcr_fe/report": 1162,
     "tdcr_fe/scene": 1443,
-    "tdcr_fe/solve": 6784,
+    "tdcr_fe/solve": 6778,
     "tdcr_fe/sweeps": 1419,
     "validation": 6784,
-    "tests": 13730,
+    "tests": 13737,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
