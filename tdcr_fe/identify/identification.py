@@ -19,7 +19,7 @@ from tdcr_fe.identify.load_steps import RowChoice, choose_held_out, choose_rows,
 from tdcr_fe.identify.next_experiment import choose_next
 from tdcr_fe.identify.noise import estimate_sigma
 from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate, fit_of_run, refine, with_elements
-from tdcr_fe.identify.result import IdentificationResult
+from tdcr_fe.identify.result import IdentificationResult, Scatter
 from tdcr_fe.identify.run import Run
 from tdcr_fe.identify.scatter import find_scatter, with_input_sigma
 from tdcr_fe.identify.search import search_causes
@@ -167,7 +167,7 @@ def _search(
                     state = state.without_trying(FRICTION)
             state = fit_to_all_rows(whole, state, replace(prepared.problem, deadline=latest))
         if not whole.explained(state):  # parameters of a model that leaves more than noise have no profiles
-            scatter, state = _in_time(lambda x: find_scatter(x.problem, x.best), state, SCATTER)
+            state, scatter = what_scatters(state)
             return state, Found(planned, scatter)
         if whole.out_of_time:
             return state.without_trying(PROFILES) if state.best.free else state, Found(planned)
@@ -176,6 +176,17 @@ def _search(
         last = replace(state, interrupted=True)
         last = last.with_history("interrupted; what was found until then is reported")
         raise _Interrupted(last, prepared) from None
+
+
+def what_scatters(state: SearchState) -> tuple[SearchState, Scatter | None]:
+    """What may be different in every step beside the best model; or beside the declared one, if that explains all."""
+    scatter, state = _in_time(lambda x: find_scatter(x.problem, x.best), state, SCATTER)
+    if scatter is None and state.best.effects:
+        alone, state = _in_time(lambda x: find_scatter(x.problem, x.declared), state, SCATTER)
+        if alone is not None and alone.explains_all:
+            text = "what differs from step to step explains all beside the declared model"
+            return replace(state, best=state.declared).with_history(text), alone
+    return state, scatter
 
 
 def _in_time(make: Callable[[SearchState], T], state: SearchState, what: str) -> tuple[T | None, SearchState]:

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from identify_data import GRAVITY, MODEL, ROBOT, begun, concluded, data_of, positions, problem_of, state_of
 
-from tdcr_fe.effects import Experiment, with_effects
+from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.criteria import residual_is_noise
+from tdcr_fe.identify.identification import what_scatters
 from tdcr_fe.identify.problem import evaluate, with_elements
 from tdcr_fe.identify.scatter import find_scatter
 from tdcr_fe.io.measured import read_measured, write_measured
@@ -93,6 +94,13 @@ def test_positions_that_are_shifted_together_in_every_step_are_no_cause_in_the_r
     assert (found.what, found.unit) == ("positions", "m")
     assert found.size == pytest.approx(1e-3, rel=0.2)
     assert concluded(state, scatter=found).remaining.where == "the data"
+
+    # a cause that explains a part of them is no reason to keep it
+    cause = effect("frame_misalignment")
+    values = {cause.name: {**cause.null_values(state.problem.experiment), "rot_x": 0.05}}
+    state = replace(state, best=evaluate(state.problem, (cause,), values))
+    state, again = what_scatters(state)
+    assert (state.best, again) == (state.declared, found)
 
 
 @pytest.mark.parametrize(
