@@ -55,8 +55,7 @@ class BayState:
 
     def place(self, bay: int) -> str:
         """The end of a bay, from 0, in words."""
-        last = bay == self.shape[1] - 1
-        return "tip" if last else f"disk at s = {self.edges[bay + 1]:.4g} m"
+        return end_of_bay(self.edges, bay)
 
     def choices(self, bay: int) -> int:
         """Among how many places the end of a bay is one: the tip stands alone."""
@@ -83,6 +82,11 @@ class BayState:
         """Of several loading sequences, one after another."""
         by_step = ("curvature", "rotation", "moved", "tension", "direction", "time")
         return replace(parts[0], **{n: np.concatenate([getattr(p, n) for p in parts]) for n in by_step})
+
+
+def end_of_bay(edges: Array, bay: int) -> str:
+    """The end of a bay, from 0, in words; ``edges``: see `BayState`."""
+    return "tip" if bay + 2 == len(edges) else f"disk at s = {edges[bay + 1]:.4g} m"
 
 
 class Action(NamedTuple):

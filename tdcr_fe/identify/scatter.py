@@ -17,7 +17,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import chdtri, fdtrc
 
 from tdcr_fe.effects import Effect, Experiment
-from tdcr_fe.identify.bay_state import FORCE, Action, action_inputs, with_action
+from tdcr_fe.identify.bay_state import FORCE, Action, action_inputs, end_of_bay, with_action
 from tdcr_fe.identify.criteria import NOISE_Z_SCORE
 from tdcr_fe.identify.forward import Job, last_parts
 from tdcr_fe.identify.noise import SIGNIFICANCE, chi_square_z_score
@@ -116,10 +116,8 @@ def find_scatter(problem: FitProblem, fit: Fit) -> Scatter | None:
         for x in _errors_of_inputs(problem, fit, experiment, inputs, displaced)
     ]
     if np.min(np.unique(problem.readings.reader.step, return_counts=True)[1]) >= 6:
-        found += [
-            _likeliest(problem, fit, x, inputs)
-            for x in (_shift(problem, fit), *_forces(problem, fit, experiment))
-        ]
+        others = (_shift(problem, fit), *_forces(problem, fit, experiment))
+        found += [_likeliest(problem, fit, x, inputs) for x in others if np.any(x.by)]
     near = sorted((x for x in found if x.source.bay is not None), key=lambda x: -x.gain)[:PLACES]
     found += [_with_forces(problem, fit, experiment, x) for x in near]
     likely = [
@@ -135,10 +133,8 @@ def find_scatter(problem: FitProblem, fit: Fit) -> Scatter | None:
 
 def _scatter(problem: FitProblem, before: Array, found: _Likeliest) -> Scatter:
     """As it is reported; ``before``: residual over sigma without it, shape (n,)."""
-    source, edges = found.source, problem.experiment.robot.bay_edges[1:]
-    place = ""
-    if source.bay is not None:
-        place = "tip" if source.bay + 1 == len(edges) else f"disk at s = {edges[source.bay]:.4g} m"
+    source = found.source
+    place = "" if source.bay is None else end_of_bay(problem.experiment.robot.bay_edges, source.bay)
     misfits = (problem.misfit(r, np.ones(problem.count, dtype=bool)) for r in (before, found.left))
     return Scatter(source.what, place, found.size, source.unit, *misfits)
 

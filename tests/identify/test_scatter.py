@@ -14,6 +14,7 @@ from tdcr_fe.identify.problem import evaluate, with_elements
 from tdcr_fe.identify.scatter import find_scatter
 from tdcr_fe.io.measured import read_measured, write_measured
 from tdcr_fe.io.problems import InputError
+from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Load, LoadStep
 
 SIGMA = 1e-4
@@ -101,6 +102,17 @@ def test_positions_that_are_shifted_together_in_every_step_are_no_cause_in_the_r
     state = replace(state, best=evaluate(state.problem, (cause,), values))
     state, again = what_scatters(state)
     assert (state.best, again) == (state.declared, found)
+
+
+def test_readings_without_positions_have_no_shift():
+    measured = data(1.0, 0.0)
+    curved = tuple(
+        Reading(step, f"curvature_{axis}", s, 0.0, 0.1)
+        for step in measured.step_ids
+        for axis in "xy"
+        for s in (0.05, 0.1, 0.15)
+    )
+    assert scatter(replace(measured, readings=curved)) is None
 
 
 @pytest.mark.parametrize(
