@@ -271,7 +271,7 @@ def _scatter(result: IdentificationResult) -> list[str]:
             "Does the instrument move, or the base plate?",
         ),
         "force": (
-            f"A force on the {scatter.place} that is another one in every step",
+            f"A force on the {scatter.place}",
             "What touches or pulls the robot there?",
         ),
     }[scatter.what]

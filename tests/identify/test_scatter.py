@@ -81,7 +81,7 @@ def test_a_force_that_is_another_one_in_every_step_is_found_with_its_place_and_s
 
     result = concluded(state, scatter=found)
     assert result.verdict == "unexplained"
-    assert "is another one in every step" in str(result)
+    assert f"A force on the {found.place} with a standard deviation of" in str(result)
 
 
 def test_positions_that_are_shifted_together_in_every_step_are_no_cause_in_the_robot():
