@@ -179,6 +179,7 @@ SCENARIO_MISTAKES = [
     ({"robot": REMOVED}, "robot", "", ["missing", "robot.toml"]),
     ({"robot": "robo.toml"}, "robot", '"robo.toml"', ["there is no file", "did you mean robot.toml?"]),
     ({"robot": "a\0b"}, "robot", '"a\\u0000b"', ["no file"]),
+    ({"robot": "a\nb"}, "robot", '"a\\nb"', ["there is no file", "a\\nb"]),
     ({"model.friction": "per_hole"}, "model.friction", '"per_hole"', ["did you mean per-hole?"]),
     ({"model.tendon_path": "continuous"}, "model.friction", '"per-hole"', ['set friction = "none"']),
     (
