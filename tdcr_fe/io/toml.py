@@ -317,15 +317,20 @@ class ScenarioTables:
     problems: tuple[Problem, ...] = ()
 
 
-def read_scenario_tables(path: str | os.PathLike[str]) -> ScenarioTables:
+def read_scenario_tables(path: str | os.PathLike[str], named: Problem | None = None) -> ScenarioTables:
     """Tables of a `scenario.toml` and of the robot that it names; their contents are not checked.
+
+    Parameters
+    ----------
+    path, named
+        See `read_toml`.
 
     Raises
     ------
     InputError
         The scenario cannot be read, or is not TOML.
     """
-    scenario, sha256 = read_toml(path)
+    scenario, sha256 = read_toml(path, named)
     path = Path(path)
     digests, name = {str(path): sha256}, scenario.get("robot")
     if not isinstance(name, str):

@@ -114,7 +114,9 @@ def read_sweep(
     if objects:
         tables = _tables_of(objects, path)
     elif "scenario" in top:
-        tables = sound(lambda: read_scenario_tables(path.parent / top["scenario"]))
+        name = top["scenario"]
+        named = Problem(str(path), "scenario", shown(name), "")
+        tables = sound(lambda: read_scenario_tables(path.parent / name, named))
     scenario: Any = tables and sound(lambda: build_scenario(tables, user_effects))
     report.refuse()
     sampling, output, workspace = top["sampling"], top["output"], top["workspace"]

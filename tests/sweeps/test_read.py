@@ -39,7 +39,8 @@ def vary(key, rest, before=""):
     [
         ("", "sweep.toml: scenario: missing"),
         (SCENARIO, "sweep.toml: is the file of a scenario; give the sweep.toml that names it"),
-        ('scenario = "other.toml"', "other.toml: no such file"),
+        ('scenario = "other.toml"', 'sweep.toml: scenario = "other.toml": there is no file'),
+        ('scenario = ".."', 'sweep.toml: scenario = "..": '),
         (HEAD, "sweep.toml: vary: nothing is varied"),
         (vary("backbone.raduis", ONE), 'vary[0].key = "backbone.raduis": unknown key; did you mean radius'),
         (vary("effects.gravity.g_q", ONE), 'key = "effects.gravity.g_q": unknown key; did you mean g_z'),
