@@ -30,7 +30,7 @@ BUDGET = {
     "tdcr_fe/commands": 782,
     "tdcr_fe/effects": 1310,
     "tdcr_fe/estimate": 959,
-    "tdcr_fe/identify": 6878,
+    "tdcr_fe/identify": 6876,
     "tdcr_fe/io": 1836,
     "tdcr_fe/live": 350,
     "tdcr_fe/model": 2565,

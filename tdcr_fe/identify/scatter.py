@@ -17,7 +17,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import chdtri, fdtrc
 
 from tdcr_fe.effects import Effect, Experiment
-from tdcr_fe.identify.bay_state import FORCE, Action, action_inputs, end_of_bay, with_action
+from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, Action, action_inputs, end_of_bay, with_action
 from tdcr_fe.identify.criteria import NOISE_Z_SCORE
 from tdcr_fe.identify.forward import Job, last_parts
 from tdcr_fe.identify.noise import SIGNIFICANCE, chi_square_z_score
@@ -111,15 +111,18 @@ def find_scatter(problem: FitProblem, fit: Fit) -> Scatter | None:
         return None
     experiment = problem.with_effects(fit.effects, fit.values)
     inputs, displaced = _inputs(experiment)
+    bays = range(len(experiment.robot.bay_edges) - 1)
     found = [
         _likeliest(problem, fit, x, inputs)
         for x in _errors_of_inputs(problem, fit, experiment, inputs, displaced)
     ]
     if np.min(np.unique(problem.readings.reader.step, return_counts=True)[1]) >= 6:
-        others = (_shift(problem, fit), *_forces(problem, fit, experiment))
+        others = (_shift(problem, fit), *_forces(problem, fit, experiment, bays))
         found += [_likeliest(problem, fit, x, inputs) for x in others if np.any(x.by)]
-    near = sorted((x for x in found if x.source.bay is not None), key=lambda x: -x.gain)[:PLACES]
-    found += [_with_forces(problem, fit, experiment, x) for x in near]
+    for x in sorted((x for x in found if x.source.bay is not None), key=lambda x: -x.gain)[:PLACES]:
+        assert x.source.bay is not None
+        (source,) = _forces(problem, fit, experiment, [x.source.bay], x.values)
+        found.append(_likeliest(problem, fit, source, inputs))
     likely = [
         x for x in found if _is_possible(problem, x, inputs) and x.gain >= 0.5 * chdtri(1, SIGNIFICANCE)
     ]
@@ -168,30 +171,22 @@ def _shift(problem: FitProblem, fit: Fit) -> _Source:
 
 
 def _forces(
-    problem: FitProblem, fit: Fit, experiment: Experiment, values: Array | None = None
+    problem: FitProblem, fit: Fit, experiment: Experiment, bays: Sequence[int], near: Array | None = None
 ) -> list[_Source]:
-    """A force on the end of every bay; near values of shape (K, 3 n_bays), in place of zero."""
-    steps, bays = experiment.step_ends[-1][0] + 1, len(experiment.robot.bay_edges) - 1
-    own = Action.none(steps, bays) if fit.run.acted is None else fit.run.acted.action
-    values = np.zeros((steps, 3 * bays)) if values is None else values
+    """A force on the ends of some bays, from 0, beside a run with forces of shape (K, 3 per bay); None: without."""
+    steps, count = experiment.step_ends[-1][0] + 1, len(experiment.robot.bay_edges) - 1
+    own = Action.none(steps, count) if fit.run.acted is None else fit.run.acted.action
+    near = np.zeros((steps, 3 * len(bays))) if near is None else near
     action = Action(own.values.copy(), own.rotation)
-    action.values[..., FORCE] += values.reshape(steps, bays, 3)
-    acted, asked = with_action(experiment, action), [x for x in action_inputs(bays) if x.component < 3]
-    (run,) = problem.run([Job(acted, _along(fit.run), False, tuple(asked))])
+    action.values[:, bays, FORCE] += near.reshape(steps, len(bays), 3)
+    acted, every = with_action(experiment, action), action_inputs(count)
+    asked = tuple(every[COMPONENTS * j + c] for j in bays for c in range(3))
+    (run,) = problem.run([Job(acted, _along(fit.run), False, asked)])
     by = _derivatives(problem, acted, run)
     residual = problem.residual(acted, run) - problem.shift(fit.effects, fit.values, run)
-    start = residual + np.einsum("nq,nq->n", by, values[problem.readings.reader.step])
-    return [_Source("force", "N", start, x, j) for j, x in enumerate(np.split(by, bays, axis=1))]
-
-
-def _with_forces(problem: FitProblem, fit: Fit, experiment: Experiment, found: _Likeliest) -> _Likeliest:
-    """A scatter of forces beside a run that carries those of first order."""
-    bay, bays = found.source.bay, len(experiment.robot.bay_edges) - 1
-    assert bay is not None
-    values = np.zeros((len(found.values), 3 * bays))
-    values[:, 3 * bay : 3 * bay + 3] = found.values
-    source = _forces(problem, fit, experiment, values)[bay]
-    return _likeliest(problem, fit, source, _inputs(experiment)[0])
+    start = residual + np.einsum("nq,nq->n", by, near[problem.readings.reader.step])
+    parts = np.split(by, len(bays), axis=1)
+    return [_Source("force", "N", start, x, j) for j, x in zip(bays, parts, strict=True)]
 
 
 def _likeliest(problem: FitProblem, fit: Fit, source: _Source, inputs: Array) -> _Likeliest:
