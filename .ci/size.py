@@ -31,7 +31,7 @@ BUDGET = {
     "tdcr_fe/effects": 1310,
     "tdcr_fe/estimate": 959,
     "tdcr_fe/identify": 6876,
-    "tdcr_fe/io": 1836,
+    "tdcr_fe/io": 1837,
     "tdcr_fe/live": 350,
     "tdcr_fe/model": 2565,
     "tdcr_fe/report": 1162,

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tdcr_fe.model.checks import Contradiction
+from tdcr_fe.model.messages import quoted
 
 
 @dataclass(frozen=True)
@@ -132,9 +133,8 @@ def read_bytes(path: Path, named: Problem | None = None) -> bytes:
     InputError
         It is not there, or cannot be read; the nearest name is proposed.
     """
-    # without line breaks, so that a mistake stays in its line
-    shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(path))
-    file = f"{shown} " if named else ""
+    name = quoted(str(path))[1:-1]  # without line breaks, so that a mistake stays in its line
+    file = f"{name} " if named else ""
     try:
         if path.is_file():
             return path.read_bytes()
@@ -148,7 +148,7 @@ def read_bytes(path: Path, named: Problem | None = None) -> bytes:
             there = sorted(path.parent.glob(f"*{path.suffix}")) if path.parent.is_dir() else []
             near = difflib.get_close_matches(path.stem, [p.stem for p in there if p.is_file()], n=1)
             hint = f"; did you mean {near[0]}{path.suffix}?" if near else ""
-            reason = (f"there is no file {shown}" if named else "no such file") + hint
+            reason = (f"there is no file {name}" if named else "no such file") + hint
     except (OSError, ValueError) as error:
         reason = f"cannot be read: {getattr(error, 'strerror', None) or error}"
     raise InputError([replace(named, allowed=reason) if named else Problem(str(path), "", "", reason)])
