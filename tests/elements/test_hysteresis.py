@@ -1,5 +1,7 @@
 """Laws of what happens at a hole as the tendon slips: closed forms along one hole, whole robots, and scenes."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from native_solvers import static_settings
@@ -8,6 +10,7 @@ from two_tendons import ANGLES, LENGTHS, tendon_law
 
 from tdcr_fe.elements.friction import FRICTION_MODELS
 from tdcr_fe.elements.hysteresis import HYSTERESES, Dahl, FrictionState
+from tdcr_fe.elements.native.iterated import HoleIterate
 from tdcr_fe.model.loading import SolverSettings
 
 LAWS = [law(2e-5) for law in HYSTERESES.values()]
@@ -22,17 +25,17 @@ def each(law):
 def test_the_loop_of_dahl_is_its_closed_form(amplitude):
     """Between slips of ``+-A`` friction settles at ``+-tanh(A / delta)``; a loop encloses ``4 (A - delta tanh)``.
 
-    Lengths of the last segment of a tendon are driven, so that material passes one hole after the other.
+    Lengths of the last segment of a tendon are driven, so that material passes one hole after the other. Exudyn's own
+    solvers have the same tensions.
     """
-    delta = 1e-4
+    delta, base = 1e-4, np.array([2.0, 1.0])
     law = tendon_law(FRICTION_MODELS["per-hole"], 0.3, presliding=delta, hysteresis=Dahl)
     state, slips, friction = law.initial_state(), [], []
     way = np.linspace(0.0, 2.0 * np.pi, 4001)
     for turn in np.concatenate([way[1:]] * 6):
         lengths = LENGTHS.copy()
         lengths[0, 3] -= amplitude * delta * np.sin(turn)
-        field = law.evaluate(np.array([2.0, 1.0]), lengths, ANGLES, state)
-        state = law.commit(field)
+        state = law.commit(law.evaluate(base, lengths, ANGLES, state))
         slips.append(state.slip[0])
         friction.append(state.mobilisation[0])
     slip, s = np.array(slips[-4000:]), np.array(friction[-4000:])
@@ -41,6 +44,10 @@ def test_the_loop_of_dahl_is_its_closed_form(amplitude):
     closed = [np.append(x, x[:1], axis=0) for x in (slip, s)]
     area = np.sum(0.5 * (closed[1][1:] + closed[1][:-1]) * np.diff(closed[0], axis=0), axis=0)
     assert area == pytest.approx(4.0 * delta * (amplitude - np.tanh(amplitude)), rel=1e-5)
+    lengths[0, 3] -= amplitude * delta
+    iterate = HoleIterate.of(law, base, SimpleNamespace(lengths=lengths, angles=ANGLES), state, 0.0, None)
+    expected = law.evaluate(base, lengths, ANGLES, state).tension
+    assert iterate.field.tension == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("law", LAWS, ids=each)

@@ -114,11 +114,14 @@ def test_a_step_keeps_the_drives_that_it_does_not_name():
     names = robot.tendon_names
     inputs = {"tensions": {names[0]: 0.1, names[3]: 0.2}, "displacements": {names[1]: 1e-3}}
     own.step(tdcr.LoadStep(**inputs, motor_angles={names[2]: 0.1}, time=0.0))
-    after = own.step(tdcr.LoadStep(tensions={names[0]: 0.3}, time=0.1)).result
-    kept = tdcr.LoadStep(tensions={names[0]: 0.3, names[3]: 0.2}, displacements={names[1]: 1e-3})
-    whole = tdcr.simulate(robot, model(), [replace(kept, motor_angles={names[2]: 0.1})]).steps[-1]
-    np.testing.assert_allclose(after.base_tensions, whole.base_tensions, atol=1e-6)
-    np.testing.assert_allclose(after.tip, whole.tip, atol=1e-7)
+    kept = {"displacements": {names[1]: 1e-3}, "motor_angles": {names[2]: 0.1}}
+    for time, changed in enumerate(({"tensions": {names[0]: 1.0}}, {"displacements": {names[0]: 4e-3}}), 1):
+        frame = own.step(tdcr.LoadStep(**changed, time=time))
+        step = {n: {**kept.get(n, {}), **changed.get(n, {})} for n in (*kept, "tensions")}
+        step["tensions"][names[3]] = 0.2
+        whole = tdcr.simulate(robot, model(), [tdcr.LoadStep(**step)]).steps[-1]
+        np.testing.assert_allclose(frame.result.base_tensions, whole.base_tensions, atol=1e-6)
+        np.testing.assert_allclose(frame.tip, whole.tip, atol=1e-7)
 
 
 @pytest.mark.parametrize("at", [250.0, "t9"])
