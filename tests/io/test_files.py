@@ -237,58 +237,37 @@ def test_file_that_is_not_toml_is_named_with_its_line(tmp_path, text, key, words
     assert (problem.file, problem.key) == (str(tmp_path / "scenario.toml"), key)
 
 
-def test_file_that_is_not_there_is_named_with_the_nearest(tmp_path):
+@pytest.mark.parametrize(
+    ("name", "link", "reason"),
+    [
+        ("scenari.toml", "", "no such file; did you mean scenario.toml?"),
+        ("link.toml", "moved.toml", "is a link to moved.toml, which is not there"),
+        ("link.toml", "link.toml", "is a link to link.toml, which is not there"),
+        ("", "", "is a directory, not a file"),
+        ("x" * 5000, "", "cannot be read"),
+    ],
+    ids=["missing", "link to nowhere", "link to itself", "directory", "too long"],
+)
+def test_what_is_no_file_is_named_with_the_reason(tmp_path, name, link, reason):
+    """Of a link, its own name was proposed in its place."""
     write(tmp_path)
-    (problem,) = problems_of(tmp_path / "scenari.toml")
-    assert problem.file == str(tmp_path / "scenari.toml")
-    assert "no such file" in problem.allowed and "did you mean scenario.toml?" in problem.allowed
-
-
-@pytest.mark.skipif(os.name == "nt", reason="symbolic links need rights on Windows")
-@pytest.mark.parametrize("target", ["moved.toml", "scenario.toml"])
-def test_link_to_nowhere_or_to_itself_is_named(tmp_path, target):
-    """It was said to be missing, and its own name was proposed in its place."""
-    link = tmp_path / "scenario.toml"
-    link.symlink_to(target)
-    (problem,) = problems_of(link)
-    assert (problem.file, problem.allowed) == (str(link), f"is a link to {target}, which is not there")
-
-
-def test_directory_in_place_of_a_file_is_named(tmp_path):
-    (problem,) = problems_of(tmp_path)
-    assert (problem.file, problem.allowed) == (str(tmp_path), "is a directory, not a file")
-
-
-def test_name_too_long_for_a_file_is_an_input_error(tmp_path):
-    (problem,) = problems_of(tmp_path / ("x" * 5000))
-    assert "cannot be read" in problem.allowed
+    path = tmp_path / name
+    if link and os.name == "nt":
+        pytest.skip("symbolic links need rights on Windows")
+    if link:
+        path.symlink_to(link)
+    (problem,) = problems_of(path)
+    assert problem.file == str(path) and reason in problem.allowed
 
 
 def test_every_mistake_of_both_files_is_reported_at_once(tmp_path):
-    robot = changed(
-        ROBOT,
-        {"backbone.density": -1, "disks.mas": 1, "tendons.0.offset": 6e-3, "tendons.1.end": 0.16,
-         "tendons.1.turns": 3, "tendons.3.routing": "helix", "tendons.3.offset": 0.1},
-    )  # fmt: skip
-    scenario = changed(
-        SCENARIO,
-        {"model.friction": 1, "model.gravity": [0], "steps.0.tensions.t9": -1, "steps.0.loads.tip.at": 9,
-         "steps.1.label": 1},
-    )  # fmt: skip
-    found = {(Path(p.file).name, p.key) for p in problems_of(write(tmp_path, robot, scenario))}
-    assert found == {
-        ("robot.toml", "backbone.density"),
-        ("robot.toml", "disks.mas"),
-        ("robot.toml", "tendons[0].offset"),
-        ("robot.toml", "tendons[1].end"),
-        ("robot.toml", "tendons[1].turns"),
-        ("robot.toml", "tendons[3].routing"),
-        ("scenario.toml", "model.friction"),
-        ("scenario.toml", "model.gravity"),
-        ("scenario.toml", "steps[0].tensions.t9"),
-        ("scenario.toml", "steps[0].loads.tip.at"),
-        ("scenario.toml", "steps[1].label"),
-    }
+    robot = {"backbone.density": -1, "disks.mas": 1, "tendons.0.offset": 6e-3, "tendons.1.end": 0.16,
+             "tendons.1.turns": 3, "tendons.3.routing": "helix"}  # fmt: skip
+    scenario = {"model.friction": 1, "model.gravity": [0], "steps.0.tensions.t9": -1, "steps.0.loads.tip.at": 9,
+                "steps.1.label": 1}  # fmt: skip
+    found = problems_of(write(tmp_path, changed(ROBOT, robot), changed(SCENARIO, scenario)))
+    named = {(Path(p.file).stem, re.sub(r"\[(\d)\]", r".\1", p.key)) for p in found}
+    assert named == {*(("robot", key) for key in robot), *(("scenario", key) for key in scenario)}
 
 
 leaf = st.one_of(

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from identify_data import ROBOT, data_of, sequence
+from identify_data import data_of, sequence
 
 from tdcr_fe.io.measured import first_checks
 from tdcr_fe.io.problems import InputError
@@ -21,18 +21,9 @@ def tensions(factor):
     ]
 
 
-@pytest.mark.parametrize(
-    ("robot", "steps", "model", "words"),
-    [
-        (ROBOT.with_backbone(youngs_modulus=85e3), tensions(1.0), Model(), "youngs_modulus = 85000 Pa"),
-        (ROBOT, tensions(102.0), Model(), "loading.csv, step 3: tension_t1 = 122.4 N"),
-        (ROBOT.with_backbone(axial_stiffness=0.00171), tensions(1.0), Model(), "backbone.axial_stiffness"),
-        (ROBOT.with_backbone(precurvature=(0.0, 500.0)), tensions(1.0), Model(), "backbone.precurvature"),
-    ],
-)
-def test_a_wrong_unit_is_a_warning(robot, steps, model, words):
-    found = first_checks(data_of(steps, BENT, robot, model))
-    assert len(found[PlausibilityWarning]) == 1 and words in found[PlausibilityWarning][0]
+def test_an_implausible_input_is_named_by_its_column():
+    (found,) = first_checks(data_of(tensions(102.0), BENT))[PlausibilityWarning]
+    assert found.startswith("loading.csv, step 3: tension_t1 = 122.4 N")
 
 
 def test_gravity_in_millimetres_is_refused():

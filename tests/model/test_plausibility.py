@@ -26,6 +26,7 @@ from tdcr_fe.validation.paper import cases as paper_cases
 from tdcr_fe.validation.random_robots import draw
 
 DATA = Path(tdcr_fe.__file__).parent / "data" / "demo"
+PAPER = Path(paper_cases.__file__).parent / "data"
 GRAVITY = Model(gravity=(0.0, 0.0, -9.81))
 STEEL = Backbone(0.2, 0.5e-3, 200e9, 0.3, 7850.0)
 DISKS = Disks.equally_spaced(10, 0.2, mass=0.9e-3, thickness=3e-3, radius=8e-3)
@@ -255,29 +256,16 @@ def test_a_thin_robot_may_hang_down():
     assert len(plausibility(WIRE.with_disks(mass=0.1), GRAVITY, PULL).warnings) == 1
 
 
-def test_random_robots_give_no_warning():
-    for case in map(draw, range(40)):
-        assert plausibility(case.robot, case.model, case.steps).warnings == [], case
-
-
-def test_demo_and_cases_of_the_paper_give_no_warning():
-    folders = [DATA, *sorted((Path(paper_cases.__file__).parent / "data").iterdir())]
-    seen = 0
-    for folder in folders:
-        if (folder / "scenario.toml").exists():
-            s = read_scenario(folder / "scenario.toml")
-            assert plausibility(s.robot, s.model, s.steps).warnings == [], folder.name
-        elif (folder / "robot.toml").exists():
-            assert plausibility(read_robot(folder / "robot.toml"), Model(), []).warnings == [], folder.name
-        else:
-            continue
-        seen += 1
-    assert seen >= 8
-
-
-def test_cases_of_the_cross_validation_give_no_warning():
-    for case in crosscheck.all_cases():
-        assert plausibility(case.robot, case.model, case.steps).warnings == [], case.id
+def test_robots_of_the_demo_the_paper_and_the_validation_give_no_warning():
+    """And random ones."""
+    files = [f for folder in (DATA, PAPER) for f in sorted(folder.rglob("*.toml"))]
+    scenarios = [read_scenario(f) for f in files if f.stem == "scenario"]
+    robots = [read_robot(f) for f in files if f.stem == "robot"]
+    assert len(scenarios) >= 6 and len(robots) >= 10
+    described = [(case.robot, case.model, case.steps) for case in (*scenarios, *crosscheck.all_cases())]
+    described += [(case.robot, case.model, case.steps) for case in map(draw, range(40))]
+    for case in [*described, *((robot, Model(), []) for robot in robots)]:
+        assert plausibility(*case).warnings == [], case
 
 
 # ------------------------------------------------------------------------------------------- strains of a solution

@@ -3,11 +3,9 @@
 import dataclasses
 
 import numpy as np
-import pandas as pd
 import pytest
 from arcs import arc_result, arc_step, paper_robot
 
-from tdcr_fe.io.result_files import write_results
 from tdcr_fe.model.loading import LoadStep
 
 
@@ -56,17 +54,6 @@ def test_a_result_without_any_step_or_tendon_prints_too():
     assert "0 solved, step 1 not" in str(nothing)
     robot = dataclasses.replace(paper_robot(), tendons=())
     assert "no tendons" in str(arc_result(robot, [LoadStep("still")]))
-
-
-def test_frames_are_the_tables_of_the_files(tmp_path):
-    result = arc_result(paper_robot(2))
-    write_results(result, tmp_path, pictures=False)
-    frames = {"steps": result.to_frame(), "shape": result.shape_frame(), "tensions": result.tensions_frame()}
-    for name, frame in frames.items():
-        written = pd.read_csv(tmp_path / f"{name}.csv", keep_default_na=False)
-        pd.testing.assert_frame_equal(frame, written, check_dtype=False, rtol=1e-12)
-    assert len(frames["steps"]) == len(result.steps)
-    np.testing.assert_allclose(frames["steps"][["tip_x", "tip_y", "tip_z"]], result.tips, rtol=0, atol=1e-15)
 
 
 def test_a_notebook_shows_the_summary_and_the_steps_with_names_escaped():
