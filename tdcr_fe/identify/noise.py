@@ -69,7 +69,7 @@ def estimate_sigma(data: MeasuredData, residual: Array) -> tuple[Array, bool]:
             1.4826 * float(np.median(values)) / (math.sqrt(6.0) if seconds else 1.0) if values.size else 0.0
         )
         known = data.readings[int(np.flatnonzero(family == kind)[0])].channel
-        floor = known.resolution(data.robot.backbone.length)
+        floor = known.plausible(data.robot.backbone.length).resolution
         sigma[missing & (family == kind)] = max(scatter, floor)
     return sigma, True
 

@@ -190,7 +190,7 @@ def _value(known: Channel, text: str, length: float) -> float:
     value = number(text)
     if math.isnan(value):
         raise _Fault("value", f"must be a finite number [{known.unit}]")
-    low, high = known.limits(length)
+    low, high, *_ = known.plausible(length)
     if low <= value <= high:
         return value
     beyond = abs(value) > max(abs(low), abs(high))
@@ -205,7 +205,7 @@ def _sigma(known: Channel, text: str, length: float) -> float:
     sigma = number(text)
     if not sigma > 0.0:
         raise _Fault("sigma", f"must be positive and finite [{known.unit}], or empty where it is not known")
-    if sigma > known.largest_sigma(length):
+    if sigma > known.plausible(length).sigma:
         unit = next(iter(mistaken(known.unit)), "")
         hint = f", is this {unit}?" if unit else ""
         raise _Fault("sigma", f"larger than the robot allows; must be in {known.unit}{hint}", unit)

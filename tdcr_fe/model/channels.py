@@ -1,8 +1,8 @@
 """Measured channels: every quantity that a data set may contain, each an object in the list `CHANNELS`.
 
-Adding a channel takes one object in that list: its name, unit and kind of location, what is plausible, and how it is
-predicted from a solved step. Reading, prediction, fitting, reports and the maker of blind data
-all go through the list.
+Adding a channel takes one object in that list: its name, unit and kind of location, and how it is predicted from a
+solved step; and where no other has its unit, a row of `PLAUSIBLE`. Reading, prediction, fitting, reports and the maker
+of blind data all go through the list.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +22,24 @@ Array = NDArray[np.float64]
 #: Arc length [m], tendon name, or None where a quantity has no location.
 Location = float | str | None
 
-#: Largest plausible position or displacement over the length of the backbone [1].
-LARGEST_POSITION = 1.5
 
-#: Largest plausible rotation of the section along the whole backbone, which bounds the curvature [rad].
-LARGEST_TURN = 100.0
+class Plausible(NamedTuple):
+    """What values of a channel may be."""
 
+    low: float  # lowest and highest value
+    high: float
+    sigma: float  # largest standard deviation
+    resolution: float  # smallest standard deviation that may be estimated from scatter
+
+
+#: By unit, a power of the backbone's length and what values may be over it. Positions lie within one and a half
+#: lengths, and sections turn by 100 rad along the backbone at most.
+PLAUSIBLE = {
+    "m": (1, Plausible(-1.5, 1.5, 0.5, 2e-5)),
+    "rad": (0, Plausible(-0.2, math.pi + 0.2, 1.6, 2e-5)),
+    "1/m": (-1, Plausible(-100.0, 100.0, 50.0, 2e-5)),
+    "N": (0, Plausible(-math.inf, math.inf, math.inf, 1e-5)),
+}
 
 #: From an observed step and locations of the channel's kind to the values that an instrument shows, shape (..., k).
 Prediction = Callable[[ObservedStep, Sequence[Location]], Array]
@@ -42,16 +54,13 @@ class Channel:
     quantity : str
         Its name in ``observations.csv``.
     unit : str
-        Of value and sigma: "m", "rad", "N", "1/m".
+        Of value and sigma, in `PLAUSIBLE`.
     location : str
         What the location is: "arc length", "tendon", or "" where there is none.
     meaning : str
         For people.
     predict : callable
         See `Prediction`.
-    limits, largest_sigma, resolution : callable
-        From the backbone's length [m] to the lowest and highest plausible value, the largest plausible sigma, and the
-        smallest sigma that may be estimated from scatter.
     at_rest : callable
         Value of the straight, unloaded robot, from the location.
     family : str
@@ -59,18 +68,20 @@ class Channel:
     """
 
     quantity: str
+    unit: str
     location: Literal["arc length", "tendon", ""]
     meaning: str
     predict: Prediction
-    unit: str
-    limits: Callable[[float], tuple[float, float]]
-    largest_sigma: Callable[[float], float]
-    resolution: Callable[[float], float]
     family: str = ""
     at_rest: Callable[[Location], float] = lambda location: 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "family", self.family or self.quantity)
+
+    def plausible(self, length: float) -> Plausible:
+        """What its values may be on a backbone of a length [m], in its unit."""
+        power, values = PLAUSIBLE[self.unit]
+        return Plausible(*(x * length**power for x in values))
 
     def derivatives(self, step: ObservedStep, change: ObservedChange, locations: Sequence[Location]) -> Array:
         """Derivatives of the prediction by parameters, by central differences of `predict`, shape (k, P).
@@ -132,53 +143,26 @@ def _from_z(vectors: Array) -> Array:
     return np.arctan2(_off_axis(vectors), vectors[..., 2])
 
 
-#: What channels of one unit share.
-_METRES: dict[str, Any] = {
-    "unit": "m",
-    "limits": lambda length: (-LARGEST_POSITION * length, LARGEST_POSITION * length),
-    "largest_sigma": lambda length: 0.5 * length,
-    "resolution": lambda length: 2e-5 * length,
-}
-_RADIANS: dict[str, Any] = {
-    "unit": "rad",
-    "limits": lambda length: (-0.2, math.pi + 0.2),
-    "largest_sigma": lambda length: 1.6,
-    "resolution": lambda length: 2e-5,
-}
-_PER_METRE: dict[str, Any] = {
-    "unit": "1/m",
-    "limits": lambda length: (-LARGEST_TURN / length, LARGEST_TURN / length),
-    "largest_sigma": lambda length: 0.5 * LARGEST_TURN / length,
-    "resolution": lambda length: 2e-5 / length,
-}
-_NEWTONS: dict[str, Any] = {
-    "unit": "N",
-    "limits": lambda length: (-math.inf, math.inf),
-    "largest_sigma": lambda length: math.inf,
-    "resolution": lambda length: 1e-5,
-}
-
-
 def _position(axis: int) -> Channel:
     return Channel(
         f"position_{'xyz'[axis]}",
+        "m",
         "arc length",
         f"{'xyz'[axis]} coordinate of a marker in the measuring frame",
         _along(ObservedStep.markers, axis),
         family="position",
         at_rest=(lambda location: float(location or 0.0)) if axis == 2 else (lambda location: 0.0),
-        **_METRES,
     )
 
 
 def _curvature(axis: int) -> Channel:
     return Channel(
         f"curvature_{'xy'[axis]}",
+        "1/m",
         "arc length",
         f"turning rate of the section about its own {'xy'[axis]} axis, as from fibre gratings",
         _along(ObservedStep.curvature, axis),
         family="curvature",
-        **_PER_METRE,
     )
 
 
@@ -187,45 +171,45 @@ CHANNELS: tuple[Channel, ...] = (
     *(_position(axis) for axis in range(3)),
     Channel(
         "bending_angle",
+        "rad",
         "",
         "angle between the tip tangent and the z axis",
         _single(lambda step: _from_z(step.tangent)),
-        **_RADIANS,
     ),
     Channel(
         "chord_angle",
+        "rad",
         "",
         "angle between the line from base to tip and the z axis",
         _single(lambda step: _from_z(step.tip)),
-        **_RADIANS,
     ),
     Channel(
         "tip_offset",
+        "m",
         "",
         "distance of the tip from the z axis",
         _single(lambda step: _off_axis(step.tip)),
-        **_METRES,
     ),
     Channel(
         "tendon_displacement",
+        "m",
         "tendon",
         "tendon pulled in at the base plate since the straight, unloaded state",
         _of_tendons(lambda step: step.displacements),
-        **_METRES,
     ),
     Channel(
         "base_tension",
+        "N",
         "tendon",
         "tension of a tendon above the base plate, as from a load cell",
         _of_tendons(lambda step: step.base_tensions),
-        **_NEWTONS,
     ),
     Channel(
         "distal_tension",
+        "N",
         "tendon",
         "tension of a tendon at its anchor",
         _of_tendons(lambda step: step.distal_tensions),
-        **_NEWTONS,
     ),
     *(_curvature(axis) for axis in range(2)),
 )
