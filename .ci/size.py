@@ -33,13 +33,13 @@ BUDGET = {
     "tdcr_fe/identify": 6876,
     "tdcr_fe/io": 1837,
     "tdcr_fe/live": 350,
-    "tdcr_fe/model": 2565,
+    "tdcr_fe/model": 2550,
     "tdcr_fe/report": 1162,
     "tdcr_fe/scene": 1443,
     "tdcr_fe/solve": 6778,
     "tdcr_fe/sweeps": 1421,
     "validation": 6784,
-    "tests": 13755,
+    "tests": 13717,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
