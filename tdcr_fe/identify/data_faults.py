@@ -14,7 +14,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.special import gammaln
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.identify.forward import last_parts
+from tdcr_fe.identify.forward import Job, last_parts
 from tdcr_fe.identify.noise import is_noise, outliers, series, structure
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber
 from tdcr_fe.io.measured import MeasuredData, impossible_place
@@ -419,7 +419,8 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
     free = [
         replace(d, model=replace(d.model, friction="none"), ends=None, steps=_commanded(d)) for d in drives
     ]
-    here, *others = [problem.residual(e, run) for e, run in zip(free, problem.solve(free), strict=True)]
+    runs = problem.run([Job(e) for e in free])
+    here, *others = [problem.residual(e, run) for e, run in zip(free, runs, strict=True)]
     judged = []
     for other, (change, text) in zip(others, changes, strict=True):
         fault = _Fault(grid.table(declared.residual + other - here), f"the readings fit if {{since}}{text}")
@@ -428,7 +429,7 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
     if cost > 0.5 * _mean_square(declared.residual[grid.which]):
         return np.inf, ""
     drive = _driven(declared_drive, change, problem.data.step_ids.index(grid.steps[first]))
-    (run,) = problem.solve([drive])
+    (run,) = problem.run([Job(drive)])
     return _mean_square(problem.residual(drive, run)[grid.which]), text
 
 
@@ -461,8 +462,8 @@ def other_sign_solves(problem: FitProblem) -> str:
     """A sentence where the declared model, which is not solved, is solved with displacements of the other sign."""
     if not problem.data.driven_by_displacement:
         return ""
-    (run,) = problem.solve([_driven(problem.experiment, _Drive({}, displacements=-1.0))])
-    if run.solved < len(problem.data.steps):
+    (run,) = problem.run([Job(_driven(problem.experiment, _Drive({}, displacements=-1.0)))])
+    if not run.solved:
         return ""
     return (
         "With the opposite sign of all displacements it does: they are positive where a tendon is pulled in, negative "

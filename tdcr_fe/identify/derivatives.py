@@ -35,7 +35,7 @@ from tdcr_fe.identify.bay_state import (
 from tdcr_fe.identify.causes import ReadingCause, StateLoad
 from tdcr_fe.identify.forward import Job, advance
 from tdcr_fe.identify.problem import FitProblem, Point
-from tdcr_fe.identify.run import Acted, Run, RunDerivatives
+from tdcr_fe.identify.run import Acted, Run, RunDerivatives, Trajectories
 from tdcr_fe.solve.sensitivities.differences import RELATIVE_STEP, Tabulated, same_structure, tabulated
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter
 
@@ -77,6 +77,11 @@ class Request(NamedTuple):
     columns: tuple[Column, ...]  # of these effects, or of others at values where they change nothing
     reference: Run | None = None  # path that the run follows
     record: bool = True  # whether the run keeps its own path
+
+    @property
+    def trajectories(self) -> Trajectories | None:
+        """The path that the run follows."""
+        return None if self.reference is None else self.reference.trajectories
 
 
 class Linear(NamedTuple):
@@ -142,9 +147,8 @@ def _linearized(problem: FitProblem, request: Request) -> Generator[list[Job], l
 
 def _unsolved(problem: FitProblem, request: Request, reason: ValueError) -> Linear:
     """Of a model that is not solved."""
-    run = Run.of((), len(problem.data.steps), problem.experiment, str(reason))
     nothing = np.full(problem.count, np.nan)
-    return Linear(nothing, np.zeros((problem.count, len(request.columns))), run, {})
+    return Linear(nothing, np.zeros((problem.count, len(request.columns))), Run.unsolved(str(reason)), {})
 
 
 def first_action(problem: FitProblem, request: Request) -> Action | None:
@@ -202,7 +206,7 @@ class _Part:
                 )
         inputs = () if action is None else action_inputs(action.values.shape[1])
         self.job = Job(
-            self.experiment, request.reference, request.record, (*tables, *inputs), action is not None
+            self.experiment, request.trajectories, request.record, (*tables, *inputs), action is not None
         )
 
     def _acted(self, experiment: Experiment) -> Experiment:
@@ -277,8 +281,8 @@ class _Part:
             The loads are not solved.
         """
         loads, by = _loads(self.effects), run.derivatives
-        if loads and run.solved < len(run.positions):
-            raise ValueError(run.message or "not solved")
+        if loads and not run.solved:
+            raise ValueError(run.message)
         if self.action is None or by is None or not by.names:
             return run, 0.0
         actions = self._by_actions(run, by)
@@ -294,8 +298,8 @@ class _Part:
         """Runs beside this one, for derivatives that did not come out of it."""
         if run.derivatives is not None:
             self.differenced |= {self.exact[name]: why for name, why in run.derivatives.refused.items()}
-        reference = run if run.trajectory is not None else self.request.reference
-        if run.solved == 0:
+        reference = run.trajectories or self.request.trajectories
+        if not run.solved:
             return []
         for number in self.differenced:
             try:

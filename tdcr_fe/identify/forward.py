@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import time
 from collections.abc import Callable, Generator, Sequence
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.effects.base import Values
 from tdcr_fe.identify.bay_state import bay_state
-from tdcr_fe.identify.run import Run, RunDerivatives, Trajectory, mesh_nodes
+from tdcr_fe.identify.run import Run, RunDerivatives, Trajectories, Trajectory, mesh_nodes
 from tdcr_fe.identify.settings import OutOfTime, clock, ending_at, keep_time, spend
 from tdcr_fe.io.processes import worker_pool
 from tdcr_fe.model.loading import SolverSettings
@@ -39,17 +38,14 @@ SMALLEST, SMALLEST_ON_REFERENCE = 1.0 / 256.0, 1.0 / 16.0
 DIVISIONS = 16
 
 
-class Task(NamedTuple):
-    """What is simulated in one run."""
+class Job(NamedTuple):
+    """One simulation asked for."""
 
     experiment: Experiment
-    settings: SolverSettings
-    reference: Trajectory | None = None  # path that the run follows
+    reference: Trajectories | None = None  # of a neighbouring run, which this one follows: fast
     record: bool = False  # whether the run keeps its own path
     # by which the run is differentiated, see `tdcr_fe.solve.sensitivities.differences.tabulated`
     parameters: tuple[Parameter, ...] = ()
-    # reading of `tdcr_fe.identify.settings.clock` at which the simulation ends [s]
-    deadline: float = math.inf
     states: bool = False  # whether the run gives the states of the bays
 
 
@@ -70,8 +66,17 @@ def run_settings(declared: SolverSettings, path_tolerance: float) -> SolverSetti
     return replace(declared, **free, mesh_tolerance=math.inf)  # type: ignore[arg-type]
 
 
-def simulate_experiment(task: Task) -> Run:
+def simulate_experiment(job: Job, settings: SolverSettings, deadline: float = math.inf) -> Run:
     """Simulate one experiment.
+
+    Parameters
+    ----------
+    job
+        What is simulated.
+    settings
+        See `run_settings`.
+    deadline
+        Reading of `tdcr_fe.identify.settings.clock` at which the simulation ends [s].
 
     Raises
     ------
@@ -80,57 +85,49 @@ def simulate_experiment(task: Task) -> Run:
     OutOfTime
         The deadline has passed.
     """
-    if task.experiment.restarts:
-        return _simulate_sequences(task)
-    experiment, settings, reference = task.experiment, task.settings, task.reference
-    ends, last = experiment.step_ends, last_parts(experiment)
-    if reference is not None:
-        reference = _on_own_mesh(reference, experiment)
-    if reference is not None:
-        settings = replace(settings, min_substep=max(settings.min_substep, SMALLEST_ON_REFERENCE))
-    path: PathRecord | None = [] if task.record else None
+    experiment = job.experiment
+    if experiment.restarts:
+        runs: list[Run] = []
+        for number, part in enumerate(experiment.sequences):
+            own = None if job.reference is None else job.reference[number : number + 1]
+            chosen = tuple(_of_sequence(p, number) for p in job.parameters)
+            one = job._replace(experiment=part, reference=own, parameters=chosen)
+            runs.append(simulate_experiment(one, settings, deadline))
+            if not runs[-1].solved:
+                return runs[-1]
+        return Run.joined(runs)
+    reference = None if job.reference is None else _on_own_mesh(job.reference, experiment)
+    least = settings.min_substep if reference is None else max(settings.min_substep, SMALLEST_ON_REFERENCE)
+    path: PathRecord | None = [] if job.record else None
     try:
-        result, refused = _differentiated(task, settings, reference, path)
+        result, refused = _differentiated(
+            job, replace(settings, min_substep=least), deadline, reference, path
+        )
     except (ValueError, np.linalg.LinAlgError, IndexError) as error:
         # an impossible robot, or a reference path that does not fit
         if reference is not None:
-            return simulate_experiment(task._replace(reference=None))
-        return Run.of((), len(last), experiment, str(error))
+            return simulate_experiment(job._replace(reference=None), settings, deadline)
+        return Run.unsolved(str(error))
     # A run that cannot follow its reference path counts as not solved: it is too far away, and costly.
-    ended = [j for j in last if j < len(result.steps)]
-    run = Run.of([result.steps[j] for j in ended], len(last), experiment, result.message)
-    run = replace(run, iterations=sum(s.iterations for s in result.steps))
-    if task.states:
+    if len(result.steps) < len(experiment.steps):
+        return Run.unsolved(result.message)
+    last = last_parts(experiment)
+    run = Run.of([result.steps[j] for j in last])
+    if job.states:
         run = replace(run, bays=bay_state(experiment, result.steps, last))
-    if task.parameters and ended:
-        run = replace(run, derivatives=RunDerivatives.of(result.sensitivities, ended, len(last), refused))
-    return run if path is None else replace(run, trajectory=Trajectory(path, ends, run.s))
+    if job.parameters:
+        run = replace(run, derivatives=RunDerivatives.of(result.sensitivities, last, refused))
+    return (
+        run if path is None else replace(run, trajectories=(Trajectory(path, experiment.step_ends, run.s),))
+    )
 
 
-def _on_own_mesh(reference: Trajectory, experiment: Experiment) -> Trajectory | None:
-    """A reference path on the mesh of an experiment; None where it cannot be taken there."""
+def _on_own_mesh(reference: Trajectories, experiment: Experiment) -> Trajectory | None:
+    """The path of one loading sequence on the mesh of an experiment; None where it cannot be taken there."""
     try:
-        return reference.on_mesh(mesh_nodes(experiment))
+        return reference[0].on_mesh(mesh_nodes(experiment))
     except ValueError:  # an impossible robot: the simulation says why
         return None
-
-
-def _simulate_sequences(task: Task) -> Run:
-    """Simulate several loading sequences, each from the unloaded robot, as one run."""
-    experiment, reference = task.experiment, task.reference
-    firsts = (0, *experiment.restarts)
-    count = experiment.step_ends[-1][0] + 1
-    runs: list[Run] = []
-    bounds = zip(firsts, (*experiment.restarts, count), strict=True)
-    for number, ((first, last), part) in enumerate(zip(bounds, experiment.sequences, strict=True)):
-        own = None if reference is None else reference.part(first, last)
-        chosen = tuple(_of_sequence(p, number) for p in task.parameters)
-        run = simulate_experiment(task._replace(experiment=part, reference=own, parameters=chosen))
-        runs.append(run)
-        if run.solved < last - first:
-            break
-    lengths = [b - a for a, b in itertools.pairwise((*firsts, count))]
-    return Run.joined(runs, lengths)
 
 
 def _of_sequence(parameter: Parameter, number: int) -> Parameter:
@@ -156,7 +153,7 @@ def solve_commanded_steps(
     experiment: Experiment,
     settings: SolverSettings,
     deadline: float = math.inf,
-    reference: Trajectory | None = None,
+    reference: Trajectories | None = None,
 ) -> SequenceResult:
     """Simulate an experiment with all its results, those of a divided step at its end only.
 
@@ -176,34 +173,37 @@ def solve_commanded_steps(
     OutOfTime
         The deadline has passed.
     """
-    task = Task(experiment, settings, deadline=deadline)
     along = None if reference is None else _on_own_mesh(reference, experiment)
     try:
-        result, _ = _differentiated(task, settings, along, None)
+        result, _ = _differentiated(Job(experiment), settings, deadline, along)
     except IndexError:  # the path does not have all steps
-        result, _ = _differentiated(task, settings, None, None)
+        result, _ = _differentiated(Job(experiment), settings, deadline)
     solved = len(result.steps)
     return replace(result, steps=tuple(result.steps[j] for j in last_parts(experiment) if j < solved))
 
 
 def _differentiated(
-    task: Task, settings: SolverSettings, reference: Trajectory | None, path: PathRecord | None
+    job: Job,
+    settings: SolverSettings,
+    deadline: float,
+    reference: Trajectory | None = None,
+    path: PathRecord | None = None,
 ) -> tuple[SequenceResult, dict[str, str]]:
     """The simulation with all derivatives that there are; and those that there are not, with the reason."""
     from tdcr_fe.solve.sensitivities.differences import NoDerivative
     from tdcr_fe.solve.simulate import simulate
 
-    experiment, refused = task.experiment, dict[str, str]()
+    experiment, refused = job.experiment, dict[str, str]()
     along = None if reference is None else reference.divided(experiment.step_ends)
     while True:
-        chosen = [p for p in task.parameters if p.name not in refused]
+        chosen = [p for p in job.parameters if p.name not in refused]
         try:
             result = simulate(
                 experiment.robot,
                 experiment.model,
                 experiment.steps,
                 settings,
-                ending_at(task.deadline),
+                ending_at(deadline),
                 reference_path=along,
                 record_path=path,
                 sensitivities=chosen,
@@ -223,23 +223,6 @@ Found = TypeVar("Found")
 APPLIED = 64
 
 
-class Job(NamedTuple):
-    """One simulation asked for."""
-
-    experiment: Experiment
-    reference: Run | None = None  # a neighbouring run with its trajectory, used as reference path: fast
-    record: bool = False  # record the trajectory
-    parameters: tuple[Parameter, ...] = ()  # by which the run is differentiated
-    states: bool = False  # whether the run gives the states of the bays
-
-    def task(self, settings: SolverSettings, deadline: float) -> Task:
-        """What the process is given."""
-        trajectory = None if self.reference is None else self.reference.trajectory
-        return Task(
-            self.experiment, settings, trajectory, self.record, self.parameters, deadline, self.states
-        )
-
-
 class ForwardModel:
     """Simulates experiments, several at a time. Use as a context manager; leaving it ends the workers.
 
@@ -252,15 +235,14 @@ class ForwardModel:
 
     Attributes
     ----------
-    runs, iterations : int
-        Made so far, those of the processes included: the runs, and their Newton iterations. Decisions about what is
-        affordable count these: time depends on what else the machine does.
+    runs : int
+        Made so far, those of the processes included.
     """
 
     def __init__(self, processes: int = 1, settings: SolverSettings | None = None) -> None:
         self.processes = max(1, processes)
         self.settings = settings or SolverSettings()
-        self.runs = self.iterations = 0
+        self.runs = 0
         self.lists = 0  # of tasks that were given to the processes
         # By the identity of both and the values, which holds as long as both are kept
         self._applied: dict[tuple[Any, ...], tuple[Experiment, Effect, Experiment]] = {}
@@ -299,10 +281,8 @@ class ForwardModel:
             The deadline has passed.
         """
         settings = run_settings(self.settings, path_tolerance)
-        runs = self.map(simulate_experiment, [job.task(settings, deadline) for job in jobs])
-        self.runs += len(runs)
-        self.iterations += sum(r.iterations for r in runs)
-        return runs
+        self.runs += len(jobs)
+        return self.map(partial(simulate_experiment, settings=settings, deadline=deadline), jobs)
 
     def with_effect(self, experiment: Experiment, effect: Effect, values: Values) -> Experiment:
         """An experiment with an effect; the last ones from memory."""

@@ -209,7 +209,7 @@ def prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardMode
     problem = replace(problem, catalogue=settings.catalogue)
     residual = np.full(problem.count, np.nan)
     if any(r.sigma is None for r in data.readings):
-        (residual,), _ = problem.residuals((), [{}], record=True)
+        residual = evaluate(problem, (), {}).residual
     sigma, estimated = estimate_sigma(data, residual)
     problem = with_input_sigma(replace(problem, sigma=sigma))
     is_position = problem.readings.is_position
@@ -224,8 +224,8 @@ def prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardMode
             frictional = searched
             rows = choose_rows(data, sorted(positions), history=False) or rows
             searched = without_friction(problem_of_rows(problem, rows))
-    _, (run,) = searched.residuals((), [{}], record=True)
-    if run.solved == len(run.positions):
+    run = searched.simulated((), {})
+    if run.solved:
         searched, run = refine(searched, (), {}, run)
     return _Prepared(problem, searched, run, rows, frictional, estimated)
 

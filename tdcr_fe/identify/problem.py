@@ -139,27 +139,14 @@ class FitProblem:
 
         return self.experiment.with_sequences(apply)
 
-    def solve(
-        self, experiments: Sequence[Experiment], reference: Run | None = None, record: bool = False
-    ) -> list[Run]:
-        """Simulate experiments, along the path of a neighbouring run if one is given; ``record``: with their paths."""
-        return self.run([Job(e, reference, record) for e in experiments])
-
     def run(self, jobs: Sequence[Job]) -> list[Run]:
         """Simulate jobs; see `ForwardModel.run`."""
         return self.forward.run(jobs, self.path_tolerance, self.deadline)
 
-    def residuals(
-        self,
-        effects: Sequence[Effect],
-        points: Sequence[Point],
-        reference: Run | None = None,
-        record: bool = False,
-    ) -> tuple[list[Array], list[Run]]:
-        """Reading less prediction over sigma at several points; NaN where the model is not solved."""
-        experiments = [self.with_effects(effects, p) for p in points]
-        runs = self.solve(experiments, reference, record)
-        return [self.residual(e, run) for e, run in zip(experiments, runs, strict=True)], runs
+    def simulated(self, effects: Sequence[Effect], values: Point) -> Run:
+        """The run of a model, with its path."""
+        (run,) = self.run([Job(self.with_effects(effects, values), record=True)])
+        return run
 
     def residual(self, experiment: Experiment, run: Run) -> Array:
         """Reading less prediction over sigma, shape (n,)."""
@@ -312,8 +299,7 @@ class Fit:
 
 def evaluate(problem: FitProblem, effects: Sequence[Effect], values: Point) -> Fit:
     """A model at given values, nothing fitted."""
-    _, (run,) = problem.residuals(effects, [values], record=True)
-    return fit_of_run(problem, effects, values, run)
+    return fit_of_run(problem, effects, values, problem.simulated(effects, values))
 
 
 def fit_of_run(problem: FitProblem, effects: Sequence[Effect], values: Point, run: Run) -> Fit:
@@ -348,8 +334,7 @@ def refine(
         still count.
     """
     problem = replace(problem, correction=np.zeros(problem.count))
-    if run is None:
-        _, (run,) = problem.residuals(effects, [values], record=True)
+    run = run or problem.simulated(effects, values)
     action = None if run.acted is None else run.acted.action
 
     def with_model(count: int) -> Experiment:
@@ -361,7 +346,7 @@ def refine(
     n = problem.experiment.model.starting_elements_per_bay
     here = problem.residual(with_model(n), run)
     finer = with_model(n + 1)
-    (other,) = problem.solve([finer], run)
+    (other,) = problem.run([Job(finer, run.trajectories)])
     change = problem.residual(finer, other) - here
     change = np.where(np.isfinite(change), change, 0.0)
     share = 1.0 - (n / (n + 1.0)) ** ORDER
@@ -372,7 +357,7 @@ def refine(
         return replace(problem, mesh_error=mesh_error), run
     more = min(FINEST, max(n + 1, int(np.ceil(n * (mesh_error / MESH) ** (1.0 / ORDER)))))
     experiment = with_elements(problem.experiment, more)
-    (again,) = problem.run([Job(with_model(more), run, True, states=action is not None)])
+    (again,) = problem.run([Job(with_model(more), run.trajectories, True, states=action is not None)])
     problem = replace(problem, mesh_error=mesh_error * (n / more) ** ORDER, experiment=experiment)
     return problem, replace(again, acted=run.acted)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import EFFECTS, Effect, Experiment
 from tdcr_fe.effects.base import Kind
-from tdcr_fe.identify.run import Trajectory
+from tdcr_fe.identify.run import Trajectories
 from tdcr_fe.io.atomic import plain
 from tdcr_fe.io.loading_table import loading_text
 from tdcr_fe.io.measured import MeasuredData
@@ -38,7 +38,7 @@ MOST_NOISE = 2.0
 
 
 class Verdict(StrEnum):
-    """The verdict; `tdcr_fe.identify.sentences.HEADLINES` has the sentence of each."""
+    """The verdict; ``templates/sentences.txt.j2`` has the sentence of each."""
 
     EXPLAINED = "explained"
     LAW_FOUND = "explained by a law found"
@@ -404,7 +404,7 @@ class Simulated:
     corrected: Experiment
     solver: SolverSettings
     catalogue: tuple[Effect, ...] = EFFECTS  # in the order in which several are applied
-    path: Trajectory | None = None  # along which the run costs little
+    path: Trajectories | None = None  # along which the run costs little
     mesh_error: float = 0.0  # estimated error of the mesh left in the predictions, rms over sigma [1]
 
 
@@ -478,6 +478,12 @@ class IdentificationResult:
     def names_nothing(self) -> bool:
         """Whether one cause that is not in the dictionary may well look like the causes found together."""
         return self.unlisted > 1.0 - NAMED
+
+    @property
+    def predicts(self) -> bool:
+        """Whether the final model is as good, about, on readings that it was not fitted to."""
+        before, after = self.before.held_out, self.after.held_out
+        return after.chi2_per_dof < min(MOST_NOISE, 0.5 * before.chi2_per_dof)
 
     @property
     def law(self) -> Law | None:

@@ -176,7 +176,7 @@ def _fitted(
         prepared = prepare(without_unread_steps(data), settings, forward)
         state = declared_state(prepared.searched, prepared.run)
         problem = state.problem
-        (run,) = problem.run([Job(problem.experiment, state.declared.run, states=True)])
+        (run,) = problem.run([Job(problem.experiment, state.declared.run.trajectories, states=True)])
         assert run.bays is not None
         known = {e.name: e for e in dictionary(problem, run.bays)}
         for names, point in models.items():

@@ -13,9 +13,8 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.bay_state import Action, BayState, Response
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.channels import Channel, Location, arc_lengths, channel
-from tdcr_fe.model.interpolation import ElementChange, elements_at, share_change, within_elements_change
-from tdcr_fe.model.observed_step import AT_NODE, ObservedChange, ObservedStep
+from tdcr_fe.model.channels import Channel, Location, channel
+from tdcr_fe.model.observed_step import ObservedChange, ObservedStep
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.scene.mesh import build_mesh
 
@@ -37,24 +36,6 @@ class Trajectory:
     waypoints: PathRecord  # by step, see `tdcr_fe.solve.simulate.PathRecord`
     ends: Ends  # of its steps
     s: Array  # arc lengths of the nodes [m], shape (n,)
-
-    def part(self, first: int, last: int) -> Trajectory:
-        """Of the commanded steps from ``first`` up to ``last``, which is not included; they count from 0."""
-        own = [j for j, (k, _) in enumerate(self.ends) if first <= k < last]
-        ends = tuple((self.ends[j][0] - first, self.ends[j][1]) for j in own)
-        return Trajectory([self.waypoints[j] for j in own], ends, self.s)
-
-    @classmethod
-    def joined(cls, parts: Sequence[Trajectory], lengths: Sequence[int]) -> Trajectory:
-        """Of several loading sequences with so many commanded steps, one after another."""
-        waypoints: PathRecord = []
-        ends: list[tuple[int, float]] = []
-        first = 0
-        for part, length in zip(parts, lengths, strict=True):
-            waypoints += part.waypoints
-            ends += [(first + k, factor) for k, factor in part.ends]
-            first += length
-        return cls(waypoints, tuple(ends), parts[0].s)
 
     def divided(self, ends: Ends) -> PathRecord:
         """The path for the same commanded steps, divided in another way."""
@@ -84,6 +65,9 @@ class Trajectory:
             moved.append([_on_mesh(x, self.s, s) for x in increments])
         return Trajectory(moved, self.ends, s)
 
+
+#: Those of a run: one for each loading sequence.
+Trajectories = tuple[Trajectory, ...]
 
 #: Coordinates of a node in Exudyn: position and Euler parameters.
 _NODE = 7
@@ -143,7 +127,7 @@ _BY_STEP = ("positions", "rotations", "displacements", "base_tensions", "distal_
 
 @dataclass(frozen=True, eq=False)
 class RunDerivatives:
-    """Derivatives of a run by parameters, which are the last axis; NaN for steps that were not solved."""
+    """Derivatives of a run by parameters, which are the last axis."""
 
     # As in `tdcr_fe.model.results.Sensitivity`, shape (n_steps, n, 3, P)
     positions: Array
@@ -159,28 +143,23 @@ class RunDerivatives:
     _TABLES: ClassVar[tuple[str, ...]] = _BY_STEP
 
     @classmethod
-    def of(
-        cls, found: Sensitivities, last: Sequence[int], count: int, refused: Mapping[str, str]
-    ) -> RunDerivatives:
-        """Of the solved steps with these positions in the sequence."""
+    def of(cls, found: Sensitivities, last: Sequence[int], refused: Mapping[str, str]) -> RunDerivatives:
+        """Of the steps with these positions in the sequence."""
         every = list(found.values())
 
-        def fill(values: list[Array]) -> Array:
-            if not values:
-                return np.zeros((count, 0))
-            stacked = np.stack([v[last] for v in values], axis=-1)
-            return np.concatenate((stacked, np.full((count - len(last), *stacked.shape[1:]), np.nan)))
+        def stacked(values: list[Array]) -> Array:
+            return np.stack([v[last] for v in values], axis=-1) if values else np.zeros((len(last), 0))
 
         def ends(by: Sensitivity, k: int) -> Array:
             """Tensions of the first or the last segments, shape (n_steps, n_tendons)."""
             return np.array([t[:, k] for t in by.tensions]).T.reshape(by.displacements.shape)
 
         return cls(
-            fill([x.positions for x in every]),
-            fill([x.rotations for x in every]),
-            fill([x.displacements for x in every]),
-            fill([ends(x, 0) for x in every]),
-            fill([ends(x, -1) for x in every]),
+            stacked([x.positions for x in every]),
+            stacked([x.rotations for x in every]),
+            stacked([x.displacements for x in every]),
+            stacked([ends(x, 0) for x in every]),
+            stacked([ends(x, -1) for x in every]),
             np.stack([x.arc_lengths for x in every], axis=1) if every else np.zeros((0, 0)),
             tuple(found),
             refused,
@@ -225,7 +204,7 @@ class Acted(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Results of one simulated loading sequence that predictions need."""
+    """Results of one simulated loading sequence, or of several, that predictions need; without steps if not solved."""
 
     s: Array  # arc lengths of the nodes [m], shape (n,)
     positions: Array  # [m], shape (n_steps, n, 3)
@@ -234,78 +213,54 @@ class Run:
     displacements: Array
     base_tensions: Array
     distal_tensions: Array
-    solved: int  # number of steps solved, from the first on; the others are NaN
-    message: str  # why it ended
-    trajectory: Trajectory | None = None  # reference path for neighbouring runs; None where none was recorded
-    derivatives: RunDerivatives | None = None  # by the parameters of the task
-    iterations: int = 0  # Newton iterations that it took
+    message: str = ""  # why it is not solved
+    trajectories: Trajectories | None = (
+        None  # reference path for neighbouring runs; None where none was recorded
+    )
+    derivatives: RunDerivatives | None = None  # by the parameters of the job
     bays: BayState | None = None  # where it was asked for
     acted: Acted | None = None  # action that it carries, with the response there
 
     @classmethod
-    def of(cls, steps: Sequence[StepResult], count: int, experiment: Experiment, message: str) -> Run:
-        """Of the solved steps of an experiment; the others, up to ``count``, are NaN."""
-        m = len(experiment.robot.tendons)
-        s = steps[0].s if steps else np.array([0.0, experiment.robot.backbone.length])
-
-        def fill(values: list[Array], shape: tuple[int, ...]) -> Array:
-            full = np.full((count, *shape), np.nan)
-            if values:
-                full[: len(values)] = np.array(values)
-            return full
-
+    def of(cls, steps: Sequence[StepResult]) -> Run:
+        """Of the commanded steps of an experiment, as they were solved."""
+        distal = np.array([[t[-1] for t in r.tensions] for r in steps])
         return cls(
-            s,
-            fill([r.positions for r in steps], (s.size, 3)),
-            fill([r.rotations for r in steps], (s.size, 3, 3)),
-            fill([r.displacements for r in steps], (m,)),
-            fill([r.base_tensions for r in steps], (m,)),
-            fill([np.array([t[-1] for t in r.tensions]) for r in steps], (m,)),
-            len(steps),
-            message,
+            steps[0].s,
+            np.array([r.positions for r in steps]),
+            np.array([r.rotations for r in steps]),
+            np.array([r.displacements for r in steps]),
+            np.array([r.base_tensions for r in steps]),
+            distal.reshape(len(steps), -1),
         )
 
     @classmethod
-    def joined(cls, runs: Sequence[Run], lengths: Sequence[int]) -> Run:
-        """Several loading sequences with so many steps each, one after another; those that have no run are NaN."""
-        best = max(runs, key=lambda r: r.solved)
-        nodes = best.s
-        full = [
-            # Where nothing was solved, the nodes are not known.
-            run if run.s.size == nodes.size else cls.unsolved(nodes, length, run)
-            for run, length in zip(runs, lengths, strict=False)
-        ]
-        full += [cls.unsolved(nodes, length, best) for length in lengths[len(runs) :]]
-        solved = 0
-        for run, length in zip(runs, lengths, strict=False):
-            solved += run.solved
-            if run.solved < length:
-                break
-        trajectories = [r.trajectory for r in runs if r.trajectory is not None]
-        whole = len(trajectories) == len(lengths)
+    def unsolved(cls, message: str) -> Run:
+        """Of an experiment that is not solved to its end."""
+        nothing = np.zeros((0, 0))
+        return cls(
+            np.zeros(0), np.zeros((0, 0, 3)), np.zeros((0, 0, 3, 3)), nothing, nothing, nothing, message
+        )
+
+    @classmethod
+    def joined(cls, runs: Sequence[Run]) -> Run:
+        """Several loading sequences, one after another, all of them solved."""
+        trajectories = [r.trajectories for r in runs if r.trajectories is not None]
         derivatives = [r.derivatives for r in runs if r.derivatives is not None]
         bays = [r.bays for r in runs if r.bays is not None]
-        tables: dict[str, Any] = {n: np.concatenate([getattr(r, n) for r in full]) for n in _BY_STEP}
+        tables: dict[str, Any] = {n: np.concatenate([getattr(r, n) for r in runs]) for n in _BY_STEP}
         return cls(
-            s=nodes,
+            s=runs[0].s,
             **tables,
-            solved=solved,
-            message=runs[-1].message,
-            trajectory=Trajectory.joined(trajectories, lengths) if whole else None,
-            derivatives=RunDerivatives.joined(derivatives) if len(derivatives) == len(lengths) else None,
-            iterations=sum(r.iterations for r in runs),
-            bays=BayState.joined(bays) if len(bays) == len(lengths) else None,
+            trajectories=sum(trajectories, ()) or None,
+            derivatives=RunDerivatives.joined(derivatives) if derivatives else None,
+            bays=BayState.joined(bays) if bays else None,
         )
 
-    @classmethod
-    def unsolved(cls, nodes: Array, steps: int, like: Run) -> Run:
-        """A run of so many steps, none of them solved."""
-        m = like.displacements.shape[1]
-        shapes = ((nodes.size, 3), (nodes.size, 3, 3), (m,), (m,), (m,))
-        tables: dict[str, Any] = {
-            n: np.full((steps, *shape), np.nan) for n, shape in zip(_BY_STEP, shapes, strict=True)
-        }
-        return cls(s=nodes, **tables, solved=0, message=like.message)
+    @property
+    def solved(self) -> bool:
+        """Whether all steps are solved."""
+        return len(self.positions) > 0
 
     def moved(self, change: RunDerivatives) -> Run:
         """The run with a change added, to first order: derivatives by one parameter."""
@@ -351,8 +306,9 @@ class Reader:
             which = np.array([i for i, r in enumerate(readings) if r.quantity == quantity])
             self._groups.append((channel(quantity), which, [readings[i].location for i in which]))
 
-    def _observed(self, run: Run, experiment: Experiment, steps: slice | int) -> ObservedStep:
-        """What is observed of some of a run's steps."""
+    def _observed(self, run: Run, experiment: Experiment, step: int | None = None) -> ObservedStep:
+        """What is observed of one of a run's steps, from 0; None: of all of them."""
+        steps = slice(None) if step is None else step
         return ObservedStep(
             np.broadcast_to(run.s, run.positions.shape[:2])[steps],
             run.positions[steps],
@@ -365,7 +321,7 @@ class Reader:
         )
 
     def read(self, run: Run, experiment: Experiment) -> Array:
-        """What would be read, in the readings' units, shape (n,); NaN for steps that were not solved.
+        """What would be read, in the readings' units, shape (n,); NaN where the run is not solved.
 
         Parameters
         ----------
@@ -375,20 +331,17 @@ class Reader:
             Whose observation map is used.
         """
         out = np.full(self.count, np.nan)
-        if run.solved == 0:
+        if not run.solved:
             return out
-        step = self._observed(run, experiment, slice(run.solved))
+        observed = self._observed(run, experiment)
         for known, which, locations in self._groups:
             places = list(dict.fromkeys(locations))
-            values, at = known.predict(step, places), np.array([places.index(x) for x in locations])
-            ok = self.step[which] < run.solved
-            out[which[ok]] = values[self.step[which][ok], at[ok]]
+            column = [places.index(x) for x in locations]
+            out[which] = known.predict(observed, places)[self.step[which], column]
         return out
 
     def derivatives(self, run: Run, experiment: Experiment) -> Array:
-        """Derivatives of what would be read by the parameters of a run, shape (n, P); NaN where not solved.
-
-        Those of markers are exact; those of other channels differences of the channel.
+        """Derivatives of what would be read by the parameters of a solved run, shape (n, P).
 
         Parameters
         ----------
@@ -400,49 +353,21 @@ class Reader:
         by = run.derivatives
         assert by is not None
         out = np.full((self.count, len(by.names)), np.nan)
-        for known, which, locations in self._groups:
-            ok = self.step[which] < run.solved
-            own, steps = which[ok], self.step[which][ok]
-            places = [x for x, solved in zip(locations, ok, strict=True) if solved]
-            if known.family == "position" and own.size:
-                frame = self._observed(run, experiment, 0)
-                changes = _marker_changes(run, by, steps, arc_lengths(places), frame)
-                out[own] = changes[:, "xyz".index(known.quantity[-1])]
-                continue
-            for k in np.unique(steps).tolist():
-                change = ObservedChange(
-                    by.positions[k],
-                    by.rotations[k],
-                    by.displacements[k],
-                    by.base_tensions[k],
-                    by.distal_tensions[k],
-                    by.arc_lengths,
-                )
-                mine = [x for x, step in zip(places, steps, strict=True) if step == k]
-                out[own[steps == k]] = known.derivatives(self._observed(run, experiment, k), change, mine)
+        for k in np.unique(self.step).tolist():
+            change = ObservedChange(
+                by.positions[k],
+                by.rotations[k],
+                by.displacements[k],
+                by.base_tensions[k],
+                by.distal_tensions[k],
+                by.arc_lengths,
+            )
+            observed = self._observed(run, experiment, k)
+            h = change.difference_steps(observed)
+            moved = observed.moved(change, h)
+            for known, which, locations in self._groups:
+                mine = np.flatnonzero(self.step[which] == k)
+                if mine.size:
+                    places = [locations[i] for i in mine]
+                    out[which[mine]] = known.differences(moved, h, places)[1]
         return out
-
-
-def _marker_changes(
-    run: Run, by: RunDerivatives, steps: NDArray[np.int_], s: Array, frame: ObservedStep
-) -> Array:
-    """Derivatives of measured positions of markers at arc lengths in some steps, shape (m, 3, P)."""
-    nearest = np.argmin(np.abs(s[:, None] - run.s), axis=1)
-    levers = np.einsum("nij,nj->ni", run.rotations[steps, nearest], frame.observation.offsets(s))
-    if np.max(np.abs(run.s[nearest] - s), initial=0.0) < AT_NODE and not np.any(by.arc_lengths):
-        moved = by.positions[steps, nearest]
-    else:
-        k = elements_at(run.s, s)
-        length, p, r = run.s[k + 1] - run.s[k], run.positions, run.rotations
-        share = (s - run.s[k]) / length
-        change = ElementChange(
-            by.positions[steps, k],
-            by.rotations[steps, k],
-            by.positions[steps, k + 1],
-            by.rotations[steps, k + 1],
-            share_change(by.arc_lengths[k], by.arc_lengths[k + 1], share, length),
-        )
-        ends = p[steps, k], r[steps, k], p[steps, k + 1], r[steps, k + 1]
-        moved = within_elements_change(*ends, share, change)
-    turned = np.cross(by.rotations[steps, nearest], levers[..., None], axis=1)
-    return np.asarray(frame.observation.frame @ (moved + turned))

@@ -23,7 +23,7 @@ from tdcr_fe.identify.forward import Job, last_parts
 from tdcr_fe.identify.noise import SIGNIFICANCE, chi_square_z_score
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.result import Scatter
-from tdcr_fe.identify.run import Run
+from tdcr_fe.identify.run import Run, Trajectories
 from tdcr_fe.model.loading import resolve
 
 Array = NDArray[np.float64]
@@ -154,7 +154,10 @@ def _errors_of_inputs(
     problem: FitProblem, fit: Fit, experiment: Experiment, inputs: Array, displaced: NDArray[np.bool_]
 ) -> list[_Source]:
     """Errors in proportion to the inputs, and such that are alike for all."""
-    by, each = _input_response(problem, experiment, fit.run), inputs[problem.readings.reader.step]
+    by, each = (
+        _input_response(problem, experiment, fit.run.trajectories),
+        inputs[problem.readings.reader.step],
+    )
     found = [_Source("inputs", "1", fit.residual, by * each)]
     driven = np.any(inputs != 0.0, axis=0)
     if len(set(displaced[driven].tolist())) == 1:
@@ -181,7 +184,7 @@ def _forces(
     action.values[:, bays, FORCE] += near.reshape(steps, len(bays), 3)
     acted, every = with_action(experiment, action), action_inputs(count)
     asked = tuple(every[COMPONENTS * j + c] for j in bays for c in range(3))
-    (run,) = problem.run([Job(acted, _along(fit.run), False, asked)])
+    (run,) = problem.run([Job(acted, fit.run.trajectories, False, asked)])
     by = _derivatives(problem, acted, run)
     residual = problem.residual(acted, run) - problem.shift(fit.effects, fit.values, run)
     start = residual + np.einsum("nq,nq->n", by, near[problem.readings.reader.step])
@@ -314,19 +317,16 @@ def with_input_sigma(
     return replace(problem, roots=tuple(roots))
 
 
-def _input_response(problem: FitProblem, experiment: Experiment, reference: Run | None = None) -> Array:
+def _input_response(
+    problem: FitProblem, experiment: Experiment, reference: Trajectories | None = None
+) -> Array:
     """Derivatives of the readings over sigma by the inputs of their own step, shape (n, n_tendons)."""
     from tdcr_fe.solve.sensitivities.parameters import StepInput
 
     names = experiment.robot.tendon_names
     inputs = tuple(StepInput(f"inputs.{name}", tendon=i) for i, name in enumerate(names))
-    (run,) = problem.run([Job(experiment, _along(reference), False, inputs)])
+    (run,) = problem.run([Job(experiment, reference, False, inputs)])
     return _derivatives(problem, experiment, run)
-
-
-def _along(run: Run | None) -> Run | None:
-    """A run as a reference path, where it has one."""
-    return run if run is not None and run.trajectory is not None else None
 
 
 def _derivatives(problem: FitProblem, experiment: Experiment, run: Run) -> Array:

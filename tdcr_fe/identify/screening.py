@@ -201,9 +201,7 @@ def _signatures(problem: FitProblem, fit: Fit, sets: Sequence[_ProbeSet]) -> tup
         one.signature({name: by_key[one.key(name)] for name in one.columns}, fit.residual.size)
         for one in sets
     ]
-    reference = (
-        fit if linear.run.trajectory is None or not linear.run.solved else replace(fit, run=linear.run)
-    )
+    reference = fit if linear.run.trajectories is None else replace(fit, run=linear.run)
     return found, reference
 
 

@@ -80,7 +80,7 @@ def search_causes(search: Search, state: SearchState) -> Stage:
     """The whole search."""
     problem = state.problem
     search.report("the dictionary of causes", 0.03)
-    (run,) = problem.run([Job(problem.experiment, state.declared.run, states=True)])
+    (run,) = problem.run([Job(problem.experiment, state.declared.run.trajectories, states=True)])
     assert run.bays is not None
     every = dictionary(problem, run.bays)
     if search.long_data:

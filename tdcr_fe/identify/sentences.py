@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -11,79 +12,101 @@ from typing import NamedTuple
 from tdcr_fe.effects import effect
 from tdcr_fe.effects.places import PlaceEffect
 from tdcr_fe.identify.criteria import EARTH, EARTH_TOLERANCE
-from tdcr_fe.identify.result import (
-    NOT_KNOWN,
-    THE_DATA,
-    THE_INPUTS,
-    THE_NOISE,
-    AddedEffect,
-    IdentificationResult,
-    Misfit,
-    Verdict,
-)
+from tdcr_fe.identify.result import AddedEffect, IdentificationResult, Misfit, NextExperiment, Verdict
 from tdcr_fe.model.messages import count
-from tdcr_fe.report.environment import DASH, SPACE, estimate, fixed, quantity, significant, words
+from tdcr_fe.report.environment import DASH, SPACE, environment, estimate, fixed, quantity, significant, words
 
 #: Least strain at which a backbone softens: nickel-titanium transforms near 1 %, polymers yield above it [1].
 LEAST_THRESHOLD = 3e-3
 #: Correlations of a smaller size are not listed, and of the others so many: 24 parameters had 176.
 LEAST_CORRELATION, MOST_CORRELATIONS = 0.1, 12
 
-#: Of several causes that together leave noise, see `IdentificationResult.names_nothing`.
-A_SUM = "a sum"
-
-#: The verdict in one sentence, by verdict and, where it has several, by where the error remains; the last of a verdict
-#: holds for all other places. ``names``: the effects; ``found``, ``beside``: a sentence and a part of one with them;
-#: ``law``: the causes on no list.
-HEADLINES: dict[Verdict, dict[str, str]] = {
-    Verdict.NOTHING_MISSING: {
-        "": "Nothing is missing: the declared model explains the measurements down to their noise."
-    },
-    Verdict.EXPLAINED: {
-        A_SUM: "Explained, but none of it is certain: {names} together leave only noise. One cause that is not in the "
-        "dictionary would look the same.",
-        "": "Explained: the declared model is missing {names}.",
-    },
-    Verdict.LAW_FOUND: {"": "Explained by an unlisted cause{law}{beside}."},
-    Verdict.PARTLY_EXPLAINED: {
-        NOT_KNOWN: "Partly explained: {names} may explain the measurements, but too few readings test that.",
-        "": "Partly explained: a model with {names} removes part of the error, but more than noise is left: none of "
-        "these effects is established.",
-    },
-    Verdict.UNEXPLAINED: {"": "Unexplained: the model is missing something that no listed effect explains."},
-    Verdict.CANNOT_TELL: {
-        THE_DATA: "Inconclusive: the data contain an error. Correct the files and run again.",
-        THE_INPUTS: "Inconclusive: the inputs are too noisy to decide what the model is missing.{found}",
-        THE_NOISE: "Inconclusive: no effect is visible, but the noise of the sensors is not known.",
-        "": "Inconclusive: these readings are too few or too noisy to decide what the model is missing.{found}",
-    },
-    Verdict.UNFINISHED: {"": "Unfinished: the search {stopped} before it could decide.{found}"},
-}
-
 
 def headline(result: IdentificationResult) -> str:
     """The verdict in one sentence."""
-    explained = result.verdict in (Verdict.EXPLAINED, Verdict.LAW_FOUND) and not result.names_nothing
-    names = _joined(
-        [
-            words(e.name) if e.found or not explained else f"{words(e.name)} (not certain)"
-            for e in result.effects
-            if not e.sentence or result.verdict != Verdict.LAW_FOUND
-        ]
-    )
-    by_place = HEADLINES[Verdict(result.verdict)]
-    place = A_SUM if result.names_nothing else result.remaining.where
-    return by_place.get(place, by_place[""]).format(
-        names=names,
-        law="" if result.law is None else f": {result.law.sentence}",
-        beside=f", together with {names}" if names else "",
-        found=f" The best model so far has {names}; none of this is certain." if names else "",
-        stopped="was interrupted" if result.log.interrupted else "ran out of time",
-    )
+    return _paragraphs(result)[0]
+
+
+def sentences(result: IdentificationResult) -> list[str]:
+    """Further sentences on the first screen."""
+    return _paragraphs(result)[1:]
+
+
+def _paragraphs(result: IdentificationResult) -> list[str]:
+    """Those of the template with all sentences, which is without the numbers and lists that are made here."""
+    data, planned = result.data, result.next_experiment
+    text = environment(__package__).get_template("sentences.txt.j2").render(
+        result=result,
+        names=_joined(_names(result)),
+        law=result.law,
+        kinds=_kinds(result),
+        measure=measure(result),
+        noise=noise_size(result),
+        without_sigma=sorted({r.channel.family for r in data.readings if r.sigma is None}),
+        searched=result.log.steps,
+        alike=[_rivals(e) for e in result.effects if e.indistinguishable_from],
+        idle=_idle_tendons(result),
+        scatter=result.scatter,
+        outliers=len(result.residuals.outliers),
+        planned=planned,
+        purpose=planned and (planned.purpose if planned.parameter else words(planned.purpose)),
+        commands=planned and _commands(planned),
+        size=size,
+        joined=_joined,
+        count=count,
+    )  # fmt: skip
+    return [re.sub("[ \n]+", " ", part).strip(" ") for part in re.split("\n{2,}", text.strip("\n"))]
 
 
 def _joined(names: Sequence[str]) -> str:
     return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+
+
+def _names(result: IdentificationResult) -> list[str]:
+    """The effects, with those that are not certain beside others that are; those of a law have a sentence instead."""
+    explained = result.verdict in (Verdict.EXPLAINED, Verdict.LAW_FOUND) and not result.names_nothing
+    return [
+        words(e.name) if e.found or not explained else f"{words(e.name)} (not certain)"
+        for e in result.effects
+        if not e.sentence or result.verdict != Verdict.LAW_FOUND
+    ]
+
+
+def _kinds(result: IdentificationResult) -> list[str]:
+    """What kinds of cause act; without a probability where no model that was fitted is right."""
+    found, explained = [], result.verdict.startswith("explained")
+    for e in result.effects:
+        depends = " and ".join(e.kind.depends_on)
+        on = "" if depends == "nothing" else f", depending on {depends}"
+        stated = f", probability {significant(e.kind_probability, 2)}" if explained else ""
+        found.append(f"{e.kind.perturbs} ({e.kind.where}{on}){stated}")
+    return list(dict.fromkeys(found))
+
+
+def _rivals(e: AddedEffect) -> str:
+    """An effect and others that explain the data as well; a form of it is named as such."""
+    plain = (f"{words(n)} in its plain form" if n == e.name else words(n) for n in e.indistinguishable_from)
+    return f"{words(e.name)} from {' or '.join(plain)}"
+
+
+def _idle_tendons(result: IdentificationResult) -> list[str]:
+    """Tendons without an input although others have one."""
+    inputs = [x for s in result.data.steps for x in (s.tensions, s.displacements)]
+    driven = {n for x in inputs for n, v in x.items() if v != 0.0}
+    return [n for n in result.data.robot.tendon_names if driven and n not in driven]
+
+
+def _commands(planned: NextExperiment) -> str:
+    """The steps of an experiment; one in which nothing changes is no step of it."""
+    commands = []
+    for step in planned.steps:
+        parts = [f"{n} = {quantity(v, 'N')}" for n, v in step.tensions.items() if v != 0.0]
+        parts += [f"{n} = {quantity(v, 'm')}" for n, v in step.displacements.items() if v != 0.0]
+        for load in step.loads.values():
+            if any(load.force):
+                parts.append(f"tip force ({', '.join(f'{x:.3g}' for x in load.force)}) N")
+        commands.append(", ".join(parts) or "all tendons at zero, no force at the tip")
+    return "; then ".join(text for text, _ in itertools.groupby(commands))
 
 
 # ------------------------------------------------------------------------------------------------- sizes
@@ -113,209 +136,6 @@ def noise_size(result: IdentificationResult) -> str:
     if before.rms_position is None:
         noise = replace(noise, rms_position=None)
     return size(replace(noise, rms_angle=None) if before.rms_angle is None else noise)
-
-
-# --------------------------------------------------------------------------------------------- sentences
-
-
-def sentences(result: IdentificationResult) -> list[str]:
-    """Further sentences on the first screen."""
-    parts = (
-        _reason, _causes, _errors, _held_out, _noise, _search, _explainable, _by_set, _indistinguishable, _remaining,
-        _scatter, _readings, next_sentence,
-    )  # fmt: skip
-    return [text for part in parts for text in part(result)]
-
-
-def _reason(result: IdentificationResult) -> list[str]:
-    """Why the data do not tell, or the law that was found."""
-    if result.verdict == Verdict.CANNOT_TELL:
-        reason = result.remaining.description
-        return [f"{reason[:1].upper()}{reason[1:]}."]
-    law = result.law if result.verdict == Verdict.LAW_FOUND else None
-    if law is None:
-        return []
-    others = f"Another form explains these data equally well: {' or '.join(law.alternatives)}."
-    return [f"{law.formula}.", *([others] if law.alternatives else [])]
-
-
-def _causes(result: IdentificationResult) -> list[str]:
-    """What kind of cause acts; without a probability where no model that was fitted is right."""
-    found, explained = [], result.verdict.startswith("explained")
-    for e in result.effects:
-        depends = " and ".join(e.kind.depends_on)
-        on = "" if depends == "nothing" else f", depending on {depends}"
-        stated = f", probability {significant(e.kind_probability, 2)}" if explained else ""
-        found.append(f"{e.kind.perturbs} ({e.kind.where}{on}){stated}")
-    return [f"Kind of cause: {'; '.join(dict.fromkeys(found))}."] if found else []
-
-
-def _errors(result: IdentificationResult) -> list[str]:
-    """Errors on the fitted steps beside the noise."""
-    text = f"The {measure(result)} is {size(result.before.fit)}"
-    if result.effects:
-        text = f"The {measure(result)} falls from {size(result.before.fit)} to {size(result.after.fit)}"
-    return [f"{text}; the noise alone gives {noise_size(result)}."]
-
-
-def _held_out(result: IdentificationResult) -> list[str]:
-    """Errors on the held-out steps."""
-    if not result.held_out_steps or not result.effects:
-        return []
-    before, after = result.before.held_out, result.after.held_out
-    how = "changes"
-    if after.chi2_per_dof < min(2.0, 0.5 * before.chi2_per_dof):
-        how = "drops"
-    count, total = len(result.held_out_steps), len(result.data.steps)
-    predicts = ", so the corrected model predicts data it was not fitted to" if how == "drops" else ""
-    return [
-        f"{count} of {total} steps {'was' if count == 1 else 'were'} held out and not used for fitting. "
-        f"There the error {how} from {size(before)} to {size(after)}{predicts}."
-    ]
-
-
-def _noise(result: IdentificationResult) -> list[str]:
-    """Where sigma is not given: how the noise is known."""
-    if not result.residuals.sigma_estimated:
-        return []
-    without = sorted({r.channel.family for r in result.data.readings if r.sigma is None})
-    return [
-        f"No sigma is given for {_joined(without)}: the noise is estimated from the scatter of the readings about "
-        "smooth curves. An error that changes irregularly from step to step counts as noise."
-    ]
-
-
-def _search(result: IdentificationResult) -> list[str]:
-    """What the search used, and what it left out."""
-    found, searched = [], result.log.steps
-    if searched is not None:
-        rest = "; the final fit and all errors use all of them."
-        if not searched.fitted_to_all:
-            rest = ", and all errors are of these: no fit used all load steps."
-        found.append(f"The search used {len(searched.steps)} of {searched.total} load steps{rest}")
-    if result.simulated.corrected.model.friction != result.data.model.friction:
-        found.append("All models are without the declared friction, which explains nothing.")
-    if result.log.not_tried:
-        found.append(f"The time limit (--minutes) was too short for {_joined(result.log.not_tried)}.")
-    return found
-
-
-def _explainable(result: IdentificationResult) -> list[str]:
-    """What a regression leaves of the held-out error; nothing where that is not known."""
-    if result.ceiling is None:
-        return []
-    return [
-        "For comparison: a regression of the error without mechanics (Gaussian process) leaves "
-        f"{size(result.ceiling)} on the held-out steps."
-    ]
-
-
-def _by_set(result: IdentificationResult) -> list[str]:
-    """Errors on every one of several data sets."""
-    found = []
-    for s in result.by_set:
-        parts = zip(("fitted steps", "held out"), s.before, s.after, strict=True)
-        changes = [f"{what} {size(before)} to {size(after)}" for what, before, after in parts if after.count]
-        found.append(f"{s.name} (steps {s.first} to {s.last}): {', '.join(changes)}.")
-    return found
-
-
-def _indistinguishable(result: IdentificationResult) -> list[str]:
-    """Effects that explain the data as well as those that were added; a form of one is named as such."""
-
-    def rivals(e: AddedEffect) -> str:
-        plain = (
-            f"{words(n)} in its plain form" if n == e.name else words(n) for n in e.indistinguishable_from
-        )
-        return f"{words(e.name)} from {' or '.join(plain)}"
-
-    alike = [rivals(e) for e in result.effects if e.indistinguishable_from]
-    if not alike:
-        return []
-    return [
-        f"Indistinguishable on these data: {'; '.join(alike)}. Experiments that separate them are listed with the "
-        "effects below."
-    ]
-
-
-def _remaining(result: IdentificationResult) -> list[str]:
-    """Where the error is that no effect explains; and tendons without an input although others have one."""
-    if result.verdict not in (Verdict.PARTLY_EXPLAINED, Verdict.UNEXPLAINED):
-        return []
-    found = [f"Remaining error: {result.remaining.description}."]
-    inputs = [x for s in result.data.steps for x in (s.tensions, s.displacements)]
-    driven = {n for x in inputs for n, v in x.items() if v != 0.0}
-    idle = [n for n in result.data.robot.tendon_names if n not in driven]
-    if idle and driven:
-        what, verb = ("Tendon", "has") if len(idle) == 1 else ("Tendons", "have")
-        found.append(f"{what} {_joined(idle)} {verb} no input in any step. Is it missing from loading.csv?")
-    return found
-
-
-def _scatter(result: IdentificationResult) -> list[str]:
-    """What may be different in every step, and would account for a part of what is left."""
-    scatter = result.scatter
-    if scatter is None:
-        return []
-    how = quantity(scatter.size, scatter.unit)
-    if scatter.kind == "relative":
-        how = f"{significant(100.0 * scatter.size, 2)}{SPACE}% of their values"
-    inputs = {"m": "displacements", "N": "tensions", "1": "inputs"}[scatter.unit]
-    what, hint = {
-        "inputs": (
-            f"Random errors of the {inputs}",
-            "No effect predicts them: measure the inputs at the base, or declare their sigma ([inputs] in model.toml).",
-        ),
-        "positions": (
-            "A shift of all positions",
-            "Does the instrument move, or the base plate?",
-        ),
-        "force": (
-            f"A force on the {scatter.place}",
-            "What touches or pulls the robot there?",
-        ),
-    }[scatter.what]
-    share = "all of" if scatter.explains_all else "part of"
-    return [
-        f"{what} with a standard deviation of {how}, independent in every step, would explain {share} the "
-        f"remaining error: it would fall from {size(scatter.before)} to {size(scatter.after)} over all steps. {hint}"
-    ]
-
-
-def _readings(result: IdentificationResult) -> list[str]:
-    """Rows that were left out, and outliers."""
-    rows, outliers = len(result.data.left_out), len(result.residuals.outliers)
-    found = []
-    if rows:
-        found.append(f"Left out, and listed in the report: {count(rows, 'faulty row')}.")
-    if outliers:
-        verb = "is an outlier" if outliers == 1 else "are outliers"
-        found.append(f"{count(outliers, 'reading')} {verb}, listed in the report.")
-    return found
-
-
-def next_sentence(result: IdentificationResult) -> list[str]:
-    """What to measure next; nothing where there is no next experiment."""
-    planned = result.next_experiment
-    if planned is None:
-        return []
-    commands = []
-    for step in planned.steps:
-        parts = [f"{n} = {quantity(v, 'N')}" for n, v in step.tensions.items() if v != 0.0]
-        parts += [f"{n} = {quantity(v, 'm')}" for n, v in step.displacements.items() if v != 0.0]
-        for load in step.loads.values():
-            if any(load.force):
-                parts.append(f"tip force ({', '.join(f'{x:.3g}' for x in load.force)}) N")
-        commands.append(", ".join(parts) or "all tendons at zero, no force at the tip")
-    # a step in which nothing changes is no step of the experiment
-    how = "; then ".join(text for text, _ in itertools.groupby(commands))
-    purpose = planned.purpose if planned.parameter else words(planned.purpose)
-    if planned.helps:
-        return [f"Next experiment (next/loading.csv), which {purpose}: {how}."]
-    return [
-        f"No experiment within the measured inputs helps much. The best one (next/loading.csv) {purpose}: "
-        f"{how}. Measure other quantities (tensions at the base, more markers), or apply forces at the tip."
-    ]
 
 
 # ----------------------------------------------------------------------------------------------- remarks

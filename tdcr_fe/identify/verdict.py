@@ -130,7 +130,7 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
             replace(corrected, model=declared_mesh),
             run_settings(problem.forward.settings, problem.path_tolerance),
             (*problem.catalogue, *(e for e in best.effects if isinstance(e, Cause))),
-            best.run.trajectory,
+            best.run.trajectories,
             problem.mesh_error,
         ),
         ceiling=ceiling,
@@ -228,9 +228,7 @@ def _shapes(problem: FitProblem, base: Fit, best: Fit, held_out: set[int]) -> Sh
     backbones = []
     for fit in (base, best):
         observation = problem.with_effects(fit.effects, fit.values).observation
-        seen = np.full((len(data.steps), *fit.run.positions.shape[1:]), np.nan)
-        seen[: len(fit.run.positions)] = observation.seen(fit.run.positions)
-        backbones.append(seen)
+        backbones.append(observation.seen(fit.run.positions))
     return Shapes(np.array([n in held_out for n in data.step_ids]), locations, *table, *backbones)
 
 

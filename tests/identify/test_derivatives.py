@@ -7,7 +7,7 @@ import pytest
 from identify_data import data_of, problem_of
 from robots import BACKBONE, LENGTH, tendon
 
-from tdcr_fe.effects import EFFECTS, Effect, PlaceEffect, effect
+from tdcr_fe.effects import EFFECTS, Effect, Experiment, PlaceEffect, effect
 from tdcr_fe.effects.by_tendon import OfTendon
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
 from tdcr_fe.identify.dictionary import _friction_by_force, _loads_and_base
@@ -167,6 +167,12 @@ def linear(about: FitProblem, values: dict, names: list[tuple[str, str]]) -> Lin
     return linearize(about, [Request(effects, full, columns)])[0]
 
 
+def residual_along(about: FitProblem, experiment: Experiment, path) -> np.ndarray:
+    """Reading less prediction over sigma of an experiment along the path of another run."""
+    (run,) = about.run([Job(experiment, path)])
+    return about.residual(experiment, run)
+
+
 def difference(about: FitProblem, values: dict, name: tuple[str, str], run, h: float) -> np.ndarray:
     """Central difference of the predictions by a coordinate, along the substeps of a run."""
     effects, full = completed(about, values)
@@ -174,11 +180,9 @@ def difference(about: FitProblem, values: dict, name: tuple[str, str], run, h: f
     points = [about.point(effects, full, [name], np.array([x])) for x in (z + h, z - h)]
     found = []
     for point in points:
-        ends = about.with_effects(effects, point).step_ends
-        along = replace(
-            run, trajectory=replace(run.trajectory, ends=ends)
-        )  # the same substeps of divided steps
-        found += about.residuals(effects, [point], reference=along)[0]
+        moved = about.with_effects(effects, point)
+        along = (replace(run.trajectories[0], ends=moved.step_ends),)  # the same substeps of divided steps
+        found.append(residual_along(about, moved, along))
     return (found[1] - found[0]) / (2.0 * h)
 
 
@@ -274,7 +278,9 @@ def test_derivatives_at_null_of_effects_at_places_are_those_of_whole_simulations
         errors = []
         for h in (1e-2 * p.scale, 1e-3 * p.scale):
             moved = [{e.name: {**null, p.name: p.value(p.coordinate(null[p.name]) + k * h)}} for k in (1, 2)]
-            (first, second), _ = about.residuals((e,), moved, reference=fit.run)
+            first, second = (
+                residual_along(about, about.with_effects((e,), x), fit.run.trajectories) for x in moved
+            )
             expected = (1.5 * found.residual - 2.0 * first + 0.5 * second) / h
             errors.append(relative_error(about, found.matrix[:, 0], expected, p.scale))
         assert min(errors) < 1e-4, (e.name, p.name, errors)

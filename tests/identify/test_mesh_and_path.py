@@ -6,7 +6,7 @@ import numpy as np
 from identify_data import FRICTIONAL, ROBOT, measured, problem_of, simulated
 
 from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.problem import ORDER, refine, with_elements
+from tdcr_fe.identify.problem import ORDER, evaluate, refine, with_elements
 from tdcr_fe.identify.run import mesh_nodes
 
 #: Far coarser than the noise: the path is then off by more than the mesh.
@@ -22,17 +22,17 @@ def test_a_path_is_taken_to_another_mesh_with_the_twist_of_the_backbone():
     about = measured(robot=ROBOT, model=FRICTIONAL).experiment
     run = simulated(about, 1e-4, record=True)
     finer = with_elements(about, 3)
-    moved = run.trajectory.on_mesh(mesh_nodes(finer))
-    for before, after in zip(run.trajectory.waypoints, moved.waypoints, strict=True):
+    (own,) = run.trajectories
+    moved = own.on_mesh(mesh_nodes(finer))
+    for before, after in zip(own.waypoints, moved.waypoints, strict=True):
         for a, b in zip(before, after, strict=True):
             assert a.load_factor == b.load_factor
             (coarse,), (fine,) = a.state.unknowns.twists, b.state.unknowns.twists
             assert len(fine) == 3 * len(coarse)
             np.testing.assert_allclose(fine.sum(axis=0), coarse.sum(axis=0), atol=1e-12)
             np.testing.assert_array_equal(a.state.mobilisation[0], b.state.mobilisation[0])
-    along = simulated(finer, 1e-4, moved)
-    own = simulated(finer, 1e-4)
-    np.testing.assert_allclose(along.positions, own.positions, atol=1e-5)
+    along, free = simulated(finer, 1e-4, (moved,)), simulated(finer, 1e-4)
+    np.testing.assert_allclose(along.positions, free.positions, atol=1e-5)
 
 
 class RecordingForwardModel(ForwardModel):
@@ -59,8 +59,8 @@ def test_the_error_of_the_path_is_not_counted_as_error_of_the_mesh():
     refined, _ = refine(own, (), {})
     assert own.forward.asked[0] == (1, False) and all(along for n, along in own.forward.asked if n > 1)
     fine = problem(data, 1e-5)
-    (coarse,), (exact,) = (
-        replace(fine, experiment=with_elements(fine.experiment, n)).residuals((), [{}])[0] for n in (1, 6)
+    coarse, exact = (
+        evaluate(replace(fine, experiment=with_elements(fine.experiment, n)), (), {}).residual for n in (1, 6)
     )
     true_error = float(np.sqrt(np.mean((coarse - exact) ** 2)))
     found = refined.mesh_error * refined.experiment.model.elements_per_bay**ORDER

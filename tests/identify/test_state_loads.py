@@ -111,7 +111,7 @@ def test_the_response_to_an_action_is_exact():
     # The response is that of one step: only step 4 gets the action.
     step[np.arange(len(step)) != 3] = 0.0
     acted = [with_action(problem.experiment, Action(x * step, run.bays.rotation)) for x in (1.0, -1.0)]
-    ends = problem.run([Job(e, run, states=True) for e in acted])
+    ends = problem.run([Job(e, run.trajectories, states=True) for e in acted])
     residuals = [problem.residual(e, r) for e, r in zip(acted, ends, strict=True)]
     mine = problem.readings.reader.step == 3
     predicted = run.acted.response.readings[mine] @ step[3].ravel()
