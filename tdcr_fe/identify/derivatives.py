@@ -41,9 +41,6 @@ from tdcr_fe.solve.sensitivities.parameters import ModelParameter
 
 Array = NDArray[np.float64]
 
-#: Difference step of parameters of the observation, over their typical change [1].
-OBSERVATION_STEP = 1e-2
-
 
 class Column(NamedTuple):
     """By what the predictions are differentiated."""
@@ -197,7 +194,7 @@ class _Part:
                 self.differenced[number] = table.refused
                 continue
             if any(e.observation != self.experiment.observation for e in neighbours):
-                self.observed[number] = self._table(number, OBSERVATION_STEP)
+                self.observed[number] = table
             if not all(_same_robot(self.experiment, e) for e in neighbours):
                 name = f"{number} {column.effect.name}.{column.parameter}"
                 self.exact[name] = number
@@ -257,14 +254,12 @@ class _Part:
         own = {**column.values, column.parameter: column.about.value(coordinate)}
         return self._acted(self.problem.with_effects([*effects, e], {**self.values, e.name: own}))
 
-    def _table(self, number: int, relative_step: float | None = None) -> Tabulated:
+    def _table(self, number: int) -> Tabulated:
         """Neighbours of the experiment by a column's parameter."""
         column = self.request.columns[number]
         start, about = column.coordinate, column.about
         # From zero most are linear, and a longer step has less round-off.
         size = max(abs(start), about.scale) if start != 0.0 else 100.0 * about.scale
-        if relative_step is not None:
-            size = about.scale * relative_step / RELATIVE_STEP
         parameter = ModelParameter(
             f"{column.effect.name}.{column.parameter}", start, size, lambda _, z: self._moved(number, z)
         )

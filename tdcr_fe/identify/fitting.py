@@ -163,8 +163,7 @@ def evaluated(
     )
     linear = yield Request(tuple(effects), values, columns, None if along is None else along.run)
     z = problem.coordinates(effects, values, free)
-    limits = np.array([problem.bounds(by_name[k[0]], k[1]) for k in free]).reshape(-1, 2)
-    reach = np.max(np.abs(limits - z[:, None]), axis=1, initial=0.0) / scale
+    reach = np.max(np.abs(problem.limits(effects, free) - z[:, None]), axis=1, initial=0.0) / scale
     keep = can_be_seen(linear.matrix[problem.fitted] * scale, reach)
     return Fit(
         tuple(effects),
@@ -174,7 +173,7 @@ def evaluated(
         linear.matrix[:, keep],
         tuple(k for k, ok in zip(free, keep, strict=True) if ok),
         linear.run,
-        None if along is None else along.path_origin,
+        linear.residual if along is None else along.path_residual,
     )
 
 
@@ -304,9 +303,8 @@ def _scales(problem: FitProblem, effects: Sequence[Effect], free: Sequence[tuple
 def _proposal(problem: FitProblem, now: Fit, damping: float) -> tuple[Array, Array, float]:
     """The next coordinates, within their bounds, the step to them, and the fall of the cost by the linear model."""
     fitted = problem.fitted
-    by_name = {e.name: e for e in now.effects}
     z = problem.coordinates(now.effects, now.values, now.free)
-    limits = np.array([problem.bounds(by_name[k[0]], k[1]) for k in now.free])
+    limits = problem.limits(now.effects, now.free)
     w = problem.root_weights(now.residual)[fitted]
     jw, rw = now.jacobian[fitted] * w[:, None], now.residual[fitted] * w
     move = _bounded_step(jw, rw, damping, limits[:, 0] - z, limits[:, 1] - z)
@@ -355,7 +353,7 @@ def profiles(problem: FitProblem, fit: Fit) -> tuple[Profile, ...]:
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
     by_name = {e.name: e for e in fit.effects}
     z = problem.coordinates(fit.effects, fit.values, fit.free)
-    limits = np.array([problem.bounds(by_name[k[0]], k[1]) for k in fit.free]).reshape(-1, 2)
+    limits = problem.limits(fit.effects, fit.free)
     weights = problem.root_weights(fit.residual)[problem.fitted]
     jacobian = fit.jacobian[problem.fitted] * weights[:, None]
     found = []

@@ -302,7 +302,7 @@ def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> 
         race = fitting.Race(deadline=search.deadline - 2.0 * duration)
         (best,) = fitting.run_fits(problem, [fitting.finish(problem, best, race, FINAL_ITERATIONS)])
     everything = state.begun_anew(problem, declared, best)
-    return _with_smaller_models(search, state, everything, duration)
+    return _with_smaller_models(search, state, everything)
 
 
 def _on_mesh_of(searched: FitProblem, problem: FitProblem) -> FitProblem:
@@ -325,9 +325,7 @@ def _evaluated(problem: FitProblem, best: Fit) -> tuple[FitProblem, list[Fit]]:
     return problem, [replace(f, cost=a, held_cost=b) for f, (a, b) in zip(found, costs, strict=True)]
 
 
-def _with_smaller_models(
-    search: Search, searched: SearchState, state: SearchState, duration: float
-) -> SearchState:
+def _with_smaller_models(search: Search, searched: SearchState, state: SearchState) -> SearchState:
     """With smaller models on the way to the best one, evaluated on all load steps where the time suffices.
 
     Parameters
@@ -335,47 +333,27 @@ def _with_smaller_models(
     search
         With the deadline.
     searched
-        State of the search on chosen load steps.
+        State of the search on chosen load steps; a smaller model that it has not fitted has the values of the best.
     state
         Of all load steps.
-    duration
-        Of one run over all load steps with derivatives, which takes longer than without [s].
     """
-    problem, effects = state.problem, state.best.effects
-    parts = [effects[:i] for i in range(1, len(effects))]
-    together = problem.forward.processes
-    for first in range(0, len(parts), together):
-        if clock() + duration > search.deadline:
-            return state.without_trying(SMALLER_MODELS)
-        models = [(part, _known_values(searched, part)) for part in parts[first : first + together]]
-        fits = [fitting.evaluated(problem, e, _within(problem, e, v), ()) for e, v in models]
-        try:
-            found = fitting.run_fits(problem, fits)
-        except OutOfTime:
-            return state.without_trying(SMALLER_MODELS)
-        for fit in found:
-            state = state.with_fit(fit)
-    return state
-
-
-def _known_values(state: SearchState, part: Sequence[Effect]) -> Point:
-    """Parameters of a smaller model that the search has fitted; of the best model where it has not."""
-    names = [e.name for e in part]
-    known = state.fits.get(frozenset(names))
-    return {n: (known or state.best).values[n] for n in names}
+    problem, effects = replace(state.problem, deadline=search.deadline), state.best.effects
+    fits = []
+    for part in (effects[:i] for i in range(1, len(effects))):
+        known = searched.fits.get(frozenset(e.name for e in part), searched.best)
+        fits.append(fitting.evaluated(problem, part, _within(problem, part, known.values), ()))
+    try:
+        found = fitting.run_fits(problem, fits)
+    except OutOfTime:
+        return state.without_trying(SMALLER_MODELS)
+    return replace(state, fits={**state.fits, **{frozenset(fit.names): fit for fit in found}})
 
 
 def _within(problem: FitProblem, effects: Sequence[Effect], values: Point) -> Point:
     """Values within the bounds of a problem, which may depend on its load steps."""
-    found: Point = {}
-    for e in effects:
-        found[e.name] = {}
-        for p in e.parameters:
-            low, high = problem.bounds(e, p.name)
-            value = values[e.name][p.name]
-            z = p.coordinate(value)
-            found[e.name][p.name] = value if low <= z <= high else p.value(min(max(z, low), high))
-    return found
+    free = [(e.name, p.name) for e in effects for p in e.parameters]
+    z = problem.coordinates(effects, values, free)
+    return problem.point(effects, values, free, np.clip(z, *problem.limits(effects, free).T))
 
 
 #: Friction is left out where the misfit of the declared model grows by no more than this share.

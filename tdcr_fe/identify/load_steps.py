@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.identify.result import SearchedSteps
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.model.loading import LoadStep, resolve
@@ -201,6 +200,7 @@ class RowChoice:
     """The load steps that a search takes."""
 
     steps: tuple[int, ...]  # positions in the loading sequence, ascending
+    numbers: tuple[int, ...]  # those of ``loading.csv``
     readings: tuple[int, ...]  # indices of their readings
     total: int  # steps of the loading sequence
 
@@ -208,17 +208,11 @@ class RowChoice:
         """The data of the chosen steps."""
         return replace(
             data,
-            step_ids=tuple(data.step_ids[k] for k in self.steps),
+            step_ids=self.numbers,
             steps=tuple(data.steps[k] for k in self.steps),
             branches=tuple(data.branches[k] for k in self.steps),
             readings=tuple(data.readings[i] for i in self.readings),
         )
-
-    def described(self, data: MeasuredData) -> SearchedSteps:
-        """For the result; ``data`` are those of the final model, which has all load steps or the chosen ones."""
-        every = len(data.step_ids) == self.total
-        numbers = tuple(data.step_ids[k] for k in self.steps) if every else data.step_ids
-        return SearchedSteps(numbers, self.total, every)
 
 
 def choose_rows(data: MeasuredData, held_out: Sequence[int], history: bool = True) -> RowChoice | None:
@@ -259,9 +253,9 @@ def choose_rows(data: MeasuredData, held_out: Sequence[int], history: bool = Tru
     )
     if len(rows) == len(data.steps):
         return None
-    chosen = {data.step_ids[k] for k in rows}
-    readings = tuple(i for i, r in enumerate(data.readings) if r.step in chosen)
-    return RowChoice(tuple(rows), readings, len(data.steps))
+    chosen = tuple(data.step_ids[k] for k in rows)
+    readings = tuple(np.flatnonzero(np.isin([r.step for r in data.readings], chosen)).tolist())
+    return RowChoice(tuple(rows), chosen, readings, len(data.steps))
 
 
 def _joined(branches: Sequence[Sequence[int]], held: set[int]) -> list[list[int]]:

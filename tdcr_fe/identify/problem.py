@@ -237,6 +237,11 @@ class FitProblem:
         a, b = (p.coordinate(x) for x in e.bounds(self.experiment)[name])
         return min(a, b), max(a, b)
 
+    def limits(self, effects: Sequence[Effect], free: Sequence[tuple[str, str]]) -> Array:
+        """Bounds of the coordinates of the free parameters, shape (p, 2)."""
+        by_name = {e.name: e for e in effects}
+        return np.array([self.bounds(by_name[e], p) for e, p in free]).reshape(-1, 2)
+
     def coordinates(self, effects: Sequence[Effect], values: Point, free: Sequence[tuple[str, str]]) -> Array:
         """Fitted numbers of the free parameters, shape (p,)."""
         parameter = {(e.name, p.name): p for e in effects for p in e.parameters}
@@ -272,8 +277,7 @@ class Fit:
     jacobian: Array  # of the predictions over sigma, by coordinate of every free parameter, shape (n, p)
     free: tuple[tuple[str, str], ...]  # effect and name of every free parameter
     run: Run
-    # residual of the run whose substeps this one has taken; None where it followed no other one, shape (n,)
-    path_residual: Array | None = None
+    path_residual: Array  # that of the run that has chosen the substeps, shape (n,)
     pruned: bool = False  # whether the fit was stopped because it could not come near the best
 
     @property
@@ -287,14 +291,9 @@ class Fit:
         return bool(np.isfinite(self.cost + self.held_cost))
 
     @property
-    def path_origin(self) -> Array:
-        """Residual of the run that has chosen the substeps, shape (n,)."""
-        return self.residual if self.path_residual is None else self.path_residual
-
-    @property
     def distance_from_path(self) -> float:
         """How far the predictions are from the run that has chosen the substeps, rms over sigma; NaN if not solved."""
-        return float(np.sqrt(np.mean((self.residual - self.path_origin) ** 2)))
+        return float(np.sqrt(np.mean((self.residual - self.path_residual) ** 2)))
 
 
 def evaluate(problem: FitProblem, effects: Sequence[Effect], values: Point) -> Fit:
@@ -305,7 +304,7 @@ def evaluate(problem: FitProblem, effects: Sequence[Effect], values: Point) -> F
 def fit_of_run(problem: FitProblem, effects: Sequence[Effect], values: Point, run: Run) -> Fit:
     """A model at given values, nothing fitted, of which there is a run."""
     r = problem.residual(problem.with_effects(effects, values), run) - problem.shift(effects, values, run)
-    return Fit(tuple(effects), values, r, *problem.cost(r), np.zeros((r.size, 0)), (), run)
+    return Fit(tuple(effects), values, r, *problem.cost(r), np.zeros((r.size, 0)), (), run, r)
 
 
 def refine(

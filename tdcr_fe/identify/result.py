@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tdcr_fe.effects import EFFECTS, Effect, Experiment
 from tdcr_fe.effects.base import Kind
+from tdcr_fe.identify.load_steps import RowChoice
 from tdcr_fe.identify.run import Trajectories
 from tdcr_fe.io.atomic import plain
 from tdcr_fe.io.loading_table import loading_text
@@ -344,15 +345,6 @@ class Profile(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SearchedSteps:
-    """Load steps that the search used, where that are not all."""
-
-    steps: tuple[int, ...]  # numbers of the load steps
-    total: int  # load steps of the data
-    fitted_to_all: bool  # whether the final fit and all errors are of all load steps; else they are of these
-
-
-@dataclass(frozen=True)
 class Residuals:
     """What the models leave of the readings, in their order."""
 
@@ -391,7 +383,7 @@ class SearchLog:
     wall_time: float = 0.0  # [s]
     not_tried: tuple[str, ...] = ()  # parts of the identification for which the time limit was too short
     interrupted: bool = False
-    steps: SearchedSteps | None = None  # load steps that the search used; None for all
+    rows: RowChoice | None = None  # load steps that the search used; None for all
 
 
 @dataclass(frozen=True)
@@ -480,6 +472,11 @@ class IdentificationResult:
         return self.unlisted > 1.0 - NAMED
 
     @property
+    def fitted_to_all(self) -> bool:
+        """Whether the final fit and all errors are of all load steps, not only of those that the search used."""
+        return self.log.rows is None or len(self.data.steps) == self.log.rows.total
+
+    @property
     def predicts(self) -> bool:
         """Whether the final model is as good, about, on readings that it was not fitted to."""
         before, after = self.before.held_out, self.after.held_out
@@ -537,7 +534,7 @@ class IdentificationResult:
             "ceiling": self.ceiling and {"held_out": self.ceiling.to_json()},
             "next_experiment": self.next_experiment and self.next_experiment.to_json(),
             "scatter": self.scatter and self.scatter.to_json(),
-            "searched_steps": log.steps and list(log.steps.steps),
+            "searched_steps": log.rows and list(log.rows.numbers),
         }
         document |= {name: value for name, value in where_there_are.items() if value is not None}
         clean: dict[str, Any] = plain(document)

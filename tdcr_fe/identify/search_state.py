@@ -221,9 +221,11 @@ def _reweighted(state: SearchState) -> SearchState:
     problem = replace(problem, correction=rewhitened(old.correction))
 
     def changed(fit: Fit) -> Fit:
-        path = None if fit.path_residual is None else rewhitened(fit.path_residual)
         moved = replace(
-            fit, residual=rewhitened(fit.residual), jacobian=rewhitened(fit.jacobian), path_residual=path
+            fit,
+            residual=rewhitened(fit.residual),
+            jacobian=rewhitened(fit.jacobian),
+            path_residual=rewhitened(fit.path_residual),
         )
         return _shifted(problem, moved, np.zeros(problem.count))
 
@@ -236,8 +238,7 @@ def _shifted(problem: FitProblem, fit: Fit, shift: Array) -> Fit:
     """A fit with its residual shifted, and its cost by the measures of a problem."""
     r = fit.residual + shift
     cost, held_cost = problem.cost(r)
-    path = None if fit.path_residual is None else fit.path_residual + shift
-    return replace(fit, residual=r, cost=cost, held_cost=held_cost, path_residual=path)
+    return replace(fit, residual=r, cost=cost, held_cost=held_cost, path_residual=fit.path_residual + shift)
 
 
 def mean_cost(cost: float, which: NDArray[np.bool_]) -> float:

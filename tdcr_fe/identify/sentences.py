@@ -43,7 +43,7 @@ def _paragraphs(result: IdentificationResult) -> list[str]:
         measure=measure(result),
         noise=noise_size(result),
         without_sigma=sorted({r.channel.family for r in data.readings if r.sigma is None}),
-        searched=result.log.steps,
+        searched=result.log.rows,
         alike=[_rivals(e) for e in result.effects if e.indistinguishable_from],
         idle=_idle_tendons(result),
         scatter=result.scatter,

@@ -123,7 +123,7 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
             wall_time,
             state.not_tried,
             state.interrupted,
-            None if found.rows is None else found.rows.described(data),
+            found.rows,
         ),
         simulated=Simulated(
             problem.experiment,

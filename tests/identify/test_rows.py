@@ -164,16 +164,16 @@ def test_the_final_fit_and_all_errors_are_of_all_rows():
     data = long_data(11, truth=truth)
     result = identify(data, IdentifySettings(max_effects=1, candidates=2))
     assert [e.name for e in result.effects] == ["gravity"] and result.verdict == "explained"
-    assert len(result.log.steps.steps) <= SEARCHED and result.log.steps.fitted_to_all
+    assert len(result.log.rows.numbers) <= SEARCHED and result.fitted_to_all
     assert result.before.fit.count + result.before.held_out.count == len(data.readings)
     assert result.after.fit.count + result.after.held_out.count == len(data.readings)
     assert 0.85 < result.after.held_out.chi2_per_dof < 1.15
     e = result.effects[0].parameters["g_y"]
     assert abs(e.value + 6.0) < 4.0 * e.std_error
-    assert result.to_json()["searched_steps"] == list(result.log.steps.steps)
+    assert result.to_json()["searched_steps"] == list(result.log.rows.numbers)
     (text,) = [s for s in sentences(result) if s.startswith("The search used")]
     assert text.startswith(
-        f"The search used {len(result.log.steps.steps)} of 220 load steps; the final fit and all"
+        f"The search used {len(result.log.rows.numbers)} of 220 load steps; the final fit and all"
     )
 
 
@@ -207,8 +207,8 @@ def test_a_final_fit_that_the_time_does_not_suffice_for_loses_nothing(searched, 
     result = concluded(state, search, rows=chosen)
     assert [e.name for e in result.effects] == ["gravity", "precurvature"]
     assert set(result.log.not_tried) == missed
-    assert result.log.steps.fitted_to_all == (ALL_STEPS not in missed)
-    count = len(problem.data.readings) if result.log.steps.fitted_to_all else 6 * len(chosen.steps)
+    assert result.fitted_to_all == (ALL_STEPS not in missed)
+    count = len(problem.data.readings) if result.fitted_to_all else 6 * len(chosen.steps)
     assert result.after.fit.count + result.after.held_out.count == count
     assert result.after.held_out.chi2_per_dof < 0.1 * result.before.held_out.chi2_per_dof
     first, second = result.effects
