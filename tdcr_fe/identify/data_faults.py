@@ -14,13 +14,13 @@ from scipy.optimize import linear_sum_assignment
 from scipy.special import gammaln
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.identify.forward import Job, last_parts
+from tdcr_fe.identify.forward import Job
+from tdcr_fe.identify.load_steps import join_steps
 from tdcr_fe.identify.noise import is_noise, outliers, series, structure
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber
 from tdcr_fe.io.measured import MeasuredData, impossible_place
 from tdcr_fe.io.spreadsheet import number
 from tdcr_fe.model.channels import CHANNELS, arc_lengths
-from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.units import mistaken
 
 Array = NDArray[np.float64]
@@ -416,9 +416,7 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
         changes.append((_Drive({}, forces=-1.0), "forces at the tip have the opposite sign"))
     changes = changes[: MOST_STEPS // max(1, len(declared_drive.steps))]
     drives = [declared_drive, *(_driven(declared_drive, change) for change, _ in changes)]
-    free = [
-        replace(d, model=replace(d.model, friction="none"), ends=None, steps=_commanded(d)) for d in drives
-    ]
+    free = [join_steps(replace(d, model=replace(d.model, friction="none"))) for d in drives]
     runs = problem.run([Job(e) for e in free])
     here, *others = [problem.residual(e, run) for e, run in zip(free, runs, strict=True)]
     judged = []
@@ -431,11 +429,6 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
     drive = _driven(declared_drive, change, problem.data.step_ids.index(grid.steps[first]))
     (run,) = problem.run([Job(drive)])
     return _mean_square(problem.residual(drive, run)[grid.which]), text
-
-
-def _commanded(experiment: Experiment) -> tuple[LoadStep, ...]:
-    """The steps that are commanded, as ends of their parts."""
-    return tuple(experiment.steps[j] for j in last_parts(experiment))
 
 
 def _driven(experiment: Experiment, change: _Drive, since: int = 0) -> Experiment:

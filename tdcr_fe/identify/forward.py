@@ -11,13 +11,12 @@ from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tdcr_fe.effects import Effect, Experiment
-from tdcr_fe.effects.base import Values
+from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.bay_state import bay_state
 from tdcr_fe.identify.run import Run, RunDerivatives, Trajectories, Trajectory, mesh_nodes
 from tdcr_fe.identify.settings import OutOfTime, clock, ending_at, keep_time, spend
@@ -219,9 +218,6 @@ Asked = TypeVar("Asked")
 Answer = TypeVar("Answer")
 Found = TypeVar("Found")
 
-#: Experiments with an effect that are kept in memory: neighbouring models share most of their effects.
-APPLIED = 64
-
 
 class ForwardModel:
     """Simulates experiments, several at a time. Use as a context manager; leaving it ends the workers.
@@ -244,8 +240,6 @@ class ForwardModel:
         self.settings = settings or SolverSettings()
         self.runs = 0
         self.lists = 0  # of tasks that were given to the processes
-        # By the identity of both and the values, which holds as long as both are kept
-        self._applied: dict[tuple[Any, ...], tuple[Experiment, Effect, Experiment]] = {}
         self._pool: ProcessPoolExecutor | None = None
         self._stack = ExitStack()
 
@@ -283,15 +277,6 @@ class ForwardModel:
         settings = run_settings(self.settings, path_tolerance)
         self.runs += len(jobs)
         return self.map(partial(simulate_experiment, settings=settings, deadline=deadline), jobs)
-
-    def with_effect(self, experiment: Experiment, effect: Effect, values: Values) -> Experiment:
-        """An experiment with an effect; the last ones from memory."""
-        key = (id(experiment), id(effect), *values.items())
-        kept = self._applied.pop(key, None) or (experiment, effect, effect.apply(experiment, values))
-        self._applied[key] = kept  # the last one used is the last one dropped
-        if len(self._applied) > APPLIED:
-            self._applied.pop(next(iter(self._applied)))
-        return kept[2]
 
     def map(self, function: Callable[[Given], Found], given: Sequence[Given]) -> list[Found]:
         """Values of a function, in the processes where there are several values; in this one if the processes end."""

@@ -247,9 +247,6 @@ def declared_state(problem: FitProblem, run: Run) -> SearchState:
     return SearchState.start(problem, fit_of_run(problem, (), {}, run))
 
 
-#: Iterations of the final fit to all load steps at most.
-FINAL_ITERATIONS = 4
-
 # ---------------------------------------------------------------------------------------------- the end of long data
 
 
@@ -300,7 +297,7 @@ def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> 
     if best.effects:
         # An iteration is followed by a run on the path of the new parameters.
         race = fitting.Race(deadline=search.deadline - 2.0 * duration)
-        (best,) = fitting.run_fits(problem, [fitting.finish(problem, best, race, FINAL_ITERATIONS)])
+        (best,) = fitting.run_fits(problem, [fitting.finish(problem, best, race)])
     everything = state.begun_anew(problem, declared, best)
     return _with_smaller_models(search, state, everything)
 

@@ -21,7 +21,7 @@ from tdcr_fe.identify.causes import ReadingCause, StateLoad
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize_each
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.load_steps import whole_steps
-from tdcr_fe.identify.problem import Fit, FitProblem, Readings
+from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import NextExperiment
 from tdcr_fe.identify.search_state import Search, SearchState, as_good
 from tdcr_fe.identify.settings import OutOfTime
@@ -154,16 +154,10 @@ def _planned(problem: FitProblem, steps: tuple[LoadStep, ...]) -> FitProblem:
     )
     ids, branches = tuple(range(1, len(steps) + 1)), ("next",) * len(steps)
     fresh = replace(data, step_ids=ids, steps=steps, branches=branches, readings=readings, parts=())
-    return replace(
-        problem,
-        data=fresh,
-        readings=Readings.of(fresh),
-        experiment=replace(problem.experiment, steps=steps, ends=None, restarts=()),
-        sigma=np.array([r.sigma for r in readings]),
-        held_out=np.zeros(len(readings), dtype=bool),
-        correction=np.zeros(len(readings)),
-        roots=(),
-    )
+    sigma, fitted = np.array([r.sigma for r in readings]), np.zeros(len(readings), dtype=bool)
+    planned = FitProblem.of(fresh, sigma, fitted, problem.forward, problem.path_tolerance)
+    experiment = replace(problem.experiment, steps=steps, ends=None, restarts=())
+    return replace(planned, experiment=experiment, catalogue=problem.catalogue, deadline=problem.deadline)
 
 
 # ------------------------------------------------------------------------------------------------ criteria
@@ -176,8 +170,8 @@ class _Judged(NamedTuple):
     experiment: NextExperiment
 
 
-def _linearized(planned: Sequence[FitProblem], models: Sequence[_Model]) -> list[list[Linear]]:
-    """Predictions of every sequence and their derivatives by the free numbers of a model, by sequence and model."""
+def _solved(planned: Sequence[FitProblem], models: Sequence[_Model]) -> Iterator[tuple[int, list[Linear]]]:
+    """Number of every sequence that all models solve, and what each predicts with derivatives by its free numbers."""
     pairs = []
     for p, model in itertools.product(planned, models):
         fit, half = model.fit, 0.5 * np.sqrt(np.maximum(np.diag(model.spread), 1e-300))
@@ -188,13 +182,9 @@ def _linearized(planned: Sequence[FitProblem], models: Sequence[_Model]) -> list
         )
         pairs.append((p, Request(fit.effects, fit.values, columns, record=False)))
     found = linearize_each(pairs)
-    return [found[i : i + len(models)] for i in range(0, len(found), len(models))]
-
-
-def _solved(planned: Sequence[FitProblem], models: Sequence[_Model]) -> Iterator[tuple[int, list[Linear]]]:
-    """Number and predictions of the sequences that all models solve."""
-    for i, own in enumerate(_linearized(planned, models)):
-        if all(np.isfinite(linear.residual).all() for linear in own):
+    for i in range(len(planned)):
+        own = found[i * len(models) : (i + 1) * len(models)]
+        if all(linear.run.solved for linear in own):
             yield i, own
 
 

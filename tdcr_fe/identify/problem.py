@@ -134,7 +134,7 @@ class FitProblem:
 
         def apply(experiment: Experiment) -> Experiment:
             for e in ordered:
-                experiment = self.forward.with_effect(experiment, e, values[e.name])
+                experiment = e.apply(experiment, values[e.name])
             return join_steps(experiment)
 
         return self.experiment.with_sequences(apply)

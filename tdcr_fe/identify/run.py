@@ -39,7 +39,27 @@ class Trajectory:
 
     def divided(self, ends: Ends) -> PathRecord:
         """The path for the same commanded steps, divided in another way."""
-        return self.waypoints if self.ends == ends else _divide(_join(self.waypoints, self.ends), ends)
+        if self.ends == ends:
+            return self.waypoints
+        increments: list[Increment] = []
+        places: list[float] = []  # of their ends: number of the commanded step and its load factor
+        begin = 0.0
+        for part, (k, factor) in zip(self.waypoints, self.ends, strict=True):
+            begin, end = max(begin, k), k + factor
+            increments += part
+            places += [begin + (end - begin) * x.load_factor for x in part]
+            begin = end
+        divided, begin = [], 0.0
+        for k, factor in ends:
+            begin, end = max(begin, k), k + factor
+            first, last = np.searchsorted(places, (begin + 1e-9, end - 1e-9)).tolist()
+            inside = [
+                replace(increments[i], load_factor=(places[i] - begin) / (end - begin))
+                for i in range(first, last)
+            ]
+            divided.append([*inside, replace(increments[last], load_factor=1.0)])
+            begin = end
+        return divided
 
     def on_mesh(self, s: Array) -> Trajectory | None:
         """The same path on another mesh: the same increments, with the twist of the backbone divided otherwise.
@@ -92,33 +112,6 @@ def _on_mesh(increment: Increment, before: Array, s: Array) -> Increment:
     multipliers = np.zeros(old.multipliers.size + s.size - before.size)
     unknowns = old._replace(coordinates=coordinates, multipliers=multipliers, twists=(np.diff(at, axis=0),))
     return replace(increment, state=replace(state, unknowns=unknowns))
-
-
-def _join(waypoints: PathRecord, ends: Ends) -> dict[int, list[Increment]]:
-    """Waypoints by commanded step, their load factors those of the commanded step."""
-    joined: dict[int, list[Increment]] = {}
-    done: dict[int, float] = {}
-    for own, (k, factor) in zip(waypoints, ends, strict=True):
-        start = done.get(k, 0.0)
-        joined.setdefault(k, []).extend(
-            replace(w, load_factor=start + (factor - start) * w.load_factor) for w in own
-        )
-        done[k] = factor
-    return joined
-
-
-def _divide(joined: dict[int, list[Increment]], ends: Ends) -> PathRecord:
-    """Waypoints of commanded steps, for steps divided in another way."""
-    divided = []
-    done: dict[int, float] = {}
-    for k, factor in ends:
-        start = done.get(k, 0.0)
-        inside = [w for w in joined[k] if start + 1e-9 < w.load_factor < factor - 1e-9]
-        last = next(w for w in joined[k] if w.load_factor >= factor - 1e-9)
-        part = [replace(w, load_factor=(w.load_factor - start) / (factor - start)) for w in inside]
-        divided.append([*part, replace(last, load_factor=1.0)])
-        done[k] = factor
-    return divided
 
 
 #: Fields of `Run` and `RunDerivatives` with one entry for every step.
