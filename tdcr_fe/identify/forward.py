@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: Smallest fraction of a load step that is tried, without and with a reference path.
-SMALLEST, SMALLEST_ON_REFERENCE = 1.0 / 256.0, 1.0 / 16.0
+#: Smallest fraction of a load step that is tried along a reference path.
+SMALLEST_ON_REFERENCE = 1.0 / 16.0
 
 #: Maximum substeps used to resolve path dependence.
 DIVISIONS = 16
@@ -60,7 +60,7 @@ def run_settings(declared: SolverSettings, path_tolerance: float) -> SolverSetti
         Chosen against the noise; used where the table has the default [1].
     """
     default = SolverSettings()
-    chosen = {"path_tolerance": path_tolerance, "max_substeps": DIVISIONS, "min_substep": SMALLEST}
+    chosen = {"path_tolerance": path_tolerance, "max_substeps": DIVISIONS}
     free = {name: x for name, x in chosen.items() if getattr(declared, name) == getattr(default, name)}
     return replace(declared, **free, mesh_tolerance=math.inf)  # type: ignore[arg-type]
 

@@ -38,7 +38,7 @@ NOISE = np.random.default_rng(0).normal(size=HELD.size)
 def fit(residual):
     """A model with such a residual over sigma."""
     cost, held = float(np.sum(residual[~HELD] ** 2)), float(np.sum(residual[HELD] ** 2))
-    return Fit((), {}, residual, cost, held, np.zeros((HELD.size, 0)), (), None)
+    return Fit((), {}, residual, cost, held, np.zeros((HELD.size, 0)), (), None, residual)
 
 
 def by_step(values):

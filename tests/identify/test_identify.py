@@ -81,7 +81,7 @@ def test_noise_passes_and_structure_does_not():
 def test_a_residual_larger_than_sigma_or_to_one_side_is_no_noise(size, shift, noise):
     problem = problem_of(measured())
     r = shift + size * np.random.default_rng(2).normal(size=problem.count)
-    left = Fit((), {}, r, float(r @ r), 0.0, np.zeros((r.size, 0)), (), None)
+    left = Fit((), {}, r, float(r @ r), 0.0, np.zeros((r.size, 0)), (), None, r)
     assert residual_is_noise(problem, left, 1e-3) == noise
 
 

@@ -25,6 +25,7 @@ def test_a_candidate_that_is_not_solved_is_not_improved():
         np.ones((6, 1)),
         (("gravity", "g_x"),),
         None,  # type: ignore[arg-type]
+        np.full(6, np.nan),
     )
     with pytest.raises(StopIteration) as done:
         next(descend(None, unsolved, Race()))  # type: ignore[arg-type]
