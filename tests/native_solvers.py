@@ -1,10 +1,8 @@
 """Settings of Exudyn's own solvers, and a robot whose tip is damped, for tests that use these solvers."""
 
-from typing import Any
-
 import exudyn as exu
 import exudyn.itemInterface as eii
-from robots import scene
+from robots import scene_with
 
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene import TDCR
@@ -35,20 +33,16 @@ def dynamic_settings(end: float, step: float) -> exu.SimulationSettings:
     return s
 
 
-def damped(
-    robot: Robot, damping: float = 0.03, *, assemble: bool = True, **rest: Any
-) -> tuple[exu.SystemContainer, exu.MainSystem, TDCR]:
+def damped(robot: Robot, damping: float = 0.03) -> tuple[exu.SystemContainer, exu.MainSystem, TDCR]:
     """A robot whose tip is damped against ground [N s/m]; by default near critical damping."""
-    keep, mbs, handle = scene(robot, assemble=False, **rest)
-    ground = mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=mbs.AddObject(eii.ObjectGround())))
-    mbs.AddObject(
-        eii.CartesianSpringDamper(
-            markerNumbers=[ground, handle.mTip], stiffness=[0.0] * 3, damping=[damping] * 3
+
+    def damper(mbs: exu.MainSystem, handle: TDCR) -> None:
+        both = [mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=mbs.CreateGround())), handle.mTip]
+        mbs.AddObject(
+            eii.CartesianSpringDamper(markerNumbers=both, stiffness=[0.0] * 3, damping=[damping] * 3)
         )
-    )
-    if assemble:
-        mbs.Assemble()
-    return keep, mbs, handle
+
+    return scene_with(damper, robot)[:3]
 
 
 def recommended(handle: TDCR, end: float, step: float, start: float = 0.0) -> exu.SimulationSettings:

@@ -1,6 +1,6 @@
 """Robots that the tests of the finite-element model share."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -106,6 +106,26 @@ def scene(
     if assemble:
         mbs.Assemble()
     return container, mbs, handle
+
+
+def scene_with(
+    add: Callable[[exu.MainSystem, TDCR], Any], robot: Robot, **rest: Any
+) -> tuple[exu.SystemContainer, exu.MainSystem, TDCR, Any]:
+    """A system with one robot and what is added to it before it is assembled."""
+    container, mbs, handle = scene(robot, assemble=False, **rest)
+    added = add(mbs, handle)
+    mbs.Assemble()
+    return container, mbs, handle, added
+
+
+def tip_load(mbs: exu.MainSystem, handle: TDCR) -> Any:
+    """A load at the tip."""
+    return handle.add_load("tip", LENGTH)
+
+
+def tip_sensor(mbs: exu.MainSystem, handle: TDCR) -> Any:
+    """A sensor of the position of the tip."""
+    return handle.add_sensors()["tip_position"]
 
 
 def solve_scene(mbs: exu.MainSystem, handle: TDCR, *tensions: Any) -> np.ndarray:

@@ -213,7 +213,7 @@ SCENES = [
         lambda: on_a_body(referencePosition=[0.0, 0.0, 0.0]),
         "referencePosition .* differs from that of baseMarker",
     ),
-    (lambda: on_a_body(referenceRotationMatrix=np.eye(3)), "differs from the axes of baseMarker"),
+    (lambda: on_a_body(referenceRotationMatrix=np.eye(3)), "referenceRotationMatrix .* differs from"),
     (lambda: used(lambda mbs, arm: tdcr.CreateTDCR(mbs, three())), "another name"),
     (without_robot, "CreateTDCR"),
     (lambda: used(lambda mbs, arm: tdcr.SolveTDCR(mbs)), "Assemble"),

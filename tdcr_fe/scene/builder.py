@@ -149,12 +149,14 @@ def CreateTDCR(
         parts.add_ground(mbs, pose, robot.plate_radius, name, graphicsDataList) if on_ground else baseMarker
     )
     joint = parts.add_base_joint(mbs, carrier, base, name)
-    tendons = parts.add_tendons(mbs, robot, mesh, [backbone.beams[0], *disks], name)
+    holes, segments = parts.add_tendons(mbs, robot, mesh, [backbone.beams[0], *disks], name)
     damping = parts.add_material_damping(mbs, robot, mesh, backbone.nodes, name)
     forces = force_model(robot, model, mesh, rigid, HYSTERESES[model.hysteresis](presliding), pose)
-    item = _force_item(mbs, backbone.nodes, name)
+    # The item that applies the forces of tendons and section to the nodes; its functions follow.
+    hidden = eii.VObjectGenericODE2(show=False)
+    applying = eii.ObjectGenericODE2(name=f"{name}.forces", nodeNumbers=backbone.nodes, visualization=hidden)
     others = [*bodies, joint] if damping is None else [*bodies, joint, *damping.bodies, *damping.dampers]
-    connectors = Connectors(item, tendons.segments, tendons.holes, backbone.beams, others)
+    connectors = Connectors(mbs.AddObject(applying), segments, holes, backbone.beams, others)
     history = HistoryNodes(
         hooks.system, forces.law, [f"{name}.{tendon.name}.history" for tendon in robot.tendons]
     )
@@ -166,7 +168,7 @@ def CreateTDCR(
     hooks.add(actuation)
     handle = TDCR(
         mbs=mbs, name=name, robot=robot, model=model, mesh=mesh, nNodes=backbone.nodes, oBeams=backbone.beams,
-        bDisks=disks, mHoles=tendons.holes, oTendons=tendons.segments, oBaseJoint=joint, mBase=base,
+        bDisks=disks, mHoles=holes, oTendons=segments, oBaseJoint=joint, mBase=base,
         lGravity=weight, actuation=actuation, rigid=rigid, damping=damping,
     )  # fmt: skip
     if not show:
@@ -210,13 +212,6 @@ def _check_base(motion: NDArray[np.float64], graphics: Sequence[Any], on_ground:
             "CreateTDCR: graphicsDataList is drawn on the base of a robot on ground; with baseMarker, give it to your "
             "own body"
         )
-
-
-def _force_item(mbs: exu.MainSystem, nodes: Sequence[Any], name: str) -> Any:
-    """Add the item that applies the forces of tendons and section to the nodes; its functions follow."""
-    drawn = eii.VObjectGenericODE2(show=False)
-    item = eii.ObjectGenericODE2(name=f"{name}.forces", nodeNumbers=list(nodes), visualization=drawn)
-    return mbs.AddObject(item)
 
 
 def _hide(mbs: exu.MainSystem, handle: TDCR) -> None:

@@ -64,14 +64,12 @@ def base_pose(mbs: exu.MainSystem, position: Any, rotation: Any, marker: Any) ->
     ValueError
         Position or rotation are not valid, or differ from those of the marker in the reference configuration.
     """
-    p = np.zeros(3) if position is None else np.asarray(position, dtype=float)
-    r = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
-    if p.shape != (3,) or not np.all(np.isfinite(p)):
-        raise ValueError(f"referencePosition {position!r}; must be three finite coordinates [m]")
-    if r.shape != (3, 3) or not np.allclose(r @ r.T, np.eye(3), atol=1e-9):
-        raise ValueError("referenceRotationMatrix must be a rotation matrix of shape (3, 3)")
-    if np.linalg.det(r) < 0.0:
-        raise ValueError("referenceRotationMatrix is a reflection; must be a rotation matrix")
+    p = np.zeros(3) if position is None else np.array(position, dtype=float)
+    r = np.eye(3) if rotation is None else np.array(rotation, dtype=float)
+    if r.shape != (3, 3) or not np.allclose(r @ r.T, np.eye(3), atol=1e-9) or np.linalg.det(r) < 0.0:
+        raise ValueError(
+            "referenceRotationMatrix must be a rotation matrix of shape (3, 3), and not a reflection"
+        )
     if marker is None:
         return BasePose(p, r)
     variable, reference = exu.OutputVariableType, exu.ConfigurationType.Reference
@@ -83,17 +81,16 @@ def base_pose(mbs: exu.MainSystem, position: Any, rotation: Any, marker: Any) ->
             f"baseMarker {marker!r} has no position and rotation; must be a rigid marker"
         ) from unknown
     axes = axes.reshape(3, 3)
-    scale = max(1.0, float(np.abs(at).max()))
-    if position is not None and not np.allclose(p, at, rtol=0.0, atol=1e-6 * scale):
-        raise ValueError(
-            f"referencePosition {p.tolist()} differs from that of baseMarker {marker}, {at.tolist()}, in the reference "
-            "configuration; leave it out to take that of the marker"
-        )
-    if rotation is not None and not np.allclose(r, axes, rtol=0.0, atol=1e-6):
-        raise ValueError(
-            f"referenceRotationMatrix differs from the axes of baseMarker {marker}, {axes.tolist()}, in the reference "
-            "configuration; leave it out to take those of the marker"
-        )
+    size = max(1.0, float(np.abs(at).max()))
+    for name, given, of_marker, scale in (
+        ("referencePosition", position, at, size),
+        ("referenceRotationMatrix", rotation, axes, 1.0),
+    ):
+        if given is not None and not np.allclose(given, of_marker, rtol=0.0, atol=1e-6 * scale):
+            raise ValueError(
+                f"{name} {np.array(given).tolist()} differs from that of baseMarker {marker}, {of_marker.tolist()}, in "
+                "the reference configuration; leave it out to take that of the marker"
+            )
     return BasePose(at, axes)
 
 
@@ -186,18 +183,12 @@ def add_material_damping(
 # ---------------------------------------------------------------- tendons
 
 
-@dataclass(frozen=True)
-class TendonItems:
-    """Exudyn's numbers of the items of the tendons."""
-
-    holes: list[list[Any]]  # by tendon, markers of its holes, base plate first, anchor last
-    segments: list[list[Any]]  # by tendon, the spring-damper of every segment
-
-
 def add_tendons(
     mbs: exu.MainSystem, robot: Robot, mesh: BackboneMesh, bodies: Sequence[Any], name: str
-) -> TendonItems:
+) -> tuple[list[list[Any]], list[list[Any]]]:
     """Add markers at all holes and a connector for every tendon segment, which is drawn and carries no force.
+
+    The numbers of the markers are returned, base plate first, anchor last, and those of the connectors, both by tendon.
 
     Parameters
     ----------
@@ -210,7 +201,7 @@ def add_tendons(
     name
         Prefix of the items.
     """
-    items = TendonItems([], [])
+    markers, connectors = [], []
     for i, tendon in enumerate(robot.tendons):
         prefix = f"{name}.{tendon.name}"
         places = (_along_backbone if robot.without_disks else _in_disks)(robot, tendon, mesh, bodies)
@@ -236,9 +227,9 @@ def add_tendons(
             )
             for k, pair in enumerate(itertools.pairwise(holes), start=1)
         ]
-        items.holes.append(holes)
-        items.segments.append(segments)
-    return items
+        markers.append(holes)
+        connectors.append(segments)
+    return markers, connectors
 
 
 def _in_disks(

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from native_solvers import recommended
-from robots import LENGTH, scene, solve_scene, tendon, three
+from robots import LENGTH, scene, scene_with, solve_scene, tendon, three, tip_load
 
 from tdcr_fe.elements.native.coordinates import twists_by_coordinates
 from tdcr_fe.elements.poses import rotation_of_euler_parameters
@@ -62,9 +62,7 @@ def test_the_tangent_is_the_derivative_of_the_forces(case):
 @pytest.mark.parametrize("count", [1, 3])
 def test_a_swing_with_friction_takes_few_jacobians(count):
     """With holes that change between stick and slip: 1.3 to 1.6 a step of 1 ms; without the prediction 1.8 to 2.3."""
-    _keep, mbs, handle = scene(three(0.3), assemble=False)
-    load = handle.add_load("tip", LENGTH)
-    mbs.Assemble()
+    _keep, mbs, handle, load = scene_with(tip_load, three(0.3))
     solve_scene(mbs, handle, [1.0, *([0.3, 0.2] if count == 3 else [0.0, 0.0])])
     load.set([0.0, 0.005, 0.003])
     assert mbs.SolveDynamic(recommended(handle, 0.1, 1e-3))

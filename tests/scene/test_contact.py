@@ -13,14 +13,11 @@ from contacts import (
     wall,
 )
 from native_solvers import static_settings
-from robots import LENGTH, distance, scene, seven, solve_scene, three
+from robots import LENGTH, distance, scene, scene_with, seven, solve_scene, three, tip_load
 
 
 def with_contact(add, mu=0.0, **rest):
-    keep, mbs, handle = scene(seven(mu), assemble=False)
-    add(mbs, handle, **rest)
-    mbs.Assemble()
-    return keep, mbs, handle
+    return scene_with(lambda *to: add(*to, **rest), seven(mu))[:3]
 
 
 def pulled_in_steps(mbs, handle, count=10):
@@ -87,10 +84,7 @@ def test_a_robot_slides_off_a_sphere_in_large_steps_as_in_small_ones():
 
 def test_a_robot_that_balances_on_a_sphere_in_a_symmetric_scene_is_called_unstable():
     """Nothing leads to either side, so the path is followed as by Exudyn's solver; a push of 1 mN makes it fall."""
-    _keep, mbs, handle = scene(three(0.0), assemble=False)
-    spheres(mbs, handle)
-    side = handle.add_load("side", LENGTH)
-    mbs.Assemble()
+    _keep, mbs, handle, (_, side) = scene_with(lambda *to: (spheres(*to), tip_load(*to)), three(0.0))
     handle.set_tensions({"t1": 1.4})
     assert not mbs.SolveTDCR()["unstable"]
     handle.set_tensions({"t1": 2.0})

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from contacts import CENTRE, DISK, QUAD, SPHERE, STIFFNESS
 from native_solvers import static_settings
-from robots import BACKBONE, LENGTH, distance, scene, seven, solve_scene, system, three
+from robots import BACKBONE, LENGTH, distance, scene_with, seven, solve_scene, system, three, tip_load
 
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Disks
@@ -35,9 +35,7 @@ def itself(mbs: exu.MainSystem, handle: TDCR):
 
 def pulled(robot, add, tensions, **model):
     """A robot taken through tensions of its first tendon by SolveTDCR, and what its last step reports."""
-    keep, mbs, handle = scene(robot, assemble=False, **model)
-    contact = add(mbs, handle)
-    mbs.Assemble()
+    keep, mbs, handle, contact = scene_with(add, robot, **model)
     for tension in tensions:
         handle.set_tensions({"t1": float(tension)})
         report = mbs.SolveTDCR()
@@ -54,34 +52,32 @@ def pulled(robot, add, tensions, **model):
 )
 def test_an_obstacle_gives_the_shape_of_the_static_solver_of_exudyn(add, mu, elements):
     """A pull to 2 N in ten steps, in contact from the fourth on; 1e-8 of the length were seen."""
-    keep, mbs, handle, contact = pulled(seven(mu), add, np.linspace(0.2, 2.0, 10), elements_per_bay=elements)
-    _keep, other, compared = scene(seven(mu), assemble=False, elements_per_bay=elements)
-    forces = add(other, compared)
-    other.Assemble()
+    _keep, _mbs, handle, contact = pulled(
+        seven(mu), add, np.linspace(0.2, 2.0, 10), elements_per_bay=elements
+    )
+    _keep, other, compared, forces = scene_with(add, seven(mu), elements_per_bay=elements)
     compared.set_inputs_over_time(lambda t: [2.0 * t, 0.0, 0.0])
     assert other.SolveStatic(static_settings(80))
     assert distance(handle.shape()[0], compared.shape()[0]) < (1e-3 if mu else 1e-4)
     assert contact.normal_forces().max() > 0.03
     assert contact.normal_forces() == pytest.approx(forces.normal_forces(), abs=1e-4)
     assert contact.gaps().min() > -1e-4
-    assert keep and mbs.systemIsConsistent
 
 
 @pytest.mark.integration
 def test_a_robot_bent_to_a_ring_touches_itself():
     """Its tip against its first disk, with the shape of the static solver of Exudyn from shortly before on."""
     robot = three(0.0, disks=LARGE)
-    keep, _mbs, handle, contact = pulled(robot, itself, np.arange(0.5, 9.1, 0.5))
+    _keep, _mbs, handle, contact = pulled(robot, itself, np.arange(0.5, 9.1, 0.5))
     touching = np.flatnonzero(contact.normal_forces())
     assert [contact.names[k] for k in touching] == [("disk 1 of 'three'", "disk 13 of 'three'")]
-    _keep, other, compared, _ = pulled(robot, itself, np.arange(0.5, 7.1, 0.5))
+    _keep_other, other, compared, _ = pulled(robot, itself, np.arange(0.5, 7.1, 0.5))
     compared.set_inputs_over_time(lambda t: [7.0 + 2.0 * t, 0.0, 0.0])
     assert other.SolveStatic(static_settings(240))
     p = handle.shape()[0]
     assert distance(p, compared.shape()[0]) < 1e-4
     gap = contact.gaps()[touching][0]
     assert np.linalg.norm(p[-1] - p[1]) == pytest.approx(2 * LARGE.radius + gap, abs=1e-9)
-    assert keep
 
 
 def facing_each_other(robot, apart, elements=1):
@@ -114,32 +110,27 @@ def test_a_wall_carries_what_a_cantilever_does_not():
     ``w = F L^3 / (3 EI) + F L / GA`` (S. P. Timoshenko, Strength of Materials I, sec. 40).
     """
     robot = seven(0.0).with_disks(mass=0.0)
-    keep, mbs, handle = scene(robot, assemble=False, elements_per_bay=2)
-    load = handle.add_load("tip", LENGTH)
-    ground = mbs.CreateGround()
     w = 0.001 + robot.disks.radius
     corners = [[w, -0.2, 0.0], [w, -0.2, 0.4], [w, 0.2, 0.4], [w, 0.2, 0.0]]
-    contact = handle.add_disk_contact(ground, 1e5, quadPoints=corners)
-    mbs.Assemble()
+
+    def load_and_wall(mbs: exu.MainSystem, arm: TDCR):
+        return tip_load(mbs, arm), arm.add_disk_contact(mbs.CreateGround(), 1e5, quadPoints=corners)
+
+    _keep, mbs, handle, (load, contact) = scene_with(load_and_wall, robot, elements_per_bay=2)
     load.set([0.005, 0.0, 0.0])
     SolveTDCR(mbs)
     free = 0.005 * LENGTH**3 / (3 * BACKBONE.EI) + 0.005 * LENGTH / BACKBONE.GA
     carried = 0.005 * (1.0 - handle.tip_position[0] / free)
     assert contact.normal_forces().max() == pytest.approx(carried, rel=1e-3)
-    assert keep
 
 
 def test_a_load_too_large_for_the_stiffness_of_the_contact_is_refused_by_name():
     """50 N at the tip against a ball of 2000 N/m: disks would be inside it."""
-    keep, mbs, handle = scene(seven(0.0), assemble=False)
-    load = handle.add_load("push", LENGTH)
-    ball(mbs, handle)
-    mbs.Assemble()
+    _keep, mbs, handle, (load, _) = scene_with(lambda *to: (tip_load(*to), ball(*to)), seven(0.0))
     load.set([50.0, 0.0, 0.0])
     with pytest.raises(StepFailed, match="contact is too soft"):
         mbs.SolveTDCR()
     assert np.linalg.norm(handle.shape()[0] - CENTRE, axis=1).min() > SPHERE
-    assert keep
 
 
 @pytest.mark.integration

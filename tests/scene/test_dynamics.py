@@ -7,7 +7,20 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from native_solvers import dynamic_settings, recommended, static_settings
-from robots import BACKBONE, LENGTH, Robot, paper, scene, seven, solve_scene, tendon, three
+from robots import (
+    BACKBONE,
+    LENGTH,
+    Robot,
+    paper,
+    scene,
+    scene_with,
+    seven,
+    solve_scene,
+    tendon,
+    three,
+    tip_load,
+    tip_sensor,
+)
 from scipy.optimize import curve_fit
 
 from tdcr_fe.elements.poses import euler_rate_matrix
@@ -90,9 +103,7 @@ def test_bending_modes_decay_as_those_of_a_viscoelastic_cantilever(mode, root, e
     """
     w = root**2 * np.sqrt(BACKBONE.EI / BACKBONE.mass_per_length) / LENGTH**2
     tau = 0.1 / w  # 5 % of critical damping
-    _keep, mbs, handle = scene(rod(tau), assemble=False, elements_per_bay=elements)
-    sensor = handle.add_sensors()["tip_position"]
-    mbs.Assemble()
+    _keep, mbs, handle, sensor = scene_with(tip_sensor, rod(tau), elements_per_bay=elements)
     shape = mbs.TDCREigenvalues(numberOfEigenvalues=2 * mode).shapes[:, 2 * mode - 1]
     mbs.systemData.SetODE2Coordinates((1e-4 * LENGTH * shape).tolist(), exu.ConfigurationType.Initial)
     period = 2.0 * np.pi / w
@@ -159,12 +170,9 @@ def run(mbs, handle, end, step=1e-3, rho=1.0):
     assert mbs.SolveDynamic(settings)
 
 
-def measured(robot, frame="world", **rest):
-    """An assembled robot with a load at its tip and the sensor."""
-    keep, mbs, handle = scene(robot, assemble=False, **rest)
-    load, sensor = handle.add_load("tip", LENGTH, frame), handle.add_energy_sensor()
-    mbs.Assemble()
-    return keep, mbs, handle, load, sensor
+def load_and_sensor(mbs, handle):
+    """A load at the tip, and the sensor."""
+    return tip_load(mbs, handle), handle.add_energy_sensor()
 
 
 # ---------------------------------------------------------------- what is stored
@@ -216,7 +224,9 @@ def random_run(seed: int, end: float, rho: float = 1.0, elements: int | str = 1)
     disks = Disks.equally_spaced(int(rng.integers(6, 14)), LENGTH, mass=0.17e-3, radius=5e-3)
     gravity = tuple((9.81 * rng.uniform(-1.0, 1.0, 3) * (rng.random() < 0.6)).tolist())
     robot = Robot(backbone, disks, tendons, name="random")
-    _keep, mbs, handle, load, sensor = measured(robot, gravity=gravity, elements_per_bay=elements)
+    _keep, mbs, handle, (load, sensor) = scene_with(
+        load_and_sensor, robot, gravity=gravity, elements_per_bay=elements
+    )
     load.set(rng.uniform(-0.02, 0.02, 3))
     high, rates, phases = (rng.uniform(*limits, count) for limits in ((0.3, 2.0), (0.5, 4.0), (0.0, 6.0)))
     rise = rng.uniform(0.05, 0.3)
@@ -264,7 +274,7 @@ def test_the_energy_of_random_motions_is_conserved_for_half_a_second(seed):
 
 def test_loads_and_weight_that_the_static_solver_ramps_do_the_work_of_the_ramp():
     """``mbs.SolveStatic`` multiplies them by a factor from 0 to 1: a load does half its final value times the way."""
-    _keep, mbs, handle, load, sensor = measured(seven(0.0), gravity=(0.5, 0.0, 0.0))
+    _keep, mbs, handle, (load, sensor) = scene_with(load_and_sensor, seven(0.0), gravity=(0.5, 0.0, 0.0))
     load.set([2e-3, 0.0, 0.0])
     assert mbs.SolveStatic(static_settings(20))
     found, away = present(mbs, sensor), handle.tip_position[0]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from native_solvers import dynamic_settings
-from robots import LENGTH, scene, seven, solve_scene
+from robots import LENGTH, scene, scene_with, seven, solve_scene, tip_load, tip_sensor
 from scipy.linalg import eig
 
 from tdcr_fe.model.loading import SolverSettings
@@ -78,10 +78,9 @@ def test_a_robot_swings_with_its_frequencies(mu, rest, force, mode, end):
 
     Version 0.1 left the tendons out: 38 % less with tendons driven by displacement, 46 % less with stuck holes.
     """
-    _keep, mbs, handle = scene(seven(mu, **rest), assemble=False, friction="per-hole" if mu else "none")
-    load = handle.add_load("tip", LENGTH)
-    sensor = handle.add_sensors()["tip_position"]
-    mbs.Assemble()
+    _keep, mbs, handle, (load, sensor) = scene_with(
+        lambda *to: (tip_load(*to), tip_sensor(*to)), seven(mu, **rest), friction="per-hole" if mu else "none"
+    )
     bend(mbs, handle, bool(rest))
     modes = mbs.TDCREigenvalues(holes="stuck")
     assert modes.frequencies[mode] == pytest.approx(swing(mbs, load, sensor, force, end), rel=5e-3)
@@ -124,9 +123,9 @@ def test_the_scene_is_left_as_it_was():
 
 def at_rest(drive: str, mu: float = 0.0, **rest):
     """A bent robot with a sensor at its tip."""
-    keep, mbs, handle = scene(seven(mu, **rest), assemble=False, presliding=PRESLIDING if mu else 1e-6)
-    sensor = handle.add_sensors()["tip_position"]
-    mbs.Assemble()
+    keep, mbs, handle, sensor = scene_with(
+        tip_sensor, seven(mu, **rest), presliding=PRESLIDING if mu else 1e-6
+    )
     if mu:
         handle.set_tensions([0.02, 0.005, 0.01])
     elif drive == "tension":
@@ -160,9 +159,7 @@ def test_the_static_gain_is_what_statics_give(drive, mu):
 def test_after_slip_the_gain_is_that_of_a_pull_that_goes_on_and_with_stuck_holes_that_of_a_release(rest):
     """A controller moves the tendons at once: with stuck holes the tip would seem to move by less than half of that."""
     settings = SolverSettings(presliding=1e-5)
-    _keep, mbs, handle = scene(seven(0.3, **rest), assemble=False, presliding=1e-5)
-    sensor = handle.add_sensors()["tip_position"]
-    mbs.Assemble()
+    _keep, mbs, handle, sensor = scene_with(tip_sensor, seven(0.3, **rest), presliding=1e-5)
     tips = []
     for tension in (1.0, 1.001, 1.001 - 1e-5):
         handle.set_tensions([tension, 0.0, 0.0])

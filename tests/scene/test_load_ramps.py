@@ -5,19 +5,11 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from native_solvers import dynamic_settings, static_settings
-from robots import BACKBONE, LENGTH, distance, scene, seven, single, solve, solve_scene
+from robots import BACKBONE, LENGTH, distance, scene_with, seven, single, solve, solve_scene, tip_load
 
 from tdcr_fe.model.loading import Load, LoadStep, SolverSettings
 from tdcr_fe.solve.load_steps.load_path import StepFailed
 from tdcr_fe.solve.statics import SolveTDCR
-
-
-def with_load(robot, frame="world", **model):
-    keep, mbs, handle = scene(robot, assemble=False, **model)
-    load = handle.add_load("tip", LENGTH, frame)
-    mbs.Assemble()
-    return keep, mbs, handle, load
-
 
 SLOW = {2: pytest.mark.integration}
 
@@ -34,7 +26,7 @@ def test_random_sequences_give_the_shapes_of_simulate(seed):
     """
     rng = np.random.default_rng(seed)
     robot, frame = seven(0.3), ("world", "section")[seed % 2]
-    _keep, mbs, handle, load = with_load(robot, frame)
+    _keep, mbs, handle, load = scene_with(lambda mbs, arm: arm.add_load("tip", LENGTH, frame), robot)
     steps, shapes = [], []
     for k in range(3):
         tensions = {n: float(rng.uniform(0.0, 1.5)) for n in robot.tendon_names}
@@ -55,7 +47,7 @@ def test_random_sequences_give_the_shapes_of_simulate(seed):
 
 def test_a_load_that_fails_within_the_step_is_kept_as_set_and_resumed():
     """A load of 1e5 N: the scene is left in the last solved state, the set load is kept, and unloading is possible."""
-    _keep, mbs, handle, load = with_load(single(0.3))
+    _keep, mbs, handle, load = scene_with(tip_load, single(0.3))
     start = solve_scene(mbs, handle, [1.0])
     load.set([0.0, 0.01, 0.0])
     SolveTDCR(mbs)
@@ -77,7 +69,7 @@ def test_copies_of_the_state_have_the_load_that_acted_in_it():
 
     As long as the last load was no part of the state, the second ramp began at the load of the first.
     """
-    _keep, mbs, handle, load = with_load(single(0.3))
+    _keep, mbs, handle, load = scene_with(tip_load, single(0.3))
     handle.set_tensions([2.0])
     load.set([0.0, 0.01, 0.0])
     SolveTDCR(mbs)
@@ -97,14 +89,14 @@ def test_copies_of_the_state_have_the_load_that_acted_in_it():
 
 def test_a_scene_that_was_changed_is_solved_anew():
     """A softer backbone, a load of the user: what the last step left is used only where nothing has changed."""
-    _keep, mbs, handle, _ = with_load(single(0.0), friction="none")
+    _keep, mbs, handle, _ = scene_with(tip_load, single(0.0), friction="none")
     own = mbs.AddLoad(eii.Force(markerNumber=handle.mTip, loadVector=[0.0, 0.0, 0.0]))
     mbs.Assemble()
     solve_scene(mbs, handle, [1.0])
     mbs.SetLoadParameter(own, "loadVector", [0.0, 0.02, 0.0])
     handle.set_compliance_factor(1.1)
     SolveTDCR(mbs)
-    _keep_other, other, compared, load = with_load(single(0.0), friction="none")
+    _keep_other, other, compared, load = scene_with(tip_load, single(0.0), friction="none")
     compared.set_compliance_factor(1.1)
     solve_scene(other, compared, [1.0])
     load.set([0.0, 0.02, 0.0])
@@ -114,7 +106,7 @@ def test_a_scene_that_was_changed_is_solved_anew():
 
 def test_a_load_solved_by_exudyn_counts_as_applied():
     """After mbs.SolveStatic the next ramp begins at that load, so nothing changes."""
-    _keep, mbs, handle, load = with_load(single(0.0), friction="none")
+    _keep, mbs, handle, load = scene_with(tip_load, single(0.0), friction="none")
     load.set([0.0, 0.02, 0.0])
     assert mbs.SolveStatic(static_settings(10))
     assert load.applied == pytest.approx([0.0, 0.02, 0.0, 0.0, 0.0, 0.0])
@@ -125,7 +117,7 @@ def test_a_load_solved_by_exudyn_counts_as_applied():
 
 def test_the_solution_is_at_rest():
     """After dynamics, statics leave no velocity behind, in the current and in the initial configuration."""
-    _keep, mbs, handle, load = with_load(single(0.0), friction="none")
+    _keep, mbs, handle, load = scene_with(tip_load, single(0.0), friction="none")
     load.set([0.0, 0.005, 0.0])
     assert mbs.SolveDynamic(dynamic_settings(0.02, 1e-3))
     data = mbs.systemData

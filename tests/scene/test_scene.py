@@ -17,11 +17,13 @@ from robots import (
     hinged_platform,
     pull,
     scene,
+    scene_with,
     seven,
     single,
     solve,
     solve_scene,
     system,
+    tip_load,
 )
 from scipy.spatial.transform import Rotation
 
@@ -228,13 +230,11 @@ def test_user_hooks_are_called_beside_those_of_the_robot(when):
 
 
 def test_the_handle_lists_all_items_and_holes_are_at_their_positions():
-    _keep, mbs, handle = scene(seven(0.3), assemble=False)
+    _keep, mbs, handle, sensors = scene_with(lambda mbs, arm: arm.add_sensors(), seven(0.3))
     assert len(handle.nNodes) == 8 and len(handle.oBeams) == 7 and len(handle.bDisks) == 7
     assert [len(m) for m in handle.mHoles] == [8] * 3
     assert [len(o) for o in handle.oTendons] == [7] * 3
-    sensors = handle.add_sensors()
     assert {"tip_position", "tip_rotation", "tension_t1", "anchor_tension_t3"} <= set(sensors)
-    mbs.Assemble()
     for markers, tendon in zip(handle.mHoles, handle.robot.tendons, strict=True):
         for marker, hole, s in zip(
             markers, handle.robot.holes(tendon), handle.robot.hole_arc_lengths(tendon), strict=True
@@ -265,9 +265,7 @@ def test_inputs_are_set_and_results_read_by_tendon():
 
 
 def test_sensors_give_tip_tensions_displacement_and_friction():
-    _keep, mbs, handle = scene(single(0.3), assemble=False)
-    sensors = handle.add_sensors()
-    mbs.Assemble()
+    _keep, mbs, handle, sensors = scene_with(lambda mbs, arm: arm.add_sensors(), single(0.3))
     solve_scene(mbs, handle, [1.0], [0.9])
     values = {name: mbs.GetSensorValues(sensor) for name, sensor in sensors.items()}
     tensions = handle.tensions()["t1"]
@@ -297,9 +295,7 @@ def test_a_force_sensor_on_a_segment_that_is_only_drawn_is_refused():
 
 def test_the_base_joint_carries_the_load_and_the_robot_follows_its_support():
     """Force of the base joint against the tip force; the robot follows the ground moved between two solves."""
-    _keep, mbs, handle = scene(single(0.3), assemble=False)
-    push = handle.add_load("push", LENGTH)
-    mbs.Assemble()
+    _keep, mbs, handle, push = scene_with(tip_load, single(0.3))
     handle.set_tensions({"t1": 1.0})
     force = np.array([0.01, 0.02, -0.03])
     push.set(force.tolist())

@@ -5,7 +5,7 @@ from dataclasses import replace
 import exudyn as exu
 import numpy as np
 import pytest
-from robots import LENGTH, hinged_platform, scene, seven
+from robots import LENGTH, hinged_platform, scene_with, seven, tip_load
 
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 from tdcr_fe.model.robot import Robot, SideSpring
@@ -32,9 +32,7 @@ def test_a_robot_alone_has_the_derivatives_of_simulate():
         LoadStep("", {"t1": 0.6}, loads={"tip": Load(LENGTH, (0.0, 0.02, 0.0))}, substeps=2),
     ]
     expected = simulate(robot, Model(elements_per_bay=1), steps, SETTINGS, sensitivities=NAMES).sensitivities
-    _container, mbs, arm = scene(robot, assemble=False, referencePosition=[0.1, 0.05, 0.2])
-    tip = arm.add_load("tip", LENGTH)
-    mbs.Assemble()
+    _container, mbs, arm, tip = scene_with(tip_load, robot, referencePosition=[0.1, 0.05, 0.2])
     tracked = track_sensitivities(arm, NAMES)
     for step in steps:
         arm.set_tensions(step.tensions)

@@ -9,7 +9,7 @@ import pytest
 from contacts import CONTACTS
 from exudyn.utilities import LoadSolutionFile, SetSolutionState
 from native_solvers import damped, dynamic_settings, recommended
-from robots import LENGTH, distance, scene, seven, solve_scene
+from robots import LENGTH, distance, scene, scene_with, seven, solve_scene
 
 from tdcr_fe.solve.statics import SolveTDCR
 
@@ -102,9 +102,7 @@ def test_a_state_recorded_in_contact_is_gone_on_from(kind):
     The active sets of a `GeneralContact` are in no state of Exudyn: `UpdateContacts` finds them again. Without it
     `mbs.SolveDynamic` began with those of the state before, and moved by 2e-3 of the length.
     """
-    _keep, mbs, handle = scene(seven(0.3), assemble=False)
-    CONTACTS[kind](mbs, handle)
-    mbs.Assemble()
+    _keep, mbs, handle, _ = scene_with(CONTACTS[kind], seven(0.3))
     solve_scene(mbs, handle, {"t1": 0.7})
     there = solve_scene(mbs, handle, {"t1": 1.5})
     recorded = mbs.systemData.GetSystemState()
@@ -161,11 +159,9 @@ def test_a_run_goes_on_from_the_restart_file_of_exudyn(tmp_path):
     """In another system, after the run was stopped by an error: the same end, holes and sums of energy too."""
 
     def made():
-        keep, mbs, handle = scene(seven(0.3), assemble=False)
-        sensor = handle.add_energy_sensor()
-        mbs.Assemble()
-        handle.set_inputs_over_time(swing)
-        return keep, mbs, handle, sensor
+        made = scene_with(lambda mbs, arm: arm.add_energy_sensor(), seven(0.3))
+        made[2].set_inputs_over_time(swing)
+        return made
 
     def settings(handle, end):
         found = recommended(handle, end, 1e-3)
@@ -199,15 +195,14 @@ def test_a_run_goes_on_from_the_restart_file_of_exudyn(tmp_path):
 # ---------------------------------------------------------------- memory
 
 
-def made_and_dropped(solve: bool) -> weakref.ref:
+def made_and_dropped() -> weakref.ref:
     _keep, mbs, handle = scene(seven(0.3))
-    if solve:
-        solve_scene(mbs, handle, {"t1": 0.1})
+    solve_scene(mbs, handle, {"t1": 0.1})
     return weakref.ref(handle.actuation)
 
 
 def test_a_robot_whose_scene_is_dropped_is_freed():
     """In version 0.1 the system, its variables and the functions there kept each other."""
-    dropped = made_and_dropped(solve=True)
+    dropped = made_and_dropped()
     gc.collect()
     assert dropped() is None

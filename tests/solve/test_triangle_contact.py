@@ -7,7 +7,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from contacts import DISK, add_sphere, add_triangles, general_contact
-from robots import distance, scene, seven, solve
+from robots import distance, scene_with, seven, solve
 
 from tdcr_fe.model.loading import LoadStep
 
@@ -25,14 +25,14 @@ def last_markers(handle: Any) -> list[Any]:
 
 
 def against_mesh(mu: float) -> tuple[Any, exu.MainSystem, Any]:
-    keep, mbs, handle = scene(seven(mu), assemble=False)
-    contact = general_contact(mbs)
-    ground = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.AddObject(eii.ObjectGround())))
-    add_triangles(contact, ground, TETRAHEDRON)
-    for node in last_markers(handle):
-        add_sphere(contact, node)
-    mbs.Assemble()
-    return keep, mbs, handle
+    def tetrahedron(mbs: exu.MainSystem, handle: Any) -> None:
+        contact = general_contact(mbs)
+        ground = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.AddObject(eii.ObjectGround())))
+        add_triangles(contact, ground, TETRAHEDRON)
+        for node in last_markers(handle):
+            add_sphere(contact, node)
+
+    return scene_with(tetrahedron, seven(mu))[:3]
 
 
 def pulled(mbs: exu.MainSystem, handle: Any, most: float) -> int:
