@@ -9,6 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from tdcr_fe.io.write_toml import value_to_toml
+from tdcr_fe.model.messages import bare
+
 Path = tuple[str | int, ...]
 Random = np.random.Generator
 #: A mutated text, the path of what was changed, its value as text, and whether it must be refused.
@@ -43,33 +46,19 @@ def pick(rng: Random, found: Sequence[Any]) -> Any:
 class Raw(str):
     """A value that is written as it is."""
 
+    def __new__(cls, text: str) -> Raw:
+        """With a mark, by which `to_toml` knows it."""
+        return super().__new__(cls, f"as it is: {text}")
+
+    def __str__(self) -> str:
+        """Without the mark."""
+        return self.partition(": ")[2]
+
 
 def to_toml(data: Mapping[str, Any]) -> str:
     """A TOML text with these contents; tables are inline."""
-    return "".join(f"{_key(k)} = {_value(v)}\n" for k, v in data.items())
-
-
-def _key(key: str) -> str:
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _value(key)
-
-
-def _escape(found: re.Match[str]) -> str:
-    return "\\" + found[0] if found[0] in '"\\' else f"\\u{ord(found[0]):04x}"
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, Raw):
-        return str(value)
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        escaped = re.sub(r'["\\\x00-\x1f\x7f]', _escape, value)
-        return f'"{escaped}"'
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_value(v) for v in value) + "]"
-    return repr(value)
+    text = "".join(f"{bare(k)} = {value_to_toml(v)}\n" for k, v in data.items())
+    return re.sub(r'"as it is: (\S+)"', r"\1", text)
 
 
 def paths(data: Any, above: Path = ()) -> Iterator[Path]:
