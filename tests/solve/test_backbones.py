@@ -149,16 +149,6 @@ def test_an_axial_force_stretches_the_rod_along_the_stress_strain_curve(law):
     assert result.tips[0][2] == pytest.approx(L * (1.0 + stretch), rel=1e-9)
 
 
-def test_a_tip_moment_bends_a_hardening_rod_to_the_arc_of_its_moment_curvature_curve():
-    """Without an axial force and without b: ``M = EI k (1 + c R^2 k^2 / 2)``, while ``3 c n`` leaves n = 0."""
-    law, curvature = NonlinearMaterial(0.0, 30.0), 8.0
-    moment = ROD.EI * curvature * (1.0 + 0.5 * law.cubic * ROD.radius**2 * curvature**2)
-    result = simulate(rod(law), Model(), [LoadStep(loads={"tip": Load(L, moment=(0.0, moment, 0.0))})])
-    angle = curvature * L
-    expected = [(1.0 - np.cos(angle)) / curvature, 0.0, np.sin(angle) / curvature]
-    np.testing.assert_allclose(result.tips[0], expected, atol=1e-9)
-
-
 FIBRES = Robot(
     replace(ROD, taper=((0.0, 10e-3), (L, 5e-3))),
     tendons=(
