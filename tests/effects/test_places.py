@@ -7,11 +7,10 @@ import pytest
 from native_solvers import static_settings
 from robots import BACKBONE, LENGTH, distance, scene, solve, solve_scene, three
 
-from tdcr_fe.effects import EFFECTS, Experiment, PlaceEffect, with_effect, with_effects
+from tdcr_fe.effects import EFFECTS, Experiment, PlaceEffect, with_effect
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot, SideSpring
 from tdcr_fe.model.tendon import TightHole
-from tdcr_fe.validation.reference import solve_reference
 
 S = three().disks.positions
 STEPS = (
@@ -26,24 +25,6 @@ PLACES = [e for e in EFFECTS if isinstance(e, PlaceEffect)]
 def tips(experiment: Experiment) -> np.ndarray:
     """Positions of the tip at the ends of all steps."""
     return solve(experiment.robot, list(experiment.steps), elements_per_bay=2).tips
-
-
-@pytest.mark.integration
-def test_effects_at_places_agree_with_the_reference():
-    """All of them in one robot, which each moves by more than a hundredth of its length."""
-    effects = {
-        "soft_bay": {"s": 0.1, "factor": 0.4},
-        "kink": {"s": 0.1, "kappa_x": 3.0, "kappa_y": -2.0},
-        "side_spring": {"s": S[6], "stiffness": 2.0},
-        "stuck_hole": {"tendon": 1, "s": S[5], "drop": 0.2},
-    }
-    changed = with_effects(DECLARED, effects)
-    ours = tips(changed)
-    theirs = solve_reference(changed.robot, changed.model, STEPS).raise_if_failed()
-    assert distance(ours, theirs.tips) < 1e-4
-    for name in effects:
-        others = {n: values for n, values in effects.items() if n != name}
-        assert distance(ours, tips(with_effects(DECLARED, others))) > 0.01, name
 
 
 def test_a_spring_deflects_as_a_cantilever_with_a_spring_at_its_tip():
@@ -129,18 +110,6 @@ def test_a_spring_at_a_disk_is_solved_without_any_load():
     assert held.iterations < 25
 
 
-# ------------------------------------------------------------ base compliance
-
-
-K = 0.02
-
-
-@pytest.mark.integration
-def test_tendons_and_friction_agree_with_the_reference():
-    robot = with_effect(Experiment(three(0.2), Model(), ()), "base_compliance", stiffness=K).robot
-    assert robot == replace(three(0.2), base_stiffness=K)
-    steps = [LoadStep(tensions={"t1": 1.0, "t2": 0.3}), LoadStep(tensions={"t1": 0.5, "t3": 0.4})]
-    ours = solve(robot, steps, elements_per_bay=2)
-    theirs = solve_reference(robot, Model(), steps).raise_if_failed()
-    assert distance(ours.tips, theirs.tips) < 1e-4
-    assert distance(ours.tips, solve(three(0.2), steps, elements_per_bay=2).tips) > 0.05
+def test_a_compliant_base_is_that_of_the_robot():
+    changed = with_effect(Experiment(three(0.2), Model(), ()), "base_compliance", stiffness=0.02)
+    assert changed.robot == replace(three(0.2), base_stiffness=0.02)

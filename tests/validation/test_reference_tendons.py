@@ -5,19 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tdcr_fe.model.backbone import Backbone, Superelastic
+from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction, StribeckFriction
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import (
-    ConvergingRouting,
     HelicalRouting,
     ParallelRouting,
     PointsRouting,
-    VaryingHelicalRouting,
 )
 from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.random_robots import draw
 from tdcr_fe.validation.reference import path as path_module
 from tdcr_fe.validation.reference import sequence, solve_reference
@@ -160,38 +157,6 @@ def test_clearance_adds_to_the_offset_of_a_bent_planar_robot():
     assert np.linalg.norm(loose.tip - tight.tip) > 2e-3
     np.testing.assert_allclose(loose.tip, exact.tip, atol=2e-5)
     assert loose.bending_angle == pytest.approx(exact.bending_angle, rel=2e-4)
-
-
-TWO = (ParallelRouting(4.5e-3), ParallelRouting(4.5e-3, 120.0))
-CONVERGING = (ConvergingRouting(5e-3, 2e-3), HelicalRouting(4.5e-3, 0.5, 120.0))
-SOFT = Superelastic(2e-3, 0.6)
-TURNING = (VaryingHelicalRouting(4.5e-3, 0.2, 1.5, 30.0), HelicalRouting(4.5e-3, 0.5, 120.0))
-
-
-LAW = ForceDependentFriction(0.3, 0.1)
-CASES = {
-    "clearance, converging": (robot(*CONVERGING, disks=10, mu=0.2, clearance=2.5e-4), 4),
-    "creep, softening": (robot(*TWO, disks=10, mu=0.2).with_backbone(creep_rate=5e-4, superelastic=SOFT), 8),
-    "varying pitch": (robot(*TURNING, disks=10, mu=0.2), 4),
-    "force-dependent": (robot(*TWO, disks=10, friction=LAW), 4),
-}
-
-
-@pytest.mark.integration
-@pytest.mark.parametrize("case", CASES)
-def test_finite_elements_agree(case):
-    """What the cases of `tdcr-fe validate` leave out; the softening section needs finer elements."""
-    subject, elements = CASES[case]
-    side = {"tip": Load(L, (0.0, 0.03, 0.0))}
-    pulled = ({"t1": 0.8}, {"t1": 1.6}, {}, {"t1": 1.0, "t2": 0.4}, {"t1": 0.3})
-    steps = [
-        LoadStep(tensions=t, loads=side if k == 3 else {}, substeps=4, time=120.0 * k)
-        for k, t in enumerate(pulled, start=1)
-    ]
-    ours = run(subject, steps, friction="per-hole")
-    theirs = simulate(subject, Model(friction="per-hole", elements_per_bay=elements), steps)
-    assert theirs.converged
-    assert np.max(np.linalg.norm(ours.tips - theirs.tips, axis=1)) < 3e-4 * L
 
 
 # ------------------------------------------------------------ path
