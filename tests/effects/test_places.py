@@ -29,10 +29,10 @@ def tips(experiment: Experiment) -> np.ndarray:
 
 def test_a_spring_deflects_as_a_cantilever_with_a_spring_at_its_tip():
     """Small force F at the tip: F / (3 EI / L^3 + k), and nothing along the backbone."""
-    bare, k, force = Robot(BACKBONE, Disks.equally_spaced(5, LENGTH)), 0.3, 1e-5
-    bare = replace(bare, springs=(SideSpring(LENGTH, k),))
+    bare, k, force = Experiment(Robot(BACKBONE, Disks.equally_spaced(5, LENGTH)), Model()), 0.3, 1e-5
+    held = with_effect(bare, "side_spring", s=LENGTH, stiffness=k).robot
     steps = [LoadStep(loads={"tip": Load(LENGTH, (force, 0.0, 0.0))})]
-    found = solve(bare, steps, friction="none", elements_per_bay=4)
+    found = solve(held, steps, friction="none", elements_per_bay=4)
     assert found.tips[0][0] == pytest.approx(force / (3.0 * BACKBONE.EI / LENGTH**3 + k), rel=1e-4)
 
 
