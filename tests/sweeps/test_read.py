@@ -187,6 +187,8 @@ def with_value(key, value, tables=TABLES):
         ("backbone.precurvature[1]", 2.0, lambda s: s.robot.backbone.precurvature[1]),
         ("tip_mass", 0.01, lambda s: s.robot.tip_mass),
         ("tendons.t2.friction_coefficient", 0.3, lambda s: s.robot.tendons[1].friction_coefficient),
+        ("tendons.friction_coefficient", 0.4, lambda s: s.robot.tendons[0].friction_coefficient),
+        ("tendons.friction_coefficient", 0.4, lambda s: s.robot.tendons[1].friction_coefficient),
         ("tendons[1].offset", 4e-3, lambda s: s.robot.tendons[1].routing.offset),
         ('tendons."t1".angle_deg', 10.0, lambda s: s.robot.tendons[0].routing.angle_deg),
         ("model.gravity[2]", -9.81, lambda s: s.model.gravity[2]),
@@ -202,11 +204,6 @@ def test_a_key_sets_the_value_and_leaves_the_given_tables(key, value, get):
     assert get(build_scenario(with_value(key, value))) == value
     assert build_scenario(TABLES) == before
     assert get(before) != value
-
-
-def test_a_key_without_a_name_means_all_tendons():
-    scenario = build_scenario(with_value("tendons.friction_coefficient", 0.4))
-    assert [t.friction_coefficient for t in scenario.robot.tendons] == [0.4, 0.4]
 
 
 def test_a_key_without_a_number_means_the_steps_that_have_it():
