@@ -96,7 +96,7 @@ class Errors(NamedTuple):
 
     def to_json(self) -> dict[str, Any]:
         """As in ``result.json``."""
-        return {"fit": self.fit.to_json(), "held_out": self.held_out.to_json()}
+        return self._asdict()
 
 
 #: Of a model that was not evaluated, for want of time.
@@ -131,10 +131,10 @@ class AddedEffect:
                 | ({"note": p.note} if p.note else {})
                 for n, p in self.parameters.items()
             },
-            "after": self.after.to_json(),
-            "evidence": dict(self.evidence),
+            "after": self.after,
+            "evidence": self.evidence,
             "probability": self.probability,
-            "indistinguishable_from": list(self.indistinguishable_from),
+            "indistinguishable_from": self.indistinguishable_from,
         }
         if self.separating_experiment:
             document["separating_experiment"] = self.separating_experiment
@@ -142,8 +142,7 @@ class AddedEffect:
 
     def cause(self) -> dict[str, Any]:
         """As in ``result.json``, under ``causes``."""
-        own = {"probability": self.kind_probability, "cause": self.form or self.name}
-        return {**self.kind._asdict(), **own}
+        return {**self.kind._asdict(), "probability": self.kind_probability, "cause": self.form or self.name}
 
     @property
     def formula(self) -> str:
@@ -183,7 +182,7 @@ class Law(NamedTuple):
             "where": "; ".join(dict.fromkeys(c.kind.where for c in self.causes)),
             "sentence": self.sentence,
             "terms": [c.name for c in self.causes],
-            "alternatives": list(self.alternatives),
+            "alternatives": self.alternatives,
         }
 
 
@@ -252,8 +251,8 @@ class SetErrors(NamedTuple):
 
     def to_json(self) -> dict[str, Any]:
         """As in ``result.json``."""
-        both = {"before": self.before.to_json(), "after": self.after.to_json()}
-        return {"dataset": self.name, "steps": [self.first, self.last], **both}
+        steps = self.first, self.last
+        return {"dataset": self.name, "steps": steps, "before": self.before, "after": self.after}
 
 
 @dataclass(frozen=True)
@@ -279,7 +278,7 @@ class NextExperiment:
         """As in ``result.json``."""
         aim: dict[str, Any] = {"purpose": self.purpose, "loading": "next/loading.csv"}
         if self.separation:
-            return aim | {"separation": dict(self.separation)}
+            return aim | {"separation": self.separation}
         return aim | {"parameter": self.parameter, "remaining_share": self.remaining_share}
 
 
@@ -306,14 +305,7 @@ class Scatter(NamedTuple):
 
     def to_json(self) -> dict[str, Any]:
         """As in ``result.json``."""
-        own = {
-            "what": self.what,
-            "place": self.place,
-            "kind": self.kind,
-            "size": self.size,
-            "unit": self.unit,
-        }
-        return own | {"before": self.before.to_json(), "after": self.after.to_json()}
+        return {**self._asdict(), "kind": self.kind}
 
 
 class Profile(NamedTuple):
@@ -340,8 +332,8 @@ class Profile(NamedTuple):
 
     def to_json(self) -> dict[str, Any]:
         """As in ``result.json``."""
-        found = {"values": self.values.tolist(), "roots": self.roots.tolist()}
-        return {**found, "interval_95": list(self.interval), "normal": self.is_normal}
+        curve = {"values": self.values, "roots": self.roots}
+        return {**curve, "interval_95": self.interval, "normal": self.is_normal}
 
 
 @dataclass(frozen=True)
@@ -502,16 +494,16 @@ class IdentificationResult:
         document = {
             "dataset": self.data.name,
             "observations": len(readings),
-            "held_out_steps": list(self.held_out_steps),
-            "before": self.before.to_json(),
-            "effects": [e.to_json() for e in self.effects if e.found],
+            "held_out_steps": self.held_out_steps,
+            "before": self.before,
+            "effects": [e for e in self.effects if e.found],
             "causes": [e.cause() for e in self.effects],
             "stand_ins": {e.name: self.effects_table[e.name] for e in self.effects if not e.found},
-            "after": self.after.to_json(),
+            "after": self.after,
             "verdict": self.verdict,
-            "profiles": {p.name: p.to_json() for p in self.parameters.profiles},
+            "profiles": {p.name: p for p in self.parameters.profiles},
             "remaining": self.remaining._asdict(),
-            "left_out": [str(b) for b in self.data.left_out],
+            "left_out": self.data.left_out,
             "outliers": [
                 {n: getattr(readings[i], n) for n in ("step", "quantity", "location", "value")}
                 | {"residual_over_sigma": r}
@@ -519,23 +511,21 @@ class IdentificationResult:
             ],
             "sigma_estimated": self.residuals.sigma_estimated,
             "mesh_error_over_sigma": self.simulated.mesh_error,
-            "parameters": list(self.parameters.names),
-            "correlation": self.parameters.correlation.tolist(),
+            "parameters": self.parameters.names,
+            "correlation": self.parameters.correlation,
             "simulations": log.runs,
             "wall_time": log.wall_time,
             "interrupted": log.interrupted,
-            "not_tried": list(log.not_tried),
-            "input": dict(self.data.digests or {}),
+            "not_tried": log.not_tried,
+            "input": self.data.digests or {},
             "versions": versions(),
+            # where there are
+            "datasets": self.by_set or None,
+            "law": None if self.names_nothing else law and {**law.to_json(), "after": self.after},
+            "ceiling": self.ceiling and {"held_out": self.ceiling},
+            "next_experiment": self.next_experiment,
+            "scatter": self.scatter,
+            "searched_steps": log.rows and log.rows.numbers,
         }
-        where_there_are: dict[str, Any] = {
-            "datasets": [s.to_json() for s in self.by_set] or None,
-            "law": None if self.names_nothing else law and {**law.to_json(), "after": self.after.to_json()},
-            "ceiling": self.ceiling and {"held_out": self.ceiling.to_json()},
-            "next_experiment": self.next_experiment and self.next_experiment.to_json(),
-            "scatter": self.scatter and self.scatter.to_json(),
-            "searched_steps": log.rows and list(log.rows.numbers),
-        }
-        document |= {name: value for name, value in where_there_are.items() if value is not None}
-        clean: dict[str, Any] = plain(document)
-        return clean
+        found: dict[str, Any] = plain({name: value for name, value in document.items() if value is not None})
+        return found

@@ -16,13 +16,16 @@ from tdcr_fe.io.problems import refusal
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON can represent it: arrays as lists, numbers that are not finite as null."""
+    """A value as JSON can represent it: arrays as lists, numbers that are not finite as null.
+
+    What has a method ``to_json`` is what that gives.
+    """
+    if hasattr(value, "to_json"):
+        return plain(value.to_json())
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray | np.generic):
         return plain(value.tolist())
-    if isinstance(value, np.generic):
-        return plain(value.item())
     if isinstance(value, Sequence | set | frozenset) and not isinstance(value, str | bytes):
         return [plain(v) for v in value]
     if isinstance(value, float):
