@@ -83,18 +83,13 @@ def probability_of_unlisted(fit: Fit) -> float:
     return float(expit(CHOICE * (len(fit.effects) - 1) + UNNAMED * unnamed - UNLISTED))
 
 
-def at_bound(problem: FitProblem, fit: Fit, effect: Effect | None = None) -> bool:
-    """Whether a free parameter (of one effect) has come to a bound other than its null value, and so is no estimate."""
+def at_bound(problem: FitProblem, fit: Fit) -> bool:
+    """Whether a free parameter has come to a bound other than its null value, and so is no estimate."""
     null = {e.name: e.null_values(problem.experiment) for e in fit.effects}
-    for e in fit.effects if effect is None else (effect,):
-        for p in e.parameters:
-            low, high = problem.bounds(e, p.name)
-            z, start = p.coordinate(fit.values[e.name][p.name]), p.coordinate(null[e.name][p.name])
-            near = 1e-6 * max(abs(high - low), 1e-300)
-            at = [x for x in (low, high) if abs(z - x) <= near and abs(start - x) > near]
-            if at and (e.name, p.name) in fit.free:
-                return True
-    return False
+    z, start = (problem.coordinates(fit.effects, x, fit.free)[:, None] for x in (fit.values, null))
+    limits = problem.limits(fit.effects, fit.free)
+    near = 1e-6 * np.maximum(np.ptp(limits, axis=1), 1e-300)[:, None]
+    return bool(np.any((np.abs(z - limits) <= near) & (np.abs(start - limits) > near)))
 
 
 def rank(problem: FitProblem, fit: Fit) -> float:

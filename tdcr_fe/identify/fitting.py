@@ -302,14 +302,18 @@ def _scales(problem: FitProblem, effects: Sequence[Effect], free: Sequence[tuple
 
 def _proposal(problem: FitProblem, now: Fit, damping: float) -> tuple[Array, Array, float]:
     """The next coordinates, within their bounds, the step to them, and the fall of the cost by the linear model."""
-    fitted = problem.fitted
     z = problem.coordinates(now.effects, now.values, now.free)
     limits = problem.limits(now.effects, now.free)
-    w = problem.root_weights(now.residual)[fitted]
-    jw, rw = now.jacobian[fitted] * w[:, None], now.residual[fitted] * w
+    jw, rw = _weighted(problem, now)
     move = _bounded_step(jw, rw, damping, limits[:, 0] - z, limits[:, 1] - z)
     there = np.clip(z + move, limits[:, 0], limits[:, 1])
     return there, move, float(np.sum(rw**2) - np.sum((rw - jw @ move) ** 2))
+
+
+def _weighted(problem: FitProblem, fit: Fit) -> tuple[Array, Array]:
+    """Jacobian and residual of the fitted readings, so that their squares are robust, shapes (m, p) and (m,)."""
+    w = problem.root_weights(fit.residual)[problem.fitted]
+    return fit.jacobian[problem.fitted] * w[:, None], fit.residual[problem.fitted] * w
 
 
 def covariance(problem: FitProblem, fit: Fit) -> Array:
@@ -319,15 +323,14 @@ def covariance(problem: FitProblem, fit: Fit) -> Array:
     """
     if not fit.free:
         return np.zeros((0, 0))
-    fitted = ~problem.held_out
-    w = problem.root_weights(fit.residual)[fitted]
-    j = fit.jacobian[fitted] * w[:, None]
+    j, r = _weighted(problem, fit)
     norm = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
     inner = np.linalg.pinv((j / norm).T @ (j / norm), rcond=1e-10)
-    dof = max(1, int(np.count_nonzero(fitted)) - len(fit.free))
+    dof = max(1, len(r) - len(fit.free))
     factor = max(1.0, fit.cost / dof)
     # The extrapolated error of mesh and path is known to about a third; so is its effect on the parameters.
-    shift = inner / np.outer(norm, norm) @ (j.T @ (UNSURE * problem.correction[fitted] * w))
+    w = problem.root_weights(fit.residual)[problem.fitted]
+    shift = inner / np.outer(norm, norm) @ (j.T @ (UNSURE * problem.correction[problem.fitted] * w))
     return np.asarray(inner / np.outer(norm, norm) * factor + np.outer(shift, shift))
 
 
@@ -354,8 +357,7 @@ def profiles(problem: FitProblem, fit: Fit) -> tuple[Profile, ...]:
     by_name = {e.name: e for e in fit.effects}
     z = problem.coordinates(fit.effects, fit.values, fit.free)
     limits = problem.limits(fit.effects, fit.free)
-    weights = problem.root_weights(fit.residual)[problem.fitted]
-    jacobian = fit.jacobian[problem.fitted] * weights[:, None]
+    jacobian, _ = _weighted(problem, fit)
     found = []
     for i, key in enumerate(fit.free):
         if not deviation[i] > 0.0 or isinstance(by_name[key[0]], ReadingCause):  # the latter are linear

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
@@ -67,25 +68,13 @@ def blocks(data: MeasuredData) -> list[list[int]]:
 
     A branch is what the file calls so; without that, a run of steps in which the same inputs grow and fall.
     """
-    count = len(data.steps)
-    marks: list[object]
-    if data.parts:  # several data sets: some may have names of branches, others none
-        turns = [
-            () if not b.endswith("/") else tuple(d)
-            for b, d in zip(data.branches, directions(data), strict=True)
-        ]
-        marks = list(zip(data.branches, turns, strict=True))
-    elif len(set(data.branches)) > 1:
-        marks = list(data.branches)
-    else:
-        marks = [tuple(d) for d in directions(data)]
-    found: list[list[int]] = []
-    for k in range(count):
-        if k and marks[k] == marks[k - 1]:
-            found[-1].append(k)
-        else:
-            found.append([k])
-    return found
+    named = len(set(data.branches)) > 1
+    # of several data sets, some may have names of branches, others none
+    marks = [
+        (b, () if named and not b.endswith("/") else tuple(d))
+        for b, d in zip(data.branches, directions(data), strict=True)
+    ]
+    return [list(own) for _, own in itertools.groupby(range(len(marks)), lambda k: marks[k])]
 
 
 def choose_held_out(data: MeasuredData, share: float = 0.3) -> tuple[int, ...]:
