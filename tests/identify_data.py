@@ -10,7 +10,7 @@ from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.forward import ForwardModel, Job, run_settings, simulate_experiment
 from tdcr_fe.identify.identification import declared_state, prepare
 from tdcr_fe.identify.problem import FitProblem, evaluate
-from tdcr_fe.identify.run import Reader
+from tdcr_fe.identify.run import Readings
 from tdcr_fe.identify.search_state import Search, SearchState
 from tdcr_fe.identify.settings import IdentifySettings
 from tdcr_fe.identify.verdict import Found, conclude
@@ -60,7 +60,7 @@ def positions(true, sigma=1e-4, seed=0, tolerance=2e-5, places=(0.1, LENGTH)):
     readings = [Reading(n, f"position_{a}", s, 0.0, sigma) for n in ids for s in places for a in "xyz"]
     run = simulated(true, tolerance)
     assert run.solved
-    values = Reader(readings, ids, true.robot.tendon_names).read(run, true)
+    values = Readings.of(readings, ids, true.robot.tendon_names).read(run, true)
     values = values + np.random.default_rng(seed).normal(0.0, sigma, values.size)
     return tuple(replace(r, value=float(v)) for r, v in zip(readings, values, strict=True))
 

@@ -90,7 +90,7 @@ def coupling(loads: Sequence[StateLoad], values: Point, state: BayState, respons
 def of_readings(problem: FitProblem, actions: Array, response: Response) -> Array:
     """Change of the predictions over sigma by actions of shape (K, 6 n_bays, q) to first order, shape (n, q)."""
     out = np.zeros((problem.count, actions.shape[-1]))
-    steps = problem.readings.reader.step
+    steps = problem.readings.step
     for k in np.unique(steps):
         mine = steps == k
         out[mine] = response.readings[mine] @ actions[k]
@@ -133,7 +133,7 @@ def best_points(
     own = slice(COMPONENTS * cause.bay + FORCE.start, COMPONENTS * (cause.bay + 1))
     response, by_force = run.acted.response.state[:, own, own], run.acted.response.readings[:, None, own]
     response = response if follows else np.zeros_like(response)
-    names, steps = [p.name for p in cause.parameters], problem.readings.reader.step
+    names, steps = [p.name for p in cause.parameters], problem.readings.step
     before, none = run.bays.moved[:, cause.bay], np.zeros((len(response), 3, 1))
 
     @lru_cache(maxsize=1)  # residual and derivatives are asked for one after the other

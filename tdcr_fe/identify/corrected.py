@@ -18,7 +18,7 @@ from tdcr_fe.io.result_folder import CORRECTED, write_markers
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml, value_to_toml
 from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.results import SequenceResult
-from tdcr_fe.report.motion import Markers, Motion, motion_of, spread
+from tdcr_fe.report.motion import Markers, Motion, motion_of
 
 Table = Mapping[str, Mapping[str, float]]
 
@@ -191,9 +191,6 @@ def _labelled(result: IdentificationResult, experiment: Experiment) -> list[Load
 
 Array = NDArray[np.float64]
 
-#: Points at most that the backbone of the declared model is drawn with.
-DECLARED_POINTS = 80
-
 
 def replay(result: IdentificationResult, deadline: float = math.inf) -> SequenceResult:
     """Repeat the run of the corrected robot on its own path, with tensions along the tendons and states of the holes.
@@ -233,13 +230,9 @@ def markers(result: IdentificationResult, steps: int) -> Markers:
 
     An identified misalignment of the measuring frame moves what was measured, not the robot.
     """
-    shapes = result.shapes
-    observation = result.simulated.corrected.observation
-    points = spread(shapes.backbone_before.shape[1], DECLARED_POINTS)
+    shapes, in_base = result.shapes, result.simulated.corrected.observation.in_base
     return Markers(
-        shapes.arc_lengths,
-        observation.in_base(shapes.measured[:steps]),
-        observation.in_base(shapes.backbone_before[:steps, points]),
+        shapes.arc_lengths, in_base(shapes.measured[:steps]), in_base(shapes.backbone_before[:steps])
     )
 
 

@@ -91,7 +91,7 @@ class _Grid:
         markers, column = np.unique(
             np.array(places) if at_tendons else arc_lengths(places), return_inverse=True
         )
-        rows, row = np.unique(problem.readings.reader.step[which], return_inverse=True)
+        rows, row = np.unique(problem.readings.step[which], return_inverse=True)
         axis = np.array([names.index(q) for q in problem.readings.quantities[which]], dtype=int)
         at = row, column, axis
         steps = tuple(problem.data.step_ids[k] for k in rows)

@@ -36,7 +36,7 @@ from tdcr_fe.identify.causes import ReadingCause, StateLoad
 from tdcr_fe.identify.forward import Job, advance
 from tdcr_fe.identify.problem import FitProblem, Point
 from tdcr_fe.identify.run import Acted, Run, RunDerivatives, Trajectories
-from tdcr_fe.solve.sensitivities.differences import RELATIVE_STEP, Tabulated, same_structure, tabulated
+from tdcr_fe.solve.sensitivities.differences import Tabulated, same_structure, tabulated
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter
 
 Array = NDArray[np.float64]
@@ -139,13 +139,8 @@ def _linearized(problem: FitProblem, request: Request) -> Generator[list[Job], l
             action, request = run.acted.action, request._replace(reference=run)
         raise ValueError("the load does not balance with the state it depends on")
     except ValueError as error:
-        return _unsolved(problem, request, error)
-
-
-def _unsolved(problem: FitProblem, request: Request, reason: ValueError) -> Linear:
-    """Of a model that is not solved."""
-    nothing = np.full(problem.count, np.nan)
-    return Linear(nothing, np.zeros((problem.count, len(request.columns))), Run.unsolved(str(reason)), {})
+        nothing = np.full(problem.count, np.nan)
+        return Linear(nothing, np.zeros((problem.count, len(request.columns))), Run.unsolved(str(error)), {})
 
 
 def first_action(problem: FitProblem, request: Request) -> Action | None:
@@ -188,7 +183,9 @@ class _Part:
             if not column.effect.exact_derivatives:
                 self.differenced[number] = "it declares no exact derivatives"
                 continue
-            table = self._table(number)
+            parameter = self._tabulated(number)
+            table = parameter.apply
+            assert isinstance(table, Tabulated)
             neighbours = list(table.experiments.values())
             if not neighbours:
                 self.differenced[number] = table.refused
@@ -196,11 +193,8 @@ class _Part:
             if any(e.observation != self.experiment.observation for e in neighbours):
                 self.observed[number] = table
             if not all(_same_robot(self.experiment, e) for e in neighbours):
-                name = f"{number} {column.effect.name}.{column.parameter}"
-                self.exact[name] = number
-                tables.append(
-                    ModelParameter(name, table.value, table.step / RELATIVE_STEP, table, approximate=True)
-                )
+                self.exact[parameter.name] = number
+                tables.append(parameter)
         inputs = () if action is None else action_inputs(action.values.shape[1])
         self.job = Job(
             self.experiment, request.trajectories, request.record, (*tables, *inputs), action is not None
@@ -254,18 +248,15 @@ class _Part:
         own = {**column.values, column.parameter: column.about.value(coordinate)}
         return self._acted(self.problem.with_effects([*effects, e], {**self.values, e.name: own}))
 
-    def _table(self, number: int) -> Tabulated:
-        """Neighbours of the experiment by a column's parameter."""
+    def _tabulated(self, number: int) -> ModelParameter:
+        """A column's parameter, with neighbours of the experiment."""
         column = self.request.columns[number]
         start, about = column.coordinate, column.about
         # From zero most are linear, and a longer step has less round-off.
         size = max(abs(start), about.scale) if start != 0.0 else 100.0 * about.scale
-        parameter = ModelParameter(
-            f"{column.effect.name}.{column.parameter}", start, size, lambda _, z: self._moved(number, z)
-        )
-        table = tabulated(parameter, self.experiment).apply
-        assert isinstance(table, Tabulated)
-        return table
+        name = f"{number} {column.effect.name}.{column.parameter}"
+        parameter = ModelParameter(name, start, size, lambda _, z: self._moved(number, z), approximate=True)
+        return tabulated(parameter, self.experiment)
 
     def balanced(self, run: Run) -> tuple[Run, float]:
         """The run with what its loads are missing added to first order, and its size over those of the rod [1].
@@ -323,7 +314,7 @@ class _Part:
         """What follows from the runs: that with balanced loads, the same as it was simulated, and those beside that."""
         by = run.derivatives
         run, plain = (replace(x, derivatives=None) for x in (run, plain))  # large, and kept by no one else
-        problem, read = self.problem, partial(self.problem.readings.reader.read, run)
+        problem, read = self.problem, partial(self.problem.readings.read, run)
         residual = self.residual(self.experiment, run)
         matrix = np.zeros((residual.size, len(self.request.columns)))
         if by is not None and by.names:
@@ -350,7 +341,7 @@ class _Part:
 
     def _of(self, run: Run, by: RunDerivatives) -> Array:
         """Derivatives of the predictions over sigma, shape (n, P)."""
-        found = self.problem.readings.reader.derivatives(replace(run, derivatives=by), self.experiment)
+        found = self.problem.readings.derivatives(replace(run, derivatives=by), self.experiment)
         return self.problem.whitened(found / self.problem.sigma[:, None])
 
     def _by_actions(self, run: Run, by: RunDerivatives) -> RunDerivatives:

@@ -441,13 +441,13 @@ def _on_section(problem: FitProblem, run: Run, axis: int, weight: Weight, marker
     """A shift of one marker along an axis of its section."""
     assert marker is not None
     turned = run.rotations[:, int(np.argmin(np.abs(run.s - marker))), :, axis]
-    return _weighted(problem, turned[problem.readings.reader.step, problem.readings.axes], weight, marker)
+    return _weighted(problem, turned[problem.readings.step, problem.readings.axes], weight, marker)
 
 
 def _weighted(problem: FitProblem, shift: Array, weight: Weight, marker: float | None) -> Array:
     """A shift of the positions of all markers, or of one, with its weight in every load step, shape (n,)."""
     own = np.array([marker is None or r.location == marker for r in problem.data.readings])
-    shift = shift * weight(problem.data)[problem.readings.reader.step]
+    shift = shift * weight(problem.data)[problem.readings.step]
     return np.where(own & problem.readings.is_position, shift, 0.0)
 
 
@@ -455,7 +455,7 @@ def _weighted(problem: FitProblem, shift: Array, weight: Weight, marker: float |
 def _predicted(problem: FitProblem, run: Run) -> tuple[Array, Array]:
     """Predicted readings, shape (n,); and positions by marker and axis, shape (n_markers, 4), the rest in the last."""
     readings = problem.readings
-    values = readings.reader.read(run, problem.experiment)
+    values = readings.read(run, problem.experiment)
     by_marker = np.zeros((int(np.max(readings.markers)) + 1, 4))
     by_marker[readings.markers, readings.axes] = values
     return values, by_marker

@@ -193,7 +193,7 @@ def held_out_ceiling(problem: FitProblem, declared: Fit, best: Fit) -> Misfit | 
     Gaussian Processes for Machine Learning, 2006, chapters 2 and 5). Of the declared model's and the final model's
     residual, with and without regression, that which is smallest; None where no steps are held out, or too few fitted.
     """
-    fitted = np.unique(problem.readings.reader.step[problem.fitted])
+    fitted = np.unique(problem.readings.step[problem.fitted])
     if not np.any(problem.held_out) or fitted.size < FEWEST_STEPS or not (declared.solved and best.solved):
         return None
     residuals = [declared.residual, best.residual]
@@ -208,7 +208,7 @@ def predicted_residuals(problem: FitProblem, residuals: list[Array]) -> list[Arr
 
     A reading that is missing counts as no residual. The kernel is chosen by cross-validation over whole branches.
     """
-    steps, data = problem.readings.reader.step, problem.data
+    steps, data = problem.readings.step, problem.data
     series: dict[tuple[str, object], int] = {}
     column = np.array([series.setdefault((r.quantity, r.location), len(series)) for r in data.readings])
     tables = np.zeros((len(residuals), len(data.steps), len(series)))

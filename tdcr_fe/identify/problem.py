@@ -15,7 +15,7 @@ from tdcr_fe.identify.causes import ReadingCause
 from tdcr_fe.identify.forward import ForwardModel, Job
 from tdcr_fe.identify.load_steps import join_steps
 from tdcr_fe.identify.result import Misfit
-from tdcr_fe.identify.run import Reader, Run
+from tdcr_fe.identify.run import Readings, Run
 from tdcr_fe.io.measured import MeasuredData
 
 Array = NDArray[np.float64]
@@ -37,36 +37,6 @@ FINEST = 6
 
 #: Assumed order of the discretisation error; four where bending is small.
 ORDER = 3.2
-
-
-@dataclass(frozen=True)
-class Readings:
-    """Arrays that follow from the readings alone, in their order, and their predictor."""
-
-    values: Array  # in the unit of each, shape (n,)
-    quantities: NDArray[np.str_]  # shape (n,)
-    # shape (n,)
-    is_position: NDArray[np.bool_]
-    is_angle: NDArray[np.bool_]
-    axes: NDArray[np.int_]  # of a coordinate, its axis; -1 of other quantities, shape (n,)
-    markers: NDArray[np.int_]  # which marker in which step a reading belongs to, shape (n,)
-    reader: Reader
-
-    @classmethod
-    def of(cls, data: MeasuredData) -> Readings:
-        """Of a data set."""
-        locations: dict[tuple[int, float | str | None], int] = {}
-        return cls(
-            np.array([r.value for r in data.readings]),
-            np.array([r.quantity for r in data.readings]),
-            np.array([r.channel.family == "position" for r in data.readings]),
-            np.array([r.unit == "rad" for r in data.readings]),
-            np.array(
-                ["xyz".index(r.quantity[-1]) if r.channel.family == "position" else -1 for r in data.readings]
-            ),
-            np.array([locations.setdefault((r.step, r.location), len(locations)) for r in data.readings]),
-            Reader(data.readings, data.step_ids, data.robot.tendon_names),
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +75,7 @@ class FitProblem:
         declared = data.experiment
         return cls(
             data=data,
-            readings=Readings.of(data),
+            readings=Readings.of(data.readings, data.step_ids, data.robot.tendon_names),
             forward=forward,
             sigma=sigma,
             held_out=held_out,
@@ -150,7 +120,7 @@ class FitProblem:
 
     def residual(self, experiment: Experiment, run: Run) -> Array:
         """Reading less prediction over sigma, shape (n,)."""
-        predicted = self.readings.reader.read(run, experiment)
+        predicted = self.readings.read(run, experiment)
         return self.whitened((self.readings.values - predicted) / self.sigma) + self.correction
 
     def whitened(self, x: Array) -> Array:

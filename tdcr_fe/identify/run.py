@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -273,31 +274,51 @@ class Run:
         return turn.reshape(*n, 3) / np.diff(self.s)[None, :, None]
 
 
-class Reader:
-    """Predicts readings from a run, by the channels of `tdcr_fe.model.channels`.
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Readings as arrays, in their order; and their predictions from a run, by `tdcr_fe.model.channels`."""
 
-    Parameters
-    ----------
-    readings
-        What is measured, where and in which step.
-    step_ids
-        Numbers of the steps in order.
-    tendon_names
-        Of the robot.
-    """
+    values: Array  # in the unit of each, shape (n,)
+    quantities: NDArray[np.str_]  # shape (n,)
+    locations: tuple[Location, ...]
+    step: NDArray[np.int_]  # positions of their load steps in the sequence, shape (n,)
+    # shape (n,)
+    is_position: NDArray[np.bool_]
+    is_angle: NDArray[np.bool_]
+    axes: NDArray[np.int_]  # of a coordinate, its axis; -1 of other quantities, shape (n,)
+    markers: NDArray[np.int_]  # which marker in which step a reading belongs to, shape (n,)
+    tendon_names: tuple[str, ...]
 
-    def __init__(
-        self, readings: Sequence[Reading], step_ids: Sequence[int], tendon_names: Sequence[str]
-    ) -> None:
-        self._tendon_names = tuple(tendon_names)
+    @classmethod
+    def of(
+        cls, readings: Sequence[Reading], step_ids: Sequence[int], tendon_names: Sequence[str]
+    ) -> Readings:
+        """Of readings in steps with these numbers, in order, of a robot with tendons of these names."""
         index = {n: i for i, n in enumerate(step_ids)}
-        self.count = len(readings)
-        self.step = np.array([index[r.step] for r in readings], dtype=int)
-        #: By channel: which readings, and their locations.
-        self._groups: list[tuple[Channel, NDArray[np.int_], list[Location]]] = []
-        for quantity in dict.fromkeys(r.quantity for r in readings):
-            which = np.array([i for i, r in enumerate(readings) if r.quantity == quantity])
-            self._groups.append((channel(quantity), which, [readings[i].location for i in which]))
+        places: dict[tuple[int, Location], int] = {}
+        position = np.array([r.channel.family == "position" for r in readings])
+        return cls(
+            np.array([r.value for r in readings]),
+            np.array([r.quantity for r in readings]),
+            tuple(r.location for r in readings),
+            np.array([index[r.step] for r in readings], dtype=int),
+            position,
+            np.array([r.unit == "rad" for r in readings]),
+            np.array(
+                ["xyz".index(r.quantity[-1]) if p else -1 for r, p in zip(readings, position, strict=True)]
+            ),
+            np.array([places.setdefault((r.step, r.location), len(places)) for r in readings]),
+            tuple(tendon_names),
+        )
+
+    @cached_property
+    def _groups(self) -> list[tuple[Channel, NDArray[np.int_], list[Location]]]:
+        """By channel: which readings, and their locations."""
+        groups = []
+        for quantity in dict.fromkeys(self.quantities.tolist()):
+            which = np.flatnonzero(self.quantities == quantity)
+            groups.append((channel(quantity), which, [self.locations[i] for i in which]))
+        return groups
 
     def _observed(self, run: Run, experiment: Experiment, step: int | None = None) -> ObservedStep:
         """What is observed of one of a run's steps, from 0; None: of all of them."""
@@ -309,7 +330,7 @@ class Reader:
             run.displacements[steps],
             run.base_tensions[steps],
             run.distal_tensions[steps],
-            self._tendon_names,
+            self.tendon_names,
             experiment.observation,
         )
 
@@ -323,7 +344,7 @@ class Reader:
         experiment
             Whose observation map is used.
         """
-        out = np.full(self.count, np.nan)
+        out = np.full(len(self.values), np.nan)
         if not run.solved:
             return out
         observed = self._observed(run, experiment)
@@ -345,7 +366,7 @@ class Reader:
         """
         by = run.derivatives
         assert by is not None
-        out = np.full((self.count, len(by.names)), np.nan)
+        out = np.full((len(self.values), len(by.names)), np.nan)
         for k in np.unique(self.step).tolist():
             change = ObservedChange(
                 by.positions[k],

@@ -116,7 +116,7 @@ def find_scatter(problem: FitProblem, fit: Fit) -> Scatter | None:
         _likeliest(problem, fit, x, inputs)
         for x in _errors_of_inputs(problem, fit, experiment, inputs, displaced)
     ]
-    if np.min(np.unique(problem.readings.reader.step, return_counts=True)[1]) >= 6:
+    if np.min(np.unique(problem.readings.step, return_counts=True)[1]) >= 6:
         others = (_shift(problem, fit), *_forces(problem, fit, experiment, bays))
         found += [_likeliest(problem, fit, x, inputs) for x in others if np.any(x.by)]
     for x in sorted((x for x in found if x.source.bay is not None), key=lambda x: -x.gain)[:PLACES]:
@@ -156,7 +156,7 @@ def _errors_of_inputs(
     """Errors in proportion to the inputs, and such that are alike for all."""
     by, each = (
         _input_response(problem, experiment, fit.run.trajectories),
-        inputs[problem.readings.reader.step],
+        inputs[problem.readings.step],
     )
     found = [_Source("inputs", "1", fit.residual, by * each)]
     driven = np.any(inputs != 0.0, axis=0)
@@ -187,7 +187,7 @@ def _forces(
     (run,) = problem.run([Job(acted, fit.run.trajectories, False, asked)])
     by = _derivatives(problem, acted, run)
     residual = problem.residual(acted, run) - problem.shift(fit.effects, fit.values, run)
-    start = residual + np.einsum("nq,nq->n", by, near[problem.readings.reader.step])
+    start = residual + np.einsum("nq,nq->n", by, near[problem.readings.step])
     parts = np.split(by, len(bays), axis=1)
     return [_Source("force", "N", start, x, j) for j, x in zip(bays, parts, strict=True)]
 
@@ -266,7 +266,7 @@ def _are_rare(blocks: Sequence[_Block], ratio: float) -> bool:
 
 def _blocks(problem: FitProblem, residual: Array, derivatives: Array) -> list[_Block]:
     """One block for every step with readings."""
-    steps = problem.readings.reader.step
+    steps = problem.readings.step
     found = []
     for k in np.unique(steps):
         own = np.flatnonzero(steps == k)
@@ -309,7 +309,7 @@ def with_input_sigma(
         return problem
     experiment = problem.with_effects(effects, values or {})
     by_input = _input_response(problem, experiment) * np.array(problem.data.input_sigma)
-    roots, steps = [], problem.readings.reader.step
+    roots, steps = [], problem.readings.step
     for k in np.unique(steps):
         own = np.flatnonzero(steps == k)
         size, along = np.linalg.eigh(np.eye(own.size) + by_input[own] @ by_input[own].T)
@@ -331,5 +331,5 @@ def _input_response(
 
 def _derivatives(problem: FitProblem, experiment: Experiment, run: Run) -> Array:
     """Of the predictions over sigma by what a run is differentiated by, zero where not solved, shape (n, P)."""
-    derivatives = problem.readings.reader.derivatives(run, experiment) / problem.sigma[:, None]
+    derivatives = problem.readings.derivatives(run, experiment) / problem.sigma[:, None]
     return np.where(np.isfinite(derivatives), derivatives, 0.0)

@@ -206,7 +206,7 @@ def _remaining(explained: bool, tests: Sequence[Structure]) -> Remainder:
 
 def _by_set(problem: FitProblem, declared: Fit, best: Fit) -> tuple[SetErrors, ...]:
     """Errors on every one of several data sets; empty where there is one."""
-    found, first, steps = [], 0, problem.readings.reader.step
+    found, first, steps = [], 0, problem.readings.step
     for name, count in problem.data.parts:
         own = (steps >= first) & (steps < first + count)
         both = (_errors(problem, fit, own) for fit in (declared, best))
@@ -222,7 +222,7 @@ def _shapes(problem: FitProblem, base: Fit, best: Fit, held_out: set[int]) -> Sh
     s = np.array([float(data.readings[i].location or 0.0) for i in index])
     locations = np.unique(s)
     table = np.full((3, len(data.steps), locations.size, 3), np.nan)
-    at = readings.reader.step[index], np.searchsorted(locations, s), readings.axes[index]
+    at = readings.step[index], np.searchsorted(locations, s), readings.axes[index]
     for part, residual in zip(table, (0.0 * base.residual, base.residual, best.residual), strict=True):
         part[at] = (readings.values - problem.lengths(residual))[index]
     backbones = []

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import EFFECTS, ExcitationRange, Experiment, Observation, effect, with_effect
 from tdcr_fe.effects.by_tendon import segments
-from tdcr_fe.identify.run import Reader
+from tdcr_fe.identify.run import Readings
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import channel
 from tdcr_fe.model.loading import LoadStep, Model
@@ -104,7 +104,7 @@ def test_pretension_is_that_of_the_elastic_tendons():
 
 
 def read(setup, readings):
-    return Reader(readings, [1, 2], setup.robot.tendon_names).read(simulated(setup), setup)
+    return Readings.of(readings, [1, 2], setup.robot.tendon_names).read(simulated(setup), setup)
 
 
 def test_a_marker_offset_along_the_tangent_is_beyond_its_section():

@@ -11,7 +11,7 @@ from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.next_experiment import candidate_sequences, choose_next, leading_rivals
 from tdcr_fe.identify.result import IdentificationResult
-from tdcr_fe.identify.run import Reader
+from tdcr_fe.identify.run import Readings
 from tdcr_fe.io.loading_table import read_loading
 from tdcr_fe.io.readings import Reading
 
@@ -47,7 +47,7 @@ def test_an_ambiguity_is_separated_by_the_experiment_that_was_chosen(ambiguous):
     readings = [
         Reading(k + 1, f"position_{a}", s, 0.0, 3e-4) for k in range(3) for s in (0.1, LENGTH) for a in "xyz"
     ]
-    reader = Reader(readings, (1, 2, 3), data.robot.tendon_names)
+    reader = Readings.of(readings, (1, 2, 3), data.robot.tendon_names)
 
     def predicted(effects):
         model = replace(data.model, elements_per_bay=2)

@@ -187,7 +187,7 @@ def test_a_cause_found_on_some_of_the_rows_is_the_same_on_all():
         np.testing.assert_allclose(np.linalg.norm(slip, axis=1), 1e-3)
         assert np.ptp(slip[:, 2]) > 1e-5 and not np.any(moved[~own | (steps < 7)])
         # turned about z, markers of which all coordinates are read move across their distance from the axis
-        read = problem.readings.reader.read(run, problem.experiment)
+        read = problem.readings.read(run, problem.experiment)
         turned = turns.shift(
             problem, run, {**dict.fromkeys(turns.null_values(problem.experiment), 0.0), "rot_z": 0.1}
         )
@@ -252,7 +252,7 @@ def test_loads_are_scaled_and_turned_and_a_camera_enlarges_and_distorts():
         np.testing.assert_allclose(after, np.array(before) @ np.transpose(matrix), atol=1e-12)
     assert np.any(before)
     shift = causes["perspective along z"].shift(problem, run, {"scale": -0.1, "slope": 2.0})
-    read = problem.readings.reader.read(run, problem.experiment).reshape(-1, 3)  # x, y and z of each marker
+    read = problem.readings.read(run, problem.experiment).reshape(-1, 3)  # x, y and z of each marker
     np.testing.assert_allclose(shift.reshape(-1, 3), read * (2.0 * read[:, 2:] - 0.1) * [1, 1, 0], atol=1e-12)
     shift = causes["lens distortion along z"].shift(problem, run, {"scale": 0.02, "radial": 3.0})
     square = np.sum(read[:, :2] ** 2, axis=1, keepdims=True)

@@ -113,7 +113,7 @@ def test_the_response_to_an_action_is_exact():
     acted = [with_action(problem.experiment, Action(x * step, run.bays.rotation)) for x in (1.0, -1.0)]
     ends = problem.run([Job(e, run.trajectories, states=True) for e in acted])
     residuals = [problem.residual(e, r) for e, r in zip(acted, ends, strict=True)]
-    mine = problem.readings.reader.step == 3
+    mine = problem.readings.step == 3
     predicted = run.acted.response.readings[mine] @ step[3].ravel()
     change = -(residuals[0] - residuals[1])[mine] / 2.0
     np.testing.assert_allclose(change, predicted, atol=2e-4 * np.abs(predicted).max())

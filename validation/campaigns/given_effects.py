@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 from tdcr_fe.effects import EFFECTS, Effect, Experiment, effect
 from tdcr_fe.identify.forward import Job, run_settings, simulate_experiment
 from tdcr_fe.identify.load_steps import held_out_branches
-from tdcr_fe.identify.run import Reader
+from tdcr_fe.identify.run import Readings
 from tdcr_fe.io.measured import MeasuredData, join_measured, read_measured
 from tdcr_fe.validation.runner import Campaign
 
@@ -76,7 +76,7 @@ class _Fit:
 
         data, settings = self.data, run_settings(self.data.settings, PATH_TOLERANCE)
         experiment = data.experiment.with_sequences(change)
-        reader = Reader(data.readings, data.step_ids, data.robot.tendon_names)
+        reader = Readings.of(data.readings, data.step_ids, data.robot.tendon_names)
         found = reader.read(simulate_experiment(Job(experiment), settings), experiment)
         return np.array([(r.value - x) / r.sigma for r, x in zip(data.readings, found, strict=True)])
 
