@@ -114,7 +114,6 @@ class Browser:
             "ArrowDown": 40,
             "Home": 36,
             "End": 35,
-            " ": 32,
         }
         rest = {"key": key, "windowsVirtualKeyCode": codes.get(key, ord(key[0])), "modifiers": modifiers}
         self.call("Input.dispatchKeyEvent", type="keyDown", **rest, **text)
