@@ -15,7 +15,7 @@ from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.report import plots, video
 from tdcr_fe.report.arrows import LoadArrows
-from tdcr_fe.report.motion import CURVE_POINTS, between, motion_of
+from tdcr_fe.report.motion import between, motion_of
 from tdcr_fe.report.scene_picture import scene_picture
 from tdcr_fe.report.video import times, write_video
 from tdcr_fe.report.viewer_data import STATES, hole_codes
@@ -53,16 +53,6 @@ def test_straight_tendon_is_drawn_from_hole_to_hole_and_classical_one_along_the_
     assert line == pytest.approx(holes, abs=1e-9)
     classical = motion_of(replace(result, model=Model("continuous", "none")))
     assert len(classical.tendon_points(4, classical.tendons[0])) == 6 * 13 + 1
-
-
-def test_a_backbone_is_drawn_as_the_arc_that_it_is():
-    """Between two nodes, too, as of a robot with one disk."""
-    motion = motion_of(arc_result())
-    curve, angle = motion.curve(4), float(motion.bending_angles[4])
-    bent = angle * np.linspace(0.0, 1.0, CURVE_POINTS)
-    radius = 0.25 / angle
-    assert np.hypot(*curve[:, :2].T) == pytest.approx(radius * (1.0 - np.cos(bent)), abs=1e-9)
-    assert curve[:, 2] == pytest.approx(radius * np.sin(bent), abs=1e-9)
 
 
 def test_tensions_are_steps_over_arc_length():

@@ -20,7 +20,7 @@ from tdcr_fe.io.result_files import write_results
 from tdcr_fe.io.result_folder import read_motion
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.results import SequenceResult
-from tdcr_fe.report.motion import Markers, motion_of
+from tdcr_fe.report.motion import CURVE_POINTS, Markers, motion_of
 from tdcr_fe.report.viewer import view_page
 from tdcr_fe.report.viewer_data import LEVELS, STATES, quantised, thinned
 
@@ -98,16 +98,16 @@ def test_a_folder_gives_the_same_motion_as_the_result(tmp_path):
     assert [len(x) for x in read.loads] == [0, 0, 0, 0, 2, 2, 2, 2, 2, 2]
 
 
-def test_disks_between_nodes_lie_on_the_curve_of_constant_strain():
+def test_disks_between_nodes_and_the_line_drawn_lie_on_the_curve_of_constant_strain():
     robot = paper_robot()
     off = replace(robot, disks=replace(robot.disks, positions=(0.03, 0.11, 0.25)))
     step = arc_step(off, 1, 1.2, 0.7, np.array([1.0]))
     motion = motion_of(SequenceResult(off, Model(), (step,)))
     assert motion.s[motion.disks] == pytest.approx([0.03, 0.11, 0.25])
-    angle = 1.2 * motion.s / 0.25
-    radius = 0.25 / 1.2
-    assert np.hypot(*motion.positions[0, :, :2].T) == pytest.approx(radius * (1.0 - np.cos(angle)), abs=1e-12)
-    assert motion.positions[0, :, 2] == pytest.approx(radius * np.sin(angle), abs=1e-12)
+    even, radius = np.linspace(0.0, 0.25, CURVE_POINTS), 0.25 / 1.2
+    for s, points in ((motion.s, motion.positions[0]), (even, motion.curve(0))):
+        assert np.hypot(*points[:, :2].T) == pytest.approx(radius * (1.0 - np.cos(s / radius)), abs=1e-12)
+        assert points[:, 2] == pytest.approx(radius * np.sin(s / radius), abs=1e-12)
 
 
 def test_long_results_are_thinned_first_and_last_step_and_every_disk_kept():
