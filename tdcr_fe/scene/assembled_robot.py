@@ -100,6 +100,8 @@ class AssembledRobot:
         Which elements are rigid inserts.
     damping : MaterialDamping or None
         By the material of the backbone.
+    compliance_factor : float
+        On the backbone's compliance in bending and torsion [1]; `set_compliance_factor` changes it.
     """
 
     mbs: exu.MainSystem
@@ -110,7 +112,7 @@ class AssembledRobot:
     actuation: TendonActuation
     rigid: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     damping: MaterialDamping | None = None
-    _compliance: float = 1.0
+    compliance_factor: float = 1.0
 
     # ------------------------------------------------------------------ inputs
 
@@ -158,11 +160,6 @@ class AssembledRobot:
             values[k] = drives.scale[k] * value
         actuation.inputs, actuation.drives = values, drives
 
-    @property
-    def compliance_factor(self) -> float:
-        """Factor on the backbone's compliance in bending and torsion [1]."""
-        return self._compliance
-
     def set_compliance_factor(self, factor: float) -> None:
         """Make the backbone softer in bending and torsion by a factor on its compliance [1].
 
@@ -170,9 +167,9 @@ class AssembledRobot:
         """
         if not factor > 0.0:
             raise ValueError(f"compliance factor {factor}; must be positive")
-        if factor == self._compliance:
+        if factor == self.compliance_factor:
             return
-        self._compliance = factor
+        self.compliance_factor = factor
         self.actuation.model = softened(self.actuation.model, self.mesh, self.rigid, factor)
         for beam, stiffness in zip(self.oBeams, self.actuation.model.mesh.stiffness, strict=True):
             section = self.mbs.GetObjectParameter(beam, "sectionData")
