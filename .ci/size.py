@@ -35,11 +35,11 @@ BUDGET = {
     "tdcr_fe/live": 350,
     "tdcr_fe/model": 2525,
     "tdcr_fe/report": 1162,
-    "tdcr_fe/scene": 1433,
+    "tdcr_fe/scene": 1430,
     "tdcr_fe/solve": 6778,
     "tdcr_fe/sweeps": 1421,
     "validation": 6769,
-    "tests": 13626,
+    "tests": 13618,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
