@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tdcr_fe.effects import Observation
 from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, memory
 from tdcr_fe.estimate.frame import PLACE, Frame, Problem, Solved, Volume, name_at
-from tdcr_fe.estimate.response import plastic_slips
+from tdcr_fe.estimate.response import Response, plastic_slips
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.robot import Robot
@@ -162,10 +162,11 @@ class Estimator:
                 message = f"the readings are not met (misfit {found.misfit:.3g}): wrong axes, signs or units?"
             self.simulation.return_to(frame.start)
             state = Solved(frame, self._mean, UNSOLVED, frame.start)
-            return self._estimate(state, self._mean, self._covariance, np.nan, message)
+            return self._estimate(state, self._mean, state.response, self._covariance, np.nan, message)
         state, history = found.point, self._problem.history
         for _ in range(STATES - found.states if read else 0):
             self._volume = self._volume.renewed(state, held)
+        response, likely = state.with_likely_holes(covariance)
         self.simulation.return_to(Position(state.moved(found.unknowns)))
         self._mean, self._time, self._last = found.unknowns.copy(), frame.commands.time, state
         self._mean[history] = plastic_slips(self.simulation, self.simulation.state)
@@ -173,7 +174,7 @@ class Estimator:
         carried[history] = state.response.plastic_slips
         after = carried @ found.covariance @ carried.T
         self._covariance = 0.5 * (after + after.T)
-        return self._estimate(state, found.unknowns, found.covariance, found.misfit, "")
+        return self._estimate(state, found.unknowns, response, likely, found.misfit, "")
 
     def _prior(self, frame: Frame) -> tuple[Array, Array]:
         """Mean and covariance of the unknowns of a frame before its readings."""
@@ -186,12 +187,14 @@ class Estimator:
         mean = self._typical + kept * (self._mean - self._typical)
         return mean, self._covariance * np.outer(kept, kept) + np.diag(grown * self._sigmas**2)
 
-    def _estimate(self, state: Solved, x: Array, covariance: Array, misfit: float, message: str) -> Estimate:
+    def _estimate(
+        self, state: Solved, x: Array, response: Response, covariance: Array, misfit: float, message: str
+    ) -> Estimate:
         """The present state with its unknowns as an estimate; number, label and time taken are left open.
 
-        ``state``: where derivatives are taken.
+        ``response``, ``covariance``: by and of the unknowns, and more after them.
         """
-        response, problem = state.response, self._problem
+        problem = self._problem
         acting = problem.actuation(state.frame.commands, x)
         result = self.simulation.result(0, "", state.report, acting)
         return Estimate(

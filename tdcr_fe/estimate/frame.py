@@ -13,10 +13,17 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from tdcr_fe.effects import Observation
 from tdcr_fe.estimate.most_probable import Found, linear_start, most_probable, posterior_covariance
-from tdcr_fe.estimate.response import Response, plastic_slips, with_plastic_slips
+from tdcr_fe.estimate.response import (
+    LEAST_STICKING,
+    Response,
+    plastic_slips,
+    sticking_within,
+    with_plastic_slips,
+)
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Actuation, Load
 from tdcr_fe.model.observed_step import ObservedStep
@@ -78,6 +85,8 @@ class Problem:
 
         Between two nodes both together carry the force, and for the body beyond them its moment.
         """
+        if len(self.loaded) == 1:  # its place is known
+            return np.ones(1), np.zeros(1)
         nodes = np.concatenate(([0.0], self.s[self.loaded]))
         k = int(np.clip(np.searchsorted(nodes, place), 1, len(nodes) - 1))
         before, after = np.eye(len(nodes))[k - 1 : k + 1]
@@ -124,11 +133,16 @@ class Frame:
         variance = covariance[PLACE, PLACE]
         start = np.zeros(len(mean)) if last is None else last.start_of(self, mean, covariance)
         if variance == 0.0 or not self.readings:
+            attempts: list[tuple[Frame, Array, Solved | None]] = [(self, np.zeros(len(mean)), None)]
             if last is not None:
-                found = most_probable(self.solved, mean, covariance, start, last)
+                resolved = replace(self, substeps=None)  # takes long
+                attempts = [(self, start, last), *attempts, (resolved, np.zeros(len(mean)), None)]
+            found = None
+            for frame, begin, near in attempts:
+                found = most_probable(frame.solved, mean, covariance, begin, near)
                 if found is not None and found.converged:
-                    return found
-            return most_probable(self.solved, mean, covariance, np.zeros(len(mean)))
+                    break
+            return found
         # Among given places, each with all other unknowns conditional on it.
         given, held = self.problem.at_given_place(covariance)
         at, found, before = self.solved(mean + covariance @ start, last), None, np.inf
@@ -172,6 +186,7 @@ class Solved:
     unknowns: Array
     report: LoadStepReport
     position: Position
+    sticking: Array | None = None  # Shares of the slips that holes follow, see `Response.of`
 
     @property
     def simulation(self) -> Simulation:
@@ -184,7 +199,7 @@ class Solved:
     @cached_property
     def _by_node(self) -> Response:
         """Derivatives by inputs, loads on all nodes that may carry it, and plastic slips."""
-        return Response.of(self.simulation, self.frame.problem.loaded)
+        return Response.of(self.simulation, self.frame.problem.loaded, self.sticking)
 
     @cached_property
     def response(self) -> Response:
@@ -196,7 +211,7 @@ class Solved:
         """Derivatives of inputs, loads on nodes and plastic slips by the unknowns."""
         problem, place = self.frame.problem, self.unknowns[PLACE]
         found, slopes, m = self._weights(place), problem.shares(place)[1], len(problem.input_sigmas)
-        found[m : m + 6 * len(slopes), PLACE] = np.kron(slopes, self.unknowns[LOAD])
+        found[m : m + 6 * len(slopes), PLACE] = np.outer(slopes, self.unknowns[LOAD]).ravel()
         return found
 
     def _weights(self, place: float) -> Array:
@@ -206,7 +221,7 @@ class Solved:
         ends = m + 6 * len(shares)
         found = np.zeros((self._by_node.positions.shape[-1], len(self.unknowns)))
         found[:m, problem.inputs] = np.diag(problem.acting(self.frame.commands, self.unknowns)[1])
-        found[m:ends, LOAD] = np.kron(shares[:, None], np.eye(6))
+        found[m:ends, LOAD] = (shares[:, None, None] * np.eye(6)).reshape(-1, 6)
         found[ends:, problem.history] = np.eye(len(found) - ends)
         return found
 
@@ -248,6 +263,42 @@ class Solved:
     def jacobian(self) -> Array:
         """See `tdcr_fe.estimate.most_probable.SolvedState`."""
         return self._of_frame[1] @ self._by_unknowns
+
+    def with_likely_holes(self, prior: Array) -> tuple[Response, Array]:
+        """Derivatives and covariance, given the readings, where holes stick or slip with their probability.
+
+        Within the uncertainty of the unknowns, a hole near stick and slip is linear in none of them: its mobilisation
+        is a line through all of its values and an error of this line (statistical linearisation; A. F. Garcia-Fernandez
+        et al., IEEE Trans. Signal Processing 63 (2015) 5561-5573).
+
+        Parameters
+        ----------
+        prior
+            Covariance of the unknowns before the readings, shape (n, n).
+
+        Returns
+        -------
+        response : Response
+        covariance : ndarray, shape (n + k, n + k)
+            Of the unknowns, and of the errors of the holes in units of their standard deviation.
+        """
+        simulation, history = self.frame.problem.simulation, self.frame.problem.history
+        law, covariance = simulation.handle.actuation.law, posterior_covariance(prior, self.jacobian)
+        presliding, slips = law.hysteresis.presliding, self.position.state.friction[0].slip[law.frictional]
+        changes = self.response.plastic_slips + presliding * self.response.mobilisations
+        changes[:, history] -= np.eye(len(slips))
+        spread = np.sqrt(np.einsum("ki,ij,kj->k", changes, covariance, changes).clip(0.0)) / presliding
+        sticking, left = sticking_within((slips - self.unknowns[history]) / presliding, spread)
+        likely = replace(self, sticking=sticking)
+        # Such an error is that of the plastic slip which has the same effect.
+        as_slip = presliding * left / np.maximum(sticking, LEAST_STICKING) * (sticking > LEAST_STICKING)
+        by_unknowns, count = likely._by_unknowns, len(slips)
+        errors = np.zeros((len(by_unknowns), count))
+        errors[len(by_unknowns) - count :] = np.diag(as_slip)
+        weights = np.hstack((by_unknowns, errors))
+        jacobian = likely._of_frame[1] @ weights
+        wider = posterior_covariance(block_diag(prior, np.eye(count)), jacobian)
+        return likely._by_node.combined(weights), wider
 
     def _change_to(self, frame: Frame, unknowns: Array) -> Array:
         """Of the unknowns, to those of its frame or of the next one, which begins where this state ends."""

@@ -7,10 +7,12 @@ behind itself at full friction.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.model.observed_step import ObservedChange
@@ -19,6 +21,9 @@ from tdcr_fe.solve.sensitivities.linear_response import AT_BOUND, Disturbance, S
 from tdcr_fe.solve.simulation import Simulation
 
 Array = NDArray[np.float64]
+
+#: Holes that stick with less probability slip [1].
+LEAST_STICKING = 1e-3
 
 
 def plastic_slips(simulation: Simulation, state: SolverState) -> Array:
@@ -35,6 +40,32 @@ def with_plastic_slips(simulation: Simulation, state: SolverState, change: Array
     return state._replace(friction=(replace(own, slip=slip),))
 
 
+def sticking_within(trial: Array, spread: Array) -> tuple[Array, Array]:
+    """Least-squares line through the mobilisation of holes as it follows an uncertain slip, which is normal.
+
+    Parameters
+    ----------
+    trial
+        Mean of what the mobilisation would be if it had no bounds, shape (k,).
+    spread
+        Its standard deviation, shape (k,).
+
+    Returns
+    -------
+    slope, left : ndarray, shape (k,)
+        Slope, which is the probability that the hole sticks, and standard deviation of what the line misses [1].
+    """
+    spread = np.maximum(spread, 1e-9)
+    low, high = (-1.0 - trial) / spread, (1.0 - trial) / spread
+    below, above = ndtr(low), ndtr(-high)
+    at_low, at_high = (np.exp(-0.5 * x**2) / math.sqrt(2.0 * math.pi) for x in (low, high))
+    slope = ndtr(high) - below
+    mean = above - below + trial * slope + spread * (at_low - at_high)
+    square = above + below + (trial**2 + spread**2) * slope
+    square += 2.0 * trial * spread * (at_low - at_high) + spread**2 * (low * at_low - high * at_high)
+    return slope, np.sqrt(np.maximum(square - mean**2 - (slope * spread) ** 2, 0.0))
+
+
 @dataclass(frozen=True, eq=False)
 class Response(ObservedChange):
     """Derivatives of a solved state, also of its history of friction; parameters are the last axis.
@@ -47,15 +78,29 @@ class Response(ObservedChange):
     mobilisations: Array  # (k, P): as `plastic_slips` [1]
 
     @classmethod
-    def of(cls, simulation: Simulation, loaded: NDArray[np.int_]) -> Response:
-        """Of the last solved state; ``loaded``: nodes on which loads may act, shape (q,)."""
-        system, state = simulation.system, simulation.state
+    def of(cls, simulation: Simulation, loaded: NDArray[np.int_], sticking: Array | None = None) -> Response:
+        """Of the last solved state.
+
+        Parameters
+        ----------
+        simulation
+            In that state.
+        loaded
+            Nodes on which loads may act, shape (q,).
+        sticking
+            How much of the slip of each hole its mobilisation follows, shape (k,) [1]; None is 1 where it sticks.
+        """
+        system, state, law = simulation.system, simulation.state, simulation.handle.actuation.law
         target, mobilisation = Target(state.inputs, state.loads, state.time), state.mobilisation[0]
-        sticking = (np.abs(mobilisation) < 1.0 - AT_BOUND,)
+        share = np.where(np.abs(mobilisation) < 1.0 - AT_BOUND, 1.0, 0.0)
+        if sticking is not None:
+            share[law.frictional] = sticking
+        sticks = share > LEAST_STICKING
         solved = SolvedPoint.of(
-            system, state, target, sticking=sticking, linearization=simulation.linearization()
+            system, state, target, sticking=(sticks,), linearization=simulation.linearization()
         )
-        law = solved.forces[0].model.law
+        flexibility = solved.flexibility[0] / np.where(sticks, share, 1.0)
+        solved = replace(solved, flexibility=(flexibility,))
         changes = solved.respond((_disturbance(solved.forces[0], state, loaded),))
         tendons, (positions, rotations) = changes.tendons[0], state.configuration.poses[0]
         moved = changes.unknowns[solved.numbering.robots[0].nodes].reshape(len(positions), 2, 3, -1)

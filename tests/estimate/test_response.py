@@ -5,7 +5,7 @@ import pytest
 
 import tdcr_fe as tdcr
 from tdcr_fe.elements.drives import DISPLACEMENT, TENSION, TendonDrives
-from tdcr_fe.estimate.response import Response, plastic_slips, with_plastic_slips
+from tdcr_fe.estimate.response import Response, plastic_slips, sticking_within, with_plastic_slips
 from tdcr_fe.model.loading import Actuation
 from tdcr_fe.validation.campaigns.estimate import LENGTH, model, rod
 
@@ -84,3 +84,18 @@ def test_a_moment_at_the_tip_turns_it_as_its_compliance_says():
     compliance = tdcr.local_response(simulation).compliance
     np.testing.assert_allclose(response.positions[-1][:, 4:10], compliance[:3], atol=1e-9)
     np.testing.assert_allclose(response.rotations[-1][:, 4:10], compliance[3:], atol=1e-7)
+
+
+def test_a_hole_of_which_stick_or_slip_is_uncertain_is_a_line_and_what_it_misses():
+    """Of a normal trial, cut off at full friction; by quadrature."""
+    trial, spread = np.array([0.0, 0.9, -3.0, 40.0, 0.2]), np.array([2.0, 0.5, 4.0, 1.0, 0.0])
+    z = np.linspace(-10.0, 10.0, 200001)
+    weight = np.exp(-0.5 * z**2)
+    weight /= weight.sum()
+    slope, left = sticking_within(trial, spread)
+    for mean, sigma, of_line, missed in zip(trial, spread, slope, left, strict=True):
+        cut = (mean + sigma * z).clip(-1.0, 1.0)
+        expected = weight @ (cut * z) / sigma if sigma else 1.0
+        np.testing.assert_allclose(of_line, expected, atol=1e-5)
+        line = weight @ cut + of_line * sigma * z
+        np.testing.assert_allclose(missed, np.sqrt(weight @ (cut - line) ** 2), atol=1e-5)
