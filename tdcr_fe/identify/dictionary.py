@@ -88,25 +88,27 @@ class _Profile(NamedTuple):
 
 
 def _profiles(robot: Robot) -> list[_Profile]:
-    """Linear from the base to the tip, and another value beyond a disk, or before it, in more than one bay."""
+    """Linear from the base to the tip, and another value between two disks, in more than one bay but not in all."""
     length, edges = robot.backbone.length, robot.bay_edges.tolist()
 
     def linear(numbers: Values, null: float, s: Array) -> Array:
         base, tip = numbers.values()
         return np.asarray(base + (tip - base) * s / length)
 
-    def step(at: float, beyond: bool) -> Callable[[Values, float, Array], Array]:
+    def between(a: float, b: float) -> Callable[[Values, float, Array], Array]:
         def value(numbers: Values, null: float, s: Array) -> Array:
             (there,) = numbers.values()
-            return np.where((s >= at - ARC_TOLERANCE) == beyond, there, null)
+            return np.where((s > a - ARC_TOLERANCE) & (s < b + ARC_TOLERANCE), there, null)
 
         return value
 
     found = [_Profile("along s", "everywhere", ("base", "tip"), linear, 0.0)]
-    steps = [*((s, True) for s in edges[1:-2]), *((s, False) for s in edges[2:-1])]
-    for s, beyond in steps:
-        where = f"from s = {s:.4g} m on" if beyond else f"up to s = {s:.4g} m"
-        found.append(_Profile(where, where, ("there",), step(s, beyond), math.log(len(steps))))
+    last = len(edges) - 1
+    ranges = [(i, j) for i, j in itertools.combinations(range(last + 1), 2) if 1 < j - i < last]
+    for i, j in ranges:
+        where = f"from s = {edges[i]:.4g} to {edges[j]:.4g} m"
+        there = between(edges[i], edges[j])
+        found.append(_Profile(where, where, ("there",), there, math.log(len(ranges))))
     return found
 
 

@@ -19,10 +19,10 @@ from tdcr_fe.identify.load_steps import RowChoice, choose_held_out, choose_rows,
 from tdcr_fe.identify.next_experiment import choose_next
 from tdcr_fe.identify.noise import estimate_sigma
 from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate, fit_of_run, refine, with_elements
-from tdcr_fe.identify.result import IdentificationResult, Scatter
+from tdcr_fe.identify.result import IdentificationResult
 from tdcr_fe.identify.run import Run
-from tdcr_fe.identify.scatter import find_scatter, with_input_sigma
-from tdcr_fe.identify.search import search_causes
+from tdcr_fe.identify.scatter import errors_of_inputs, with_input_sigma
+from tdcr_fe.identify.search import search_causes, with_scatter
 from tdcr_fe.identify.search_state import Progress, Search, SearchState, cut_short, mean_cost
 from tdcr_fe.identify.settings import (
     ALL_STEPS,
@@ -167,8 +167,8 @@ def _search(
                     state = state.without_trying(FRICTION)
             state = fit_to_all_rows(whole, state, replace(prepared.problem, deadline=latest))
         if not whole.explained(state):  # parameters of a model that leaves more than noise have no profiles
-            state, scatter = what_scatters(state)
-            return state, Found(planned, scatter)
+            scattered, state = _in_time(_scattered, state, SCATTER)
+            return scattered or state, Found(planned)
         if whole.out_of_time:
             return state.without_trying(PROFILES) if state.best.free else state, Found(planned)
         return state, Found(planned, profiles=fitting.profiles(state.problem, state.best))
@@ -178,15 +178,10 @@ def _search(
         raise _Interrupted(last, prepared) from None
 
 
-def what_scatters(state: SearchState) -> tuple[SearchState, Scatter | None]:
-    """What may be different in every step beside the best model; or beside the declared one, if that explains all."""
-    scatter, state = _in_time(lambda x: find_scatter(x.problem, x.best), state, SCATTER)
-    if scatter is None and state.best.effects:
-        alone, state = _in_time(lambda x: find_scatter(x.problem, x.declared), state, SCATTER)
-        if alone is not None and alone.explains_all:
-            text = "what differs from step to step explains all beside the declared model"
-            return replace(state, best=state.declared).with_history(text), alone
-    return state, scatter
+def _scattered(state: SearchState) -> SearchState:
+    """With what is different in every step, where that explains all, or errors of the inputs that explain much."""
+    state = with_scatter(state)
+    return state if state.scatter else replace(state, scatter=errors_of_inputs(state.problem, state.best))
 
 
 def _in_time(make: Callable[[SearchState], T], state: SearchState, what: str) -> tuple[T | None, SearchState]:

@@ -30,9 +30,13 @@ def input_causes(problem: FitProblem) -> list[Cause]:
     return [*own.by_law(clock), *own.limits(), *own.shares(), *by_row]
 
 
-#: What a change of an input is in proportion to: from all inputs of a step, the tendon's name, and progress along the
-#: rows.
-_InputLaw = Callable[[Mapping[str, float], str, float], float]
+#: What a change of an input is in proportion to: from all inputs of a step, the tendon's name, progress along the rows,
+#: and values of the cause.
+_InputLaw = Callable[[Mapping[str, float], str, float, Values], float]
+
+#: Of a change that settles as ``1 - exp(-progress / span)``, and values at which it is tried.
+SPAN = number("span", "1", (0.01, 10.0), 0.2, 0.02)
+SPANS = {"span": (0.05, 0.2, 0.6)}
 
 
 class _Inputs(NamedTuple):
@@ -55,11 +59,22 @@ class _Inputs(NamedTuple):
     def by_law(self, clock: str) -> Iterator[Cause]:
         """Off by a constant, by a part that grows with them, or that changes along the rows: all, each or one."""
         most, grows = self.most, "the gain of the inputs depends on their size"
+
+        def settled(p: float, values: Values) -> float:
+            return 1.0 - math.exp(-p / values["span"])
+
         laws: list[tuple[str, str, _InputLaw, str]] = [
             ("offset of the input", "nothing", lambda *_: 1.0, "the inputs are off by a constant"),
-            ("gain that grows", "tension", lambda u, n, p: u[n] * abs(u[n]) / most, grows),
-            ("gain that drifts", clock, lambda u, n, p: u[n] * p, "the gain of the inputs drifts"),
-            ("offset that drifts", clock, lambda u, n, p: p, "the inputs drift"),
+            ("gain that grows", "tension", lambda u, n, *_: u[n] * abs(u[n]) / most, grows),
+            ("gain that drifts", clock, lambda u, n, p, _: u[n] * p, "the gain of the inputs drifts"),
+            ("offset that drifts", clock, lambda u, n, p, _: p, "the inputs drift"),
+            (
+                "gain that settles",
+                clock,
+                lambda u, n, *x: u[n] * settled(*x),
+                "the gain of the inputs settles",
+            ),
+            ("offset that settles", clock, lambda u, n, *x: settled(*x), "the inputs drift and settle"),
         ]
         for name, depends, shape, text in laws:
             if not depends:
@@ -67,15 +82,16 @@ class _Inputs(NamedTuple):
             is_gain = name.startswith("gain")
             size, unit = (1.0, "1") if is_gain else (most, self.unit)
             kind, change = Kind("input", (depends,)), _with_inputs(shape)
+            law, held = ((SPAN,), SPANS) if name.endswith("settles") else ((), Cause.held)
             one = number("all", unit, (-0.9 * size, 3.0 * size), 0.0, 0.01 * size)
             if is_gain:
-                yield ChangedDescription(f"{name} (all)", kind, (one,), change, text)
+                yield ChangedDescription(f"{name} (all)", kind, (one, *law), change, text, held=held)
             each = tuple(replace(one, name=n) for n in self.names)
             if len(each) > 1:
-                yield ChangedDescription(f"{name} (each)", kind, each, change, text)
+                yield ChangedDescription(f"{name} (each)", kind, (*each, *law), change, text, held=held)
             for p in each:
                 at = kind._replace(where=f"tendon {p.name}")
-                yield ChangedDescription(f"{name} ({p.name})", at, (p,), change, text)
+                yield ChangedDescription(f"{name} ({p.name})", at, (p, *law), change, text, held=held)
 
     def limits(self) -> Iterator[Cause]:
         """A share of what is beyond a limit, or of what is below it, does not arrive."""
@@ -90,7 +106,7 @@ class _Inputs(NamedTuple):
         for label, text, lost, null, tried in forms:
 
             def limited(experiment: Experiment, values: Values, lost: Any = lost) -> Experiment:
-                def less(commands: Mapping[str, float], name: str, _: float) -> float:
+                def less(commands: Mapping[str, float], name: str, *_: Any) -> float:
                     return math.copysign(lost(abs(commands[name]), values["limit"]), -commands[name])
 
                 return _with_inputs(less)(experiment, {"all": values["share"]})
@@ -138,11 +154,11 @@ class _Inputs(NamedTuple):
         for k in possible_starts(data):
             since, start = f"from row {data.step_ids[k]} on", float(progress[k])
 
-            def later(commands: Mapping[str, float], name: str, p: float, start: float = start) -> float:
+            def later(u: Mapping[str, float], n: str, p: float, _: Values, start: float = start) -> float:
                 return float(p >= start)
 
-            def gained(commands: Mapping[str, float], name: str, p: float, start: float = start) -> float:
-                return commands[name] * (p >= start)
+            def gained(u: Mapping[str, float], n: str, p: float, _: Values, start: float = start) -> float:
+                return u[n] * (p >= start)
 
             kind, text = Kind("input", ("row",), since), "the gain of the inputs jumps"
             yield ChangedDescription(
@@ -167,7 +183,7 @@ def _with_inputs(shape: _InputLaw) -> Change:
         def with_change(step: LoadStep, p: float) -> LoadStep:
             def new(commands: Mapping[str, float], least: float) -> dict[str, float]:
                 factors = {n: values.get(n, values.get("all", 0.0)) for n in commands}
-                moved = {n: x and x * shape(commands, n, p) for n, x in factors.items()}
+                moved = {n: x and x * shape(commands, n, p, values) for n, x in factors.items()}
                 return {n: max(x + moved[n], least) if moved[n] else x for n, x in commands.items()}
 
             tensions, displacements = new(step.tensions, 0.0), new(step.displacements, -math.inf)

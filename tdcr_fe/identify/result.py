@@ -292,6 +292,7 @@ class Scatter(NamedTuple):
     # Of all readings: the final model's, and with the most likely values in every step
     before: Misfit
     after: Misfit
+    steps: tuple[int, ...] = ()  # those in which it is larger than noise, if these are fewer than half
 
     @property
     def kind(self) -> str:

@@ -41,6 +41,7 @@ from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.load_steps import whole_steps
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.result import Candidate
+from tdcr_fe.identify.scatter import find_scatter
 from tdcr_fe.identify.screening import FIRST_ORDER, Score, Start, apart, rescored, screen
 from tdcr_fe.identify.search_state import (
     Search,
@@ -91,8 +92,9 @@ def search_causes(search: Search, state: SearchState) -> Stage:
     for _ in range(3):
         state = yield from in_time(state, grow(search, state), FURTHER_EFFECTS)
         grown = state.best
-        state = yield from in_time(state, exchange(search, state), EXCHANGES)
-        if state.best is grown:
+        if not state.scatter:
+            state = yield from in_time(state, exchange(search, state), EXCHANGES)
+        if state.best is grown or state.scatter:
             break
     state = with_rivals(search, state)
     yield state
@@ -486,6 +488,10 @@ def grow(search: Search, state: SearchState) -> Stage:
     settings = search.settings
     most_effects = 1 if lacks_test(state.problem, state.declared) else settings.max_effects
     for number in itertools.count(1):
+        if number > 1 and not search.explained(state):
+            state = with_scatter(state)
+            if state.scatter:
+                break
         names, before = frozenset(state.best.names), state.best
         progress = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
         more = len(names) < most_effects and (names, singles.__name__) not in state.extended
@@ -536,6 +542,21 @@ def grow(search: Search, state: SearchState) -> Stage:
             f"{mean_cost(best.held_cost, state.problem.held_out):.3g} on held-out steps"
         )
         yield state
+    return state
+
+
+def with_scatter(state: SearchState) -> SearchState:
+    """With what is different in every step, where that explains all beside the declared or the best model."""
+    for fit in (state.declared, state.best):
+        tried = frozenset(fit.names), find_scatter.__name__
+        if state.scatter or tried in state.extended:
+            continue
+        state = replace(state, extended=state.extended | {tried})
+        scatter = find_scatter(state.problem, fit)
+        if scatter:
+            beside = listed_names(fit.names) or "the declared model"
+            text = f"what is different in every step explains all beside {beside}"
+            state = replace(state, best=fit, scatter=scatter).with_history(text)
     return state
 
 

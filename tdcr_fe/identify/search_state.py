@@ -21,7 +21,7 @@ from tdcr_fe.identify.criteria import (
     robust_threshold,
 )
 from tdcr_fe.identify.problem import SAME, Fit, FitProblem, fit_of_run, refine
-from tdcr_fe.identify.result import Candidate
+from tdcr_fe.identify.result import Candidate, Scatter
 from tdcr_fe.identify.scatter import with_input_sigma
 from tdcr_fe.identify.screening import Score
 from tdcr_fe.identify.settings import MAY_EXPLAIN, IdentifySettings, OutOfTime, clock
@@ -94,6 +94,7 @@ class SearchState:
     interrupted: bool = False
     # the fault of the data that explains the misfit of the declared model; empty where there is none
     data_fault: str = ""
+    scatter: Scatter | None = None  # what is different in every step
     dictionary: tuple[Effect, ...] = ()  # all candidate causes
 
     @classmethod
@@ -113,6 +114,7 @@ class SearchState:
             scores={},
             extended=frozenset(),
             refits=frozenset(),
+            scatter=None,
         )
 
     def with_fit(self, fit: Fit) -> SearchState:

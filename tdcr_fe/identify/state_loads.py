@@ -180,13 +180,12 @@ class Term:
 
     factors: tuple[Factor, ...]
     direction: Direction
-    bay: int | None = None  # the only bay where it acts, from 0; None: all bays
+    bays: tuple[int, int] | None = None  # the first and last bay where it acts, from 0; None: all bays
 
     @property
     def key(self) -> str:
         """Its factors, direction and bay as a text."""
-        where = "" if self.bay is None else f" in bay {self.bay + 1}"
-        return f"{self.product}{where}"
+        return self.product if self.bays is None else f"{self.product} in {_bays(*self.bays)}"
 
     @property
     def product(self) -> str:
@@ -212,8 +211,10 @@ class Term:
         value = direction(state)
         for f in self.factors:
             value = value * f.value(state)[..., None]
-        if self.bay is not None:
-            value = value * (np.arange(value.shape[1]) == self.bay)[None, :, None]
+        if self.bays is not None:
+            first, last = self.bays
+            number = np.arange(value.shape[1])
+            value = value * ((number >= first) & (number <= last))[None, :, None]
         return np.asarray(value)
 
     @property
@@ -224,12 +225,12 @@ class Term:
         perturbs = self.direction.perturbs
         if self.direction is TENDONS and not {"place", "curvature"} & set(depends):
             perturbs = "input"  # the same factor on the tension of every tendon, in all bays
-        local = self.bay is not None and not self.direction.is_force and "place" not in depends
+        local = self.bays is not None and not self.direction.is_force and "place" not in depends
         return perturbs, (*depends, "place") if local else depends
 
 
 def library(bays: int, clock: Factor) -> list[Term]:
-    """Candidate terms: products of up to two factors along every direction in all bays; of one factor in single bays.
+    """Candidate terms: products of up to two factors along every direction in all bays; of one factor in some of them.
 
     And forces on single disks that grow with the second or third power of the displacement. Products that a listed
     effect has are left out.
@@ -249,11 +250,22 @@ def library(bays: int, clock: Factor) -> list[Term]:
         for p in products
         if (p, d) not in _LISTED and not _repeated_sign(p, d)
     ]
+    for some in ranges(bays):
+        terms += [Term((f,), BENDING, some) for f in (CURVATURE, TENSION, clock, LOADING)]
+        terms += [Term((f,), SECTION, some) for f in (clock, TENSION)]
     for b in range(bays):
-        terms += [Term((f,), BENDING, b) for f in (CURVATURE, TENSION, clock, LOADING)]
-        terms += [Term((f,), SECTION, b) for f in (clock, TENSION)]
-        terms += [Term((DEFLECTION,) * n, DISPLACED, b) for n in (1, 2)]
+        terms += [Term((DEFLECTION,) * n, DISPLACED, (b, b)) for n in (1, 2)]
     return terms
+
+
+def ranges(bays: int) -> list[tuple[int, int]]:
+    """The first and last of all neighbouring bays, but for all together."""
+    every = combinations_with_replacement(range(bays), 2)
+    return [some for some in every if some != (0, bays - 1)]
+
+
+def _bays(first: int, last: int) -> str:
+    return f"bay {first + 1}" if first == last else f"bays {first + 1} to {last + 1}"
 
 
 def parts_of_rows(clock: Factor, starts: Mapping[int, float]) -> list[Factor]:
@@ -305,11 +317,12 @@ def _repeated_sign(factors: tuple[Factor, ...], direction: Direction) -> bool:
 
 def where(term: Term, edges: Array) -> str:
     """Where a term acts."""
-    if term.bay is None:
+    if term.bays is None:
         return "everywhere"
+    first, last = term.bays
     if term.direction.is_force:
-        return f"disk at s = {edges[term.bay + 1]:.4g} m"
-    return f"bay {term.bay + 1} (s = {edges[term.bay]:.4g} to {edges[term.bay + 1]:.4g} m)"
+        return f"disk at s = {edges[last + 1]:.4g} m"
+    return f"{_bays(first, last)} (s = {edges[first]:.4g} to {edges[last + 1]:.4g} m)"
 
 
 _POWERS = {1: "", 2: "the square of ", 3: "the third power of "}
@@ -376,11 +389,12 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         if not progress and ROW in term.factors:
             continue
         perturbs, depends = term.kind
-        choices = (1 if term.bay is None else bays) * math.prod(f.choices for f in term.factors)
+        places = bays if term.direction.is_force else len(ranges(bays))
+        choices = (1 if term.bays is None else places) * math.prod(f.choices for f in term.factors)
         price = math.log(10.0) + 1.5 * len(term.factors) + math.log(choices)
         kind = Kind(perturbs, depends, where(term, state.edges))
         found += load(term.key, kind, term.actions, sentence(term), price)
-        if progress and term.factors == (clock,) and term.bay is None and ((), term.direction) in _LISTED:
+        if progress and term.factors == (clock,) and term.bays is None and ((), term.direction) in _LISTED:
             last = Term((), term.direction)
             lasting = load(last.key, kind, last.actions, sentence(last), price)
             span = ("time", "s") if clock is TIME else ("rows", "1")

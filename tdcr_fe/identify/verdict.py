@@ -43,7 +43,6 @@ from tdcr_fe.identify.result import (
     Profile,
     Remainder,
     Residuals,
-    Scatter,
     SearchLog,
     SetErrors,
     Shapes,
@@ -61,7 +60,6 @@ class Found(NamedTuple):
     """What an identification has found besides the last state of its search."""
 
     next_experiment: NextExperiment | None = None
-    scatter: Scatter | None = None
     profiles: tuple[Profile, ...] = ()  # of the fitted parameters
     rows: RowChoice | None = None  # load steps that the search used; None for all
     sigma_estimated: bool = False  # whether any sigma was not given
@@ -77,7 +75,7 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
     tests = structure(data, best.residual, len(best.free))
     explained = search.is_noise(problem, best)
     unlisted = probability_of_unlisted(best) if explained else 0.0
-    undecided = _undecided(search, state, found, explained)
+    undecided = _undecided(search, state, explained)
     ceiling = None
     if not state.interrupted and (undecided is None or undecided.where in (THE_INPUTS, THE_NOISE)):
         if search.out_of_time:
@@ -135,7 +133,7 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
         ),
         ceiling=ceiling,
         next_experiment=found.next_experiment,
-        scatter=found.scatter,
+        scatter=state.scatter,
         by_set=_by_set(problem, declared, best),
         unlisted=unlisted,
     )
@@ -149,20 +147,18 @@ def _errors(problem: FitProblem, fit: Fit, which: NDArray[np.bool_], parameters:
     )
 
 
-def _undecided(search: Search, state: SearchState, found: Found, explained: bool) -> Remainder | None:
+def _undecided(search: Search, state: SearchState, explained: bool) -> Remainder | None:
     """Why the data do not tell what is missing; None where they do."""
     problem, best = state.problem, state.best
     insufficient = insufficient_data(problem, state.declared, best, explained)
     alone = not (insufficient or best.effects)
-    scatter = found.scatter if not insufficient and found.scatter and found.scatter.explains_all else None
+    scatter = state.scatter if not insufficient and state.scatter and state.scatter.explains_all else None
     faulty = state.data_fault or (wrong_sigma(problem, best) if alone and scatter is None else "")
     faulty = faulty or ("" if explained else gross_errors(problem, best, search.significance))
     unknown_noise = mostly_estimated_noise(problem.data) if explained and alone else ""
     what = "" if scatter is None else scatter.what
     shifted = "another shift of all positions in every step would explain all of the remaining error"
-    inputs = (
-        "random errors of the inputs, independent in every step, would explain all of the remaining error"
-    )
+    inputs = "errors of the inputs, different in every step, would explain all of the remaining error"
     reasons = (
         Remainder(THE_DATA, faulty),
         Remainder(NOT_KNOWN, insufficient),

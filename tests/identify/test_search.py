@@ -259,14 +259,13 @@ def test_loads_are_scaled_and_turned_and_a_camera_enlarges_and_distorts():
     np.testing.assert_allclose(shift.reshape(-1, 3), read * (3.0 * square + 0.02) * [1, 1, 0], atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("where", "own"), [("from s = {:.4g} m on", slice(2, None)), ("up to s = {:.4g} m", slice(None, 2))]
-)
-def test_a_part_of_the_backbone_has_another_radius_or_precurvature(where, own):
-    """Beyond the second disk and before it; stiffness goes with the fourth power of the radius."""
-    (problem, _, causes), part = declared(), where.format(ROBOT.bay_edges[2])
-    inside = np.zeros(len(ROBOT.bay_edges) - 1, dtype=bool)
-    inside[own] = True
+@pytest.mark.parametrize(("first", "last"), [(0, 2), (1, 3), (2, len(ROBOT.bay_edges) - 1)])
+def test_a_part_of_the_backbone_has_another_radius_or_precurvature(first, last):
+    """Between two disks; stiffness goes with the fourth power of the radius."""
+    (problem, _, causes), edges = declared(), ROBOT.bay_edges
+    part = f"from s = {edges[first]:.4g} to {edges[last]:.4g} m"
+    inside = np.zeros(len(edges) - 1, dtype=bool)
+    inside[first:last] = True
 
     def changed(name, values):
         return causes[f"{name} {part}"].apply(problem.experiment, values).robot
