@@ -12,7 +12,7 @@ from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import LoadStep, Model, resolve
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.routing import ParallelRouting
+from tdcr_fe.model.routing import ParallelRouting, Routing
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.native import register
 from tdcr_fe.scene import TDCR, CreateTDCR
@@ -50,6 +50,15 @@ def seven(mu: float = 0.3, backbone: Backbone = BACKBONE, disks: Disks = SEVEN, 
 def single(mu: float = 0.0, **rest: Any) -> Robot:
     """Seven disks and one tendon."""
     return replace(paper(mu, **rest), disks=SEVEN)
+
+
+def routed(*routings: Routing, disks: int = 13, mu: float = 0.0, **rest: Any) -> Robot:
+    """Tendons t1, t2, ... of these routings through so many disks, or one parallel tendon."""
+    tendons = tuple(
+        Tendon(f"t{k}", routing, friction_coefficient=mu, **rest)
+        for k, routing in enumerate(routings or (ParallelRouting(4.5e-3),), start=1)
+    )
+    return Robot(BACKBONE, Disks.equally_spaced(disks, LENGTH, mass=0.17e-3), tendons)
 
 
 def pull(*tensions: float, name: str = "t1", **rest: Any) -> list[LoadStep]:

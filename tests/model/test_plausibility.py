@@ -8,7 +8,7 @@ from pathlib import Path
 import exudyn as exu
 import numpy as np
 import pytest
-from robots import BACKBONE, LENGTH, paper, solve
+from robots import BACKBONE, LENGTH, paper, pull, solve
 
 import tdcr_fe
 from tdcr_fe.io.toml import read_robot, read_scenario
@@ -43,11 +43,7 @@ def wire(angles=(0.0, 120.0, 240.0), routing=lambda angle: ParallelRouting(6.5e-
 WIRE = wire()
 
 
-def pulled(*tensions):
-    return [LoadStep(tensions={"t1": t}) for t in tensions]
-
-
-PULL = pulled(3.0)
+PULL = pull(3.0)
 
 
 def at_tip(**load):
@@ -98,7 +94,7 @@ ROWS = {
     # These failed after up to 37 s, and another quantity or the size of the load steps was named.
     "E in MPa": (*soft(200e3), "backbone.youngs_modulus = 200000 Pa: as soft as rubber", "in MPa?"),
     "E in GPa": (*soft(200.0), "backbone.youngs_modulus = 200 Pa: outside", "in GPa?"),
-    "tension in gf": (WIRE, Model(), pulled(500.0), "steps[0].tensions.t1 = 500 N", "gf?"),
+    "tension in gf": (WIRE, Model(), pull(500.0), "steps[0].tensions.t1 = 500 N", "gf?"),
     "moment in N mm": (
         WIRE, Model(), at_tip(moment=(0.0, 2.0, 0.0)), "steps[1].loads.tip.moment = 2 N m", "in N mm?"),
     "radius of curvature": (
@@ -135,7 +131,7 @@ ROWS = {
     "EA of a tendon in kN": (
         wire(axial_stiffness=6.0), Model(), PULL, "tendons[0].axial_stiffness = 6 N: below 10 N", "in kN?"),
     "strain of a tendon": (
-        wire(axial_stiffness=60.0), Model(), pulled(30.0),
+        wire(axial_stiffness=60.0), Model(), pull(30.0),
         "steps[0].tensions.t1 = 30 N: strains the tendon by 50 %", ""),
     "displacement in mm": (WIRE, Model(), drawn(t1=2.0), "steps[1].displacements.t1 = 2 m", "in mm or cm?"),
     "motor angle in degrees": (
@@ -149,12 +145,12 @@ ROWS = {
         wire(pretension=200.0), Model(), drawn(t1=1e-3), "tendons[0].pretension = 200 N: strains", "gf?"),
     "adhesion in mN": (wire(adhesion=10.0), Model(), PULL, "tendons[0].adhesion = 10 N: one hole", "gf?"),
     "E in GPa for MPa": (
-        WIRE.with_backbone(youngs_modulus=4e11), Model(), pulled(1e-3),
+        WIRE.with_backbone(youngs_modulus=4e11), Model(), pull(1e-3),
         "backbone.youngs_modulus = 4e+11 Pa: no usual material has this modulus and a density of 78", "steel"),
     "friction without holes": (
         Robot(Backbone(0.3, 12e-3, 0.4e6, 0.45), tendons=(
             Tendon("t1", ParallelRouting(9e-3), friction_coefficient=0.2),)), Model(),
-        pulled(1.0), "tendons[0].friction_coefficient = 0.2: it has no effect", ""),
+        pull(1.0), "tendons[0].friction_coefficient = 0.2: it has no effect", ""),
     "tension ten times too large": (
         soft(2e9)[0].with_backbone(density=1200.0), Model(), [LoadStep(tensions={"t1": 2.0})],
         "steps[0].tensions: together", "circles"),
@@ -181,7 +177,7 @@ def test_every_limit_has_a_source():
     ("steps", "words"),
     [
         (at_tip(force=(2e5, 0.0, 0.0)), "steps[1].loads.tip.force = 200000 N"),
-        (pulled(1e6), "steps[0].tensions.t1 = 1e+06 N"),
+        (pull(1e6), "steps[0].tensions.t1 = 1e+06 N"),
         (PULL, "model.gravity = 9810 m/s^2: 1000 times that of Earth; must be at most 1.2e+03 m/s^2"),
     ],
 )
@@ -243,8 +239,8 @@ def test_a_side_spring_in_n_per_mm_is_remarked_on(at):
     for times in (0.3, 45.0):
         stiffness = times * WIRE.backbone.EI / at**3
         right, wrong = (replace(WIRE, springs=(SideSpring(at, k),)) for k in (stiffness, 1e-3 * stiffness))
-        assert plausibility(right, Model(), pulled(5.0)).remarks == []
-        (found,) = plausibility(wrong, Model(), pulled(5.0)).remarks
+        assert plausibility(right, Model(), pull(5.0)).remarks == []
+        (found,) = plausibility(wrong, Model(), pull(5.0)).remarks
         assert found.startswith("springs[0].stiffness") and "in N/mm?" in found
 
 
@@ -299,14 +295,14 @@ def test_the_turn_of_a_base_that_gives_way_is_no_strain_of_the_backbone():
 
 
 HELD = Model(gravity=(0.0, -9.81, 0.0))
-RISE = pulled(2.0, 4.0, 6.0)
+RISE = pull(2.0, 4.0, 6.0)
 SHIFTED = (*DISKS.positions[:4], 0.095, *DISKS.positions[5:])
 
 
 REMARKS = {
     "exponent of E": (WIRE.with_backbone(youngs_modulus=20e9), HELD, RISE[:2], "backbone.youngs_modulus", "steel"),
     "EI of a diameter": (
-        WIRE.with_backbone(bending_stiffness=0.05, torsional_stiffness=0.035), HELD, pulled(10.0, 30.0),
+        WIRE.with_backbone(bending_stiffness=0.05, torsional_stiffness=0.035), HELD, pull(10.0, 30.0),
         "backbone.bending_stiffness = 0.05 N m^2", "EI = 0.00982"),
     "mass of a pack": (WIRE.with_disks(mass=9e-3, thickness=1e-3), Model(), RISE, "disks.mass = 0.009", "density"),
     "tip mass in N": (replace(WIRE, tip_mass=0.196), HELD, RISE, "tip_mass = 0.196 kg: weight", "sags"),
@@ -341,13 +337,13 @@ CATHETER = Backbone(0.1, 2.3e-3, 50e6, 0.45, 1050.0)
 CHANNELS = tuple(
     Tendon(f"t{k}", ParallelRouting(1.9e-3, 90.0 * k), friction_coefficient=0.1) for k in range(1, 5)
 )
-FEW = pulled(0.4, 4.0, 0.4)
+FEW = pull(0.4, 4.0, 0.4)
 RIGHT = {
     "guides in a body": (Robot(CATHETER, Disks.equally_spaced(40, 0.1), CHANNELS), Model(), RISE),
     "guides as wide as the body": (
         Robot(CATHETER, Disks.equally_spaced(40, 0.1, radius=2.3e-3), CHANNELS), Model(), RISE),
     "a pull between two of a pretension": (WIRE, HELD, FEW),
-    "released, and pulled again": (WIRE, HELD, pulled(0.5, 1.0, 2.0, 0.5, 0.0, 0.1, 1.0, 2.0)),
+    "released, and pulled again": (WIRE, HELD, pull(0.5, 1.0, 2.0, 0.5, 0.0, 0.1, 1.0, 2.0)),
     "a thick body": (Robot(Backbone(0.1, 0.018, 0.4e6, 0.45, 1070.0)), Model(), []),
     "a thin wire": (Robot(Backbone(0.8, 1e-5, 200e9, 0.3)), Model(), []),
     "wide disks": (WIRE.with_disks(radius=0.08, mass=0.0), Model(), PULL),
@@ -357,7 +353,7 @@ RIGHT = {
     "nylon pulled by tensions": (WIRE.with_tendons(axial_stiffness=80.0), HELD, RISE),
     "a soft robot": (
         Robot(Backbone(0.12, 0.01, 0.2e6, 0.5, 1070.0), tendons=(Tendon("t1", ParallelRouting(6e-3)),)),
-        Model("continuous", "none"), pulled(2.0)),
+        Model("continuous", "none"), pull(2.0)),
     # Of three tendons at 120 degrees, one takes up what the others are pulled in; of two, opposite ones the same.
     "antagonists of three": (WIRE, HELD, drawn(t1=-4e-3, t2=2e-3, t3=2e-3)),
     "antagonists of two": (wire((0.0, 180.0)), HELD, drawn(t1=4e-3, t2=-4e-3)),

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import DISKS, LENGTH, seven, three
+from robots import DISKS, LENGTH, routed, seven, three
 
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.model.backbone import Backbone, NonlinearMaterial, StiffnessPatch, Superelastic
@@ -131,15 +131,6 @@ PLACES = {
 }
 
 
-def turning(*routings, mu=0.2, **tendon):
-    """Ten disks, and tendons t1, t2 of these routings."""
-    each = routings or (ParallelRouting(4.5e-3), ParallelRouting(4.5e-3, 120.0))
-    tendons = tuple(
-        Tendon(f"t{k}", r, friction_coefficient=mu, **tendon) for k, r in enumerate(each, start=1)
-    )
-    return replace(three(), disks=Disks.equally_spaced(10, LENGTH, mass=0.17e-3), tendons=tendons)
-
-
 def pulls(*tensions):
     return [LoadStep(tensions=dict(zip(("t1", "t2", "t3"), each, strict=False))) for each in tensions]
 
@@ -163,6 +154,7 @@ def tightened(friction):
     return robot, Model(friction=friction, elements_per_bay=4), steps, 1e-5
 
 
+TWO = (ParallelRouting(4.5e-3), ParallelRouting(4.5e-3, 120.0))
 DOWN = replace(FOLLOWS, gravity=(0.0, 0.0, 9.81))
 ASKEW = {"friction": "none", "gravity": (0.0, 3.0, -9.81)}
 PULLS = [LoadStep(tensions={"a": 1.5}), LoadStep(tensions={"a": 2.0, "b": 1.0})]
@@ -186,12 +178,12 @@ AGREE = {
     "places": (with_effects(Experiment(three(0.2), Model()), PLACES).robot, Model(elements_per_bay=2), BENT, 1e-4),
     **{f"pretension, {x}": tightened(x) for x in ("none", "per-hole", "per-tendon")},
     "clearance": to_and_fro(
-        turning(ConvergingRouting(5e-3, 2e-3), HelicalRouting(4.5e-3, 0.5, 120.0), clearance=2.5e-4)),
+        routed(ConvergingRouting(5e-3, 2e-3), HelicalRouting(4.5e-3, 0.5, 120.0), disks=10, mu=0.2, clearance=2.5e-4)),
     "creep, softening": to_and_fro(  # which needs finer elements
-        turning().with_backbone(creep_rate=5e-4, superelastic=Superelastic(2e-3, 0.6)), 8),
+        routed(*TWO, disks=10, mu=0.2).with_backbone(creep_rate=5e-4, superelastic=Superelastic(2e-3, 0.6)), 8),
     "varying pitch": to_and_fro(
-        turning(VaryingHelicalRouting(4.5e-3, 0.2, 1.5, 30.0), HelicalRouting(4.5e-3, 0.5, 120.0))),
-    "force-dependent": to_and_fro(turning(mu=0.0, friction=ForceDependentFriction(0.3, 0.1))),
+        routed(VaryingHelicalRouting(4.5e-3, 0.2, 1.5, 30.0), HelicalRouting(4.5e-3, 0.5, 120.0), disks=10, mu=0.2)),
+    "force-dependent": to_and_fro(routed(*TWO, disks=10, friction=ForceDependentFriction(0.3, 0.1))),
 }  # fmt: skip
 
 

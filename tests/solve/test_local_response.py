@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from differences import rotation_vectors
-from robots import BACKBONE, LENGTH, tendon
+from robots import BACKBONE, LENGTH, three
 
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.robot import Disks, Robot
@@ -16,9 +16,7 @@ from tdcr_fe.solve.simulation import Simulation
 SETTINGS = SolverSettings(tolerance=1e-12)
 
 
-def robot(mu: float, **rest: object) -> Robot:
-    tendons = tuple(tendon(f"t{i + 1}", 120.0 * i, mu, **rest) for i in range(3))
-    return Robot(BACKBONE, Disks.equally_spaced(5, LENGTH, mass=2e-4, radius=5e-3), tendons, "three")
+FIVE = Disks.equally_spaced(5, LENGTH, mass=2e-4, radius=5e-3)
 
 
 def solved(made: Robot, steps: list[LoadStep], **model: object) -> Simulation:
@@ -58,7 +56,7 @@ BY_DISPLACEMENT = [
 @pytest.mark.parametrize("steps", [BY_TENSION, BY_DISPLACEMENT], ids=["tension", "displacement"])
 def test_compliance_is_the_motion_by_a_small_load(steps: list[LoadStep]) -> None:
     """Six loads; without friction, where all tendons are driven by tension or by displacement."""
-    made = robot(0.0, axial_stiffness=400.0)
+    made = three(0.0, disks=FIVE, axial_stiffness=400.0)
     simulation = solved(made, steps, friction="none", gravity=(0.0, 1.0, -9.81))
     found = local_response(simulation).compliance
     for k in range(6):
@@ -81,7 +79,7 @@ def test_compliance_is_the_motion_by_a_small_load(steps: list[LoadStep]) -> None
 
 def test_compliance_of_a_cantilever() -> None:
     """A straight rod: ``L^3 / 3EI`` and shear, ``L^2 / 2EI``, ``L / EI``, ``L / GJ``, ``L / EA``; at a disk, too."""
-    simulation = solved(robot(0.0), [LoadStep("", loads=NOTHING)])
+    simulation = solved(three(0.0, disks=FIVE), [LoadStep("", loads=NOTHING)])
     b = BACKBONE
     for s in (None, 0.1):
         x = LENGTH if s is None else s
@@ -96,7 +94,7 @@ def test_compliance_of_a_cantilever() -> None:
 
 def test_tension_moves_the_tip_forward_with_slip_and_backward_with_sticking_holes() -> None:
     """Pulling on goes on slipping; releasing by less than presliding leaves every hole stuck."""
-    made = robot(0.3)
+    made = three(0.3, disks=FIVE)
     steps = [LoadStep("", {"t1": 0.5}, loads=NOTHING, substeps=1), LoadStep("", {"t1": 1.0}, substeps=1)]
     simulation = solved(made, steps)
     h = 1e-6

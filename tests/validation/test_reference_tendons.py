@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from robots import LENGTH, pull, routed
 
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction, StribeckFriction
@@ -11,25 +12,12 @@ from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import (
     HelicalRouting,
-    ParallelRouting,
     PointsRouting,
 )
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.validation.random_robots import draw
 from tdcr_fe.validation.reference import path as path_module
 from tdcr_fe.validation.reference import sequence, solve_reference
-
-L = 0.25
-BACKBONE = Backbone(L, 0.4e-3, 85e9, 0.3, density=5600.0)
-
-
-def robot(*routings, disks=13, mu=0.0, **tendon):
-    """Tendons t1, t2, ... of these routings, or one parallel tendon."""
-    tendons = tuple(
-        Tendon(f"t{i + 1}", routing, friction_coefficient=mu, **tendon)
-        for i, routing in enumerate(routings or (ParallelRouting(4.5e-3),))
-    )
-    return Robot(BACKBONE, Disks.equally_spaced(disks, L, mass=0.17e-3), tendons)
 
 
 def run(robot, steps, path="straight", friction="none", gravity=(0.0, 0.0, 0.0)):
@@ -38,18 +26,14 @@ def run(robot, steps, path="straight", friction="none", gravity=(0.0, 0.0, 0.0))
     return result
 
 
-def pulls(*values, **rest):
-    return [LoadStep(tensions={"t1": v}, **rest) for v in values]
-
-
 @pytest.mark.parametrize(("tension", "angle"), [(0.5, 19.02837), (1.0, 38.39846), (2.5, 98.5664)])
 def test_planar_integration_of_the_papers_robot(tension, angle):
-    step = run(robot(), pulls(tension)).steps[0]
+    step = run(routed(), pull(tension)).steps[0]
     assert np.degrees(step.bending_angle) == pytest.approx(angle, abs=6e-5)
 
 
 def test_friction_of_the_papers_robot():
-    step = run(robot(mu=0.3), pulls(2.5), friction="per-hole").steps[0]
+    step = run(routed(mu=0.3), pull(2.5), friction="per-hole").steps[0]
     assert np.degrees(step.bending_angle) == pytest.approx(80.2627, abs=1e-4)
     assert step.tensions[0][-1] == pytest.approx(1.69753, abs=1e-5)
     assert step.hole_states[0] == ("pull",) * 12 + ("anchor",)
@@ -64,17 +48,17 @@ def test_turning_robot_and_loads_about_z_turns_the_answer(path):
         c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         load = {"mid": Load(0.11, tuple(turn @ [0.02, 0.1, 0.05]), tuple(turn @ [1e-3, 0.0, 2e-3]))}
-        turned = robot(HelicalRouting(4.5e-3, 1.5, angle), disks=4, mu=0.3)
+        turned = routed(HelicalRouting(4.5e-3, 1.5, angle), disks=4, mu=0.3)
         turned = turned.with_backbone(precurvature=tuple((turn @ [1.0, 0.5, 0.0])[:2]))
-        result = run(turned, pulls(1.0, 0.5, loads=load), path, friction, tuple(turn @ [3.0, -9.0, 1.0]))
+        result = run(turned, pull(1.0, 0.5, loads=load), path, friction, tuple(turn @ [3.0, -9.0, 1.0]))
         tips.append(result.tips @ turn)
     np.testing.assert_allclose(tips[0], tips[1], atol=1e-11)
 
 
 def test_a_displacement_gives_back_the_tension_that_caused_it():
     for path, stiffness in (("straight", None), ("continuous", 400.0)):
-        model = robot(HelicalRouting(4.5e-3, 1.0), axial_stiffness=stiffness, disks=8)
-        pulled = run(model, pulls(2.0), path).steps[0]
+        model = routed(HelicalRouting(4.5e-3, 1.0), axial_stiffness=stiffness, disks=8)
+        pulled = run(model, pull(2.0), path).steps[0]
         step = LoadStep(displacements={"t1": float(pulled.displacements[0])})
         driven = run(model, [step], path).steps[0]
         assert driven.base_tensions[0] == pytest.approx(2.0, rel=1e-6)
@@ -84,7 +68,7 @@ def test_a_displacement_gives_back_the_tension_that_caused_it():
 def test_a_failing_step_is_named_with_a_cure(monkeypatch):
     monkeypatch.setattr("tdcr_fe.validation.reference.newton.MAX_ITERATIONS", 1)
     monkeypatch.setattr("tdcr_fe.validation.reference.path.MAX_BISECTIONS", 0)
-    result = solve_reference(robot(), Model("straight", "none"), pulls(0.0, 2.5))
+    result = solve_reference(routed(), Model("straight", "none"), pull(0.0, 2.5))
     assert not result.converged
     assert result.failed_step == 2
     assert len(result.steps) == 1
@@ -94,20 +78,20 @@ def test_a_failing_step_is_named_with_a_cure(monkeypatch):
 # ------------------------------------------------------------ friction laws
 
 
-STEPS = pulls(1.0, 2.0, 1.2, substeps=4)
+STEPS = pull(1.0, 2.0, 1.2, substeps=4)
 PER_HOLE = Model("straight", "per-hole")
 
 
 @pytest.mark.parametrize("law", [ConstantFriction(0.3), ForceDependentFriction(0.3, 0.1, exponent=0.0)])
 def test_a_law_that_is_constant_is_the_friction_coefficient(law):
-    one, other = (run(r, STEPS, friction="per-hole") for r in (robot(friction=law), robot(mu=0.3)))
+    one, other = (run(r, STEPS, friction="per-hole") for r in (routed(friction=law), routed(mu=0.3)))
     np.testing.assert_allclose(one.tips, other.tips, atol=1e-12)
 
 
 def test_slipping_holes_obey_the_law_at_their_own_normal_force():
     """``ln(T_before / T_after) = mu(N) theta`` with N from the solved tensions and angles."""
     law = ForceDependentFriction(0.3, 0.1, exponent=-1.0 / 3.0)
-    model = robot(friction=law)
+    model = routed(friction=law)
     step = run(model, STEPS[:2], friction="per-hole").steps[1]
     holes = np.concatenate((model.holes(model.tendons[0]), np.zeros((14, 1))), axis=1)
     edges = np.diff(step.positions + np.einsum("nij,nj->ni", step.rotations, holes), axis=0)
@@ -124,16 +108,16 @@ def test_slipping_holes_obey_the_law_at_their_own_normal_force():
     ("subject", "model", "words"),
     [
         (
-            robot(friction=StribeckFriction(0.4, 0.2, 1e-3)),
+            routed(friction=StribeckFriction(0.4, 0.2, 1e-3)),
             PER_HOLE,
             "friction law 'stribeck' of tendon 't1'",
         ),
-        (robot(clearance=1e-4), Model("continuous", "none"), "clearance"),
+        (routed(clearance=1e-4), Model("continuous", "none"), "clearance"),
     ],
 )
 def test_what_the_reference_does_not_solve_is_refused_by_name(subject, model, words):
     with pytest.raises(ValueError, match=words):
-        solve_reference(subject, model, pulls(1.0))
+        solve_reference(subject, model, pull(1.0))
 
 
 # ------------------------------------------------------------ effects
@@ -142,8 +126,8 @@ def test_what_the_reference_does_not_solve_is_refused_by_name(subject, model, wo
 def test_clearance_adds_to_the_offset_of_a_bent_planar_robot():
     """The tendon lies at the inner side of every hole but the anchor's, so the offset there is larger."""
     clearance, offset = 2e-4, 4.5e-3
-    loose = run(robot(disks=10, clearance=clearance), pulls(2.0)).steps[0]
-    s = np.linspace(0.0, L, 11)
+    loose = run(routed(disks=10, clearance=clearance), pull(2.0)).steps[0]
+    s = np.linspace(0.0, LENGTH, 11)
     # A turn of the tendon by b shifts it by c b / sqrt(b^2 + 0.01^2); b is that of equal bays here.
     turn = 2.0 * np.sin(0.5 * loose.bending_angle / 10.0)
     share = turn / np.hypot(turn, 0.01)
@@ -152,8 +136,8 @@ def test_clearance_adds_to_the_offset_of_a_bent_planar_robot():
     # The base plate's neighbour below is straight, so it turns half as much.
     half = 2.0 * np.sin(0.25 * loose.bending_angle / 10.0)
     holes[0] = (offset + clearance * half / np.hypot(half, 0.01), 0.0)
-    exact = run(robot(PointsRouting(tuple(s), tuple(holes)), disks=10), pulls(2.0)).steps[0]
-    tight = run(robot(disks=10), pulls(2.0)).steps[0]
+    exact = run(routed(PointsRouting(tuple(s), tuple(holes)), disks=10), pull(2.0)).steps[0]
+    tight = run(routed(disks=10), pull(2.0)).steps[0]
     assert np.linalg.norm(loose.tip - tight.tip) > 2e-3
     np.testing.assert_allclose(loose.tip, exact.tip, atol=2e-5)
     assert loose.bending_angle == pytest.approx(exact.bending_angle, rel=2e-4)
