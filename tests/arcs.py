@@ -20,11 +20,8 @@ def arc_step(robot: Robot, number: int, angle: float, phi: float, tensions: np.n
     length = robot.backbone.length
     s = np.linspace(0.0, length, 27)
     a = angle * s / length
-    kappa = angle / length
-    if abs(kappa) < 1e-12:
-        x, z = 0.0 * s, s
-    else:
-        x, z = (1.0 - np.cos(a)) / kappa, np.sin(a) / kappa
+    # (1 - cos a) s / a and sin a s / a, also where the angle is zero.
+    x, z = s * np.sin(a / 2.0) * np.sinc(a / (2.0 * np.pi)), s * np.sinc(a / np.pi)
     positions = np.column_stack((x * np.cos(phi), x * np.sin(phi), z))
     axis = np.array([-np.sin(phi), np.cos(phi), 0.0])
     rotations = Rotation.from_rotvec(a[:, None] * axis).as_matrix()

@@ -85,8 +85,8 @@ def simulation(robot: Robot, model: Model, steps: Sequence[LoadStep], settings: 
     """A robot that has gone through load steps."""
     targets = resolve(robot, steps)
     found = Simulation(robot, model, targets, settings)
-    for target in targets:
-        found.advance(target)
+    for step, target in zip(steps, targets, strict=True):
+        found.advance(target, step.substeps)
     return found
 
 

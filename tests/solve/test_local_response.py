@@ -5,27 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from differences import rotation_vectors
-from robots import BACKBONE, LENGTH, three
+from robots import BACKBONE, LENGTH, simulation, three
 
-from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings, resolve
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.solve.sensitivities.linear_response import local_response
 from tdcr_fe.solve.simulate import simulate
-from tdcr_fe.solve.simulation import Simulation
 
 SETTINGS = SolverSettings(tolerance=1e-12)
 
 
 FIVE = Disks.equally_spaced(5, LENGTH, mass=2e-4, radius=5e-3)
-
-
-def solved(made: Robot, steps: list[LoadStep], **model: object) -> Simulation:
-    """A simulation at the end of the steps; loads of all steps have their nodes."""
-    actions = resolve(made, steps)
-    simulation = Simulation(made, Model(**{"elements_per_bay": 1, **model}), actions, SETTINGS)
-    for action in actions:
-        simulation.advance(action, 1)
-    return simulation
 
 
 def motion(
@@ -57,8 +47,10 @@ BY_DISPLACEMENT = [
 def test_compliance_is_the_motion_by_a_small_load(steps: list[LoadStep]) -> None:
     """Six loads; without friction, where all tendons are driven by tension or by displacement."""
     made = three(0.0, disks=FIVE, axial_stiffness=400.0)
-    simulation = solved(made, steps, friction="none", gravity=(0.0, 1.0, -9.81))
-    found = local_response(simulation).compliance
+    solved = simulation(
+        made, Model(friction="none", elements_per_bay=1, gravity=(0.0, 1.0, -9.81)), steps, SETTINGS
+    )
+    found = local_response(solved).compliance
     for k in range(6):
         size = 1e-5 if k < 3 else 1e-6
         values = np.zeros(6)
@@ -79,11 +71,13 @@ def test_compliance_is_the_motion_by_a_small_load(steps: list[LoadStep]) -> None
 
 def test_compliance_of_a_cantilever() -> None:
     """A straight rod: ``L^3 / 3EI`` and shear, ``L^2 / 2EI``, ``L / EI``, ``L / GJ``, ``L / EA``; at a disk, too."""
-    simulation = solved(three(0.0, disks=FIVE), [LoadStep("", loads=NOTHING)])
+    solved = simulation(
+        three(0.0, disks=FIVE), Model(elements_per_bay=1), [LoadStep("", loads=NOTHING)], SETTINGS
+    )
     b = BACKBONE
     for s in (None, 0.1):
         x = LENGTH if s is None else s
-        c = local_response(simulation, s).compliance
+        c = local_response(solved, s).compliance
         assert c[0, 0] == pytest.approx(x**3 / (3.0 * b.EI) + x / b.GA, rel=1e-9)
         assert c[0, 4] == pytest.approx(x**2 / (2.0 * b.EI), rel=1e-9)
         assert c[1, 3] == pytest.approx(-(x**2) / (2.0 * b.EI), rel=1e-9)
@@ -96,11 +90,11 @@ def test_tension_moves_the_tip_forward_with_slip_and_backward_with_sticking_hole
     """Pulling on goes on slipping; releasing by less than presliding leaves every hole stuck."""
     made = three(0.3, disks=FIVE)
     steps = [LoadStep("", {"t1": 0.5}, loads=NOTHING, substeps=1), LoadStep("", {"t1": 1.0}, substeps=1)]
-    simulation = solved(made, steps)
+    solved = simulation(made, Model(elements_per_bay=1), steps, SETTINGS)
     h = 1e-6
     forward = motion(made, steps, LoadStep("", {"t1": 1.0 + h}))[0] / h
     backward = motion(made, steps, LoadStep("", {"t1": 1.0 - h}))[0] / -h
-    slipping, sticking = (local_response(simulation, reversal=x).by_tension[:, 0] for x in (False, True))
+    slipping, sticking = (local_response(solved, reversal=x).by_tension[:, 0] for x in (False, True))
     assert np.allclose(slipping, forward, rtol=1e-4, atol=1e-4 * np.abs(forward).max())
     assert np.allclose(sticking, backward, rtol=1e-3, atol=1e-3 * np.abs(backward).max())
     assert np.linalg.norm(sticking) < 0.9 * np.linalg.norm(slipping)
