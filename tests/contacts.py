@@ -13,6 +13,8 @@ CENTRE = (0.06, 0.0, 0.15)
 #: Position of the wall and of the stop along x [m].
 WALL, STOP = 0.06, 0.07
 QUAD = [[WALL, -0.2, 0.0], [WALL, -0.2, 0.4], [WALL, 0.2, 0.4], [WALL, 0.2, 0.0]]
+#: Its two triangles.
+WALL_OF_TWO = np.array(QUAD)[[[0, 1, 2], [0, 2, 3]]]
 #: Data of a contact item whose partners begin apart.
 APART = (0.1, 0.0, 0.0, 0.0)
 
@@ -94,12 +96,13 @@ def general_spheres(mbs: exu.MainSystem, handle: TDCR) -> None:
         add_sphere(contact, node)
 
 
-def general_triangles(mbs: exu.MainSystem, handle: TDCR) -> None:
-    """A wall of two triangles and spheres on the nodes in a GeneralContact."""
+def general_triangles(
+    mbs: exu.MainSystem, handle: TDCR, triangles: np.ndarray = WALL_OF_TWO, last: int = 6
+) -> None:
+    """Triangles, and spheres on the last nodes, in a GeneralContact."""
     contact = general_contact(mbs)
-    corners = np.array(QUAD)
-    add_triangles(contact, centre_marker(mbs, (0.0, 0.0, 0.0)), corners[[[0, 1, 2], [0, 2, 3]]])
-    for node in node_markers(handle)[-6:]:
+    add_triangles(contact, centre_marker(mbs, (0.0, 0.0, 0.0)), triangles)
+    for node in node_markers(handle)[-last:]:
         add_sphere(contact, node)
 
 

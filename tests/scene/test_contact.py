@@ -7,6 +7,7 @@ from contacts import (
     CONTACTS,
     DISK,
     WALL,
+    general_triangles,
     limit_stops,
     soft_wall,
     spheres,
@@ -20,10 +21,10 @@ def with_contact(add, mu=0.0, **rest):
     return scene_with(lambda *to: add(*to, **rest), seven(mu))[:3]
 
 
-def pulled_in_steps(mbs, handle, count=10):
-    """A pull to 2 N in equal steps; reports of all steps."""
+def pulled_in_steps(mbs, handle, count=10, most=2.0):
+    """A pull in equal steps; reports of all steps."""
     reports = []
-    for tension in np.linspace(0.0, 2.0, count + 1)[1:]:
+    for tension in np.linspace(0.0, most, count + 1)[1:]:
         handle.set_tensions({"t1": float(tension)})
         reports.append(mbs.SolveTDCR())
     return reports
@@ -114,3 +115,20 @@ def test_what_cannot_be_solved_is_refused_by_name():
             mbs.SetObjectParameter(k, "contactPlasticityRatio", 0.5)
     with pytest.raises(ValueError, match="has plastic contact"):
         mbs.SolveTDCR()
+
+
+#: A tetrahedron whose ridge is in the way of the robot: the faces, outward.
+POINTS = np.array([[0.045, -0.04, 0.19], [0.042, 0.05, 0.182], [0.12, 0.0, 0.30], [0.12, 0.01, 0.08]])
+FACES = POINTS[[[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]]
+TETRAHEDRON = np.array(
+    [f if np.cross(f[1] - f[0], f[2] - f[0]) @ (f[0] - POINTS.mean(axis=0)) > 0.0 else f[::-1] for f in FACES]
+)
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_a_robot_leans_on_a_ridge(mu):
+    """An oblique edge where two faces meet. With Exudyn's Jacobian this ended as not converged."""
+    _keep, mbs, handle = with_contact(general_triangles, mu, triangles=TETRAHEDRON, last=4)
+    assert max(report["iterations"] for report in pulled_in_steps(mbs, handle, most=1.0)) <= 30
+    _keep_free, free_mbs, free = scene(seven(mu))
+    assert distance(handle.shape()[0], solve_scene(free_mbs, free, {"t1": 1.0})) > DISK / LENGTH
