@@ -16,10 +16,6 @@ ROBOT = figure("fig3").robot
 EULER = np.pi**2 * ROBOT.backbone.EI / (4.0 * ROBOT.backbone.length**2)
 
 
-def solved(robot, model, *steps):
-    return simulation(robot, model, steps)
-
-
 def push(share):
     return LoadStep("push", loads={"tip": Load(ROBOT.backbone.length, (0.0, 0.0, -share * EULER))})
 
@@ -40,7 +36,7 @@ def column_eigenvalue(share):
 
 @pytest.mark.parametrize("share", [1e-6, 0.25, 0.5, 0.9])
 def test_column_has_the_eigenvalue_one_minus_load_over_eulers_load(share):
-    found = stability(solved(ROBOT, MODELS["discrete"], push(share)))
+    found = stability(simulation(ROBOT, MODELS["discrete"], [push(share)]))
     assert found.smallest == pytest.approx(1.0 - share, abs=3e-6)
     assert found.smallest == pytest.approx(column_eigenvalue(share), abs=2e-7)
     assert found.divergence == pytest.approx(found.smallest, abs=1e-9)
@@ -52,7 +48,7 @@ def test_error_of_the_column_falls_with_order_four_of_the_mesh():
     column = replace(ROBOT, disks=Disks((ROBOT.backbone.length,)), tendons=())
     n = np.array([2, 4, 8])
     errors = [
-        stability(solved(column, Model("straight", "none", int(k)), push(0.9))).smallest
+        stability(simulation(column, Model("straight", "none", int(k)), [push(0.9)])).smallest
         - column_eigenvalue(0.9)
         for k in n
     ]
@@ -64,7 +60,7 @@ def test_error_of_the_column_falls_with_order_four_of_the_mesh():
 def test_tangent_without_friction_is_symmetric_however_far_the_robot_bends(key):
     """The forces have a potential."""
     side = LoadStep("side", loads={"tip": Load(0.25, (0.0, 0.3, 0.0))})
-    found = stability(solved(ROBOT, MODELS[key], LoadStep("pull", {"t1": 1.5}), side))
+    found = stability(simulation(ROBOT, MODELS[key], [LoadStep("pull", {"t1": 1.5}), side]))
     assert found.asymmetry < 1e-6
     assert 0.5 < found.smallest < 1.0
 
@@ -72,13 +68,8 @@ def test_tangent_without_friction_is_symmetric_however_far_the_robot_bends(key):
 def test_prescribed_displacements_stiffen_the_robot():
     """Driven by displacement, only changes of shape that keep the lengths of the tendons are free."""
     robot = replace(ROBOT, tendons=three(0.0).tendons)
-    free = solved(robot, MODELS["discrete"], LoadStep("", {"t1": 0.5, "t2": 0.5, "t3": 0.5}), push(0.5))
+    steps = [LoadStep("", {"t1": 0.5, "t2": 0.5, "t3": 0.5}), push(0.5)]
+    free = simulation(robot, MODELS["discrete"], steps)
     pulled = dict(zip(robot.tendon_names, free.displacement.tolist(), strict=True))
-    held = solved(
-        robot,
-        MODELS["discrete"],
-        LoadStep("", {"t1": 0.5, "t2": 0.5, "t3": 0.5}),
-        push(0.5),
-        LoadStep("", displacements=pulled),
-    )
+    held = simulation(robot, MODELS["discrete"], [*steps, LoadStep("", displacements=pulled)])
     assert stability(held).smallest > stability(free).smallest + 0.1
