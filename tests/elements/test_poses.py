@@ -34,18 +34,13 @@ def test_euler_parameters_are_scipys_quaternions(w):
 
 @settings(max_examples=60)
 @given(TWIST, st.sampled_from([1.0, 1e-2, 1e-4, 1e-9]))
-def test_exponential_is_the_matrix_exponential(xi, scale):
+def test_exponential_is_the_matrix_exponential_and_the_logarithm_undoes_it(xi, scale):
     """For angles on both sides of the switch between series and closed form."""
     r, p = poses.exp_se3(scale * xi)
     whole = expm(matrix(scale * xi))
     assert r == pytest.approx(whole[:3, :3], abs=1e-14)
     assert p == pytest.approx(whole[:3, 3], abs=1e-14 * scale + 1e-16)
-
-
-@settings(max_examples=60)
-@given(TWIST, st.sampled_from([1.0, 1e-2, 1e-4, 1e-9]))
-def test_logarithm_undoes_the_exponential(xi, scale):
-    assert poses.log_se3(*poses.exp_se3(scale * xi)) == pytest.approx(scale * xi, abs=1e-13)
+    assert poses.log_se3(r, p) == pytest.approx(scale * xi, abs=1e-13)
 
 
 @settings(max_examples=40)

@@ -44,12 +44,6 @@ def test_a_complete_run_removes_what_a_killed_one_left(tmp_path):
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["a.csv"]
 
 
-def test_a_link_to_nowhere_is_refused_before_anything_is_solved(tmp_path):
-    (tmp_path / "out").symlink_to("nowhere")
-    with pytest.raises(InputError, match="is a link to nowhere; must be a directory"):
-        check_output_folder(tmp_path / "out")
-
-
 def test_json_has_null_for_numbers_that_are_not_finite_and_lists_for_arrays(tmp_path):
     write_json(
         {"a": math.nan, "b": np.arange(2.0), "c": np.float64(0.5), "d": (1, math.inf)}, tmp_path / "x.json"
@@ -90,9 +84,10 @@ def test_folder_loses_files_of_an_earlier_run_and_keeps_others(tmp_path):
     assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"mine.txt": "mine.txt", "old.csv": "new"}
 
 
-def test_output_folder_below_a_file_is_refused(tmp_path):
+def test_an_output_folder_that_cannot_be_one_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
-    for bad in (tmp_path / "file", tmp_path / "file" / "deeper"):
-        with pytest.raises(InputError, match="must be a directory"):
-            check_output_folder(bad)
+    (tmp_path / "link").symlink_to("nowhere")
+    for bad, words in (("file", "is a file"), ("file/deeper", "is a file"), ("link", "is a link to nowhere")):
+        with pytest.raises(InputError, match=f"{words}; must be a directory"):
+            check_output_folder(tmp_path / bad)
     assert check_output_folder(tmp_path / "new" / "deep") == tmp_path / "new" / "deep"
