@@ -16,6 +16,13 @@ from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
 # ---------------------------------------------------------------- adhesion, presliding, bounds
 
 
+def test_without_friction_the_tension_is_the_same_all_along():
+    x = tendon_law(FRICTION_MODELS["none"])
+    field = x.evaluate(np.array([2.0, 1.0]), 0.9 * LENGTHS, ANGLES, x.initial_state())
+    assert np.array_equal(field.tension, np.array([[2.0] * 4, [1.0] * 4]))
+    assert not x.has_friction
+
+
 def test_adhesion_drops_the_tension_by_the_same_at_every_hole():
     x = tendon_law(FRICTION_MODELS["per-hole"], mu=0.0, adhesion=0.1)
     pulled = x.evaluate(np.array([2.0, 1.0]), LENGTHS - 1e-3 * MASK, ANGLES, x.initial_state())
