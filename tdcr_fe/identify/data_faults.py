@@ -26,22 +26,22 @@ from tdcr_fe.model.units import mistaken
 Array = NDArray[np.float64]
 
 #: A fault explains the data where their mean square over sigma falls to this, from `MISFIT` times as much or more [1].
-#: A residual of pure noise has 1; a robust sum is a little less. It also does where the mean square falls by
-#: `FAR_BETTER`: displacements of the other sign, with errors of 30 and 100 um, leave a 190th to a 29th, wrong faults
+#: A residual of pure noise has 1; a robust sum is a little less. It also does where the mean square falls by the square
+#: of `MISFIT`: displacements of the other sign, with errors of 30 and 100 um, leave a 190th to a 29th, wrong faults
 #: beside them an eighth.
-EXPLAINED, MISFIT, FAR_BETTER = 1.5, 4.0, 16.0
+EXPLAINED, MISFIT = 1.5, 4.0
 #: Price of a fitted number or a chosen step, in the sum of squares, over the logarithm of the number of readings [1].
 PRICE = 2.0
-#: Equal readings in so many successive steps are a fault where the model moves by so many sigma meanwhile.
-EQUAL_STEPS, MOVES = 4, 10.0
-#: A noise of sigma changes every reading where the readings differ by less than this share of sigma, and readings are
-#: rounded where they are multiples of more than so many sigma.
-RESOLVED, ROUNDED = 0.2, 3.0
-#: Gross errors are those of at most this share of all markers in all steps [1], half of them larger than so many sigma:
-#: a wall along the backbone, taken for one at the tip, left a single outlier just above the limit of five.
-MOST_GROSS, GROSS = 0.1, 10.0
-#: Sigma is wrong where the scatter of the residual is larger or smaller by this factor [1].
+#: Equal readings in so many successive steps are a fault where the model moves by so many sigma meanwhile. Of gross
+#: errors, half are as far off: a wall along the backbone, taken for one at the tip, left one outlier just above five.
+EQUAL_STEPS, FAR = 4, 10.0
+#: A noise of sigma changes every reading where the readings differ by less than this share of sigma [1].
+RESOLVED = 0.2
+#: Sigma is wrong where the scatter of the residual is larger or smaller by this factor; readings that are multiples of
+#: more than so many sigma are rounded [1].
 WRONG_SIGMA = 3.0
+#: Gross errors are those of at most this share of all markers in all steps [1].
+MOST_GROSS = 0.1
 #: A location beyond the declared length, up to so many times that length, is that of a marker, not of another unit [1].
 FARTHEST = 2.0
 #: Largest number of load steps that are simulated to try exchanged tendons.
@@ -164,7 +164,7 @@ def _mended(problem: FitProblem, declared: Fit, grid: _Grid) -> str:
     now = _mean_square(declared.residual[grid.which])
     if seen or now < MISFIT:
         return seen
-    limit = max(min(EXPLAINED, now / MISFIT), now / FAR_BETTER)
+    limit = max(min(EXPLAINED, now / MISFIT), now / MISFIT**2)
     length = problem.data.robot.backbone.length
     cost, text, _ = min(
         map(grid.judged, (*_axes(grid), *_heights(grid, length), *_markers(grid), *_steps(grid)))
@@ -243,7 +243,7 @@ def gross_errors(problem: FitProblem, best: Fit, significance: float) -> str:
     where = [(x.step, x.location) for x in data.readings]
     found = outliers(r)
     wrong, count = {where[i] for i, _ in found}, len(set(where))
-    if not wrong or len(wrong) > MOST_GROSS * count or np.median(np.abs([x for _, x in found])) < GROSS:
+    if not wrong or len(wrong) > MOST_GROSS * count or np.median(np.abs([x for _, x in found])) < FAR:
         return ""
     kept = np.array([at not in wrong for at in where])
     rest = replace(data, readings=tuple(itertools.compress(data.readings, kept)))
@@ -284,7 +284,7 @@ def _rounded(grid: _Grid) -> str:
         return ""
     step = float(np.min(np.diff(values)))
     whole = np.abs(values / step - np.round(values / step)).max() < 1e-3
-    if not whole or step < ROUNDED * float(np.nanmedian(grid.sigma)):
+    if not whole or step < WRONG_SIGMA * float(np.nanmedian(grid.sigma)):
         return ""
     return (
         f"positions are rounded to {1e3 * step:.3g} mm, but their sigma says "
@@ -312,7 +312,7 @@ def _standing_still(problem: FitProblem, declared: Fit) -> str:
             moves = float(np.ptp(predicted[run]))
             first, last = readings[run[0]], readings[run[-1]]
             slack = first.unit == "N" and first.value == 0.0 and values.any()
-            if run.size >= EQUAL_STEPS and moves > MOVES and not slack:
+            if run.size >= EQUAL_STEPS and moves > FAR and not slack:
                 place = first.location if isinstance(first.location, str) else f"s = {first.location:g} m"
                 at = "" if first.location is None else f" at {place}"
                 text = (

@@ -23,7 +23,7 @@ from tdcr_fe.identify.result import IdentificationResult
 from tdcr_fe.identify.run import Run
 from tdcr_fe.identify.scatter import errors_of_inputs, with_input_sigma
 from tdcr_fe.identify.search import search_causes, with_scatter
-from tdcr_fe.identify.search_state import Progress, Search, SearchState, cut_short, mean_cost
+from tdcr_fe.identify.search_state import Progress, Search, SearchState, cut_short
 from tdcr_fe.identify.settings import (
     ALL_STEPS,
     FAULTS,
@@ -395,7 +395,7 @@ def with_friction(search: Search, state: SearchState, problem: FitProblem) -> Se
     problem = replace(_on_mesh_of(state.problem, problem), robust_threshold=threshold)
     without = evaluate(without_friction(problem), state.best.effects, state.best.values)
     best = fitting.fit(problem, state.best.effects, [state.best.values], ITERATIONS)
-    costs = [mean_cost(f.cost + f.held_cost, np.ones(problem.count, bool)) for f in (best, without)]
+    costs = [(f.cost + f.held_cost) / problem.count for f in (best, without)]
     if not costs[0] < costs[1]:
         return state.with_history(
             f"the declared friction is left out: with it the misfit per reading is {costs[0]:.3g}, without "

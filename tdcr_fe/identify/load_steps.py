@@ -103,16 +103,15 @@ def choose_held_out(data: MeasuredData, share: float = 0.3) -> tuple[int, ...]:
     if len(parts) == 2:
         return tuple(parts[1])
     table = inputs(data)
-    every = max(2, round(1.0 / share))
+    every, whole = max(2, round(1.0 / share)), np.ptp(table[with_readings], axis=0)
     best: tuple[float, Sequence[int]] = (-np.inf, ())
     for offset in range(every):
         held = [k for i, b in enumerate(parts) if i % every == offset for k in b]
         kept = np.setdiff1d(with_readings, held)
         if kept.size == 0 or not held:
             continue
-        seen = np.ptp(table[kept], axis=0) / np.maximum(np.ptp(table[with_readings], axis=0), 1e-12)
-        tested = np.ptp(table[held], axis=0) / np.maximum(np.ptp(table[with_readings], axis=0), 1e-12)
-        used = np.ptp(table[with_readings], axis=0) > 1e-9
+        seen, tested = (np.ptp(table[k], axis=0) / np.maximum(whole, 1e-12) for k in (kept, held))
+        used = whole > 1e-9
         part = read[held].sum() / read.sum()
         value = float(np.min(seen[used], initial=1.0) + 0.3 * np.mean(tested[used]) - abs(part - share))
         if value > best[0] + 1e-12:

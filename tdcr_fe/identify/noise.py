@@ -58,11 +58,8 @@ def estimate_sigma(data: MeasuredData, residual: Array) -> tuple[Array, bool]:
         return sigma, False
     family = np.array([r.channel.family for r in data.readings])
     for kind in set(family[missing].tolist()):
-        seconds = []
-        for i in series(data.readings):
-            if family[i[0]] == kind and i.size >= 3:
-                r = residual[i]
-                seconds.append(r[2:] - 2.0 * r[1:-1] + r[:-2])
+        own = [i for i in series(data.readings) if family[i[0]] == kind and i.size >= 3]
+        seconds = [np.diff(residual[i], 2) for i in own]
         values = np.abs(np.concatenate(seconds)) if seconds else np.abs(residual[family == kind])
         values = values[np.isfinite(values)]
         scatter = (
@@ -110,51 +107,39 @@ def structure(data: MeasuredData, r: Array, parameters: int = 0) -> tuple[Struct
     tuple of Structure
         The most significant first.
     """
-    c = clipped(r)
-    readings = data.readings
+    c, readings, tendons = clipped(r), data.readings, data.robot.tendon_names
     position = {n: k for k, n in enumerate(data.step_ids)}
     step = np.array([position[x.step] for x in readings])
-    tests: list[Structure] = []
-
-    def size(group: str, mask: NDArray[np.bool_]) -> None:
+    places = sorted({x.location for x in readings if isinstance(x.location, float)})
+    table, moves = inputs(data), directions(data)
+    loaded = np.abs(table[:, len(tendons) :]).max(axis=1) > 0.0
+    groups = {ALL_READINGS: np.ones(r.size, dtype=bool)}
+    for q in dict.fromkeys(x.quantity for x in readings):
+        groups[f"quantity {q}"] = np.array([x.quantity == q for x in readings])
+    groups |= {f"at s = {s:g} m": np.array([x.location == s for x in readings]) for s in places}
+    for i, name in enumerate(tendons):
+        groups[f"tendon {name} pulled"] = (table[:, i] > 0.3)[step]
+        groups[f"tendon {name} being pulled"] = (moves[:, i] > 0)[step]
+        groups[f"tendon {name} being let out"] = (moves[:, i] < 0)[step]
+    groups |= {"loaded at the tip": loaded[step], "not loaded at the tip": ~loaded[step]}
+    groups |= {f"step {number}": step == k for number, k in position.items()}
+    tests, share = [], 1.0 - parameters / max(r.size, parameters + 1)
+    for group, mask in groups.items():
         n = int(np.count_nonzero(mask))
         if n >= 5:
-            share = n * (1.0 - parameters / max(r.size, parameters + 1))
-            p = float(chdtrc(share, float(np.sum(c[mask] ** 2))))
+            p = float(chdtrc(n * share, float(np.sum(c[mask] ** 2))))
             tests.append(Structure(group, float(-ndtri(max(p, 1e-300))), p))
-
-    size(ALL_READINGS, np.ones(r.size, dtype=bool))
-    for q in dict.fromkeys(x.quantity for x in readings):
-        size(f"quantity {q}", np.array([x.quantity == q for x in readings]))
-    for location in sorted({x.location for x in readings if isinstance(x.location, float)}):
-        size(f"at s = {location:g} m", np.array([x.location == location for x in readings]))
-    table, moves = inputs(data), directions(data)
-    m = len(data.robot.tendons)
-    for i, name in enumerate(data.robot.tendon_names):
-        pulled = table[:, i] > 0.3
-        size(f"tendon {name} pulled", pulled[step])
-        size(f"tendon {name} being pulled", (moves[:, i] > 0)[step])
-        size(f"tendon {name} being let out", (moves[:, i] < 0)[step])
-    size("loaded at the tip", (np.abs(table[:, m:]).max(axis=1) > 0.0)[step])
-    size("not loaded at the tip", (np.abs(table[:, m:]).max(axis=1) == 0.0)[step])
-    for number, k in position.items():
-        size(f"step {number}", step == k)
-    products, means = [], []
-    for one in series(readings):
-        if one.size >= 4:
-            products.append(c[one][1:] * c[one][:-1])
-            means.append((one, float(np.sum(c[one]) / math.sqrt(one.size))))
-    if products:
-        together = np.concatenate(products)
-        z = float(np.sum(together) / math.sqrt(together.size))
-        tests.append(Structure("lag-1 autocorrelation over the steps", z, float(ndtr(-z))))
-        runs = np.sign(together)
-        z = float(np.sum(runs) / math.sqrt(runs.size))
-        tests.append(Structure("equal signs in neighbouring steps", z, float(ndtr(-z))))
-    for which, z in means:
-        x = readings[int(which[0])]
-        at = "" if x.location is None else f" at {x.location}"
-        tests.append(Structure(f"mean of {x.quantity}{at}", abs(z), float(2.0 * ndtr(-abs(z)))))
+    long = [own for own in series(readings) if own.size >= 4]
+    if long:
+        products = np.concatenate([c[own][1:] * c[own][:-1] for own in long])
+        signs = "equal signs in neighbouring steps"
+        for group, x in (("lag-1 autocorrelation over the steps", products), (signs, np.sign(products))):
+            z = float(np.sum(x) / math.sqrt(x.size))
+            tests.append(Structure(group, z, float(ndtr(-z))))
+    for own in long:
+        first, z = readings[int(own[0])], abs(float(np.sum(c[own]) / math.sqrt(own.size)))
+        at = "" if first.location is None else f" at {first.location}"
+        tests.append(Structure(f"mean of {first.quantity}{at}", z, float(2.0 * ndtr(-z))))
     return tuple(sorted(tests, key=lambda t: t.p_value))
 
 

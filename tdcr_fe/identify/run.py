@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,7 +134,6 @@ class RunDerivatives:
     names: tuple[str, ...]  # of the parameters
     # parameters asked for by which there is no derivative, with the reason
     refused: Mapping[str, str] = field(default_factory=dict)
-    _TABLES: ClassVar[tuple[str, ...]] = _BY_STEP
 
     @classmethod
     def of(cls, found: Sensitivities, last: Sequence[int], refused: Mapping[str, str]) -> RunDerivatives:
@@ -170,20 +169,20 @@ class RunDerivatives:
 
         tables: dict[str, Any] = {
             field: np.concatenate([chosen(part, getattr(part, field)) for part in parts])
-            for field in cls._TABLES
+            for field in _BY_STEP
         }
         lengths = chosen(parts[0], parts[0].arc_lengths)
         return cls(**tables, arc_lengths=lengths, names=names, refused=refused)
 
     def part(self, which: Sequence[int]) -> RunDerivatives:
         """By some of the parameters."""
-        tables = {n: getattr(self, n)[..., list(which)] for n in self._TABLES}
+        tables = {n: getattr(self, n)[..., list(which)] for n in _BY_STEP}
         names = tuple(self.names[j] for j in which)
         return replace(self, **tables, arc_lengths=self.arc_lengths[:, list(which)], names=names)
 
     def times(self, matrices: Array) -> RunDerivatives:
         """By combinations of the parameters, another one in every step, shape (n_steps, P, q)."""
-        tables = {n: np.einsum("k...p,kpq->k...q", getattr(self, n), matrices) for n in self._TABLES}
+        tables = {n: np.einsum("k...p,kpq->k...q", getattr(self, n), matrices) for n in _BY_STEP}
         count = matrices.shape[2]
         none = np.zeros((len(self.arc_lengths), count))
         return replace(self, **tables, arc_lengths=none, names=("",) * count)

@@ -25,9 +25,10 @@ from tdcr_fe.identify.criteria import residual_is_noise
 from tdcr_fe.identify.forward import ForwardModel, Job
 from tdcr_fe.identify.load_steps import blocks, choose_held_out
 from tdcr_fe.identify.noise import chi_square_z_score, estimate_sigma, is_noise, outliers, structure
-from tdcr_fe.identify.problem import Fit, refine
+from tdcr_fe.identify.problem import Fit, evaluate, refine
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.result import Profile
+from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.sentences import summary
 from tdcr_fe.io.measured import write_measured
 from tdcr_fe.io.readings import Reading
@@ -124,6 +125,21 @@ def test_a_parameter_that_changes_nothing_is_not_fitted():
     assert ("stiffness_scale", "bending") in fit.free
     fit = fitting.fit(problem, (effect("tip_payload"),), [{"tip_payload": {"mass": 1e-3}}])
     assert fit.free == ()
+
+
+def test_the_offset_of_one_marker_is_found_below_a_noise_of_fifty_typical_steps():
+    """A typical step, 0.2 mm, changes one of six readings of a step by 0.05 sigma: rms 0.02, which was left out."""
+    sigma, offset = 4e-3, 12e-3
+    noisy = problem_of(measured({"marker_offset": {"offset_x_marker_2": offset}}, sigma, 4), sigma=sigma)
+    declared = evaluate(noisy, (), {})
+    (each,) = [f for f in effect("marker_offset").forms(noisy.experiment) if f.name.endswith("(each)")]
+    (score,), _ = screen(noisy, declared, [each])
+    assert score.note == "" and score.drop > 50.0
+    found = fitting.fit(noisy, [each], score.start.points)
+    value = found.values[each.name]["offset_x_marker_2"]
+    # Eleven readings of x determine it; the section turns, and shares it with the others.
+    assert value == pytest.approx(offset, abs=4.0 * sigma / np.sqrt(11.0)) and len(found.free) == 6
+    assert declared.cost - found.cost > 50.0
 
 
 def test_runs_are_solved_with_the_settings_of_model_toml():
