@@ -110,7 +110,7 @@ def _identified(data: MeasuredData, settings: IdentifySettings, search: Search) 
             state, found = _search(search, state, prepared, schedule)
             search.report("conclusions", 0.97)
     except _Interrupted as interruption:  # the workers have ended
-        state, found, prepared = interruption.state, Found(), interruption.prepared
+        state, found = interruption.state, Found()
     found = found._replace(rows=prepared.rows, sigma_estimated=prepared.sigma_estimated)
     return conclude(replace(search, deadline=begun + settings.time_limit), state, found, started)
 
@@ -130,9 +130,9 @@ class _Prepared(NamedTuple):
 class _Interrupted(KeyboardInterrupt):
     """The search was interrupted; carries its last complete state out of the block that owns the workers."""
 
-    def __init__(self, state: SearchState, prepared: _Prepared) -> None:
+    def __init__(self, state: SearchState) -> None:
         super().__init__()
-        self.state, self.prepared = state, prepared
+        self.state = state
 
 
 def _search(
@@ -173,9 +173,8 @@ def _search(
             return state.without_trying(PROFILES) if state.best.free else state, Found(planned)
         return state, Found(planned, profiles=fitting.profiles(state.problem, state.best))
     except KeyboardInterrupt:
-        last = replace(state, interrupted=True)
-        last = last.with_history("interrupted; what was found until then is reported")
-        raise _Interrupted(last, prepared) from None
+        state = state.with_history("interrupted; what was found until then is reported")
+        raise _Interrupted(replace(state, interrupted=True)) from None
 
 
 def _scattered(state: SearchState) -> SearchState:
