@@ -13,7 +13,7 @@ from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.run import Readings
 from tdcr_fe.identify.search_state import Search, SearchState
 from tdcr_fe.identify.settings import IdentifySettings
-from tdcr_fe.identify.verdict import Found, conclude
+from tdcr_fe.identify.verdict import conclude
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.backbone import Backbone
@@ -132,4 +132,4 @@ def with_model(state, values):
 
 def concluded(state, search=None, **found):
     """The result of a search that ended in a state."""
-    return conclude(search or searching(), state, Found(**found))
+    return conclude(search or searching(), replace(state, **found))

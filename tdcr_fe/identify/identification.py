@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,7 +38,7 @@ from tdcr_fe.identify.settings import (
     Schedule,
     clock,
 )
-from tdcr_fe.identify.verdict import Found, conclude
+from tdcr_fe.identify.verdict import conclude
 from tdcr_fe.io.measured import MeasuredData, first_checks, with_columns, without_unread_steps
 from tdcr_fe.io.user_effects import check_on
 from tdcr_fe.model.messages import issue, warnings_to
@@ -46,9 +46,6 @@ from tdcr_fe.model.schema import check_instance
 
 #: Tolerance of the loading path as a fraction of the noise of a position (a third of it is left), and its limit.
 PATH_SHARE, LOOSEST = 0.6, 3e-4
-
-
-T = TypeVar("T")
 
 
 class NotSolved(Exception):
@@ -105,14 +102,14 @@ def _identified(data: MeasuredData, settings: IdentifySettings, search: Search) 
         with ForwardModel(settings.processes, data.settings) as forward:
             prepared = prepare(without_unread_steps(data), settings, forward)
             state = declared_state(prepared.searched, prepared.run)
+            state = replace(state, rows=prepared.rows, sigma_estimated=prepared.sigma_estimated)
             some_rows, frictionless = prepared.rows is not None, prepared.frictional is not None
             schedule = Schedule.of(begun, settings.time_limit, some_rows, frictionless)
-            state, found = _search(search, state, prepared, schedule)
+            state = _search(search, state, prepared, schedule)
             search.report("conclusions", 0.97)
     except _Interrupted as interruption:  # the workers have ended
-        state, found = interruption.state, Found()
-    found = found._replace(rows=prepared.rows, sigma_estimated=prepared.sigma_estimated)
-    return conclude(replace(search, deadline=begun + settings.time_limit), state, found, started)
+        state = interruption.state
+    return conclude(replace(search, deadline=begun + settings.time_limit), state, started)
 
 
 class _Prepared(NamedTuple):
@@ -135,9 +132,7 @@ class _Interrupted(KeyboardInterrupt):
         self.state = state
 
 
-def _search(
-    search: Search, state: SearchState, prepared: _Prepared, schedule: Schedule
-) -> tuple[SearchState, Found]:
+def _search(search: Search, state: SearchState, prepared: _Prepared, schedule: Schedule) -> SearchState:
     """Run the search to its end, with a law where effects do not suffice; an interruption carries the last state.
 
     A search on some of the load steps ends with a fit to all of them.
@@ -145,10 +140,10 @@ def _search(
     latest = schedule.end + schedule.grace
     try:
         if unusable_data(state.problem, state.declared):
-            return state, Found()
-        fault, state = _in_time(lambda x: data_fault(x.problem, x.declared), state.ending_at(latest), FAULTS)
-        if fault:
-            return replace(state, data_fault=fault), Found()
+            return state
+        state = _in_time(_with_fault, state.ending_at(latest), FAULTS)
+        if state.data_fault:
+            return state
         state = state.ending_at(schedule.search + schedule.grace)
         listed = replace(search, deadline=schedule.search, long_data=prepared.rows is not None)
         for latest_state in search_causes(listed, state):
@@ -156,22 +151,17 @@ def _search(
         state = cut_short(listed, state, FURTHER_EFFECTS)
         whole = replace(search, deadline=schedule.end)
         end = latest if prepared.rows is None else schedule.friction + schedule.grace
-        planned, state = _in_time(partial(choose_next, whole), state.ending_at(end), NEXT_EXPERIMENT)
+        state = _in_time(partial(_with_next, whole), state.ending_at(end), NEXT_EXPERIMENT)
         if prepared.rows is not None:
             if prepared.frictional is not None:
                 frictional = replace(prepared.frictional, deadline=end)
-                own = replace(search, deadline=schedule.friction)
-                try:
-                    state = with_friction(own, state, frictional)
-                except OutOfTime:
-                    state = state.without_trying(FRICTION)
+                state = _in_time(partial(with_friction, search, frictional), state, FRICTION)
             state = fit_to_all_rows(whole, state, replace(prepared.problem, deadline=latest))
         if not whole.explained(state):  # parameters of a model that leaves more than noise have no profiles
-            scattered, state = _in_time(_scattered, state, SCATTER)
-            return scattered or state, Found(planned)
+            return _in_time(_scattered, state, SCATTER)
         if whole.out_of_time:
-            return state.without_trying(PROFILES) if state.best.free else state, Found(planned)
-        return state, Found(planned, profiles=fitting.profiles(state.problem, state.best))
+            return state.without_trying(PROFILES) if state.best.free else state
+        return replace(state, profiles=fitting.profiles(state.problem, state.best))
     except KeyboardInterrupt:
         state = state.with_history("interrupted; what was found until then is reported")
         raise _Interrupted(replace(state, interrupted=True)) from None
@@ -183,12 +173,22 @@ def _scattered(state: SearchState) -> SearchState:
     return state if state.scatter else replace(state, scatter=errors_of_inputs(state.problem, state.best))
 
 
-def _in_time(make: Callable[[SearchState], T], state: SearchState, what: str) -> tuple[T | None, SearchState]:
-    """What is made of a state; None, with that part noted as not tried, where the time does not suffice."""
+def _with_fault(state: SearchState) -> SearchState:
+    """With the fault of the data, where there is one."""
+    return replace(state, data_fault=data_fault(state.problem, state.declared))
+
+
+def _with_next(search: Search, state: SearchState) -> SearchState:
+    """With the next experiment, where one helps."""
+    return replace(state, next_experiment=choose_next(search, state))
+
+
+def _in_time(part: Callable[[SearchState], SearchState], state: SearchState, what: str) -> SearchState:
+    """The state after a part; the same, with that part noted as not tried, where the time does not suffice."""
     try:
-        return make(state), state
+        return part(state)
     except OutOfTime:
-        return None, state.without_trying(what)
+        return state.without_trying(what)
 
 
 def prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardModel) -> _Prepared:
@@ -379,15 +379,17 @@ def friction_explains_little(problem: FitProblem) -> bool:
     return not frictional.solved or cost <= (1.0 + WORSE) * other
 
 
-def with_friction(search: Search, state: SearchState, problem: FitProblem) -> SearchState:
+def with_friction(search: Search, problem: FitProblem, state: SearchState) -> SearchState:
     """The best model of a search without friction: with friction where it then fits better, its parameters fitted anew.
 
     Parameters
     ----------
-    search, state
-        The search and its last state, without friction.
+    search
+        The search.
     problem
         With friction.
+    state
+        The last one of the search, without friction.
     """
     search.report("the best model with friction", 0.8)
     threshold = state.problem.robust_threshold

@@ -20,8 +20,9 @@ from tdcr_fe.identify.criteria import (
     residual_is_noise,
     robust_threshold,
 )
+from tdcr_fe.identify.load_steps import RowChoice
 from tdcr_fe.identify.problem import SAME, Fit, FitProblem, fit_of_run, refine
-from tdcr_fe.identify.result import Candidate, Scatter
+from tdcr_fe.identify.result import Candidate, NextExperiment, Profile, Scatter
 from tdcr_fe.identify.scatter import with_input_sigma
 from tdcr_fe.identify.screening import Score
 from tdcr_fe.identify.settings import MAY_EXPLAIN, IdentifySettings, OutOfTime, clock
@@ -96,6 +97,10 @@ class SearchState:
     data_fault: str = ""
     scatter: Scatter | None = None  # what is different in every step
     dictionary: tuple[Effect, ...] = ()  # all candidate causes
+    next_experiment: NextExperiment | None = None
+    profiles: tuple[Profile, ...] = ()  # of the parameters of the best model
+    rows: RowChoice | None = None  # load steps that the search uses; None for all
+    sigma_estimated: bool = False  # whether any sigma was not given
 
     @classmethod
     def start(cls, problem: FitProblem, declared: Fit) -> SearchState:

@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,6 @@ from tdcr_fe.identify.criteria import (
 from tdcr_fe.identify.data_faults import gross_errors, wrong_sigma
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.forward import run_settings
-from tdcr_fe.identify.load_steps import RowChoice
 from tdcr_fe.identify.noise import ALL_READINGS, SIGNIFICANCE, held_out_ceiling, outliers, structure
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import (
@@ -38,9 +36,7 @@ from tdcr_fe.identify.result import (
     Errors,
     Estimate,
     IdentificationResult,
-    NextExperiment,
     Parameters,
-    Profile,
     Remainder,
     Residuals,
     SearchLog,
@@ -56,16 +52,7 @@ from tdcr_fe.identify.settings import CEILING, MAY_EXPLAIN
 Array = NDArray[np.float64]
 
 
-class Found(NamedTuple):
-    """What an identification has found besides the last state of its search."""
-
-    next_experiment: NextExperiment | None = None
-    profiles: tuple[Profile, ...] = ()  # of the fitted parameters
-    rows: RowChoice | None = None  # load steps that the search used; None for all
-    sigma_estimated: bool = False  # whether any sigma was not given
-
-
-def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.0) -> IdentificationResult:
+def conclude(search: Search, state: SearchState, begun: float = 0.0) -> IdentificationResult:
     """What a search has found.
 
     ``search``: with the deadline of these conclusions; ``begun``: reading of `time.perf_counter` at the beginning.
@@ -104,14 +91,14 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
             problem.lengths(declared.residual),
             problem.lengths(best.residual),
             problem.whole_sigma,
-            found.sigma_estimated,
+            state.sigma_estimated,
             outliers(best.residual),
             tests[:12],
         ),
         parameters=Parameters(
             tuple(f"{a}.{b}" for a, b in best.free),
             spread / np.maximum(np.outer(deviation, deviation), 1e-300),
-            found.profiles,
+            state.profiles,
         ),
         log=SearchLog(
             state.candidates,
@@ -121,7 +108,7 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
             wall_time,
             state.not_tried,
             state.interrupted,
-            found.rows,
+            state.rows,
         ),
         simulated=Simulated(
             problem.experiment,
@@ -132,7 +119,7 @@ def conclude(search: Search, state: SearchState, found: Found, begun: float = 0.
             problem.mesh_error,
         ),
         ceiling=ceiling,
-        next_experiment=found.next_experiment,
+        next_experiment=state.next_experiment,
         scatter=state.scatter,
         by_set=_by_set(problem, declared, best),
         unlisted=unlisted,
