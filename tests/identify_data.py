@@ -116,7 +116,7 @@ def state_of(problem):
 def begun(data):
     """The state with which the search of `identify` begins: held-out steps chosen, mesh and path fine enough."""
     prepared = prepare(data, IdentifySettings(), ForwardModel())
-    return declared_state(prepared.searched, prepared.run)
+    return declared_state(prepared)
 
 
 def searching(deadline=np.inf, **settings):

@@ -101,8 +101,7 @@ def _identified(data: MeasuredData, settings: IdentifySettings, search: Search) 
     try:
         with ForwardModel(settings.processes, data.settings) as forward:
             prepared = prepare(without_unread_steps(data), settings, forward)
-            state = declared_state(prepared.searched, prepared.run)
-            state = replace(state, rows=prepared.rows, sigma_estimated=prepared.sigma_estimated)
+            state = declared_state(prepared)
             some_rows, frictionless = prepared.rows is not None, prepared.frictional is not None
             schedule = Schedule.of(begun, settings.time_limit, some_rows, frictionless)
             state = _search(search, state, prepared, schedule)
@@ -112,7 +111,7 @@ def _identified(data: MeasuredData, settings: IdentifySettings, search: Search) 
     return conclude(replace(search, deadline=begun + settings.time_limit), state, started)
 
 
-class _Prepared(NamedTuple):
+class Prepared(NamedTuple):
     """What a search begins with."""
 
     problem: FitProblem  # of all load steps
@@ -132,7 +131,7 @@ class _Interrupted(KeyboardInterrupt):
         self.state = state
 
 
-def _search(search: Search, state: SearchState, prepared: _Prepared, schedule: Schedule) -> SearchState:
+def _search(search: Search, state: SearchState, prepared: Prepared, schedule: Schedule) -> SearchState:
     """Run the search to its end, with a law where effects do not suffice; an interruption carries the last state.
 
     A search on some of the load steps ends with a fit to all of them.
@@ -191,7 +190,7 @@ def _in_time(part: Callable[[SearchState], SearchState], state: SearchState, wha
         return state.without_trying(what)
 
 
-def prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardModel) -> _Prepared:
+def prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardModel) -> Prepared:
     """The problem with sigma known and steps held out; and that of the search, with mesh and path fine enough."""
     if settings.hold_out_branches:
         positions = set(held_out_branches(data, settings.hold_out_branches))
@@ -221,24 +220,26 @@ def prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardMode
     run = searched.simulated((), {})
     if run.solved:
         searched, run = refine(searched, (), {}, run)
-    return _Prepared(problem, searched, run, rows, frictional, estimated)
+    return Prepared(problem, searched, run, rows, frictional, estimated)
 
 
-def declared_state(problem: FitProblem, run: Run) -> SearchState:
+def declared_state(prepared: Prepared) -> SearchState:
     """The state with the declared model alone.
 
     Raises
     ------
     NotSolved
     """
-    declared = fit_of_run(problem, (), {}, run)
+    problem = prepared.searched
+    declared = fit_of_run(problem, (), {}, prepared.run)
     if not declared.solved:
         hint = other_sign_solves(problem)
         reason = with_columns(declared.run.message, problem.data)
         message = f"the declared model does not follow the loading sequence: {reason}"
         raise NotSolved(f"{message}{' ' if hint else ''}{hint}")
     problem = replace(problem, robust_threshold=robust_threshold(declared.residual))
-    return SearchState.start(problem, fit_of_run(problem, (), {}, run))
+    state = SearchState.start(problem, fit_of_run(problem, (), {}, prepared.run))
+    return replace(state, rows=prepared.rows, sigma_estimated=prepared.sigma_estimated)
 
 
 # ---------------------------------------------------------------------------------------------- the end of long data

@@ -174,7 +174,7 @@ def _fitted(
     found: dict[tuple[str, ...], tuple[float, dict[str, Estimate]]] = {}
     with ForwardModel(settings.processes, data.settings) as forward:
         prepared = prepare(without_unread_steps(data), settings, forward)
-        state = declared_state(prepared.searched, prepared.run)
+        state = declared_state(prepared)
         problem = state.problem
         (run,) = problem.run([Job(problem.experiment, state.declared.run.trajectories, states=True)])
         assert run.bays is not None
