@@ -240,7 +240,7 @@ def _forces(problem: FitProblem, fit: Fit, bays: Sequence[int], near: Array | No
     acted, every = with_action(experiment, action), action_inputs(count)
     asked = tuple(every[COMPONENTS * j + c] for j in bays for c in range(3))
     (run,) = problem.run([Job(acted, fit.run.trajectories, False, asked)])
-    parts = np.split(_derivatives(problem, acted, run), len(bays), axis=1)
+    parts = np.split(_derivatives(problem, acted, run, len(asked)), len(bays), axis=1)
     starts = _starts(problem, fit, acted, run, parts, near)
     return [_Source("force", "N", *x) for x in zip(starts, parts, bays, strict=True)]
 
@@ -405,10 +405,12 @@ def _by_inputs(
     names = experiment.robot.tendon_names
     inputs = tuple(StepInput(f"inputs.{name}", tendon=i) for i, name in enumerate(names))
     (run,) = problem.run([Job(experiment, reference, False, inputs)])
-    return run, _derivatives(problem, experiment, run)
+    return run, _derivatives(problem, experiment, run, len(inputs))
 
 
-def _derivatives(problem: FitProblem, experiment: Experiment, run: Run) -> Array:
-    """Of the predictions over sigma by what a run is differentiated by, zero where not solved, shape (n, P)."""
+def _derivatives(problem: FitProblem, experiment: Experiment, run: Run, count: int) -> Array:
+    """Of the predictions over sigma by what a run is differentiated by, zero where not solved, shape (n, count)."""
+    if not run.solved:
+        return np.zeros((problem.count, count))
     derivatives = problem.readings.derivatives(run, experiment) / problem.sigma[:, None]
     return np.where(np.isfinite(derivatives), derivatives, 0.0)
