@@ -18,20 +18,6 @@ Task = TypeVar("Task")
 class Records(Lines):
     """Records by key, a line each."""
 
-    def begin_or_check(self) -> None:
-        """A new file where there is none.
-
-        Raises
-        ------
-        OtherHead
-            The file that is there has another head.
-        """
-        if not self.path.exists():
-            self.begin()
-            return
-        with self.path.open("rb") as file:
-            self.check(file.readline())
-
     def recall(self, keys: Iterable[str]) -> Iterator[tuple[str, Record]]:
         """Records that are kept of some keys; of several records of a key the last counts."""
         wanted = set(keys)
@@ -44,7 +30,7 @@ class Records(Lines):
 
     def keep(self, key: str, record: Mapping[str, Any]) -> None:
         """Keep a record, so that a kill does not lose it."""
-        self.append([{"key": key, **record}])
+        self.append({"key": key, **record})
 
 
 def solve_all(

@@ -186,7 +186,7 @@ def _work(name: str, campaign: Campaign, cases: Mapping[str, Any], options: argp
     head = {"source": source_digest(), "versions": versions(), "options": asked}
     store = Records(out / f"{name}.jsonl", head)
     try:
-        store.begin_or_check()
+        store.begin()
     except OtherHead as error:
         raise ValueError(f"{store.path} {error}; give another folder") from error
 

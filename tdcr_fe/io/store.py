@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -37,20 +38,29 @@ class Lines:
     path: Path
     head: Mapping[str, Any]
 
-    def begin(self) -> None:
-        """A new file without records, which replaces one that is there."""
-        write_text(to_json(self.head, indent=None), self.path)
-
-    def records(self) -> Iterator[Any]:
-        """What all lines but the head hold; from a line on that is cut off they are removed.
+    def begin(self, fresh: bool = False) -> None:
+        """A new file without records where there is none, or where a ``fresh`` one is asked for.
 
         Raises
         ------
         OtherHead
-            The file has another head.
+            The file that stays has another head.
         """
+        if fresh or not self.path.exists():
+            write_text(to_json(self.head, indent=None), self.path)
+            return
+        expected, there = json.loads(to_json(self.head)), None
+        with self.path.open("rb") as file, suppress(ValueError):
+            there = json.loads(file.readline())
+        if there != expected:
+            differing = [k for k in expected if isinstance(there, dict) and there.get(k) != expected[k]]
+            what = f"{', '.join(differing)} differ" if differing else "it does not begin with a head"
+            raise OtherHead(f"holds the records of another run: {what}")
+
+    def records(self) -> Iterator[Any]:
+        """What all lines but the head hold; from a line on that is cut off they are removed."""
         with self.path.open("rb") as file:
-            self.check(file.readline())
+            file.readline()  # the head
             end = file.tell()
             for line in file:
                 if not line.endswith(b"\n"):
@@ -59,24 +69,10 @@ class Lines:
                 yield json.loads(line)
         os.truncate(self.path, end)
 
-    def append(self, records: Iterable[Any]) -> None:
-        """Append records, and hand them to the operating system."""
-        lines = "".join(to_json(r, indent=None) for r in records)
+    def append(self, record: Mapping[str, Any]) -> None:
+        """Append a record, and hand it to the operating system."""
         with self.path.open("ab", buffering=0) as file:
-            file.write(lines.encode())
-
-    def check(self, line: bytes) -> None:
-        """Raise an OtherHead where a first line is not the head."""
-        try:
-            there = json.loads(line)
-        except ValueError:
-            there = None
-        expected = json.loads(to_json(self.head))
-        if there == expected:
-            return
-        differing = [k for k in expected if isinstance(there, dict) and there.get(k) != expected[k]]
-        what = f"{', '.join(differing)} differ" if differing else "it does not begin with a head"
-        raise OtherHead(f"holds the records of another run: {what}")
+            file.write(to_json(record, indent=None).encode())
 
 
 def as_completed(

@@ -17,7 +17,7 @@ from tdcr_fe.io.processes import worker_pool
 from tdcr_fe.io.store import as_completed
 from tdcr_fe.sweeps.cases import Evaluate, Job, Outcome, solve_case
 from tdcr_fe.sweeps.description import Change, Sweep
-from tdcr_fe.sweeps.files import head_of, journal, recalled, write_sweep
+from tdcr_fe.sweeps.files import head_of, journal, write_sweep
 from tdcr_fe.sweeps.read import read_sweep
 from tdcr_fe.sweeps.result import Collected, SweepResult
 
@@ -111,7 +111,7 @@ def sweep(
         if out is not None:
             folder = check_output_folder(out)
             lines = stack.enter_context(journal(folder, head, fresh))
-            for outcome in recalled(lines):
+            for outcome in map(Outcome.from_record, lines.records()):
                 if not retry or outcome.status == "converged":
                     collected.add(outcome)
         left = collected.left
@@ -131,7 +131,7 @@ def sweep(
                         outcome
                     )  # first: what the journal has is in the table, wherever it is interrupted
                     if lines is not None:
-                        lines.append([vars(outcome)])
+                        lines.append(vars(outcome))
                     report_progress(described.count - len(left) + solved, described.count)
         except KeyboardInterrupt as interruption:
             stop = interruption

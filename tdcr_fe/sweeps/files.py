@@ -15,7 +15,7 @@ from tdcr_fe.io.atomic import to_json, write_folder, write_json
 from tdcr_fe.io.problems import refusal
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.io.store import Lines, OtherHead
-from tdcr_fe.sweeps.cases import Evaluate, Outcome
+from tdcr_fe.sweeps.cases import Evaluate
 from tdcr_fe.sweeps.description import Sweep
 from tdcr_fe.sweeps.result import Message, SweepResult
 
@@ -53,7 +53,7 @@ def journal(folder: Path, head: Mapping[str, Any], fresh: bool) -> Iterator[Line
     Raises
     ------
     InputError
-        Another sweep writes to the folder.
+        Another sweep writes to the folder, or the journal there is that of another sweep, or none.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / LOCK).open("w") as file:
@@ -68,24 +68,12 @@ def journal(folder: Path, head: Mapping[str, Any], fresh: bool) -> Iterator[Line
             text = "another sweep is writing there; wait until it has ended, or give another directory"
             raise refusal("-o", text, value=str(folder)) from error
         lines = Lines(folder / JOURNAL, head)
-        if fresh or not lines.path.exists():
-            lines.begin()
+        try:
+            lines.begin(fresh)
+        except OtherHead as error:
+            text = f"{error}; give another directory, or --fresh to replace what is there"
+            raise refusal("-o", text, value=str(lines.path)) from error
         yield lines
-
-
-def recalled(lines: Lines) -> Iterator[Outcome]:
-    """Outcomes of a journal; the end of a line that a kill cut off is removed.
-
-    Raises
-    ------
-    InputError
-        The journal is that of another sweep, or none.
-    """
-    try:
-        yield from map(Outcome.from_record, lines.records())
-    except OtherHead as error:
-        text = f"{error}; give another directory, or --fresh to replace what is there"
-        raise refusal("-o", text, value=str(lines.path)) from error
 
 
 def _message(message: Message, count: str, text: str) -> dict[str, Any]:

@@ -84,9 +84,9 @@ def run(
     """
     store = Records(file, versions())
     try:
-        store.begin_or_check()
-    except OtherHead:
         store.begin()
+    except OtherHead:
+        store.begin(fresh=True)
     by_id = {task.id: task for task in tasks}
     solved = solve_all(by_id, solve, store, processes, again=lambda record: bool(record["error"]))
     # Closed explicitly: on an interruption the workers end before this function does.
