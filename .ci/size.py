@@ -31,14 +31,14 @@ BUDGET = {
     "tdcr_fe/effects": 1310,
     "tdcr_fe/estimate": 1011,
     "tdcr_fe/identify": 6619,
-    "tdcr_fe/io": 1837,
+    "tdcr_fe/io": 1835,
     "tdcr_fe/live": 350,
     "tdcr_fe/model": 2525,
     "tdcr_fe/report": 1162,
     "tdcr_fe/scene": 1430,
     "tdcr_fe/solve": 6778,
-    "tdcr_fe/sweeps": 1421,
-    "validation": 6769,
+    "tdcr_fe/sweeps": 1418,
+    "validation": 6763,
     "tests": 13593,
 }
 #: Rooms that are no part of the product.
