@@ -35,7 +35,7 @@ LOAD = "law"
 
 @dataclass(frozen=True)
 class BayState:
-    """State of all bays at the end of every commanded load step; NaN where a step was not solved."""
+    """State of all bays at the end of every commanded load step."""
 
     edges: Array  # arc lengths of base plate, disks and tip [m], shape (n_bays + 1,)
     curvature: Array  # mean curvatures about x and y and twist, section frame [1/m], shape (K, n_bays, 3)
@@ -144,48 +144,32 @@ def action_inputs(bays: int) -> tuple[StepInput, ...]:
     return tuple(StepInput(f"{name} {LOAD_COMPONENTS[c]}", load=name, component=c) for name, c in names)
 
 
-def bay_state(experiment: Experiment, steps: Sequence[StepResult], last: Sequence[int]) -> BayState:
-    """State of the bays at the ends of commanded steps.
-
-    Parameters
-    ----------
-    experiment
-        What was simulated.
-    steps
-        What was solved of it.
-    last
-        Of every commanded step, the index of its last part.
-    """
+def bay_state(experiment: Experiment, steps: Sequence[StepResult]) -> BayState:
+    """State of the bays at the ends of all commanded steps, as they were solved."""
     robot, edges = experiment.robot, experiment.robot.bay_edges
-    count, bays, m = len(last), len(edges) - 1, len(robot.tendons)
+    count, bays, m = len(steps), len(edges) - 1, len(robot.tendons)
     middles, widths = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
-    curvature = np.full((count, bays, 3), np.nan)
-    rotation = np.full((count, bays, 3, 3), np.nan)
-    moved = np.full((count, bays, 3), np.nan)
+    nodes = [int(np.argmin(np.abs(steps[0].s - e))) for e in edges]
+    frames = np.array([step.rotations[nodes] for step in steps])
+    turn = Rotation.from_matrix((np.swapaxes(frames[:, :-1], 2, 3) @ frames[:, 1:]).reshape(-1, 3, 3))
+    curvature = turn.as_rotvec().reshape(count, bays, 3) / widths[:, None]
+    half = Rotation.from_rotvec(0.5 * turn.as_rotvec()).as_matrix().reshape(count, bays, 3, 3)
+    rotation = frames[:, :-1] @ half
+    moved = np.array([step.positions[nodes[1:]] for step in steps])
+    moved = moved - np.array([0.0, 0.0, 1.0]) * edges[1:, None]
     tension = np.zeros((count, bays, m))
-    actions = resolve(robot, experiment.steps)
-    holes = [robot.hole_arc_lengths(t) for t in robot.tendons]
-    for k, j in enumerate(last):
-        if j >= len(steps):
-            continue
-        step = steps[j]
-        nodes = [int(np.argmin(np.abs(step.s - e))) for e in edges]
-        frames = step.rotations[nodes]
-        turn = Rotation.from_matrix(np.swapaxes(frames[:-1], 1, 2) @ frames[1:])
-        curvature[k] = turn.as_rotvec() / widths[:, None]
-        half = Rotation.from_rotvec(0.5 * turn.as_rotvec()).as_matrix()
-        rotation[k] = frames[:-1] @ half
-        moved[k] = step.positions[nodes[1:]] - np.array([0.0, 0.0, 1.0]) * edges[1:, None]
-        for i in range(m):
-            at = np.searchsorted(holes[i], middles) - 1
-            inside = middles < robot.end(robot.tendons[i])
-            tension[k, inside, i] = step.tensions[i][np.minimum(at[inside], len(step.tensions[i]) - 1)]
+    for i, tendon in enumerate(robot.tendons):
+        inside = middles < robot.end(tendon)
+        every = np.array([step.tensions[i] for step in steps])
+        at = np.searchsorted(robot.hole_arc_lengths(tendon), middles[inside]) - 1
+        tension[:, inside, i] = every[:, np.minimum(at, every.shape[1] - 1)]
     lever = np.zeros((bays, m, 2))
     for i, tendon in enumerate(robot.tendons):
         end = robot.end(tendon)
         hole = tendon.routing.position(np.minimum(middles, end), end)
         lever[:, i] = np.stack((-hole[:, 1], hole[:, 0]), axis=1)
-    whole = [actions[j] for j in last]
+    actions = {k: a for (k, _), a in zip(experiment.step_ends, resolve(robot, experiment.steps), strict=True)}
+    whole = list(actions.values())  # at the ends of the steps
     time = np.array([a.time for a in whole])
     direction = last_direction(np.array([a.values for a in whole]).reshape(count, m))
     return BayState(edges, curvature, rotation, moved, tension, lever, direction, time)

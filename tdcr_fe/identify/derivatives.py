@@ -378,9 +378,7 @@ class _Part:
             return
         stacked = np.stack(actions, axis=-1)
         if loads:
-            solved = np.all(np.isfinite(stacked), axis=(1, 2))
-            matrices = coupling(loads, self.values, state, response)
-            stacked[solved] = np.linalg.solve(matrices[solved], stacked[solved])
+            stacked[:] = np.linalg.solve(coupling(loads, self.values, state, response), stacked)
         matrix[:, columns] += of_readings(problem, stacked, response)
 
 

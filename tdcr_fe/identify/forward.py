@@ -111,9 +111,10 @@ def simulate_experiment(job: Job, settings: SolverSettings, deadline: float = ma
     if len(result.steps) < len(experiment.steps):
         return Run.unsolved(result.message)
     last = last_parts(experiment)
-    run = Run.of([result.steps[j] for j in last])
+    commanded = [result.steps[j] for j in last]
+    run = Run.of(commanded)
     if job.states:
-        run = replace(run, bays=bay_state(experiment, result.steps, last))
+        run = replace(run, bays=bay_state(experiment, commanded))
     if job.parameters:
         run = replace(run, derivatives=RunDerivatives.of(result.sensitivities, last, refused))
     return (

@@ -30,8 +30,8 @@ from tdcr_fe.model.loading import Load, LoadStep, resolve
 
 Array = NDArray[np.float64]
 
-#: Rivals, tip forces, and candidates, at most.
-RIVALS, FORCES, CANDIDATES = 3, 3, 10
+#: Rivals, and tip forces, at most; and candidates.
+MOST, CANDIDATES = 3, 10
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def leading_rivals(search: Search, state: SearchState) -> list[Fit]:
         for f in as_good(search, state)
         if f.effects and _described(f) and not (mine <= set(f.names) or set(f.names) <= mine)
     ]
-    return near[:RIVALS]
+    return near[:MOST]
 
 
 def _described(fit: Fit) -> bool:
@@ -109,7 +109,7 @@ def candidate_sequences(problem: FitProblem) -> list[tuple[LoadStep, ...]]:
     points = _distinct([*extremes, *(0.5 * (a + b) for a, b in itertools.combinations(extremes, 2))])
     measured = np.array([a.loads["tip"].force if "tip" in a.loads else (0.0,) * 3 for a in actions])
     forces = _distinct([f for f in measured if np.linalg.norm(f) > 0.0])
-    forces = sorted(forces, key=lambda f: -float(np.linalg.norm(f)))[:FORCES]
+    forces = sorted(forces, key=lambda f: -float(np.linalg.norm(f)))[:MOST]
     names, length = data.robot.tendon_names, data.robot.backbone.length
     timed = [s.time for s in data.steps if s.time is not None]
     pace = max(timed) / max(1, len(data.steps)) if timed else None
