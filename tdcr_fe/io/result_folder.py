@@ -167,7 +167,6 @@ def write_markers(markers: Markers, steps: Iterable[int], folder: Path) -> None:
     count = markers.declared.shape[1]
     share = np.linspace(0.0, 1.0, count) if count else np.zeros(0)
     for name, s, points in ((MARKERS, markers.s, markers.measured), (DECLARED, share, markers.declared)):
-        table = pd.DataFrame(points.reshape(-1, 3), columns=["x", "y", "z"])
-        table.insert(0, "s", np.tile(s, len(numbers)))
-        table.insert(0, "step", np.repeat(numbers, len(s)))
+        places = {"step": np.repeat(numbers, len(s)), "s": np.tile(s, len(numbers))}
+        table = pd.DataFrame(places | dict(zip("xyz", points.reshape(-1, 3).T, strict=True)))
         table.to_csv(folder / name, index=False)

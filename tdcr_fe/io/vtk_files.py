@@ -23,8 +23,6 @@ LIST = "robot.pvd"
 PARTS = ("backbone", "tendon", "disk", "hole", "load")
 #: Kinds of cells, in the order of the file.
 KINDS = ("Verts", "Lines", "Polys")
-#: Corners of a disk's rim.
-CORNERS = 24
 
 _TYPES = {"f": "Float32", "i": "Int32", "u": "UInt8"}
 
@@ -65,7 +63,7 @@ def vtk_text(motion: Motion, step: int, codes: Sequence[NDArray[np.uint8]]) -> s
         States of the holes, see `tdcr_fe.report.viewer_data.hole_codes`.
     """
     backbone = _Cell("Lines", motion.positions[step], "backbone")
-    verts, lines, polys = [], [backbone], []
+    verts, lines = [], [backbone]
     for j, tendon in enumerate(motion.tendons):
         corners = motion.tendon_points(step, tendon)
         for i, segment in enumerate(tendon.segments):
@@ -74,11 +72,7 @@ def vtk_text(motion: Motion, step: int, codes: Sequence[NDArray[np.uint8]]) -> s
             if i + 1 == len(tendon.segments) or tendon.segments[i + 1] != segment:
                 state = int(codes[j][step, segment])
                 verts.append(_Cell("Verts", corners[i + 1 : i + 2], "hole", j, tension, state))
-    angle = np.linspace(0.0, 2.0 * np.pi, CORNERS + 1)[:-1]
-    rim = motion.disk_radius * np.stack((np.cos(angle), np.sin(angle), 0.0 * angle), axis=-1)
-    turns = motion.matrices(step)
-    for k in motion.disks:
-        polys.append(_Cell("Polys", motion.positions[step, k] + rim @ turns[k].T, "disk"))
+    polys = [_Cell("Polys", rim[:-1], "disk") for rim in motion.rims(step)]  # which are closed
     arrows = motion.load_arrows(step)
     verts += [_Cell("Verts", at[None], "load") for _, at, _, _ in arrows]
     before = sum(len(cell.points) for cell in verts)
