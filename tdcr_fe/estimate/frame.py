@@ -17,13 +17,7 @@ from scipy.linalg import block_diag
 
 from tdcr_fe.effects import Observation
 from tdcr_fe.estimate.most_probable import Found, linear_start, most_probable, posterior_covariance
-from tdcr_fe.estimate.response import (
-    LEAST_STICKING,
-    Response,
-    plastic_slips,
-    sticking_within,
-    with_plastic_slips,
-)
+from tdcr_fe.estimate.response import Response, plastic_slips, sticking_within, with_plastic_slips
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Actuation, Load
 from tdcr_fe.model.observed_step import ObservedStep
@@ -291,13 +285,11 @@ class Solved:
         sticking, left = sticking_within((slips - self.unknowns[history]) / presliding, spread)
         likely = replace(self, sticking=sticking)
         # Such an error is that of the plastic slip which has the same effect.
-        as_slip = presliding * left / np.maximum(sticking, LEAST_STICKING) * (sticking > LEAST_STICKING)
-        by_unknowns, count = likely._by_unknowns, len(slips)
-        errors = np.zeros((len(by_unknowns), count))
-        errors[len(by_unknowns) - count :] = np.diag(as_slip)
-        weights = np.hstack((by_unknowns, errors))
+        as_slip = presliding * np.divide(left, sticking, np.zeros(len(slips)), where=sticking > 0.0)
+        by_unknowns = likely._by_unknowns
+        weights = np.hstack((by_unknowns, by_unknowns[:, history] * as_slip))
         jacobian = likely._of_frame[1] @ weights
-        wider = posterior_covariance(block_diag(prior, np.eye(count)), jacobian)
+        wider = posterior_covariance(block_diag(prior, np.eye(len(slips))), jacobian)
         return likely._by_node.combined(weights), wider
 
     def _change_to(self, frame: Frame, unknowns: Array) -> Array:

@@ -22,7 +22,7 @@ from tdcr_fe.solve.simulation import Simulation
 
 Array = NDArray[np.float64]
 
-#: Holes that stick with less probability slip [1].
+#: Holes that stick with a probability less than this slip [1].
 LEAST_STICKING = 1e-3
 
 
@@ -53,7 +53,8 @@ def sticking_within(trial: Array, spread: Array) -> tuple[Array, Array]:
     Returns
     -------
     slope, left : ndarray, shape (k,)
-        Slope, which is the probability that the hole sticks, and standard deviation of what the line misses [1].
+        Slope, which is the probability that the hole sticks, or zero where that is next to nothing, and standard
+        deviation of what the line misses [1].
     """
     spread = np.maximum(spread, 1e-9)
     low, high = (-1.0 - trial) / spread, (1.0 - trial) / spread
@@ -63,7 +64,8 @@ def sticking_within(trial: Array, spread: Array) -> tuple[Array, Array]:
     mean = above - below + trial * slope + spread * (at_low - at_high)
     square = above + below + (trial**2 + spread**2) * slope
     square += 2.0 * trial * spread * (at_low - at_high) + spread**2 * (low * at_low - high * at_high)
-    return slope, np.sqrt(np.maximum(square - mean**2 - (slope * spread) ** 2, 0.0))
+    left = np.sqrt(np.maximum(square - mean**2 - (slope * spread) ** 2, 0.0))
+    return np.where(slope > LEAST_STICKING, slope, 0.0), left
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +97,7 @@ class Response(ObservedChange):
         share = np.where(np.abs(mobilisation) < 1.0 - AT_BOUND, 1.0, 0.0)
         if sticking is not None:
             share[law.frictional] = sticking
-        sticks = share > LEAST_STICKING
+        sticks = share > 0.0
         solved = SolvedPoint.of(
             system, state, target, sticking=(sticks,), linearization=simulation.linearization()
         )

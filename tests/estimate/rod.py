@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 
 import tdcr_fe as tdcr
-from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.model.loading import resolve
 from tdcr_fe.validation.campaigns.estimate import LENGTH, Drawn, model, read
 
@@ -20,14 +19,11 @@ class Truth:
         self.robot, self.tensions, self.forces = drawn.robot, drawn.tensions, drawn.forces
         targets = resolve(self.robot, drawn.steps(at))
         simulation = tdcr.Simulation(self.robot, model(friction), targets)
-        nodes, rotations = [], []
+        nodes = []
         for target in targets:
             simulation.advance(target)
-            solved = simulation.state.configuration.poses[0]
-            nodes.append(solved[0].copy())
-            rotations.append(solved[1] @ BEAM_TO_SECTION.T)
-        self.nodes, self.rotations = np.array(nodes), np.array(rotations)
-        self.s = simulation.handle.arc_lengths
+            nodes.append(simulation.state.configuration.poses[0][0].copy())
+        self.nodes, self.s = np.array(nodes), simulation.handle.arc_lengths
 
     def command(self, k):
         return self.drawn.step(self.drawn.commands, k)

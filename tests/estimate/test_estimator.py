@@ -10,10 +10,9 @@ from scipy.stats import chi2
 import tdcr_fe as tdcr
 from tdcr_fe.elements.drives import TendonDrives
 from tdcr_fe.model.loading import Actuation
-from tdcr_fe.model.observed_step import ObservedStep
 from tdcr_fe.model.tendon import Spool
 from tdcr_fe.solve.load_steps.load_path import StepFailed
-from tdcr_fe.validation.campaigns.estimate import LENGTH, RATE, model, read, rod, squared
+from tdcr_fe.validation.campaigns.estimate import LENGTH, RATE, Drawn, model, read, readings_of, rod, squared
 
 
 def estimator(*, friction=0.0, load=None, inputs=None):
@@ -79,20 +78,14 @@ def test_with_friction_in_the_model_the_force_is_found_and_without_it_is_not():
 
 def test_curvatures_that_show_single_holes_slip_do_not_make_it_too_certain():
     """Where each hole only sticks or only slips, it is 6.2 in place of 3, and 75 % are inside."""
-    truth, at = Truth(25, 3, friction=0.2), np.array([1.0, 2.0]) * LENGTH / 3.0
+    drawn = Drawn.of(0.2, 0.01, 25, 3)
+    truth = tdcr.simulate(drawn.robot, model(0.2), drawn.steps()).steps
     rng, own, squares = np.random.default_rng(1003), estimator(friction=0.2), []
-    for k, (positions, rotations) in enumerate(zip(truth.nodes, truth.rotations, strict=True)):
-        none = np.zeros(0)
-        seen = ObservedStep(truth.s, positions, rotations, none, none, none, ()).curvature(at)
-        seen[:, :2] += 0.02 * rng.standard_normal((2, 2))
-        readings = [
-            tdcr.Reading(0, f"curvature_{axis}", s, float(value[i]), 0.02)
-            for s, value in zip(at, seen, strict=True)
-            for i, axis in enumerate("xy")
-        ]
-        frame = own.step(truth.command(k), readings)
+    for k, solved in enumerate(truth):
+        readings = readings_of("curvatures", solved, drawn.robot.tendon_names, rng)
+        frame = own.step(drawn.step(drawn.commands, k), readings)
         assert not frame.message
-        error = frame.force - truth.forces[k]
+        error = frame.force - drawn.forces[k]
         squares.append(error @ np.linalg.solve(frame.force_covariance, error))
     assert np.mean(squares[5:]) < 5.0
     assert np.mean(np.array(squares[5:]) < chi2.ppf(0.95, 3)) >= 0.9

@@ -1,7 +1,8 @@
 """Estimated forces and tensions of a rod with friction, against those that act in the independent reference.
 
 The problem is that of Kuntz-Lab/bendier: tensions between 0.2 and 1.2 N, whose errors and the force at the tip change
-with a correlation time of 1 s, 30 frames a second, and the tip measured to 0.1 mm.
+with a correlation time of 1 s, 30 frames a second, and the tip measured to 0.1 mm. Options have other readings, two
+segments, and the finite elements as truth, with which there is time for minutes of frames.
 """
 
 from __future__ import annotations
@@ -19,6 +20,11 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 import tdcr_fe as tdcr
+from tdcr_fe.model.channels import channel
+from tdcr_fe.model.loading import resolve
+from tdcr_fe.model.observed_step import Observation, ObservedStep
+from tdcr_fe.model.results import SequenceResult, StepResult
+from tdcr_fe.solve.load_steps.load_path import StepFailed
 from tdcr_fe.validation.reference.sequence import solve_reference
 from tdcr_fe.validation.runner import Campaign
 
@@ -30,17 +36,35 @@ FORCE_SIGMA, READING_SIGMA = 0.05, 1e-4
 CASES = ((0.0, 0.1), (0.0, 0.01), (0.1, 0.01), (0.2, 0.01), (0.3, 0.01))
 #: Frames at the beginning that do not count.
 BEGINNING = 5
+_POSITION, _CURVATURE = [f"position_{a}" for a in "xyz"], ["curvature_x", "curvature_y"]
+#: What is read: channels, arc lengths over the length, and standard deviation [m or 1/m].
+READINGS: dict[str, tuple[list[str], tuple[float, ...], float]] = {
+    "tip": (_POSITION, (1.0,), READING_SIGMA),
+    "middle": (_POSITION, (0.5, 1.0), READING_SIGMA),
+    "markers": (_POSITION, (1.0 / 3.0, 2.0 / 3.0, 1.0), READING_SIGMA),  # the place of the force is unknown
+    "curvatures": (_CURVATURE, (1.0 / 3.0, 2.0 / 3.0), 0.02),
+}
 
 
-def rod(friction: float = 0.0) -> tdcr.Robot:
-    """0.25 m, 1.2 mm thick, nine disks, holes at 10 mm, a helical tendon and three straight ones."""
-    routings: dict[str, Any] = {"helix": tdcr.HelicalRouting(0.01, turns=1.0)}
-    routings |= {f"t{a}": tdcr.ParallelRouting(0.01, angle_deg=float(a)) for a in (180, 270, 0)}
+def rod(friction: float = 0.0, segments: int = 1) -> tdcr.Robot:
+    """0.25 m, 1.2 mm thick, nine disks a segment, holes at 10 mm.
+
+    One segment has a helical tendon and three straight ones, each of two has four straight ones.
+    """
+    tendons = [tdcr.Tendon("helix", tdcr.HelicalRouting(0.01, turns=1.0), friction)]
+    tendons += [_straight(f"t{a}", float(a), friction) for a in (180, 270, 0)]
+    if segments == 2:
+        lower = [_straight(f"a{a}", float(a), friction, 0.5 * LENGTH) for a in (0, 90, 180, 270)]
+        tendons = [*lower, *(_straight(f"b{a}", float(a), friction) for a in (45, 135, 225, 315))]
     return tdcr.Robot(
         tdcr.Backbone(LENGTH, 0.6e-3, 40e9, 1.0 / 3.0),
-        tdcr.Disks.equally_spaced(9, LENGTH, radius=0.012),
-        tuple(tdcr.Tendon(n, x, friction_coefficient=friction) for n, x in routings.items()),
+        tdcr.Disks.equally_spaced(9 * segments, LENGTH, radius=0.012),
+        tuple(tendons),
     )
+
+
+def _straight(name: str, angle: float, friction: float, end: float = LENGTH) -> tdcr.Tendon:
+    return tdcr.Tendon(name, tdcr.ParallelRouting(0.01, angle_deg=angle), friction, end)
 
 
 def model(friction: float = 0.0) -> tdcr.Model:
@@ -67,14 +91,16 @@ class Drawn:
         seed: int,
         scale: float = 1.0,
         memory: float = 1.0,
+        segments: int = 1,
     ) -> Drawn:
         """Draw from the priors; ``scale``: of all standard deviations; ``memory``: correlation time [s]."""
-        rng, times = np.random.default_rng(seed), np.arange(count) / RATE
-        period, phase = rng.uniform(3.0, 8.0, 4), rng.uniform(0.0, 2.0 * np.pi, 4)
+        rng, times, robot = np.random.default_rng(seed), np.arange(count) / RATE, rod(friction, segments)
+        m = len(robot.tendons)
+        period, phase = rng.uniform(3.0, 8.0, m), rng.uniform(0.0, 2.0 * np.pi, m)
         commands = 0.7 + 0.5 * np.sin(2.0 * np.pi * times[:, None] / period + phase)
-        errors = scale * gauss_markov(rng, count, np.repeat((tension_sigma, FORCE_SIGMA), (4, 3)), memory)
-        tensions = np.maximum(commands + errors[:, :4], 0.0)
-        return cls(rod(friction), times, commands, tensions, errors[:, 4:])
+        errors = scale * gauss_markov(rng, count, np.repeat((tension_sigma, FORCE_SIGMA), (m, 3)), memory)
+        tensions = np.maximum(commands + errors[:, :m], 0.0)
+        return cls(robot, times, commands, tensions, errors[:, m:])
 
     def step(self, tensions: Array, k: int, **loads: tdcr.Load) -> tdcr.LoadStep:
         """A frame, from 0."""
@@ -104,6 +130,19 @@ def read(
     return [tdcr.Reading(0, f"position_{a}", at, float(x), sigma) for a, x in zip("xyz", values, strict=True)]
 
 
+def readings_of(
+    kind: str, step: StepResult, names: tuple[str, ...], rng: np.random.Generator
+) -> list[tdcr.Reading]:
+    """Readings of `READINGS` of a solved step, with noise."""
+    quantities, places, sigma = READINGS[kind]
+    seen, found = ObservedStep.of(step, names, Observation()), []
+    for at in LENGTH * np.array(places):
+        for quantity in quantities:
+            value = float(channel(quantity).predict(seen, [at])[0]) + sigma * rng.standard_normal()
+            found.append(tdcr.Reading(0, quantity, float(at), value, sigma))
+    return found
+
+
 def squared(errors: Array, covariances: Array) -> Array:
     """Errors in units of their covariances, squared, by frame."""
     return np.asarray(np.einsum("ki,kij,kj->k", errors, np.linalg.inv(covariances), errors))
@@ -121,6 +160,9 @@ class Outcome:
     inside: float  # part of the frames inside the 95 % interval
     tension_nees: float  # the same of the tensions, for three degrees of freedom
     shape_error: float  # largest of any node, over the length [%]
+    # of frames whose force exceeds three standard deviations: median and 95 % within, over the length [%]
+    place_error: float
+    place_error_95: float
     milliseconds: float  # of the processor for a frame: median, and 95 % within
     milliseconds_95: float
     not_solved: int
@@ -131,24 +173,52 @@ class Outcome:
         return not self.not_solved
 
 
-def run(friction: float, tension_sigma: float, seed: int, count: int) -> Outcome:
-    """Draw a run, solve it with the reference, and estimate it."""
-    drawn, rng = Drawn.of(friction, tension_sigma, count, seed), np.random.default_rng(1000 + seed)
-    truth = solve_reference(drawn.robot, model(friction), drawn.steps()).steps
+def solve_elements(
+    robot: tdcr.Robot, with_friction: tdcr.Model, steps: Sequence[tdcr.LoadStep]
+) -> SequenceResult:
+    """As `solve_reference`, by finite elements; a load step whose path cannot be resolved is one substep."""
+    targets = resolve(robot, steps)
+    simulation, found = tdcr.Simulation(robot, with_friction, targets), []
+    for k, target in enumerate(targets):
+        before = simulation.position
+        try:
+            report = simulation.advance(target)
+        except StepFailed:
+            simulation.return_to(before)
+            report = simulation.advance(target, 1)
+        found.append(simulation.result(k + 1, "", report, target))
+    return SequenceResult(robot, with_friction, tuple(found))
+
+
+def run(friction: float, tension_sigma: float, seed: int, options: argparse.Namespace) -> Outcome:
+    """Draw a run, solve it with the reference or the finite elements, and estimate it."""
+    drawn = Drawn.of(friction, tension_sigma, options.frames, seed, segments=options.segments)
+    rng, solve = np.random.default_rng(1000 + seed), solve_elements if options.elements else solve_reference
+    truth = solve(drawn.robot, model(friction), drawn.steps()).steps
+    at: Any = "unknown" if options.readings == "markers" else "tip"
     own = tdcr.Estimator(
-        drawn.robot, model(friction), tdcr.LoadPrior(sigma=FORCE_SIGMA), tdcr.InputPrior(sigma=tension_sigma)
+        drawn.robot,
+        model(friction),
+        tdcr.LoadPrior(at, FORCE_SIGMA),
+        tdcr.InputPrior(sigma=tension_sigma),
     )
     frames, times = [], []
     for k, step in enumerate(truth):
-        readings, begun = read(rng, step.positions[-1]), process_time()
+        readings = readings_of(options.readings, step, drawn.robot.tendon_names, rng)
+        begun = process_time()
         frames.append(own.step(drawn.step(drawn.commands, k), readings))
         times.append(1e3 * (process_time() - begun))
     counted = slice(BEGINNING, None)
-    force = (np.array([f.force for f in frames]) - drawn.forces)[counted]
+    forces = np.array([f.force for f in frames])[counted]
+    covariances = np.array([f.force_covariance for f in frames])[counted]
+    force = forces - drawn.forces[counted]
     tension = (np.array([f.tensions for f in frames]) - drawn.tensions)[counted]
-    of_force = squared(force, np.array([f.force_covariance for f in frames])[counted])
+    of_force = squared(force, covariances)
     of_tension = squared(tension, np.array([f.tension_covariance for f in frames])[counted])
     shapes = [np.abs(f.result.positions - t.positions).max() for f, t in zip(frames, truth, strict=True)]
+    places = 100.0 * np.array([abs(f.at - LENGTH) / LENGTH for f in frames])[counted]
+    shown = np.sum(forces**2, axis=1) > 9.0 * np.trace(covariances, axis1=1, axis2=2) / 3.0
+    place, place_95 = np.nanquantile(np.where(shown, places, np.nan), (0.5, 0.95))
     return Outcome(
         friction,
         tension_sigma,
@@ -158,6 +228,8 @@ def run(friction: float, tension_sigma: float, seed: int, count: int) -> Outcome
         float(np.mean(of_force < chi2.ppf(0.95, 3))),
         float(of_tension.mean()) * 3.0 / tension.shape[1],
         100.0 * float(max(shapes[counted])) / LENGTH,
+        float(place),
+        float(place_95),
         float(np.median(times)),
         float(np.quantile(times, 0.95)),
         sum(bool(f.message) for f in frames),
@@ -172,15 +244,18 @@ class Estimation(Campaign):
     outcome = Outcome
 
     def add_options(self, parser: argparse.ArgumentParser) -> None:
-        """Number of frames."""
+        """Number of frames, what is read of them, and what solves them."""
         parser.add_argument("--frames", type=int, default=270, help="frames of each run (270)")
+        parser.add_argument("--readings", choices=READINGS, default="tip", help="what is read (tip)")
+        parser.add_argument("--segments", type=int, choices=(1, 2), default=1, help="of the robot (1)")
+        parser.add_argument("--elements", action="store_true", help="truth by finite elements")
 
     def cases(self, options: argparse.Namespace) -> Mapping[str, Any]:
         """Every friction and error of the tensions, with each seed."""
         seeds = range(options.first, options.first + options.n)
-        return {f"{mu} {sigma} {s}": (mu, sigma, s, options.frames) for s in seeds for mu, sigma in CASES}
+        return {f"{mu} {sigma} {s}": (mu, sigma, s, options) for s in seeds for mu, sigma in CASES}
 
-    def run(self, case: tuple[float, float, int, int], out: Path) -> Outcome:
+    def run(self, case: tuple[float, float, int, argparse.Namespace], out: Path) -> Outcome:
         """One run."""
         return run(*case)
 
