@@ -26,7 +26,6 @@ from tdcr_fe.identify.sentences import (
     fitted_numbers,
     headline,
     measure,
-    noise_size,
     remarks,
     sentences,
     size,
@@ -113,7 +112,7 @@ def _cards(result: IdentificationResult) -> tuple[Card, ...]:
     if held:
         cards.append(Card(both(before.held_out, after.held_out), "error on held-out steps (rms)"))
     space = ", distance in space" if result.noise.rms_position is not None else ""
-    cards.append(Card(noise_size(result), f"noise of the measurement alone (rms{space})"))
+    cards.append(Card(size(result.noise), f"noise of the measurement alone (rms{space})"))
     count = f"{len(result.data.steps)} / {len(result.data.readings)}"
     cards.append(Card(count, f"load steps / readings; {held} step{'' if held == 1 else 's'} held out"))
     return tuple(cards)

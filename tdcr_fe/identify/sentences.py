@@ -6,7 +6,6 @@ import itertools
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 from tdcr_fe.effects import effect
@@ -41,7 +40,7 @@ def _paragraphs(result: IdentificationResult) -> list[str]:
         law=result.law,
         kinds=_kinds(result),
         measure=measure(result),
-        noise=noise_size(result),
+        noise=size(result.noise),
         without_sigma=sorted({r.channel.family for r in data.readings if r.sigma is None}),
         searched=result.log.rows,
         alike=[_rivals(e) for e in result.effects if e.indistinguishable_from],
@@ -128,14 +127,6 @@ def size(misfit: Misfit) -> str:
     if misfit.rms_angle is not None:
         return quantity(misfit.rms_angle, "rad")
     return f"{significant(math.sqrt(misfit.chi2_per_dof))} sigma"
-
-
-def noise_size(result: IdentificationResult) -> str:
-    """The noise in the same measure."""
-    noise, before = result.noise, result.before.fit
-    if before.rms_position is None:
-        noise = replace(noise, rms_position=None)
-    return size(replace(noise, rms_angle=None) if before.rms_angle is None else noise)
 
 
 # ----------------------------------------------------------------------------------------------- remarks

@@ -52,7 +52,7 @@ def test_unusable_data_give_no_verdict(bent, data, reason):
 def test_without_sigma_a_model_that_leaves_noise_proves_nothing():
     """The noise is estimated from what the model leaves, so that it cannot speak for the model."""
     data = measured(given=False)
-    result = concluded(begun(data), sigma_estimated=True)
+    result = concluded(begun(data))
     assert (result.verdict, result.remaining.where) == ("cannot tell", "the noise")
     text = render(result)
     assert (
