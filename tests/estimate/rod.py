@@ -4,9 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-import tdcr_fe as tdcr
-from tdcr_fe.model.loading import resolve
-from tdcr_fe.validation.campaigns.estimate import LENGTH, Drawn, model, read
+from tdcr_fe.validation.campaigns.estimate import LENGTH, Drawn, model, read, solve_elements
 
 
 class Truth:
@@ -17,13 +15,8 @@ class Truth:
         if force is not None:
             self.drawn = drawn = replace(drawn, forces=np.tile(force, (count, 1)))
         self.robot, self.tensions, self.forces = drawn.robot, drawn.tensions, drawn.forces
-        targets = resolve(self.robot, drawn.steps(at))
-        simulation = tdcr.Simulation(self.robot, model(friction), targets)
-        nodes = []
-        for target in targets:
-            simulation.advance(target)
-            nodes.append(simulation.state.configuration.poses[0][0].copy())
-        self.nodes, self.s = np.array(nodes), simulation.handle.arc_lengths
+        steps = solve_elements(self.robot, model(friction), drawn.steps(at)).steps
+        self.nodes, self.s = np.array([step.positions for step in steps]), steps[0].s
 
     def command(self, k):
         return self.drawn.step(self.drawn.commands, k)
