@@ -33,8 +33,9 @@ CONVERGED_GAIN = 0.1
 #: The iteration has failed where the linear model could still lower the misfit by more than this, and by over 1 % [1].
 FAILED_GAIN = 5.0
 #: A state whose misfit is below this for each reading explains them, though a hole that begins to slip or to stick may
-#: end the iteration before the linear model has nothing left to gain [1].
-PLAUSIBLE = 5.0
+#: end the iteration before the linear model has nothing left to gain [1]. Where curvatures are read, the state before
+#: is further off than one above half of this.
+PLAUSIBLE = 10.0
 #: States that are solved at most.
 MOST_STATES = 30
 
