@@ -37,6 +37,10 @@ TYPICAL, FARTHEST = 0.02, 2000.0
 MOST_PAIRS = 1200
 
 
+#: Angle over the whole length below which the direction of the curvature fades [rad].
+STRAIGHT = 0.1
+
+
 @dataclass(frozen=True)
 class Factor:
     """A number that the robot knows in every bay."""
@@ -94,6 +98,13 @@ def _across(b: BayState) -> Array:
     return b.moved * np.array([1.0, 1.0, 0.0])
 
 
+def _unit_curvature(b: BayState) -> Array:
+    """Direction of the curvature, which fades where the backbone turns by less than `STRAIGHT` over its length."""
+    curvature = b.curvature[..., :2]
+    size = np.hypot(np.linalg.norm(curvature, axis=-1), STRAIGHT / b.edges[-1])
+    return np.moveaxis(curvature / size[..., None], -1, 0)
+
+
 CURVATURE = Factor(
     "the curvature",
     "|kappa|",
@@ -132,6 +143,10 @@ def _overall_direction(b: BayState) -> Array:
 BENDING = Direction(
     "along the curvature", "kappa", (-1, 0, 0),
     (("coefficient", lambda b: _moment(b.curvature[..., 0], b.curvature[..., 1])),),
+)  # fmt: skip
+UNIT_BENDING = Direction(
+    "of one size along the curvature, as of friction within the backbone", "kappa/|kappa|", (0, 0, 0),
+    (("coefficient", lambda b: _moment(*_unit_curvature(b))),), "stiffness", "curvature",
 )  # fmt: skip
 SECTION = Direction(
     "about an axis of the section", "e", (0, 0, 0),
@@ -250,6 +265,7 @@ def library(bays: int, clock: Factor) -> list[Term]:
         for p in products
         if (p, d) not in _LISTED and not _repeated_sign(p, d)
     ]
+    terms += [Term(p, UNIT_BENDING) for p in ((), (LOADING,), (TENSION,), (clock,))]
     for some in ranges(bays):
         terms += [Term((f,), BENDING, some) for f in (CURVATURE, TENSION, clock, LOADING)]
         terms += [Term((f,), SECTION, some) for f in (clock, TENSION)]
