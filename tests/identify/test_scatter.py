@@ -129,11 +129,11 @@ def test_noise_and_systematic_causes_are_no_scatter(factors, truth):
 def test_large_errors_of_a_few_steps_are_found_there_and_are_no_noise_of_the_inputs():
     own = errors(0.04, len(PULLS))
     own[np.arange(len(PULLS)) % 8 != 3] = 0.0
-    problem = on_fine_mesh(data(1.0 + 4.0 * own, 0.0))
-    fit = evaluate(problem, (), {})
-    found = find_scatter(problem, fit)
+    state = state_of(on_fine_mesh(data(1.0 + 4.0 * own, 0.0)))
+    found = find_scatter(state.problem, state.best)
     assert (found.what, found.steps) == ("inputs", (4, 12, 20))
-    assert errors_of_inputs(problem, fit) is None
+    assert "in the steps 4, 12 and 20 alone" in str(concluded(replace(state, scatter=found)))
+    assert errors_of_inputs(state.problem, state.best) is None
 
 
 def test_the_report_says_what_the_inputs_would_account_for():
