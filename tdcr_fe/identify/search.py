@@ -268,7 +268,7 @@ def fit_proposals(
         chosen: dict[frozenset[str], Proposal] = {}
         # Causes without a name are tried where they may do better than those with one, or match the model ahead.
         fitted = (state.fits.get(x.names) for x in pool if x.named)
-        reached = min((criterion_of(problem, f) for f in fitted if f is not None), default=math.inf)
+        reached = min((_reached(problem, f) for f in fitted if f is not None), default=math.inf)
         for x in batch:
             if not x.named and ahead is None and x.criterion > reached + FIRST_ORDER * x.parent.cost:
                 continue
@@ -350,6 +350,12 @@ def _all_named(effects: Sequence[Effect]) -> bool:
 def _lowest(state: SearchState, named: bool) -> float:
     """Lowest cost of the models so far, of listed effects or of any."""
     return min(f.cost for f in state.fits.values() if not named or _all_named(f.effects))
+
+
+def _reached(problem: FitProblem, fit: Fit) -> float:
+    """Criterion of a model, by its misfit on held-out steps where that is larger than on fitted ones."""
+    times = np.count_nonzero(problem.fitted) / max(1, int(np.count_nonzero(problem.held_out)))
+    return criterion_of(problem, fit) + max(0.0, times * fit.held_cost - fit.cost)
 
 
 def criterion_of(problem: FitProblem, fit: Fit) -> float:
