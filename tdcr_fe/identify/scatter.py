@@ -121,17 +121,22 @@ def find_scatter(problem: FitProblem, fit: Fit) -> Scatter | None:
     if fewest >= 6:
         bays = range(len(problem.experiment.robot.bay_edges) - 1)
         sources += [_shift(problem, fit), *_forces(problem, fit, bays)]
-    found = [_likeliest(problem, fit, x) for x in sources if np.any(x.by)]
-    for x in sorted(found, key=lambda x: -x.gain)[:SIMULATED]:
-        found.append(_likeliest(problem, fit, _near(problem, fit, x.source, x.values)))
+    found = _judged(problem, fit, sources)
+    best = sorted(found, key=lambda x: -x.gain)[:SIMULATED]
+    found += _judged(problem, fit, [_near(problem, fit, x.source, x.values) for x in best])
     noise = [x for x in found if chi_square_z_score(x.left, x.values.size) <= NOISE_Z_SCORE]
     return _most_likely(problem, fit, [x for x in noise if not x.followed])
 
 
 def errors_of_inputs(problem: FitProblem, fit: Fit) -> Scatter | None:
     """Errors of the inputs, as in `find_scatter`, that follow nothing and would account for much of what is left."""
-    found = [_likeliest(problem, fit, x) for x in _errors(problem, fit)] if fit.solved else []
+    found = _judged(problem, fit, _errors(problem, fit)) if fit.solved else []
     return _most_likely(problem, fit, [x for x in found if not x.systematic])
+
+
+def _judged(problem: FitProblem, fit: Fit, sources: Sequence[_Source]) -> list[_Likeliest]:
+    """The likeliest scatter of each source that moves readings; none does where its run is not solved."""
+    return [_likeliest(problem, fit, x) for x in sources if np.any(x.by)]
 
 
 def _most_likely(problem: FitProblem, fit: Fit, found: Sequence[_Likeliest]) -> Scatter | None:
