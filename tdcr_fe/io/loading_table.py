@@ -151,7 +151,8 @@ def read_loading(table: pd.DataFrame, robot: Robot, file: str) -> Loading:
     for drive in DRIVES:
         for tendon in [t for t in robot.tendons if not drive.obstacle(t)]:
             most = length / drive.scale(tendon)
-            text = f"a number within the robot's length of {length:g} m, in m or rad{lost}"
+            unit = "m, not mm" if drive.unit == "m" else drive.unit
+            text = f"within the robot's length: at most {most:.4g} {unit}{lost}"
             own = Quantity(ge=-most, le=most, allowed=text) if drive.winds else tension
             further[f"{drive.name}_{tendon.name}"] = Annotated[float, own]
     columns = Keys({"step": _STEP, **further}, {**dict.fromkeys(further), "branch": ""})
