@@ -31,7 +31,7 @@ BUDGET = {
     "tdcr_fe/effects": 1310,
     "tdcr_fe/estimate": 1004,
     "tdcr_fe/identify": 6621,
-    "tdcr_fe/io": 1829,
+    "tdcr_fe/io": 1830,
     "tdcr_fe/live": 350,
     "tdcr_fe/model": 2525,
     "tdcr_fe/report": 1162,
