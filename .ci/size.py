@@ -30,7 +30,7 @@ BUDGET = {
     "tdcr_fe/commands": 782,
     "tdcr_fe/effects": 1310,
     "tdcr_fe/estimate": 1004,
-    "tdcr_fe/identify": 6621,
+    "tdcr_fe/identify": 6627,
     "tdcr_fe/io": 1830,
     "tdcr_fe/live": 350,
     "tdcr_fe/model": 2525,

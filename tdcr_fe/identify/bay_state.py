@@ -7,7 +7,7 @@ bay, so that it is internal to the backbone; actions grow linearly over a load s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.model.loading import Load, resolve
+from tdcr_fe.model.loading import Load, LoadStep, resolve
 from tdcr_fe.model.results import StepResult
 
 if TYPE_CHECKING:
@@ -113,17 +113,22 @@ class Action(NamedTuple):
         return np.einsum("kbij,kbj->kbi", self.rotation, self.values[..., MOMENT])
 
 
+def at_ends(experiment: Experiment, values: Array) -> Iterator[tuple[LoadStep, Array]]:
+    """All steps, possibly divided, with values of commanded steps, shape (K, ...), which grow linearly within each."""
+    firsts = {0, *experiment.restarts}
+    for step, (k, factor) in zip(experiment.steps, experiment.step_ends, strict=True):
+        before = np.zeros_like(values[0]) if k in firsts else values[k - 1]
+        yield step, before + factor * (values[k] - before)
+
+
 def with_action(experiment: Experiment, action: Action) -> Experiment:
     """The experiment, possibly with divided steps, with an action as concentrated loads."""
     edges = experiment.robot.bay_edges
     couple = action.moments
     couple[:, :-1] -= couple[:, 1:]
     wrench = np.concatenate((action.values[..., FORCE], couple), axis=-1)
-    firsts = {0, *experiment.restarts}
     steps = []
-    for step, (k, factor) in zip(experiment.steps, experiment.step_ends, strict=True):
-        before = np.zeros_like(wrench[0]) if k in firsts else wrench[k - 1]
-        here = before + factor * (wrench[k] - before)
+    for step, here in at_ends(experiment, wrench):
         loads = {
             f"{LOAD} {j + 1}": Load(float(edges[j + 1]), _triple(w[:3]), _triple(w[3:]))
             for j, w in enumerate(here)

@@ -23,7 +23,7 @@ from tdcr_fe.identify.bay_state import BayState
 from tdcr_fe.identify.causes import Cause, Change, ChangedDescription, ReadingCause, number
 from tdcr_fe.identify.input_causes import input_causes
 from tdcr_fe.identify.load_steps import clock_of, possible_starts, progress_along
-from tdcr_fe.identify.state_loads import state_loads
+from tdcr_fe.identify.state_loads import ranges, state_loads
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.checks import ARC_TOLERANCE
@@ -103,12 +103,10 @@ def _profiles(robot: Robot) -> list[_Profile]:
         return value
 
     found = [_Profile("along s", "everywhere", ("base", "tip"), linear, 0.0)]
-    last = len(edges) - 1
-    ranges = [(i, j) for i, j in itertools.combinations(range(last + 1), 2) if 1 < j - i < last]
-    for i, j in ranges:
-        where = f"from s = {edges[i]:.4g} to {edges[j]:.4g} m"
-        there = between(edges[i], edges[j])
-        found.append(_Profile(where, where, ("there",), there, math.log(len(ranges))))
+    parts = [(edges[i], edges[j + 1]) for i, j in ranges(len(edges) - 1) if j > i]
+    for a, b in parts:
+        where = f"from s = {a:.4g} to {b:.4g} m"
+        found.append(_Profile(where, where, ("there",), between(a, b), math.log(len(parts))))
     return found
 
 

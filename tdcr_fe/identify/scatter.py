@@ -17,7 +17,15 @@ from scipy.optimize import minimize_scalar
 from scipy.special import chdtri, fdtrc
 
 from tdcr_fe.effects import Effect, Experiment
-from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, Action, action_inputs, end_of_bay, with_action
+from tdcr_fe.identify.bay_state import (
+    COMPONENTS,
+    FORCE,
+    Action,
+    action_inputs,
+    at_ends,
+    end_of_bay,
+    with_action,
+)
 from tdcr_fe.identify.criteria import NOISE_Z_SCORE
 from tdcr_fe.identify.forward import Job, last_parts
 from tdcr_fe.identify.noise import SIGNIFICANCE, chi_square_z_score
@@ -136,7 +144,8 @@ def errors_of_inputs(problem: FitProblem, fit: Fit) -> Scatter | None:
 
 def _judged(problem: FitProblem, fit: Fit, sources: Sequence[_Source]) -> list[_Likeliest]:
     """The likeliest scatter of each source that moves readings; none does where its run is not solved."""
-    return [_likeliest(problem, fit, x) for x in sources if np.any(x.by)]
+    inputs = _inputs(problem.experiment)[0]
+    return [_likeliest(problem, fit, x, inputs) for x in sources if np.any(x.by)]
 
 
 def _most_likely(problem: FitProblem, fit: Fit, found: Sequence[_Likeliest]) -> Scatter | None:
@@ -214,10 +223,7 @@ def _starts(
 def _with_errors(experiment: Experiment, errors: Array) -> Experiment:
     """The experiment, possibly with divided steps, with errors of the inputs, shape (K, n_tendons)."""
     steps, number = [], {n: i for i, n in enumerate(experiment.robot.tendon_names)}
-    firsts = {0, *experiment.restarts}
-    for step, (k, factor) in zip(experiment.steps, experiment.step_ends, strict=True):
-        before = np.zeros_like(errors[0]) if k in firsts else errors[k - 1]
-        here = before + factor * (errors[k] - before)
+    for step, here in at_ends(experiment, errors):
         moved: dict[str, Any] = {
             drive.inputs: {n: x + float(here[number[n]]) for n, x in own.items()}
             for drive, own in step.inputs()
@@ -250,9 +256,8 @@ def _forces(problem: FitProblem, fit: Fit, bays: Sequence[int], near: Array | No
     return [_Source("force", "N", *x) for x in zip(starts, parts, bays, strict=True)]
 
 
-def _likeliest(problem: FitProblem, fit: Fit, source: _Source) -> _Likeliest:
-    """The likeliest scatter of a source."""
-    inputs = _inputs(problem.experiment)[0]
+def _likeliest(problem: FitProblem, fit: Fit, source: _Source, inputs: Array) -> _Likeliest:
+    """The likeliest scatter of a source; ``inputs``: of all steps, shape (K, n_tendons)."""
     blocks = _blocks(problem, source.residual, source.by)
     usual = float(np.median(np.concatenate([b.strength for b in blocks]) ** 2)) if blocks else 0.0
     usual = max(usual, 1e-300)

@@ -199,7 +199,7 @@ class Term:
 
     @property
     def key(self) -> str:
-        """Its factors, direction and bay as a text."""
+        """Its factors, direction and bays as a text."""
         return self.product if self.bays is None else f"{self.product} in {_bays(*self.bays)}"
 
     @property
@@ -399,13 +399,14 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
     rows = possible_starts(problem.data) if progress and not problem.data.parts else ()
     starts = {problem.data.step_ids[k]: float(clock.value(state)[k, -1]) for k in rows}
     parts = parts_of_rows(clock, starts)
+    parts_of_backbone = len(ranges(bays))
     # another stiffness, or another precurvature, before a row is one from it on
     jumps = [Term((part,), d) for part in parts[::2] for d in (BENDING, SECTION)]
     for term in (*library(bays, clock), *jumps):
         if not progress and ROW in term.factors:
             continue
         perturbs, depends = term.kind
-        places = bays if term.direction.is_force else len(ranges(bays))
+        places = bays if term.direction.is_force else parts_of_backbone
         choices = (1 if term.bays is None else places) * math.prod(f.choices for f in term.factors)
         price = math.log(10.0) + 1.5 * len(term.factors) + math.log(choices)
         kind = Kind(perturbs, depends, where(term, state.edges))
