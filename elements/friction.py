@@ -129,6 +129,8 @@ class TendonLaw:
         Whether any tendon stretches, or the spring at its drive.
     each_hole : bool
         Whether every hole has its own mobilisation.
+    varies : bool
+        Whether any coefficient of friction follows a law.
     simple : bool
         Whether tensions follow from angles and mobilisations alone, and these linearly from the slips.
     """
@@ -150,6 +152,7 @@ class TendonLaw:
         self.groups = self.slip_operator.shape[0]
         #: Laws of the coefficients, by tendon; empty where all are constant.
         self._laws = parameters.laws if law.active and any(x is not None for x in parameters.laws) else ()
+        self.varies = bool(self._laws)
         self._holes = parameters.mask[:, 1:]
         acts = (self.coefficients > 0.0) | (adhesion > 0.0)
         for i, coefficient in enumerate(self._laws):
@@ -161,7 +164,7 @@ class TendonLaw:
         self.elastic = bool(np.any(parameters.compliance > 0.0) or np.any(parameters.spring > 0.0))
         self._masked = parameters.mask.astype(float)
         self.each_hole = self.groups == n - 1 and bool(np.all(self.hole_incidence == np.eye(n - 1)))
-        special = self.elastic or self._adhesion is not None or self._laws
+        special = self.elastic or self._adhesion is not None or self.varies
         self.simple = self.hysteresis.linear and not special
         # Arrays that never change.
         self._negative, self._nothing, self._constant = -self._masked, np.zeros((m, n)), np.zeros((m, n, n))
@@ -217,7 +220,7 @@ class TendonLaw:
             With the mobilisations fixed.
         """
         at_holes = self.at_holes(mobilisation)
-        if self._laws:
+        if self.varies:
             return self._field_with_laws(
                 base_tension, lengths, angles, mobilisation, state or self.initial_state(), time
             )

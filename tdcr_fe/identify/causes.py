@@ -74,6 +74,9 @@ def number(name: str, unit: str, span: tuple[float, float], null: float, scale: 
     return Parameter(name, unit, span[0], span[1], null, scale, name.replace("_", " "))
 
 
+#: Price of everything that a law depends on, see `Cause.price`.
+PER_FACTOR = 1.5
+
 #: From the experiment and the values of a cause to the experiment with it.
 Change = Callable[[Experiment, Values], Experiment]
 

@@ -90,8 +90,9 @@ def fit(
     effects: Sequence[Effect],
     starts: Sequence[Point],
     max_iterations: int = 12,
+    race: Race | None = None,
 ) -> Fit:
-    """Fit the parameters of effects, to convergence.
+    """Fit the parameters of effects, to convergence, or until they cannot come near the best of a race.
 
     Parameters
     ----------
@@ -103,6 +104,8 @@ def fit(
         Points to begin from; the best is taken.
     max_iterations
         Steps.
+    race
+        With other fits.
 
     Returns
     -------
@@ -114,7 +117,7 @@ def fit(
         now = yield from begin(problem, effects, starts, Race())
         if not np.isfinite(now.cost):
             return now
-        return (yield from finish(problem, now, Race(), max_iterations))
+        return (yield from finish(problem, now, race or Race(), max_iterations))
 
     return run_fits(problem, [fitting()])[0]
 

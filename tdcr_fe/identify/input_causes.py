@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from tdcr_fe.effects import Experiment
+from tdcr_fe.effects import Experiment, Parameter
 from tdcr_fe.effects.base import Kind, Values
-from tdcr_fe.identify.causes import Cause, Change, ChangedDescription, number
+from tdcr_fe.identify.causes import PER_FACTOR, Cause, Change, ChangedDescription, number
 from tdcr_fe.identify.load_steps import clock_of, possible_starts, progress_along
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.loading import LoadStep, resolve
@@ -81,17 +81,19 @@ class _Inputs(NamedTuple):
                 continue
             is_gain = name.startswith("gain")
             size, unit = (1.0, "1") if is_gain else (most, self.unit)
-            kind, change = Kind("input", (depends,)), _with_inputs(shape)
+            change = _with_inputs(shape)
             law, held = ((SPAN,), SPANS) if name.endswith("settles") else ((), Cause.held)
             one = number("all", unit, (-0.9 * size, 3.0 * size), 0.0, 0.01 * size)
-            if is_gain:
-                yield ChangedDescription(f"{name} (all)", kind, (one, *law), change, text, held=held)
             each = tuple(replace(one, name=n) for n in self.names)
-            if len(each) > 1:
-                yield ChangedDescription(f"{name} (each)", kind, (*each, *law), change, text, held=held)
-            for p in each:
-                at = kind._replace(where=f"tendon {p.name}")
-                yield ChangedDescription(f"{name} ({p.name})", at, (p, *law), change, text, held=held)
+            forms: dict[str, tuple[Parameter, ...]] = {"all": (one,)} if is_gain else {}
+            forms |= {"each": each} if len(each) > 1 else {}
+            for who, own in (forms | {p.name: (p,) for p in each}).items():
+                single = who in self.names
+                kind = Kind("input", (depends,), f"tendon {who}" if single else "everywhere")
+                price = math.log(len(laws) * (len(each) if single else 1))
+                price += PER_FACTOR * (depends != "nothing")
+                numbers = *own, *law
+                yield ChangedDescription(f"{name} ({who})", kind, numbers, change, text, price, held=held)
 
     def limits(self) -> Iterator[Cause]:
         """A share of what is beyond a limit, or of what is below it, does not arrive."""

@@ -225,13 +225,16 @@ def _in_whole_steps(problem: FitProblem, fit: Fit) -> FitProblem:
 def _roughly_fitted(problem: FitProblem, parent: Fit, scores: Sequence[Score]) -> list[Score]:
     """Scores far from the data, where first order tells little: of each listed effect, its best form fitted.
 
-    Load steps are each solved as a whole, which takes about a tenth of the time.
+    Load steps are each solved as a whole, which takes about a tenth of the time. Fits that are left behind end early.
     """
-    rough, found = _in_whole_steps(problem, parent), {x.effect.name: x for x in scores}
-    best = {x.effect.listed: x for x in reversed(scores) if is_named(x.effect) and x.start.points}
+    rough, found, race = _in_whole_steps(problem, parent), {x.effect.name: x for x in scores}, fitting.Race()
+    best: dict[str, Score] = {}
+    for x in scores:
+        if is_named(x.effect) and x.start.points:
+            best.setdefault(x.effect.listed, x)
     for x in best.values():
         effects, start = (*parent.effects, x.effect), x.start.points[0]
-        fit = fitting.fit(rough, effects, [start], ROUGH_ITERATIONS)
+        fit = fitting.fit(rough, effects, [start], ROUGH_ITERATIONS, race)
         if parent.cost - fit.cost > x.drop:
             begin = partial(Start, [fit.values], fit.residual, x.start.fallback)
             found[x.effect.name] = replace(x, drop=parent.cost - fit.cost, begin=begin)

@@ -19,7 +19,7 @@ from tdcr_fe.effects import Parameter
 from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify.balance import scale
 from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, last_direction
-from tdcr_fe.identify.causes import Attraction, Cause, Cord, SettlingLoad, StateLoad
+from tdcr_fe.identify.causes import PER_FACTOR, Attraction, Cause, Cord, SettlingLoad, StateLoad
 from tdcr_fe.identify.criteria import OTHER_GRAVITY, UNNAMED
 from tdcr_fe.identify.load_steps import possible_starts
 
@@ -408,7 +408,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         perturbs, depends = term.kind
         places = bays if term.direction.is_force else parts_of_backbone
         choices = (1 if term.bays is None else places) * math.prod(f.choices for f in term.factors)
-        price = math.log(10.0) + 1.5 * len(term.factors) + math.log(choices)
+        price = math.log(10.0) + PER_FACTOR * len(term.factors) + math.log(choices)
         kind = Kind(perturbs, depends, where(term, state.edges))
         found += load(term.key, kind, term.actions, sentence(term), price)
         if progress and term.factors == (clock,) and term.bays is None and ((), term.direction) in _LISTED:

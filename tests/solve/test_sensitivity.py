@@ -313,3 +313,12 @@ def test_inputs_of_the_step_keep_what_was_before() -> None:
     a, b = found["loads.tip.force_y"], found["steps[1].loads.tip.force[1]"]
     assert np.allclose(a.positions[1], b.positions[1], rtol=1e-6, atol=1e-9)
     assert np.all(found["steps[3].tensions.t1"].positions[:3] == 0.0)
+
+
+def test_deflection_of_a_rod_without_tendons_falls_with_the_fourth_power_of_its_radius() -> None:
+    """F L^3 / (3 EI), in small bending; such a robot had no derivatives."""
+    rod = Robot(BACKBONE, DISKS, ())
+    steps = (LoadStep("", loads={"tip": Load(LENGTH, (1e-4, 0.0, 0.0))}),)
+    found = simulate(rod, Model(elements_per_bay=1), steps, sensitivities=["backbone.radius"])
+    expected = -4.0 * found.tips[0, 0] / BACKBONE.radius
+    assert found.sensitivities["backbone.radius"].positions[0, -1, 0] == pytest.approx(expected, rel=1e-3)

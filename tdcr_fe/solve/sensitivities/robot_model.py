@@ -7,6 +7,7 @@ one robot. The forces are those of `tdcr_fe.solve.equations.system.SceneSystem.r
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
@@ -19,7 +20,7 @@ from scipy import sparse
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.elements.forces import ForceModel, TendonForces
-from tdcr_fe.elements.friction import TendonLaw, TendonParameters
+from tdcr_fe.elements.friction import FrictionModel, TendonLaw, TendonParameters
 from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
 from tdcr_fe.elements.section import SectionForces
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
@@ -82,9 +83,12 @@ class RobotModel:
         return cls(experiment, hysteresis, base, forces, rigid, weight)
 
     def beside(self, experiment: Experiment) -> RobotModel:
-        """The model of a neighbouring description, with as many elements in every bay."""
-        counts = self.experiment.model.elements_per_bay
-        experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=counts))
+        """Model of a neighbouring description, with as many elements in every bay; this one where it is the same."""
+        own = self.experiment
+        model = replace(experiment.model, elements_per_bay=own.model.elements_per_bay)
+        experiment = replace(experiment, model=model)
+        if experiment.robot is own.robot and model == own.model and _same_mesh(own, experiment):
+            return self
         return RobotModel.of(experiment, self.hysteresis, self.base, self)
 
     def gradient(self, twists: Array, base_tension: Array, time: float) -> Array:
@@ -151,7 +155,9 @@ class TendonStack:
     """Tendons of several models of one robot, evaluated as if they were so many tendons."""
 
     index: NDArray[np.int_]  # (S,): By model, which of the different ones it is
-    law: TendonLaw  # Of the different ones; where one has friction, the mobilisations are those of its law
+    # Of the different ones, where one has friction with its mobilisations: of those with constant coefficients of
+    # friction, which take a fraction of the time, and of the others
+    laws: tuple[TendonLaw, ...]
     geometry: CableGeometry | None  # Of the different ones; None where the tendons follow the backbone
     sections: tuple[SectionForces | None, ...]  # Of the different ones
 
@@ -160,19 +166,21 @@ class TendonStack:
         """The tendons of models with the same numbers of tendons and holes."""
         # Rates of slip may be those of one model alone.
         keys: list[Any] = [
-            k
-            if m.geometry is None or any(x is not None for x in m.law.parameters.laws)
-            else (id(m.geometry), id(m.law))
+            k if m.geometry is None or m.law.varies else (id(m.geometry), id(m.law))
             for k, m in enumerate(models)
         ]
-        places = {key: place for place, key in enumerate(dict.fromkeys(keys))}
-        different = [models[keys.index(key)] for key in places]
-        geometries = [m.geometry for m in different if m.geometry is not None]
+        different = dict(zip(keys, models, strict=True))
+        ordered = sorted(different, key=lambda key: different[key].law.varies)
+        own = [different[key] for key in ordered]
+        places = {key: place for place, key in enumerate(ordered)}
+        geometries = [m.geometry for m in own if m.geometry is not None]
+        mobilised = next((m.law.law for m in models if m.law.law.active), models[0].law.law)
+        parts = [list(group) for _, group in itertools.groupby((m.law for m in own), lambda law: law.varies)]
         return cls(
             np.array([places[key] for key in keys]),
-            _joined_law([m.law for m in different]),
+            tuple(_joined_law(part, mobilised) for part in parts),
             _joined_geometry(geometries) if geometries else None,
-            tuple(m.section for m in different),
+            tuple(m.section for m in own),
         )
 
     @classmethod
@@ -186,7 +194,7 @@ class TendonStack:
             np.tile(own.mask, (size, 1)),
             own.node_count,
         )
-        return cls(np.arange(size), _joined_law([model.law] * size), geometry, ())
+        return cls(np.arange(size), (_joined_law([model.law] * size, model.law.law),), geometry, ())
 
     def at(self, point: RobotPoint, rates: Array, nodes: NDArray[np.int_]) -> Values:
         """Forces in a state.
@@ -200,20 +208,26 @@ class TendonStack:
         nodes
             With holes, see `tdcr_fe.elements.forces.ForceModel.cable_nodes`; empty where tendons follow the backbone.
         """
-        m, n = len(point.base_tension), self.law.shape[1]
-        size = self.law.shape[0] // m
-        shape = self._shape(point, nodes)
+        m, n = len(point.base_tension), self.laws[0].shape[1]
+        shape, size = self._shape(point, nodes), 1 + int(self.index.max())
         mobilisation = np.tile(point.mobilisation, (size, 1))
         rates = rates[np.unique(self.index, return_index=True)[1]].reshape(mobilisation.shape)
-        # No time passes, so that the rates are those given.
-        state = FrictionState(np.zeros_like(mobilisation), mobilisation, rates)
-        base = np.tile(point.base_tension, size)
-        field = self.law.field(base, shape.lengths, shape.angles, mobilisation, state)
+        base, fields, first = np.tile(point.base_tension, size), [], 0
+        for law in self.laws:
+            own = slice(first, first + law.shape[0])
+            # No time passes, so that the rates are those given.
+            state = FrictionState(np.zeros_like(rates[own]), mobilisation[own], rates[own])
+            fields.append(
+                law.field(base[own], shape.lengths[own], shape.angles[own], mobilisation[own], state)
+            )
+            first = own.stop
+        tension = np.concatenate([field.tension for field in fields])
+        released = np.concatenate([field.released_length for field in fields])
         wrenches = np.zeros((size, 0, 6))
         if self.geometry is not None:
-            pulled = shape.lines.maps @ shape.lines.pulls(field.tension)[..., None]
-            wrenches = pulled.reshape(size, m, -1, 6).sum(axis=1)
-        found = wrenches, field.tension.reshape(size, m, n), field.released_length.reshape(size, m, n)
+            pulled = shape.lines.maps @ shape.lines.pulls(tension)[..., None]
+            wrenches = pulled.reshape(size, m, n + 1, 6).sum(axis=1)
+        found = wrenches, tension.reshape(size, m, n), released.reshape(size, m, n)
         return Values(*(x[self.index] for x in found))
 
     def _shape(self, point: RobotPoint, nodes: NDArray[np.int_]) -> CableShape:
@@ -242,10 +256,9 @@ def _joined_geometry(models: Sequence[CableGeometry]) -> CableGeometry:
     )
 
 
-def _joined_law(laws: Sequence[TendonLaw]) -> TendonLaw:
-    """The laws of all models as that of one, without friction for models that have none."""
+def _joined_law(laws: Sequence[TendonLaw], mobilised: FrictionModel) -> TendonLaw:
+    """The laws of all models as that of one with some mobilisations, without friction for models that have none."""
     first = laws[0]
-    mobilised = next((x.law for x in laws if x.law.active), first.law)
     parameters = [x.parameters if x.law.active else _without_friction(x.parameters) for x in laws]
     joined = {
         f.name: np.concatenate([getattr(p, f.name) for p in parameters])
@@ -380,7 +393,7 @@ class ExplicitDerivatives:
         self._models = models
         self._weight = np.stack([m.weight for m in models], axis=1)
         self._tendons = TendonStack.of([m.forces for m in models])
-        self.law = self._tendons.law.law
+        self.law = self._tendons.laws[0].law
         self.arc_lengths = self._derivative(np.stack([m.forces.mesh.arc_lengths for m in models]))
 
     def _derivative(self, values: Array) -> Array:
@@ -392,8 +405,8 @@ class ExplicitDerivatives:
     def released_unloaded(self) -> Array:
         """Derivatives of the released lengths in the unloaded shape without tension, shape (m, n, P)."""
         tendons = self._tendons
-        shape = (1 + tendons.index.max(), *self.present.forces.law.shape)
-        values = tendons.law.released_unloaded().reshape(shape)
+        shape = (1 + int(tendons.index.max()), *self.present.forces.law.shape)
+        values = np.concatenate([law.released_unloaded() for law in tendons.laws]).reshape(shape)
         return self._derivative(values[tendons.index])
 
     def at(
