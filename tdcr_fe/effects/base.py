@@ -228,6 +228,11 @@ class Effect:
         """Name in the list of effects; another than `name` where this is a form of a listed one."""
         return self.name
 
+    @property
+    def law(self) -> str:
+        """Name without tendon, place and rows."""
+        return self.listed
+
     def choices(self, robot: Robot) -> int:
         """From how many of the same kind this one is chosen: at other places, or of other tendons."""
         return 1

@@ -57,6 +57,12 @@ class Cause(Effect):
         self.name, self.kind, self.parameters = name, kind, parameters
         self.sentence, self.price = sentence, price
 
+    @property
+    def law(self) -> str:
+        """See `Effect.law`; tendon, place and rows stand in brackets. Everywhere it is another law than somewhere."""
+        law, bracket, _ = self.name.partition(" (")
+        return f"{law} somewhere" if bracket else law
+
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """One direction for each parameter that is not held."""
         null = self.null_values(experiment)

@@ -105,8 +105,8 @@ def _profiles(robot: Robot) -> list[_Profile]:
     found = [_Profile("along s", "everywhere", ("base", "tip"), linear, 0.0)]
     parts = [(edges[i], edges[j + 1]) for i, j in ranges(len(edges) - 1) if j > i]
     for a, b in parts:
-        where = f"from s = {a:.4g} to {b:.4g} m"
-        found.append(_Profile(where, where, ("there",), between(a, b), math.log(len(parts))))
+        where = f"s = {a:.4g} to {b:.4g} m"
+        found.append(_Profile(f"({where})", f"from {where}", ("there",), between(a, b), math.log(len(parts))))
     return found
 
 

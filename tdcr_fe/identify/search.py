@@ -166,6 +166,11 @@ class Proposal(NamedTuple):
         return frozenset(e.listed for e in self.effects)
 
     @property
+    def laws(self) -> frozenset[str]:
+        """Of its causes."""
+        return frozenset(e.law for e in self.effects)
+
+    @property
     def perturbs(self) -> set[str]:
         """What its causes perturb."""
         return {e.kind.perturbs for e in self.effects}
@@ -269,21 +274,23 @@ def fit_proposals(
     for named in (None, True, False):
         batch = waiting[:1] if named is None else [x for x in waiting[1:] if x.named is named]
         chosen: dict[frozenset[str], Proposal] = {}
-        # Causes without a name are tried where they may do better than those with one, or match the model ahead.
+        # Causes without a name are tried where they may do better than those with one, or match the model ahead; and
+        # where they promise about as much as the first of all, whatever that has reached.
         fitted = (state.fits.get(x.names) for x in pool if x.named)
-        reached = min((_reached(problem, f) for f in fitted if f is not None), default=math.inf)
+        needed = min((_reached(problem, f) for f in fitted if f is not None), default=math.inf)
+        needed = max([needed, *(x.criterion for x in waiting[:1])])
         for x in batch:
-            if not x.named and ahead is None and x.criterion > reached + FIRST_ORDER * x.parent.cost:
+            if not x.named and ahead is None and x.criterion > needed + FIRST_ORDER * x.parent.cost:
                 continue
-            same = [y.listed for y in chosen.values()]
-            enough = same.count(x.listed) >= half or (x.listed not in same and len(set(same)) >= most)
+            same = [y.laws for y in chosen.values()]
+            enough = same.count(x.laws) >= half or (x.laws not in same and len(set(same)) >= most)
             late = search.out_of_time and state.best.effects
             if enough or late or x.names in state.fits or x.names in chosen:
                 continue
             if ahead is None or could_match(problem, ahead, x):
                 chosen[x.names] = x
         try:
-            ready += _evaluated(problem, list(chosen.values()), _lowest(state, False))
+            ready += _evaluated(state, list(chosen.values()))
         except OutOfTime:
             break
         now = [f.may_leave(noise) if named is None else f.proposal.named is named for f in ready]
@@ -321,19 +328,21 @@ class _Evaluated(NamedTuple):
         return self.cost <= cost + FIRST_ORDER * self.proposal.parent.cost
 
 
-def _evaluated(problem: FitProblem, proposals: Sequence[Proposal], lowest: float) -> list[_Evaluated]:
+def _evaluated(state: SearchState, proposals: Sequence[Proposal]) -> list[_Evaluated]:
     """Models at their predicted values, where these can be solved.
 
-    Of every effect, the form or place that promises most is evaluated; others where that comes near the lowest cost.
+    Of every law, the form or place that promises most is evaluated; others where one comes near the lowest cost.
     """
     first: dict[frozenset[str], Proposal] = {}
     for x in proposals:
-        first.setdefault(x.listed, x)
-    found = _each_evaluated(problem, list(first.values()))
-    limit = fitting.Race(min([lowest, *(e.cost for e in found)])).limit
-    near = {e.proposal.listed for e in found if e.cost <= limit}
-    others = [x for x in proposals if x.listed in near and x is not first[x.listed]]
-    return [*found, *_each_evaluated(problem, others)]
+        first.setdefault(x.laws, x)
+    found = _each_evaluated(state.problem, list(first.values()))
+    costs = [(e.proposal.laws, e.cost) for e in found]
+    costs += [(frozenset(e.law for e in f.effects), f.cost) for f in state.fits.values()]
+    limit = fitting.Race(min(cost for _, cost in costs)).limit
+    near = {laws for laws, cost in costs if cost <= limit}
+    others = [x for x in proposals if x.laws in near and x is not first[x.laws]]
+    return [*found, *_each_evaluated(state.problem, others)]
 
 
 def _each_evaluated(problem: FitProblem, proposals: Sequence[Proposal]) -> list[_Evaluated]:
@@ -509,9 +518,11 @@ def grow(search: Search, state: SearchState) -> Stage:
         progress = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
         more = len(names) < most_effects and (names, singles.__name__) not in state.extended
         tries = _visible(search, state) if more else _hidden(search, state)
-        # Several causes that leave more than noise may stand for others.
+        # Several causes that leave more than noise may stand for others, and so may one without a name: far from the
+        # declared model, its columns tell more than those with which it was chosen.
         anew = (names, exchange.__name__) not in state.extended and not search.long_data
-        if anew and len(state.best.effects) > 1 and not search.explained(state):
+        several = len(names) > 1 or not _all_named(state.best.effects)
+        if anew and several and not search.explained(state):
             state = replace(state, extended=state.extended | {(names, exchange.__name__)})
             state = yield from exchange(search, state, progress, costly=False)
             if state.best is not before:

@@ -26,7 +26,7 @@ class IdentifySettings:
     significance : float
         Chance of adding an effect to data that miss nothing, over all candidates [1].
     candidates : int
-        So many effects are evaluated in a round, half as many forms or places of each, and half as many fits made.
+        So many laws are evaluated in a round, half as many forms or places of each, and half as many fits made.
     max_effects : int
         At most so many effects are added; beyond four, only while each takes away a tenth of the misfit on held-out
         steps.

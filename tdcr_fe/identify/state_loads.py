@@ -53,11 +53,6 @@ class Factor:
     choices: int = 1  # among how many of its kind it is chosen
     when: str = ""  # in words, where a load acts with it in some rows only
 
-    @property
-    def how(self) -> str:
-        """How a load with it acts, in words."""
-        return self.when or f"in proportion to {self.name}"
-
 
 @dataclass(frozen=True)
 class Direction:
@@ -200,7 +195,7 @@ class Term:
     @property
     def key(self) -> str:
         """Its factors, direction and bays as a text."""
-        return self.product if self.bays is None else f"{self.product} in {_bays(*self.bays)}"
+        return self.product if self.bays is None else f"{self.product} ({_bays(*self.bays)})"
 
     @property
     def product(self) -> str:
@@ -424,9 +419,8 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
             terms = [(a, free.unit, free.on(bay, axis)) for axis, a in enumerate("xyz")]
             price = 1.5 + math.log(state.choices(bay)) + math.log(free.choices)
             kind = Kind(free.perturbs, free.depends_on, at)
-            found += load(
-                f"{free.perturbs} {free.text} ({at})", kind, terms, f"a {free.perturbs} {free.text}", price
-            )
+            what, when = f"{free.perturbs} {free.text}", f", {free.when}" if free.when else ""
+            found += load(f"{what} ({at}{when})", kind, terms, f"a {what}{when}", price)
     tensor = [
         (n, "N m^2", partial(_by_curvature, axes=axes))
         for n, axes in (("xx", "x"), ("yy", "y"), ("xy", "xy"))
@@ -463,6 +457,7 @@ class _FreeLoad(NamedTuple):
     vector: Callable[[BayState, int, int], Array]
     at_tip: bool = False  # whether it acts on the tip only
     choices: int = 1  # among how many of its kind it is chosen
+    when: str = ""  # in words, in which rows it acts; empty where in all
 
     def on(self, bay: int, axis: int) -> Callable[[BayState], Array]:
         """The action on the disk at the end of a bay: a moment passes through all bays below it."""
@@ -513,12 +508,14 @@ def free_loads(
         ("moment", "of a uniform field on a magnet along the tip", "orientation", dipole, (None, clock)),
     ):
         for factor in factors:
-            how = "constant" if factor is None else factor.how
+            when = factor.when if factor else ""
+            how = "constant" if factor is None else f"in proportion to {factor.name}"
+            how = "in a part of the rows" if when else how
             depends = tuple(filter(None, (by, factor.kind if factor else ""))) or ("nothing",)
             unit = _unit((0 if perturbs == "force" else 1, 1, 0), [factor.powers] if factor else [])
             load, choices = partial(vector, direction, factor), factor.choices if factor else 1
             at_tip = direction is not fixed or (many and factor in parts)
-            found.append(_FreeLoad(perturbs, f"{text}, {how}", depends, unit, load, at_tip, choices))
+            found.append(_FreeLoad(perturbs, f"{text}, {how}", depends, unit, load, at_tip, choices, when))
     return found
 
 

@@ -116,8 +116,27 @@ def test_other_forms_of_an_effect_are_evaluated_where_its_first_comes_near(monke
         return [replace(own.best, free=(), cost=costs[x.criterion]) for x in found]
 
     monkeypatch.setattr(search, "_begun", evaluated)
-    found = search._evaluated(own.problem, proposals, 1e4)
+    own = replace(own, fits={frozenset(): replace(own.best, cost=1e4)})
+    found = search._evaluated(own, proposals)
     assert [f.proposal.criterion for f in found] == [0, 2, 3, 4]
+    # One that was fitted before counts as well: the force was at the tip, and two other disks came first.
+    own = own.with_fit(replace(own.best, effects=(effect("gravity"),), cost=90.0))
+    assert [f.proposal.criterion for f in search._evaluated(own, proposals)] == [0, 2, 3, 1]
+
+
+def test_places_of_one_law_do_not_take_the_turns_of_others(monkeypatch):
+    """A stiffness that changed with time in all bays came after five that did so in some, which alone were tried."""
+    own, _, causes = declared()
+    state = state_of(own)
+    places = [e for n, e in causes.items() if e.law == "row kappa somewhere"]
+    every = [*places, causes["row kappa"], causes["|kappa| kappa"]]
+    assert len(places) > 5
+    pool = [Proposal(state.best, Score.refused(e, state.best, ""), -1e9 + k) for k, e in enumerate(every)]
+    tried = []
+    monkeypatch.setattr(search, "_evaluated", lambda _, found: tried.append(found) or [])
+    search.fit_proposals(searching(), state, pool)
+    (first,), _, others = tried
+    assert [first, *others] == [*pool[:4], *pool[-2:]]
 
 
 def test_causes_that_take_a_run_each_leave_the_response_that_forces_towards_points_need():
@@ -263,7 +282,7 @@ def test_loads_are_scaled_and_turned_and_a_camera_enlarges_and_distorts():
 def test_a_part_of_the_backbone_has_another_radius_or_precurvature(first, last):
     """Between two disks; stiffness goes with the fourth power of the radius."""
     (problem, _, causes), edges = declared(), ROBOT.bay_edges
-    part = f"from s = {edges[first]:.4g} to {edges[last]:.4g} m"
+    part = f"(s = {edges[first]:.4g} to {edges[last]:.4g} m)"
     inside = np.zeros(len(edges) - 1, dtype=bool)
     inside[first:last] = True
 

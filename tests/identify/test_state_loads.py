@@ -64,12 +64,13 @@ def started(problem, load):
 def test_loads_begin_and_end_with_a_row(when, acts):
     problem, run, causes = declared()
     rows, values = acts(np.array(problem.data.step_ids)), {"x": 0.0, "y": 2.0, "z": 0.0}
-    force = causes[f"force of fixed direction, {when} (tip)"].action(run.bays, values)
+    force = causes[f"force of fixed direction, in a part of the rows (tip, {when})"].action(run.bays, values)
     expected = np.zeros_like(force)
     expected[rows, -1, FORCE] = (0.0, 2.0, 0.0)
     np.testing.assert_array_equal(force, expected)
     # A moment on the first disk passes through the first bay only.
-    name = next(n for n in causes if n.startswith(f"moment of fixed direction, {when} (disk"))
+    law = "moment of fixed direction, in a part of the rows (disk"
+    name = next(n for n in causes if n.startswith(law) and n.endswith(f"{when})"))
     moment = Action(causes[name].action(run.bays, values), run.bays.rotation).moments
     expected = np.zeros_like(moment)
     expected[rows, 0] = (0.0, 2.0, 0.0)
