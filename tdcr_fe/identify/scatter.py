@@ -93,8 +93,10 @@ class _Likeliest(NamedTuple):
     size: float  # standard deviation of its values
     values: Array  # the most probable ones, shape (K, q)
     left: Array  # residual over sigma that they leave, shape (n,)
-    systematic: bool  # whether errors of inputs follow anything, or only a few inputs have any
-    followed: bool  # whether the values mostly follow inputs and rows
+    # whether errors of inputs follow anything, or forces and shifts mostly follow inputs and rows: then another cause
+    # is meant; errors of three inputs can bend a robot as nearly anything does
+    followed: bool
+    rare: bool  # whether only a few values differ from zero
     beyond: tuple[int, ...]  # steps, from 0, in which they are larger than noise
 
 
@@ -139,7 +141,7 @@ def find_scatter(problem: FitProblem, fit: Fit) -> Scatter | None:
 def errors_of_inputs(problem: FitProblem, fit: Fit) -> Scatter | None:
     """Errors of the inputs, as in `find_scatter`, that follow nothing and would account for much of what is left."""
     found = _judged(problem, fit, _errors(problem, fit)) if fit.solved else []
-    return _most_likely(problem, fit, [x for x in found if not x.systematic])
+    return _most_likely(problem, fit, [x for x in found if not (x.followed or x.rare)])
 
 
 def _judged(problem: FitProblem, fit: Fit, sources: Sequence[_Source]) -> list[_Likeliest]:
@@ -279,15 +281,17 @@ def _likeliest(problem: FitProblem, fit: Fit, source: _Source, inputs: Array) ->
         gain -= math.log(len(problem.experiment.robot.bay_edges) - 1)
     noise = _noise_variance(blocks, ratio)
     size = float(np.sqrt(ratio * noise))
-    by_tendon = source.what == "inputs"
-    systematic = by_tendon and (_is_systematic(errors, blocks, inputs) or _are_rare(blocks, ratio))
-    followed = _mostly_follow(values, active, _known(inputs, by_tendon))
+    if source.what == "inputs":
+        followed = _is_systematic(errors, blocks, inputs)
+    else:
+        followed = _mostly_follow(values, active, inputs)
+    rare = _are_rare(blocks, ratio)
     beyond = tuple(b.step for b in blocks if b.along @ b.along > noise * chdtri(b.active.size, SIGNIFICANCE))
-    return _Likeliest(source, gain, size, values, left, systematic, followed, beyond)
+    return _Likeliest(source, gain, size, values, left, followed, rare, beyond)
 
 
 def _is_systematic(errors: Sequence[Array], blocks: Sequence[_Block], inputs: Array) -> bool:
-    """Whether errors of inputs follow anything: then another cause is meant, and no scatter.
+    """Whether errors of inputs follow anything.
 
     A mean of a tendon that differs from zero, or a dependence on the input, its square, the direction in which it has
     changed, the row, or the error in the step before.
@@ -305,28 +309,13 @@ def _is_systematic(errors: Sequence[Array], blocks: Sequence[_Block], inputs: Ar
     return _depends(np.array(rows, dtype=float), np.array(goal))
 
 
-def _known(inputs: Array, by_tendon: bool) -> list[Array]:
-    """What values may follow: inputs, rows and their products; errors also the direction in which an input changes.
-
-    One table for each component of a force or shift, of all tendons, or for each tendon, of its own.
-    """
+def _mostly_follow(values: Array, active: NDArray[np.bool_], inputs: Array) -> bool:
+    """Whether values, where they are active, mostly follow inputs, rows and their products; also with too few steps."""
     row = np.arange(len(inputs))[:, None] / len(inputs)
-    changed = np.sign(np.diff(inputs, axis=0, prepend=np.zeros((1, inputs.shape[1]))))
-
-    def table(*factors: Array) -> Array:
-        return np.hstack([np.ones_like(row), *factors])
-
-    if by_tendon:
-        own = ((inputs[:, [i]], changed[:, [i]]) for i in range(inputs.shape[1]))
-        return [table(x, row, row * x, c, c * x) for x, c in own]
-    return [table(inputs, row, row * inputs)] * 3
-
-
-def _mostly_follow(values: Array, active: NDArray[np.bool_], known: Sequence[Array]) -> bool:
-    """Whether values, where they are active, mostly follow what is known; also with too few steps."""
+    known = np.hstack([np.ones_like(row), inputs, row, row * inputs])
     squares, unexplained = 0.0, 0.0
-    for x, own, table in zip(values.T, active.T, known, strict=True):
-        x, rows = x[own], table[own]
+    for x, own in zip(values.T, active.T, strict=True):
+        x, rows = x[own], known[own]
         spare = len(x) - int(np.linalg.matrix_rank(rows)) if len(x) else 1
         if spare < 1:
             return True

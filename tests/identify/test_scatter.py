@@ -126,6 +126,13 @@ def test_noise_and_systematic_causes_are_no_scatter(factors, truth):
     assert scatter(data(factors, 0.0, truth=truth)) is None
 
 
+def test_errors_that_change_slowly_from_row_to_row_are_no_scatter():
+    """They follow the row before: a stiffness that fell with time was 'errors of the inputs'."""
+    slow = np.sin(0.5 * np.arange(len(PULLS)))[:, None] * np.ones((1, 2))
+    state = state_of(on_fine_mesh(data(1.0 + 0.05 * slow, 0.0)))
+    assert find_scatter(state.problem, state.best) is None
+
+
 def test_large_errors_of_a_few_steps_are_found_there_and_are_no_noise_of_the_inputs():
     own = errors(0.04, len(PULLS))
     own[np.arange(len(PULLS)) % 8 != 3] = 0.0
