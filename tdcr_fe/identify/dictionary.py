@@ -69,7 +69,8 @@ def unnamed(problem: FitProblem, state: BayState) -> list[Cause]:
         *_friction_by_force(problem, state),
         *_readings(problem),
     ]
-    if not problem.experiment.robot.without_disks:
+    robot = problem.experiment.robot
+    if robot.tendons and not robot.without_disks:
         found += [*routings(problem), *single_disks(problem)]
     return [*found, *state_loads(problem, state, clock_of(problem.data))]
 

@@ -149,7 +149,7 @@ def loop(result: IdentificationResult) -> tuple[int, range] | None:
     same = 0.02 * max(float(np.ptp(values)) if values.size else 0.0, 1e-12)
     found: tuple[int, range] | None = None
     begin = 0
-    while begin < len(values) - 1:
+    while values.size and begin < len(values) - 1:
         end = begin + 2
         while end < len(values) and loads[end] == loads[begin]:
             path = values[begin : end + 1] - values[begin]

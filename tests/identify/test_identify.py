@@ -8,18 +8,20 @@ import pytest
 from identify_data import (
     GRAVITY,
     LENGTH,
+    MODEL,
     ROBOT,
     begun,
     concluded,
     data_of,
     measured,
+    positions,
     problem_of,
     state_of,
     with_model,
 )
 
 from tdcr_fe.cli import main
-from tdcr_fe.effects import Experiment, effect
+from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.identify import NotSolved, fitting, identification, identify
 from tdcr_fe.identify.criteria import residual_is_noise
 from tdcr_fe.identify.forward import ForwardModel, Job
@@ -33,7 +35,7 @@ from tdcr_fe.identify.sentences import summary
 from tdcr_fe.io.measured import write_measured
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.backbone import StiffnessPatch
-from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 from tdcr_fe.solve.simulate import simulate
 
 # ------------------------------------------------------------------------------------------------ the pieces
@@ -281,3 +283,16 @@ def test_the_interval_of_a_parameter_that_is_not_normal_is_that_of_its_profile()
     assert not profile.is_normal
     low, high = profile.interval
     assert high - 1.0 > 1.5 * (1.0 - low)
+
+
+@pytest.mark.integration
+def test_a_rod_without_tendons_is_identified():
+    """Its stiffness, from forces at the tip; the largest offset of no hole was asked for."""
+    rod = replace(ROBOT, tendons=())
+    forces = [(0.02 * np.sin(k), 0.02 * np.cos(1.7 * k), 0.0) for k in range(10)]
+    steps = tuple(LoadStep(loads={"tip": Load(LENGTH, force=f)}) for f in forces)
+    true = with_effects(Experiment(rod, MODEL, steps), {"stiffness_scale": {"bending": 0.8, "torsion": 1.0}})
+    result = identify(data_of(steps, positions(true), rod))
+    (found,) = result.effects
+    assert "gain of the loads" in (found.name, *found.indistinguishable_from)
+    assert "Loading and unloading" not in render(result)
