@@ -78,11 +78,14 @@ class Noted:
     quiet: bool = False  # Whether remarks are not printed
 
     def warn(self, text: str, category: type[TDCRWarning]) -> None:
-        """Print a warning or a remark, above the progress bar, and note it."""
+        """Print a warning or a remark, above the progress bar, and note it; once where it is issued again."""
         from tqdm import tqdm
 
         is_remark = issubclass(category, PlausibilityRemark)
-        (self.remarks if is_remark else self.warnings).append(text)
+        noted = self.remarks if is_remark else self.warnings
+        if text in noted:
+            return
+        noted.append(text)
         with tqdm.external_write_mode(file=sys.stderr):
             if not is_remark:
                 complain(f"warning: {text}")

@@ -15,6 +15,7 @@ from inputs import ROBOT, SCENARIO, changed, write
 from tdcr_fe import cli
 from tdcr_fe.commands.common import Noted, complain_of_left_out
 from tdcr_fe.io.result_files import RESULT_FILES
+from tdcr_fe.model.messages import TDCRWarning
 from tdcr_fe.model.results import Interrupted
 
 
@@ -186,3 +187,12 @@ def test_of_many_rows_that_were_left_out_the_first_are_printed(capsys):
     printed = capsys.readouterr().err.splitlines()
     assert len(printed) == 11 and printed[-1] == "tdcr-fe: left out: 215 more rows"
     assert len(args.noted.warnings) == 225
+
+
+def test_a_warning_that_is_issued_again_is_printed_once(capsys):
+    """Reading a folder and the estimation of its frames both warned of its robot."""
+    noted = Noted()
+    for text in ("wide", "wide", "thin"):
+        noted.warn(text, TDCRWarning)
+    assert noted.warnings == ["wide", "thin"]
+    assert capsys.readouterr().err.count("warning: wide") == 1
