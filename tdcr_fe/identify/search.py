@@ -518,11 +518,9 @@ def grow(search: Search, state: SearchState) -> Stage:
         progress = 0.05 + 0.65 * (1.0 - 0.5 ** (number - 1))
         more = len(names) < most_effects and (names, singles.__name__) not in state.extended
         tries = _visible(search, state) if more else _hidden(search, state)
-        # Several causes that leave more than noise may stand for others, and so may one without a name: far from the
-        # declared model, its columns tell more than those with which it was chosen.
+        # Several causes that leave more than noise may stand for others.
         anew = (names, exchange.__name__) not in state.extended and not search.long_data
-        several = len(names) > 1 or not _all_named(state.best.effects)
-        if anew and several and not search.explained(state):
+        if anew and len(state.best.effects) > 1 and not search.explained(state):
             state = replace(state, extended=state.extended | {(names, exchange.__name__)})
             state = yield from exchange(search, state, progress, costly=False)
             if state.best is not before:
