@@ -37,7 +37,7 @@ MESH = 0.1
 FINEST = 6
 
 #: Applications of an effect that are kept: derivatives by other effects begin with the same ones. Actuator loss alone
-#: took a sixth of the time of an identification with it.
+#: took a tenth of the time of an identification with it.
 APPLIED = 64
 
 #: Assumed order of the discretisation error; four where bending is small.
