@@ -168,7 +168,7 @@ class Proposal(NamedTuple):
     @property
     def laws(self) -> frozenset[str]:
         """Of its causes."""
-        return frozenset(e.law for e in self.effects)
+        return _laws(self.effects)
 
     @property
     def perturbs(self) -> set[str]:
@@ -338,7 +338,7 @@ def _evaluated(state: SearchState, proposals: Sequence[Proposal]) -> list[_Evalu
         first.setdefault(x.laws, x)
     found = _each_evaluated(state.problem, list(first.values()))
     costs = [(e.proposal.laws, e.cost) for e in found]
-    costs += [(frozenset(e.law for e in f.effects), f.cost) for f in state.fits.values()]
+    costs += [(_laws(f.effects), f.cost) for f in state.fits.values()]
     limit = fitting.Race(min(cost for _, cost in costs)).limit
     near = {laws for laws, cost in costs if cost <= limit}
     others = [x for x in proposals if x.laws in near and x is not first[x.laws]]
@@ -353,6 +353,10 @@ def _each_evaluated(problem: FitProblem, proposals: Sequence[Proposal]) -> list[
             cost = fitting.reachable_cost(problem, now)
             found.append(_Evaluated(x, now, cost, cost + parent_price(problem, now)))
     return found
+
+
+def _laws(effects: Sequence[Effect]) -> frozenset[str]:
+    return frozenset(e.law for e in effects)
 
 
 def _all_named(effects: Sequence[Effect]) -> bool:

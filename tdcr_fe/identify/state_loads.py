@@ -53,6 +53,11 @@ class Factor:
     choices: int = 1  # among how many of its kind it is chosen
     when: str = ""  # in words, where a load acts with it in some rows only
 
+    @property
+    def how(self) -> str:
+        """How a load with it acts, in words."""
+        return "in a part of the rows" if self.when else f"in proportion to {self.name}"
+
 
 @dataclass(frozen=True)
 class Direction:
@@ -508,9 +513,7 @@ def free_loads(
         ("moment", "of a uniform field on a magnet along the tip", "orientation", dipole, (None, clock)),
     ):
         for factor in factors:
-            when = factor.when if factor else ""
-            how = "constant" if factor is None else f"in proportion to {factor.name}"
-            how = "in a part of the rows" if when else how
+            how, when = ("constant", "") if factor is None else (factor.how, factor.when)
             depends = tuple(filter(None, (by, factor.kind if factor else ""))) or ("nothing",)
             unit = _unit((0 if perturbs == "force" else 1, 1, 0), [factor.powers] if factor else [])
             load, choices = partial(vector, direction, factor), factor.choices if factor else 1
