@@ -161,7 +161,7 @@ class Estimator:
             if found is not None:
                 message = f"the readings are not met (misfit {found.misfit:.3g}): wrong axes, signs or units?"
             self.simulation.return_to(frame.start)
-            state = Solved(frame, self._mean, UNSOLVED, frame.start)
+            state = Solved.of(frame, self._mean, UNSOLVED)
             return self._estimate(state, self._mean, state.response, self._covariance, np.nan, message)
         state, history = found.point, self._problem.history
         for _ in range(STATES - found.states if read else 0):

@@ -169,7 +169,7 @@ class Frame:
             report = simulation.advance(self.problem.actuation(self.commands, unknowns), self.substeps, ends)
         except (StepFailed, np.linalg.LinAlgError):
             return None
-        return Solved(self, unknowns, report, simulation.position)
+        return Solved.of(self, unknowns, report)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +180,16 @@ class Solved:
     unknowns: Array
     report: LoadStepReport
     position: Position
+    observed: ObservedStep
     sticking: Array | None = None  # Shares of the slips that holes follow, see `Response.of`
+
+    @classmethod
+    def of(cls, frame: Frame, unknowns: Array, report: LoadStepReport) -> Solved:
+        """The present state of the simulation."""
+        simulation, observation = frame.problem.simulation, frame.problem.observation
+        names, result = simulation.handle.robot.tendon_names, simulation.result(0, "", report)
+        observed = ObservedStep.of(result, names, observation)
+        return cls(frame, unknowns, report, simulation.position, observed)
 
     @property
     def simulation(self) -> Simulation:
@@ -222,14 +231,8 @@ class Solved:
     @cached_property
     def _moved(self) -> tuple[ObservedStep, Array]:
         """The state as it is observed, with small changes of the parameters of `_by_node`, and these."""
-        problem, change = self.frame.problem, self._by_node
-        names, result = (
-            problem.simulation.handle.robot.tendon_names,
-            self.simulation.result(0, "", self.report),
-        )
-        observed = ObservedStep.of(result, names, problem.observation)
-        h = change.difference_steps(observed)
-        return observed.moved(change, h), h
+        h = self._by_node.difference_steps(self.observed)
+        return self.observed.moved(self._by_node, h), h
 
     def _compared(self, readings: Sequence[Reading]) -> tuple[Array, Array]:
         """Readings less their predictions, and derivatives of these by the parameters of `_by_node`.
@@ -283,7 +286,7 @@ class Solved:
         changes[:, history] -= np.eye(len(slips))
         spread = np.sqrt(np.einsum("ki,ij,kj->k", changes, covariance, changes).clip(0.0)) / presliding
         sticking, left = sticking_within((slips - self.unknowns[history]) / presliding, spread)
-        likely = replace(self, sticking=sticking)
+        likely = replace(self, sticking=sticking) if len(slips) else self
         # Such an error is that of the plastic slip which has the same effect.
         as_slip = presliding * np.divide(left, sticking, np.zeros(len(slips)), where=sticking > 0.0)
         by_unknowns = likely._by_unknowns
