@@ -29,7 +29,7 @@ BUDGET = {
     "tdcr_fe": 242,
     "tdcr_fe/commands": 785,
     "tdcr_fe/effects": 1313,
-    "tdcr_fe/estimate": 1004,
+    "tdcr_fe/estimate": 1005,
     "tdcr_fe/identify": 6651,
     "tdcr_fe/io": 1830,
     "tdcr_fe/live": 350,
