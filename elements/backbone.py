@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.poses import (
     EYE6,
     adjoint_powers,
@@ -32,8 +32,6 @@ from tdcr_fe.elements.poses import (
     pose_matrix,
     skew,
 )
-
-Array = NDArray[np.float64]
 
 #: Rotation from beam axes to section axes: its columns are the beam's axes in the section frame.
 BEAM_TO_SECTION = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
@@ -116,7 +114,7 @@ def subdivide(
     thickness: float = 0.0,
     extra: Sequence[float] = (),
     tolerance: float = 1e-9,
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Array, Flags]:
     """Arc lengths of nodes, and which elements are rigid inserts.
 
     Parameters
@@ -193,7 +191,7 @@ class NodeStiffness(NamedTuple):
     # (N-1, d, d): Of every node by the next one; the transposed block is that of the next one by it
     after: Array
 
-    def add_to(self, k: Array, nodes: NDArray[np.int_]) -> None:
+    def add_to(self, k: Array, nodes: Index) -> None:
         """Add the blocks of nodes of these numbers to a matrix that begins with the unknowns of nodes."""
         (row, column), d = k.strides, self.itself.shape[1]
         n = len(k) // d

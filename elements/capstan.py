@@ -8,9 +8,8 @@ from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tdcr_fe.elements import Array, Flags
 
 
 class HoleSlopes(NamedTuple):
@@ -50,7 +49,7 @@ def _lower(n: int) -> Array:
 
 
 @cache
-def _from(h: int) -> NDArray[np.bool_]:
+def _from(h: int) -> Flags:
     """Whether hole ``i`` comes after segment ``j``, shape (h + 1, h)."""
     return np.arange(h) >= np.arange(h + 1)[:, None]
 

@@ -11,12 +11,10 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.capstan import Slopes, TensionDerivatives
 from tdcr_fe.elements.complementarity import ROUND_OFF
-
-Array = NDArray[np.float64]
 
 #: The iteration has failed where coefficients still change by more than this [1].
 ACCEPTED = 1e-8
@@ -67,7 +65,7 @@ def normal_forces(tension: Array, angles: Array) -> Array:
 def evaluate_laws(
     laws: Sequence[CoefficientLaw | None],
     constant: Array,
-    mask: NDArray[np.bool_],
+    mask: Flags,
     normal: Array,
     rate: Array,
 ) -> Coefficients:

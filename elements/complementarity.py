@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv
 
 from tdcr_fe.compiled import compilable, compiled_as
-
-Array = NDArray[np.float64]
+from tdcr_fe.elements import Array, Flags
 
 #: Smallest eigenvalue of `positive_definite_near` over the largest magnitude of those it began with [1].
 LEAST_EIGENVALUE = 0.05
@@ -39,9 +37,7 @@ def largest_magnitude(values: Array) -> float:
 
 
 @compilable
-def exchanged(
-    violated: NDArray[np.bool_], count: int, fewest: int, idle_left: int
-) -> tuple[NDArray[np.bool_], int, int]:
+def exchanged(violated: Flags, count: int, fewest: int, idle_left: int) -> tuple[Flags, int, int]:
     """Which violated indices a principal pivoting method exchanges next.
 
     All of them (a block pivot), until their number has not fallen for `MOST_IDLE_BLOCKS` times; from then on the lowest

@@ -11,7 +11,7 @@ import exudyn.graphics as graphics
 import exudyn.itemInterface as eii
 import numpy as np
 
-from tdcr_fe.elements.poses import Array
+from tdcr_fe.elements import Array
 
 
 def disk_inertia(mass: float, radius: float, thickness: float) -> Array:

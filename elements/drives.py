@@ -23,9 +23,8 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tdcr_fe.elements import Array, Flags
 
 
 class DrivenTendon(Protocol):
@@ -116,6 +115,6 @@ class TendonDrives:
         return TendonDrives((*self.kinds[:index], kind, *self.kinds[index + 1 :]), scales)
 
     @cached_property
-    def winds(self) -> NDArray[np.bool_]:
+    def winds(self) -> Flags:
         """Which tendons have the length prescribed that is wound, their tensions being unknown; shape (m,)."""
         return np.array([kind.winds for kind in self.kinds], dtype=bool)

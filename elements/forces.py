@@ -10,8 +10,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.elements.backbone import BackboneMesh, NodeStiffness, relative_twists, strain_matrices
 from tdcr_fe.elements.capstan import TensionField
 from tdcr_fe.elements.friction import TendonLaw
@@ -19,14 +19,12 @@ from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.section import SectionForces, add_element_tangent, nodal_sum
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class SideSprings:
     """Linear springs from nodes to ground."""
 
-    nodes: NDArray[np.int_]  # (q,): Of the backbone; a node may occur several times
+    nodes: Index  # (q,): Of the backbone; a node may occur several times
     stiffness: Array  # (q, 3, 3): In world axes [N/m]
     rest: Array  # (q, 3): Positions without force [m]
 
@@ -58,21 +56,21 @@ class ForceModel:
     """Mesh, tendons and laws from which the forces of a robot are computed."""
 
     mesh: BackboneMesh  # The backbone
-    hole_nodes: NDArray[np.int_]  # Which backbone nodes carry holes, ascending
+    hole_nodes: Index  # Which backbone nodes carry holes, ascending
     geometry: CableGeometry | None  # The tendons as cables; None where they follow the backbone
     law: TendonLaw  # How tension passes along them
     section: SectionForces | None  # Forces inside the section; None where there are none
     springs: SideSprings | None = None  # From single nodes to ground
 
     @cached_property
-    def columns(self) -> NDArray[np.int_] | None:
+    def columns(self) -> Index | None:
         """Body-frame unknowns of the nodes with holes; None where derivatives cover all nodes anyway."""
         if self.geometry is None or self.hole_nodes.size == self.mesh.arc_lengths.size:
             return None
         return (6 * self.hole_nodes[:, None] + np.arange(6)).ravel()
 
     @cached_property
-    def cable_nodes(self) -> NDArray[np.int_]:
+    def cable_nodes(self) -> Index:
         """Backbone nodes through whose disks tendons run as cables, base plate first."""
         if self.geometry is None:
             return self.hole_nodes[:0]

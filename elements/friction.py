@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.capstan import TensionDerivatives, TensionField, capstan
 from tdcr_fe.elements.coefficients import (
     CoefficientLaw,
@@ -38,8 +39,6 @@ from tdcr_fe.elements.coefficients import (
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.elements.hysteresis import ElasticPlastic, FrictionState, Hysteresis
 
-Array = NDArray[np.float64]
-
 #: Largest error of the mobilisations of elastic tendons in a configuration [1], and most iterations up to it.
 MOBILISATION_TOLERANCE, MOST_ITERATIONS = 1e-10, 20
 
@@ -49,7 +48,7 @@ class TendonParameters:
     """Parameters of all tendons of one robot; shorter tendons are padded at the end."""
 
     lengths: Array  # (m, n): Length of every segment in the unloaded state, zero where padded [m]
-    mask: NDArray[np.bool_]  # (m, n): Which segments exist
+    mask: Flags  # (m, n): Which segments exist
     friction: Array  # (m, n-1): Friction coefficient at every hole, zero at and beyond the anchor [1]
     adhesion: Array  # (m, n-1): Tension drop at every hole that does not grow with the tension [N]
     compliance: Array  # (m,): ``1 / EA`` of the tendon, zero where inextensible [1/N]
@@ -60,7 +59,7 @@ class TendonParameters:
     laws: tuple[CoefficientLaw | None, ...] = ()
 
     @property
-    def rigid(self) -> NDArray[np.bool_]:
+    def rigid(self) -> Flags:
         """Which tendons stretch no more than the spring at their drive, (m,)."""
         return (self.compliance == 0.0) & (self.spring == 0.0)
 
@@ -158,7 +157,7 @@ class TendonLaw:
         for i, coefficient in enumerate(self._laws):
             if coefficient is not None:
                 acts[i] = self._holes[i]
-        self.frictional: NDArray[np.bool_] = (acts.astype(float) @ np.abs(self.hole_incidence)) > 0.0
+        self.frictional: Flags = (acts.astype(float) @ np.abs(self.hole_incidence)) > 0.0
         self._material = parameters.material
         self.has_friction = bool(np.any(self.frictional))
         self.elastic = bool(np.any(parameters.compliance > 0.0) or np.any(parameters.spring > 0.0))

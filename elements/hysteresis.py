@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tdcr_fe.elements import Array
+
 HysteresisKind = Literal["elastic-plastic", "dahl"]
 
 #: Dahl's friction tends to this much more than full friction, which it thus reaches: after 21 presliding distances [1].

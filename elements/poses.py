@@ -12,11 +12,9 @@ from __future__ import annotations
 from math import factorial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import bernoulli
 
-Array = NDArray[np.float64]
-
+from tdcr_fe.elements import Array
 
 #: ``v @ _SKEW`` is the matrix of the cross product with ``v``, row by row.
 _SKEW = np.array(

@@ -15,13 +15,11 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import spence
 
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.elements.poses import cross, skew
-
-Array = NDArray[np.float64]
 
 _GAUSS = np.polynomial.legendre.leggauss(4)
 #: Gauss points on [0, 1] along one element, and their weights.

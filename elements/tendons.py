@@ -7,12 +7,11 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.backbone import NodeStiffness
 from tdcr_fe.elements.poses import EYE9, ONES3, skew
 
-Array = NDArray[np.float64]
 #: ``p @ _TURNED`` is, row by row, ``(p + p^T) / 2 - tr(p) 1``.
 _TURNED = 0.5 * (np.eye(9) + np.eye(9)[np.arange(9).reshape(3, 3).T.ravel()]) - np.outer(EYE9, EYE9)
 #: Signs of the rows of `CableLines.stiffness`: minus a projector across the segment.
@@ -211,9 +210,9 @@ class CableGeometry:
 
     def __init__(
         self,
-        nodes: NDArray[np.int_],
+        nodes: Index,
         offsets: Array,
-        mask: NDArray[np.bool_],
+        mask: Flags,
         node_count: int,
         clearance: Array | None = None,
     ) -> None:

@@ -13,8 +13,8 @@ from typing import Any
 
 import exudyn as exu
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.elements.backbone import BackboneMesh
 from tdcr_fe.elements.drives import DISPLACEMENT, TendonDrives
 from tdcr_fe.elements.forces import ForceModel, TendonForces
@@ -26,8 +26,6 @@ from tdcr_fe.elements.native.history import HistoryNodes, RobotHistory
 from tdcr_fe.elements.native.items import Clamp, Connectors, SystemReference
 from tdcr_fe.elements.native.iterated import IteratedBackbone
 from tdcr_fe.elements.native.scene_forces import Holes, Motor, SceneForces, wound
-
-Array = NDArray[np.float64]
 
 #: Tensions [N] and displacements [m] at the base, shape (m,), as set or over time [s].
 Inputs = Array | Callable[[float], Array]
@@ -121,7 +119,7 @@ class TendonActuation:
     # ------------------------------------------------------------------ configuration
 
     @property
-    def coordinates(self) -> NDArray[np.int_]:
+    def coordinates(self) -> Index:
         """Exudyn's ODE2 coordinate numbers of all nodes, shape (N, 7); needs an assembled system."""
         return self._node_coordinates.numbers
 

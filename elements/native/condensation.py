@@ -6,13 +6,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.forces import ForceModel, Measurement, TendonForces
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.native.history import RobotHistory
-
-Array = NDArray[np.float64]
 
 #: EA of an inextensible tendon that Exudyn's own solvers drive by displacement [N].
 STIFFNESS = 1e5
@@ -25,7 +23,7 @@ class ElasticTendons(NamedTuple):
     """
 
     model: ForceModel  # With the tendons as they are
-    driven: NDArray[np.bool_]  # (m,): Which tendons have their displacement prescribed
+    driven: Flags  # (m,): Which tendons have their displacement prescribed
     history: RobotHistory  # At the beginning of the step
     values: Array  # (m,): Inputs at the end of the step, tensions [N] and displacements [m] at the base
     time: float  # There [s]
@@ -111,7 +109,7 @@ def stretch(law: TendonLaw, tension: Array, lengths: Array) -> Array:
 class Condensed(NamedTuple):
     """Linear equations of the tensions at the base and the mobilisations, beside those of the nodes."""
 
-    driven: NDArray[np.int_]  # (d,): Tendons that are driven by displacement and taut
+    driven: Index  # (d,): Tendons that are driven by displacement and taut
     matrix: Array  # (d + h, d + h): By tensions at the base and mobilisations
     by_nodes: Array  # (d + h, 6 N)
     by_base: Array  # (d + h, m): By the tensions at the base of the other tendons, which are given
@@ -119,7 +117,7 @@ class Condensed(NamedTuple):
     columns: Array
 
     @classmethod
-    def of(cls, forces: TendonForces, driven: NDArray[np.bool_], stuck: bool, size: int) -> Condensed:
+    def of(cls, forces: TendonForces, driven: Flags, stuck: bool, size: int) -> Condensed:
         """See `add_condensed`; ``size`` is 6 N."""
         law = forces.model.law
         which = np.flatnonzero(driven)
@@ -144,7 +142,7 @@ class Condensed(NamedTuple):
         return cls(which, matrix, by_nodes, by_base, columns)
 
 
-def forces_by_inputs(forces: TendonForces, winds: NDArray[np.bool_], stuck: bool, size: int) -> Array:
+def forces_by_inputs(forces: TendonForces, winds: Flags, stuck: bool, size: int) -> Array:
     """Change of the forces on the nodes with the inputs of the tendons, shape (6 N, m).
 
     Parameters
@@ -170,7 +168,7 @@ def forces_by_inputs(forces: TendonForces, winds: NDArray[np.bool_], stuck: bool
     return found
 
 
-def add_condensed(k: Array, forces: TendonForces, driven: NDArray[np.bool_], stuck: bool) -> None:
+def add_condensed(k: Array, forces: TendonForces, driven: Flags, stuck: bool) -> None:
     """Add the change of tensions at the base and of mobilisations with the nodes to a tangent.
 
     Without it the tangent is that at fixed tensions at the base and fixed mobilisations. The mobilisation of a hole

@@ -7,12 +7,10 @@ from typing import Any
 
 import exudyn as exu
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.elements.native.items import SystemReference
 from tdcr_fe.elements.poses import euler_rate_matrix, rotation_of_euler_parameters
-
-Array = NDArray[np.float64]
 
 
 class NodeCoordinates:
@@ -28,11 +26,11 @@ class NodeCoordinates:
 
     def __init__(self, system: SystemReference, nodes: Sequence[Any]) -> None:
         self._system, self._nodes = system, nodes
-        self._numbers: NDArray[np.int_] | None = None
+        self._numbers: Index | None = None
         self._reference: Array | None = None
 
     @property
-    def numbers(self) -> NDArray[np.int_]:
+    def numbers(self) -> Index:
         """Exudyn's ODE2 coordinate numbers of all nodes, shape (N, 7); needs an assembled system."""
         if self._numbers is None:
             first = np.array([self._system.mbs.GetNodeODE2Index(n) for n in self._nodes])

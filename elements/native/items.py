@@ -12,10 +12,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import exudyn as exu
-import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tdcr_fe.elements import Array
 
 
 class SystemReference:

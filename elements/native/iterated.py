@@ -23,8 +23,8 @@ from typing import NamedTuple
 
 import exudyn as exu
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.backbone import BackboneMesh, relative_twists, strain_matrices
 from tdcr_fe.elements.capstan import TensionField
 from tdcr_fe.elements.friction import TendonLaw
@@ -38,8 +38,6 @@ from tdcr_fe.elements.section import (
     wrenches_on_nodes,
 )
 from tdcr_fe.elements.tendons import CableShape
-
-Array = NDArray[np.float64]
 
 
 class IteratedBackbone:
@@ -137,7 +135,7 @@ class HolePrediction(NamedTuple):
     """Which holes stick and which slide at the end of a step, assumed before it is solved."""
 
     # (m, g): Friction variables that follow the slip linearly, however far it is; the others are constant
-    sticks: NDArray[np.bool_]
+    sticks: Flags
     # (m, g): Mobilisation at the beginning of the step where it sticks, else that with which it slides
     mobilisation: Array
 

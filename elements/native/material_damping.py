@@ -19,12 +19,10 @@ from typing import Any
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import BackboneMesh, relative_twists, strain_matrices
 from tdcr_fe.elements.poses import exp_se3
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

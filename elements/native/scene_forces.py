@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.condensation import ElasticTendons, add_condensed
@@ -19,8 +19,6 @@ from tdcr_fe.elements.native.coordinates import (
 )
 from tdcr_fe.elements.native.iterated import HoleIterate, HolePrediction, PastStep, predicted_holes
 
-Array = NDArray[np.float64]
-
 
 class Motor(NamedTuple):
     """A motor that winds a tendon on a drum."""
@@ -30,7 +28,7 @@ class Motor(NamedTuple):
     radius: float  # Of the drum [m]: a positive angle pulls the tendon in
 
 
-def wound(motors: Sequence[Motor], values: Array, angles: Array, driven: NDArray[np.bool_]) -> Array:
+def wound(motors: Sequence[Motor], values: Array, angles: Array, driven: Flags) -> Array:
     """Inputs of the tendons with what the motors have wound, shape (m,).
 
     Parameters
@@ -60,7 +58,7 @@ def with_motors(
     motors: Sequence[Motor],
     tangent: Array,
     forces: TendonForces,
-    driven: NDArray[np.bool_],
+    driven: Flags,
     rotations: Array,
     parameters: Array,
     to_twist: Array,

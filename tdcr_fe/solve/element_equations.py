@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.backbone import add_residual_flexibility
 from tdcr_fe.elements.poses import coefficients, cross, exp_matrix, skew
 from tdcr_fe.elements.section import POINTS, WEIGHTS, Material, SectionForces
 from tdcr_fe.scene import TDCR
-
-Array = NDArray[np.float64]
 
 
 def _collocation_matrix() -> Array:
@@ -43,10 +41,10 @@ class ElementModel:
     lengths: Array  # (E,): Of the elements [m]
     element_stiffness: Array  # (E, 6): Of the finite elements, in beam axes, as in `BackboneMesh.stiffness`
     reference_strain: Array  # (E, 6): Of the unloaded elements, in beam axes [1, 1/m]
-    flexible: NDArray[np.bool_]  # (E,): False in rigid inserts, which have no error
+    flexible: Flags  # (E,): False in rigid inserts, which have no error
     section: SectionForces | None  # Tendons that follow the backbone, and nonlinear material
     weight: Array  # (E, 3): Own weight of the elements per length, world axes [N/m]
-    bays: NDArray[np.int_]  # (E,): Number of the bay that an element lies in, from 0
+    bays: Index  # (E,): Number of the bay that an element lies in, from 0
     buckling_lengths: Array  # (B,): Length ``a`` of the load ``pi^2 EI / a^2`` at which a bay buckles [m]
 
     @classmethod

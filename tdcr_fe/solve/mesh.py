@@ -20,8 +20,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.elements.poses import coefficients, cross, exp_matrix, inverse_tangent_se3
 from tdcr_fe.model.loading import Model
@@ -30,8 +30,6 @@ from tdcr_fe.scene import TDCR
 from tdcr_fe.solve.element_equations import ElementModel, exact_elements, force_gradient, stiffness_times
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState
 from tdcr_fe.solve.simulation import Simulation
-
-Array = NDArray[np.float64]
 
 #: Solved states that are estimated at once. One by one, forty steps without friction take 1.25 times the time.
 CHUNK = 8

@@ -10,9 +10,9 @@ from functools import lru_cache
 
 import exudyn as exu
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.model.loading import Actuation, Load, Model, SolverSettings
 from tdcr_fe.model.results import StepResult
@@ -31,7 +31,6 @@ from tdcr_fe.solve.load_steps.load_path import (
 from tdcr_fe.solve.load_steps.stepping import LoadStepper, SolvedLoadStep
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
 
-Array = NDArray[np.float64]
 LoadKey = tuple[str, float, str]
 
 

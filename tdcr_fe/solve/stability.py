@@ -30,9 +30,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky, eigh, eigvals, null_space
 
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.model.messages import steps_named
 from tdcr_fe.model.results import StepResult
@@ -40,8 +40,6 @@ from tdcr_fe.scene.energy import Masses
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.simulation import Simulation
-
-Array = NDArray[np.float64]
 
 #: Compression over Euler's load from which stability is computed [1].
 CONSIDERABLE = 0.25

@@ -8,8 +8,8 @@ from typing import Annotated, Any, NamedTuple
 
 import exudyn as exu
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.complementarity import ROUND_OFF
 from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.elements.native.hooks import SceneHooks
@@ -25,8 +25,6 @@ from tdcr_fe.solve.newton.contact_stability import freely_moving
 from tdcr_fe.solve.sensitivities.parameters import Parameter
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
 from tdcr_fe.solve.simulation import one_thread
-
-Array = NDArray[np.float64]
 
 #: Key of the last solution in ``mbs.variables``.
 KEY = "tdcr_fe.last_solution"

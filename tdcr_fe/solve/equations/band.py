@@ -20,15 +20,14 @@ from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dgbtrf, dgbtrs
 
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.elements.backbone import NodeStiffness
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.poses import EYE6
 
-Array = NDArray[np.float64]
 #: A band pays below this fraction of the unknowns of the nodes (measured: 0.15 halves the time of the factors, 0.25
 #: lengthens it) [1].
 WIDEST = 0.2
@@ -170,7 +169,7 @@ class BandFactors(NamedTuple):
     """LU factors of a banded tangent; see `tdcr_fe.solve.equations.linearization.Factors`."""
 
     lu: Array
-    pivots: NDArray[np.int_]
+    pivots: Index
     layout: BandLayout
 
     @classmethod

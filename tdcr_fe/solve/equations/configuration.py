@@ -15,16 +15,13 @@ from typing import NamedTuple
 
 import exudyn as exu
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.elements.backbone import ElementChain, NodePoses, relative_twists
 from tdcr_fe.elements.forces import Measurement
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.poses import ONES4, coefficients, exp_matrix, pose_matrix
-
-Array = NDArray[np.float64]
-
 
 ByRobot = tuple[Array, ...]
 _CURRENT, _INITIAL = exu.ConfigurationType.Current, exu.ConfigurationType.Initial
@@ -44,7 +41,7 @@ class BodyFrameReduction:
         constraints and joints of clamped bases, which are satisfied by construction, and what does not change.
     """
 
-    def __init__(self, mbs: exu.MainSystem, beam: NDArray[np.int_], dropped: NDArray[np.int_]) -> None:
+    def __init__(self, mbs: exu.MainSystem, beam: Index, dropped: Index) -> None:
         data = mbs.systemData
         self.n2 = data.ODE2Size()
         self.size = self.n2 + data.AEsize()
@@ -140,7 +137,7 @@ class ConfigurationSpace:
         robots: Sequence[TendonActuation],
         reduction: BodyFrameReduction,
         clamped: Collection[int],
-        joints: NDArray[np.int_] | None = None,
+        joints: Index | None = None,
     ) -> None:
         self.mbs = mbs
         self.robots = robots

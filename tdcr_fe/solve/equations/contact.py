@@ -21,11 +21,9 @@ from typing import Any, NamedTuple
 
 import exudyn as exu
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int_]
+from tdcr_fe.elements import Array, Flags, Index
 
 #: Change of a coordinate for the differences, over the smallest radius of a sphere.
 RELATIVE_STEP = 1e-4
@@ -48,7 +46,7 @@ class GeneralSpheres(NamedTuple):
     """Spheres of a ``GeneralContact``."""
 
     contact: Any
-    markers: NDArray[np.int_]  # (n,)
+    markers: Index  # (n,)
     radii: Array  # (n,): [m]
     # Number of the first triangle in its lists of active contacts; None where there are no triangles
     first_triangle: int | None
@@ -85,7 +83,7 @@ class GeneralSpheres(NamedTuple):
         active = [self.contact.GetActiveContacts(kind, i) for i in range(len(self.radii))]
         return any(abs(int(number)) >= self.first_triangle for numbers in active for number in numbers)
 
-    def centers_inside(self, mbs: exu.MainSystem, configuration: Any) -> NDArray[np.bool_]:
+    def centers_inside(self, mbs: exu.MainSystem, configuration: Any) -> Flags:
         """Which pairs have the centre of one inside the other, shape (n, n), false below the diagonal."""
         if not len(self.markers):
             return np.zeros((0, 0), dtype=bool)

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import exudyn as exu
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.elements.backbone import node_frames
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.native.actuation import TendonActuation
@@ -17,8 +17,6 @@ from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.solve.equations.configuration import Configuration, SolverState, Target
 from tdcr_fe.solve.equations.contact import ContactStates, TriangleContact
 from tdcr_fe.solve.equations.layout import SceneLayout
-
-Array = NDArray[np.float64]
 
 
 class StaticKernel:
@@ -172,7 +170,7 @@ class ClampReactions(NamedTuple):
     """Multipliers of the joints of clamped bases that balance the wrenches on these bases."""
 
     # By clamped robot, the numbers of its joint's multipliers among those of a configuration
-    joints: Mapping[int, NDArray[np.int_]]
+    joints: Mapping[int, Index]
     # By clamped robot, from the wrench on its base to the joint's multipliers that cause it, shape (6, 6)
     influence: Mapping[int, Array]
 

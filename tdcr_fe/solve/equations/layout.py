@@ -10,14 +10,13 @@ import exudyn as exu
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.scene.mesh import of_backbone
 from tdcr_fe.solve.equations.band import BandLayout
 from tdcr_fe.solve.equations.configuration import BodyFrameReduction, ConfigurationSpace
-
-Array = NDArray[np.float64]
 
 
 def buckling_shortening(robot: TendonActuation) -> Array:
@@ -91,7 +90,7 @@ class ResidualScales:
         gap = float(size[self.forces :].max(initial=0.0))
         return max(float(size[: self.forces].max()) / scale, gap)
 
-    def displacement_error(self, forces: TendonForces, displacement: Array, which: NDArray[np.int_]) -> float:
+    def displacement_error(self, forces: TendonForces, displacement: Array, which: Index) -> float:
         """Largest deviation from prescribed tendon displacements over the length [1].
 
         Taut: the displacement is met. Slack: the base has let out more than the tendon needs.
@@ -120,12 +119,12 @@ class RobotUnknowns(NamedTuple):
 
     robot: int  # Its number
     nodes: slice  # Body-frame increments of its nodes
-    driven: NDArray[np.int_]  # Its tendons whose displacement is prescribed
+    driven: Index  # Its tendons whose displacement is prescribed
     tensions: slice  # Their tensions at the base
-    frictional: NDArray[np.bool_]  # (m, g): Which of its mobilisations are unknowns
+    frictional: Flags  # (m, g): Which of its mobilisations are unknowns
     mobilisations: slice  # Where these are
     # (m,): Whose holes have adhesion, which may hold them under tension while they are slack at the base
-    adhesive: NDArray[np.bool_]
+    adhesive: Flags
     clamped: bool  # Whether its base is clamped to ground
 
     @property
@@ -133,7 +132,7 @@ class RobotUnknowns(NamedTuple):
         """Whether friction acts in this robot."""
         return self.mobilisations.stop > self.mobilisations.start
 
-    def may_be_tense(self, base_tension: Array) -> NDArray[np.bool_]:
+    def may_be_tense(self, base_tension: Array) -> Flags:
         """Which tendons are under tension somewhere, or may be, at tensions at the base [N], shape (m,)."""
         return (base_tension > 0.0) | self.adhesive
 
@@ -147,7 +146,7 @@ class Numbering(NamedTuple):
     total: int  # All, mobilisations included
 
     @classmethod
-    def of(cls, layout: SceneLayout, winds: Sequence[NDArray[np.bool_]]) -> Numbering:
+    def of(cls, layout: SceneLayout, winds: Sequence[Flags]) -> Numbering:
         """Number the unknowns of a scene; ``winds``: by robot, whose displacement is prescribed, shape (m,)."""
         robots, nodes, reduced = layout.space.robots, layout.space.slices, layout.reduction.count
         driven = [np.flatnonzero(own) for own in winds]
@@ -258,20 +257,20 @@ class SceneLayout:
     """Map from the unknowns of Exudyn's scene to those of the solver."""
 
     # By robot whose base is clamped to ground, the numbers of the joint's multipliers
-    clamps: dict[int, NDArray[np.int_]]
+    clamps: dict[int, Index]
     reduction: BodyFrameReduction
     space: ConfigurationSpace
     scales: ResidualScales
     # (L, 6): Components of the concentrated loads on robots that change with the pose of their node; and whether any
     # other load does
-    turning: NDArray[np.bool_]
+    turning: Flags
     others_turn: bool
     user_loads: bool  # Whether functions of the user may change loads while a load step is solved
     no_others: bool  # Whether no objects but the robots resist motion
     # By robot, order of the unknowns of a banded tangent, where only robots resist and it is faster than a full one
     bands: tuple[BandLayout | None, ...]
     # (E,): By robot, shortening of every element at which its bay buckles [m]
-    buckling: tuple[NDArray[np.float64], ...]
+    buckling: tuple[Array, ...]
     # Those computed so far, by which tendons are driven by displacement
     numberings: dict[tuple[bytes, ...], Numbering] = field(default_factory=dict)
 
@@ -338,7 +337,7 @@ class SceneLayout:
         )
 
 
-def _clamps(mbs: exu.MainSystem, robots: Sequence[TendonActuation]) -> dict[int, NDArray[np.int_]]:
+def _clamps(mbs: exu.MainSystem, robots: Sequence[TendonActuation]) -> dict[int, Index]:
     """By robot whose base is clamped to ground, the numbers of the joint's multipliers."""
     found = {}
     for i, robot in enumerate(robots):

@@ -7,9 +7,9 @@ from math import isfinite
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dgetrf, dgetrs
 
+from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.backbone import BackboneMesh, ElementChain, NodeStiffness
 from tdcr_fe.elements.complementarity import positive_definite_near, solve_box
 from tdcr_fe.elements.forces import TendonForces
@@ -17,9 +17,6 @@ from tdcr_fe.elements.poses import EYE6
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import Numbering, zero_bases
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 class Factors(Protocol):
@@ -39,7 +36,7 @@ class DenseFactors(NamedTuple):
     """LU factors of a full matrix."""
 
     lu: Array  # Of the transposed matrix
-    pivots: NDArray[np.int_]
+    pivots: Index
 
     @classmethod
     def of(cls, matrix: Array) -> DenseFactors:

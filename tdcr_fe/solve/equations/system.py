@@ -16,8 +16,8 @@ from dataclasses import replace
 
 import exudyn as exu
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.hooks import SceneHooks
@@ -36,8 +36,6 @@ from tdcr_fe.solve.equations.linearization import (
     damping_of_node,
     hold,
 )
-
-Array = NDArray[np.float64]
 
 
 class SceneSystem:

@@ -18,9 +18,9 @@ from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.compiled import compilable, compiled_as, is_compiled, run_compiled
+from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.complementarity import ROUND_OFF, largest, largest_magnitude, smallest
 from tdcr_fe.solve.friction_path.rates import (
     Bounds,
@@ -44,10 +44,6 @@ from tdcr_fe.solve.friction_path.rates import (
 )
 from tdcr_fe.solve.friction_path.slips import InterpolatedSlips, slips_at
 from tdcr_fe.solve.friction_path.transfer import branches_at, distance_to_branch_change
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Index = NDArray[np.int_]
 
 #: Longest path segment, over which rates are taken as constant [1]. With 0.08, one of 200 random robots ended 2.4e-5 of
 #: the length off.

@@ -19,11 +19,8 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from tdcr_fe.compiled import compilable, compiled_as
+from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.complementarity import MOST_IDLE_BLOCKS, ROUND_OFF, exchanged, largest, smallest
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int_]
-Flags = NDArray[np.bool_]
 
 #: Slips below this fraction of the presliding distance are negligible: rates that lead to less in a substep are zero,
 #: and what was slipped beyond a reversal that was not foreseen is left as it is [1].

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.layout import Numbering, zero_bases
@@ -24,10 +24,8 @@ from tdcr_fe.solve.friction_path.transfer import TendonsInSubstep
 from tdcr_fe.solve.newton.convergence import BALANCED
 from tdcr_fe.solve.newton.prediction import moved_elements
 
-Array = NDArray[np.float64]
 #: By robot, numbers of some of its tendons.
-Tendons = Sequence[NDArray[np.int_]]
-Index = NDArray[np.int_]
+Tendons = Sequence[Index]
 
 #: Largest turn of an element since the last linearisation with which that is as good as a new one [rad]. With four
 #: times as much, one of twenty random robots ended 1.5e-5 of the length off.

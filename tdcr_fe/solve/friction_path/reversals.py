@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.layout import Numbering
@@ -16,9 +16,6 @@ from tdcr_fe.solve.friction_path.rates import columns_of, tension_columns
 from tdcr_fe.solve.friction_path.response import KnownStates
 from tdcr_fe.solve.friction_path.slips import InterpolatedSlips
 from tdcr_fe.solve.friction_path.transfer import tension_transfer
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int_]
 
 #: The interpolation is too uncertain to locate reversals with an error above this fraction of the largest slip [1].
 ROUGH = 0.1

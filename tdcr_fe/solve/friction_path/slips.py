@@ -15,14 +15,12 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.compiled import compilable
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.complementarity import largest, largest_magnitude
 from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState, factorised, solved
 from tdcr_fe.solve.friction_path.transfer import AdhesiveTransfer, CapstanTransfer, branches_at, tensions_at
-
-Array = NDArray[np.float64]
 
 #: Newton's method for tensions and turning angles that agree ends with the correction of an error below this fraction
 #: of the largest tension: what it leaves is about the square of that [1].

@@ -11,15 +11,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.compiled import compilable, compiled_as
+from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.capstan import capstan
 from tdcr_fe.elements.friction import TendonLaw
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int_]
-Flags = NDArray[np.bool_]
 
 
 class TendonsInSubstep(NamedTuple):
@@ -28,7 +24,7 @@ class TendonsInSubstep(NamedTuple):
     robot: int  # Its number
     law: TendonLaw
     which: Index  # Their numbers, shape (m,)
-    frictional: NDArray[np.bool_]  # (m, g): Which of their mobilisations are unknowns
+    frictional: Flags  # (m, g): Which of their mobilisations are unknowns
     driven: Index  # Which of them are driven by displacement; their tensions at the base are unknown
     tension: Array  # (2, m): At the base, at both ends [N]
 

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 from math import isfinite
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.elements import Array
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.messages import warnings_to
 from tdcr_fe.model.plausibility import warn_of_implausible
@@ -45,7 +46,6 @@ from tdcr_fe.solve.mesh import MOST_MESHES
 from tdcr_fe.solve.simulate import INTERRUPTED, MeshedRun
 from tdcr_fe.solve.simulation import Simulation, one_thread, step_warnings
 
-Array = NDArray[np.float64]
 #: Tolerance of the error, where none is given [fraction of the length].
 TOLERANCE = 1e-3
 #: Tensions from which the search is started at most before a target is said to be out of reach.

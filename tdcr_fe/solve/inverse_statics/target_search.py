@@ -13,10 +13,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.elements.drives import TendonDrives
 from tdcr_fe.model.loading import Actuation, LoadStep
@@ -26,8 +26,6 @@ from tdcr_fe.solve.load_steps.load_path import LoadStepReport, StepFailed
 from tdcr_fe.solve.sensitivities.parameters import parameters
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
 from tdcr_fe.solve.simulation import Simulation
-
-Array = NDArray[np.float64]
 
 #: Share of the tolerance that a tension of the scale costs, and to which the distance is rounded off near zero [1].
 PRICE = 0.1

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.friction_path.response import Equilibrium, Span, twist_change, twists
 from tdcr_fe.solve.load_steps.load_path import SolvedPath, StepFailed
@@ -23,8 +23,6 @@ from tdcr_fe.solve.load_steps.solve_with_reversals import (
 )
 from tdcr_fe.solve.load_steps.states_within import known_states
 from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver
-
-Array = NDArray[np.float64]
 
 #: Largest rotation of an element that the mean of both slopes leaves unexplained, over the largest rotation [1].
 UNEXPLAINED = 0.1

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.scene.loads import PointLoad
@@ -19,9 +19,6 @@ from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.follow import FrictionPath
 from tdcr_fe.solve.friction_path.response import Equilibrium, KnownStates
 from tdcr_fe.solve.newton.newton import NewtonResult
-
-Array = NDArray[np.float64]
-
 
 #: Gives tension [N] or displacement [m] of every tendon at a load factor and a time [s].
 InputRamp = Callable[[float, float], Array]

@@ -7,7 +7,6 @@ docs/algorithms.md, section "Slip reversals within a substep".
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.layout import Numbering
@@ -21,8 +20,6 @@ from tdcr_fe.solve.load_steps.states_within import known_states, refined
 from tdcr_fe.solve.load_steps.substep import SubstepSolver, has_rates
 from tdcr_fe.solve.newton.newton import NewtonResult, with_unknowns_of
 from tdcr_fe.solve.newton.steps import slip_changes
-
-Array = NDArray[np.float64]
 
 #: Largest error of a substep as a fraction of what is left of the path tolerance; and of all of it, where little is
 #: left [1].

@@ -8,8 +8,8 @@ from math import ceil
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.friction_path.follow import FrictionPath, PathReversal
 from tdcr_fe.solve.friction_path.response import (
@@ -26,8 +26,6 @@ from tdcr_fe.solve.friction_path.reversals import Reversals
 from tdcr_fe.solve.load_steps.load_path import SolvedSubstep, StepFailed
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
 from tdcr_fe.solve.newton.newton import newton
-
-Array = NDArray[np.float64]
 
 #: Most intervals into which a substep is divided at first by states within it.
 MOST_INTERVALS_AT_FIRST = 4
@@ -132,9 +130,6 @@ def refined(
                 return []
             states.append((x, state))
     return states
-
-
-Flags = NDArray[np.bool_]
 
 
 class ReversalPoint(NamedTuple):

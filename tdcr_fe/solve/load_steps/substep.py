@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.linearization import Linearization, SolvedStep, input_changes, same_loads
@@ -19,8 +19,6 @@ from tdcr_fe.solve.newton.convergence import NewtonStatus
 from tdcr_fe.solve.newton.newton import NewtonResult, newton
 from tdcr_fe.solve.newton.prediction import predict
 from tdcr_fe.solve.newton.steps import MOST_DAMPING
-
-Array = NDArray[np.float64]
 
 #: A jump of a node by more than this fraction of the length in a damped solve is a snap-through [1].
 SNAP = 0.02

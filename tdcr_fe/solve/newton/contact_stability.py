@@ -13,16 +13,14 @@ makes the compliance unsymmetric, its eigenvalues decide (R. Hill, J. Mech. Phys
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky, eig
 
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.linearization import Linearization, damping_of_node
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.steps import FrictionCoupling
-
-Array = NDArray[np.float64]
 
 #: Part of the largest compliance below which a negative one is round-off [1].
 ROUND_OFF = 1e-6
@@ -72,9 +70,7 @@ def unstable_motion(system: SceneSystem, residual: Residual) -> Array | None:
     return motion / np.abs(motion.reshape(-1, 6)[:, :3]).max()
 
 
-def _compliance(
-    system: SceneSystem, residual: Residual, linear: Linearization, which: NDArray[np.int_]
-) -> Array:
+def _compliance(system: SceneSystem, residual: Residual, linear: Linearization, which: Index) -> Array:
     """Increments of the nodes by forces on them, shape (k, k), for the unknowns of these numbers, shape (k,)."""
     numbering = linear.numbering
     right = np.zeros((numbering.linear, len(which)), order="F")
@@ -116,7 +112,7 @@ def freely_moving(system: SceneSystem, state: SolverState) -> list[str]:
     return _moved(system, displaced)
 
 
-def _moved(system: SceneSystem, coordinates: NDArray[np.int_]) -> list[str]:
+def _moved(system: SceneSystem, coordinates: Index) -> list[str]:
     """Names of the robots, and of the bodies beside them, that have any of the scene's ODE2 coordinates."""
     mbs, left, found = system.mbs, set(coordinates.tolist()), []
     for robot in system.robots:

@@ -11,13 +11,11 @@ from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import ResidualScales
-
-Array = NDArray[np.float64]
 
 #: Largest allowed difference between a mobilisation and that of its trial state [1].
 FRICTION_TOLERANCE = 1e-4

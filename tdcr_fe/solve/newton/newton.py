@@ -6,7 +6,6 @@ from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.model.loading import SolverSettings
@@ -17,8 +16,6 @@ from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.convergence import Iterate, NewtonStatus, Unmet, first_unmet, stalled
 from tdcr_fe.solve.newton.steps import NewtonStep, advanced, damped_step, full_step
-
-Array = NDArray[np.float64]
 
 #: How often contact that opens or closes is updated in one solve.
 MOST_CONTACT_UPDATES = 20

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.equations.configuration import SolverState
@@ -20,9 +20,6 @@ from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import Numbering, zero_bases
 from tdcr_fe.solve.equations.linearization import BorderedFactors, Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int_]
 
 #: A damped step turns no section by more than this; below a fifth of it the damping is reduced [rad].
 DAMPED_TURN = 0.5
@@ -109,7 +106,7 @@ class FrictionCoupling(NamedTuple):
         cls,
         numbering: Numbering,
         forces: Sequence[TendonForces],
-        slack: Sequence[NDArray[np.bool_]],
+        slack: Sequence[Flags],
     ) -> FrictionCoupling:
         """Assemble the derivatives of all robots.
 

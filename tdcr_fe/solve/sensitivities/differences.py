@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.model.loading import Actuation, LoadStep, resolve
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, StepInput
 from tdcr_fe.solve.simulation import Simulation
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 #: Difference steps: central, or to one side where the other is impossible; offsets and weights in units of the step.
@@ -139,7 +138,7 @@ class InputDerivatives:
     tendons: Array
     loads: Array  # (steps, L, 6, P): Of the concentrated loads, in the order of the simulation
     times: Array  # (steps, P): Of the times [s]
-    restarts: NDArray[np.bool_]  # (P,): Whose derivatives begin anew with every step
+    restarts: Flags  # (P,): Whose derivatives begin anew with every step
 
     def at(self, number: int, scale: Array) -> InputValues:
         """Derivatives at the end of a step, by its number from 0.

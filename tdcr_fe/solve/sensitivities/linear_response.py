@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
 from tdcr_fe.elements.poses import skew
@@ -26,8 +26,6 @@ from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.steps import FrictionCoupling
 from tdcr_fe.solve.sensitivities.robot_model import RobotPoint, TendonStack, Values, with_rates
 from tdcr_fe.solve.simulation import Simulation, one_thread
-
-Array = NDArray[np.float64]
 
 #: Mobilisations this near to their bounds are at them [1].
 AT_BOUND = 1e-7
@@ -87,7 +85,7 @@ class SolvedPoint:
     state: SolverState  # With the history at the beginning of its increment
     forces: tuple[TendonForces, ...]  # By robot
     linearization: Linearization
-    sticking: tuple[NDArray[np.bool_], ...]  # (m, g): By robot, whose mobilisations follow their slips
+    sticking: tuple[Flags, ...]  # (m, g): By robot, whose mobilisations follow their slips
     # (2, m, g): By robot, slopes of the slips by the mobilisations of holes that stick, at the beginning of the
     # increment and at its end [m]
     flexibility: tuple[Array, ...]
@@ -102,7 +100,7 @@ class SolvedPoint:
         softening: float = 1.0,
         numbering: Numbering | None = None,
         all_stick: bool = False,
-        sticking: tuple[NDArray[np.bool_], ...] | None = None,
+        sticking: tuple[Flags, ...] | None = None,
         linearization: Linearization | None = None,
     ) -> SolvedPoint:
         """Linearise a solved state.
@@ -305,9 +303,7 @@ def _flexibility(
     return np.array([hysteresis.flexibility(at, direction) for at in (history.mobilisation, mobilisation)])
 
 
-def _slips(
-    own: TendonForces, mobilisation: Array, history: FrictionState, softening: float
-) -> NDArray[np.bool_]:
+def _slips(own: TendonForces, mobilisation: Array, history: FrictionState, softening: float) -> Flags:
     """Which holes slip: full friction acts, and so it follows from the slip since the history, shape (m, g)."""
     trial = own.model.law.hysteresis.softened(softening).trial(own.field.slip, history)
     return np.asarray(np.minimum(np.abs(mobilisation), np.abs(trial)) >= 1.0 - AT_BOUND)

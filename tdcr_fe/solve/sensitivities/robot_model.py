@@ -14,10 +14,10 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.elements.forces import ForceModel, TendonForces
 from tdcr_fe.elements.friction import FrictionModel, TendonLaw, TendonParameters
@@ -30,8 +30,6 @@ from tdcr_fe.scene.parts import BasePose
 from tdcr_fe.solve.sensitivities.differences import Stencil, StructureChanged, stencil
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
@@ -41,7 +39,7 @@ class RobotModel:
     hysteresis: Hysteresis  # At the holes
     base: BasePose | None  # Of the base plate in the world; None is that of the world
     forces: ForceModel  # Mesh, tendons, laws and section forces
-    rigid: NDArray[np.bool_]  # (E,): Which elements are rigid inserts
+    rigid: Flags  # (E,): Which elements are rigid inserts
     weight: Array  # (N, 3): Weight on every node, world axes [N]
 
     @classmethod
@@ -154,7 +152,7 @@ class Values(NamedTuple):
 class TendonStack:
     """Tendons of several models of one robot, evaluated as if they were so many tendons."""
 
-    index: NDArray[np.int_]  # (S,): By model, which of the different ones it is
+    index: Index  # (S,): By model, which of the different ones it is
     # Of the different ones, where one has friction with its mobilisations: of those with constant coefficients of
     # friction, which take a fraction of the time, and of the others
     laws: tuple[TendonLaw, ...]
@@ -196,7 +194,7 @@ class TendonStack:
         )
         return cls(np.arange(size), (_joined_law([model.law] * size, model.law.law),), geometry, ())
 
-    def at(self, point: RobotPoint, rates: Array, nodes: NDArray[np.int_]) -> Values:
+    def at(self, point: RobotPoint, rates: Array, nodes: Index) -> Values:
         """Forces in a state.
 
         Parameters
@@ -230,7 +228,7 @@ class TendonStack:
         found = wrenches, tension.reshape(size, m, n), released.reshape(size, m, n)
         return Values(*(x[self.index] for x in found))
 
-    def _shape(self, point: RobotPoint, nodes: NDArray[np.int_]) -> CableShape:
+    def _shape(self, point: RobotPoint, nodes: Index) -> CableShape:
         if self.geometry is not None:
             positions, rotations = point.positions[nodes], point.rotations[nodes]
             self.geometry.shift_in_holes(positions, rotations)

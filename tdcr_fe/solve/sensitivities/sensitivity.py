@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.hooks import SceneHooks
@@ -39,8 +39,6 @@ from tdcr_fe.solve.sensitivities.robot_model import (
     neighbours,
 )
 from tdcr_fe.solve.simulation import Simulation
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +73,7 @@ class Derivative:
         count = released.shape[2]
         return cls(slip, history, history, none, base, none, np.zeros((loads, 6, count)), np.zeros(count))
 
-    def without(self, which: NDArray[np.bool_]) -> Derivative:
+    def without(self, which: Flags) -> Derivative:
         """Zero for some parameters, shape (P,)."""
         if not which.any():
             return self
