@@ -107,10 +107,8 @@ class Linearisation(NamedTuple):
         return np.asarray(np.eye(self.by_tension.shape[1]) - self.by_tension @ self.by_coefficient)
 
 
-def solve_coefficients(
-    linearise: Callable[[Array], Linearisation], start: Array
-) -> tuple[Array, Linearisation]:
-    """Coefficients that satisfy the laws at the tensions they lead to.
+def solve_coefficients(linearise: Callable[[Array], Linearisation], start: Array) -> Linearisation:
+    """The linearisation at coefficients that satisfy the laws at the tensions they lead to.
 
     Newton's method, its steps halved where they increase the error.
 
@@ -123,9 +121,8 @@ def solve_coefficients(
 
     Returns
     -------
-    coefficient : ndarray, shape (m, n-1)
-    linearisation : Linearisation
-        At these coefficients. Its tensions are nan where no solution was found.
+    Linearisation
+        Its tensions are nan where no solution was found.
     """
     mu, now = start, linearise(start)
     error = float(np.max(np.abs(now.law.value - mu), initial=0.0))
@@ -151,7 +148,7 @@ def solve_coefficients(
         mu, now, error = trial, there, new
     if not error <= ACCEPTED:
         now = now._replace(tension=np.full_like(now.tension, np.nan))
-    return mu, now
+    return now
 
 
 def tension_derivatives(

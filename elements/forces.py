@@ -87,10 +87,9 @@ class ForceModel:
             Of the elements, shape (E, 6); None computes them from the poses where they are needed.
         """
         poses = None if self.springs is None else (positions, rotations)
-        needed = self.section is not None
-        if needed and twists is None:
-            twists = relative_twists(positions, rotations)
-        strained = twists if needed and twists is not None else np.zeros((0, 6))
+        strained = np.zeros((0, 6))
+        if self.section is not None:
+            strained = relative_twists(positions, rotations) if twists is None else twists
         if self.geometry is None:
             return Measurement(strained, self._along_the_backbone(strained), None, poses)
         if self.columns is not None:
@@ -365,22 +364,17 @@ class TendonForces(NamedTuple):
             else:
                 k[np.ix_(columns[: len(pull)], columns)] += pull
         if self.model.section is not None:
-            self._add_section_tangent(k)
+            # Derivatives of the section forces by the twists, and by the frames in which they are expressed.
+            blocks = self.model.section.wrench_tangent(self.measured.twists, self.field.tension[:, 0])
+            add_element_tangent(k, blocks, self.section_wrenches())
 
     def _add_springs(self, k: Array) -> None:
         """Add the tangent of the springs to ground; ``k`` as in `add_coupling`."""
-        if self.measured.poses is None or self.model.springs is None:
+        springs, poses = self.model.springs, self.measured.poses
+        if springs is None or poses is None:
             return
-        for node, block in zip(
-            self.model.springs.nodes, self.model.springs.blocks(self.measured.poses[1]), strict=True
-        ):
+        for node, block in zip(springs.nodes, springs.blocks(poses[1]), strict=True):
             k[6 * node : 6 * node + 3, 6 * node : 6 * node + 3] -= block
-
-    def _add_section_tangent(self, k: Array) -> None:
-        """Section forces: derivatives by the twists and by the frames in which they are expressed."""
-        assert self.model.section is not None
-        blocks = self.model.section.wrench_tangent(self.measured.twists, self.field.tension[:, 0])
-        add_element_tangent(k, blocks, self.section_wrenches())
 
     @property
     def has_hole_slopes(self) -> bool:

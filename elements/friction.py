@@ -297,7 +297,7 @@ class TendonLaw:
 
         at_rest = self.at_holes(self._slip_rate(state.slip, state, 0.0))
         start = laws(2.0 * base_tension[:, None] * np.sin(half), at_rest)
-        _, solved = solve_coefficients(linearise, start.value)
+        solved = solve_coefficients(linearise, start.value)
         tension = solved.tension
         released, d_length, d_tension = self._released(tension, lengths)
         slip = self.slips(released)

@@ -24,7 +24,7 @@ from tdcr_fe.elements.native.condensation import ElasticTendons, forces_by_input
 from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_forces
 from tdcr_fe.elements.native.history import HistoryNodes, RobotHistory
 from tdcr_fe.elements.native.items import Clamp, Connectors, SystemReference
-from tdcr_fe.elements.native.iterated import IteratedBackbone
+from tdcr_fe.elements.native.iterated import excess_tangent
 from tdcr_fe.elements.native.scene_forces import Holes, Motor, SceneForces, wound
 
 #: Tensions [N] and displacements [m] at the base, shape (m,), as set or over time [s].
@@ -96,7 +96,6 @@ class TendonActuation:
         self.motors: tuple[Motor, ...] = ()
         self._node_coordinates = NodeCoordinates(system, self.nodes)
         self._scene_forces = SceneForces(self._node_coordinates)
-        self._backbone = IteratedBackbone(system, self._node_coordinates)
         self._solved: tuple[Array, RobotHistory, TendonForces] | None = None
         self._no_jacobian = _container(np.zeros((7 * len(self.nodes),) * 2))
         self._force_function: Any = 0
@@ -284,7 +283,7 @@ class TendonActuation:
         tangent = self._scene_forces.tangent(nodes, tendons, holes, self.motors)
         # Both factors together are those of an iteration in time; derivatives for linearised systems are exact.
         if by_velocity != 0.0 and by_position != 0.0:
-            excess = self._backbone.excess_tangent(self.mesh, nodes)
+            excess = excess_tangent(self.system, self._node_coordinates, self.mesh, nodes)
             if excess is not None:
                 tangent[: nodes.size, : nodes.size] -= excess
         tangent *= -by_position

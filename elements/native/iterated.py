@@ -40,8 +40,14 @@ from tdcr_fe.elements.section import (
 from tdcr_fe.elements.tendons import CableShape
 
 
-class IteratedBackbone:
-    """The elements of one backbone in the iterates of a step.
+def excess_tangent(
+    system: SystemReference, coordinates: NodeCoordinates, mesh: BackboneMesh, displacements: Array
+) -> Array | None:
+    """Derivative of the generalised forces of the elements by excessive axial and shear forces, at these forces.
+
+    Excessive is a change since the beginning of the step whose geometric stiffness is of the order of the bending
+    stiffness: ``EI / h^2``, where ``h`` is the length of an element, or that of a twentieth of the backbone if it is
+    shorter.
 
     Parameters
     ----------
@@ -49,63 +55,35 @@ class IteratedBackbone:
         The system.
     coordinates
         Of the nodes.
+    mesh
+        The backbone.
+    displacements
+        Coordinates of the nodes in this iterate, without reference values, shape (7 N,).
+
+    Returns
+    -------
+    ndarray, shape (7 N, 7 N), or None
+        None where no element is stretched excessively.
     """
-
-    def __init__(self, system: SystemReference, coordinates: NodeCoordinates) -> None:
-        self._system, self._coordinates = system, coordinates
-        self._limits: Limits | None = None
-
-    def excess_tangent(self, mesh: BackboneMesh, displacements: Array) -> Array | None:
-        """Derivative of the generalised forces of the elements by excessive axial and shear forces, at these forces.
-
-        Parameters
-        ----------
-        mesh
-            The backbone.
-        displacements
-            Coordinates of the nodes in this iterate, without reference values, shape (7 N,).
-
-        Returns
-        -------
-        ndarray, shape (7 N, 7 N), or None
-            None where no element is stretched excessively.
-        """
-        if self._limits is None or self._limits.mesh is not mesh:
-            self._limits = Limits.of(mesh)
-        data = self._system.mbs.systemData
-        everything: Array = data.GetODE2Coordinates(exu.ConfigurationType.StartOfStep, copy=False)
-        before, after = everything[self._coordinates.numbers], displacements.reshape(-1, 7)
-        # The lengths of the chords are enough to see it, in a tenth of the time that the twists take.
-        nodes = before[:, :3] + self._coordinates.reference[:, :3]
-        moved = after[:, :3] - before[:, :3]
-        way = moved[1:] - moved[:-1]
-        grown = np.abs(np.einsum("ei,ei->e", 2.0 * (nodes[1:] - nodes[:-1]) + way, way))
-        if not (grown > self._limits.square).any():
-            return None
-        positions, rotations, parameters = self._coordinates.poses(after)
-        twists = relative_twists(positions, rotations)
-        wrenches = mesh.twist_stiffness * (twists - relative_twists(*self._coordinates.poses(before)[:2]))
-        wrenches[:, 3:] = 0.0
-        wrenches[(np.abs(wrenches) < self._limits.force).all(axis=1)] = 0.0
-        return constant_wrench_tangent(wrenches, twists, rotations, parameters)
-
-
-class Limits(NamedTuple):
-    """What is excessive in an iterate."""
-
-    mesh: BackboneMesh  # The backbone
-    # Change of an axial or shear force since the beginning of the step whose geometric stiffness is of the
-    # order of the bending stiffness: ``EI / h^2``, where ``h`` is the length of an element, or that of a
-    # twentieth of the backbone if it is shorter [N]
-    force: float
-    square: Array  # (E,): Change of the squared length of the elements by such an axial force [m^2]
-
-    @classmethod
-    def of(cls, mesh: BackboneMesh) -> Limits:
-        """Of a backbone."""
-        lengths = np.maximum(mesh.lengths, mesh.arc_lengths[-1] / 20.0)
-        force = float(np.min(mesh.stiffness[:, 4:] / lengths[:, None] ** 2))
-        return cls(mesh, force, 2.0 * mesh.lengths * force / mesh.twist_stiffness[:, 0])
+    lengths = np.maximum(mesh.lengths, mesh.arc_lengths[-1] / 20.0)
+    limit = float(np.min(mesh.stiffness[:, 4:] / lengths[:, None] ** 2))
+    everything: Array = system.mbs.systemData.GetODE2Coordinates(
+        exu.ConfigurationType.StartOfStep, copy=False
+    )
+    before, after = everything[coordinates.numbers], displacements.reshape(-1, 7)
+    # The lengths of the chords are enough to see it, in a tenth of the time that the twists take.
+    nodes = before[:, :3] + coordinates.reference[:, :3]
+    moved = after[:, :3] - before[:, :3]
+    way = moved[1:] - moved[:-1]
+    grown = np.abs(np.einsum("ei,ei->e", 2.0 * (nodes[1:] - nodes[:-1]) + way, way))
+    if not (grown > 2.0 * mesh.lengths * limit / mesh.twist_stiffness[:, 0]).any():
+        return None
+    positions, rotations, parameters = coordinates.poses(after)
+    twists = relative_twists(positions, rotations)
+    wrenches = mesh.twist_stiffness * (twists - relative_twists(*coordinates.poses(before)[:2]))
+    wrenches[:, 3:] = 0.0
+    wrenches[(np.abs(wrenches) < limit).all(axis=1)] = 0.0
+    return constant_wrench_tangent(wrenches, twists, rotations, parameters)
 
 
 def constant_wrench_tangent(wrenches: Array, twists: Array, rotations: Array, parameters: Array) -> Array:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from itertools import zip_longest
 from math import isfinite
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, SolverSettings, resolve
@@ -111,8 +112,15 @@ def simulate(
         record_path is not None,
     )
     implausible, remarks = warn_of_implausible(robot, model, steps)
+    automatic = model.elements_per_bay == "auto" and reference_path is None
     with one_thread(), warnings_to():
-        kept, last, stop = _refined_runs(request)
+        runs, stop = refined_runs(
+            lambda counts, before: _Run(request, replace(model, elements_per_bay=counts), before),
+            elements_of_bays(robot, model),
+            automatic,
+        )
+    # A run on a refined mesh may have failed, or been interrupted, before the steps that a coarser one has solved.
+    last, kept = runs[-1], max(reversed(runs), key=lambda run: len(run.solved))
     if record_path is not None:
         record_path[:] = kept.path
     further = [*instability_warnings(kept.unstable)]
@@ -140,37 +148,6 @@ class _Request(NamedTuple):
     parameters: tuple[Parameter, ...]  # By which results are differentiated
     responses: bool
     records: bool  # Whether the path is recorded
-    pilots: bool = True  # Whether the error of the mesh may be estimated for steps to come, see `_Run._pilot`
-
-
-def _refined_runs(request: _Request) -> tuple[_Run, _Run, KeyboardInterrupt | None]:
-    """Run on finer and finer meshes; the run that solved most steps, the last one, and what interrupted it.
-
-    They differ where a run on a refined mesh fails, or is interrupted, before it reaches the steps that the run on the
-    coarser mesh has solved.
-    """
-    robot, model = request.experiment.robot, request.experiment.model
-    counts = elements_of_bays(robot, model)
-    automatic = model.elements_per_bay == "auto" and request.reference_path is None
-    kept: _Run | None = None
-    last: _Run | None = None
-    stop: KeyboardInterrupt | None = None
-    for mesh in range(1, MOST_MESHES + 1):
-        last = _Run(request, replace(model, elements_per_bay=counts), last)
-        finer = None
-        try:
-            finer = last.take_steps(automatic and mesh < MOST_MESHES)
-        except KeyboardInterrupt as interruption:
-            last.failed, last.message, stop = last.next_step, INTERRUPTED, interruption
-        if kept is None or len(last.solved) >= len(kept.solved):
-            kept = last
-        if finer is None:
-            break
-        counts = finer
-        # A refined mesh is one for the steps to come as well.
-        request = request._replace(pilots=False)
-    assert kept is not None and last is not None
-    return kept, last, stop
 
 
 def _coarser_mesh_kept(kept: _Run, last: _Run) -> str:
@@ -193,13 +170,15 @@ def _outcome_on_coarser_mesh(kept: _Run, last: _Run) -> tuple[int | None, str]:
     return number, f"step {number} was not solved, since the refined mesh failed before it: {last.message}"
 
 
-class MeshedRun:
+class MeshedRun(ABC):
     """A run with one mesh: what is solved so far, and the estimated error of the mesh.
 
     Parameters
     ----------
     simulation
         Of the robot, at its beginning.
+    count
+        Number of load steps.
 
     Attributes
     ----------
@@ -215,8 +194,8 @@ class MeshedRun:
         Estimates for steps to come; None until there is need of them.
     """
 
-    def __init__(self, simulation: Simulation) -> None:
-        self.simulation = simulation
+    def __init__(self, simulation: Simulation, count: int) -> None:
+        self.simulation, self.count = simulation, count
         self.goal = simulation.settings.mesh_tolerance * simulation.handle.robot.backbone.length
         self.monitor = MeshMonitor(simulation, self.goal)
         self.solved: list[StepResult] = []
@@ -224,6 +203,15 @@ class MeshedRun:
         self.failed: int | None = None
         self.message = CONVERGED
         self.pilots: list[MeshEstimate] | None = []
+
+    @abstractmethod
+    def take_steps(self, refine: bool) -> tuple[int, ...] | None:
+        """Solve all steps; or, to ``refine``, return the elements per bay of the finer mesh that they need."""
+
+    @property
+    def next_step(self) -> int | None:
+        """Number of the first step that is not solved."""
+        return len(self.solved) + 1 if len(self.solved) < self.count else None
 
     @property
     def elements_per_bay(self) -> tuple[int, ...]:
@@ -302,12 +290,44 @@ def _with_estimate(step: StepResult, estimate: MeshEstimate | None) -> StepResul
     )
 
 
+Run = TypeVar("Run", bound=MeshedRun)
+
+
+def refined_runs(
+    begin: Callable[[tuple[int, ...], Run | None], Run], counts: tuple[int, ...], automatic: bool
+) -> tuple[list[Run], KeyboardInterrupt | None]:
+    """Runs on finer and finer meshes, until the error of the mesh is met, and what interrupted the last one.
+
+    Parameters
+    ----------
+    begin
+        Makes a run from its elements per bay and the run on the coarser mesh, which the first one has none of.
+    counts
+        Elements per bay of the first one.
+    automatic
+        Whether the mesh is refined.
+    """
+    runs: list[Run] = []
+    while True:
+        run = begin(counts, runs[-1] if runs else None)
+        runs.append(run)
+        try:
+            finer = run.take_steps(automatic and len(runs) < MOST_MESHES)
+        except KeyboardInterrupt as stop:
+            run.failed, run.message = run.next_step, INTERRUPTED
+            return runs, stop
+        if finer is None:
+            return runs, None
+        counts = finer
+
+
 class _Run(MeshedRun):
     """One run through a loading sequence with one mesh."""
 
     def __init__(self, request: _Request, model: Model, before: _Run | None = None) -> None:
         experiment = request.experiment
-        super().__init__(Simulation(experiment.robot, model, request.targets, request.settings))
+        simulation = Simulation(experiment.robot, model, request.targets, request.settings)
+        super().__init__(simulation, len(experiment.steps))
         self.request, self.steps = request, experiment.steps
         self.history: SensitivityHistory | None = None
         if request.parameters:
@@ -316,19 +336,15 @@ class _Run(MeshedRun):
         self.path: PathRecord = []
         self.compression = ExternalCompression.of(self.simulation)
         self.unstable: list[int] = []
-        self.pilots = None if request.pilots else []
+        # A refined mesh is one for the steps to come as well.
+        self.pilots = None if before is None else []
         #: States that are near the ends of the steps, from which their solutions begin.
         self.warm_starts: dict[int, StoredState] = (
             {} if before is None else before.warm_starts_on(self.simulation)
         )
 
-    @property
-    def next_step(self) -> int | None:
-        """Number of the first step that is not solved."""
-        return len(self.solved) + 1 if len(self.solved) < len(self.steps) else None
-
     def take_steps(self, refine: bool) -> tuple[int, ...] | None:
-        """Solve all steps; or return the elements per bay of the finer mesh that they need."""
+        """See `MeshedRun.take_steps`."""
         request, estimated = self.request, isfinite(self.goal)
         for number, (step, target) in enumerate(zip(self.steps, request.targets, strict=True), start=1):
             try:
@@ -378,7 +394,7 @@ class _Run(MeshedRun):
         """
         changed = self.monitor.record()
         costly = report.iterations_total > report.iterations
-        if not refine or self.pilots is not None or not costly or number == len(self.steps):
+        if not refine or self.pilots is not None or not costly or number == self.count:
             return changed
         self.monitor.flush()
         self.pilots = [] if self.too_coarse() else self._pilot(number)

@@ -28,7 +28,7 @@ from tdcr_fe.solve.load_steps.load_path import (
     Ramp,
     StepFailed,
 )
-from tdcr_fe.solve.load_steps.stepping import LoadStepper, SolvedLoadStep
+from tdcr_fe.solve.load_steps.stepping import SolvedLoadStep, solve_load_step
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
 
 LoadKey = tuple[str, float, str]
@@ -126,7 +126,7 @@ class Simulation:
         substeps
             Fixed number; None chooses by refinement.
         near
-            The substeps of a similar run, see `tdcr_fe.solve.load_steps.stepping.LoadStepper.solve`.
+            The substeps of a similar run, see `tdcr_fe.solve.load_steps.stepping.solve_load_step`.
         follow
             Called with the solved load step.
         deadline
@@ -150,7 +150,7 @@ class Simulation:
         solver = SubstepSolver(self.system, ramp, self.settings, deadline)
         try:
             with one_thread():
-                solved = LoadStepper(solver, self.position).solve(substeps, near)
+                solved = solve_load_step(solver, self.position, substeps, near)
         except StepFailed as failure:
             self.position = Position(failure.state)
             raise

@@ -19,7 +19,7 @@ from tdcr_fe.scene.builder import check_system
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Position, Ramp, SolvedPath
-from tdcr_fe.solve.load_steps.stepping import LoadStepper
+from tdcr_fe.solve.load_steps.stepping import solve_load_step
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
 from tdcr_fe.solve.newton.contact_stability import freely_moving
 from tdcr_fe.solve.sensitivities.parameters import Parameter
@@ -175,7 +175,7 @@ def _solve(
     with one_thread():
         for part, begin in zip(parts, recall(system, parts, start_time), strict=True):
             ramp = Ramp.of(part, begin.state, start_time, end_time, before, user_loads)
-            solved = LoadStepper(SubstepSolver(part, ramp, settings), begin).solve(substeps)
+            solved = solve_load_step(SubstepSolver(part, ramp, settings), begin, substeps)
             paths.append(solved.path)
             for each in sensitivities:
                 if each.handle.actuation in part.robots:

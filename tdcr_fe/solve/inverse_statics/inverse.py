@@ -42,8 +42,7 @@ from tdcr_fe.solve.inverse_statics.target_search import (
     TrialSteps,
 )
 from tdcr_fe.solve.load_steps.load_path import Position
-from tdcr_fe.solve.mesh import MOST_MESHES
-from tdcr_fe.solve.simulate import INTERRUPTED, MeshedRun
+from tdcr_fe.solve.simulate import MeshedRun, refined_runs
 from tdcr_fe.solve.simulation import Simulation, one_thread, step_warnings
 
 #: Tolerance of the error, where none is given [fraction of the length].
@@ -127,13 +126,29 @@ def follow_path(
     tolerance = TOLERANCE * robot.backbone.length if tolerance is None else tolerance
     if not 0.0 < tolerance < robot.backbone.length:
         raise ValueError(f"follow_path: tolerance = {tolerance:g}: must be above 0, below the length [m]")
-    task = _Task(robot, model, tip_targets(targets), lower, upper, drive_by, effort, tuple(before), tolerance)
+    task = _Task(
+        robot,
+        model,
+        tip_targets(targets),
+        lower,
+        upper,
+        settings,
+        progress,
+        drive_by,
+        effort,
+        tuple(before),
+        tolerance,
+    )
     begun = time.perf_counter()
     positions = [target.position for target in task.targets]
     implausible, remarks = warn_of_implausible(robot, model, task.before, positions, upper.tolist())
     with one_thread(), warnings_to():
-        run, stop = _refined_runs(task, settings or SolverSettings(), progress)
-    result = run.follow_result(time.perf_counter() - begun, implausible, remarks)
+        runs, stop = refined_runs(
+            lambda counts, before: _FollowRun(task, counts, before),
+            elements_of_bays(robot, model),
+            model.elements_per_bay == "auto",
+        )
+    result = runs[-1].follow_result(time.perf_counter() - begun, implausible, remarks)
     if stop is not None:
         raise Interrupted(result) from stop
     return result
@@ -189,6 +204,8 @@ class _Task:
     targets: tuple[TipTarget, ...]
     lower: Array
     upper: Array
+    settings: SolverSettings | None
+    progress: Callable[[ReachedTarget], None] | None
     drive_by: DriveBy
     effort: EffortKind
     before: tuple[LoadStep, ...]
@@ -201,26 +218,6 @@ class _Task:
         return backbone.EI / (backbone.length * self.robot.plate_radius)
 
 
-def _refined_runs(
-    task: _Task, settings: SolverSettings, progress: Callable[[ReachedTarget], None] | None
-) -> tuple[_FollowRun, KeyboardInterrupt | None]:
-    """Follow the path on finer and finer meshes, until its error is met; the last run, and what interrupted it."""
-    counts = elements_of_bays(task.robot, task.model)
-    automatic = task.model.elements_per_bay == "auto" and isfinite(settings.mesh_tolerance)
-    guesses: tuple[Array, ...] = ()
-    for mesh in range(1, MOST_MESHES + 1):
-        run = _FollowRun(task, counts, settings, guesses)
-        try:
-            finer = run.follow(progress, automatic and mesh < MOST_MESHES)
-        except KeyboardInterrupt as stop:
-            run.failed, run.message = len(run.solved) + 1, INTERRUPTED
-            return run, stop
-        if finer is None:
-            break
-        counts, guesses = finer, tuple(x.tensions for x in run.found)
-    return run, None
-
-
 class _FollowRun(MeshedRun):
     """One pass through all targets with one mesh.
 
@@ -230,18 +227,17 @@ class _FollowRun(MeshedRun):
         What is asked for.
     counts
         Elements of every bay.
-    settings
-        Numerics.
-    guesses
-        Tensions found on a coarser mesh, by target [N].
+    coarser
+        The run on a coarser mesh; None for the first one.
     """
 
-    def __init__(
-        self, task: _Task, counts: tuple[int, ...], settings: SolverSettings, guesses: tuple[Array, ...]
-    ) -> None:
-        self.task, self.guesses = task, guesses
+    def __init__(self, task: _Task, counts: tuple[int, ...], coarser: _FollowRun | None) -> None:
+        self.task = task
+        #: Tensions found on the coarser mesh, by target [N].
+        self.guesses = [x.tensions for x in coarser.found] if coarser is not None else []
         self.model = replace(task.model, elements_per_bay=counts)
-        super().__init__(Simulation(task.robot, self.model, resolve(task.robot, task.before), settings))
+        simulation = Simulation(task.robot, self.model, resolve(task.robot, task.before), task.settings)
+        super().__init__(simulation, len(task.before) + len(task.targets))
         experiment = Experiment(task.robot, self.model, (*task.before, LoadStep()))
         self.trials = TrialSteps(self.simulation, experiment)
         # Squares, since the tensions of least effort are small in most tendons.
@@ -250,10 +246,8 @@ class _FollowRun(MeshedRun):
         self.steps: list[LoadStep] = []
         self.found: list[ReachedTarget] = []
 
-    def follow(
-        self, progress: Callable[[ReachedTarget], None] | None, refine: bool
-    ) -> tuple[int, ...] | None:
-        """Reach for all targets; or return the elements per bay of the finer mesh that they need."""
+    def take_steps(self, refine: bool) -> tuple[int, ...] | None:
+        """Reach for all targets, see `MeshedRun.take_steps`."""
         simulation, task = self.simulation, self.task
         for step, actuation in zip(task.before, resolve(task.robot, task.before), strict=True):
             report = simulation.advance(actuation, step.substeps)
@@ -263,15 +257,15 @@ class _FollowRun(MeshedRun):
         for number, target in enumerate(task.targets):
             found = self._reach(number, target)
             if found is None:
-                self.failed = len(self.solved) + 1
+                self.failed = self.next_step
                 self.message = (
                     f"target {number + 1} ({target.label or 'no label'}): no load step towards it has a solution; "
                     "try targets closer together, or a smaller pretension"
                 )
                 break
             self.found.append(found)
-            if progress is not None:
-                progress(found)
+            if task.progress is not None:
+                task.progress(found)
         self.monitor.flush()
         return self.refined_mesh() if refine and self.too_coarse() else None
 

@@ -8,7 +8,7 @@ whole. Documentation: docs/algorithms.md, section "Substeps, jumps, snap-through
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -36,92 +36,92 @@ class SolvedLoadStep(NamedTuple):
     path: SolvedPath
 
 
-@dataclass(frozen=True, eq=False)
-class LoadStepper:
-    """Takes a scene through a load step, in substeps."""
+def solve_load_step(
+    solver: SubstepSolver, begin: Position, substeps: int | None = None, near: Sequence[Increment] = ()
+) -> SolvedLoadStep:
+    """Take a scene through a load step and leave it in the state reached; all load steps are solved so.
 
-    solver: SubstepSolver  # Solves the substeps
-    begin: Position  # Where the load step begins
+    Parameters
+    ----------
+    solver
+        Solves its substeps.
+    begin
+        Where it begins.
+    substeps
+        A fixed number (each is still halved where it does not converge); None divides it where slips reverse.
+    near
+        The substeps of a similar run: the same ones are taken, each from the state in which that run ended it.
 
-    def solve(self, substeps: int | None = None, near: Sequence[Increment] = ()) -> SolvedLoadStep:
-        """Take the scene through the load step and leave it in the state reached; all load steps are solved so.
+    Raises
+    ------
+    StepFailed
+        The scene is then in the last state that converged. Where anything else interrupts, it is back at the beginning
+        of the step.
+    """
+    system, ramp = solver.system, solver.ramp
+    try:
+        proposals = [Proposal(p.load_factor, system.warm_start(begin.state, p.state)) for p in near]
+        if substeps is not None:
+            path = _taken(solver, begin, proposals or equal_parts(substeps), MUST_CONVERGE)
+        else:
+            path = _with_path_resolved(solver, begin, proposals)
+    except BaseException as stop:
+        failed = stop if isinstance(stop, StepFailed) else None
+        ramp.apply(system, 0.0 if failed is None else failed.load_factor)
+        system.store(begin.state if failed is None else failed.state)
+        ramp.set_end()
+        raise
+    system.store(path.state, path.forces)
+    return SolvedLoadStep(solver, begin.state, path)
 
-        Parameters
-        ----------
-        substeps
-            A fixed number (each is still halved where it does not converge); None divides it where slips
-            reverse.
-        near
-            The substeps of a similar run: the same ones are taken, each from the state in which that run ended it.
 
-        Raises
-        ------
-        StepFailed
-            The scene is then in the last state that converged. Where anything else interrupts, it is back at the
-            beginning of the step.
-        """
-        system, ramp = self.solver.system, self.solver.ramp
+def _taken(
+    solver: SubstepSolver, begin: Position, proposals: Sequence[Proposal], judges: Sequence[Judge]
+) -> SolvedPath:
+    """The load step in substeps."""
+    start = SolvedPath(begin.state, linearization=begin.linearization, end=begin.end)
+    path = take_substeps(solver, start, proposals, judges)
+    resolved = path.refinement_error <= solver.settings.path_tolerance
+    return replace(path, refinement_error=0.0) if resolved else path
+
+
+def _with_path_resolved(solver: SubstepSolver, begin: Position, proposals: Sequence[Proposal]) -> SolvedPath:
+    """The load step with its path dependence resolved.
+
+    It begins with the proposed substeps, or as a whole. Where coefficients of friction depend on slip rates, it is
+    also solved in twice as many parts, again and again, until two in succession agree with the one before.
+    """
+    tolerance = 2.0 * solver.settings.path_tolerance
+    count = NONLINEAR_PARTS if solver.ramp.nonlinear else 1
+    path = _taken(solver, begin, proposals or equal_parts(count), PATH_RESOLVED)
+    agreed, error = 0 if _depends_on_rates(solver, begin.state, path.state) else 2, 0.0
+    while agreed < 2 and 2 * count <= solver.settings.max_substeps:
+        count *= 2
         try:
-            warm = system.warm_start
-            proposals = [Proposal(p.load_factor, warm(self.begin.state, p.state)) for p in near]
-            if substeps is not None:
-                path = self._taken(proposals or equal_parts(substeps), MUST_CONVERGE)
-            else:
-                path = self._with_path_resolved(proposals)
-        except BaseException as stop:
-            failed = stop if isinstance(stop, StepFailed) else None
-            ramp.apply(system, 0.0 if failed is None else failed.load_factor)
-            system.store(self.begin.state if failed is None else failed.state)
-            ramp.set_end()
-            raise
-        system.store(path.state, path.forces)
-        return SolvedLoadStep(self.solver, self.begin.state, path)
+            finer = _taken(solver, begin, equal_parts(count), PATH_RESOLVED)
+        except StepFailed as failure:
+            # The coarser path is kept, with its refinement error.
+            error = max(error, tolerance)
+            path = replace(path, rejected=path.rejected + failure.iterations)
+            solver.ramp.apply(solver.system, 1.0)
+            break
+        error = solver.distance(finer.state, path.state)
+        agreed = agreed + 1 if error <= tolerance else 0
+        path = replace(finer, rejected=finer.rejected + path.iterations_total)
+    return path if agreed == 2 else replace(path, refinement_error=max(path.refinement_error, error))
 
-    def _taken(self, proposals: Sequence[Proposal], judges: Sequence[Judge]) -> SolvedPath:
-        """The load step in substeps."""
-        state, linearization, end = self.begin
-        begin = SolvedPath(state, linearization=linearization, end=end)
-        path = take_substeps(self.solver, begin, proposals, judges)
-        resolved = path.refinement_error <= self.solver.settings.path_tolerance
-        return replace(path, refinement_error=0.0) if resolved else path
 
-    def _with_path_resolved(self, proposals: Sequence[Proposal]) -> SolvedPath:
-        """The load step with its path dependence resolved.
+def _depends_on_rates(solver: SubstepSolver, before: SolverState, after: SolverState) -> bool:
+    """Whether slip rates may matter: coefficients follow laws, and a hole under tension changed its state.
 
-        It begins with the proposed substeps, or as a whole. Where coefficients of friction depend on slip rates, it is
-        also solved in twice as many parts, again and again, until two in succession agree with the one before.
-        """
-        tolerance = 2.0 * self.solver.settings.path_tolerance
-        count = NONLINEAR_PARTS if self.solver.ramp.nonlinear else 1
-        path = self._taken(proposals or equal_parts(count), PATH_RESOLVED)
-        agreed, error = 0 if self._depends_on_rates(path.state) else 2, 0.0
-        while agreed < 2 and 2 * count <= self.solver.settings.max_substeps:
-            count *= 2
-            try:
-                finer = self._taken(equal_parts(count), PATH_RESOLVED)
-            except StepFailed as failure:
-                # The coarser path is kept, with its refinement error.
-                error = max(error, tolerance)
-                path = replace(path, rejected=path.rejected + failure.iterations)
-                self.solver.ramp.apply(self.solver.system, 1.0)
-                break
-            error = self.solver.distance(finer.state, path.state)
-            agreed = agreed + 1 if error <= tolerance else 0
-            path = replace(finer, rejected=finer.rejected + path.iterations_total)
-        return path if agreed == 2 else replace(path, refinement_error=max(path.refinement_error, error))
-
-    def _depends_on_rates(self, after: SolverState) -> bool:
-        """Whether slip rates may matter: coefficients follow laws, and a hole under tension changed its state.
-
-        Slip rates are means over a substep, so the result depends on its length. Where loads change, slip may reverse
-        and return.
-        """
-        before = self.begin.state
-        if not has_rates(self.solver.system):
-            return False
-        for i, robot in enumerate(self.solver.system.robots):
-            taut = (np.maximum(before.base_tension[i], after.base_tension[i]) > 0.0)[:, None]
-            changed = np.trunc(before.mobilisation[i]) != np.trunc(after.mobilisation[i])
-            if np.any((changed | self.solver.ramp.loads_change) & taut & robot.law.frictional):
-                return True
+    Slip rates are means over a substep, so the result depends on its length. Where loads change, slip may reverse
+    and return.
+    """
+    if not has_rates(solver.system):
         return False
+    for i, robot in enumerate(solver.system.robots):
+        taut = (np.maximum(before.base_tension[i], after.base_tension[i]) > 0.0)[:, None]
+        changed = np.trunc(before.mobilisation[i]) != np.trunc(after.mobilisation[i])
+        if np.any((changed | solver.ramp.loads_change) & taut & robot.law.frictional):
+            return True
+    return False

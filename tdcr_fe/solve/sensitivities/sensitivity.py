@@ -28,7 +28,7 @@ from tdcr_fe.scene.parts import BasePose
 from tdcr_fe.solve.load_steps.states_within import ReversalPoint, reversal_points
 from tdcr_fe.solve.load_steps.stepping import SolvedLoadStep
 from tdcr_fe.solve.sensitivities.differences import InputDerivatives, InputValues
-from tdcr_fe.solve.sensitivities.linear_response import Disturbance, Response, SolvedPoint, TendonChange
+from tdcr_fe.solve.sensitivities.linear_response import Disturbance, Response, SolvedPoint
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, parameters
 from tdcr_fe.solve.sensitivities.robot_model import (
     ExplicitDerivatives,
@@ -75,8 +75,6 @@ class Derivative:
 
     def without(self, which: Flags) -> Derivative:
         """Zero for some parameters, shape (P,)."""
-        if not which.any():
-            return self
         keep = (~which).astype(float)
         return Derivative(*(x * keep for x in vars(self).values()))
 
@@ -105,7 +103,8 @@ class _StepValues:
 
     nodes: Array
     rotations: Array
-    tendons: TendonChange
+    tension: Array
+    base_tension: Array
     displacements: Array
     slips: Array
     carried: _Carried
@@ -171,14 +170,10 @@ class SensitivityHistory:
                 )
         explicit = ExplicitDerivatives(*_models(arm, experiment, chosen), len(chosen))
         own = {id(load): name for name, load in arm.loads.items()}
-        items = SceneHooks.of(arm.mbs).point_loads
+        labels = [own.get(id(x), "") for x in SceneHooks.of(arm.mbs).point_loads]
         loads = tuple(
-            (arm.mesh.node_at(named[own[id(x)]].at, 1e-6), arm.loads[own[id(x)]].frame)
-            if id(x) in own
-            else (-1, "world")
-            for x in items
+            (arm.mesh.node_at(named[n].at, 1e-6), arm.loads[n].frame) if n else (-1, "world") for n in labels
         )
-        labels = [own.get(id(x), "") for x in items]
         inputs = InputDerivatives.of_inputs(len(arm.robot.tendons), [labels], chosen)
         return cls(arm, tuple(chosen), explicit, inputs, loads)
 
@@ -205,13 +200,8 @@ class SensitivityHistory:
         carried = self.carried
         begin = carried.derivative.without(self.inputs.restarts)
         carried = carried._replace(derivative=begin)
-        driven = self.handle.actuation.drives.winds
-        start = begin.base_tension
-        if driven.any():
-            prescribed = np.isnan(before.prescribed[robot])[:, None]
-            start = np.where(
-                driven[:, None], np.where(prescribed, begin.base_slip, begin.inputs), begin.base_tension
-            )
+        wound = np.where(np.isnan(before.prescribed[robot])[:, None], begin.base_slip, begin.inputs)
+        start = np.where(self.handle.actuation.drives.winds[:, None], wound, begin.base_tension)
         first, values = InputValues(start, begin.loads, begin.time), None
 
         def inputs_at(factor: float) -> InputValues:
@@ -286,7 +276,9 @@ class SensitivityHistory:
         displacements[part.driven] = inputs.tendons[part.driven]
         slips = holes @ change.released
         carried = _Carried(after, disturbed.mobilisation, disturbed.slip)
-        return _StepValues(world[:, 0], world[:, 1], change, displacements, slips, carried)
+        return _StepValues(
+            world[:, 0], world[:, 1], change.tension, change.base_tension, displacements, slips, carried
+        )
 
     def _mobilisation(self, solved: SolvedPoint, robot: int, carried: _Carried) -> tuple[Array, Array]:
         """Mobilisations at the end of a substep, also of holes that have friction only at neighbouring values.
@@ -320,13 +312,9 @@ class SensitivityHistory:
             return Sensitivities()
         robot = self.handle.robot
         counts = [len(robot.hole_arc_lengths(t)) - 1 for t in robot.tendons]
-        nodes, rotations, displacements, slips = (
-            np.array([getattr(step, name) for step in self.steps])
-            for name in ("nodes", "rotations", "displacements", "slips")
-        )
-        tension, base_tension = (
-            np.array([getattr(step.tendons, name) for step in self.steps])
-            for name in ("tension", "base_tension")
+        names = ("nodes", "rotations", "tension", "base_tension", "displacements", "slips")
+        nodes, rotations, tension, base_tension, displacements, slips = (
+            np.array([getattr(step, name) for step in self.steps]) for name in names
         )
         if self.explicit.present.forces.geometry is None:
             # Tendons that follow the backbone have one tension.
