@@ -170,12 +170,8 @@ def tension_derivatives(
     tension = solved.tension
     n, h, g = tension.shape[1], angles.shape[1], hole_incidence.shape[1]
     # Implicit function theorem: dT = E + B dmu, (I - G B) dmu = G E + ..., with E the change at kept coefficients.
-    at_hole = solved.slopes()
-    chain = at_hole.chain()
-    beyond = chain[:, :, 1:]
-    by_mobilisation = (beyond * at_hole.by_mobilisation[:, None, :]) @ hole_incidence
-    by_angle = beyond * at_hole.by_angle[:, None, :]
-    kept = np.concatenate((by_angle, by_mobilisation, chain[:, :, :1]), axis=2)
+    _, by_angle, by_base, by_mobilisation = solved.slopes().derivatives(hole_incidence)
+    kept = np.concatenate((by_angle, by_mobilisation, by_base[:, :, None]), axis=2)
     change = solved.by_tension @ kept
     hole = np.arange(h)
     force_by_angle = 0.5 * (tension[:, :-1] + tension[:, 1:]) * np.cos(0.5 * angles)

@@ -166,7 +166,7 @@ class TendonLaw:
         special = self.elastic or self._adhesion is not None or self.varies
         self.simple = self.hysteresis.linear and not special
         # Arrays that never change.
-        self._negative, self._nothing, self._constant = -self._masked, np.zeros((m, n)), np.zeros((m, n, n))
+        self._negative, self._nothing = -self._masked, np.zeros((m, n))
 
     def initial_state(self) -> FrictionState:
         """History of a robot that was never loaded, its tendons just taut."""
@@ -226,14 +226,7 @@ class TendonLaw:
         tension, slopes = capstan(base_tension, angles, at_holes, self.coefficients, self._adhesion)
 
         def derive() -> TensionDerivatives:
-            at_hole = slopes()
-            chain = at_hole.chain()
-            beyond = chain[:, :, 1:]
-            by_mobilisation = beyond * at_hole.by_mobilisation[:, None, :]
-            if not self.each_hole:
-                by_mobilisation = by_mobilisation @ self.hole_incidence
-            by_angle = beyond * at_hole.by_angle[:, None, :]
-            return TensionDerivatives(self._constant, by_angle, chain[:, :, 0], by_mobilisation)
+            return slopes().derivatives(None if self.each_hole else self.hole_incidence)
 
         released, d_length, d_tension = self._released(tension, lengths)
         slip = self.slips(released)

@@ -75,13 +75,6 @@ class ElementModel:
             free,
         )
 
-    @property
-    def section_stiffness(self) -> Array:
-        """Of the section itself: without the residual flexibility of bending in the shear, shape (E, 6)."""
-        stiffness = self.element_stiffness.copy()
-        add_residual_flexibility(stiffness, self.lengths, -1.0)
-        return stiffness
-
 
 def _strain_under(law: Material, wrench: Array, strain: Array, unloaded: Array, compliance: Array) -> Array:
     """Stretch and curvatures of a nonlinear material under a wrench, by a Newton step from known ones, (S, E, 4, 3)."""
@@ -136,8 +129,10 @@ def exact_elements(
     moments : ndarray, shape (S, E, 3)
         First moment of the curve: integral of its position over the element [m^2].
     """
-    section = model.section
-    compliance = (1.0 / model.section_stiffness)[:, None, :]
+    section, stiffness = model.section, model.element_stiffness.copy()
+    # Of the section itself: without the residual flexibility of bending in the shear.
+    add_residual_flexibility(stiffness, model.lengths, -1.0)
+    compliance = (1.0 / stiffness)[:, None, :]
     unloaded = model.reference_strain[:, None, :]
     h = model.lengths[:, None]
     start = twists[..., None, :] * POINTS[:, None]

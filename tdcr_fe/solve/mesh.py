@@ -151,17 +151,13 @@ def defects(
     return force, (rotations @ cross(moments - lumped, weight)[..., None])[..., 0]
 
 
-def displacements(
-    states: Sequence[SolvedState], twists: Array, rotations: Array, forces: Array, couples: Array | None
-) -> Array:
+def displacements(states: Sequence[SolvedState], forces: Array, couples: Array | None) -> Array:
     """Displacement of the nodes caused by forces on the elements' twists, with the base fixed.
 
     Parameters
     ----------
     states
         Whose tangents are taken.
-    twists, rotations
-        As in `SolvedState`, of the states, shapes (S, E, 6) and (S, E, 3, 3).
     forces, couples
         As from `defects`.
 
@@ -170,6 +166,7 @@ def displacements(
     ndarray, shape (S, E, 3)
         Of the last node of every element, world axes [m].
     """
+    twists, rotations = (np.stack([getattr(s, name) for s in states]) for name in ("twists", "rotations"))
     own = exp_matrix(twists, coefficients(twists[..., 3:]))
     ends = rotations @ own[..., :3, :3]
     inverse: Array = np.linalg.inv(inverse_tangent_se3(twists)).astype(np.float64)
@@ -223,28 +220,20 @@ def estimate(model: ElementModel, states: Sequence[SolvedState], goal: float = n
     """
     if not states:
         return []
-    twists = np.stack([s.twists for s in states])
-    rotations = np.stack([s.rotations for s in states])
-    tensions = np.stack([s.tensions for s in states])
+    twists, rotations, tensions = (
+        np.stack([getattr(s, name) for s in states]) for name in ("twists", "rotations", "tensions")
+    )
     forces, couples = defects(model, twists, rotations, tensions)
-    moved = _finite(displacements(states, twists, rotations, forces, couples))
+    moved = _finite(displacements(states, forces, couples))
     loads = bay_loads(model, twists, tensions)
     found = []
     for k, size in enumerate(_largest(moved)):
         by_bay = None
         if not size <= goal:
             inside = (model.bays == np.arange(int(model.bays.max()) + 1)[:, None])[..., None]
-            by_bay = _largest(
-                _finite(
-                    displacements(
-                        [states[k]] * len(inside),
-                        np.broadcast_to(twists[k], (len(inside), *twists[k].shape)),
-                        np.broadcast_to(rotations[k], (len(inside), *rotations[k].shape)),
-                        np.where(inside, forces[k], 0.0),
-                        None if couples is None else np.where(inside, couples[k], 0.0),
-                    )
-                )
-            )
+            of_bays = np.where(inside, forces[k], 0.0)
+            couples_of_bays = None if couples is None else np.where(inside, couples[k], 0.0)
+            by_bay = _largest(_finite(displacements([states[k]] * len(inside), of_bays, couples_of_bays)))
         found.append(MeshEstimate(moved[k], by_bay, loads[k]))
     return found
 
@@ -265,8 +254,7 @@ def bay_loads(model: ElementModel, twists: Array, tensions: Array) -> Array:
     twists, tensions
         Of the states, shapes (S, E, 6) and (S, m).
     """
-    bays = int(model.bays.max()) + 1
-    found = np.zeros((len(twists), bays))
+    found = np.zeros((len(twists), int(model.bays.max()) + 1))
     if model.section is not None and model.section.tendons is not None:
         return found
     compression = -force_gradient(model, twists, tensions)[..., 0]
@@ -276,11 +264,7 @@ def bay_loads(model: ElementModel, twists: Array, tensions: Array) -> Array:
         slope = material.stiffness(*material.strain(twists, model.lengths))[..., 1:, 1:]
         bending = np.maximum(bending + np.linalg.eigvalsh(slope)[..., 0], 1e-3 * bending)
     share = np.where(model.flexible, compression / bending, 0.0)
-    for bay in range(bays):
-        inside = model.bays == bay
-        if inside.any():
-            found[:, bay] = share[:, inside].max(axis=1)
-    np.maximum(found, 0.0, out=found)
+    np.maximum.at(found.T, model.bays, share.T)
     found *= model.buckling_lengths**2 / np.pi**2
     return found
 

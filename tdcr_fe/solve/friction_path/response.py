@@ -210,26 +210,25 @@ class TautTendons(NamedTuple):
         states
             Solved states of a substep, from its start to its end.
         """
-        start, end = states[0], states[-1]
-        tendons, numbers, holes, unknown = [], [], [], []
-        hole = base = 0
-        for part in end.numbering.robots:
-            law = end.forces[part.robot].model.law
-            tension = np.array([point.state.base_tension[part.robot] for point in (start, end)])
-            taut = [np.any(point.forces[part.robot].field.tension > 0.0, axis=1) for point in states]
-            which = np.flatnonzero(np.any(taut, axis=0))
-            acting = part.frictional if part.has_friction else np.zeros_like(part.frictional)
+        numbering, tendons, taut = states[-1].numbering, [], []
+        for part in numbering.robots:
+            tense = [point.forces[part.robot].field.tension > 0.0 for point in states]
+            taut.append(np.any(tense, axis=(0, 2)))
+            which = np.flatnonzero(taut[-1])
             if which.size:
+                law = states[-1].forces[part.robot].model.law
+                tension = np.array([states[i].state.base_tension[part.robot][which] for i in (0, -1)])
+                frictional = part.frictional[which] & part.has_friction
                 driven = np.flatnonzero(np.isin(which, part.driven))
-                own = TendonsInSubstep(part.robot, law, which, acting[which], driven, tension[:, which])
-                tendons.append(own)
-            numbers.append(which)
-            order = hole + np.cumsum(acting.reshape(-1)).reshape(acting.shape) - 1
-            holes.append(order[which][acting[which]])
-            hole += int(np.count_nonzero(acting))
-            unknown.append(base + np.flatnonzero(np.isin(part.driven, which)))
-            base += len(part.driven)
-        return cls(tuple(tendons), tuple(numbers), np.concatenate(holes), np.concatenate(unknown))
+                tendons.append(TendonsInSubstep(part.robot, law, which, frictional, driven, tension))
+        holes = np.zeros(0, dtype=int)
+        if numbering.has_friction:
+            by_hole = [
+                own[:, None] & part.frictional for own, part in zip(taut, numbering.robots, strict=True)
+            ]
+            holes = np.flatnonzero(numbering.at_frictional_holes(by_hole))
+        numbers = tuple([np.flatnonzero(own) for own in taut])
+        return cls(tuple(tendons), numbers, holes, np.flatnonzero(numbering.at_driven(taut)))
 
     @property
     def presliding(self) -> Array:

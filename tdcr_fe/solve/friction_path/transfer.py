@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from tdcr_fe.compiled import compilable, compiled_as
 from tdcr_fe.elements import Array, Flags, Index
@@ -75,33 +76,32 @@ class CapstanTransfer(NamedTuple):
     @classmethod
     def of(cls, tendons: Sequence[TendonsInSubstep]) -> CapstanTransfer:
         """For some tendons, by robot."""
-        q, r, k = (sum(getattr(t, name) for t in tendons) for name in ("segments", "angles", "holes"))
-        c = sum(len(t.driven) for t in tendons)
-        holes_before, friction, incidence = np.zeros((q, r)), np.zeros(r), np.zeros((k, r))
-        base_tension, base_of_segment = np.zeros((2, q)), np.zeros((c, q))
-        segment = angle = hole = base = 0
+        holes_before, incidence, base_of_segment, friction, base = [], [], [], [], []
         for own in tendons:
-            n = own.law.shape[1]
-            at_holes, before = own.law.law.hole_incidence(n), np.tri(n, n - 1, -1)
+            m, n = len(own.which), own.law.shape[1]
+            at_holes = own.law.law.hole_incidence(n)
+            holes_before += [np.tri(n, n - 1, -1)] * m
+            incidence += [at_holes[:, frictional].T for frictional in own.frictional]
+            base_of_segment.append(np.eye(m)[own.driven].repeat(n, axis=1))
+            friction.append(own.law.parameters.friction[own.which].ravel())
             given = own.tension.copy()
             given[:, own.driven] = 0.0
-            for i, tendon in enumerate(own.which):
-                segments, angles = slice(segment, segment + n), slice(angle, angle + n - 1)
-                holes_before[segments, angles] = before
-                friction[angles] = own.law.parameters.friction[tendon]
-                rows = at_holes[:, own.frictional[i]].T
-                incidence[hole : hole + len(rows), angles] = rows
-                base_tension[:, segments] = given[:, i, None]
-                if i in own.driven:
-                    base_of_segment[base, segments] = 1.0
-                    base += 1
-                segment, angle, hole = segments.stop, angles.stop, hole + len(rows)
-        single = bool(((incidence != 0.0).sum(axis=1) == 1).all())
-        at_hole = incidence.argmax(axis=1) if single else np.zeros(0, dtype=int)
-        behind = np.ascontiguousarray(holes_before.T[at_hole])
-        first, last = base_tension
+            base.append(given.repeat(n, axis=1))
+        before, from_mobilisations = block_diag(*holes_before), block_diag(*incidence)
+        at_base, (first, last) = block_diag(*base_of_segment), np.concatenate(base, axis=1)
+        single = bool(((from_mobilisations != 0.0).sum(axis=1) == 1).all())
+        at_hole = from_mobilisations.argmax(axis=1) if single else np.zeros(0, dtype=int)
         return cls(
-            k, c, holes_before, friction, incidence, behind, at_hole, first, last - first, base_of_segment
+            len(from_mobilisations),
+            len(at_base),
+            before,
+            np.concatenate(friction),
+            from_mobilisations,
+            np.ascontiguousarray(before.T[at_hole]),
+            at_hole,
+            first,
+            last - first,
+            at_base,
         )
 
     def at(self, factor: float, z: Array, angles: Array) -> Tensions:

@@ -162,11 +162,14 @@ class _Solve(NamedTuple):
             iterations, forces, target = len(residuals) - 1, residual.forces, residual.target
             return NewtonResult(status, final, tuple(residuals), iterations, unmet, forces, linear, target)
 
+        def first(balance: bool = True) -> Unmet | None:
+            return first_unmet(Iterate(residual, self.softening, frictional), settings, balance=balance)
+
         while True:
             residuals.append(residual.size)
             if not isfinite(residual.size):
                 return end(NewtonStatus.NOT_FINITE)
-            unmet = first_unmet(Iterate(residual, self.softening, frictional), settings)
+            unmet = first()
             if unmet is None:
                 return end(NewtonStatus.CONVERGED)
             if len(residuals) > limit:
@@ -186,11 +189,7 @@ class _Solve(NamedTuple):
                 trial, residual.target, numbering, len(residuals), hold_contact=not damped
             )
             last = stalled(before, residual.size, step.change, system.layout.scales, settings)
-            if (
-                last
-                and first_unmet(Iterate(residual, self.softening, frictional), settings, balance=False)
-                is None
-            ):
+            if last and first(balance=False) is None:
                 residuals.append(residual.size)
                 return end(NewtonStatus.STALLED)
 
