@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2745,
+    "elements": 2708,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 785,
     "tdcr_fe/effects": 1313,
@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2525,
     "tdcr_fe/report": 1162,
     "tdcr_fe/scene": 1430,
-    "tdcr_fe/solve": 6789,
+    "tdcr_fe/solve": 6705,
     "tdcr_fe/sweeps": 1418,
     "validation": 6824,
     "tests": 13620,
