@@ -24,12 +24,10 @@ _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 def tendon_keys(routing: str | None) -> Keys:
     """Keys of ``[[tendons]]`` with that routing; if it is unknown, those of all routings, none of them required."""
     own, name = keys_of(Tendon), Literal[tuple(ROUTINGS)]
-    allowed = "one of " + ", ".join(map(quoted, ROUTINGS))
-    of_routing: dict[str, Any] = {
-        "routing": Annotated[name, Quantity("where the holes lie", allowed=allowed)]
-    }
+    kind = Quantity("where the holes lie", allowed="one of " + ", ".join(map(quoted, ROUTINGS)))
+    of_routing: dict[str, Any] = {"routing": Annotated[name, kind]}
     defaults: dict[str, Any] = {}
-    for keys in [keys_of(cls) for kind, cls in ROUTINGS.items() if routing in (kind, None)]:
+    for keys in [keys_of(cls) for known, cls in ROUTINGS.items() if routing in (known, None)]:
         of_routing |= keys
         defaults |= keys.defaults if routing else dict.fromkeys(keys)
     return Keys({"name": own["name"], **of_routing, **own}, {**defaults, **own.defaults})

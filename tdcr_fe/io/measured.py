@@ -17,14 +17,7 @@ from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.io.atomic import write_text
 from tdcr_fe.io.loading_table import Loading, loading_table, read_loading
 from tdcr_fe.io.problems import InputError, Problem, Reporter, read_all, refusal
-from tdcr_fe.io.readings import (
-    OBSERVATION_COLUMNS,
-    BadRow,
-    Reading,
-    observations_table,
-    read_observations,
-    refuse_if_doubtful,
-)
+from tdcr_fe.io.readings import BadRow, Reading, observations_table, read_observations, read_rows
 from tdcr_fe.io.spreadsheet import read_table
 from tdcr_fe.io.toml import digest, read_model_tables, read_robot
 from tdcr_fe.io.user_effects import apply_effects
@@ -36,6 +29,9 @@ from tdcr_fe.model.plausibility import plausibility
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import FieldError
 from tdcr_fe.model.tendon import by_tendon
+
+#: Files of a folder of measured data; the second one may be missing.
+FILES = ("robot.toml", "model.toml", "loading.csv", "observations.csv")
 
 
 @dataclass(frozen=True)
@@ -141,18 +137,14 @@ def read_measured(folder: str | os.PathLike[str]) -> MeasuredData:
     if not folder.is_dir():
         what = "is a file" if folder.exists() else "no such folder"
         raise refusal(folder, f"{what}; must be a folder with robot.toml, loading.csv, observations.csv")
-    of_loading, observed, of_model = (
-        folder / name for name in ("loading.csv", "observations.csv", "model.toml")
-    )
+    files = of_robot, of_model, of_loading, observed = [folder / name for name in FILES]
     (robot, declared), table, rows = read_all(
-        lambda: _read_declared(folder), lambda: read_table(of_loading), lambda: _read_rows(observed)
+        lambda: _read_declared(of_robot, of_model),
+        lambda: read_table(of_loading),
+        lambda: read_rows(observed),
     )
     step_ids, steps, branches = _read_steps(table, robot, declared["model"], str(of_loading))
     readings, bad = read_observations(rows, robot, set(step_ids), str(observed))
-    refuse_if_doubtful(bad, readings, str(observed))
-    if not readings:
-        raise refusal(observed, "has no readings")
-    files = [path for path in (folder / "robot.toml", of_model, of_loading, observed) if path.exists()]
     reporter, inputs, sigmas = Reporter(str(of_model)), declared["inputs"], tuple[float, ...]()
     try:
         if inputs:
@@ -168,7 +160,7 @@ def read_measured(folder: str | os.PathLike[str]) -> MeasuredData:
         branches,
         tuple(readings),
         tuple(bad),
-        {path.name: digest(path) for path in files},
+        {path.name: digest(path) for path in files if path.exists()},
         declared["solver"],
         input_sigma=sigmas,
     )
@@ -178,15 +170,14 @@ def read_measured(folder: str | os.PathLike[str]) -> MeasuredData:
     return data
 
 
-def _read_declared(folder: Path) -> tuple[Robot, dict[str, Any]]:
-    """``robot.toml`` and the tables of ``model.toml`` of a folder."""
+def _read_declared(of_robot: Path, of_model: Path) -> tuple[Robot, dict[str, Any]]:
+    """The robot and, by name, the tables of its model."""
     found: list[Robot] = []  # empty where the robot has mistakes
-
-    def read_declared_model() -> dict[str, Any]:
-        file = folder / "model.toml"
-        return read_model_tables(file if file.exists() else None, found[0] if found else None)
-
-    _, tables = read_all(lambda: found.append(read_robot(folder / "robot.toml")), read_declared_model)
+    file = of_model if of_model.exists() else None
+    _, tables = read_all(
+        lambda: found.append(read_robot(of_robot)),
+        lambda: read_model_tables(file, found[0] if found else None),
+    )
     return found[0], tables
 
 
@@ -198,16 +189,6 @@ def _read_steps(table: pd.DataFrame, robot: Robot, model: Model, file: str) -> L
     return loading._replace(steps=with_displacements(robot, loading.steps))
 
 
-def _read_rows(path: Path) -> pd.DataFrame:
-    """The table of readings, refused where a column is missing."""
-    table = read_table(path)
-    allowed = f"missing column; must have {', '.join(OBSERVATION_COLUMNS)}"
-    missing = [Problem(str(path), c, "", allowed) for c in OBSERVATION_COLUMNS if c not in table.columns]
-    if missing:
-        raise InputError(missing)
-    return table
-
-
 def _with_declared_effects(data: MeasuredData, table: object, reporter: Reporter) -> MeasuredData:
     """Data with the table ``[effects]`` of ``model.toml``."""
     declared = data.experiment
@@ -215,17 +196,14 @@ def _with_declared_effects(data: MeasuredData, table: object, reporter: Reporter
     if reporter.problems:
         return data
     # What is left for the commands and the measurement once robot and model are as declared.
-    rest = {
-        name: values
-        for name, values in sound.items()
-        if not _is_of_robot(declared, with_effects(declared, {name: values}))
-    }
+    rest = {name: values for name, values in sound.items() if _acts_beside_robot(name, values, declared)}
     return replace(data, robot=changed.robot, model=changed.model, effects=rest)
 
 
-def _is_of_robot(before: Experiment, after: Experiment) -> bool:
-    """Whether an effect leaves commands and measurement as they are."""
-    return (before.steps, before.ends, before.observation) == (after.steps, after.ends, after.observation)
+def _acts_beside_robot(name: str, values: Mapping[str, float], before: Experiment) -> bool:
+    """Whether an effect changes the commands or the measurement."""
+    after = with_effects(before, {name: values})
+    return (before.steps, before.ends, before.observation) != (after.steps, after.ends, after.observation)
 
 
 def write_measured(data: MeasuredData, folder: str | os.PathLike[str]) -> None:
@@ -254,15 +232,10 @@ def write_measured(data: MeasuredData, folder: str | os.PathLike[str]) -> None:
 def without_unread_steps(data: MeasuredData) -> MeasuredData:
     """The data without the steps after the last one with readings: they change no prediction."""
     read = {r.step for r in data.readings}
-    last = max(k for k, n in enumerate(data.step_ids) if n in read)
-    if last + 1 == len(data.step_ids) or data.parts:
+    kept = slice(1 + max(k for k, n in enumerate(data.step_ids) if n in read))
+    if kept.stop == len(data.step_ids) or data.parts:
         return data
-    return replace(
-        data,
-        step_ids=data.step_ids[: last + 1],
-        steps=data.steps[: last + 1],
-        branches=data.branches[: last + 1],
-    )
+    return replace(data, step_ids=data.step_ids[kept], steps=data.steps[kept], branches=data.branches[kept])
 
 
 def join_measured(sets: Sequence[MeasuredData]) -> MeasuredData:

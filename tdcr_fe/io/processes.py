@@ -105,9 +105,8 @@ def worker_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
     ------
     ProcessPoolExecutor
     """
-    context = get_context(
-        "spawn"
-    )  # the only method on all platforms; a fork would inherit the pipe of its siblings
+    # The only method on all platforms; a fork would inherit the pipe of its siblings.
+    context = get_context("spawn")
     alive, owned = context.Pipe(duplex=False)
     pool = ProcessPoolExecutor(max(1, processes), context, _start_worker, (alive,))
     try:

@@ -11,8 +11,8 @@ from typing import Any
 
 import pandas as pd
 
-from tdcr_fe.io.problems import InputError, Problem
-from tdcr_fe.io.spreadsheet import number
+from tdcr_fe.io.problems import InputError, Problem, refusal
+from tdcr_fe.io.spreadsheet import number, read_table
 from tdcr_fe.model.channels import QUANTITIES, Channel, channel
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.messages import meant
@@ -104,6 +104,16 @@ class BadRow:
         return f"{self.file}, line {self.line}: {self.column} = {shown}: {self.allowed}"
 
 
+def read_rows(path: Path) -> pd.DataFrame:
+    """The table ``observations.csv`` as texts, refused where a column is missing."""
+    table = read_table(path)
+    allowed = f"missing column; must have {', '.join(OBSERVATION_COLUMNS)}"
+    missing = [Problem(str(path), c, "", allowed) for c in OBSERVATION_COLUMNS if c not in table.columns]
+    if missing:
+        raise InputError(missing)
+    return table
+
+
 def read_observations(
     table: pd.DataFrame, robot: Robot, steps: set[int], file: str
 ) -> tuple[list[Reading], list[BadRow]]:
@@ -112,7 +122,7 @@ def read_observations(
     Parameters
     ----------
     table
-        Of texts, with the columns `OBSERVATION_COLUMNS`; its index is the line in the file.
+        See `read_rows`.
     robot
         Its tendons and length bound the readings.
     steps
@@ -126,9 +136,15 @@ def read_observations(
         Sound rows.
     bad : list of BadRow
         The others.
+
+    Raises
+    ------
+    InputError
+        No row is sound, or so many are not that the rest cannot be trusted.
     """
     readings: list[Reading] = []
     bad: list[BadRow] = []
+    name = Path(file).name
     seen: dict[tuple[int, str, float | str | None], Any] = {}
     for line, row in zip(table.index.tolist(), table.to_dict("records"), strict=True):
         try:
@@ -140,12 +156,13 @@ def read_observations(
                 raise _Fault("step", f"{text}; that one is kept")
         except _Fault as fault:
             found, quantity = str(row[fault.column]), str(row["quantity"])
-            bad.append(
-                BadRow(Path(file).name, line, fault.column, found, fault.allowed, fault.unit, quantity)
-            )
+            bad.append(BadRow(name, line, fault.column, found, fault.allowed, fault.unit, quantity))
         else:
             seen[key] = line
             readings.append(reading)
+    _refuse_if_doubtful(bad, readings, file)
+    if not readings:
+        raise refusal(file, "has no readings")
     return readings, bad
 
 
@@ -212,7 +229,7 @@ def _sigma(known: Channel, text: str, length: float) -> float:
     return sigma
 
 
-def refuse_if_doubtful(bad: Sequence[BadRow], sound: Sequence[Reading], file: str) -> None:
+def _refuse_if_doubtful(bad: Sequence[BadRow], sound: Sequence[Reading], file: str) -> None:
     """Refuse the data set if too many rows were left out, or many of one quantity look like another unit.
 
     Raises

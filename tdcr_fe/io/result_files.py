@@ -162,9 +162,9 @@ def write_results(
             write_text(view_page(motion_of(result)), folder / VIEW_PAGE)
 
     written = write_folder(out, write_tables, ours=(*RESULT_FILES, SENSITIVITIES, *PICTURE_FILES, VIEW_PAGE))
-    return (
-        written + write_folder(out, draw) if pictures else written
-    )  # an interruption while drawing leaves the tables
+    if pictures:  # an interruption while drawing leaves the tables
+        written += write_folder(out, draw)
+    return written
 
 
 class View:

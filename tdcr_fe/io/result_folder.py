@@ -103,11 +103,8 @@ def _markers(folder: Path, steps: list[int]) -> Markers | None:
     """Measured markers and the declared model's backbone, where `identify` has written them."""
     if not (folder / MARKERS).is_file():
         return None
-    columns = ["step", "s", "x", "y", "z"]
-    measured, declared = (
-        _by_step(_table(folder / name, columns)[columns], folder / name, steps)
-        for name in (MARKERS, DECLARED)
-    )
+    columns, paths = ["step", "s", "x", "y", "z"], (folder / MARKERS, folder / DECLARED)
+    measured, declared = (_by_step(_table(path, columns)[columns], path, steps) for path in paths)
     return Markers(measured[0, :, 0], measured[:, :, 1:], declared[:, :, 1:])
 
 

@@ -59,10 +59,9 @@ def read_table(path: str | os.PathLike[str]) -> pd.DataFrame:
     for line, cells in rows.items():
         if any(cells[len(names) :]):
             text = f"has {len(cells)} cells; the header has {len(names)}"
-            hint = "; where these are decimal commas, separate the cells by semicolons or tabs" * (
-                delimiter == ","
-            )
-            raise refusal(path, text + hint, f"line {line}")
+            if delimiter == ",":
+                text += "; where these are decimal commas, separate the cells by semicolons or tabs"
+            raise refusal(path, text, f"line {line}")
     equal = [(row + [""] * len(names))[: len(names)] for row in rows.values()]
     table = pd.DataFrame(equal, columns=names, index=pd.Index(rows, name="line"), dtype=object)
     return table if delimiter == "," else _with_points(path, table)

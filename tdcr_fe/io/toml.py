@@ -384,11 +384,11 @@ def build_scenario(tables: ScenarioTables, effects: Sequence[Effect] = ()) -> Sc
     reporter.contradictions(checks.time_contradictions([s.time for s in steps]))
     if robot is not None and model is not None:
         reporter.contradictions(checks.course_contradictions(robot, model))
-    if not problems and robot is not None and model is not None:
-        robot, model, steps = _with_effects(top["effects"], (robot, model, steps), reporter, effects)
-        reporter.contradictions(checks.size_contradictions(robot, model, len(steps)))
     if problems or robot is None or model is None:
         raise InputError(problems)
+    robot, model, steps = _with_effects(top["effects"], (robot, model, steps), reporter, effects)
+    reporter.contradictions(checks.size_contradictions(robot, model, len(steps)))
+    reporter.refuse()
     return Scenario(robot, model, steps, tables.path, tables.robot_path, tables.digests, top["solver"])
 
 

@@ -52,12 +52,6 @@ def apply_effects(
         return sound, experiment
 
 
-#: What a file must contain.
-ONE_CLASS = (
-    "must define a class derived from tdcr_fe.effects.Effect, with name, description, parameters and apply"
-)
-
-
 def read_own_effects(paths: Iterable[str | os.PathLike[str]]) -> tuple[Effect, ...]:
     """The effects that Python files define, in their order.
 
@@ -138,7 +132,8 @@ def _effects_of(path: Path) -> list[Effect]:
     except Exception as error:  # whatever a user's file raises is a mistake in it
         raise refusal(path, f"cannot be run: {type(error).__name__}: {error}") from error
     if not made:
-        raise refusal(path, ONE_CLASS)
+        text = "must define a class derived from tdcr_fe.effects.Effect, with name, description, "
+        raise refusal(path, f"{text}parameters and apply")
     return made
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -144,26 +144,16 @@ def _from_z(vectors: Array) -> Array:
 
 
 def _position(axis: int) -> Channel:
-    return Channel(
-        f"position_{'xyz'[axis]}",
-        "m",
-        "arc length",
-        f"{'xyz'[axis]} coordinate of a marker in the measuring frame",
-        _along(ObservedStep.markers, axis),
-        family="position",
-        at_rest=(lambda location: float(location or 0.0)) if axis == 2 else (lambda location: 0.0),
-    )
+    name, predict = "xyz"[axis], _along(ObservedStep.markers, axis)
+    meaning = f"{name} coordinate of a marker in the measuring frame"
+    channel = Channel(f"position_{name}", "m", "arc length", meaning, predict, "position")
+    return replace(channel, at_rest=lambda location: float(location or 0.0)) if name == "z" else channel
 
 
 def _curvature(axis: int) -> Channel:
-    return Channel(
-        f"curvature_{'xy'[axis]}",
-        "1/m",
-        "arc length",
-        f"turning rate of the section about its own {'xy'[axis]} axis, as from fibre gratings",
-        _along(ObservedStep.curvature, axis),
-        family="curvature",
-    )
+    name, predict = "xy"[axis], _along(ObservedStep.curvature, axis)
+    meaning = f"turning rate of the section about its own {name} axis, as from fibre gratings"
+    return Channel(f"curvature_{name}", "1/m", "arc length", meaning, predict, "curvature")
 
 
 #: Every quantity that can be measured.

@@ -280,10 +280,8 @@ def size_contradictions(robot: Robot, model: Model, steps: int = 1) -> list[Cont
     """
     given, disks, memory = model.elements_per_bay, len(robot.bay_ends), f"{MEMORY_LIMIT / 1e9:g} GB"
     if isinstance(given, tuple) and len(given) != disks + 1:
-        text = (
-            f"{disks + 1} numbers are needed: one for every bay, and one for the stretch beyond the last disk"
-        )
-        return [Contradiction("model.elements_per_bay", f"{len(given)} numbers", text)]
+        text = "numbers are needed: one for every bay, and one for the stretch beyond the last disk"
+        return [Contradiction("model.elements_per_bay", f"{len(given)} numbers", f"{disks + 1} {text}")]
     elements = sum(given) if isinstance(given, tuple) else disks * (1 if given == "auto" else given)
     matrices = MATRICES + MATRICES_OF_A_TENDON * len(robot.tendons)
     most = int(math.sqrt(MEMORY_LIMIT / (8.0 * matrices)) / 6) - 1

@@ -90,10 +90,13 @@ class Value(NamedTuple):
     @property
     def says(self) -> str:
         """What is wrong with it."""
-        row = self.row
-        return row.says.format(
-            ratio=self.ratio, percent=100.0 * self.ratio, low=row.low, high=row.high, detail=self.detail
-        )
+        numbers = {
+            "ratio": self.ratio,
+            "percent": 100.0 * self.ratio,
+            "low": self.row.low,
+            "high": self.row.high,
+        }
+        return self.row.says.format(**numbers, detail=self.detail)
 
     @property
     def hint(self) -> str:
@@ -124,10 +127,9 @@ def sentences(found: Iterable[Value]) -> list[str]:
         if value.key not in named:
             by_limit.setdefault(value.limit, []).append(value)
         named.add(value.key)
-    others = {name: ", ".join(v.key for v in values[1:4]) for name, values in by_limit.items()}
     return [
-        values[0].sentence + (f" (also {others[name]})" if others[name] else "")
-        for name, values in by_limit.items()
+        farthest.sentence + (f" (also {', '.join(v.key for v in others[:3])})" if others else "")
+        for farthest, *others in by_limit.values()
     ]
 
 

@@ -139,11 +139,8 @@ class Model(Checked):
     @property
     def starting_elements_per_bay(self) -> int:
         """Elements a bay: the largest number given, or that which stands for "auto"."""
-        if self.elements_per_bay == "auto":
-            return STARTING_ELEMENTS_PER_BAY
-        if isinstance(self.elements_per_bay, tuple):
-            return max(self.elements_per_bay)
-        return self.elements_per_bay
+        given = STARTING_ELEMENTS_PER_BAY if self.elements_per_bay == "auto" else self.elements_per_bay
+        return int(np.max(given))
 
 
 @dataclass(frozen=True)
@@ -180,10 +177,9 @@ def with_displacements(robot: Robot, steps: Iterable[LoadStep]) -> tuple[LoadSte
         wound = {drive: given for drive, given in step.inputs() if drive.winds and given}
         if set(wound) - {DISPLACEMENT}:
             lengths = {n: d.scale(tendons[n]) * x for d, given in wound.items() for n, x in given.items()}
-            nothing: dict[str, Any] = {d.inputs: {} for d in wound}
-            found.append(replace(step, **(nothing | {DISPLACEMENT.inputs: lengths})))
-        else:
-            found.append(step)
+            inputs: dict[str, Any] = {d.inputs: {} for d in wound} | {DISPLACEMENT.inputs: lengths}
+            step = replace(step, **inputs)
+        found.append(step)
     return tuple(found)
 
 

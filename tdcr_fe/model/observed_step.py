@@ -139,9 +139,8 @@ class ObservedStep:
     def levers(self, s: Array) -> Array:
         """Offsets of markers at arc lengths from the backbone, in the world [m], shape (..., n_markers, 3)."""
         nodes = np.argmin(np.abs(s[:, None] - self.nodes), axis=1)
-        return np.asarray(
-            np.einsum("...nij,nj->...ni", self.rotations[..., nodes, :, :], self.observation.offsets(s))
-        )
+        turns, offsets = self.rotations[..., nodes, :, :], self.observation.offsets(s)
+        return np.asarray(np.einsum("...nij,nj->...ni", turns, offsets))
 
     def markers(self, s: Array) -> Array:
         """Measured positions of markers at arc lengths [m], shape (..., n_markers, 3)."""

@@ -44,6 +44,12 @@ class Findings(NamedTuple):
     warnings: list[str]
     remarks: list[str]
 
+    def issued(self) -> Findings:
+        """These, which the caller of the function that calls this one gets as warnings, too."""
+        issue(self.warnings, PlausibilityWarning, depth=4)
+        issue(self.remarks, PlausibilityRemark, depth=4)
+        return self
+
 
 def plausibility(
     robot: Robot,
@@ -74,9 +80,8 @@ def plausibility(
         far = math.hypot(*(x for x in target if x is not None))
         values.append(Value("target", f"targets[{k}].position", far, "m", far / robot.backbone.length))
     for force, (name, course) in zip(largest, d.courses.items(), strict=False):
-        values.append(
-            strain(d, f"largest tension of {name}", force, force * course.offset / robot.backbone.EI)
-        )
+        curvature = force * course.offset / robot.backbone.EI
+        values.append(strain(d, f"largest tension of {name}", force, curvature))
     beyond = [v for value in values if (v := value.beyond) is not None]
     warnings = _warnings(robot.backbone, [v for v in beyond if not v.row.remark])
     named = " ".join(warnings)
@@ -86,20 +91,6 @@ def plausibility(
     if warnings or any(v.key.startswith(("backbone.", "disks.", "model.")) for v in plain):
         remarks = plain  # the others may follow from that
     return Findings(warnings, sentences(remarks))
-
-
-def warn_of_implausible(
-    robot: Robot,
-    model: Model,
-    steps: Sequence[LoadStep],
-    targets: Iterable[Sequence[float | None]] = (),
-    largest: Sequence[float] = (),
-) -> Findings:
-    """Hand what `plausibility` finds to the caller of the function that calls this one, as warnings, and return it."""
-    found = plausibility(robot, model, steps, targets, largest)
-    issue(found.warnings, PlausibilityWarning, depth=4)
-    issue(found.remarks, PlausibilityRemark, depth=4)
-    return found
 
 
 def _warnings(backbone: Backbone, beyond: list[Value]) -> list[str]:
@@ -152,11 +143,8 @@ def understood(robot: Robot, model: Model, steps: Sequence[LoadStep] = ()) -> li
     lines = [f"bending stiffness {b.EI:.3g} N m^2{like}"]
     weight, sags = 9.81 * sum(mass for _, _, mass in masses(robot).values()), sag(robot, 9.81)
     if weight > 0.0:
-        far = (
-            f"{1e3 * sags * b.length:.3g} mm"
-            if sags < limits()["sag" + REMARK].high
-            else "much of the length"
-        )
+        is_small = sags < limits()["sag" + REMARK].high
+        far = f"{1e3 * sags * b.length:.3g} mm" if is_small else "much of the length"
         lines[0] += f"; weight {weight:.3g} N, {_direction(model)} (held horizontally, the tip sags by {far})"
     pulls = []
     for tendon in robot.tendons:
@@ -172,9 +160,8 @@ def understood(robot: Robot, model: Model, steps: Sequence[LoadStep] = ()) -> li
         x, y = max(d.bend("displacements"), key=np.linalg.norm)
         angle, towards = math.degrees(math.hypot(x, y)), round(math.degrees(math.atan2(y, x)))
         towards = 180 if towards == -180 else towards
-        lines.append(
-            f"its displacements bend it by about {angle:.3g} degrees, towards {towards} degrees from +x"
-        )
+        where = f"towards {towards} degrees from +x"
+        lines.append(f"its displacements bend it by about {angle:.3g} degrees, {where}")
     return lines
 
 

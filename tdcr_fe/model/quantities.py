@@ -353,9 +353,8 @@ def _loads(d: Description) -> Iterator[Value]:
             across = bending(load.force)
             yield Value("force", f"{key}.force", force, "N", force * load.at**2 / b.EI)
             # A force cannot bend the elastica more than that, however long it is.
-            yield strain(
-                d, f"{key}.force", force, min(across * load.at / b.EI, math.sqrt(2.0 * across / b.EI))
-            )
+            curvature = min(across * load.at / b.EI, math.sqrt(2.0 * across / b.EI))
+            yield strain(d, f"{key}.force", force, curvature)
             by_moment = strain(d, f"{key}.moment", 0.0, moment / b.EI)
             yield by_moment._replace(value=moment, unit="N m")
             yield Value("moment", f"{key}.moment", moment, "N m", moment * load.at / b.EI)

@@ -45,9 +45,8 @@ class Disks(Checked):
     @classmethod
     def equally_spaced(cls, count: int, length: float, **rest: float) -> Disks:
         """``count`` disks at equal distances, the last at the tip."""
-        check_instance(
-            "Disks.equally_spaced", "count", count, Integral, "a whole number, and then the length [m]"
-        )
+        hint = "a whole number, and then the length [m]"
+        check_instance("Disks.equally_spaced", "count", count, Integral, hint)
         positions = tuple(float(x) for x in length * np.arange(1, count + 1) / count)
         return cls(positions=positions, **rest)
 
@@ -186,7 +185,6 @@ class Robot(Checked):
 
     def with_tendons(self, names: Sequence[str] | None = None, **changes: Any) -> Robot:
         """A copy with fields of the named tendons (None: of all) replaced."""
-        tendons = tuple(
-            replace(t, **changes) if names is None or t.name in names else t for t in self.tendons
-        )
-        return replace(self, tendons=tendons)
+        chosen = self.tendon_names if names is None else names
+        tendons = [replace(t, **changes) if t.name in chosen else t for t in self.tendons]
+        return replace(self, tendons=tuple(tendons))

@@ -275,9 +275,9 @@ def all_keys_of(cls: type[Any]) -> Keys:
     hints, described = typing.get_type_hints(cls, include_extras=True), _descriptions(cls)
     annotations, defaults = {}, {}
     for f in dataclasses.fields(cls):
-        hint, *extra = (
-            typing.get_args(hints[f.name]) if hasattr(hints[f.name], "__metadata__") else [hints[f.name]]
-        )
+        hint, extra = hints[f.name], []
+        if hasattr(hint, "__metadata__"):
+            hint, *extra = typing.get_args(hint)
         quantity = next((m for m in extra if isinstance(m, Quantity)), Quantity())
         text = quantity.description or described.get(f.name, "")
         annotations[f.name] = Annotated[hint, dataclasses.replace(quantity, description=text)]
@@ -339,9 +339,8 @@ def check_instance(
 ) -> None:
     """Refuse a value of another type, by a TypeError that names function, argument and what was given."""
     if not isinstance(value, types):
-        given = (
-            repr(value) if isinstance(value, str) and len(value) < 60 else f"of type {type(value).__name__}"
-        )
+        is_short = isinstance(value, str) and len(value) < 60
+        given = repr(value) if is_short else f"of type {type(value).__name__}"
         raise TypeError(f"{function}: {argument} is {given}; expected {hint}")
 
 
@@ -375,55 +374,51 @@ def _mistakes(
     """One mistake for each place that errors of pydantic name; the key is that of a table in a file, None in Python."""
     by_place: dict[str, list[Mistake]] = {}
     for error in errors:
-        mistake = _mistake(error, _Place(schema, data, key or ""), in_file=key is not None)
+        mistake = _mistake(error, schema, data, key)
         by_place.setdefault(mistake.key, []).append(mistake)
     for key, same in by_place.items():  # several where none of several types fits
         if not any(key.startswith(f"{whole}[") for whole in by_place):  # of a list that is wrong as a whole
             yield same[0]._replace(wrong_type=all(m.wrong_type for m in same))
 
 
-class _Place:
-    """A place in the data, found from its top: its key, the JSON schema that says what is allowed, and the value."""
+def _place(schema: Any, data: Any, key: str, loc: Sequence[Any]) -> tuple[str, Any, Any]:
+    """Key, JSON schema that says what is allowed, and value, where an error is in data that begins at a key.
 
-    def __init__(self, schema: Any, data: Any, key: str) -> None:
-        self.node = self.said = schema
-        self.value, self.key = data, key
-
-    def enter(self, loc: Sequence[Any]) -> _Place:
-        """Follow the location of an error; names of the alternatives of a type are no part of the key."""
-        for part in loc:
-            by_kind = {p["properties"]["kind"].get("const"): p for p in self.node.get("oneOf", ())}
-            if part in by_kind:
-                self.node = self.said = by_kind[part]
-                continue
-            child = _child(self.node, part)
-            if child is None:
-                break
-            if "description" in child or "properties" in child:
-                self.said = child
-            elif "additionalProperties" in self.node:  # a value by name
-                self.said = {**{k: self.said[k] for k in ("unit", "note") if k in self.said}, **child}
-            self.node, self.key = child, join(self.key, part)
-            try:
-                self.value = self.value[part]
-            except (TypeError, KeyError, IndexError):
-                self.value = REQUIRED
-        return self
+    Names of the alternatives of a type are no part of the key.
+    """
+    node, said, value = schema, schema, data
+    for part in loc:
+        by_kind = {p["properties"]["kind"].get("const"): p for p in node.get("oneOf", ())}
+        if part in by_kind:
+            node = said = by_kind[part]
+            continue
+        child = _child(node, part)
+        if child is None:
+            break
+        if "description" in child or "properties" in child:
+            said = child
+        elif "additionalProperties" in node:  # a value by name
+            said = {**{k: said[k] for k in ("unit", "note") if k in said}, **child}
+        node, key = child, join(key, part)
+        try:
+            value = value[part]
+        except (TypeError, KeyError, IndexError):
+            value = REQUIRED
+    return key, said, value
 
 
-def _mistake(error: Mapping[str, Any], place: _Place, in_file: bool) -> Mistake:
-    kind, loc, context = error["type"], error["loc"], error.get("ctx", {})
-    if kind in ("extra_forbidden", "unexpected_keyword_argument"):
-        place.enter(loc[:-1])
-        known = list(place.node["properties"])
-        text = f"unknown key{meant(loc[-1], known)}; allowed here: {', '.join(known)}"
-        return Mistake(join(place.key, loc[-1]), error["input"], text, not in_file)
+def _mistake(error: Mapping[str, Any], schema: Any, data: Any, key: str | None) -> Mistake:
+    kind, loc, context, in_file = error["type"], error["loc"], error.get("ctx", {}), key is not None
     if kind == "missing" and isinstance(loc[-1], int):
         loc = loc[:-1]  # too few items
     elif loc[-1] == "[key]":
         loc = loc[:-2]
-    place.enter(loc)
-    key, node, value = place.key, place.said, place.value
+    is_unknown = kind in ("extra_forbidden", "unexpected_keyword_argument")
+    key, node, value = _place(schema, data, key or "", loc[:-1] if is_unknown else loc)
+    if is_unknown:
+        known = list(node["properties"])
+        text = f"unknown key{meant(loc[-1], known)}; allowed here: {', '.join(known)}"
+        return Mistake(join(key, loc[-1]), error["input"], text, not in_file)
     if kind.startswith("union_tag"):
         value = error["input"].get("kind", REQUIRED)
         names = [part["properties"]["kind"]["const"] for part in node["oneOf"]]

@@ -19,7 +19,7 @@ from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.elements.native.items import Clamp, Connectors
 from tdcr_fe.model.checks import course_contradictions, size_contradictions
 from tdcr_fe.model.loading import Model, Vector
-from tdcr_fe.model.plausibility import warn_of_implausible
+from tdcr_fe.model.plausibility import plausibility
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import Keys, Quantity, check_arguments, check_instance
 from tdcr_fe.scene import parts
@@ -122,7 +122,7 @@ def CreateTDCR(
     check_system("CreateTDCR", mbs)
     check_arguments("CreateTDCR", ARGUMENTS, locals())
     model = _checked_model(robot, model, gravity)
-    warn_of_implausible(robot, model, ())
+    plausibility(robot, model, ()).issued()
     motion = np.array([initialVelocity, initialAngularVelocity], dtype=float)
     _check_base(motion, graphicsDataList, baseMarker is None)
     outside = [s for s in loadPositions if not -1e-9 <= s <= robot.backbone.length + 1e-9]

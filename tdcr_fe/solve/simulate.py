@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeVar
 from tdcr_fe.effects import Experiment
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.messages import issue, warnings_to
-from tdcr_fe.model.plausibility import strain_warnings, warn_of_implausible
+from tdcr_fe.model.plausibility import plausibility, strain_warnings
 from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import check_instance
@@ -111,7 +111,7 @@ def simulate(
         responses,
         record_path is not None,
     )
-    implausible, remarks = warn_of_implausible(robot, model, steps)
+    implausible, remarks = plausibility(robot, model, steps).issued()
     automatic = model.elements_per_bay == "auto" and reference_path is None
     with one_thread(), warnings_to():
         runs, stop = refined_runs(
@@ -252,7 +252,7 @@ class MeshedRun(ABC):
         wall_time
             [s].
         implausible, remarks
-            On the input, see `warn_of_implausible`.
+            On the input, see `plausibility`.
         further
             Other warnings.
         """

@@ -20,7 +20,7 @@ from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.messages import join, meant, quoted, shown
-from tdcr_fe.model.plausibility import warn_of_implausible
+from tdcr_fe.model.plausibility import plausibility
 from tdcr_fe.model.schema import FieldError, Keys, Quantity
 from tdcr_fe.model.tendon import by_tendon
 from tdcr_fe.model.units import number_or_none, with_units
@@ -130,7 +130,7 @@ def read_sweep(
     _check_values(sweep, user_effects, report)
     report.refuse()
     with suppress(ValueError):  # of a case that is refused the reason is in the table
-        warn_of_implausible(scenario.robot, scenario.model, scenario.steps)
+        plausibility(scenario.robot, scenario.model, scenario.steps).issued()
     return sweep
 
 

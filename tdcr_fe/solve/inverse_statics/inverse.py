@@ -19,7 +19,7 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.messages import warnings_to
-from tdcr_fe.model.plausibility import warn_of_implausible
+from tdcr_fe.model.plausibility import plausibility
 from tdcr_fe.model.results import Interrupted, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import check_instance
@@ -141,7 +141,7 @@ def follow_path(
     )
     begun = time.perf_counter()
     positions = [target.position for target in task.targets]
-    implausible, remarks = warn_of_implausible(robot, model, task.before, positions, upper.tolist())
+    implausible, remarks = plausibility(robot, model, task.before, positions, upper.tolist()).issued()
     with one_thread(), warnings_to():
         runs, stop = refined_runs(
             lambda counts, before: _FollowRun(task, counts, before),
