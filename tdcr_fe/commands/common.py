@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
@@ -33,11 +32,6 @@ class Exit(IntEnum):
 def complain(text: str) -> None:
     """Print one line on stderr, with the program's name."""
     print(f"tdcr-fe: {text}", file=sys.stderr)
-
-
-def cores() -> int:
-    """Number of cores of this machine that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def complain_of_left_out(args: argparse.Namespace, rows: Sequence[object], most: int = 10) -> None:

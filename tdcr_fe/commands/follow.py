@@ -85,9 +85,8 @@ def _status(result: FollowResult, asked: int) -> int:
     if result.simulation.converged:
         return Exit.FAILED if result.not_converged else Exit.DONE
     done, message = len(result.targets), result.simulation.message
-    complain(
-        f"{message}; {count(done, 'target')} of {asked} before that {'is' if done == 1 else 'are'} written"
-    )
+    are = "is" if done == 1 else "are"
+    complain(f"{message}; {count(done, 'target')} of {asked} before that {are} written")
     return Exit.INTERRUPTED if message == "interrupted" else Exit.FAILED
 
 

@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import monotonic
 from typing import Any, TypeVar
 
-from tdcr_fe.commands.common import (
-    Exit,
-    complain,
-    complain_of_left_out,
-    cores,
-    print_understood,
-    progress_bar,
-)
+from tdcr_fe.commands.common import Exit, complain, complain_of_left_out, print_understood, progress_bar
 from tdcr_fe.identify.identification import NotSolved, identify
 from tdcr_fe.identify.report import write_result
 from tdcr_fe.identify.robots import identify_robots
@@ -40,8 +34,9 @@ def run(args: argparse.Namespace) -> int:
     """Identify what the model of measured data is missing: of one robot, or of several of one design."""
     sets = [read_measured(folder) for folder in args.folder]
     out = check_output_folder(args.out)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     settings = IdentifySettings(
-        processes=min(args.processes, cores()),  # more would wait for each other
+        processes=min(args.processes, cores),  # more would wait for each other
         time_limit=60.0 * args.minutes,
         hold_out_branches=tuple(args.hold_out),
         own_effects=read_own_effects(args.effects),

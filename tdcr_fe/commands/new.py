@@ -75,9 +75,8 @@ def _simulated(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
     branches = [f"{name} {branch}" for name in none for branch, _ in pulls]
     result = simulate(robot, model, steps, settings).raise_if_failed()
     length, random = robot.backbone.length, np.random.default_rng(1)
-    read: list[tuple[str, float | str, float]] = [
-        (f"position_{axis}", s, 0.5e-3) for s in (0.5 * length, length) for axis in "xyz"
-    ]
+    read: list[tuple[str, float | str, float]] = []
+    read += [(f"position_{axis}", s, 0.5e-3) for s in (0.5 * length, length) for axis in "xyz"]
     read += [("tendon_displacement", name, 0.1e-3) for name in none]
     readings = []
     for step in result.steps:

@@ -152,9 +152,8 @@ class _Clock:
             left = elapsed * (self.steps / self.solved - 1.0) if self.solved > before else math.inf
             if left > LONG_RUN and not announced:
                 announced = True
-                about = (
-                    f"about {left / 60.0:.0f} minutes more" if left < math.inf else "this may take minutes"
-                )
+                is_known = left < math.inf
+                about = f"about {left / 60.0:.0f} minutes more" if is_known else "this may take minutes"
                 solved = f"{self.solved} of {count(self.steps, 'load step')} solved in {elapsed:.0f} s"
                 complain(f"{solved}: {about}; Ctrl-C or --minutes keeps what is solved")
             before = self.solved

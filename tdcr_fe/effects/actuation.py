@@ -106,16 +106,13 @@ def pass_through(
     ends: list[tuple[int, float]] = []
     begun: dict[int, float] = {}
     for step, action, (commanded, done) in zip(experiment.steps, actions, experiment.step_ends, strict=True):
-        goal, before = action.values, begun.get(commanded, 0.0)
+        goal, begin = action.values, begun.get(commanded, 0.0)
         play = [plays[i] if action.by_displacement[i] else tension for i in range(count)]
-        changed = int(np.count_nonzero(goal != command)) + any(
-            x != loads.get(n) for n, x in action.loads.items()
-        )
+        loaded = any(x != loads.get(n) for n, x in action.loads.items())
         factors = {1.0}
-        if changed > 1:
-            kinks = [
-                None if p is None else p.kink(arrived[i], command[i], goal[i]) for i, p in enumerate(play)
-            ]
+        if np.count_nonzero(goal != command) + loaded > 1:
+            ramps = zip(play, arrived, command, goal, strict=True)
+            kinks = [None if p is None else p.kink(before, a, b) for p, before, a, b in ramps]
             for k in kinks:
                 # Tendons that begin to move together divide the step once, whatever the round-off.
                 if k is not None and min(abs(k - x) for x in factors) > 1e-9:
@@ -138,7 +135,7 @@ def pass_through(
                     time=step.time if whole or step.time is None else time + factor * (step.time - time),
                 )
             )
-            ends.append((commanded, float(before + factor * (done - before))))
+            ends.append((commanded, float(begin + factor * (done - begin))))
         begun[commanded] = done
         command, loads = goal.copy(), action.loads
         time = step.time if step.time is not None else time

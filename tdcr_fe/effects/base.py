@@ -109,6 +109,12 @@ class Experiment:
         """A copy with fields of the backbone replaced."""
         return self.with_robot(backbone=replace(self.robot.backbone, **changes))
 
+    def with_friction(self) -> Experiment:
+        """The same with friction switched on, where the declared model has none and can have it."""
+        if self.model.friction == "none" and self.model.tendon_path == "straight":
+            return replace(self, model=replace(self.model, friction="per-hole"))
+        return self
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -241,6 +247,10 @@ class Effect:
         """What a search tries along a whole robot: the effect itself, or with other numbers of parameters."""
         return () if self.needs_disks and experiment.robot.without_disks else (self,)
 
+    def form(self, kind: str, names: Sequence[str], experiment: Experiment) -> Form:
+        """The effect with other parameters, see `Form`."""
+        return Form(self, kind, names, experiment)
+
     def null_values(self, experiment: Experiment) -> dict[str, float]:
         """Values at which it changes nothing in ``experiment``."""
         return {p.name: p.null_value for p in self.parameters}
@@ -305,15 +315,13 @@ class Effect:
         if unknown:
             raise ValueError(f"effect {self.name}: no parameter {unknown[0]!r}; it has {', '.join(known)}")
         if self.needs_disks and experiment is not None and experiment.robot.without_disks:
-            raise ValueError(
-                f"effect {self.name}: the robot has no disks and no holes in them; massless [disks] are guides"
-            )
+            text = "the robot has no disks and no holes in them; massless [disks] are guides"
+            raise ValueError(f"effect {self.name}: {text}")
         for name, value in values.items():
             p = known[name]
             if math.isnan(value) or not p.lower <= value <= p.upper:
-                raise ValueError(
-                    f"effect {self.name}: {name} = {value:g}; must be from {p.lower:g} to {p.upper:g} {p.unit}"
-                )
+                text = f"must be from {p.lower:g} to {p.upper:g} {p.unit}"
+                raise ValueError(f"effect {self.name}: {name} = {value:g}; {text}")
 
 
 class Form(Effect):
@@ -333,15 +341,16 @@ class Form(Effect):
 
     def __init__(self, of: Effect, kind: str, names: Sequence[str], experiment: Experiment) -> None:
         self.of, self.name = of, f"{of.name} ({kind})"
-        for same in (
+        same = (
             "description",
             "separating_experiment",
             "kind",
             "after",
             "exact_derivatives",
             "needs_friction",
-        ):
-            setattr(self, same, getattr(of, same))
+        )
+        for name in same:
+            setattr(self, name, getattr(of, name))
         known = {p.name: p for p in of.parameters_of(experiment)}
         self.parameters = tuple(known[n] for n in names)
 
@@ -357,10 +366,3 @@ class Form(Effect):
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """That of the listed effect."""
         return self.of.apply(experiment, values)
-
-
-def with_friction(experiment: Experiment) -> Experiment:
-    """Friction switched on, where the declared model has none and can have it."""
-    if experiment.model.friction == "none" and experiment.model.tendon_path == "straight":
-        return replace(experiment, model=replace(experiment.model, friction="per-hole"))
-    return experiment

@@ -171,12 +171,9 @@ class TendonNumber(SharedNumber):
 
     def _mean(self, experiment: Experiment, names: Sequence[str]) -> float:
         """Number of several tendons: their common one, or the mean in the coordinate that is fitted."""
-        one = self.parameters[0]
-        declared = [
-            self.declared(experiment, t)
-            for t in experiment.robot.tendons
-            if t.name in names and self.applies_to(t)
-        ]
+        one, tendons = self.parameters[0], experiment.robot.tendons
+        meant = [t for t in tendons if t.name in names and self.applies_to(t)]
+        declared = [self.declared(experiment, t) for t in meant]
         if not declared:
             return one.null_value
         if len(set(declared)) == 1:
@@ -288,9 +285,8 @@ class Pretension(TendonNumber):
         tendons = experiment.robot.tendons
         given = any(x != self.null_value(experiment, name) for name, x in values.items())
         if given and tendons and not any(self.applies_to(t) for t in tendons):
-            raise ValueError(
-                "effect pretension: no tendon is elastic; give their axial_stiffness, or tendon_stretch"
-            )
+            text = "no tendon is elastic; give their axial_stiffness, or tendon_stretch"
+            raise ValueError(f"effect pretension: {text}")
         return super().apply(experiment, values)
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:

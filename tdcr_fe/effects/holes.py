@@ -7,18 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar
 
-from tdcr_fe.effects.base import (
-    Bounds,
-    Effect,
-    ExcitationRange,
-    Experiment,
-    Form,
-    Kind,
-    Parameter,
-    Points,
-    Values,
-    with_friction,
-)
+from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Kind, Parameter, Points, Values
 from tdcr_fe.effects.by_tendon import TendonNumber, for_each
 from tdcr_fe.model.routing import MisplacedRouting, TwistedRouting
 from tdcr_fe.model.tendon import Tendon
@@ -51,12 +40,10 @@ class HoleFriction(TendonNumber):
         if not changed or not experiment.robot.tendons:
             return experiment
         if experiment.model.friction == "none":
-            without = [
-                replace(t, friction_coefficient=0.0) if self.applies_to(t) else t
-                for t in experiment.robot.tendons
-            ]
+            tendons = experiment.robot.tendons
+            without = [self.with_number(t, 0.0) if self.applies_to(t) else t for t in tendons]
             experiment = experiment.with_robot(tendons=tuple(without))
-        return with_friction(super().apply(experiment, values))
+        return super().apply(experiment, values).with_friction()
 
 
 class HoleAdhesion(TendonNumber):
@@ -82,9 +69,8 @@ class HoleAdhesion(TendonNumber):
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """All holes together take a twentieth, or a fifth, of the largest tension."""
-        holes = max(
-            (len(experiment.robot.hole_arc_lengths(t)) - 2 for t in experiment.robot.tendons), default=0
-        )
+        robot = experiment.robot
+        holes = max((len(robot.hole_arc_lengths(t)) - 2 for t in robot.tendons), default=0)
         if holes < 1:
             return []
         declared = self.null_values(experiment)["drop"]
@@ -94,7 +80,7 @@ class HoleAdhesion(TendonNumber):
         """See `Effect.apply`; friction is switched on where the model has none."""
         if all(x == self.null_value(experiment, name) for name, x in values.items()):
             return experiment
-        return with_friction(super().apply(experiment, values))
+        return super().apply(experiment, values).with_friction()
 
 
 class RoutingTwist(Effect):
@@ -139,13 +125,9 @@ class HoleClearance(TendonNumber):
 
     def bounds(self, experiment: Experiment) -> Bounds:
         """At most half of the smallest offset, or the declared value."""
-        offsets = [
-            math.hypot(x, y)
-            for t in experiment.robot.tendons
-            for x, y in experiment.robot.holes(t)
-            if math.hypot(x, y) > 0.0
-        ]
-        upper = min(5e-3, 0.5 * min(offsets, default=1e-2))
+        robot = experiment.robot
+        offsets = [math.hypot(x, y) for t in robot.tendons for x, y in robot.holes(t)]
+        upper = min(5e-3, 0.5 * min((x for x in offsets if x > 0.0), default=1e-2))
         return {"clearance": (0.0, max(upper, self.null_values(experiment)["clearance"]))}
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
@@ -196,9 +178,9 @@ class MisplacedChannels(Effect):
         each = [f"factor_end_{t}" for t in tendons]
         return (
             self,
-            Form(self, "angles", angles, experiment),
-            Form(self, "offset and angles", ["factor_end", *angles], experiment),
-            Form(self, "each", [*each, *angles], experiment),
+            self.form("angles", angles, experiment),
+            self.form("offset and angles", ["factor_end", *angles], experiment),
+            self.form("each", [*each, *angles], experiment),
         )
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
@@ -215,8 +197,6 @@ class MisplacedChannels(Effect):
 def _moved(tendon: Tendon, values: Values) -> Tendon:
     """A tendon whose channel runs elsewhere."""
     numbers = {n: values.get(f"{n}_{tendon.name}", values.get(n, x)) for n, x in AS_DECLARED.items()}
-    return (
-        tendon
-        if numbers == AS_DECLARED
-        else replace(tendon, routing=MisplacedRouting(tendon.routing, **numbers))
-    )
+    if numbers == AS_DECLARED:
+        return tendon
+    return replace(tendon, routing=MisplacedRouting(tendon.routing, **numbers))

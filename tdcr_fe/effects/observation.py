@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.effects.base import Effect, Experiment, Form, Kind, Parameter, Values
+from tdcr_fe.effects.base import Effect, Experiment, Kind, Parameter, Values
 from tdcr_fe.effects.by_tendon import for_each
 
 AXES = "xyz"
@@ -39,11 +39,8 @@ class FrameMisalignment(Effect):
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """Rotated, rotated and moved, or moved only."""
         turned, moved = [p.name for p in self.parameters], [p.name for p in self._shift]
-        return (
-            self,
-            Form(self, "rotated and moved", [*turned, *moved], experiment),
-            Form(self, "moved", moved, experiment),
-        )
+        both = self.form("rotated and moved", [*turned, *moved], experiment)
+        return self, both, self.form("moved", moved, experiment)
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
         """Of the rotation and of the shift."""
@@ -86,10 +83,9 @@ class MarkerOffset(Effect):
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """Beside the backbone; along it, too; or with an offset of its own for each of several markers."""
         common = [p.name for p in (*self.parameters, self._along)]
-        forms: tuple[Effect, ...] = (self, Form(self, "along the tangent, too", common, experiment))
+        forms: tuple[Effect, ...] = (self, self.form("along the tangent, too", common, experiment))
         if len(experiment.observation.markers) > 1:
-            each = [p.name for p in self._single(experiment)]
-            forms = (*forms, Form(self, "each", each, experiment))
+            forms = (*forms, self.form("each", [p.name for p in self._single(experiment)], experiment))
         return forms
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:

@@ -14,17 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tdcr_fe.effects.base import (
-    Bounds,
-    Effect,
-    ExcitationRange,
-    Experiment,
-    Kind,
-    Parameter,
-    Points,
-    Values,
-    with_friction,
-)
+from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Kind, Parameter, Points, Values
 from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.robot import Robot, SideSpring
@@ -307,15 +297,13 @@ class StuckHole(PlaceEffect):
         holes = robot.hole_arc_lengths(tendon)[1:-1]
         at = float(min(holes, key=lambda s: abs(s - values["s"]), default=math.nan))
         if not abs(at - values["s"]) <= 1e-4:
-            near = (
-                f"the nearest is at {at:.6g} m"
-                if len(holes)
-                else "nor anywhere between base plate and anchor"
-            )
+            near = "nor anywhere between base plate and anchor"
+            if len(holes):
+                near = f"the nearest is at {at:.6g} m"
             raise ValueError(f"s = {values['s']:g} m: tendon {tendon.name} has no hole there; {near}")
         changed = replace(tendon, tight_holes=(*tendon.tight_holes, TightHole(at, values["drop"])))
         tendons = (*robot.tendons[: number - 1], changed, *robot.tendons[number:])
-        return with_friction(experiment.with_robot(tendons=tendons))
+        return experiment.with_robot(tendons=tendons).with_friction()
 
 
 def _largest_tension(experiment: Experiment) -> float:

@@ -29,9 +29,8 @@ class TimeLag(Effect):
     def bounds(self, experiment: Experiment) -> Bounds:
         """Up to four times the median time between steps."""
         pauses = np.diff([s.time for s in experiment.steps if s.time is not None])
-        return {
-            "lag": (0.0, 4.0 * float(np.median(pauses)) if pauses.size and np.any(pauses > 0.0) else 1e-3)
-        }
+        longest = 4.0 * float(np.median(pauses)) if np.any(pauses > 0.0) else 1e-3
+        return {"lag": (0.0, longest)}
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """A tenth and a half of the median time between steps; nothing on data without times."""

@@ -112,15 +112,6 @@ def words(name: str) -> str:
     return name.replace("_", " ")
 
 
-FILTERS = {
-    "significant": significant,
-    "fixed": fixed,
-    "short": short,
-    "quantity": quantity,
-    "words": words,
-}
-
-
 @cache
 def environment(package: str = __package__) -> jinja2.Environment:
     """Templates of a package (its folder ``templates``), then those of this one, with the shared filters.
@@ -145,5 +136,5 @@ def environment(package: str = __package__) -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters.update(FILTERS)
+    made.filters.update({f.__name__: f for f in (significant, fixed, short, quantity, words)})
     return made

@@ -221,10 +221,10 @@ class Motion:
 
     def largest_loads(self, steps: Iterable[int]) -> dict[bool, float]:
         """Largest force [N] and moment [N m] in some steps (from 0), by whether it is a moment; zero without any."""
-        sizes = [(load[3], float(np.linalg.norm(load[2]))) for k in steps for load in self.load_arrows(k)]
-        return {
-            kind: max((x for moment, x in sizes if moment == kind), default=0.0) for kind in (False, True)
-        }
+        largest = {False: 0.0, True: 0.0}
+        for _, _, vector, moment in [arrow for k in steps for arrow in self.load_arrows(k)]:
+            largest[moment] = max(largest[moment], float(np.linalg.norm(vector)))
+        return largest
 
 
 def spread(count: int, at_most: int) -> list[int]:
@@ -365,11 +365,8 @@ def motion_of(result: SequenceResult, markers: Markers | None = None) -> Motion:
     steps = result.steps
     if not steps:
         raise ValueError("no step was solved, so there is nothing to draw")
-    nodes = Nodes(
-        steps[0].s,
-        np.array([s.positions for s in steps]),
-        np.array([quaternions(s.rotations) for s in steps]),
-    )
+    turns = np.array([quaternions(s.rotations) for s in steps])
+    nodes = Nodes(steps[0].s, np.array([s.positions for s in steps]), turns)
     m = len(result.robot.tendons)
     inputs = [s.actuation for s in steps]
     driven = [np.zeros(m, dtype=bool) if a is None else a.by_displacement for a in inputs]

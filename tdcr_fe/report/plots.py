@@ -79,10 +79,8 @@ def _framed(width: float, height: float, title: str, handles: Sequence[Line2D]) 
     figure.get_layout_engine().set(rect=(0.0, below / whole, 1.0, height / whole))  # type: ignore[union-attr, call-arg]
     figure.text(0.012, 1.0 - 0.1 / whole, title, ha="left", va="top", weight="bold", size=10.5)
     if handles:
-        legend = figure.legend(
-            handles=handles, loc="lower left", ncols=columns, bbox_to_anchor=(0.0, 0.0), borderaxespad=0.3
-        )
-        legend.set_in_layout(False)
+        where: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 0.0), "borderaxespad": 0.3}
+        figure.legend(handles=handles, ncols=columns, **where).set_in_layout(False)
     return figure
 
 
@@ -326,10 +324,8 @@ def hysteresis(result: SequenceResult) -> Figure | None:
         Line2D([], [], color="#444444", lw=1.0, ls=":", label="input held constant"),
     ]
     with styled():
-        title = f"{motion.name}: hysteresis of the tip angle"
-        figure, axes = _axes_by_tendon(
-            len(driven), (6.4, 3.2), title, "bending angle of the tip [deg]", handles
-        )
+        title, up = f"{motion.name}: hysteresis of the tip angle", "bending angle of the tip [deg]"
+        figure, axes = _axes_by_tendon(len(driven), (6.4, 3.2), title, up, handles)
         colours = _StepColours(motion.steps, range(len(motion.steps)))
         for ax, (name, values, label) in zip(axes, driven, strict=True):
             _branches(ax, values, angle, colours)
@@ -349,13 +345,8 @@ def _branches(axes: Axes, values: Array, angle: Array, colours: _StepColours) ->
         change = values[k] - values[k - 1]
         constant = abs(change) <= 1e-9 * max(1.0, float(np.abs(values).max()))
         style: Any = ":" if constant else "-" if change > 0.0 else (0, (4, 1.5))
-        axes.plot(
-            values[k - 1 : k + 1],
-            angle[k - 1 : k + 1],
-            color=colours(k),
-            lw=1.0 if constant else 1.6,
-            ls=style,
-        )
+        look = {"color": colours(k), "lw": 1.0 if constant else 1.6, "ls": style}
+        axes.plot(values[k - 1 : k + 1], angle[k - 1 : k + 1], **look)
         if few and not constant:
             middle = (values[k - 1] + values[k]) / 2.0, (angle[k - 1] + angle[k]) / 2.0
             before = 0.51 * values[k - 1] + 0.49 * values[k], 0.51 * angle[k - 1] + 0.49 * angle[k]

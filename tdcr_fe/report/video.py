@@ -120,9 +120,8 @@ class _Drawing:
             parts.append(self.space.add_collection3d(Line3DCollection(list(sides), colors=colours, lw=1.6)))
         for _, place, vector, moment in m.load_arrows(0):
             scaled = LONGEST * _MM * m.length / self.largest_loads[moment] * vector
-            parts.append(
-                self.space.quiver(*(_MM * place), *scaled, color=MOMENT if moment else FORCE, lw=1.6)
-            )
+            colour = MOMENT if moment else FORCE
+            parts.append(self.space.quiver(*(_MM * place), *scaled, color=colour, lw=1.6))
         self.moving = parts
 
 

@@ -96,9 +96,8 @@ def hole_codes(motion: Motion) -> list[NDArray[np.uint8]]:
     """
     codes = []
     for tensions, states in zip(motion.tensions, motion.hole_states, strict=True):
-        code = np.array([[STATES.index(x) for x in row] for row in states], dtype=np.uint8).reshape(
-            tensions.shape
-        )
+        code = np.array([[STATES.index(x) for x in row] for row in states], dtype=np.uint8)
+        code = code.reshape(tensions.shape)
         loose = tensions <= SLACK * motion.largest_tension
         code[:, :-1][loose[:, :-1] & loose[:, 1:]] = STATES.index("slack")
         codes.append(code)
@@ -111,9 +110,8 @@ def _loads(motion: Motion, step: int) -> list[dict[str, Any]]:
     found = []
     for name, place, vector, moment in motion.load_arrows(step):
         axes = [_short(axis) for axis in ellipsoids.get(name, ())] if not moment else []
-        found.append(
-            {"name": name, "at": _short(place), "vector": _short(vector), "moment": moment, "ellipsoid": axes}
-        )
+        arrow = {"name": name, "at": _short(place), "vector": _short(vector), "moment": moment}
+        found.append({**arrow, "ellipsoid": axes})
     return found
 
 

@@ -56,9 +56,8 @@ class InputsOverTime:
         wrong_ones = ~np.isfinite(values) | (push & (values < -TENSION_ROUND_OFF))
         if np.any(wrong_ones):
             k = int(np.argmax(wrong_ones))
-            raise ValueError(
-                f"{where}, returned {values[k]:g} for tendon {self.names[k]!r}; must be finite, a tension >= 0"
-            )
+            returned = f"{values[k]:g} for tendon {self.names[k]!r}"
+            raise ValueError(f"{where}, returned {returned}; must be finite, a tension >= 0")
         values[push] = 0.0
         return values * drives.scale
 

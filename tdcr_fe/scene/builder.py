@@ -124,12 +124,11 @@ def CreateTDCR(
     model = _checked_model(robot, model, gravity)
     plausibility(robot, model, ()).issued()
     motion = np.array([initialVelocity, initialAngularVelocity], dtype=float)
-    _check_base(motion, graphicsDataList, baseMarker is None)
-    outside = [s for s in loadPositions if not -1e-9 <= s <= robot.backbone.length + 1e-9]
-    if outside:
-        raise ValueError(
-            f"loadPositions: {outside[0]:g} m; the backbone spans 0 to {robot.backbone.length:g} m"
-        )
+    on_ground = baseMarker is None
+    _check_base(motion, graphicsDataList, on_ground)
+    length = robot.backbone.length
+    if outside := [s for s in loadPositions if not -1e-9 <= s <= length + 1e-9]:
+        raise ValueError(f"loadPositions: {outside[0]:g} m; the backbone spans 0 to {length:g} m")
     pose = parts.base_pose(mbs, referencePosition, referenceRotationMatrix, baseMarker)
     name, hooks = name or robot.name, SceneHooks.of(mbs)
     if name in (actuation.name for actuation in hooks.actuations):
@@ -144,10 +143,9 @@ def CreateTDCR(
     with_mass = [*backbone.beams, *bodies] if robot.backbone.density > 0.0 else bodies
     weight = parts.add_gravity(mbs, with_mass, model.gravity, name)
     base = parts.section_marker(mbs, backbone.nodes[0], f"{name}.mBase")
-    on_ground = baseMarker is None
-    carrier = (
-        parts.add_ground(mbs, pose, robot.plate_radius, name, graphicsDataList) if on_ground else baseMarker
-    )
+    carrier = baseMarker
+    if on_ground:
+        carrier = parts.add_ground(mbs, pose, robot.plate_radius, name, graphicsDataList)
     joint = parts.add_base_joint(mbs, carrier, base, name)
     holes, segments = parts.add_tendons(mbs, robot, mesh, [backbone.beams[0], *disks], name)
     damping = parts.add_material_damping(mbs, robot, mesh, backbone.nodes, name)
@@ -157,14 +155,12 @@ def CreateTDCR(
     applying = eii.ObjectGenericODE2(name=f"{name}.forces", nodeNumbers=backbone.nodes, visualization=hidden)
     others = [*bodies, joint] if damping is None else [*bodies, joint, *damping.bodies, *damping.dampers]
     connectors = Connectors(mbs.AddObject(applying), segments, holes, backbone.beams, others)
-    history = HistoryNodes(
-        hooks.system, forces.law, [f"{name}.{tendon.name}.history" for tendon in robot.tendons]
-    )
+    names = [f"{name}.{tendon}.history" for tendon in robot.tendon_names]
+    history = HistoryNodes(hooks.system, forces.law, names)
     has_mass = max(robot.backbone.density, robot.tip_mass, robot.disks.mass if disks else 0.0) > 0.0
     clamp = Clamp(joint, pose.position, pose.rotation @ BEAM_TO_SECTION) if on_ground else None
-    actuation = TendonActuation(
-        name, hooks.system, backbone.nodes, forces, connectors, history, has_mass, clamp=clamp
-    )
+    acting = forces, connectors, history
+    actuation = TendonActuation(name, hooks.system, backbone.nodes, *acting, has_mass, clamp=clamp)
     hooks.add(actuation)
     handle = TDCR(
         mbs=mbs, name=name, robot=robot, model=model, mesh=mesh, nNodes=backbone.nodes, oBeams=backbone.beams,
@@ -191,9 +187,8 @@ def _checked_model(robot: Any, model: Any, gravity: Sequence[float] | None) -> M
     check_instance("CreateTDCR", "model", model, Model, hint)
     if gravity is not None:
         if any(model.gravity):
-            raise ValueError(
-                "CreateTDCR: gravity is given by the argument and by the model; give one of them"
-            )
+            text = "is given by the argument and by the model; give one of them"
+            raise ValueError(f"CreateTDCR: gravity {text}")
         model = replace(model, gravity=tuple(float(g) for g in gravity))
     for c in course_contradictions(robot, model) + size_contradictions(robot, model):
         raise ValueError(f"{c.key} = {c.value}: {c.allowed}")

@@ -156,9 +156,8 @@ class DiskContact:
                 f"add_disk_contact: {names[0]} and {names[1]} overlap by {-1e3 * gap:.4g} mm in the reference "
                 "configuration; they must begin apart"
             )
-        data = eii.NodeGenericData(
-            initialCoordinates=[max(gap, 0.0), 0.0, 0.0, 0.0], numberOfDataCoordinates=4
-        )
+        start = [max(gap, 0.0), 0.0, 0.0, 0.0]
+        data = eii.NodeGenericData(initialCoordinates=start, numberOfDataCoordinates=len(start))
         self.nGaps.append(self.mbs.AddNode(data))
         self.oContacts.append(self.mbs.AddObject(item(nodeNumber=self.nGaps[-1], **rest, **asdict(self.law))))
         self.names.append(names)
@@ -203,9 +202,8 @@ def obstacle_sphere(mbs: exu.MainSystem, other: Any, position: Sequence[float], 
     """A sphere of a radius [m] on a body (``ObjectIndex``) of the user at a position [m], or on a marker."""
     if isinstance(other, exu.MarkerIndex):
         if np.any(np.asarray(position, dtype=float)):
-            raise ValueError(
-                "add_disk_contact: localPosition is that on a body; a marker has its own position"
-            )
+            text = "is that on a body; a marker has its own position"
+            raise ValueError(f"add_disk_contact: localPosition {text}")
         marker, name = other, f"marker {int(other)}"
     else:
         body = mbs.GetObject(other)
@@ -277,9 +275,8 @@ def check_quad(points: Any) -> Array:
     edges = corners[1:] - corners[0]
     size = float(np.max(np.linalg.norm(edges, axis=1)))
     if abs(float(np.linalg.det(edges))) > 1e-6 * size**3:
-        raise ValueError(
-            "add_disk_contact: quadPoints are not in one plane; divide them into flat quadrangles"
-        )
+        text = "are not in one plane; divide them into flat quadrangles"
+        raise ValueError(f"add_disk_contact: quadPoints {text}")
     return corners
 
 

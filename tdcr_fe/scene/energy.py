@@ -32,18 +32,10 @@ from tdcr_fe.scene.loads import PointLoad
 Array = NDArray[np.float64]
 _CURRENT, _START = exu.ConfigurationType.Current, exu.ConfigurationType.StartOfStep
 
+_STORED = ("kinetic", "elastic", "gravity")
+_SUMS = ("tendon_work", "load_work", "friction_dissipation", "material_dissipation")
 #: Columns of the sensor, all in J: what the robot stores, then sums over the steps.
-ENERGY_COLUMNS = (
-    "kinetic",
-    "elastic",
-    "gravity",
-    "tendon_work",
-    "load_work",
-    "friction_dissipation",
-    "material_dissipation",
-)
-#: How many of them are sums.
-_SUMS = 4
+ENERGY_COLUMNS = (*_STORED, *_SUMS)
 
 
 # ---------------------------------------------------------------- motion and inertia
@@ -176,7 +168,7 @@ class EnergySums:
         self._coordinates = NodeCoordinates(self._system, actuation.nodes)
         #: By which the static solver multiplied loads and weight at the end of the last step [1].
         self._load_factor = 1.0
-        sums = {"numberOfDataCoordinates": _SUMS, "initialCoordinates": [0.0] * _SUMS}
+        sums = {"numberOfDataCoordinates": len(_SUMS), "initialCoordinates": [0.0] * len(_SUMS)}
         self.node = self._system.mbs.AddNode(eii.NodeGenericData(name=f"{actuation.name}.energy", **sums))
 
     def measure(self, *arguments: Any) -> list[float]:
@@ -188,9 +180,7 @@ class EnergySums:
         motion = NodeMotion.of(self._system.mbs, self._coordinates, _CURRENT)
         robot = self._actuation
         tendons = robot.elastic_tendons(robot.base_tension, robot.state.time)
-        elastic = elastic_energy(
-            self._actuation, motion, tendons.at_rest(self._measured(motion)), tendons.law()
-        )
+        elastic = elastic_energy(robot, motion, tendons.at_rest(self._measured(motion)), tendons.law())
         stored = [self._masses.kinetic(motion), elastic, self._masses.potential(motion.positions)]
         return np.concatenate((stored, self._sums()))
 
@@ -233,7 +223,7 @@ class EnergySums:
         data = self._system.mbs.systemData
         first = int(data.GetNodeLTGData(self.node)[0])
         everything: Array = data.GetDataCoordinates(_CURRENT, copy=False)
-        return everything[first : first + _SUMS]
+        return everything[first : first + len(_SUMS)]
 
     def _forces(self, motion: NodeMotion, t: float, configuration: Any) -> tuple[TendonLaw, TendonForces]:
         """With the history at the beginning of the step, at a time [s]; motors are as in a configuration of Exudyn."""

@@ -116,10 +116,10 @@ def tendon_law(robot: Robot, friction: str, lengths: Array, mask: Mask, hysteres
         holes = robot.hole_arc_lengths(tendon)[1:-1]
         for hole in tendon.tight_holes:
             at = i, int(np.argmin(np.abs(holes - hole.at)))
-            adhesion[at] = adhesion[at] if hole.drop is None else hole.drop
-            coefficient[at] = (
-                coefficient[at] if hole.friction_coefficient is None else hole.friction_coefficient
-            )
+            if hole.drop is not None:
+                adhesion[at] = hole.drop
+            if hole.friction_coefficient is not None:
+                coefficient[at] = hole.friction_coefficient
     compliance = np.array([0.0 if t.axial_stiffness is None else 1.0 / t.axial_stiffness for t in tendons])
     pretension = np.array([t.pretension for t in tendons])
     laws = tuple(t.friction for t in tendons)

@@ -177,10 +177,8 @@ def TDCRLinearized(
         forces[robot.coordinates.reshape(-1)] = robot.forces_by_inputs(holes == "stuck")
         columns.append(forces)
         names += [mbs.GetNode(node)["name"].removesuffix(".history") for node in robot.history_nodes.nodes]
-    inputs, driven = (
-        basis.T @ np.hstack(columns),
-        np.concatenate([r.drives.winds for r in hooks.actuations]),
-    )
+    inputs = basis.T @ np.hstack(columns)
+    driven = np.concatenate([robot.drives.winds for robot in hooks.actuations])
     outputs = _outputs(mbs, sensors, basis)
     return LinearSystem(mass, damping, stiffness, inputs, tuple(names), driven, outputs, basis)
 
@@ -232,10 +230,8 @@ def _outputs(mbs: exu.MainSystem, sensors: Sequence[Any], basis: Array) -> Array
         return np.concatenate([np.zeros(0), *(np.atleast_1d(mbs.GetSensorValues(s)) for s in sensors)])
 
     try:
-        changes = [
-            (values(rest + DIFFERENCE * each) - values(rest - DIFFERENCE * each)) / (2.0 * DIFFERENCE)
-            for each in basis.T
-        ]
+        steps = DIFFERENCE * basis.T
+        changes = [(values(rest + x) - values(rest - x)) / (2.0 * DIFFERENCE) for x in steps]
     finally:
         data.SetODE2Coordinates(rest)
     return np.array(changes).T

@@ -117,7 +117,6 @@ def add_point_load(system: SystemReference, node: Any, robot: str, name: str, fr
     acts = {"markerNumber": marker, "loadVector": [0.0, 0.0, 0.0], "bodyFixed": frame == "section"}
     force = mbs.AddLoad(eii.Force(name=f"{robot}.force.{name}", **acts))
     torque = mbs.AddLoad(eii.Torque(name=f"{robot}.torque.{name}", **acts))
-    applied = eii.NodeGenericData(
-        name=f"{robot}.applied.{name}", numberOfDataCoordinates=6, initialCoordinates=[0.0] * 6
-    )
-    return PointLoad(system, force, torque, frame, mbs.AddNode(applied), node)
+    zero = {"numberOfDataCoordinates": 6, "initialCoordinates": [0.0] * 6}
+    applied = mbs.AddNode(eii.NodeGenericData(name=f"{robot}.applied.{name}", **zero))
+    return PointLoad(system, force, torque, frame, applied, node)

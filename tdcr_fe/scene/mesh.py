@@ -42,9 +42,8 @@ def elements_of_bays(robot: Robot, model: Model) -> tuple[int, ...]:
     edges = np.array([0.0, *robot.bay_ends, length])
     bays = len(edges) - 1
     if given == "auto":
-        wanted = np.clip(
-            np.ceil(np.diff(edges) * STARTING_ELEMENTS / length - 1e-6), 1, MOST_STARTING_PER_BAY
-        )
+        wanted = np.ceil(np.diff(edges) * STARTING_ELEMENTS / length - 1e-6)
+        wanted = np.clip(wanted, 1, MOST_STARTING_PER_BAY)
         if robot.backbone.taper:
             change = np.abs(np.diff(np.log(robot.backbone.radius_at(edges))))
             wanted = np.maximum(wanted, np.minimum(np.ceil(change / TAPER), MOST_TAPERED_PER_BAY))
@@ -106,9 +105,8 @@ def build_mesh(
         bending, torsion = bending * thick, torsion * thick
     modulus, density = b.material_factors(middle)
     along = one * modulus
-    stiffness = np.stack(
-        (b.EA * along, b.GA * along, b.GA * along, b.GJ * torsion, b.EI * bending, b.EI * bending), axis=1
-    )
+    axial, shear, twist, bend = b.EA * along, b.GA * along, b.GJ * torsion, b.EI * bending
+    stiffness = np.stack((axial, shear, shear, twist, bend, bend), axis=1)
     stiffness[rigid] *= INSERT_FACTORS
     if robot.base_stiffness is not None:
         # A very short element of this rotational stiffness; as a rigid insert, it does not creep and has no error.

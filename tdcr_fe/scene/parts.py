@@ -67,9 +67,8 @@ def base_pose(mbs: exu.MainSystem, position: Any, rotation: Any, marker: Any) ->
     p = np.zeros(3) if position is None else np.array(position, dtype=float)
     r = np.eye(3) if rotation is None else np.array(rotation, dtype=float)
     if r.shape != (3, 3) or not np.allclose(r @ r.T, np.eye(3), atol=1e-9) or np.linalg.det(r) < 0.0:
-        raise ValueError(
-            "referenceRotationMatrix must be a rotation matrix of shape (3, 3), and not a reflection"
-        )
+        text = "must be a rotation matrix of shape (3, 3), and not a reflection"
+        raise ValueError(f"referenceRotationMatrix {text}")
     if marker is None:
         return BasePose(p, r)
     variable, reference = exu.OutputVariableType, exu.ConfigurationType.Reference
@@ -77,9 +76,8 @@ def base_pose(mbs: exu.MainSystem, position: Any, rotation: Any, marker: Any) ->
         at = np.array(mbs.GetMarkerOutput(marker, variable.Position, reference), dtype=float)
         axes = np.array(mbs.GetMarkerOutput(marker, variable.RotationMatrix, reference), dtype=float)
     except Exception as unknown:
-        raise ValueError(
-            f"baseMarker {marker!r} has no position and rotation; must be a rigid marker"
-        ) from unknown
+        text = "has no position and rotation; must be a rigid marker"
+        raise ValueError(f"baseMarker {marker!r} {text}") from unknown
     axes = axes.reshape(3, 3)
     size = max(1.0, float(np.abs(at).max()))
     for name, given, of_marker, scale in (
@@ -117,12 +115,9 @@ def add_ground(
 
 def add_base_joint(mbs: exu.MainSystem, carrier: Any, base: Any, name: str) -> Any:
     """Join the base marker to the marker that carries it, in all six motions; return the joint."""
-    both, hidden = [carrier, base], eii.VObjectJointGeneric(show=False)
-    return mbs.AddObject(
-        eii.GenericJoint(
-            name=f"{name}.baseJoint", markerNumbers=both, constrainedAxes=[1] * 6, visualization=hidden
-        )
-    )
+    fixed = {"constrainedAxes": [1] * 6, "visualization": eii.VObjectJointGeneric(show=False)}
+    joint = eii.GenericJoint(name=f"{name}.baseJoint", markerNumbers=[carrier, base], **fixed)
+    return mbs.AddObject(joint)
 
 
 def section_marker(mbs: exu.MainSystem, node: Any, name: str) -> Any:
@@ -150,10 +145,8 @@ def add_tip_mass(mbs: exu.MainSystem, robot: Robot, tip_node: Any, name: str) ->
     """Add the point mass at the tip; return its body number in a list, empty where there is none."""
     if not robot.tip_mass > 0.0:
         return []
-    body = eii.ObjectRigidBody(
-        name=f"{name}.payload", nodeNumber=tip_node, mass=robot.tip_mass, inertia=[0.0] * 6
-    )
-    return [mbs.AddObject(body)]
+    point = {"mass": robot.tip_mass, "inertia": [0.0] * 6}
+    return [mbs.AddObject(eii.ObjectRigidBody(name=f"{name}.payload", nodeNumber=tip_node, **point))]
 
 
 def add_gravity(mbs: exu.MainSystem, bodies: list[Any], gravity: Vector, name: str) -> list[Any]:
@@ -205,28 +198,18 @@ def add_tendons(
     for i, tendon in enumerate(robot.tendons):
         prefix = f"{name}.{tendon.name}"
         places = (_along_backbone if robot.without_disks else _in_disks)(robot, tendon, mesh, bodies)
-        holes = [
-            mbs.AddMarker(
-                eii.MarkerBodyRigid(
-                    name=f"{prefix}.mHole{k}",
-                    bodyNumber=body,
-                    localPosition=[float(x) for x in at],
-                    visualization={"show": False},
-                )
-            )
-            for k, (body, at) in enumerate(places)
-        ]
+        holes = []
+        for k, (body, at) in enumerate(places):
+            where = {"bodyNumber": body, "localPosition": [float(x) for x in at]}
+            hole = eii.MarkerBodyRigid(name=f"{prefix}.mHole{k}", **where, visualization={"show": False})
+            holes.append(mbs.AddMarker(hole))
         color = list(TENDON_COLORS[i % len(TENDON_COLORS)])
         look = eii.VObjectConnectorSpringDamper(drawSize=0.0, color=color)
         idle = {"referenceLength": 1.0, "stiffness": 0.0, "force": 0.0, "activeConnector": False}
-        segments = [
-            mbs.AddObject(
-                eii.SpringDamper(
-                    name=f"{prefix}.segment{k}", markerNumbers=list(pair), **idle, visualization=look
-                )
-            )
-            for k, pair in enumerate(itertools.pairwise(holes), start=1)
-        ]
+        segments = []
+        for k, pair in enumerate(itertools.pairwise(holes), start=1):
+            ends = {"name": f"{prefix}.segment{k}", "markerNumbers": list(pair)}
+            segments.append(mbs.AddObject(eii.SpringDamper(**ends, **idle, visualization=look)))
         markers.append(holes)
         connectors.append(segments)
     return markers, connectors

@@ -21,15 +21,14 @@ class SensorMaker:
     storeInternal: bool
 
     def output(self, key: str) -> dict[str, Any]:
-        """Arguments for a sensor's output: a file of its own if a prefix is given, and memory if requested."""
+        """A sensor's name and output: a file of its own if a prefix is given, and memory if requested."""
         file = f"{self.fileName}_{key}.txt" if self.fileName else ""
-        return {"storeInternal": self.storeInternal, "fileName": file, "writeToFile": bool(file)}
+        output = {"storeInternal": self.storeInternal, "fileName": file, "writeToFile": bool(file)}
+        return {"name": f"{self.robot}.{key}", **output}
 
     def of_node(self, key: str, node: Any, variable: Any) -> dict[str, Any]:
         """Add a sensor of a node; return it by its key."""
-        sensor = eii.SensorNode(
-            name=f"{self.robot}.{key}", nodeNumber=node, outputVariableType=variable, **self.output(key)
-        )
+        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=variable, **self.output(key))
         return {key: self.mbs.AddSensor(sensor)}
 
     def of_function(self, key: str, function: Callable[..., list[float]], **rest: Any) -> dict[str, Any]:
@@ -44,9 +43,7 @@ class SensorMaker:
         rest
             Further arguments of ``SensorUserFunction``.
         """
-        sensor = eii.SensorUserFunction(
-            name=f"{self.robot}.{key}", sensorUserFunction=function, **rest, **self.output(key)
-        )
+        sensor = eii.SensorUserFunction(sensorUserFunction=function, **rest, **self.output(key))
         return {key: self.mbs.AddSensor(sensor)}
 
     def of_tendon(self, tendon: str, history: Any, quantities: dict[str, slice]) -> dict[str, Any]:
@@ -61,10 +58,9 @@ class SensorMaker:
         quantities
             Which coordinates of the node, by quantity.
         """
-        name, coordinates = f"{self.robot}.{tendon}.history", exu.OutputVariableType.Coordinates
-        node = self.mbs.AddSensor(
-            eii.SensorNode(name=name, nodeNumber=history, outputVariableType=coordinates, writeToFile=False)
-        )
+        what = {"outputVariableType": exu.OutputVariableType.Coordinates, "writeToFile": False}
+        sensor = eii.SensorNode(name=f"{self.robot}.{tendon}.history", nodeNumber=history, **what)
+        node = self.mbs.AddSensor(sensor)
         made: dict[str, Any] = {}
         for quantity, which in quantities.items():
             if which.stop > which.start:

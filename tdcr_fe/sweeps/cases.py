@@ -209,9 +209,8 @@ def parameter_function(
     known = columns_of_steps(build_scenario(tables, _own_effects(files)).robot.tendon_names)
     wrong = [name for name in quantities if name not in known]
     if wrong:
-        text = f"; there are {', '.join(known)}"
-        raise InputError(
-            [Problem("parameter_function", "quantities", n, f"unknown{meant(n, known)}{text}") for n in wrong]
-        )
+        there = f"; there are {', '.join(known)}"
+        texts = {name: f"unknown{meant(name, known)}{there}" for name in wrong}
+        raise InputError(Problem("parameter_function", "quantities", *item) for item in texts.items())
     sweep = Sweep(tables, output=Output(quantities=tuple(quantities)), effects=files)
     return partial(_values_at, Job(sweep), tuple(quantities))

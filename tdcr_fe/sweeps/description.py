@@ -51,9 +51,8 @@ class Range(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.spacing == "logarithmic" and not self.start * self.stop > 0.0:
-            raise ValueError(
-                "start and stop must be both positive or both negative for spacing = logarithmic"
-            )
+            text = "must be both positive or both negative for spacing = logarithmic"
+            raise ValueError(f"start and stop {text}")
 
     def values(self) -> tuple[float, ...]:
         """The values, as integers where all of them are whole."""

@@ -127,9 +127,8 @@ def sweep(
         try:
             with closing(stream):  # explicitly: on an interruption workers end before this function does
                 for solved, outcome in enumerate(stream, start=1):
-                    collected.add(
-                        outcome
-                    )  # first: what the journal has is in the table, wherever it is interrupted
+                    # First: what the journal has is in the table, wherever it is interrupted.
+                    collected.add(outcome)
                     if lines is not None:
                         lines.append(vars(outcome))
                     report_progress(described.count - len(left) + solved, described.count)

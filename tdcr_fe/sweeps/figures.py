@@ -56,14 +56,8 @@ def workspace(result: SweepResult) -> Figure | None:
     figure, axes = _row_of_axes(3, 4.1)
     size, many = 9.0 if len(points) < 2000 else 4.0, len(points) > VECTOR_POINTS
     for ax, across, up, title in zip(axes, "xyx", "zzy", ("the side", "the front", "above"), strict=True):
-        look: dict[str, Any] = {
-            "c": points["colour"],
-            "cmap": HEAT,
-            "s": size,
-            "lw": 0.0,
-            "rasterized": many,
-        }
-        cloud = ax.scatter(points[across], points[up], **look)
+        look: dict[str, Any] = {"c": points["colour"], "cmap": HEAT, "s": size, "rasterized": many}
+        cloud = ax.scatter(points[across], points[up], lw=0.0, **look)
         ax.plot(0.0, 0.0, marker="s" if up == "z" else "+", ms=6, mew=1.6, color=INK, zorder=3)
         labels = {"xlabel": f"tip {across} [mm]", "ylabel": f"tip {up} [mm]"}
         limits = {"xlim": (-reach, reach), "ylim": (low, high) if up == "z" else (-reach, reach)}

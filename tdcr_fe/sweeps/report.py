@@ -43,9 +43,8 @@ def write_report(result: SweepResult, out: Path) -> None:
 def _page(result: SweepResult, pictures: dict[str, Picture]) -> Page:
     names, sections = list(pictures), []
     if result.failures:
-        failed = [
-            (m.count, s, m.case, m.example) for s, messages in result.failures.items() for m in messages
-        ]
+        every = [(status, m) for status, messages in result.failures.items() for m in messages]
+        failed = [(m.count, status, m.case, m.example) for status, m in every]
         head = ("cases", "status", "first case", "reason of that case")
         section = _table("failures", "Cases that did not converge", head, failed)
         sections.append(replace(section, folded=len(failed) > MOST_INPUTS))
@@ -89,10 +88,8 @@ def _sentences(result: SweepResult) -> list[str]:
     """The first screen: what was found, as the headline, and on how many cases it rests."""
     count, converged = len(result.cases), result.counts.get("converged", 0)
     if result.interrupted:
-        how_many = (
-            f"Interrupted: {converged} of {count} cases converged, {result.counts['not run']} were not run. "
-        )
-        how_many += "The same command continues with them."
+        not_run = f"{result.counts['not run']} were not run. The same command continues with them."
+        how_many = f"Interrupted: {converged} of {count} cases converged, {not_run}"
     elif result.converged:
         how_many = f"All {count} cases converged." if count > 1 else "The case converged."
     else:
