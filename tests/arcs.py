@@ -4,9 +4,8 @@ import numpy as np
 from robots import BACKBONE, DISKS, tendon
 from scipy.spatial.transform import Rotation
 
+from tdcr_fe import Robot, SequenceResult, StepResult
 from tdcr_fe.model.loading import LoadStep, Model, resolve
-from tdcr_fe.model.results import SequenceResult, StepResult
-from tdcr_fe.model.robot import Robot
 
 
 def paper_robot(tendons: int = 1) -> Robot:

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from tdcr_fe.model.loading import Model
-from tdcr_fe.model.results import StepResult
-from tdcr_fe.model.robot import Robot
+from tdcr_fe import Model, Robot, StepResult
 from tdcr_fe.validation.fuzz.state import State
 
 

@@ -5,15 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from tdcr_fe.effects import Experiment
+from tdcr_fe import Experiment, Sensitivities, Simulation
 from tdcr_fe.model.loading import SolverSettings, resolve
-from tdcr_fe.model.results import Sensitivities
 from tdcr_fe.solve.load_steps.load_path import Increment
 from tdcr_fe.solve.load_steps.stepping import SolvedLoadStep
 from tdcr_fe.solve.sensitivities.differences import stencil
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, parameters
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
-from tdcr_fe.solve.simulation import Simulation
 
 SETTINGS = SolverSettings(tolerance=1e-11)
 #: Relative error that derivatives must meet.

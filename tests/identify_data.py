@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 
+from tdcr_fe import Backbone, Disks, ParallelRouting, Reading, Robot, Tendon
 from tdcr_fe.effects import EFFECTS, Experiment, Observation, effect, with_effects
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.forward import ForwardModel, Job, run_settings, simulate_experiment
@@ -15,12 +16,7 @@ from tdcr_fe.identify.search_state import Search, SearchState
 from tdcr_fe.identify.settings import IdentifySettings
 from tdcr_fe.identify.verdict import conclude
 from tdcr_fe.io.measured import MeasuredData
-from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
-from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.routing import ParallelRouting
-from tdcr_fe.model.tendon import Tendon
 
 #: What a cause may perturb, in the words of `result.json`.
 PERTURBED = {"force", "moment", "stiffness", "precurvature", "routing"}

@@ -4,8 +4,7 @@ import exudyn as exu
 import exudyn.itemInterface as eii
 from robots import scene_with
 
-from tdcr_fe.model.robot import Robot
-from tdcr_fe.scene import TDCR
+from tdcr_fe import TDCR, Robot
 
 
 def static_settings(steps: int = 50) -> exu.SimulationSettings:

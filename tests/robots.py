@@ -8,14 +8,9 @@ import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 
-from tdcr_fe.model.backbone import Backbone
+from tdcr_fe import TDCR, Backbone, CreateTDCR, Disks, Robot, SequenceResult, Tendon, register
 from tdcr_fe.model.loading import LoadStep, Model, resolve
-from tdcr_fe.model.results import SequenceResult
-from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ParallelRouting, Routing
-from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.native import register
-from tdcr_fe.scene import TDCR, CreateTDCR
 from tdcr_fe.solve.simulate import Simulation, simulate
 
 register()  # `mbs.SolveTDCR` and the like, for all tests with these robots

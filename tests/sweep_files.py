@@ -6,9 +6,7 @@ from typing import Any
 
 from robots import tendon
 
-from tdcr_fe.io.write_toml import robot_to_toml
-from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe import Backbone, Disks, Robot, robot_to_toml
 
 ROBOT = robot_to_toml(
     Robot(

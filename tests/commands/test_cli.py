@@ -12,11 +12,9 @@ import pytest
 from arcs import arc_result
 from inputs import ROBOT, SCENARIO, changed, write
 
-from tdcr_fe import cli
+from tdcr_fe import Interrupted, TDCRWarning, cli
 from tdcr_fe.commands.common import Noted, complain_of_left_out
 from tdcr_fe.io.result_files import RESULT_FILES
-from tdcr_fe.model.messages import TDCRWarning
-from tdcr_fe.model.results import Interrupted
 
 
 @pytest.fixture

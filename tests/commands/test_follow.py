@@ -7,10 +7,7 @@ import pandas as pd
 import pytest
 from robots import LENGTH, three
 
-from tdcr_fe import cli
-from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml
-from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.solve.simulate import simulate
+from tdcr_fe import LoadStep, Model, cli, model_to_toml, robot_to_toml, simulate
 
 ROBOT, MODEL = three(0.2), Model(elements_per_bay=1)
 

@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 import tdcr_fe as tdcr
-from tdcr_fe import cli
+from tdcr_fe import Backbone, LoadStep, Model, SolverSettings, cli
 from tdcr_fe.io.keys import DISKS, ROBOT, tendon_keys
 from tdcr_fe.io.templates import EXAMPLES
-from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.channels import CHANNELS
-from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.routing import ROUTINGS
 from tdcr_fe.model.schema import keys_of
 

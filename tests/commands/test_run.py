@@ -11,13 +11,10 @@ from arcs import arc_result, paper_robot
 from inputs import REMOVED, ROBOT, SCENARIO, changed, write
 
 import tdcr_fe as tdcr
-from tdcr_fe import cli
+from tdcr_fe import cli, read_scenario, robot_to_toml, scenario_to_toml, simulate
 from tdcr_fe.cli import main
 from tdcr_fe.commands import run as command
 from tdcr_fe.commands.run import step_table
-from tdcr_fe.io.toml import read_scenario
-from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
-from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.fuzz.drawing import draw
 
 NO_MASS = (

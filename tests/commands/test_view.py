@@ -5,9 +5,7 @@ import json
 import pytest
 from arcs import arc_result
 
-from tdcr_fe import cli
-from tdcr_fe.io.result_files import write_results
-from tdcr_fe.model.loading import LoadStep
+from tdcr_fe import LoadStep, cli, write_results
 
 
 @pytest.fixture

@@ -9,16 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robots import BACKBONE, LENGTH, paper, seven, single, three
 
+from tdcr_fe import Disks, InputError, Load, LoadStep, Model, Robot, Tendon, read_scenario, simulate
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effect, with_effects
-from tdcr_fe.io.problems import InputError
-from tdcr_fe.io.toml import read_scenario
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.backbone import Backbone, Superelastic
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import HelicalRouting, ParallelRouting
-from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.simulate import simulate
 
 MODEL = Model(elements_per_bay=1)
 

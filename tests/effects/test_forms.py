@@ -8,14 +8,12 @@ from identify_data import simulated
 from robots import LENGTH, tendon, three
 from scipy.spatial.transform import Rotation
 
+from tdcr_fe import LoadStep, Model, Reading, simulate
 from tdcr_fe.effects import EFFECTS, ExcitationRange, Experiment, Observation, effect, with_effect
 from tdcr_fe.effects.by_tendon import segments
 from tdcr_fe.identify.run import Readings
-from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import channel
-from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.observed_step import ObservedStep
-from tdcr_fe.solve.simulate import simulate
 
 MODEL = Model(elements_per_bay=1)
 #: Two segments of two tendons each; their names are not in the order of their ends.

@@ -8,14 +8,10 @@ import numpy as np
 import pytest
 from robots import paper, scene
 
+from tdcr_fe import Backbone, Disks, LoadStep, Model, Robot, Tendon, simulate
 from tdcr_fe.effects import Experiment, effect, with_effect
 from tdcr_fe.effects.base import Effect, Parameter
-from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, Routing
-from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.simulate import simulate
 
 BODY = Backbone(0.3, 10e-3, 0.4e6, 0.45, density=1100.0)
 MODEL = Model("continuous", "none", gravity=(0.0, 0.0, 9.81), elements_per_bay=1)

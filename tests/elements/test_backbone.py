@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, solve
 
+from tdcr_fe import Backbone, Disks, Load, LoadStep, Model, NonlinearMaterial, Robot, Superelastic
 from tdcr_fe.elements.section import NonlinearSection, SectionForces
-from tdcr_fe.model.backbone import Backbone, NonlinearMaterial, Superelastic
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.scene.mesh import build_mesh
 from tdcr_fe.validation.reference.closed_forms import elastica_tip
 from tdcr_fe.validation.reference.section import bending_moment

@@ -8,10 +8,8 @@ from balance import cables
 from native_solvers import damped, dynamic_settings
 from robots import BACKBONE, SEVEN, distance, solve, tendon
 
+from tdcr_fe import ForceDependentFriction, LoadStep, Robot, StribeckFriction
 from tdcr_fe.elements.coefficients import normal_forces
-from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
-from tdcr_fe.model.loading import LoadStep
-from tdcr_fe.model.robot import Robot
 
 STRIBECK = StribeckFriction(static=0.3, kinetic=0.15, stribeck_rate=5e-3, viscous=2.0)
 

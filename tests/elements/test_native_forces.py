@@ -7,10 +7,9 @@ import pytest
 from native_solvers import recommended
 from robots import LENGTH, scene, scene_with, solve_scene, tendon, three, tip_load
 
+from tdcr_fe import Disks, HelicalRouting
 from tdcr_fe.elements.native.coordinates import twists_by_coordinates
 from tdcr_fe.elements.poses import rotation_of_euler_parameters
-from tdcr_fe.model.robot import Disks
-from tdcr_fe.model.routing import HelicalRouting
 
 
 def robots():

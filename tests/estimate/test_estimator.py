@@ -8,10 +8,9 @@ from rod import Truth
 from scipy.stats import chi2
 
 import tdcr_fe as tdcr
+from tdcr_fe import Spool, StepFailed
 from tdcr_fe.elements.drives import TendonDrives
 from tdcr_fe.model.loading import Actuation
-from tdcr_fe.model.tendon import Spool
-from tdcr_fe.solve.load_steps.load_path import StepFailed
 from tdcr_fe.validation.campaigns.estimate import LENGTH, RATE, Drawn, model, read, readings_of, rod, squared
 
 

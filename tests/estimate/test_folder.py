@@ -9,10 +9,9 @@ import pandas as pd
 import pytest
 from rod import Truth
 
+from tdcr_fe import PlausibilityWarning, read_estimation, run_estimation
 from tdcr_fe.cli import main
-from tdcr_fe.estimate.run import read_estimation, run_estimation
 from tdcr_fe.io.measured import MeasuredData, write_measured
-from tdcr_fe.model.messages import PlausibilityWarning
 from tdcr_fe.validation.campaigns.estimate import model
 
 COUNT = 4

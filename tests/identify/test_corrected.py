@@ -7,15 +7,13 @@ import pandas as pd
 import pytest
 from identify_data import FRICTIONAL, GRAVITY, ROBOT, concluded, measured, problem_of, state_of, with_model
 
-from tdcr_fe import identify
+from tdcr_fe import Load, identify, read_robot, read_scenario
 from tdcr_fe.cli import main
 from tdcr_fe.effects import Parameter, effect, with_effects
 from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify.causes import StateLoad
 from tdcr_fe.identify.corrected import corrected_files, corrected_motion, observation_effects
 from tdcr_fe.identify.report import render
-from tdcr_fe.io.toml import read_robot, read_scenario
-from tdcr_fe.model.loading import Load
 
 ROUGH = ROBOT.with_tendons(friction_coefficient=0.25)
 PRECURVATURE = {"precurvature": {"kappa_x": 0.6, "kappa_y": -0.4}}

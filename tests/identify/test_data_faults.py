@@ -6,18 +6,13 @@ import numpy as np
 import pytest
 from identify_data import FRICTIONAL, GRAVITY, MODEL, ROBOT, begun, data_of, measured, positions
 
-from tdcr_fe.effects import Experiment
+from tdcr_fe import Experiment, Load, LoadStep, ParallelRouting, PlausibilityWarning, Tendon, simulate
 from tdcr_fe.identify import IdentifySettings, identify
 from tdcr_fe.identify.data_faults import data_fault, gross_errors, wrong_sigma
 from tdcr_fe.identify.sentences import headline, sentences
 from tdcr_fe.io.measured import impossible_place
 from tdcr_fe.io.readings import BadRow, Reading
-from tdcr_fe.model.loading import Load, LoadStep
-from tdcr_fe.model.messages import PlausibilityWarning
 from tdcr_fe.model.observed_step import ObservedStep
-from tdcr_fe.model.routing import ParallelRouting
-from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.simulate import simulate
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ import pytest
 from identify_data import data_of, problem_of
 from robots import BACKBONE, LENGTH, tendon
 
+from tdcr_fe import Disks, HelicalRouting, Load, LoadStep, Model, Reading, Robot, SolverSettings
 from tdcr_fe.effects import EFFECTS, Effect, Experiment, PlaceEffect, effect
 from tdcr_fe.effects.by_tendon import OfTendon
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
@@ -15,11 +16,7 @@ from tdcr_fe.identify.forward import ForwardModel, Job
 from tdcr_fe.identify.input_causes import input_causes
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.screening import screen
-from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import CHANNELS
-from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
-from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.routing import HelicalRouting
 
 #: Relative error that derivatives must meet.
 TOLERANCE = 1e-5

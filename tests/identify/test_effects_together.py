@@ -15,12 +15,10 @@ from identify_data import (
     state_of,
 )
 
+from tdcr_fe import LoadStep, ParallelRouting, Tendon
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.search import _hidden, _worthwhile, fit_proposals, grow, pairs, scores_beside
-from tdcr_fe.model.loading import LoadStep
-from tdcr_fe.model.routing import ParallelRouting
-from tdcr_fe.model.tendon import Tendon
 
 SIGMA = 1e-4
 #: Two tendons on opposite sides, elastic and tight in truth; the same stretch without pretension leaves one slack.

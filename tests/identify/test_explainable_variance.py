@@ -5,12 +5,11 @@ import pytest
 from identify_data import data_of, problem_of
 from identify_result import GRAVITY, result
 
+from tdcr_fe import LoadStep, Reading
 from tdcr_fe.identify.noise import held_out_ceiling, predicted_residuals
 from tdcr_fe.identify.problem import Fit
 from tdcr_fe.identify.result import Misfit
 from tdcr_fe.identify.sentences import sentences
-from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import LoadStep
 
 
 def cycles():

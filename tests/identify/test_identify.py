@@ -20,8 +20,8 @@ from identify_data import (
     with_model,
 )
 
+from tdcr_fe import Experiment, Reading, StiffnessPatch, effect, simulate, with_effects
 from tdcr_fe.cli import main
-from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.identify import NotSolved, fitting, identification, identify
 from tdcr_fe.identify.criteria import residual_is_noise
 from tdcr_fe.identify.forward import ForwardModel, Job
@@ -33,10 +33,7 @@ from tdcr_fe.identify.result import Profile
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.sentences import summary
 from tdcr_fe.io.measured import write_measured
-from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
-from tdcr_fe.solve.simulate import simulate
 
 # ------------------------------------------------------------------------------------------------ the pieces
 

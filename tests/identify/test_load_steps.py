@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from identify_data import GRAVITY, MODEL, measured, problem_of, simulated
 
+from tdcr_fe import Experiment, InputError, effect
 from tdcr_fe.cli import main
-from tdcr_fe.effects import Experiment, effect
 from tdcr_fe.identify import IdentifySettings, identify
 from tdcr_fe.identify.load_steps import held_out_branches, join_steps
 from tdcr_fe.io.measured import write_measured
-from tdcr_fe.io.problems import InputError
 
 NAMES = (
     ("one_up",) * 3 + ("one_down",) * 2 + ("two_up",) * 2 + ("two_down",) + ("pair_up",) * 2 + ("pair_down",)

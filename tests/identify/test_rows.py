@@ -18,7 +18,7 @@ from identify_data import (
     state_of,
 )
 
-from tdcr_fe.effects import Experiment, effect, with_effects
+from tdcr_fe import Experiment, LoadStep, Reading, effect, with_effects
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.identification import fit_to_all_rows, problem_of_rows, with_friction, without_friction
@@ -35,8 +35,6 @@ from tdcr_fe.identify.load_steps import (
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.sentences import sentences
 from tdcr_fe.identify.settings import ALL_STEPS, CEILING, SMALLER_MODELS, IdentifySettings
-from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import LoadStep
 
 SIGMA = 1e-4
 

@@ -6,16 +6,13 @@ import numpy as np
 import pytest
 from identify_data import GRAVITY, MODEL, ROBOT, begun, concluded, data_of, positions, problem_of, state_of
 
-from tdcr_fe.effects import Experiment, effect, with_effects
+from tdcr_fe import Experiment, InputError, Load, LoadStep, Reading, effect, with_effects
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.criteria import residual_is_noise
 from tdcr_fe.identify.problem import evaluate, with_elements
 from tdcr_fe.identify.scatter import errors_of_inputs, find_scatter
 from tdcr_fe.identify.search import with_scatter
 from tdcr_fe.io.measured import read_measured, write_measured
-from tdcr_fe.io.problems import InputError
-from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import Load, LoadStep
 
 SIGMA = 1e-4
 PULLS = [(a, b) for a in (0.0, 0.3, 0.6, 0.9, 1.2) for b in (0.0, 0.3, 0.6, 0.9, 1.2) if a or b]

@@ -8,14 +8,12 @@ import pandas as pd
 import pytest
 from identify_data import GRAVITY, LENGTH, MODEL, ROBOT, measured, problem_of, simulated
 
+from tdcr_fe import Experiment, InputError, LoadStep, SolverSettings, effect, with_effects
 from tdcr_fe.cli import main
-from tdcr_fe.effects import Experiment, effect, with_effects
 from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.forward import Job, run_settings, simulate_experiment
 from tdcr_fe.identify.load_steps import blocks, held_out_branches
 from tdcr_fe.io.measured import join_measured, write_measured
-from tdcr_fe.io.problems import InputError
-from tdcr_fe.model.loading import LoadStep, SolverSettings
 from tdcr_fe.solve.sensitivities.differences import tabulated
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter
 

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from identify_data import LENGTH, ROBOT, data_of, declared, measured, problem_of
 
+from tdcr_fe import Load, LoadStep, Reading, Robot
 from tdcr_fe.cli import main
 from tdcr_fe.effects import Parameter, effect
 from tdcr_fe.effects.base import Kind
@@ -33,9 +34,6 @@ from tdcr_fe.identify.state_loads import (
     library,
     parts_of_rows,
 )
-from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import Load, LoadStep
-from tdcr_fe.model.robot import Robot
 
 HARDENING = Term((CURVATURE,), BENDING)
 TOWARDS_A_POINT = pytest.mark.parametrize(

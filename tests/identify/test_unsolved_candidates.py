@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from identify_data import MODEL, ROBOT, measured, problem_of
 
-from tdcr_fe.effects import effect
+from tdcr_fe import NonlinearMaterial, effect
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.fitting import Race, descend
 from tdcr_fe.identify.problem import Fit, evaluate
 from tdcr_fe.identify.screening import screen
-from tdcr_fe.model.backbone import NonlinearMaterial
 
 
 def test_a_candidate_that_is_not_solved_is_not_improved():

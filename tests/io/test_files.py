@@ -11,14 +11,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from inputs import REMOVED, ROBOT, SCENARIO, changed, write
 
+from tdcr_fe import ConstantFriction, Disks, Load, LoadStep, Model, Robot, SolverSettings, Spool, Tendon
 from tdcr_fe.cli import main
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.toml import read_model, read_model_file, read_robot, read_scenario
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
 from tdcr_fe.model.backbone import Backbone, StiffnessPatch, Superelastic
-from tdcr_fe.model.friction import ConstantFriction
-from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
-from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import (
     ROUTINGS,
     ConvergingRouting,
@@ -28,7 +26,6 @@ from tdcr_fe.model.routing import (
     TwistedRouting,
 )
 from tdcr_fe.model.schema import keys_of
-from tdcr_fe.model.tendon import Spool, Tendon
 from tdcr_fe.validation.fuzz.drawing import draw
 
 

@@ -5,11 +5,8 @@ from dataclasses import replace
 import pytest
 from identify_data import data_of, sequence
 
+from tdcr_fe import InputError, LoadStep, Model, PlausibilityWarning, Reading
 from tdcr_fe.io.measured import first_checks
-from tdcr_fe.io.problems import InputError
-from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.loading import LoadStep, Model
-from tdcr_fe.model.messages import PlausibilityWarning
 
 #: The bend by 1.2 N, 4.5 mm from the axis, over 0.2 m with 1.71e-3 N m^2 [rad].
 BENT = (Reading(3, "bending_angle", None, 0.63),)

@@ -7,10 +7,8 @@ import pytest
 from inputs import REMOVED, ROBOT, SCENARIO, changed
 
 import tdcr_fe
-from tdcr_fe.io.keys import json_schema
+from tdcr_fe import Model, SolverSettings, json_schema, model_to_toml
 from tdcr_fe.io.templates import template
-from tdcr_fe.io.write_toml import model_to_toml
-from tdcr_fe.model.loading import Model, SolverSettings
 from tdcr_fe.sweeps.read import sweep_schema
 from tdcr_fe.validation.paper import cases
 

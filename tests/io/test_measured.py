@@ -9,13 +9,10 @@ import pytest
 from identify_data import data_of, positions, problem_of, state_of
 from robots import LENGTH, three
 
+from tdcr_fe import InputError, Load, LoadStep, Model, PlausibilityWarning, Reading
 from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.io.measured import MeasuredData, join_measured, read_measured, write_measured
-from tdcr_fe.io.problems import InputError
-from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import CHANNELS
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.messages import PlausibilityWarning
 
 
 def recorded() -> MeasuredData:

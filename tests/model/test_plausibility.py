@@ -11,16 +11,13 @@ import pytest
 from robots import BACKBONE, LENGTH, paper, pull, solve
 
 import tdcr_fe
+from tdcr_fe import Backbone, Load, LoadStep, Model, Spool, StribeckFriction, Superelastic, Tendon
 from tdcr_fe.io.toml import read_robot, read_scenario
-from tdcr_fe.model.backbone import Backbone, Superelastic
-from tdcr_fe.model.friction import StribeckFriction
 from tdcr_fe.model.limits import kind_of_material, limits, nearest_material
-from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, TDCRWarning, warnings_to
 from tdcr_fe.model.plausibility import plausibility, strain_warnings, understood
 from tdcr_fe.model.robot import Disks, Robot, SideSpring
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
-from tdcr_fe.model.tendon import Spool, Tendon
 from tdcr_fe.validation.crosscheck import cases as crosscheck
 from tdcr_fe.validation.paper import cases as paper_cases
 from tdcr_fe.validation.random_robots import draw

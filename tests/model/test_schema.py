@@ -5,14 +5,10 @@ from typing import Annotated
 
 import numpy as np
 
-from tdcr_fe.model.backbone import Backbone
+from tdcr_fe import Backbone, Disks, Model, ParallelRouting, Robot, Tendon
 from tdcr_fe.model.checks import size_contradictions
-from tdcr_fe.model.loading import Model
 from tdcr_fe.model.messages import allowed
-from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.schema import Keys, Quantity
-from tdcr_fe.model.tendon import Tendon
 
 LENGTH = 0.25
 BACKBONE = Backbone(LENGTH, 0.4e-3, 85e9, 0.3)

@@ -11,18 +11,15 @@ from identify_data import LENGTH
 from identify_result import GRAVITY, ROBOT, STEPS, added, result
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.effects import Experiment, with_effects
+from tdcr_fe import Experiment, Load, Model, Reading, SolverSettings, simulate, with_effects
 from tdcr_fe.effects.base import Observation
 from tdcr_fe.identify import figures
 from tdcr_fe.identify.corrected import corrected_motion, effects_block, markers, replay
 from tdcr_fe.identify.report import LEVELS, render
 from tdcr_fe.identify.result import Errors, Misfit, Parameters, Profile, Residuals, Simulated
 from tdcr_fe.identify.sentences import goodness, headline, remarks
-from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.result_folder import read_motion
-from tdcr_fe.model.loading import Load, Model, SolverSettings
 from tdcr_fe.report.viewer import view_page
-from tdcr_fe.solve.simulate import simulate
 
 
 def plain(html):

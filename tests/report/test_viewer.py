@@ -15,11 +15,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from inputs import write
 
-from tdcr_fe import cli
-from tdcr_fe.io.result_files import write_results
+from tdcr_fe import Load, LoadStep, Model, SequenceResult, cli, write_results
 from tdcr_fe.io.result_folder import read_motion
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.report.motion import CURVE_POINTS, Markers, motion_of
 from tdcr_fe.report.viewer import view_page
 from tdcr_fe.report.viewer_data import LEVELS, STATES, quantised, thinned

@@ -7,11 +7,7 @@ from contacts import CENTRE, DISK, QUAD, SPHERE, STIFFNESS
 from native_solvers import static_settings
 from robots import BACKBONE, LENGTH, distance, scene_with, seven, solve_scene, system, three, tip_load
 
-from tdcr_fe.model.loading import Model
-from tdcr_fe.model.robot import Disks
-from tdcr_fe.scene import TDCR, CreateTDCR
-from tdcr_fe.solve.load_steps.load_path import StepFailed
-from tdcr_fe.solve.statics import SolveTDCR
+from tdcr_fe import TDCR, CreateTDCR, Disks, Model, SolveTDCR, StepFailed
 
 #: Disks of 9 mm radius: a robot whose tip comes back to its first disk.
 LARGE = Disks.equally_spaced(13, LENGTH, mass=0.17e-3, radius=9e-3)

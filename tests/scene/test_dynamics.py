@@ -23,13 +23,10 @@ from robots import (
 )
 from scipy.optimize import curve_fit
 
+from tdcr_fe import Disks, ParallelRouting, SolveTDCR, Tendon
 from tdcr_fe.elements.poses import euler_rate_matrix
 from tdcr_fe.elements.section import NonlinearSection, SuperelasticSection
-from tdcr_fe.model.robot import Disks
-from tdcr_fe.model.routing import ParallelRouting
-from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.scene.energy import ENERGY_COLUMNS
-from tdcr_fe.solve.statics import SolveTDCR
 
 EA, INERTIA, RADIUS, TORQUE = 400.0, 1e-4, 0.01, 1e-3
 

@@ -6,8 +6,7 @@ from native_solvers import dynamic_settings
 from robots import LENGTH, scene, scene_with, seven, solve_scene, tip_load, tip_sensor
 from scipy.linalg import eig
 
-from tdcr_fe.model.loading import SolverSettings
-from tdcr_fe.solve.statics import SolveTDCR
+from tdcr_fe import SolverSettings, SolveTDCR
 
 #: So large that nothing slips beyond it at a pull of 0.02 N [m].
 PRESLIDING = 1e-3

@@ -7,9 +7,7 @@ import pytest
 from native_solvers import dynamic_settings, static_settings
 from robots import BACKBONE, LENGTH, distance, scene_with, seven, single, solve, solve_scene, tip_load
 
-from tdcr_fe.model.loading import Load, LoadStep, SolverSettings
-from tdcr_fe.solve.load_steps.load_path import StepFailed
-from tdcr_fe.solve.statics import SolveTDCR
+from tdcr_fe import Load, LoadStep, SolverSettings, SolveTDCR, StepFailed
 
 SLOW = {2: pytest.mark.integration}
 

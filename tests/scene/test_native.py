@@ -10,14 +10,8 @@ import pytest
 from native_solvers import damped, dynamic_settings, recommended, static_settings
 from robots import BACKBONE, DISKS, LENGTH, SEVEN, distance, pull, scene, seven, single, solve, solve_scene
 
+from tdcr_fe import Disks, LoadStep, ParallelRouting, Robot, SolveTDCR, StribeckFriction, Superelastic, Tendon
 from tdcr_fe.elements.native import hooks
-from tdcr_fe.model.backbone import Superelastic
-from tdcr_fe.model.friction import StribeckFriction
-from tdcr_fe.model.loading import LoadStep
-from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.routing import ParallelRouting
-from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.statics import SolveTDCR
 
 # ---------------------------------------------------------------- statics
 

@@ -27,11 +27,9 @@ from robots import (
 )
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
-from tdcr_fe.scene.builder import CreateTDCR
+from tdcr_fe import CreateTDCR, Load, LoadStep, Model, SolverSettings, StepFailed
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.load_steps.load_path import StepFailed
 
 MODEL = Model(friction="per-hole", elements_per_bay=1)
 STRAIGHT = np.array([0.0, 0.0, LENGTH])

@@ -10,9 +10,7 @@ from native_solvers import dynamic_settings, recommended, static_settings
 from robots import LENGTH, distance, scene, seven, single, solve_scene, system
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.model.loading import Model
-from tdcr_fe.scene import CreateTDCR
-from tdcr_fe.solve.statics import SolveTDCR
+from tdcr_fe import CreateTDCR, Model, SolveTDCR
 
 MODEL = Model(friction="per-hole", elements_per_bay=1)
 TURN = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])

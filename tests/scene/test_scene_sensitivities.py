@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 from robots import LENGTH, hinged_platform, scene_with, seven, tip_load
 
+from tdcr_fe import TDCR, CreateTDCR, SolveTDCR, simulate, track_sensitivities
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 from tdcr_fe.model.robot import Robot, SideSpring
-from tdcr_fe.scene import TDCR, CreateTDCR
-from tdcr_fe.solve.simulate import simulate
-from tdcr_fe.solve.statics import SolveTDCR, track_sensitivities
 
 SETTINGS = SolverSettings(tolerance=1e-11)
 NAMES = [

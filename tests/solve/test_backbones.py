@@ -6,14 +6,10 @@ import numpy as np
 import pytest
 from robots import DISKS, LENGTH, routed, seven, three
 
+from tdcr_fe import Disks, ForceDependentFriction, Load, LoadStep, Model, Robot, Tendon, simulate
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.model.backbone import Backbone, NonlinearMaterial, StiffnessPatch, Superelastic
-from tdcr_fe.model.friction import ForceDependentFriction
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, VaryingHelicalRouting
-from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.reference import solve_reference
 
 L = 0.3

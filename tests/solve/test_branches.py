@@ -6,15 +6,11 @@ import numpy as np
 import pytest
 from robots import BACKBONE, LENGTH, paper
 
-from tdcr_fe.model.backbone import Backbone
+from tdcr_fe import Backbone, Disks, ParallelRouting, Robot, Simulation, Tendon, simulate
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings, resolve
-from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.routing import ParallelRouting
-from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.load_steps.judges import is_continuous
 from tdcr_fe.solve.load_steps.load_path import Ramp
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
-from tdcr_fe.solve.simulate import Simulation, simulate
 from tdcr_fe.solve.stability import ExternalCompression
 from tdcr_fe.validation.fuzz.drawing import draw
 from tdcr_fe.validation.fuzz.energy import divided

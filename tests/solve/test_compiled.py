@@ -7,10 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tdcr_fe import compiled
+from tdcr_fe import compiled, simulate
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.solve.friction_path import follow
-from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.random_robots import draw
 
 with_numba = importlib.util.find_spec("numba") is not None

@@ -7,11 +7,7 @@ import numpy as np
 import pytest
 from robots import BACKBONE, DISKS, LENGTH, distance, paper, single, solve
 
-from tdcr_fe.model.backbone import Superelastic
-from tdcr_fe.model.loading import Load, LoadStep
-from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting
-from tdcr_fe.model.tendon import Tendon
+from tdcr_fe import ConvergingRouting, HelicalRouting, Load, LoadStep, Robot, Superelastic, Tendon
 from tdcr_fe.validation.fuzz.energy import divided, ledger
 
 

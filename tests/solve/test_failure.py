@@ -8,14 +8,11 @@ from robots import distance, paper, pull, scene, solve, solve_scene
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import tdcr_fe.solve.newton.convergence as convergence
-from tdcr_fe.model.loading import Model, SolverSettings
-from tdcr_fe.model.results import Interrupted
+from tdcr_fe import Interrupted, Model, SolverSettings, SolveTDCR, simulate
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.load_steps import substep
 from tdcr_fe.solve.newton.convergence import NewtonStatus, Unmet
 from tdcr_fe.solve.newton.newton import NewtonResult, newton
-from tdcr_fe.solve.simulate import simulate
-from tdcr_fe.solve.statics import SolveTDCR
 
 UNMET = {
     test.status: Unmet(test, 1e-3, tolerance)

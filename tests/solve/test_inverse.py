@@ -4,15 +4,10 @@ import numpy as np
 import pytest
 from robots import BACKBONE, LENGTH, seven, tendon
 
-from tdcr_fe.model.backbone import Backbone
+from tdcr_fe import Backbone, Disks, Interrupted, ParallelRouting, Robot, Tendon, simulate
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.results import Interrupted
-from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.routing import ParallelRouting
 from tdcr_fe.model.targets import ReachStatus, TensionLimits, TipTarget
-from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.inverse_statics.inverse import TOLERANCE, follow_path, reach
-from tdcr_fe.solve.simulate import simulate
 
 FINE = 1e-6 * LENGTH
 LIMITS = TensionLimits(largest=2.5, pretension=0.1)

@@ -7,10 +7,7 @@ import pytest
 from differences import rotation_vectors
 from robots import BACKBONE, LENGTH, simulation, three
 
-from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
-from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.solve.sensitivities.linear_response import local_response
-from tdcr_fe.solve.simulate import simulate
+from tdcr_fe import Disks, Load, LoadStep, Model, Robot, SolverSettings, local_response, simulate
 
 SETTINGS = SolverSettings(tolerance=1e-12)
 

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from robots import BACKBONE, LENGTH, pull, single
 
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.results import Interrupted, SequenceResult
-from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe import Disks, Interrupted, Load, LoadStep, Model, Robot, SequenceResult
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve.simulate import PathRecord, Simulation, SolverSettings, StepFailed, simulate
 

@@ -7,17 +7,13 @@ import numpy as np
 import pytest
 from robots import BACKBONE, DISKS, LENGTH, paper, pull, scene, seven, simulation
 
-from tdcr_fe.model.backbone import Superelastic
+from tdcr_fe import HelicalRouting, Robot, Simulation, Superelastic, Tendon
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
-from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.routing import HelicalRouting
-from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.linearization import input_changes
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.newton import newton
 from tdcr_fe.solve.newton.prediction import predict
-from tdcr_fe.solve.simulation import Simulation
 
 HELIX = Robot(BACKBONE, DISKS, (Tendon("t1", HelicalRouting(4.5e-3, 1.0), 0.3),), name="helix")
 

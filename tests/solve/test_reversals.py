@@ -7,10 +7,9 @@ import pytest
 from linear_slips import LinearSlips
 from robots import LENGTH, distance, paper, pull, seven, solve, three
 
+from tdcr_fe import Load, LoadStep, Model, SolverSettings, simulate
 from tdcr_fe.elements.complementarity import solve_box
-from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 from tdcr_fe.solve.friction_path.follow import follow_friction
-from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.random_robots import draw
 
 DELTA = 1e-6

@@ -7,16 +7,13 @@ import pytest
 from differences import TOLERANCE, check, run
 from robots import BACKBONE, LENGTH, tendon
 
-from tdcr_fe.effects import Experiment, with_effects
+from tdcr_fe import Experiment, SequenceResult, StribeckFriction, simulate, with_effects
 from tdcr_fe.model.backbone import StiffnessPatch, Superelastic
-from tdcr_fe.model.friction import StribeckFriction
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
-from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.model.robot import Disks, Robot, SideSpring
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting
 from tdcr_fe.model.tendon import Spool, TightHole
 from tdcr_fe.solve.sensitivities.parameters import effect_parameter, parameters
-from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.random_robots import draw
 
 DISKS = Disks.equally_spaced(5, LENGTH, mass=2e-4, radius=5e-3)

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from robots import BACKBONE, LENGTH, degrees, distance, paper, pull, solve, three
 
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.solve.simulate import SolverSettings, simulate
+from tdcr_fe import Disks, Load, LoadStep, Model, Robot, SolverSettings, simulate
 
 # ---------------------------------------------------------------- angles
 

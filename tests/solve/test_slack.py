@@ -8,13 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tdcr_fe import Backbone, ConvergingRouting, Disks, Load, LoadStep, Model, Robot, Tendon, simulate
 from tdcr_fe.elements.complementarity import solve_box
-from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.routing import ConvergingRouting
-from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.fuzz.checks import CHECKS, check_step
 from tdcr_fe.validation.fuzz.drawing import draw
 

@@ -10,9 +10,7 @@ from robots import BACKBONE, LENGTH, Robot, seven, system
 from scipy.optimize import brentq
 
 import tdcr_fe as tdcr
-from tdcr_fe.io.problems import InputError
-from tdcr_fe.io.toml import read_scenario
-from tdcr_fe.solve.statics import SolveTDCR
+from tdcr_fe import InputError, SolveTDCR, read_scenario
 
 RADIUS, STIFFNESS = 8e-3, 2e3
 MODEL = tdcr.Model(elements_per_bay=2)

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from robots import simulation, three
 
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Disks
-from tdcr_fe.solve.stability import stability
+from tdcr_fe import Disks, Load, LoadStep, Model, stability
 from tdcr_fe.validation.paper.cases import MODELS, figure
 
 ROBOT = figure("fig3").robot

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from robots import LENGTH, paper, pull, scene, seven, tendon
 
+from tdcr_fe import Disks, Robot, Simulation
 from tdcr_fe.model.loading import LoadStep, Model, resolve
-from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.solve.equations import band
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.kernel import StaticKernel
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.simulation import Simulation
 
 
 @pytest.mark.parametrize("per_bay", [1, 3])

@@ -8,8 +8,7 @@ import pytest
 from sweep_files import ROBOT, SCENARIO, InProcess, write_files
 
 import tdcr_fe as tdcr
-from tdcr_fe import cli
-from tdcr_fe.io.problems import InputError
+from tdcr_fe import InputError, cli
 from tdcr_fe.io.toml import ScenarioTables, build_scenario
 from tdcr_fe.sweeps.keys import KeyProblem, parse_key, set_value
 

@@ -6,9 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tdcr_fe import LoadStep, Model, read_measured
 from tdcr_fe.effects import EFFECTS, Experiment, Observation
-from tdcr_fe.io.measured import read_measured
-from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.validation.blind.declared import draw_robot
 from tdcr_fe.validation.blind.hidden import DETECTABLE, DRAW, RANGES
 from tdcr_fe.validation.blind.maker import make_blind

@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe import Backbone, Disks, Load, LoadStep, Model, Robot, Tendon, simulate
 from tdcr_fe.model.routing import HelicalRouting, ParallelRouting
-from tdcr_fe.model.tendon import Tendon
-from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation import random_robots, runner
 from tdcr_fe.validation.campaigns import cut_steps
 from tdcr_fe.validation.campaigns.fuzz import check_case

@@ -3,11 +3,7 @@
 import numpy as np
 import pytest
 
-from tdcr_fe.model.backbone import Backbone, Superelastic
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.routing import ParallelRouting
-from tdcr_fe.model.tendon import Tendon
+from tdcr_fe import Backbone, Disks, Load, LoadStep, Model, ParallelRouting, Robot, Superelastic, Tendon
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 from tdcr_fe.validation.reference.closed_forms import constant_strain
 from tdcr_fe.validation.reference.rod import Rod

@@ -6,15 +6,8 @@ import numpy as np
 import pytest
 from robots import LENGTH, pull, routed
 
-from tdcr_fe.model.backbone import Backbone
+from tdcr_fe import Backbone, Disks, HelicalRouting, Load, LoadStep, Model, PointsRouting, Robot, Tendon
 from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction, StribeckFriction
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.routing import (
-    HelicalRouting,
-    PointsRouting,
-)
-from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.validation.random_robots import draw
 from tdcr_fe.validation.reference import path as path_module
 from tdcr_fe.validation.reference import sequence, solve_reference

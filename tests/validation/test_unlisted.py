@@ -5,11 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tdcr_fe.effects import effect
+from tdcr_fe import Backbone, Disks, Load, LoadStep, Model, Robot, effect
 from tdcr_fe.effects.base import Kind
-from tdcr_fe.model.backbone import Backbone
-from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.validation.blind.unlisted import LEAST_OFF, MOST_OFF, RECIPES, make_unlisted
 from tdcr_fe.validation.campaigns.unlisted import judge
 from tdcr_fe.validation.reference import Extras, ReferenceSettings, solve_reference
