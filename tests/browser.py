@@ -107,14 +107,7 @@ class Browser:
     def key(self, key: str, modifiers: int = 0) -> None:
         """Press and release a key."""
         text = {"text": key} if len(key) == 1 else {}
-        codes = {
-            "ArrowLeft": 37,
-            "ArrowUp": 38,
-            "ArrowRight": 39,
-            "ArrowDown": 40,
-            "Home": 36,
-            "End": 35,
-        }
+        codes = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Home": 36, "End": 35}
         rest = {"key": key, "windowsVirtualKeyCode": codes.get(key, ord(key[0])), "modifiers": modifiers}
         self.call("Input.dispatchKeyEvent", type="keyDown", **rest, **text)
         self.call("Input.dispatchKeyEvent", type="keyUp", **rest)

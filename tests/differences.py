@@ -22,9 +22,7 @@ SCALES = {**PLAIN, "tensions": 1.0, "slips": 1e-2}
 
 
 def run(
-    experiment: Experiment,
-    chosen: Sequence[str | Parameter] = (),
-    path: list[list[Increment]] | None = None,
+    experiment: Experiment, chosen: Sequence[str | Parameter] = (), path: list[list[Increment]] | None = None
 ) -> tuple[dict[str, np.ndarray], Sensitivities, list[list[Increment]]]:
     """Simulate, with sensitivities, along the substeps of another run where they are given.
 

@@ -10,17 +10,7 @@ import pytest
 from robots import BACKBONE, DISKS, paper, scene, system, three
 
 import tdcr_fe as tdcr
-from tdcr_fe import (
-    Backbone,
-    InputPrior,
-    Load,
-    LoadPrior,
-    LoadStep,
-    Model,
-    Robot,
-    Tendon,
-    TensionLimits,
-)
+from tdcr_fe import Backbone, InputPrior, Load, LoadPrior, LoadStep, Model, Robot, Tendon, TensionLimits
 from tdcr_fe.effects import Experiment, with_effect
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.channels import channel

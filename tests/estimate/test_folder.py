@@ -77,12 +77,7 @@ def test_the_command_writes_tables_and_a_page(folder, tmp_path, capsys):
             'at = "top"',
             'load.at = "top": must be an arc length above zero [m], "tip" or "unknown"',
         ),
-        (
-            "estimate.toml",
-            "sigma = 0.05",
-            "at = 0.9",
-            "load.at = 0.9: must be at most the length",
-        ),
+        ("estimate.toml", "sigma = 0.05", "at = 0.9", "load.at = 0.9: must be at most the length"),
         (
             "estimate.toml",
             "sigma = 0.01",

@@ -4,16 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import (
-    MODEL,
-    ROBOT,
-    data_of,
-    measured,
-    positions,
-    problem_of,
-    searching,
-    state_of,
-)
+from identify_data import MODEL, ROBOT, data_of, measured, positions, problem_of, searching, state_of
 
 from tdcr_fe import LoadStep, ParallelRouting, Tendon
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
@@ -25,10 +16,7 @@ SIGMA = 1e-4
 OPPOSED = replace(
     ROBOT, tendons=tuple(Tendon(f"t{i + 1}", ParallelRouting(4.5e-3, 180.0 * i)) for i in range(2))
 )
-TRUTH = {
-    "tendon_stretch": {"axial_stiffness": 300.0},
-    "pretension": {"tension_t1": 1.5, "tension_t2": 0.9},
-}
+TRUTH = {"tendon_stretch": {"axial_stiffness": 300.0}, "pretension": {"tension_t1": 1.5, "tension_t2": 0.9}}
 
 
 @pytest.fixture(scope="module")
@@ -113,10 +101,7 @@ def test_many_effects_must_each_remove_a_tenth_on_held_out_steps(share, worthwhi
 @pytest.mark.integration
 def test_where_held_out_steps_cannot_decide_the_fitted_ones_do():
     """Gravity and a backbone 5 % softer: gravity alone was named, at -5.3 m/s^2 along the axis, where there is none."""
-    truth = {
-        "gravity": {"g_x": 9.81},
-        "stiffness_scale": {"bending": 0.95, "torsion": 0.95},
-    }
+    truth = {"gravity": {"g_x": 9.81}, "stiffness_scale": {"bending": 0.95, "torsion": 0.95}}
     result = identify(measured(truth))
     assert (result.verdict, {e.name for e in result.effects}) == ("explained", set(truth))
     for e in result.effects:

@@ -5,11 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import (
-    GRAVITY,
-    measured,
-    problem_of,
-)
+from identify_data import GRAVITY, measured, problem_of
 
 from tdcr_fe.effects import EFFECTS, effect
 from tdcr_fe.identify import IdentifySettings, fitting, identify, settings
@@ -18,12 +14,7 @@ from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.sentences import headline, sentences
-from tdcr_fe.identify.settings import (
-    CEILING,
-    EXCHANGES,
-    FURTHER_EFFECTS,
-    OutOfTime,
-)
+from tdcr_fe.identify.settings import CEILING, EXCHANGES, FURTHER_EFFECTS, OutOfTime
 
 TWO = {**GRAVITY, "precurvature": {"kappa_x": 0.9, "kappa_y": -0.7}}
 

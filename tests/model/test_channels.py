@@ -58,11 +58,7 @@ def test_curvature_belongs_to_the_section_and_not_to_the_measuring_frame():
 def test_the_straight_robot_shows_the_rest_values():
     s = np.linspace(0.0, LENGTH, 5)
     straight = ObservedStep(
-        s,
-        np.stack((0.0 * s, 0.0 * s, s), axis=1),
-        np.tile(np.eye(3), (5, 1, 1)),
-        *np.zeros((3, 1)),
-        ("t1",),
+        s, np.stack((0.0 * s, 0.0 * s, s), axis=1), np.tile(np.eye(3), (5, 1, 1)), *np.zeros((3, 1)), ("t1",)
     )
     for c in CHANNELS:
         location = {"arc length": 0.1, "tendon": "t1", "": None}[c.location]

@@ -90,12 +90,7 @@ def test_the_printed_result_has_statistics_values_with_intervals_and_correlation
     lines = repr(linked).replace("\N{NO-BREAK SPACE}", " ").splitlines()
     values = [re.split(" {2,}", line.strip()) for line in lines]
     assert ["reduced chi-square", "900", "1.05"] in values
-    assert [
-        "gravity: g_y",
-        "6.950 ± 0.014 m/s²",
-        "0 m/s²",
-        "acceleration of gravity along y",
-    ] in values
+    assert ["gravity: g_y", "6.950 ± 0.014 m/s²", "0 m/s²", "acceleration of gravity along y"] in values
     assert ["a", "b", "−0.40"] in values
     names, every = tuple(f"p{k}" for k in range(24)), np.full((24, 24), 0.5)
     many = repr(result(GRAVITY, parameters=Parameters(names, every))).splitlines()

@@ -2,17 +2,7 @@
 
 import numpy as np
 import pytest
-from contacts import (
-    CENTRE,
-    CONTACTS,
-    DISK,
-    WALL,
-    general_triangles,
-    limit_stops,
-    soft_wall,
-    spheres,
-    wall,
-)
+from contacts import CENTRE, CONTACTS, DISK, WALL, general_triangles, limit_stops, soft_wall, spheres, wall
 from native_solvers import static_settings
 from robots import LENGTH, distance, scene, scene_with, seven, solve_scene, three, tip_load
 

@@ -40,11 +40,7 @@ def pulled(robot, add, tensions, **model):
 
 
 @pytest.mark.parametrize(
-    ("add", "mu", "elements"),
-    [
-        (ball, 0.0, 1),
-        pytest.param(wall, 0.3, 2, marks=pytest.mark.integration),
-    ],
+    ("add", "mu", "elements"), [(ball, 0.0, 1), pytest.param(wall, 0.3, 2, marks=pytest.mark.integration)]
 )
 def test_an_obstacle_gives_the_shape_of_the_static_solver_of_exudyn(add, mu, elements):
     """A pull to 2 N in ten steps, in contact from the fourth on; 1e-8 of the length were seen."""

@@ -13,8 +13,7 @@ SLOW = {2: pytest.mark.integration}
 
 
 @pytest.mark.parametrize(
-    "seed",
-    [1, *(pytest.param(s, marks=SLOW.get(s, pytest.mark.campaign)) for s in range(2, 21))],
+    "seed", [1, *(pytest.param(s, marks=SLOW.get(s, pytest.mark.campaign)) for s in range(2, 21))]
 )
 def test_random_sequences_give_the_shapes_of_simulate(seed):
     """Three tendons by tension or displacement, a load of changing direction in either frame; every step.

@@ -111,10 +111,7 @@ def test_a_value_that_is_wrong_only_alone_is_no_mistake(tmp_path):
 def test_the_workspace_varies_every_tension_of_the_last_step(tmp_path):
     text = HEAD + '[sampling]\nmethod = "sobol"\nsamples = 16\nseed = 1\n[workspace]\nlargest = 2.0\n'
     described = tdcr.read_sweep(write_files(tmp_path, text))
-    assert [v.key for v in described.variations] == [
-        "steps[-1].tensions.t1",
-        "steps[-1].tensions.t2",
-    ]
+    assert [v.key for v in described.variations] == ["steps[-1].tensions.t1", "steps[-1].tensions.t2"]
     cases = set(zip(*described.design().values(), strict=True))
     assert len(cases) == 16 and all(0.0 <= x <= 2.0 for case in cases for x in case)
 

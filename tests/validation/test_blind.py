@@ -12,14 +12,7 @@ from tdcr_fe.validation.blind.declared import draw_robot
 from tdcr_fe.validation.blind.hidden import DETECTABLE, DRAW, RANGES
 from tdcr_fe.validation.blind.maker import make_blind
 from tdcr_fe.validation.blind.readings import read
-from tdcr_fe.validation.blind.recipes import (
-    LATER,
-    PLANNED_PLACES,
-    ROBOTS,
-    SOFT,
-    Recipe,
-    plan,
-)
+from tdcr_fe.validation.blind.recipes import LATER, PLANNED_PLACES, ROBOTS, SOFT, Recipe, plan
 from tdcr_fe.validation.blind.scoring import score
 from tdcr_fe.validation.campaigns.blind import calibration
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference

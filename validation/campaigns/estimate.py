@@ -197,10 +197,7 @@ def run(friction: float, tension_sigma: float, seed: int, options: argparse.Name
     truth = solve(drawn.robot, model(friction), drawn.steps()).steps
     at: Any = "unknown" if options.readings == "markers" else "tip"
     own = tdcr.Estimator(
-        drawn.robot,
-        model(friction),
-        tdcr.LoadPrior(at, FORCE_SIGMA),
-        tdcr.InputPrior(sigma=tension_sigma),
+        drawn.robot, model(friction), tdcr.LoadPrior(at, FORCE_SIGMA), tdcr.InputPrior(sigma=tension_sigma)
     )
     frames, times = [], []
     for k, step in enumerate(truth):
