@@ -185,24 +185,17 @@ SCENES = [
     (lambda: created(gravity=HEAVY, model=Model(gravity=tuple(HEAVY))), "by the argument and by the model"),
     (lambda: created(color=[2.0, 0.0, 0.0, 1.0]), "four numbers from 0 to 1"),
     (lambda: created(loadPositions=[0.3]), "0 to 0.25 m"),
-    (
-        lambda: created(loadPositions=["100 mm"]),
-        r'loadPositions\[0\] = "100 mm": must be a list of finite numbers, in m',
-    ),
+    (lambda: created(loadPositions=["100 mm"]),
+        r'loadPositions\[0\] = "100 mm": must be a list of finite numbers, in m'),
     (lambda: created(referenceRotationMatrix=2.0 * np.eye(3)), "must be a rotation"),
     (lambda: created(referenceRotationMatrix=np.diag([1.0, 1.0, -1.0])), "reflection"),
     (lambda: created(graphicsDataList=SPHERE), "graphicsDataList = .*: must be a list of graphics"),
     (lambda: created(graphicsDataList=[0.1]), r"graphicsDataList\[0\] = 0.1: must be a list of graphics"),
     (lambda: created(show="no"), 'show = "no": must be True, or False, which draws nothing'),
-    (
-        lambda: created(referencePosition=[0.0, 1.0]),
-        r"referencePosition = \[0.0, 1.0\]: must be three finite numbers, in m",
-    ),
+    (lambda: created(referencePosition=[0.0, 1.0]),
+        r"referencePosition = \[0.0, 1.0\]: must be three finite numbers, in m"),
     (lambda: on_a_body(graphicsDataList=[SPHERE]), "graphicsDataList is drawn on the base"),
-    (
-        lambda: on_a_body(referencePosition=[0.0, 0.0, 0.0]),
-        "referencePosition .* differs from that of baseMarker",
-    ),
+    (lambda: on_a_body(referencePosition=[0.0, 0.0, 0.0]), "referencePosition .* differs from that of baseMarker"),
     (lambda: on_a_body(referenceRotationMatrix=np.eye(3)), "referenceRotationMatrix .* differs from"),
     (lambda: used(lambda mbs, arm: tdcr.CreateTDCR(mbs, three())), "another name"),
     (without_robot, "CreateTDCR"),
@@ -212,10 +205,7 @@ SCENES = [
     (lambda: used(lambda mbs, arm: arm.set_tensions([1.0, 2.0])), "2 values for 3 tendons"),
     (lambda: used(lambda mbs, arm: arm.set_tensions({"t1": -1.0})), "tension >= 0"),
     (lambda: used(lambda mbs, arm: arm.set_displacements({"t1": NAN})), "finite"),
-    (
-        lambda: used(lambda mbs, arm: arm.set_inputs_over_time([1.0, 0.0, 0.0])),
-        "needs a function of the time",
-    ),
+    (lambda: used(lambda mbs, arm: arm.set_inputs_over_time([1.0, 0.0, 0.0])), "needs a function of the time"),
     (lambda: used(lambda mbs, arm: arm.recommended_settings(1.0, 2.0)), "recommended_settings"),
     (lambda: used(lambda mbs, arm: arm.recommended_settings(NAN, 1e-3)), "recommended_settings"),
     (lambda: used(lambda mbs, arm: arm.add_load("y", 0.124)), "nearest"),
@@ -233,7 +223,7 @@ SCENES = [
     (lambda: touched(quadPoints=QUAD[:3]), "four points"),
     (lambda: touched(quadPoints=[*QUAD[:3], [0.1, 0.2, 0.0]]), "not in one plane"),
     (lambda: touched(**BALL, localPosition=[0.1, 0, 0], dynamicFriction=-0.1), "dynamicFriction = -0.1"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("call", "words"), [*DESCRIPTIONS, *EFFECTS, *SOLVES, *SCENES])

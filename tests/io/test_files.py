@@ -107,12 +107,7 @@ ROBOT_MISTAKES = [
     ({"backbone.radius": [[0.0, 1e-3]]}, "backbone.radius", "", ["ascend from 0"]),
     ({"backbone.nonlinear": {"quadratic": 80.0}}, "backbone.nonlinear", "", ["falls from 0.00625 on"]),
     ({"backbone.nonlinear": {"cubic": -1e5}}, "backbone.nonlinear.cubic", "", []),
-    (
-        {"backbone.nonlinear": {"cubic": 1.0}, "backbone.creep_rate": 1e-3},
-        "backbone.nonlinear",
-        "",
-        ["creep_rate"],
-    ),
+    ({"backbone.nonlinear": {"cubic": 1.0}, "backbone.creep_rate": 1e-3}, "backbone.nonlinear", "", ["creep_rate"]),
     ({"backbone.radius": 1e-90}, "backbone.radius", "1e-90", ["a positive number [m]"]),
     ({"backbone.poisson_ratio": 0.51}, "backbone.poisson_ratio", "0.51", ["at most 0.5"]),
     ({"backbone": REMOVED}, "backbone", "", ["missing", "[backbone]"]),
@@ -122,34 +117,19 @@ ROBOT_MISTAKES = [
     ({"tendons": {"name": "t1"}}, "tendons", '{name = "t1"}', ["[[tendons]]"]),
     ({"tendons.0": 7}, "tendons[0]", "7", ["must be a table", "routing"]),
     ({"tendons.1.name": "t1"}, "tendons[1].name", "'t1'", ["2 times"]),
-    (
-        {"tendons.0.routing": "paralel"},
-        "tendons[0].routing",
-        '"paralel"',
-        ["helical", "did you mean parallel?"],
-    ),
+    ({"tendons.0.routing": "paralel"}, "tendons[0].routing", '"paralel"', ["helical", "did you mean parallel?"]),
     ({"tendons.0.offset": REMOVED}, "tendons[0].offset", "", ["missing", "a number [m], zero or more"]),
     ({"tendons.0.offset": 6e-3}, "tendons[0].offset", "0.006", ["base plate", "outside the disk", "0.005 m"]),
-    (
-        {"tendons.0.turns": 1.0},
-        "tendons[0].turns",
-        "1.0",
-        ["unknown key; allowed here: name, routing, offset"],
-    ),
+    ({"tendons.0.turns": 1.0}, "tendons[0].turns", "1.0", ["unknown key; allowed here: name, routing, offset"]),
     ({"tendons.1.end_offset": 9e-3}, "tendons[1].end_offset", "0.009", ["disk 1", "0.005 m"]),
     ({"tendons.1.end": 0.16}, "tendons[1].end", "0.16", ["no disk is there", "0.15 and 0.2 m"]),
     ({"tendons.2.holes": [[0.0, 0.0]] * 5}, "tendons[2].holes", "5 holes", ["6 are needed"]),
     ({"tendons.2.holes.3": [9e-3, 0.0]}, "tendons[2].holes[3]", "0.009 m", ["disk 3", "0.005 m"]),
     ({"tendons.2.holes.3.0": NAN}, "tendons[2].holes[3][0]", "nan", ["pairs [x, y]"]),
     ({"tendons.2.end": 0.15}, "tendons[2].holes", "6 holes", ["4 are needed"]),
-    (
-        {"tendons.3.friction": {"kind": "stribek"}},
-        "tendons[3].friction.kind",
-        '"stribek"',
-        ["mean stribeck?"],
-    ),
+    ({"tendons.3.friction": {"kind": "stribek"}}, "tendons[3].friction.kind", '"stribek"', ["mean stribeck?"]),
     ({"tendons.3.friction": {"kind": "constant"}}, "tendons[3].friction.mu", "", ["missing"]),
-]
+]  # fmt: skip
 WITHOUT_COUNT = {"disks.count": REMOVED}
 ROBOT_MISTAKES += [
     ({**WITHOUT_COUNT, "disks.positions": [0.05, 0.04, 0.25]}, "disks.positions", "[0.05, 0.04, 0.25]", ["ascend"]),
