@@ -68,16 +68,12 @@ def test_run_solves_and_writes_and_returns_0(tmp_path, calls, capsys):
 @pytest.mark.parametrize(
     ("message", "failed", "status", "said"),
     [
-        (
-            "residual 3.2 after 50 iterations",
-            2,
-            1,
-            'step 2 of 2 ("far") did not converge; 1 step solved before it is in',
-        ),
+        ("residual 3.2 after 50 iterations", 2, 1,
+            'step 2 of 2 ("far") did not converge; 1 step solved before it is in'),
         ("no", 1, 1, "step 1 of 2"),
         ("interrupted", 2, 130, 'interrupted in step 2 of 2 ("far"); 1 step solved before it is in'),
     ],
-)
+)  # fmt: skip
 def test_what_was_solved_before_a_failure_is_kept(
     tmp_path, monkeypatch, capsys, message, failed, status, said
 ):

@@ -27,13 +27,10 @@ SOFT = Backbone(LENGTH, 10e-3, 0.4e6, 0.45, nonlinear=NonlinearMaterial(0.0, 30.
 #: ``EI k (1 + c R^2 k^2 / 2)`` of fibres without b, while ``3 c n`` leaves n = 0.
 ARCS = {
     **{f"{x} turns": (BACKBONE, k := 2 * np.pi * x / LENGTH, EI * k) for x in (0.25, 0.5, 1.0, 1.5)},
-    "softening": (
-        replace(BACKBONE, superelastic=SOFTENING),
-        12.0,
-        float(bending_moment(np.array([12.0]), np.array([EI]), SOFTENING, BACKBONE.radius)[0][0]),
-    ),
+    "softening": (replace(BACKBONE, superelastic=SOFTENING), 12.0,
+        float(bending_moment(np.array([12.0]), np.array([EI]), SOFTENING, BACKBONE.radius)[0][0])),
     "hardening": (SOFT, 8.0, SOFT.EI * 8.0 * (1.0 + 0.5 * 30.0 * (SOFT.radius * 8.0) ** 2)),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("row", ARCS)

@@ -71,30 +71,17 @@ def test_the_command_writes_tables_and_a_page(folder, tmp_path, capsys):
     [
         ("estimate.toml", "[inputs]", "[input]", "inputs: missing; must be a table [inputs]"),
         ("estimate.toml", "sigma = 0.05", "sigma = -1.0", "load.sigma = -1.0: must be a positive number [N]"),
-        (
-            "estimate.toml",
-            "sigma = 0.05",
-            'at = "top"',
-            'load.at = "top": must be an arc length above zero [m], "tip" or "unknown"',
-        ),
+        ("estimate.toml", "sigma = 0.05", 'at = "top"',
+            'load.at = "top": must be an arc length above zero [m], "tip" or "unknown"'),
         ("estimate.toml", "sigma = 0.05", "at = 0.9", "load.at = 0.9: must be at most the length"),
-        (
-            "estimate.toml",
-            "sigma = 0.01",
-            "sigma = {helix = 0.1}",
-            "tendon t180 is missing; the robot has helix, t180, t270, t0",
-        ),
+        ("estimate.toml", "sigma = 0.01", "sigma = {helix = 0.1}",
+            "tendon t180 is missing; the robot has helix, t180, t270, t0"),
         ("loading.csv", "time", "tim", "loading.csv: tim: unknown column"),
         ("observations.csv", "quantity", "channel", "observations.csv: quantity: missing column"),
         ("observations.csv", "position_", "place_", "0 of 9 rows would be left"),
-        (
-            "observations.csv",
-            ",0.0001",
-            ",",
-            "estimation needs every standard deviation; it is missing in line 2",
-        ),
+        ("observations.csv", ",0.0001", ",", "estimation needs every standard deviation; it is missing in line 2"),
     ],
-)
+)  # fmt: skip
 def test_mistakes_are_named(wrong, tmp_path, capsys, file, old, new, said):
     (wrong / file).write_text((wrong / file).read_text().replace(old, new))
     assert main(["estimate", str(wrong), "-o", str(tmp_path / "out")]) == 2

@@ -74,10 +74,7 @@ def standing_still():
     ("change", "words"),
     [
         (exchange_axes, "x = position_y, y = position_x"),
-        (
-            lambda r: exchange_axes(r) if r.step > 6 else r,
-            "if from step 7 on the axes are relabelled: x = pos",
-        ),
+        (lambda r: exchange_axes(r) if r.step > 6 else r, "if from step 7 on the axes are relabelled: x = pos"),
         (one_step_late, "those of each step appear one step later"),
         (exchange_markers, "the markers at s = 0.1 m and s = 0.2 m are exchanged"),
         (height(lambda r: r.value - r.location), "position_z counts up from the unloaded marker"),
@@ -86,7 +83,7 @@ def standing_still():
         (rounded, "rounded to 10 mm"),
         (lambda r: r, ""),
     ],
-)
+)  # fmt: skip
 def test_a_fault_of_the_readings_is_named(clean, change, words):
     """Each would leave an error of many sigma that a listed effect removes in part."""
     check(changed(clean, change), words)

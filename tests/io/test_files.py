@@ -159,12 +159,7 @@ SCENARIO_MISTAKES = [
     ({"robot": "a\nb"}, "robot", '"a\\nb"', ["there is no file", "a\\nb"]),
     ({"model.friction": "per_hole"}, "model.friction", '"per_hole"', ["did you mean per-hole?"]),
     ({"model.tendon_path": "continuous"}, "model.friction", '"per-hole"', ['set friction = "none"']),
-    (
-        {"model.tendon_path": "continuous", "model.friction": REMOVED},
-        "model.friction",
-        "",
-        ['set friction = "none"'],
-    ),
+    ({"model.tendon_path": "continuous", "model.friction": REMOVED}, "model.friction", "", ['set friction = "none"']),
     ({"model.elements_per_bay": "automatic"}, "model.elements_per_bay", '"automatic"', ['"auto"']),
     ({"model.gravity": [0, 0, NAN]}, "model.gravity[2]", "nan", ["three finite numbers"]),
     ({"steps": []}, "steps", "[]", ["at least one"]),

@@ -70,16 +70,12 @@ def test_what_a_step_does_not_name_is_written_as_it_was(tmp_path):
     [
         ([LoadStep("", loads={"side": Load(0.1, (0.0, 0.1, 0.0))})], "load side: not at the tip"),
         ([LoadStep("", loads={"tip": Load(0.25, moment=(0.0, 0.1, 0.0))})], "load tip: a moment"),
-        (
-            [LoadStep("", loads={"tip": Load(0.25, (0.0, 0.1, 0.0), frame="section")})],
-            "load tip: a force in the frame of the section",
-        ),
-        (
-            [LoadStep("", {"t1": 0.1}), LoadStep("", displacements={"t1": 1e-3})],
-            "tendon t1: driven by tension and by displacement",
-        ),
+        ([LoadStep("", loads={"tip": Load(0.25, (0.0, 0.1, 0.0), frame="section")})],
+            "load tip: a force in the frame of the section"),
+        ([LoadStep("", {"t1": 0.1}), LoadStep("", displacements={"t1": 1e-3})],
+            "tendon t1: driven by tension and by displacement"),
     ],
-)
+)  # fmt: skip
 def test_what_has_no_column_is_refused_by_name_and_nothing_is_written(tmp_path, steps, named):
     """Version 0.1 left such loads out."""
     with pytest.raises(ValueError, match=f"loading.csv cannot express {named}"):

@@ -12,15 +12,9 @@ from tdcr_fe.model.units import UnitError, number_of
 
 POWERS = [
     *(("mm", "m", -3), ("um", "m", -6), ("µm", "m", -6), ("g", "kg", -3), ("ms", "s", -3), ("kN", "N", 3)),
-    *(
-        ("GPa", "Pa", 9),
-        ("N/mm²", "Pa", 6),
-        ("g/cm^3", "kg/m^3", 3),
-        ("N mm^2", "N m^2", -6),
-        ("Nmm", "N m", -3),
-    ),
+    *(("GPa", "Pa", 9), ("N/mm²", "Pa", 6), ("g/cm^3", "kg/m^3", 3), ("N mm^2", "N m^2", -6), ("Nmm", "N m", -3)),
     *(("1/mm", "1/m", 3), ("rad/mm", "1/m", 3), ("N*mm/rad", "N m/rad", -3), ("m/ms^2", "m/s^2", 6)),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("unit", "of_key", "power"), POWERS)

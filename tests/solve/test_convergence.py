@@ -20,18 +20,12 @@ def refined(robot, steps, meshes, **model) -> tuple[list[np.ndarray], np.ndarray
 
 CASES = [
     pytest.param(Robot(BACKBONE, DISKS, (Tendon("t1", HelicalRouting(4.5e-3, 2.0), 0.3),)), id="helical"),
-    pytest.param(
-        Robot(BACKBONE, DISKS, (Tendon("t1", ConvergingRouting(4.5e-3, 0.15e-3), 0.3),)), id="converging"
-    ),
-    pytest.param(
-        paper(0.3, backbone=replace(BACKBONE, superelastic=Superelastic(0.002, 0.4))), id="superelastic"
-    ),
-    pytest.param(
-        paper(0.3, backbone=replace(BACKBONE, taper=((0.0, 0.4e-3), (LENGTH, 0.25e-3)))), id="tapered"
-    ),
+    pytest.param(Robot(BACKBONE, DISKS, (Tendon("t1", ConvergingRouting(4.5e-3, 0.15e-3), 0.3),)), id="converging"),
+    pytest.param(paper(0.3, backbone=replace(BACKBONE, superelastic=Superelastic(0.002, 0.4))), id="superelastic"),
+    pytest.param(paper(0.3, backbone=replace(BACKBONE, taper=((0.0, 0.4e-3), (LENGTH, 0.25e-3)))), id="tapered"),
     pytest.param(paper(0.3, backbone=replace(BACKBONE, precurvature=(1.0, 2.0))), id="precurved"),
     pytest.param(Robot(BACKBONE, replace(DISKS, thickness=4e-3), paper(0.3).tendons), id="thick"),
-]
+]  # fmt: skip
 
 
 PULLED = [LoadStep("", {"t1": 1.0}, loads={"tip": Load(LENGTH, (0.01, 0.02, 0.0))})]

@@ -29,14 +29,10 @@ def true_errors(coarse: SequenceResult, fine: SequenceResult) -> np.ndarray:
         (single(), Model(friction="none"), (0.0, 0.05, 0.0)),
         (single(0.3), Model(), (0.0, 0.05, 0.0)),
         (single(), Model("continuous", "none"), (0.0, 0.05, 0.0)),
-        (
-            single(backbone=replace(BACKBONE, density=2e4)),
-            Model(friction="none", gravity=(9.81, 0, 0)),
-            (0, 0, 0),
-        ),
+        (single(backbone=replace(BACKBONE, density=2e4)), Model(friction="none", gravity=(9.81, 0, 0)), (0, 0, 0)),
     ],
     ids=["in plane", "out of plane", "friction", "continuous", "weight"],
-)
+)  # fmt: skip
 def test_the_estimate_tends_to_the_true_error(
     robot: Robot, model: Model, load: tuple[float, float, float]
 ) -> None:

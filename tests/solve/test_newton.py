@@ -39,14 +39,10 @@ def solved(robot, tensions, settings=None, **model):
         pytest.param(seven(0.3), [0.5, 0.2, 0.0], {"friction": "per-hole"}, id="per-hole"),
         pytest.param(HELIX, [1.0], {"friction": "per-hole"}, id="helical"),
         pytest.param(paper(), [1.0], {"friction": "none", "tendon_path": "continuous"}, id="continuous"),
-        pytest.param(
-            paper(0.3, backbone=replace(BACKBONE, superelastic=Superelastic(0.002, 0.5))),
-            [0.8],
-            {},
-            id="superelastic",
-        ),
+        pytest.param(paper(0.3, backbone=replace(BACKBONE, superelastic=Superelastic(0.002, 0.5))), [0.8], {},
+            id="superelastic"),
     ],
-)
+)  # fmt: skip
 def test_newton_converges_quadratically(robot, tensions, model):
     """The tangent is consistent, away from equilibrium too: each residual is of the order of the last one's square."""
     *_, report = solved(robot, tensions, SolverSettings(tolerance=1e-9), **model)

@@ -111,10 +111,8 @@ FAST = {
     "displacements": ["steps[1].displacements.t2", "tendons.axial_stiffness"],
     "motors": ["tendons.t1.spool.radius", "tendons.t1.spool.stiffness", "steps[1].motor_angles.t2"],
     "pretension": ["tendons.pretension", "effects.pretension.tension_t2"],
-    "places": [
-        "springs[0].stiffness", "base_stiffness", "backbone.patches[0].precurvature[1]",
-        "tendons.t1.tight_holes[0].drop",
-    ],
+    "places": ["springs[0].stiffness", "base_stiffness", "backbone.patches[0].precurvature[1]",
+        "tendons.t1.tight_holes[0].drop"],
     "taper": ["backbone.taper[1][1]"],
     "inextensible, displacements": ["tendons.t2.turns"],
     "clearance": ["tendons.clearance"],

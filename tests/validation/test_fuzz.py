@@ -91,17 +91,15 @@ def with_actuation(step, **changes):
         (moved, "equilibrium of every free body"),
         (turned, "equilibrium of every free body"),
         (tightened, "equilibrium of every free body"),
-        (
-            lambda s: with_actuation(s, loads={"side": replace(s.actuation.loads["side"], at=0.2)}),
-            "equilibrium of every free body",
-        ),
+        (lambda s: with_actuation(s, loads={"side": replace(s.actuation.loads["side"], at=0.2)}),
+            "equilibrium of every free body"),
         (lambda s: replace(s, displacements=s.displacements + 1e-6), "displacements from lengths"),
         (lambda s: with_actuation(s, values=s.actuation.values * 1.001), "prescribed inputs"),
         (exchanged, "slipping holes at their bound"),
         (rising, "Capstan bounds"),
     ],
     ids=["position", "rotation", "tension", "load", "displacement", "input", "state", "rising"],
-)
+)  # fmt: skip
 def test_the_checks_see_what_is_wrong(wrong, check):
     result = solved()
     step = result.steps[1]

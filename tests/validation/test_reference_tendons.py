@@ -100,14 +100,10 @@ def test_slipping_holes_obey_the_law_at_their_own_normal_force():
 @pytest.mark.parametrize(
     ("subject", "model", "words"),
     [
-        (
-            routed(friction=StribeckFriction(0.4, 0.2, 1e-3)),
-            PER_HOLE,
-            "friction law 'stribeck' of tendon 't1'",
-        ),
+        (routed(friction=StribeckFriction(0.4, 0.2, 1e-3)), PER_HOLE, "friction law 'stribeck' of tendon 't1'"),
         (routed(clearance=1e-4), Model("continuous", "none"), "clearance"),
     ],
-)
+)  # fmt: skip
 def test_what_the_reference_does_not_solve_is_refused_by_name(subject, model, words):
     with pytest.raises(ValueError, match=words):
         solve_reference(subject, model, pull(1.0))
