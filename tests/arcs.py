@@ -43,9 +43,7 @@ def arc_step(robot: Robot, number: int, angle: float, phi: float, tensions: np.n
     )
 
 
-def arc_result(
-    robot: Robot | None = None, steps: list[LoadStep] | None = None, model: Model | None = None, **rest
-) -> SequenceResult:
+def arc_result(robot: Robot | None = None, steps=None, model: Model | None = None, **rest) -> SequenceResult:
     """Synthetic result with hysteresis: the angle follows a lagging tension; a tip load turns the plane of bending."""
     robot = robot or paper_robot()
     names = robot.tendon_names

@@ -7,7 +7,7 @@ import select
 import shutil
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -93,9 +93,7 @@ class Browser:
         """A mouse event: "mousePressed", "mouseMoved", "mouseReleased" or "mouseWheel"."""
         self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **rest)
 
-    def drag(
-        self, start: tuple[float, float], end: tuple[float, float], button: str = "left", **rest: Any
-    ) -> None:
+    def drag(self, start: Sequence[float], end: Sequence[float], button: str = "left", **rest: Any) -> None:
         """Drag with a button held."""
         bit = {"left": 1, "right": 2, "middle": 4}[button]
         self.mouse("mousePressed", *start, button=button, buttons=bit, clickCount=1, **rest)
@@ -156,9 +154,8 @@ def browser(*flags: str) -> Iterator[Browser]:
         command = [CHROMIUM, "--headless=new", "--no-sandbox", "--remote-debugging-pipe", "--hide-scrollbars",
                    "--disable-background-networking", "--no-first-run", "--mute-audio", "--disable-dev-shm-usage",
                    f"--user-data-dir={profile}", *(flags or SOFTWARE_GL)]  # fmt: skip
-        process = subprocess.Popen(
-            command, preexec_fn=wire, close_fds=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
+        silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        process = subprocess.Popen(command, preexec_fn=wire, close_fds=False, **silent)
         os.close(read_there)
         os.close(write_there)
         try:

@@ -69,19 +69,19 @@ def general_contact(mbs: exu.MainSystem, friction: float = 0.0) -> Any:
     return contact
 
 
+SPRING = {"contactStiffness": STIFFNESS, "contactDamping": 0.0}
+
+
 def add_sphere(contact: Any, marker: Any, radius: float = DISK) -> None:
     """A sphere of a GeneralContact on a marker."""
-    contact.AddSphereWithMarker(
-        marker, radius=radius, contactStiffness=STIFFNESS, contactDamping=0.0, frictionMaterialIndex=0
-    )
+    contact.AddSphereWithMarker(marker, radius=radius, **SPRING, frictionMaterialIndex=0)
 
 
 def add_triangles(contact: Any, marker: Any, triangles: np.ndarray) -> None:
     """Triangles of a GeneralContact, shape (n, 3, 3), on a rigid marker."""
     contact.AddTrianglesRigidBodyBased(
         rigidBodyMarkerIndex=marker,
-        contactStiffness=STIFFNESS,
-        contactDamping=0.0,
+        **SPRING,
         frictionMaterialIndex=0,
         pointList=triangles.reshape(-1, 3).tolist(),
         triangleList=np.arange(3 * len(triangles)).reshape(-1, 3).tolist(),
@@ -96,9 +96,7 @@ def general_spheres(mbs: exu.MainSystem, handle: TDCR) -> None:
         add_sphere(contact, node)
 
 
-def general_triangles(
-    mbs: exu.MainSystem, handle: TDCR, triangles: np.ndarray = WALL_OF_TWO, last: int = 6
-) -> None:
+def general_triangles(mbs: exu.MainSystem, handle: TDCR, triangles: Any = WALL_OF_TWO, last: int = 6) -> None:
     """Triangles, and spheres on the last nodes, in a GeneralContact."""
     contact = general_contact(mbs)
     add_triangles(contact, centre_marker(mbs, (0.0, 0.0, 0.0)), triangles)
@@ -119,8 +117,7 @@ def coordinate_contact(mbs: exu.MainSystem, handle: TDCR) -> None:
         eii.ObjectContactCoordinate(
             markerNumbers=_tip_and_ground(mbs, handle),
             nodeNumber=data,
-            contactStiffness=STIFFNESS,
-            contactDamping=0.0,
+            **SPRING,
             offset=-STOP,
         )
     )

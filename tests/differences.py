@@ -21,9 +21,13 @@ PLAIN = {"positions": 0.25, "rotations": 1.0, "base_tensions": 1.0, "displacemen
 SCALES = {**PLAIN, "tensions": 1.0, "slips": 1e-2}
 
 
+#: Substeps of the load steps of a run.
+Substeps = list[list[Increment]]
+
+
 def run(
-    experiment: Experiment, chosen: Sequence[str | Parameter] = (), path: list[list[Increment]] | None = None
-) -> tuple[dict[str, np.ndarray], Sensitivities, list[list[Increment]]]:
+    experiment: Experiment, chosen: Sequence[str | Parameter] = (), path: Substeps | None = None
+) -> tuple[dict[str, np.ndarray], Sensitivities, Substeps]:
     """Simulate, with sensitivities, along the substeps of another run where they are given.
 
     The results at the ends of the steps are by kind, with those of all tendons side by side.
@@ -49,9 +53,7 @@ def run(
     return values, Sensitivities() if history is None else history.result(), made
 
 
-def _whole(
-    experiment: Experiment, count: int, path: list[list[Increment]]
-) -> tuple[dict[str, np.ndarray], list[list[Increment]]]:
+def _whole(experiment: Experiment, count: int, path: Substeps) -> tuple[dict[str, np.ndarray], Substeps]:
     """Results of a neighbour at the ends of the steps of the present experiment, which is undivided if it differs."""
     if len(experiment.steps) == count:
         values, _, made = run(experiment, (), path)
@@ -60,7 +62,7 @@ def _whole(
     return {kind: v[last] for kind, v in run(experiment)[0].items()}, path
 
 
-def same_states(a: list[list[Increment]], b: list[list[Increment]]) -> bool:
+def same_states(a: Substeps, b: Substeps) -> bool:
     """Whether two runs have the same substeps, and all holes and tendons the same states at their ends."""
     if [len(x) for x in a] != [len(x) for x in b]:
         return False

@@ -37,9 +37,8 @@ def damped(robot: Robot, damping: float = 0.03) -> tuple[exu.SystemContainer, ex
 
     def damper(mbs: exu.MainSystem, handle: TDCR) -> None:
         both = [mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=mbs.CreateGround())), handle.mTip]
-        mbs.AddObject(
-            eii.CartesianSpringDamper(markerNumbers=both, stiffness=[0.0] * 3, damping=[damping] * 3)
-        )
+        values = {"stiffness": [0.0] * 3, "damping": [damping] * 3}
+        mbs.AddObject(eii.CartesianSpringDamper(markerNumbers=both, **values))
 
     return scene_with(damper, robot)[:3]
 

@@ -32,9 +32,8 @@ def paper(mu: float = 0.0, angle_deg: float = 0.0, backbone: Backbone = BACKBONE
 
 def three(mu: float = 0.3, backbone: Backbone = BACKBONE, disks: Disks = DISKS, **rest: Any) -> Robot:
     """The same with three tendons, 120 degrees apart."""
-    return Robot(
-        backbone, disks, tuple(tendon(f"t{i + 1}", 120.0 * i, mu, **rest) for i in range(3)), name="three"
-    )
+    tendons = (tendon(f"t{i + 1}", 120.0 * i, mu, **rest) for i in range(3))
+    return Robot(backbone, disks, tuple(tendons), name="three")
 
 
 def seven(mu: float = 0.3, backbone: Backbone = BACKBONE, disks: Disks = SEVEN, **rest: Any) -> Robot:
@@ -63,9 +62,7 @@ def pull(*tensions: float, name: str = "t1", **rest: Any) -> list[LoadStep]:
 
 def solve(robot: Robot, steps: list[LoadStep], settings: Any = None, **model: Any) -> SequenceResult:
     """Solve a sequence with one element per bay and per-hole friction unless given otherwise; it must converge."""
-    result = simulate(
-        robot, Model(**{"friction": "per-hole", "elements_per_bay": 1, **model}), steps, settings
-    )
+    result = simulate(robot, Model(**{"elements_per_bay": 1, **model}), steps, settings)
     assert result.converged, result.message
     assert len(result.steps) == len(steps)
     return result
@@ -96,25 +93,22 @@ def system() -> tuple[exu.SystemContainer, exu.MainSystem]:
     return container, container.AddSystem()
 
 
-def scene(
-    robot: Robot, *, assemble: bool = True, **rest: Any
-) -> tuple[exu.SystemContainer, exu.MainSystem, TDCR]:
-    """A system with one robot; the container must be kept while the system is used."""
-    model = {
-        k: rest.pop(k)
-        for k in ("friction", "elements_per_bay", "tendon_path", "gravity", "hysteresis")
-        if k in rest
-    }
+#: A container that must be kept while its system is used, the system, and a robot in it.
+Scene = tuple[exu.SystemContainer, exu.MainSystem, TDCR]
+
+
+def scene(robot: Robot, *, assemble: bool = True, **rest: Any) -> Scene:
+    """A system with one robot; ``rest``: of its model, or of `CreateTDCR`."""
+    names = ("friction", "elements_per_bay", "tendon_path", "gravity", "hysteresis")
+    model = {k: rest.pop(k) for k in names if k in rest}
     container, mbs = system()
-    handle = CreateTDCR(mbs, robot, Model(**{"friction": "per-hole", "elements_per_bay": 1, **model}), **rest)
+    handle = CreateTDCR(mbs, robot, Model(**{"elements_per_bay": 1, **model}), **rest)
     if assemble:
         mbs.Assemble()
     return container, mbs, handle
 
 
-def scene_with(
-    add: Callable[[exu.MainSystem, TDCR], Any], robot: Robot, **rest: Any
-) -> tuple[exu.SystemContainer, exu.MainSystem, TDCR, Any]:
+def scene_with(add: Callable[[exu.MainSystem, TDCR], Any], robot: Robot, **rest: Any) -> tuple[*Scene, Any]:
     """A system with one robot and what is added to it before it is assembled."""
     container, mbs, handle = scene(robot, assemble=False, **rest)
     added = add(mbs, handle)

@@ -17,10 +17,8 @@ from tdcr_fe.commands import run as command
 from tdcr_fe.commands.run import step_table
 from tdcr_fe.validation.fuzz.drawing import draw
 
-NO_MASS = (
-    "model.gravity = 9.81 m/s^2: nothing has mass, so it does nothing; give backbone.density, disks.mass or "
-)
-NO_MASS += "tip_mass"
+NO_MASS = "model.gravity = 9.81 m/s^2: nothing has mass, so it does nothing; give backbone.density, "
+NO_MASS += "disks.mass or tip_mass"
 
 
 def test_odd_values_are_warned_of_once_and_in_the_summary(tmp_path, capsys):
@@ -58,10 +56,8 @@ def test_long_run_is_announced_by_what_it_has_solved(tmp_path, capsys, monkeypat
 def test_tables_of_many_tendons_fit_a_terminal(count):
     """Nine tendons took 240 columns in one table."""
     robot = paper_robot(count)
-    result = arc_result(
-        robot, [tdcr.LoadStep("a label of about twenty", {t: 1.0 for t in robot.tendon_names})]
-    )
-    text = step_table(result)
+    step = tdcr.LoadStep("a label of about twenty", dict.fromkeys(robot.tendon_names, 1.0))
+    text = step_table(arc_result(robot, [step]))
     assert max(map(len, text.splitlines())) <= 130
     assert all(text.split().count(t) == 2 for t in robot.tendon_names)
 

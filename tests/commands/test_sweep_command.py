@@ -12,6 +12,7 @@ from sweep_files import SCENARIO, InProcess, write_files
 
 import tdcr_fe as tdcr
 from tdcr_fe import cli
+from tdcr_fe.sweeps import execution
 
 #: Enough cases that a signal meets the run under way.
 MANY = """
@@ -32,12 +33,11 @@ uniform = { lower = 0.0, upper = 0.3 }
 @pytest.fixture
 def here(monkeypatch):
     """Cases are solved in this process, one at a time."""
-    from tdcr_fe.sweeps.execution import outcomes
 
-    monkeypatch.setattr(
-        "tdcr_fe.sweeps.execution.local_outcomes",
-        lambda job, cases, count: outcomes(job, cases, InProcess(), 1),
-    )
+    def in_process(job, cases, count):
+        return execution.outcomes(job, cases, InProcess(), 1)
+
+    monkeypatch.setattr(execution, "local_outcomes", in_process)
 
 
 def test_table_summary_report_and_pictures(tmp_path, capsys, here):
@@ -68,9 +68,8 @@ def test_a_case_that_does_not_converge_gives_status_1_and_a_row_of_the_report(tm
     path = write_files(tmp_path, text, scenario=scenario)
     assert cli.main(["sweep", str(path), "-o", str(tmp_path / "out"), "-q"]) == 1
     printed = capsys.readouterr()
-    assert (
-        printed.out == "" and "1 case not converged, case 2 the first: step 1 did not converge" in printed.err
-    )
+    assert printed.out == ""
+    assert "1 case not converged, case 2 the first: step 1 did not converge" in printed.err
     page = (tmp_path / "out" / "report.html").read_text()
     assert "1 of 2 cases converged." in page and "Cases that did not converge" in page
 
@@ -79,11 +78,8 @@ def test_check_prints_the_cases_and_solves_nothing(tmp_path, capsys):
     path = write_files(tmp_path)
     assert cli.main(["sweep", str(path), "--check"]) == 0
     printed = capsys.readouterr().out
-    assert (
-        printed.startswith("small: bending stiffness")
-        and "\n6 cases, method" in printed
-        and "steps[0].tensions.t1" in printed
-    )
+    assert printed.startswith("small: bending stiffness")
+    assert "\n6 cases, method" in printed and "steps[0].tensions.t1" in printed
     assert {p.name for p in tmp_path.iterdir()} == {"robot.toml", "scenario.toml", "sweep.toml"}
 
 
@@ -107,9 +103,7 @@ def whole(tmp_path_factory):
 
 @pytest.mark.integration
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-@pytest.mark.parametrize(
-    "number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=["INT", "TERM", "KILL"]
-)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda x: x.name)
 def test_a_sweep_that_was_stopped_continues(tmp_path, whole, number):
     path, out = write_files(tmp_path, MANY), tmp_path / "out"
     command = ["-m", "tdcr_fe", "sweep", str(path), "-o", str(out), "--processes", "1", "-q", "--no-pictures"]
@@ -118,10 +112,8 @@ def test_a_sweep_that_was_stopped_continues(tmp_path, whole, number):
     process.send_signal(number)
     status = process.wait(60)
     process.stdout.close()
-    if number == signal.SIGKILL:
-        assert status == -signal.SIGKILL
-    else:
-        assert status == {signal.SIGINT: 130, signal.SIGTERM: 143}[number]
+    assert status == {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGKILL: -signal.SIGKILL}[number]
+    if number != signal.SIGKILL:
         states = pd.read_csv(out / "cases.csv")["status"].value_counts()
         assert states["not run"] > 0 and states["converged"] >= 3
     kept = (out / "cases.jsonl").read_bytes().count(b"\n") - 1

@@ -1,6 +1,7 @@
 """Gains, idle tensions and lags: for all commands, for each tendon, for each folder of measured data."""
 
 from dataclasses import replace
+from itertools import compress
 
 import numpy as np
 import pytest
@@ -81,12 +82,11 @@ def test_a_folder_alone_with_its_own_values_is_that_folder_among_several(name):
 # ------------------------------------------------------------ time lag
 
 
-def timed(*values: float, times=None, **rest) -> Experiment:
+def timed(*values: float) -> Experiment:
     """Displacements of one tendon [m], a second apart."""
-    at = range(1, len(values) + 1) if times is None else times
     steps = tuple(
-        LoadStep(displacements={"t1": v, "t2": 0.0, "t3": 0.0}, time=float(t), **rest)
-        for v, t in zip(values, at, strict=True)
+        LoadStep(displacements={"t1": v, "t2": 0.0, "t3": 0.0}, time=float(t))
+        for t, v in enumerate(values, start=1)
     )
     return Experiment(three(), Model(), steps)
 
@@ -94,9 +94,8 @@ def timed(*values: float, times=None, **rest) -> Experiment:
 def read_at(lagged: Experiment) -> list[tuple[float, float]]:
     """Time and displacement of the first tendon where the readings belong to."""
     actions = resolve(lagged.robot, lagged.steps)
-    return [
-        (a.time, float(a.values[0])) for a, (_, f) in zip(actions, lagged.step_ends, strict=True) if f == 1.0
-    ]
+    whole = [share == 1.0 for _, share in lagged.step_ends]
+    return [(a.time, float(a.values[0])) for a in compress(actions, whole)]
 
 
 @pytest.mark.parametrize("lag", [0.25, 1.0, 1.6])

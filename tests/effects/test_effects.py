@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from inputs import document
 from robots import BACKBONE, LENGTH, paper, seven, single, three
 
 from tdcr_fe import Disks, InputError, Load, LoadStep, Model, Robot, Tendon, read_scenario, simulate
@@ -90,11 +91,9 @@ def test_tendons_that_declare_different_values_keep_their_differences():
         assert _same(e.apply(s, e.null_values(s)), s)
     doubled = with_effect(s, "hole_adhesion", drop=0.04).robot.tendons
     assert [t.adhesion for t in doubled] == pytest.approx([0.02, 0.04, 0.06])
-    mean = (1.0 / 100.0 + 1.0 / 200.0 + 1.0 / 300.0) / 3.0
-    softer = with_effect(s, "tendon_stretch", axial_stiffness=1.0 / (mean + 1e-3)).robot.tendons
-    assert [1.0 / t.axial_stiffness for t in softer] == pytest.approx(
-        [1e-2 + 1e-3, 5e-3 + 1e-3, 1 / 300 + 1e-3]
-    )
+    compliances = np.array([1.0 / 100.0, 1.0 / 200.0, 1.0 / 300.0])
+    softer = with_effect(s, "tendon_stretch", axial_stiffness=1.0 / (compliances.mean() + 1e-3)).robot.tendons
+    assert [1.0 / t.axial_stiffness for t in softer] == pytest.approx(compliances + 1e-3)
 
 
 def _same(a, b):
@@ -148,9 +147,7 @@ def test_a_step_is_divided_where_one_of_two_tensions_begins_to_move():
     assert [k for k, _ in s.step_ends] == [0, 1, 1, 1]
     assert [share for _, share in s.step_ends] == pytest.approx([1.0, 0.2, 0.8, 1.0])
     arrived = [(x.tensions["t1"], x.tensions["t2"]) for x in s.steps]
-    assert np.array(arrived) == pytest.approx(
-        np.array([(0.8, 0), (0.8, 0), (0.8, 0.6), (0.7, 0.8)]), abs=1e-12
-    )
+    np.testing.assert_allclose(arrived, [(0.8, 0), (0.8, 0), (0.8, 0.6), (0.7, 0.8)], atol=1e-12)
 
 
 # ------------------------------------------------------------------------------------------ the robot itself
@@ -268,9 +265,7 @@ def test_effects_in_a_scenario_file_are_those_of_python(tmp_path):
         "actuator_loss": {"dead_band": 0.1},
         "kink": {"s": 0.1, "kappa_x": 1.0},
     }
-    tables = [
-        f"[effects.{name}]\n" + "".join(f"{k} = {v}\n" for k, v in x.items()) for name, x in effects.items()
-    ]
+    tables = [f"[effects]\n{document(effects)}"]
     path.write_text("\n".join([text, *tables]))
     s, by_hand = read_scenario(path), with_effects(Experiment(paper(0.2), MODEL, pulled(1.0)), effects)
     assert (s.robot, s.model, s.steps[0].tensions) == (by_hand.robot, by_hand.model, {"t1": 0.9})

@@ -132,17 +132,14 @@ def test_a_frame_elsewhere_turns_positions_and_directions():
     readings = [Reading(2, f"position_{a}", LENGTH, 0.0) for a in "xyz"]
     readings += [Reading(2, q, None, 0.0) for q in ("tip_offset", "chord_angle", "bending_angle")]
     turn, shift = (0.02, -0.03, 0.1), (3e-3, -2e-3, 1e-3)
-    values = {
-        f"{n}_{a}": x for n, xs in (("rot", turn), ("shift", shift)) for a, x in zip("xyz", xs, strict=True)
-    }
-    moved = with_effect(SETUP, "frame_misalignment", **values)
+    names = [f"{n}_{a}" for n in ("rot", "shift") for a in "xyz"]
+    moved = with_effect(SETUP, "frame_misalignment", **dict(zip(names, turn + shift, strict=True)))
     tip = simulate(TWO, MODEL, STEPS).steps[1]
     rotation = Rotation.from_rotvec(turn)
     seen = rotation.apply(tip.tip) + shift
     angle, bending = np.arctan2(np.hypot(*seen[:2]), seen[2]), np.arccos(rotation.apply(tip.tangent)[2])
-    np.testing.assert_allclose(
-        read(moved, readings), [*seen, np.hypot(*seen[:2]), angle, bending], atol=1e-12
-    )
+    expected = [*seen, np.hypot(*seen[:2]), angle, bending]
+    np.testing.assert_allclose(read(moved, readings), expected, atol=1e-12)
     points = np.array([tip.tip, tip.positions[3]])
     np.testing.assert_allclose(moved.observation.in_base(moved.observation.seen(points)), points, atol=1e-15)
 

@@ -89,20 +89,13 @@ def test_tangent_of_the_nonlinear_section_is_its_stiffness_in_elements_of_any_le
 
 def test_loads_in_world_and_section_frame():
     """A force that follows the section, against the same force turned into the world at the solution."""
-    follower = loaded(elements=2, force=(0.05, 0.02, -0.03), moment=(1e-3, 2e-3, 1e-3), at=0.2)
-    assert follower.bending_angle > 0.1
-    step = solve(
-        ROD,
-        [LoadStep("", loads={"x": Load(0.2, (0.05, 0.02, -0.03), (1e-3, 2e-3, 1e-3), "section")})],
-        elements_per_bay=2,
-    ).steps[0]
-    k = int(np.argmin(abs(step.s - 0.2)))
-    r = step.rotations[k]
-    dead = loaded(
-        elements=2, at=0.2, force=tuple(r @ [0.05, 0.02, -0.03]), moment=tuple(r @ [1e-3, 2e-3, 1e-3])
-    )
+    load = {"force": (0.05, 0.02, -0.03), "moment": (1e-3, 2e-3, 1e-3)}
+    world, step = (loaded(elements=2, at=0.2, **load, frame=frame) for frame in ("world", "section"))
+    assert world.bending_angle > 0.1
+    r = step.rotations[int(np.argmin(abs(step.s - 0.2)))]
+    dead = loaded(elements=2, at=0.2, **{kind: tuple(r @ x) for kind, x in load.items()})
     assert distance(dead.positions, step.positions) < 1e-7
-    assert distance(follower.tip, step.tip) > 1e-3
+    assert distance(world.tip, step.tip) > 1e-3
 
 
 @dataclass(frozen=True)

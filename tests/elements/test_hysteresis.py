@@ -86,13 +86,8 @@ def test_dahl_tends_to_capstan_as_it_grows_stiffer():
     """Tips against those of the elastic-plastic law, over the length; the stiffness at rest grows a hundredfold."""
     apart = []
     for delta in (1e-4, 1e-6, 1e-8):
-        laws = [
-            solve(
-                paper(0.3), STEPS, SolverSettings(presliding=delta, path_tolerance=1e-6), hysteresis=kind
-            ).tips
-            for kind in HYSTERESES
-        ]
-        apart.append(distance(*laws))
+        settings = SolverSettings(presliding=delta, path_tolerance=1e-6)
+        apart.append(distance(*(solve(paper(0.3), STEPS, settings, hysteresis=x).tips for x in HYSTERESES)))
     assert apart[0] > 5e-4
     assert apart[1] < 0.05 * apart[0]
     assert apart[2] < 0.05 * apart[1]

@@ -56,6 +56,5 @@ def test_inverse_tangent_against_differences(xi, change, case):
         moved = base @ expm(matrix(x * change))
         return poses.log_se3(moved[:3, :3], moved[:3, 3])
 
-    assert poses.inverse_tangent_se3(xi) @ change == pytest.approx(
-        (log(h) - log(-h)) / (2 * h), abs=tolerance
-    )
+    expected = (log(h) - log(-h)) / (2 * h)
+    assert poses.inverse_tangent_se3(xi) @ change == pytest.approx(expected, abs=tolerance)

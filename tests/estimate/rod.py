@@ -8,10 +8,8 @@ from tdcr_fe.validation.campaigns.estimate import LENGTH, Drawn, model, read, so
 
 
 class Truth:
-    def __init__(
-        self, count, seed, *, friction=0.0, scale=1.0, memory=1.0, at=LENGTH, force=None, tension_sigma=0.01
-    ):
-        self.drawn = drawn = Drawn.of(friction, tension_sigma, count, seed, scale, memory)
+    def __init__(self, count, seed, *, friction=0.0, tension_sigma=0.01, at=LENGTH, force=None, **rest):
+        self.drawn = drawn = Drawn.of(friction, tension_sigma, count, seed, **rest)
         if force is not None:
             self.drawn = drawn = replace(drawn, forces=np.tile(force, (count, 1)))
         self.robot, self.tensions, self.forces = drawn.robot, drawn.tensions, drawn.forces

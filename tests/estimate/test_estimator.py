@@ -15,20 +15,15 @@ from tdcr_fe.validation.campaigns.estimate import LENGTH, RATE, Drawn, model, re
 
 
 def estimator(*, friction=0.0, load=None, inputs=None):
-    return tdcr.Estimator(
-        rod(friction),
-        model(friction),
-        load or tdcr.LoadPrior(sigma=0.05),
-        inputs or tdcr.InputPrior(sigma=0.01),
-    )
+    priors = load or tdcr.LoadPrior(sigma=0.05), inputs or tdcr.InputPrior(sigma=0.01)
+    return tdcr.Estimator(rod(friction), model(friction), *priors)
 
 
 def followed(own, truth, sigma=1e-4):
     """Frames of a whole run, with the errors of their forces and what these are by their covariances."""
     rng = np.random.default_rng(4)
-    frames = [
-        own.step(truth.command(k), truth.positions(rng, k, sigma=sigma)) for k in range(len(truth.nodes))
-    ]
+    count = len(truth.nodes)
+    frames = [own.step(truth.command(k), truth.positions(rng, k, sigma=sigma)) for k in range(count)]
     errors = np.array([f.force for f in frames]) - truth.forces
     return frames, errors, squared(errors, np.array([f.force_covariance for f in frames]))
 
@@ -40,10 +35,8 @@ def test_where_the_robot_is_nearly_linear_the_covariance_is_that_of_the_errors()
     load = tdcr.LoadPrior(sigma=0.05 * scale, correlation_time=memory)
     inputs = tdcr.InputPrior(sigma=0.01 * scale, correlation_time=memory)
     frames, errors, force = followed(estimator(load=load, inputs=inputs), truth, 2e-6)
-    tensions = squared(
-        np.array([f.tensions for f in frames]) - truth.tensions,
-        np.array([f.tension_covariance for f in frames]),
-    )
+    off = np.array([f.tensions for f in frames]) - truth.tensions
+    tensions = squared(off, np.array([f.tension_covariance for f in frames]))
     assert 2.4 < force.mean() < 3.6
     assert 0.9 < np.mean(force < chi2.ppf(0.95, 3)) <= 1.0
     assert 3.2 < tensions.mean() < 4.8
@@ -93,9 +86,8 @@ def test_curvatures_that_show_single_holes_slip_do_not_make_it_too_certain():
 def test_noise_of_the_inputs_does_not_let_holes_reverse():
     """Tendons are pulled steadily, their tensions read with noise larger than their steps: holes keep being pulled."""
     rng, names = np.random.default_rng(2), rod().tendon_names
-    own = tdcr.Estimator(
-        rod(0.2), model(0.2), tdcr.LoadPrior(sigma=1e-4), tdcr.InputPrior(sigma=0.01, correlation_time=0.0)
-    )
+    inputs = tdcr.InputPrior(sigma=0.01, correlation_time=0.0)
+    own = estimator(friction=0.2, load=tdcr.LoadPrior(sigma=1e-4), inputs=inputs)
     truth = tdcr.Simulation(rod(0.2), model(0.2), [])
     pulled, wrong = 0.3 + 0.004 * np.arange(50), []
     for k, tension in enumerate(pulled):
@@ -141,9 +133,7 @@ def test_a_step_keeps_the_drives_that_it_does_not_name():
 @pytest.mark.parametrize("at", [250.0, "t9"])
 def test_a_reading_where_the_robot_is_not_is_refused(at):
     """A place in mm was taken for the tip; another tendon was "not in tuple"."""
-    with pytest.raises(
-        ValueError, match=f"step 1: reading of position_x: location = {at}: must be an arc length"
-    ):
+    with pytest.raises(ValueError, match=f"step 1: reading of position_x: location = {at}: must be an arc"):
         estimator().step(tdcr.LoadStep(time=0.0), [tdcr.Reading(1, "position_x", at, 0.0, 1e-4)])
 
 
@@ -153,9 +143,8 @@ def test_a_random_walk_keeps_the_mean_and_spreads():
     first = own.step(truth.command(0), truth.positions(np.random.default_rng(1), 0))
     later = own.step(tdcr.LoadStep(time=0.25))
     np.testing.assert_allclose(later.force, first.force, rtol=1e-12)
-    np.testing.assert_allclose(
-        later.force_covariance, first.force_covariance + 0.25 * (2.0 * 0.05) ** 2 * np.eye(3), rtol=1e-12
-    )
+    expected = first.force_covariance + 0.25 * (2.0 * 0.05) ** 2 * np.eye(3)
+    np.testing.assert_allclose(later.force_covariance, expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("place", [3, 6, 8])

@@ -22,22 +22,15 @@ def linear(h, y):
 
 def test_a_linear_problem_has_mean_and_covariance_of_the_kalman_filter_also_with_a_singular_prior():
     rng = np.random.default_rng(1)
-    root, h, y, mean = (
-        rng.normal(size=(6, 4)),
-        rng.normal(size=(3, 6)),
-        rng.normal(size=3),
-        rng.normal(size=6),
-    )
+    root, h, y, mean = (rng.normal(size=shape) for shape in ((6, 4), (3, 6), 3, 6))
     prior = root @ root.T  # of rank 4
     found = most_probable(linear(h, y), mean, prior, np.zeros(6))
-    gain = prior @ h.T @ np.linalg.inv(h @ prior @ h.T + np.eye(3))
-    expected = mean + gain @ (y - h @ mean)
+    innovation, spread = y - h @ mean, h @ prior @ h.T + np.eye(3)
+    gain = prior @ h.T @ np.linalg.inv(spread)
+    expected = mean + gain @ innovation
     np.testing.assert_allclose(found.point.residual, y - h @ expected, atol=1e-9)
     np.testing.assert_allclose(found.covariance, prior - gain @ h @ prior, atol=1e-9)
-    innovation = y - h @ mean
-    assert found.misfit == pytest.approx(
-        innovation @ np.linalg.solve(h @ prior @ h.T + np.eye(3), innovation)
-    )
+    assert found.misfit == pytest.approx(innovation @ np.linalg.solve(spread, innovation))
     assert found.converged
 
 
@@ -66,15 +59,10 @@ def test_a_strongly_curved_problem_ends_at_the_least_misfit():
 
 
 def test_steps_without_a_solution_are_shortened():
-    tried = []
-
     def solve(x, near=None):
-        tried.append(float(x[0]))
-        return (
-            None
-            if x[0] > 1.0
-            else At(np.array([10.0 * (0.9 - x[0])]), np.array([[10.0 * (1.0 - 0.6 * x[0])]]))
-        )
+        if x[0] > 1.0:
+            return None
+        return At(10.0 * (0.9 - x), 10.0 * (1.0 - 0.6 * x[None]))
 
     found = most_probable(solve, np.zeros(1), np.eye(1), np.zeros(1))
     assert abs(found.point.residual[0]) < 1.0

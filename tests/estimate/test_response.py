@@ -19,9 +19,8 @@ def actuation(values, force, by_displacement):
 def solved(friction, by_displacement):
     """A robot pulled, and then loaded and released a little, so that some holes slip and some stick."""
     first = actuation([1.0, 0.5, 0.9, 0.3], [0.01, 0.02, 0.0], False)
-    simulation = tdcr.Simulation(
-        rod(friction), model(friction), [first], tdcr.SolverSettings(tolerance=1e-12, step_tolerance=1e-13)
-    )
+    settings = tdcr.SolverSettings(tolerance=1e-12, step_tolerance=1e-13)
+    simulation = tdcr.Simulation(rod(friction), model(friction), [first], settings)
     simulation.advance(first)
     before = simulation.state
     values = np.array([0.99, 0.51, 0.85, 0.3])
@@ -66,9 +65,7 @@ def test_derivatives_are_those_of_the_load_step(friction, by_displacement):
         )
     )
     found = np.delete(found, [7, 8, 9], axis=1)  # moments
-    steps = np.concatenate(
-        (np.full(4, 1e-8 if by_displacement else 1e-6), np.full(3, 1e-6), np.full(k, 1e-10))
-    )
+    steps = np.repeat([1e-8 if by_displacement else 1e-6, 1e-6, 1e-10], [4, 3, k])
     for p in [*range(7), *range(7, 7 + k, 5)]:
         change = np.zeros(7 + k)
         change[p] = steps[p]

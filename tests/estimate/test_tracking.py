@@ -19,29 +19,23 @@ def robot(friction=0.3, **of_tendons):
         tdcr.Tendon(n, tdcr.ParallelRouting(5e-3, 120.0 * k), friction_coefficient=friction, **of_tendons)
         for k, n in enumerate(NAMES)
     ]
-    return tdcr.Robot(
-        tdcr.Backbone(LENGTH, 0.5e-3, 85e9, 0.3), tdcr.Disks.equally_spaced(6, LENGTH), tuple(tendons)
-    )
+    backbone = tdcr.Backbone(LENGTH, 0.5e-3, 85e9, 0.3)
+    return tdcr.Robot(backbone, tdcr.Disks.equally_spaced(6, LENGTH), tuple(tendons))
 
 
 def tracker(of, friction="per-hole", **options):
     model = tdcr.Model(elements_per_bay=1, friction=friction)
-    load = tdcr.LoadPrior(sigma=1e-4, random_walk=1e-3)
-    return tdcr.Tracker(
-        tdcr.Estimator(of, model, load, tdcr.InputPrior(sigma=1e-4, correlation_time=0.0)), LIMITS, **options
-    )
+    priors = tdcr.LoadPrior(sigma=1e-4, random_walk=1e-3), tdcr.InputPrior(sigma=1e-4, correlation_time=0.0)
+    return tdcr.Tracker(tdcr.Estimator(of, model, *priors), LIMITS, **options)
 
 
 def tracked(own, of, begin):
     """Samples of a controller that sees the inputs alone, and positions of the tip that it reaches [m]."""
-    step, samples, tips = begin, [], []
-    played = [begin]
+    samples, played = [], [begin]
     for k, target in enumerate(PATH):
-        samples.append(own.step(replace(step, time=0.1 * k), [], target))
-        step = samples[-1].command
-        played.append(step)
-    result = tdcr.simulate(of, tdcr.Model(elements_per_bay=1), played).raise_if_failed()
-    tips = result.tips[1:]
+        samples.append(own.step(replace(played[-1], time=0.1 * k), [], target))
+        played.append(samples[-1].command)
+    tips = tdcr.simulate(of, tdcr.Model(elements_per_bay=1), played).raise_if_failed().tips[1:]
     return samples, np.linalg.norm(tips[:, :2] - np.array(PATH, dtype=float)[:, :2], axis=1)
 
 

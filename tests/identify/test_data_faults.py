@@ -21,6 +21,11 @@ def clean():
     return measured()
 
 
+def seen(steps, robot=ROBOT):
+    """Readings of a robot on a finer mesh."""
+    return positions(Experiment(robot, replace(MODEL, elements_per_bay=4), tuple(steps)))
+
+
 def fault_of(data):
     """The fault of data, found with the predictions of the declared robot."""
     state = begun(data)
@@ -124,12 +129,8 @@ def test_faults_of_what_is_read_of_tendons_are_named(clean, quantity, factor, nu
 def test_of_a_symmetric_robot_exchanged_tendons_are_named_beside_exchanged_axes():
     pulls = [{"t1": 0.4}, {"t1": 0.8}, {"t1": 1.2}, {"t2": 0.5}, {"t2": 1.0}, {"t1": 0.5}, {"t1": 0.0}]
     other = {"t1": "t2", "t2": "t1"}
-    true, given = (
-        [LoadStep(tensions={m.get(n, n): t for n, t in p.items()}) for p in pulls] for m in (other, {})
-    )
-    found = fault_of(
-        data_of(given, positions(Experiment(ROBOT, replace(MODEL, elements_per_bay=4), tuple(true))))
-    )
+    true = [LoadStep(tensions={other[n]: t for n, t in pull.items()}) for pull in pulls]
+    found = fault_of(data_of([LoadStep(tensions=pull) for pull in pulls], seen(true)))
     assert "x = position_y, y = position_x, or if tendons t1 and t2 are exchanged" in found
 
 
@@ -159,13 +160,12 @@ def test_forces_of_the_other_sign_are_named(clean):
 
 def test_tendons_moved_on_by_one_are_named():
     angles = {"t0": 0.0, "t1": 110.0, "t2": 250.0}
-    robot = replace(
-        ROBOT, tendons=tuple(Tendon(name, ParallelRouting(4.5e-3, a)) for name, a in angles.items())
-    )
+    tendons = tuple(Tendon(name, ParallelRouting(4.5e-3, a)) for name, a in angles.items())
+    robot = replace(ROBOT, tendons=tendons)
     pulls = [(name, tension) for name in angles for tension in (0.4, 0.8, 1.2)]
     real = {"t0": "t2", "t1": "t0", "t2": "t1"}
-    true, given = (tuple(LoadStep(tensions={m.get(n, n): t}) for n, t in pulls) for m in (real, {}))
-    readings = positions(Experiment(robot, replace(MODEL, elements_per_bay=4), true))
+    readings = seen([LoadStep(tensions={real[n]: t}) for n, t in pulls], robot)
+    given = [LoadStep(tensions={n: t}) for n, t in pulls]
     assert "the inputs of t0, t1, t2 are those of t2, t0, t1" in fault_of(data_of(given, readings, robot))
 
 
@@ -188,9 +188,7 @@ def test_displacements_driven_with_the_other_sign_are_named_beside_their_errors(
         [LoadStep(displacements={"t1": float(a), "t2": float(b)}) for a, b in x]
         for x in (pulls + noise, sign * pulls)
     )
-    check(
-        data_of(given, positions(Experiment(ROBOT, replace(MODEL, elements_per_bay=4), tuple(true)))), words
-    )
+    check(data_of(given, seen(true)), words)
 
 
 @pytest.mark.parametrize(
@@ -225,9 +223,7 @@ def test_every_reading_counts_by_its_own_sigma(clean):
     assert begun(data).problem.sigma == pytest.approx([r.sigma for r in data.readings])
 
 
-@pytest.mark.parametrize(
-    ("factor", "words"), [(0.1, "sigma is too small"), (10.0, "sigma is too large"), (1.0, "")]
-)
+@pytest.mark.parametrize(("factor", "words"), [(0.1, "is too small"), (10.0, "is too large"), (1.0, "")])
 def test_wrong_sigma_is_named(clean, factor, words):
     """Ten times too small: the scatter has no order. Ten times too large: it may hide what is missing."""
     state = begun(changed(clean, lambda r: replace(r, sigma=factor * r.sigma)))
@@ -239,10 +235,10 @@ def test_few_markers_that_are_far_off_are_gross_errors_where_all_others_leave_no
     """In two steps; not where something is missing as well, where every third reading is off, or none by much."""
 
     def found(data, steps, by=0.02):
-        moved = changed(
-            data, lambda r: replace(r, value=r.value + by * (r.location == 0.2 and r.step in steps))
-        )
-        state = begun(moved)
+        def moved(r):
+            return replace(r, value=r.value + by * (r.location == 0.2 and r.step in steps))
+
+        state = begun(changed(data, moved))
         return gross_errors(state.problem, state.declared, 1e-3)
 
     assert "in steps 3, 8" in found(clean, (3, 8))

@@ -244,9 +244,8 @@ def test_derivatives_at_null_of_effects_at_places_are_those_of_whole_simulations
         errors = []
         for h in (1e-2 * p.scale, 1e-3 * p.scale):
             moved = [{e.name: {**null, p.name: p.value(p.coordinate(null[p.name]) + k * h)}} for k in (1, 2)]
-            first, second = (
-                residual_along(about, about.with_effects((e,), x), fit.run.trajectories) for x in moved
-            )
+            near = [about.with_effects((e,), x) for x in moved]
+            first, second = (residual_along(about, x, fit.run.trajectories) for x in near)
             expected = (1.5 * found.residual - 2.0 * first + 0.5 * second) / h
             errors.append(relative_error(about, found.matrix[:, 0], expected, p.scale))
         assert min(errors) < 1e-4, (e.name, p.name, errors)
@@ -256,9 +255,8 @@ def test_derivatives_at_null_of_effects_at_places_are_those_of_whole_simulations
 def test_thin_disks_turn_every_bay_as_rigid_disks_do(load: float, error: float) -> None:
     """The stand-in on the mesh without inserts, against a difference of two runs, at small and at large bends."""
     about, disks = problem("tension"), effect("rigid_disks")
-    steps = tuple(
-        LoadStep("", {n: load * t for n, t in s.tensions.items()}, substeps=3) for s in STEPS["tension"]
-    )
+    tensions = [{n: load * t for n, t in s.tensions.items()} for s in STEPS["tension"]]
+    steps = tuple(LoadStep("", x, substeps=3) for x in tensions)
     at = replace(about.experiment, model=Model(elements_per_bay=4), steps=steps)
     about = replace(about, experiment=at)
     found = linear(about, {}, [("rigid_disks", "thickness")])
@@ -266,9 +264,8 @@ def test_thin_disks_turn_every_bay_as_rigid_disks_do(load: float, error: float) 
     column = Column(disks.near_null(at), "thickness", disks.null_values(at), 1e-3)
     (thin,) = linearize(about, [Request((), {}, (column,))])
     assert not thin.differenced
-    angle, where = (
-        np.array([r.channel.family == f for r in about.data.readings]) for f in ("bending_angle", "position")
-    )
+    families = np.array([r.channel.family for r in about.data.readings])
+    angle, where = (families == f for f in ("bending_angle", "position"))
     ours, theirs = thin.matrix[:, 0], found.matrix[:, 0]
     assert np.linalg.norm((ours - theirs)[angle]) < error * np.linalg.norm(theirs[angle])
     assert ours[where] @ theirs[where] > 0.99 * np.linalg.norm(ours[where]) * np.linalg.norm(theirs[where])

@@ -13,9 +13,8 @@ from tdcr_fe.identify.search import _hidden, _worthwhile, fit_proposals, grow, p
 
 SIGMA = 1e-4
 #: Two tendons on opposite sides, elastic and tight in truth; the same stretch without pretension leaves one slack.
-OPPOSED = replace(
-    ROBOT, tendons=tuple(Tendon(f"t{i + 1}", ParallelRouting(4.5e-3, 180.0 * i)) for i in range(2))
-)
+OPPOSITE = (Tendon(name, ParallelRouting(4.5e-3, angle)) for name, angle in (("t1", 0.0), ("t2", 180.0)))
+OPPOSED = replace(ROBOT, tendons=tuple(OPPOSITE))
 TRUTH = {"tendon_stretch": {"axial_stiffness": 300.0}, "pretension": {"tension_t1": 1.5, "tension_t2": 0.9}}
 
 

@@ -22,9 +22,8 @@ def cycles():
             tensions = {"t1": float(t), "t2": 0.0} if n % 2 == 0 else {"t1": 0.0, "t2": float(t)}
             steps.append(LoadStep(tensions=tensions, time=float(len(steps))))
             branches.append(f"{'up' if j < 5 else 'down'} {n}")
-    readings = tuple(
-        Reading(k + 1, f"position_{a}", 0.2, 0.0, 1e-4) for k in range(len(steps)) for a in "xyz"
-    )
+    ids = range(1, len(steps) + 1)
+    readings = tuple(Reading(n, f"position_{a}", 0.2, 0.0, 1e-4) for n in ids for a in "xyz")
     return data_of(steps, readings, branches=branches)
 
 

@@ -97,12 +97,9 @@ def test_what_leaves_more_than_noise_is_not_called_explained(effects, verdict):
 def test_held_out_readings_do_not_act_on_a_fit():
     data, held = measured(GRAVITY), (9, 10, 11)
     off = [replace(r, value=r.value + 0.01 * (r.step in held)) for r in data.readings]
-    values = [
-        fitting.fit(
-            problem_of(x, held), (effect("gravity"),), [dict(gravity=dict(g_x=0.0, g_y=0.0, g_z=0.0))]
-        ).values
-        for x in (data, replace(data, readings=tuple(off)))
-    ]
+    start = {"gravity": {"g_x": 0.0, "g_y": 0.0, "g_z": 0.0}}
+    both = (data, replace(data, readings=tuple(off)))
+    values = [fitting.fit(problem_of(x, held), (effect("gravity"),), [start]).values for x in both]
     assert values[0]["gravity"] == pytest.approx(values[1]["gravity"], abs=1e-6)
 
 
@@ -118,9 +115,8 @@ def test_a_fit_recovers_parameters_within_their_errors():
 
 def test_a_parameter_that_changes_nothing_is_not_fitted():
     problem = problem_of(measured())
-    fit = fitting.fit(
-        problem, (effect("stiffness_scale"),), [{"stiffness_scale": {"bending": 1.1, "torsion": 1.0}}]
-    )
+    start = {"stiffness_scale": {"bending": 1.1, "torsion": 1.0}}
+    fit = fitting.fit(problem, (effect("stiffness_scale"),), [start])
     assert ("stiffness_scale", "bending") in fit.free
     fit = fitting.fit(problem, (effect("tip_payload"),), [{"tip_payload": {"mass": 1e-3}}])
     assert fit.free == ()

@@ -12,9 +12,7 @@ from tdcr_fe.identify import IdentifySettings, identify
 from tdcr_fe.identify.load_steps import held_out_branches, join_steps
 from tdcr_fe.io.measured import write_measured
 
-NAMES = (
-    ("one_up",) * 3 + ("one_down",) * 2 + ("two_up",) * 2 + ("two_down",) + ("pair_up",) * 2 + ("pair_down",)
-)
+NAMES = (*["one_up"] * 3, *["one_down"] * 2, *["two_up"] * 2, "two_down", *["pair_up"] * 2, "pair_down")
 
 
 @pytest.fixture(scope="module")
@@ -62,9 +60,8 @@ def test_without_branches_a_pattern_is_refused():
 
 def test_the_command_refuses_a_pattern_that_matches_nothing(data, tmp_path, capsys):
     write_measured(data, tmp_path / "set")
-    assert (
-        main(["identify", str(tmp_path / "set"), "-o", str(tmp_path / "out"), "--hold-out", "triple*"]) == 2
-    )
+    command = ["identify", str(tmp_path / "set"), "-o", str(tmp_path / "out")]
+    assert main([*command, "--hold-out", "triple*"]) == 2
     assert "one_up, one_down" in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 

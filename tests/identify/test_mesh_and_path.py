@@ -59,9 +59,8 @@ def test_the_error_of_the_path_is_not_counted_as_error_of_the_mesh():
     refined, _ = refine(own, (), {})
     assert own.forward.asked[0] == (1, False) and all(along for n, along in own.forward.asked if n > 1)
     fine = problem(data, 1e-5)
-    coarse, exact = (
-        evaluate(replace(fine, experiment=with_elements(fine.experiment, n)), (), {}).residual for n in (1, 6)
-    )
+    meshes = [replace(fine, experiment=with_elements(fine.experiment, n)) for n in (1, 6)]
+    coarse, exact = (evaluate(x, (), {}).residual for x in meshes)
     true_error = float(np.sqrt(np.mean((coarse - exact) ** 2)))
     found = refined.mesh_error * refined.experiment.model.elements_per_bay**ORDER
     assert 0.8 * true_error < found < 1.25 * true_error

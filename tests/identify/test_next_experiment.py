@@ -43,10 +43,9 @@ def test_an_ambiguity_is_separated_by_the_experiment_that_was_chosen(ambiguous):
     assert set(planned.separation) == {"actuator_gain"} and planned.separation["actuator_gain"] > 5.0
     assert any(planned.steps[1].loads["tip"].force)
     data = ambiguous.problem.data
-    readings = [
-        Reading(k + 1, f"position_{a}", s, 0.0, 3e-4) for k in range(3) for s in (0.1, LENGTH) for a in "xyz"
-    ]
-    reader = Readings.of(readings, (1, 2, 3), data.robot.tendon_names)
+    ids, places = (1, 2, 3), (0.1, LENGTH)
+    readings = [Reading(n, f"position_{a}", s, 0.0, 3e-4) for n in ids for s in places for a in "xyz"]
+    reader = Readings.of(readings, ids, data.robot.tendon_names)
 
     def predicted(effects):
         model = replace(data.model, elements_per_bay=2)

@@ -71,9 +71,8 @@ def test_robots_of_one_design_share_their_effect_and_its_scatter(tmp_path, capsy
     monkeypatch.setattr(command, "LOG_INTERVAL", -1.0)
     assert main(["identify", *folders, "--robots", "-o", str(tmp_path / "out"), "--processes", "1"]) == 0
     log = capsys.readouterr().err
-    assert [log.index(f": {name}: the declared model") for name in truth] == sorted(
-        log.index(f": {name}: ") for name in truth
-    )
+    begun = [log.index(f": {name}: the declared model") for name in truth]
+    assert begun == sorted(log.index(f": {name}: ") for name in truth)
     found = json.loads((tmp_path / "out" / "robots.json").read_text())
     assert found["effects"] == ["stiffness_scale"] and set(found["robots"].values()) == {"explained"}
     bending = found["parameters"]["stiffness_scale.bending"]

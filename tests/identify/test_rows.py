@@ -81,16 +81,13 @@ def test_more_inputs_take_more_rows(chosen):
     """Seven tendons, each pulled in branches of its own: all have branches among the rows that are fitted."""
     data, _, _ = chosen
     tendons = tuple(replace(ROBOT.tendons[0], name=f"t{i + 1}") for i in range(7))
-    steps = tuple(
-        LoadStep(
-            tensions={t.name: max(s.tensions.values()) * (i == k // 20 % 7) for i, t in enumerate(tendons)}
-        )
-        for k, s in enumerate(data.steps)
-    )
+    pulls = [max(s.tensions.values()) * (np.arange(7) == k // 20 % 7) for k, s in enumerate(data.steps)]
+    names = [t.name for t in tendons]
+    steps = tuple(LoadStep(tensions=dict(zip(names, x.tolist(), strict=True))) for x in pulls)
     data = replace(data, robot=replace(ROBOT, tendons=tendons), steps=steps)
     found = choose_rows(data, range(12 * 20, 24 * 20))
     pulled = {n for k in found.steps if k < 12 * 20 for n, v in steps[k].tensions.items() if v > 0.0}
-    assert SEARCHED < len(found.steps) <= PER_INPUT * 7 and pulled == {t.name for t in tendons}
+    assert SEARCHED < len(found.steps) <= PER_INPUT * 7 and pulled == set(names)
 
 
 def test_the_turning_point_of_every_chosen_branch_stays(chosen):
@@ -170,9 +167,8 @@ def test_the_final_fit_and_all_errors_are_of_all_rows():
     assert abs(e.value + 6.0) < 4.0 * e.std_error
     assert result.to_json()["searched_steps"] == list(result.log.rows.numbers)
     (text,) = [s for s in sentences(result) if s.startswith("The search used")]
-    assert text.startswith(
-        f"The search used {len(result.log.rows.numbers)} of 220 load steps; the final fit and all"
-    )
+    count = len(result.log.rows.numbers)
+    assert text.startswith(f"The search used {count} of 220 load steps; the final fit and all")
 
 
 @pytest.fixture(scope="module")

@@ -86,10 +86,9 @@ def test_a_force_that_is_another_one_in_every_step_is_found_with_its_place_and_s
 def test_positions_that_are_shifted_together_in_every_step_are_no_cause_in_the_robot():
     measured = data(1.0, 0.0)
     shifts = np.random.default_rng(3).normal(0.0, 1e-3, (len(PULLS), 3))
-    moved = [
-        replace(r, value=r.value + shifts[r.step - 1, "xyz".index(r.quantity[-1])]) for r in measured.readings
-    ]
-    state = state_of(on_fine_mesh(replace(measured, readings=tuple(moved))))
+    values = [r.value + shifts[r.step - 1, "xyz".index(r.quantity[-1])] for r in measured.readings]
+    moved = tuple(replace(r, value=v) for r, v in zip(measured.readings, values, strict=True))
+    state = state_of(on_fine_mesh(replace(measured, readings=moved)))
     found = find_scatter(state.problem, state.best)
     assert (found.what, found.unit) == ("positions", "m")
     assert found.size == pytest.approx(1e-3, rel=0.2)
@@ -177,9 +176,7 @@ def test_errors_of_the_inputs_are_read_and_written(tmp_path):
         assert read_measured(tmp_path / "again").input_sigma == sigma
     with (tmp_path / "set" / "model.toml").open("a") as file:
         file.write("sigma_of = 1.0\n")
-    with pytest.raises(
-        InputError, match=r"model\.toml: inputs\.sigma_of = 1\.0: unknown key; did you mean sigma"
-    ):
+    with pytest.raises(InputError, match=r"model\.toml: inputs\.sigma_of = 1\.0: .* did you mean sigma"):
         read_measured(tmp_path / "set")
 
 

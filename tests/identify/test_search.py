@@ -19,7 +19,7 @@ from identify_data import (
     state_of,
 )
 
-from tdcr_fe.effects import Experiment, effect
+from tdcr_fe.effects import effect
 from tdcr_fe.identify import identify, search
 from tdcr_fe.identify.causes import PointForce, is_named
 from tdcr_fe.identify.criteria import UNNAMED, price
@@ -42,9 +42,8 @@ def test_causes_change_nothing_at_their_null_values():
     for e in (x for x in causes.values() if not is_named(x)):
         plain = problem.experiment
         same = problem.with_effects((e,), {e.name: e.null_values(plain)})
-        assert (same.robot, same.model, same.observation) == (plain.robot, plain.model, plain.observation), (
-            e.name
-        )
+        for part in ("robot", "model", "observation"):
+            assert getattr(same, part) == getattr(plain, part), (e.name, part)
 
 
 def test_a_cause_at_a_place_and_one_without_a_name_have_a_price():
@@ -80,9 +79,8 @@ def test_causes_that_an_exchange_makes_unnecessary_are_dropped():
 @pytest.mark.parametrize("number", ["gain_t2", None])
 def test_a_cause_has_as_many_numbers_as_the_data_support(hidden, number):
     """Whichever form it was found in: a gain of one tendon beside friction lost to a routing, which has two numbers."""
-    own = problem_of(
-        measured({"actuator_gain": hidden}, sigma=5e-4), sigma=5e-4
-    )  # above the error of the mesh
+    sigma = 5e-4  # above the error of the mesh
+    own = problem_of(measured({"actuator_gain": hidden}, sigma=sigma), sigma=sigma)
     *_, each, first, second = effect("actuator_gain").forms(own.experiment)
     begun = fit(own, (e := second if number else each,), [{e.name: e.null_values(own.experiment)}])
     state = replace(state_of(own).with_fit(begun), best=begun, dictionary=(each, first, second))
@@ -108,9 +106,8 @@ def test_other_forms_of_an_effect_are_evaluated_where_its_first_comes_near(monke
     own = state_of(problem_of(measured()))
     names = ["gravity", "gravity", "precurvature", "creep", "creep"]
     costs = [1e3, 90, 1e3, 200, 100]
-    proposals = [
-        Proposal(own.best, Score.refused(effect(name), own.best, ""), k) for k, name in enumerate(names)
-    ]
+    scores = [Score.refused(effect(name), own.best, "") for name in names]
+    proposals = [Proposal(own.best, score, k) for k, score in enumerate(scores)]
 
     def evaluated(_, found):
         return [replace(own.best, free=(), cost=costs[x.criterion]) for x in found]
@@ -154,13 +151,9 @@ def test_causes_that_take_a_run_each_leave_the_response_that_forces_towards_poin
 @pytest.mark.integration
 def test_a_misplaced_tendon_is_told_by_its_kind_and_place():
     """On no list: gravity and a tilted frame were named."""
-    moved = [
-        replace(t, routing=MisplacedRouting(t.routing, angle_base=0.1, angle_end=0.1))
-        for t in ROBOT.tendons[:1]
-    ]
-    true = Experiment(replace(ROBOT, tendons=(*moved, *ROBOT.tendons[1:])), MODEL, measured().steps)
-    data = measured(robot=true.robot)
-    result = identify(data)
+    first, *others = ROBOT.tendons
+    moved = replace(first, routing=MisplacedRouting(first.routing, angle_base=0.1, angle_end=0.1))
+    result = identify(measured(robot=replace(ROBOT, tendons=(moved, *others))))
     (cause,) = result.effects
     assert cause.kind == ("routing", ("nothing",), "tendon t1")
     assert result.effects[0].parameters["angle"].value == pytest.approx(0.1, abs=0.02)
@@ -185,13 +178,8 @@ def test_a_cause_found_on_some_of_the_rows_is_the_same_on_all():
     _, causes = causes_of(part)
     assert not any("row " in name and not name.startswith("jump") for name in causes)
     everyone, one = "all markers, from row 7 on", "the marker at s = 0.1 m, from row 7 on"
-    names = (
-        f"jump of {everyone}",
-        f"jump of {one}",
-        f"jump on the section of {one}",
-        f"jump and turn of {everyone}",
-    )
-    jump, jumps, slips, turns = (causes[n] for n in names)
+    jump, turns = causes[f"jump of {everyone}"], causes[f"jump and turn of {everyone}"]
+    jumps, slips = causes[f"jump of {one}"], causes[f"jump on the section of {one}"]
     for problem in (part, whole):
         (run,) = problem.run([Job(problem.experiment)])
         steps = np.array([r.step for r in problem.data.readings])
@@ -207,9 +195,8 @@ def test_a_cause_found_on_some_of_the_rows_is_the_same_on_all():
         assert np.ptp(slip[:, 2]) > 1e-5 and not np.any(moved[~own | (steps < 7)])
         # turned about z, markers of which all coordinates are read move across their distance from the axis
         read = problem.readings.read(run, problem.experiment)
-        turned = turns.shift(
-            problem, run, {**dict.fromkeys(turns.null_values(problem.experiment), 0.0), "rot_z": 0.1}
-        )
+        unturned = dict.fromkeys(turns.null_values(problem.experiment), 0.0)
+        turned = turns.shift(problem, run, {**unturned, "rot_z": 0.1})
         x, y, z = (problem.readings.is_position & (problem.readings.axes == i) for i in range(3))
         np.testing.assert_allclose(turned[x], -0.1 * read[y] * (steps[x] >= 7), atol=1e-15)
         np.testing.assert_allclose(turned[y], 0.1 * read[x] * (steps[x] >= 7), atol=1e-15)
@@ -241,9 +228,8 @@ def test_inputs_jump_at_a_row_share_are_limited_have_a_dead_zone_and_stay_behind
     lag = causes["lag of the inputs"].apply(problem.experiment, {"share": 0.2})
     changed = (e.steps for e in (jump, gain, share, limit, dead, lag))
     acted = steps[0].tensions
-    for n, given, jumped, gained, shared, limited, lost, behind in zip(
-        problem.data.step_ids, steps, *changed, strict=True
-    ):
+    rows = zip(problem.data.step_ids, steps, *changed, strict=True)
+    for n, given, jumped, gained, shared, limited, lost, behind in rows:
         t1, t2 = given.tensions["t1"], given.tensions["t2"]
         acted = {"t1": 0.2 * acted["t1"] + 0.8 * t1, "t2": 0.2 * acted["t2"] + 0.8 * t2}
         assert behind.tensions == pytest.approx(acted)
@@ -258,13 +244,10 @@ def test_inputs_jump_at_a_row_share_are_limited_have_a_dead_zone_and_stay_behind
 def test_loads_are_scaled_and_turned_and_a_camera_enlarges_and_distorts():
     problem, run, causes = declared()
     before = [s.loads["tip"].force for s in problem.experiment.steps if "tip" in s.loads]
+    quarter = {"rot_x": 0.0, "rot_y": 0.0, "rot_z": np.pi / 2}
     for name, values, matrix in (
         ("gain of the loads", {"factor": 1.3}, 1.3 * np.eye(3)),
-        (
-            "loads turned",
-            {"rot_x": 0.0, "rot_y": 0.0, "rot_z": np.pi / 2},
-            [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
-        ),
+        ("loads turned", quarter, [[0, -1, 0], [1, 0, 0], [0, 0, 1]]),
     ):
         moved = causes[name].apply(problem.experiment, values)
         after = [s.loads["tip"].force for s in moved.steps if "tip" in s.loads]
@@ -314,11 +297,8 @@ def test_one_hole_or_one_disk_is_moved_and_no_other():
     moved, robot = changed("disk turned", angle=0.1)
     radii = [np.linalg.norm(robot.holes(a)[2]) for a in robot.tendons]
     np.testing.assert_allclose(radii, [np.linalg.norm(ROBOT.holes(t)[2]) for t in ROBOT.tendons])
-    assert all(
-        np.linalg.norm(m[2]) > 1e-4 and not np.any(np.abs(np.delete(m, 2, axis=0)) > 1e-12) for m in moved
-    )
+    for m in moved:
+        assert np.linalg.norm(m[2]) > 1e-4 and not np.any(np.abs(np.delete(m, 2, axis=0)) > 1e-12)
     _, robot = changed("disk slipped", along=2e-3)
-    np.testing.assert_allclose(
-        np.subtract(robot.disks.positions, ROBOT.disks.positions),
-        np.eye(len(ROBOT.disks.positions))[1] * 2e-3,
-    )
+    slipped = np.subtract(robot.disks.positions, ROBOT.disks.positions)
+    np.testing.assert_allclose(slipped, 2e-3 * np.eye(len(slipped))[1])

@@ -47,21 +47,14 @@ def test_a_name_needs_a_probability_of_nine_tenths(begun, probability, named):
 
 
 @pytest.mark.parametrize(
-    ("names", "named"),
-    [
-        (["marker_offset"], True),
-        (["marker_offset", "precurvature"], True),
-        (["marker_offset", "precurvature", "gravity"], False),
-    ],
+    ("count", "named", "probability"), [(1, True, 1.0), (2, True, 0.97), (3, False, 0.56)]
 )
-def test_a_sum_of_three_causes_names_none_of_them(begun, names, named):
+def test_a_sum_of_three_causes_names_none_of_them(begun, count, named, probability):
     """One cause that is not in the dictionary is then about as probable: a glued-in angle became a sum of three."""
-    state, best = added(begun, names, 50.0)
+    state, best = added(begun, ["marker_offset", "precurvature", "gravity"][:count], 50.0)
     found = added_effects(searching(), replace(state, best=best), np.zeros(0), True)
     assert all(e.found is named for e in found)
-    assert found[0].probability == pytest.approx(
-        1.0 if len(names) == 1 else 0.97 if named else 0.56, abs=0.01
-    )
+    assert found[0].probability == pytest.approx(probability, abs=0.01)
 
 
 def test_a_cause_without_a_name_and_another_one_are_not_certain_but_for_a_shift_of_readings(begun):

@@ -34,9 +34,8 @@ class Watch:
         return self.now
 
     def report(self, text, share):
-        self.now = max(
-            [self.now, *(self.LIMIT * x for start, x in self.jumps.items() if text.startswith(start))]
-        )
+        later = [self.LIMIT * x for start, x in self.jumps.items() if text.startswith(start)]
+        self.now = max([self.now, *later])
 
 
 def identified(monkeypatch, data, jumps, **given):
@@ -51,9 +50,8 @@ def test_search_without_time_ends_with_the_first_effect_and_says_what_is_not_tri
     """Two effects are missing; when the first is fitted the time is over. It used to go on for as long as it took."""
     result = identified(monkeypatch, measured(TWO), {"fitting": 1.05}, candidates=2)
     assert len(result.effects) == 1 and result.verdict == "unfinished" and not result.log.interrupted
-    assert result.log.not_tried[0] == FURTHER_EFFECTS and result.to_json()["not_tried"] == list(
-        result.log.not_tried
-    )
+    assert result.log.not_tried[0] == FURTHER_EFFECTS
+    assert result.to_json()["not_tried"] == list(result.log.not_tried)
     assert {EXCHANGES, CEILING} < set(result.log.not_tried) and result.ceiling is None
     assert headline(result).startswith("Unfinished: the search ran out of time")
     assert any("too short for further effects" in s for s in sentences(result))

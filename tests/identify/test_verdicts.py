@@ -55,10 +55,8 @@ def test_without_sigma_a_model_that_leaves_noise_proves_nothing():
     result = concluded(begun(data))
     assert (result.verdict, result.remaining.where) == ("cannot tell", "the noise")
     text = render(result)
-    assert (
-        "the noise of the sensors is not known" in text
-        and "No sigma is given for position: the noise is estimated" in text
-    )
+    assert "the noise of the sensors is not known" in text
+    assert "No sigma is given for position: the noise is estimated" in text
     assert unknown_noise(data) == []
 
 
@@ -142,9 +140,8 @@ def test_implausible_declared_values_are_warned_of(tmp_path, capsys):
     data = measured()
     robot = data.robot.with_backbone(density=5.6)
     write_measured(replace(data, robot=robot, readings=data.readings[:1]), tmp_path / "set")
-    assert (
-        main(["identify", str(tmp_path / "set"), "-o", str(tmp_path / "out"), "-q", "--processes", "1"]) == 0
-    )
+    command = ["identify", str(tmp_path / "set"), "-o", str(tmp_path / "out")]
+    assert main([*command, "-q", "--processes", "1"]) == 0
     assert "warning: backbone.density = 5.6 kg/m^3: outside" in capsys.readouterr().err
 
 

@@ -45,15 +45,9 @@ def test_a_complete_run_removes_what_a_killed_one_left(tmp_path):
 
 
 def test_json_has_null_for_numbers_that_are_not_finite_and_lists_for_arrays(tmp_path):
-    write_json(
-        {"a": math.nan, "b": np.arange(2.0), "c": np.float64(0.5), "d": (1, math.inf)}, tmp_path / "x.json"
-    )
-    assert json.loads((tmp_path / "x.json").read_text()) == {
-        "a": None,
-        "b": [0.0, 1.0],
-        "c": 0.5,
-        "d": [1, None],
-    }
+    path = tmp_path / "x.json"
+    write_json({"a": math.nan, "b": np.arange(2.0), "c": np.float64(0.5), "d": (1, math.inf)}, path)
+    assert json.loads(path.read_text()) == {"a": None, "b": [0.0, 1.0], "c": 0.5, "d": [1, None]}
 
 
 @pytest.mark.parametrize("existed", [True, False])
@@ -77,9 +71,8 @@ def test_folder_that_fails_halfway_stays_as_it_was(tmp_path, existed):
 def test_folder_loses_files_of_an_earlier_run_and_keeps_others(tmp_path):
     for name in ("mine.txt", "picture.png", "old.csv"):
         (tmp_path / name).write_text(name)
-    written = write_folder(
-        tmp_path, lambda f: (f / "old.csv").write_text("new"), ours=("old.csv", "picture.png")
-    )
+    ours = ("old.csv", "picture.png")
+    written = write_folder(tmp_path, lambda f: (f / "old.csv").write_text("new"), ours=ours)
     assert written == [tmp_path / "old.csv"]
     assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"mine.txt": "mine.txt", "old.csv": "new"}
 

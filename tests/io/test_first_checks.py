@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from identify_data import data_of, sequence
 
-from tdcr_fe import InputError, LoadStep, Model, PlausibilityWarning, Reading
+from tdcr_fe import InputError, Model, PlausibilityWarning, Reading
 from tdcr_fe.io.measured import first_checks
 
 #: The bend by 1.2 N, 4.5 mm from the axis, over 0.2 m with 1.71e-3 N m^2 [rad].
@@ -13,9 +13,7 @@ BENT = (Reading(3, "bending_angle", None, 0.63),)
 
 
 def tensions(factor):
-    return [
-        LoadStep(tensions={n: factor * t for n, t in s.tensions.items()}, loads=s.loads) for s in sequence()
-    ]
+    return [replace(s, tensions={n: factor * t for n, t in s.tensions.items()}) for s in sequence()]
 
 
 def test_an_implausible_input_is_named_by_its_column():

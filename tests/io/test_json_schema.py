@@ -86,9 +86,7 @@ RIGHT = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("file", "change", "fits"), [(*w, False) for w in WRONG] + [(*r, True) for r in RIGHT]
-)
+@pytest.mark.parametrize("file, change, fits", [(*w, False) for w in WRONG] + [(*r, True) for r in RIGHT])
 def test_what_the_reader_takes_fits_the_schema_and_nothing_else(file, change, fits):
     text = {"robot": ROBOT, "scenario": SCENARIO, "sweep": SWEEP}[file]
     schema = sweep_schema() if file == "sweep" else json_schema(file)

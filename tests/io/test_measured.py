@@ -18,9 +18,7 @@ from tdcr_fe.model.channels import CHANNELS
 def recorded() -> MeasuredData:
     """Readings of three steps."""
     steps = tuple(
-        LoadStep(
-            label=str(n), tensions={"t1": t, "t2": 0.0, "t3": 0.0}, loads={"tip": Load(0.25, (0.0, f, 0.0))}
-        )
+        LoadStep(str(n), {"t1": t, "t2": 0.0, "t3": 0.0}, loads={"tip": Load(0.25, (0.0, f, 0.0))})
         for n, t, f in ((1, 0.5, 0.0), (2, 1.0, 0.0), (4, 1.0, 0.02))
     )
     readings = [Reading(n, f"position_{a}", 0.25, 0.1, 1e-4) for n in (1, 2, 4) for a in "xyz"]

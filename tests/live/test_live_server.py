@@ -46,17 +46,13 @@ def change(served: LiveRobot, message: object) -> tuple[int, str]:
 
 def test_page_changes_and_scenario(served, tmp_path):
     status, page = ask(served, "GET", f"/?token={served.server.token}")
-    assert (
-        status == 200
-        and 'class="robot-view"' in page
-        and "http://" not in page.replace("http://www.w3.org", "")
-    )
+    assert status == 200 and 'class="robot-view"' in page
+    assert "http://" not in page.replace("http://www.w3.org", "")
     status, text = change(served, {"drive": {"tensions": {"t1": 1.5}}})
     assert status == 200
     motion = json.loads(text)["motion"]
-    (expected,) = tdcr.simulate(
-        three(), tdcr.Model(elements_per_bay=1), [tdcr.LoadStep(tensions={"t1": 1.5})]
-    ).steps
+    steps = [tdcr.LoadStep(tensions={"t1": 1.5})]
+    (expected,) = tdcr.simulate(three(), tdcr.Model(elements_per_bay=1), steps).steps
     assert motion["bending"][0] == pytest.approx(57.29578 * expected.bending_angle, abs=1e-3)
     status, scenario = ask(served, "GET", f"/scenario.toml?token={served.server.token}")
     (tmp_path / "robot.toml").write_text(tdcr.robot_to_toml(three()))

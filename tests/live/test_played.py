@@ -86,9 +86,7 @@ def test_a_step_that_fails_leaves_the_robot_where_it_was(monkeypatch, why):
 
 
 def test_robots_without_disks_or_tendons_are_pulled_too():
-    rod = tdcr.Robot(
-        backbone=tdcr.Backbone(length=0.2, radius=0.5e-3, youngs_modulus=60e9, poisson_ratio=0.3)
-    )
+    rod = tdcr.Robot(tdcr.Backbone(0.2, 0.5e-3, 60e9, 0.3))
     robot = PlayedRobot(rod, tdcr.Model.default_for(rod))
     assert len(robot.places) == 10
     force = 1e-3

@@ -21,9 +21,14 @@ def arc(kappa=KAPPA, s=NODES, **more):
     angle = kappa * s
     positions = np.stack((1.0 - np.cos(angle), 0.0 * s, np.sin(angle)), axis=1) / kappa
     rotations = Rotation.from_rotvec(np.stack((0.0 * s, angle, 0.0 * s), axis=1)).as_matrix()
-    return ObservedStep(
-        s, positions, rotations, np.array([1e-3]), np.array([0.9]), np.array([0.7]), ("t1",), **more
-    )
+    return ObservedStep(s, positions, rotations, *np.array([[1e-3], [0.9], [0.7]]), ("t1",), **more)
+
+
+def straight(length):
+    """A robot along z, with three nodes."""
+    s = np.linspace(0.0, length, 3)
+    turns = np.tile(np.eye(3), (3, 1, 1))
+    return ObservedStep(s, np.outer(s, [0.0, 0.0, 1.0]), turns, *np.zeros((3, 1)), ("t1",))
 
 
 def predicted(quantity, step, location=None):
@@ -56,13 +61,9 @@ def test_curvature_belongs_to_the_section_and_not_to_the_measuring_frame():
 
 
 def test_the_straight_robot_shows_the_rest_values():
-    s = np.linspace(0.0, LENGTH, 5)
-    straight = ObservedStep(
-        s, np.stack((0.0 * s, 0.0 * s, s), axis=1), np.tile(np.eye(3), (5, 1, 1)), *np.zeros((3, 1)), ("t1",)
-    )
     for c in CHANNELS:
         location = {"arc length": 0.1, "tendon": "t1", "": None}[c.location]
-        assert c.predict(straight, [location])[0] == pytest.approx(c.at_rest(location), abs=1e-15)
+        assert c.predict(straight(LENGTH), [location])[0] == pytest.approx(c.at_rest(location), abs=1e-15)
         plausible = c.plausible(LENGTH)
         assert plausible.low <= c.at_rest(location) <= plausible.high
 
@@ -81,39 +82,26 @@ def test_derivatives_of_an_arc_are_those_of_whole_arcs(quantity: str) -> None:
     along = s * (s[-1] - s)
     positions[:, :, 1] = step.rotations[:, :, 2] * along[:, None]
     rotations[:, 1, 1] = KAPPA * along
-    tendons = np.array([[0.3, 0.0]])
-    change = ObservedChange(
-        positions, rotations, tendons, 3.0 * tendons, 2.0 * tendons, np.stack((0.0 * s, along), axis=1)
-    )
+    of_tendons = np.array([[[0.3, 0.0]], [[0.9, 0.0]], [[0.6, 0.0]]])
+    change = ObservedChange(positions, rotations, *of_tendons, np.stack((0.0 * s, along), axis=1))
     locations = {"arc length": (0.033, s[3], s[-1]), "tendon": ("t1",), "": (None,)}[known.location]
     found = known.derivatives(step, change, locations)
     ahead, behind = (known.predict(arc(k, s, **turned), locations) for k in (KAPPA + h, KAPPA - h))
     expected = (ahead - behind) / (2.0 * h)
     if known.location == "tendon":
-        expected = np.array(
-            [{"tendon_displacement": 0.3, "base_tension": 0.9, "distal_tension": 0.6}[quantity]]
-        )
+        expected = {"tendon_displacement": 0.3, "base_tension": 0.9, "distal_tension": 0.6}[quantity]
     np.testing.assert_allclose(found[:, 0], expected, atol=1e-8 * max(np.max(np.abs(expected)), 0.1))
     np.testing.assert_allclose(found[:, 1], 0.0, atol=1e-7)
 
 
 def test_derivatives_of_angles_on_the_axis_are_to_one_side() -> None:
     """A straight robot along z: the angle grows by the rotation of the tip, whatever its direction."""
-    s = np.linspace(0.0, 0.1, 3)
-    straight = ObservedStep(
-        s, np.outer(s, [0.0, 0.0, 1.0]), np.tile(np.eye(3), (3, 1, 1)), *np.zeros((3, 1)), ("t1",)
-    )
     rotations = np.zeros((3, 3, 2))
     rotations[2, 0, 0], rotations[2, 1, 1] = 0.3, -0.4
     positions = np.zeros((3, 3, 2))
     positions[2, 1, 0], positions[2, 0, 1] = -0.02, 0.03
     change = ObservedChange(positions, rotations, *np.zeros((3, 1, 2)), np.zeros((3, 2)))
-    assert channel("bending_angle").derivatives(straight, change, [None]) == pytest.approx(
-        np.array([[0.3, 0.4]])
-    )
-    assert channel("tip_offset").derivatives(straight, change, [None]) == pytest.approx(
-        np.array([[0.02, 0.03]])
-    )
-    assert channel("chord_angle").derivatives(straight, change, [None]) == pytest.approx(
-        np.array([[0.2, 0.3]])
-    )
+    slopes = {"bending_angle": (0.3, 0.4), "tip_offset": (0.02, 0.03), "chord_angle": (0.2, 0.3)}
+    for quantity, expected in slopes.items():
+        found = channel(quantity).derivatives(straight(0.1), change, [None])
+        assert found == pytest.approx(np.array([expected]))

@@ -32,9 +32,8 @@ DISKS = Disks.equally_spaced(10, 0.2, mass=0.9e-3, thickness=3e-3, radius=8e-3)
 def wire(angles=(0.0, 120.0, 240.0), routing=lambda angle: ParallelRouting(6.5e-3, angle), **tendon):
     """1 mm of steel wire, 200 mm long, with ten disks and three tendons."""
     given = {"friction_coefficient": 0.15, "axial_stiffness": 5e3} | tendon
-    return Robot(
-        STEEL, DISKS, tuple(Tendon(f"t{k}", routing(a), **given) for k, a in enumerate(angles, start=1))
-    )
+    tendons = (Tendon(f"t{k}", routing(a), **given) for k, a in enumerate(angles, start=1))
+    return Robot(STEEL, DISKS, tuple(tendons))
 
 
 WIRE = wire()
@@ -163,11 +162,7 @@ def test_a_value_that_no_robot_has_gives_one_warning_that_names_it_and_its_unit(
 
 def test_every_limit_has_a_source():
     assert all(row.quantity and row.source and row.says for row in limits().values())
-    assert (
-        kind_of_material(200e9) == "steel"
-        and kind_of_material(60e9) == "metal"
-        and kind_of_material(2e9) == "plastic"
-    )
+    assert [kind_of_material(x) for x in (200e9, 60e9, 2e9)] == ["steel", "metal", "plastic"]
 
 
 @pytest.mark.parametrize(
@@ -188,9 +183,8 @@ def test_a_load_far_beyond_the_limit_is_refused_before_solving(steps, words):
 def test_a_failure_names_the_implausible_input_and_no_smaller_load_steps():
     robot = replace(WIRE.with_backbone(youngs_modulus=200e3), disks=Disks.equally_spaced(3, 0.2, radius=8e-3))
     with warnings_to():
-        result = tdcr_fe.simulate(
-            robot, Model(elements_per_bay=1), PULL, tdcr_fe.SolverSettings(max_substeps=1)
-        )
+        settings = tdcr_fe.SolverSettings(max_substeps=1)
+        result = tdcr_fe.simulate(robot, Model(elements_per_bay=1), PULL, settings)
     assert not result.converged and "smaller load steps" not in result.message
     assert "Check the input first: backbone.youngs_modulus = 200000 Pa" in result.message
 
@@ -214,10 +208,8 @@ def test_warnings_reach_the_caller_in_python():
         tdcr_fe.CreateTDCR(mbs, robot, Model())
     assert len(found) == 1 and found[0].filename == __file__
     with pytest.warns(TDCRWarning, match="the mesh is too coarse") as found:
-        steps = [LoadStep(tensions={"t1": 3.0})]
-        result = tdcr_fe.simulate(
-            paper(), Model(elements_per_bay=1), steps, tdcr_fe.SolverSettings(mesh_tolerance=1e-9)
-        )
+        settings = tdcr_fe.SolverSettings(mesh_tolerance=1e-9)
+        result = tdcr_fe.simulate(paper(), Model(elements_per_bay=1), PULL, settings)
     assert [str(w.message) for w in found] == list(result.warnings)
 
 
@@ -331,9 +323,7 @@ def test_what_does_not_fit_together_gets_one_remark_and_no_warning(row):
 
 
 CATHETER = Backbone(0.1, 2.3e-3, 50e6, 0.45, 1050.0)
-CHANNELS = tuple(
-    Tendon(f"t{k}", ParallelRouting(1.9e-3, 90.0 * k), friction_coefficient=0.1) for k in range(1, 5)
-)
+CHANNELS = tuple(Tendon(f"t{k}", ParallelRouting(1.9e-3, 90.0 * k), 0.1) for k in range(1, 5))
 FEW = pull(0.4, 4.0, 0.4)
 RIGHT = {
     "guides in a body": (Robot(CATHETER, Disks.equally_spaced(40, 0.1), CHANNELS), Model(), RISE),

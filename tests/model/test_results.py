@@ -39,19 +39,16 @@ def test_angles_and_offset_of_an_arc_in_any_plane():
 def test_a_failed_result_names_its_step_and_raises_when_asked():
     good = arc_result()
     assert good.raise_if_failed() is good
-    failed = dataclasses.replace(
-        good, converged=False, failed_step=7, message="step 7 did not converge: use smaller load steps"
-    )
+    message = "step 7 did not converge: use smaller load steps"
+    failed = dataclasses.replace(good, converged=False, failed_step=7, message=message)
     assert "step 7 not" in str(failed) and failed.message in str(failed)
     with pytest.raises(RuntimeError, match="use smaller load steps"):
         failed.raise_if_failed()
 
 
 def test_a_result_without_any_step_or_tendon_prints_too():
-    nothing = dataclasses.replace(
-        arc_result(), steps=(), converged=False, failed_step=1, message="step 1 failed"
-    )
-    assert "0 solved, step 1 not" in str(nothing)
+    ended = {"converged": False, "failed_step": 1, "message": "step 1 failed"}
+    assert "0 solved, step 1 not" in str(dataclasses.replace(arc_result(), steps=(), **ended))
     robot = dataclasses.replace(paper_robot(), tendons=())
     assert "no tendons" in str(arc_result(robot, [LoadStep("still")]))
 

@@ -22,6 +22,10 @@ from tdcr_fe.model.routing import (
 RADIUS, MODULUS, RATIO = 0.5e-3, 60e9, 0.25
 
 
+def robot_with(*tendons):
+    return Robot(Backbone(0.2, RADIUS, MODULUS, RATIO), Disks.equally_spaced(2, 0.2), tendons)
+
+
 def test_the_section_of_a_round_rod():
     """EI = E pi r^4/4, GJ = G pi r^4/2, EA = E pi r^2, GA = G pi r^2 without shear correction, as in the paper."""
     rod = Backbone(0.2, RADIUS, MODULUS, RATIO, density=6000.0)
@@ -44,16 +48,14 @@ def test_the_section_of_a_round_rod():
 )
 def test_holes_are_where_the_angle_in_degrees_and_the_offset_say(routing, expected):
     """At the base plate, in the middle and at the tip [mm]."""
-    robot = Robot(
-        Backbone(0.2, RADIUS, MODULUS, RATIO), Disks.equally_spaced(2, 0.2), (Tendon("t", routing),)
-    )
+    robot = robot_with(Tendon("t", routing))
     assert 1e3 * robot.hole_points(robot.tendons[0])[:, :2] == pytest.approx(np.array(expected), abs=1e-12)
 
 
 def test_what_a_step_does_not_name_stays_as_it_was():
     """Inputs of the other tendon, how it is driven, loads and time."""
     tendons = tuple(Tendon(name, ParallelRouting(4e-3, angle)) for name, angle in (("a", 0.0), ("b", 180.0)))
-    robot = Robot(Backbone(0.2, RADIUS, MODULUS, RATIO), Disks.equally_spaced(2, 0.2), tendons)
+    robot = robot_with(*tendons)
     push = Load(0.2, (0.0, 0.05, 0.0))
     steps = (
         LoadStep(tensions={"a": 1.5}, loads={"push": push}, time=2.0),
@@ -107,7 +109,6 @@ def test_derivatives_are_those_of_the_position(routing):
 
 @given(turns, st.floats(-360.0, 360.0), st.sampled_from([0, 1, 2]))
 def test_varying_helix_with_equal_rates_is_the_helix(rate, angle, derivative):
-    varying = VaryingHelicalRouting(4e-3, rate, rate, angle).position(S, LENGTH, derivative)
-    np.testing.assert_allclose(
-        varying, HelicalRouting(4e-3, rate, angle).position(S, LENGTH, derivative), atol=1e-11
-    )
+    routings = VaryingHelicalRouting(4e-3, rate, rate, angle), HelicalRouting(4e-3, rate, angle)
+    varying, helix = (r.position(S, LENGTH, derivative) for r in routings)
+    np.testing.assert_allclose(varying, helix, atol=1e-11)

@@ -21,10 +21,9 @@ def test_numbers_of_numpy_lists_and_whole_numbers_are_taken_and_kept_as_floats_a
         Disks([0.5, 1]),
         [Tendon("t1", ParallelRouting(0))],
     )
-    assert (robot.backbone.length, robot.backbone.precurvature) == (1.0, (0.0, 1.0))
-    assert {type(x) for x in (robot.backbone.length, robot.backbone.radius, *robot.disks.positions)} == {
-        float
-    }
+    backbone = robot.backbone
+    assert (backbone.length, backbone.precurvature) == (1.0, (0.0, 1.0))
+    assert {type(x) for x in (backbone.length, backbone.radius, *robot.disks.positions)} == {float}
     assert hash(robot) == hash(dataclasses.replace(robot))
 
 

@@ -19,9 +19,7 @@ POWERS = [
 
 @pytest.mark.parametrize(("unit", "of_key", "power"), POWERS)
 @given(number=st.decimals(-(10**6), 10**6, places=6), blanks=st.sampled_from(["", " ", "  "]))
-def test_a_number_with_a_unit_is_the_nearest_number_in_the_unit_of_the_key(
-    unit, of_key, power, number, blanks
-):
+def test_a_number_with_a_unit_is_the_nearest_number_in_that_of_the_key(unit, of_key, power, number, blanks):
     blanks = blanks or " " * unit.startswith("1")
     assert number_of(f"{number:f}{blanks}{unit}", of_key) == float(f"{number}e{power}")
 

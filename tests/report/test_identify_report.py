@@ -189,9 +189,8 @@ def test_the_replay_is_the_corrected_robot_step_by_step():
 
 def test_the_replay_has_a_law_that_was_found_as_loads():
     """Otherwise the panel shows the robot without it, away from the markers."""
-    steps = tuple(
-        replace(s, loads={**s.loads, "law 1": Load(LENGTH, moment=(0.0, 2e-3, 0.0))}) for s in STEPS
-    )
+    moment = {"law 1": Load(LENGTH, moment=(0.0, 2e-3, 0.0))}
+    steps = tuple(replace(s, loads={**s.loads, **moment}) for s in STEPS)
     model = Model(friction="none", elements_per_bay=1)
     corrected = Experiment(ROBOT, model, steps)
     law = replace(added("moment that drifts"), sentence="a moment that drifts")
@@ -207,9 +206,7 @@ def test_a_turned_measuring_frame_turns_the_markers_back():
     rotation = (0.1, -0.2, 0.3)
     declared = Experiment(ROBOT, Model(), STEPS)
     found = _with(replace(declared, observation=Observation(rotation)), declared)
-    turn = Rotation.from_rotvec(rotation)
+    turn = Rotation.from_rotvec(rotation).as_matrix().T
     seen = markers(found, len(STEPS))
-    assert turn.apply(seen.measured.reshape(-1, 3)) == pytest.approx(found.shapes.measured.reshape(-1, 3))
-    assert turn.apply(seen.declared.reshape(-1, 3)) == pytest.approx(
-        found.shapes.backbone_before.reshape(-1, 3)
-    )
+    np.testing.assert_allclose(seen.measured @ turn, found.shapes.measured, atol=1e-12)
+    np.testing.assert_allclose(seen.declared @ turn, found.shapes.backbone_before, atol=1e-12)

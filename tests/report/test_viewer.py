@@ -34,13 +34,13 @@ def restored(stored: dict) -> np.ndarray:
     return np.where(levels > LEVELS, np.nan, values)
 
 
+TWIST = Load(0.1, moment=(0.0, 0.0, 1e-3), frame="section")
+
+
 def loaded_result() -> SequenceResult:
     """Ten steps of a robot with two tendons, a force and a moment at the tip, and gravity."""
     robot = paper_robot(2)
-    loads = {
-        "tip": Load(0.25, (0.0, 0.05, 0.0)),
-        "twist": Load(0.1, moment=(0.0, 0.0, 1e-3), frame="section"),
-    }
+    loads = {"tip": Load(0.25, (0.0, 0.05, 0.0)), "twist": TWIST}
     steps = [LoadStep(f"pull {k}", {"t1": 0.25 * k}, loads=loads if k == 5 else {}) for k in range(1, 11)]
     return arc_result(robot, steps, Model(gravity=(0.0, 0.0, -9.81)))
 
@@ -91,7 +91,7 @@ def test_a_folder_gives_the_same_motion_as_the_result(tmp_path):
     write_results(result, tmp_path, pictures=False)
     read, made = read_motion(tmp_path), motion_of(result)
     assert view_page(read) == view_page(made)
-    assert read.loads[4]["twist"] == Load(0.1, moment=(0.0, 0.0, 1e-3), frame="section")
+    assert read.loads[4]["twist"] == TWIST
     assert [len(x) for x in read.loads] == [0, 0, 0, 0, 2, 2, 2, 2, 2, 2]
 
 
@@ -213,9 +213,8 @@ def test_keys_change_the_step_and_play(chromium):
         chromium.key(key)
         assert chromium.ask(step) == expected, key
     assert chromium.ask("document.querySelector('output').textContent") == "step 10 of 10: pull 10"
-    assert chromium.ask(
-        "document.querySelector('input[type=range]').getAttribute('aria-valuetext')"
-    ).startswith("step 10")
+    slider = "document.querySelector('input[type=range]')"
+    assert chromium.ask(f"{slider}.getAttribute('aria-valuetext')").startswith("step 10")
     chromium.key("Home")
     chromium.key(" ")
     assert chromium.ask(f"{PANEL}.playing")
@@ -240,10 +239,8 @@ def test_the_mouse_turns_moves_zooms_and_resets(chromium):
     point = chromium.ask(f"{PANEL}.project({PANEL}.camera.target)")
     target = chromium.ask(f"{PANEL}.camera.target")
     chromium.drag((x, y), (x + 40, y - 30), button="right")
-    moved = chromium.ask(f"{PANEL}.project({json.dumps(target)})")
-    assert np.array(moved[:2]) - point[:2] == pytest.approx(
-        [40.0, -30.0], abs=0.5
-    )  # it stays under the mouse
+    moved = chromium.ask(f"{PANEL}.project({json.dumps(target)})")  # it stays under the mouse
+    assert np.array(moved[:2]) - point[:2] == pytest.approx([40.0, -30.0], abs=0.5)
     before = chromium.ask(f"{PANEL}.camera.distance")
     chromium.mouse("mouseWheel", x, y, deltaX=0, deltaY=-200)
     chromium.until(f"{PANEL}.camera.distance < {0.9 * before}")

@@ -44,9 +44,8 @@ def pulled(robot, add, tensions, **model):
 )
 def test_an_obstacle_gives_the_shape_of_the_static_solver_of_exudyn(add, mu, elements):
     """A pull to 2 N in ten steps, in contact from the fourth on; 1e-8 of the length were seen."""
-    _keep, _mbs, handle, contact = pulled(
-        seven(mu), add, np.linspace(0.2, 2.0, 10), elements_per_bay=elements
-    )
+    tensions = np.linspace(0.2, 2.0, 10)
+    _keep, _mbs, handle, contact = pulled(seven(mu), add, tensions, elements_per_bay=elements)
     _keep, other, compared, forces = scene_with(add, seven(mu), elements_per_bay=elements)
     compared.set_inputs_over_time(lambda t: [2.0 * t, 0.0, 0.0])
     assert other.SolveStatic(static_settings(80))

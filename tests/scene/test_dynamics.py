@@ -40,11 +40,9 @@ def test_a_motor_swings_on_its_elastic_tendon_as_a_single_oscillator():
     motor = handle.add_motor("t1", INERTIA, RADIUS)
     marker = mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=motor, coordinate=0))
     load = mbs.AddLoad(eii.LoadCoordinate(markerNumber=marker, load=TORQUE))
-    angle = mbs.AddSensor(
-        eii.SensorNode(
-            nodeNumber=motor, outputVariableType=exu.OutputVariableType.Coordinates, storeInternal=True
-        )
-    )
+    kind = exu.OutputVariableType.Coordinates
+    sensor = eii.SensorNode(nodeNumber=motor, outputVariableType=kind, storeInternal=True)
+    angle = mbs.AddSensor(sensor)
     mbs.Assemble()
     assert mbs.GetLoadParameter(load, "load") == TORQUE
     settings = recommended(handle, 0.4, 1e-3)
@@ -203,9 +201,8 @@ def test_the_force_of_a_section_is_the_derivative_of_its_energy_and_its_stiffnes
     n, bend = law.strain(twists, lengths)
     for k, h in enumerate(np.diag([1e-6, 1e-4, 1e-4])):
         change = law.wrench(n + h[0], bend + h[1:]) - law.wrench(n - h[0], bend - h[1:])
-        np.testing.assert_allclose(
-            law.stiffness(n, bend)[..., k], change / (2.0 * h[k]), rtol=1e-5, atol=1e-9
-        )
+        slope = law.stiffness(n, bend)[..., k]
+        np.testing.assert_allclose(slope, change / (2.0 * h[k]), rtol=1e-5, atol=1e-9)
 
 
 # ---------------------------------------------------------------- what goes in and out
@@ -221,9 +218,8 @@ def random_run(seed: int, end: float, rho: float = 1.0, elements: int | str = 1)
     disks = Disks.equally_spaced(int(rng.integers(6, 14)), LENGTH, mass=0.17e-3, radius=5e-3)
     gravity = tuple((9.81 * rng.uniform(-1.0, 1.0, 3) * (rng.random() < 0.6)).tolist())
     robot = Robot(backbone, disks, tendons, name="random")
-    _keep, mbs, handle, (load, sensor) = scene_with(
-        load_and_sensor, robot, gravity=gravity, elements_per_bay=elements
-    )
+    model = {"gravity": gravity, "elements_per_bay": elements}
+    _keep, mbs, handle, (load, sensor) = scene_with(load_and_sensor, robot, **model)
     load.set(rng.uniform(-0.02, 0.02, 3))
     high, rates, phases = (rng.uniform(*limits, count) for limits in ((0.3, 2.0), (0.5, 4.0), (0.0, 6.0)))
     rise = rng.uniform(0.05, 0.3)

@@ -56,6 +56,10 @@ def swing(mbs, load, sensor, force, end: float = 1.5) -> float:
     return np.fft.rfftfreq(64 * len(data), 2e-3)[np.argmax(spectrum)]
 
 
+def load_and_sensor(mbs, handle):
+    return tip_load(mbs, handle), tip_sensor(mbs, handle)
+
+
 def bend(mbs, handle, by_displacement: bool) -> None:
     change = handle.set_displacements if by_displacement else handle.set_tensions
     change([4e-3, -1.9e-3, -1.9e-3] if by_displacement else [1.0, 0.2, 0.2])
@@ -77,9 +81,8 @@ def test_a_robot_swings_with_its_frequencies(mu, rest, force, mode, end):
 
     Version 0.1 left the tendons out: 38 % less with tendons driven by displacement, 46 % less with stuck holes.
     """
-    _keep, mbs, handle, (load, sensor) = scene_with(
-        lambda *to: (tip_load(*to), tip_sensor(*to)), seven(mu, **rest), friction="per-hole" if mu else "none"
-    )
+    friction = "per-hole" if mu else "none"
+    _keep, mbs, handle, (load, sensor) = scene_with(load_and_sensor, seven(mu, **rest), friction=friction)
     bend(mbs, handle, bool(rest))
     modes = mbs.TDCREigenvalues(holes="stuck")
     assert modes.frequencies[mode] == pytest.approx(swing(mbs, load, sensor, force, end), rel=5e-3)
@@ -122,16 +125,15 @@ def test_the_scene_is_left_as_it_was():
 
 def at_rest(drive: str, mu: float = 0.0, **rest):
     """A bent robot with a sensor at its tip."""
-    keep, mbs, handle, sensor = scene_with(
-        tip_sensor, seven(mu, **rest), presliding=PRESLIDING if mu else 1e-6
-    )
+    presliding = PRESLIDING if mu else 1e-6
+    keep, mbs, handle, sensor = scene_with(tip_sensor, seven(mu, **rest), presliding=presliding)
     if mu:
         handle.set_tensions([0.02, 0.005, 0.01])
     elif drive == "tension":
         handle.set_tensions([1.0, 0.3, 0.2])
     else:
         handle.set_displacements([4e-3, -1.5e-3, -1.9e-3])
-    SolveTDCR(mbs, SolverSettings(presliding=PRESLIDING if mu else 1e-6))
+    SolveTDCR(mbs, SolverSettings(presliding=presliding))
     return keep, mbs, handle, sensor
 
 

@@ -55,6 +55,10 @@ def test_a_moved_base_moves_the_solution():
     assert handle.tip_rotation == pytest.approx(turn @ expected.rotations[-1], abs=1e-8)
 
 
+#: Elements per bay and friction of robots in one scene.
+KINDS = [(1, "per-hole"), (2, "per-hole"), (1, "per-tendon")]
+
+
 @pytest.mark.parametrize("lever", [0.0, 0.01])
 def test_robots_side_by_side_move_as_each_alone(lever):
     """Pulled, and released so that holes reverse, with weight, damping, loads of both kinds and unlike meshes.
@@ -64,11 +68,7 @@ def test_robots_side_by_side_move_as_each_alone(lever):
     """
     backbone = replace(BACKBONE, density=7800.0, retardation_time=1e-3)
     robots = [seven(0.2, backbone, replace(SEVEN, mass=1e-3)), seven(0.3, backbone), seven(0.1)]
-    models = [
-        {"elements_per_bay": 1},
-        {"elements_per_bay": 2},
-        {"elements_per_bay": 1, "friction": "per-tendon"},
-    ]
+    models = [Model(elements_per_bay=n, friction=x, gravity=(0.0, 0.0, -9.81)) for n, x in KINDS]
     steps = [
         ([1.0, 0.3, 0.2], [2e-3, -1e-3, -1e-3], [1.0, 0.0, 0.0]),
         ([0.3, 0.6, 0.2], [1e-3, -4e-4, -5e-4], [0.4, 0.0, 0.0]),
@@ -78,8 +78,7 @@ def test_robots_side_by_side_move_as_each_alone(lever):
         keep, mbs = system()
         arms, loads = [], []
         for k in which:
-            model = Model(**models[k], gravity=(0.0, 0.0, -9.81))
-            arm = CreateTDCR(mbs, robots[k], model, name=f"r{k}", referencePosition=[0.3 * k, 0.0, 0.0])
+            arm = CreateTDCR(mbs, robots[k], models[k], name=f"r{k}", referencePosition=[0.3 * k, 0.0, 0.0])
             marker = eii.MarkerBodyRigid(bodyNumber=arm.bDisks[-1], localPosition=[0.0, lever, 0.0])
             mbs.AddLoad(eii.Force(markerNumber=mbs.AddMarker(marker), loadVector=[0.0, 0.02, 0.0]))
             arms.append(arm)
@@ -125,9 +124,8 @@ def test_base_on_the_tip_of_another_robot():
     """The second robot is joined to the first one's tip; unloaded it follows as a rigid body."""
     _keep, mbs = system()
     first = CreateTDCR(mbs, single(0.3), MODEL, name="first")
-    second = CreateTDCR(
-        mbs, single(0.3), MODEL, name="second", referencePosition=STRAIGHT, baseMarker=first.mTip
-    )
+    at_tip = {"referencePosition": STRAIGHT, "baseMarker": first.mTip}
+    second = CreateTDCR(mbs, single(0.3), MODEL, name="second", **at_tip)
     mbs.Assemble()
     solve_scene(mbs, first, [1.0])
     assert distance(first.tip_position, single_tip()) < 1e-8
@@ -141,10 +139,9 @@ def test_base_on_the_tip_of_another_robot():
 def test_no_time_passes_and_motion_goes_on_from_a_base_that_is_driven():
     """By a user function of time: with time from 0 to 1 the base stood where it is at 1 s, and the motion failed."""
     _keep, mbs = system()
-    marker = mbs.AddMarker(
-        eii.MarkerBodyRigid(bodyNumber=mbs.CreateRigidBody(inertia=InertiaCuboid(1e3, [0.05] * 3)))
-    )
-    ground = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.CreateGround()))
+    body = mbs.CreateRigidBody(inertia=InertiaCuboid(1e3, [0.05] * 3))
+    bodies = (body, mbs.CreateGround())
+    marker, ground = (mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=x)) for x in bodies)
 
     def offset(mbs, t, item, parameters):
         return [0.1 * np.sin(t), 0.0, 0.0, 0.0, 0.0, 0.0]
@@ -233,12 +230,11 @@ def test_the_handle_lists_all_items_and_holes_are_at_their_positions():
     assert [len(m) for m in handle.mHoles] == [8] * 3
     assert [len(o) for o in handle.oTendons] == [7] * 3
     assert {"tip_position", "tip_rotation", "tension_t1", "anchor_tension_t3"} <= set(sensors)
+    position = exu.OutputVariableType.Position, exu.ConfigurationType.Reference
     for markers, tendon in zip(handle.mHoles, handle.robot.tendons, strict=True):
-        for marker, hole, s in zip(
-            markers, handle.robot.holes(tendon), handle.robot.hole_arc_lengths(tendon), strict=True
-        ):
-            at = mbs.GetMarkerOutput(marker, exu.OutputVariableType.Position, exu.ConfigurationType.Reference)
-            assert at == pytest.approx([*hole, s], abs=1e-12)
+        found = [mbs.GetMarkerOutput(marker, *position) for marker in markers]
+        s = handle.robot.hole_arc_lengths(tendon)
+        np.testing.assert_allclose(found, np.column_stack((handle.robot.holes(tendon), s)), atol=1e-12)
 
 
 def test_inputs_are_set_and_results_read_by_tendon():

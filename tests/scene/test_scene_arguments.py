@@ -68,9 +68,8 @@ def test_a_robot_on_a_body_in_free_flight_moves_with_it():
     mbs.Assemble()
     assert mbs.SolveDynamic(recommended(handle, end, 1e-3))
     position, rotation = handle.shape()
-    assert position == pytest.approx(
-        handle.arc_lengths[:, None] * [0, 0, 1] + end * np.array(velocity), abs=1e-9
-    )
+    expected = handle.arc_lengths[:, None] * [0, 0, 1] + end * np.array(velocity)
+    assert position == pytest.approx(expected, abs=1e-9)
     turned = Rotation.from_rotvec(end * np.array(spin)).as_matrix()
     assert np.abs(rotation - turned).max() < 1e-6
 
@@ -179,12 +178,9 @@ def test_a_robot_whose_base_joint_is_switched_off_is_refused_unless_something_el
     _keep, mbs, handle = scene(seven(0.3), assemble=False)
     expected = solved(*scene(seven(0.3))[1:])
     ground = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.CreateGround()))
-    stiffness = np.diag([1e6] * 3 + [1e3] * 3)
-    spring = mbs.AddObject(
-        eii.RigidBodySpringDamper(
-            markerNumbers=[ground, handle.mBase], stiffness=stiffness, damping=np.zeros((6, 6))
-        )
-    )
+    stiffness = {"stiffness": np.diag([1e6] * 3 + [1e3] * 3), "damping": np.zeros((6, 6))}
+    held = eii.RigidBodySpringDamper(markerNumbers=[ground, handle.mBase], **stiffness)
+    spring = mbs.AddObject(held)
     mbs.SetObjectParameter(handle.oBaseJoint, "activeConnector", False)
     mbs.Assemble()
     assert distance(solved(mbs, handle), expected) < 1e-9

@@ -36,13 +36,12 @@ def test_a_robot_alone_has_the_derivatives_of_simulate():
         arm.set_tensions(step.tensions)
         tip.set(step.loads["tip"].force)
         SolveTDCR(mbs, SETTINGS, substeps=2, sensitivities=[tracked])
-    found = tracked.result()
+    result = tracked.result()
     for name in NAMES:
-        a, b = found[name], expected[name]
-        assert np.allclose(a.positions, b.positions, rtol=0.0, atol=1e-7 * np.abs(b.positions).max())
-        assert np.allclose(
-            np.stack(a.tensions), np.stack(b.tensions), atol=1e-7 * np.abs(b.tensions[0]).max()
-        )
+        a, b = result[name], expected[name]
+        for kind in ("positions", "tensions"):
+            found, known = np.array(getattr(a, kind)), np.array(getattr(b, kind))
+            np.testing.assert_allclose(found, known, rtol=0.0, atol=1e-7 * np.abs(known).max())
 
 
 def carried(robot: Robot) -> tuple[exu.SystemContainer, exu.MainSystem, TDCR]:
@@ -59,21 +58,16 @@ def test_the_platform_that_gives_way_is_in_the_derivative(field):
     robot = seven(0.2)
     value = getattr(robot.backbone, field)
 
-    def tips(factor: float) -> np.ndarray:
+    def solved(factor: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        """Shapes after two pulls, and their derivatives."""
         _keep, mbs, arm = carried(robot.with_backbone(**{field: value * factor}))
-        found = []
+        tracked, shapes = track_sensitivities(arm, [f"backbone.{field}"]), []
         for tension in (0.8, 0.5):
             arm.set_tensions({"t1": tension})
-            SolveTDCR(mbs, SETTINGS, substeps=4)
-            found.append(arm.shape()[0])
-        return np.array(found)
+            SolveTDCR(mbs, SETTINGS, substeps=4, sensitivities=[tracked])
+            shapes.append(arm.shape()[0])
+        return np.array(shapes), tracked.result()[f"backbone.{field}"].positions
 
-    _keep, mbs, arm = carried(robot)
-    tracked = track_sensitivities(arm, [f"backbone.{field}"])
-    for tension in (0.8, 0.5):
-        arm.set_tensions({"t1": tension})
-        SolveTDCR(mbs, SETTINGS, substeps=4, sensitivities=[tracked])
-    found = tracked.result()[f"backbone.{field}"].positions
     h = 1e-4
-    expected = (tips(1.0 + h) - tips(1.0 - h)) / (2.0 * h * value)
+    found, expected = solved()[1], (solved(1.0 + h)[0] - solved(1.0 - h)[0]) / (2.0 * h * value)
     assert np.abs(found - expected).max() < 1e-5 * np.abs(expected).max()

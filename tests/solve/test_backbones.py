@@ -100,9 +100,8 @@ def rod(law, **changes):
 def test_an_axial_force_stretches_the_rod_along_the_stress_strain_curve(law):
     """``F = EA (e + b e^2 + c e^3)``: the cubic solved by numpy."""
     force = 0.08 * ROD.EA
-    result = simulate(
-        rod(law), Model(), [LoadStep(loads={"tip": Load(L, (0.0, 0.0, force))})]
-    ).raise_if_failed()
+    steps = [LoadStep(loads={"tip": Load(L, (0.0, 0.0, force))})]
+    result = simulate(rod(law), Model(), steps).raise_if_failed()
     roots = np.roots([law.cubic, law.quadratic, 1.0, -0.08])
     stretch = min(float(r.real) for r in roots if abs(r.imag) < 1e-9 and r.real > 0.0)
     assert result.tips[0][2] == pytest.approx(L * (1.0 + stretch), rel=1e-9)

@@ -29,9 +29,8 @@ def test_driven_by_displacement_bays_do_not_jump_beyond_their_buckling_load(numb
     parts = simulate(case.robot, case.model, divided(case.robot, case.steps, PARTS))
     assert whole.converged and parts.converged
     for one, other in zip(whole.steps, parts.steps[PARTS - 1 :: PARTS], strict=True):
-        np.testing.assert_allclose(
-            one.positions, other.positions, rtol=0, atol=1e-5 * case.robot.backbone.length
-        )
+        tolerance = 1e-5 * case.robot.backbone.length
+        np.testing.assert_allclose(one.positions, other.positions, rtol=0, atol=tolerance)
         np.testing.assert_allclose(one.base_tensions, other.base_tensions, rtol=0, atol=1e-3)
 
 

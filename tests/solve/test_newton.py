@@ -81,9 +81,8 @@ def test_error_of_a_prediction_falls_with_nearly_the_fourth_power_of_the_step():
     """Pull from 1 N in steps of 0.2, 0.1 and 0.05 N; the fourth solution is predicted from two before it."""
     errors = []
     for size in (0.2, 0.1, 0.05):
-        arm = simulation(
-            paper(0.3), MODEL, pull(*(1.0 + size * np.arange(3))), SolverSettings(tolerance=1e-9)
-        )
+        steps = pull(*(1.0 + size * np.arange(3)))
+        arm = simulation(paper(0.3), MODEL, steps, SolverSettings(tolerance=1e-9))
         goal = 1.0 + 3.0 * size
         guess = predict_from(arm, goal).state.configuration.twists[0]
         arm.advance(resolve(paper(0.3), pull(goal))[0])

@@ -63,10 +63,8 @@ def tightened() -> tuple[LoadStep, ...]:
 
 def by_motor() -> tuple[LoadStep, ...]:
     """The same displacements as `by_displacement`, wound on spools."""
-    angles = [{n: d / 8e-3 for n, d in s.displacements.items()} for s in by_displacement()]
-    return tuple(
-        replace(s, displacements={}, motor_angles=a) for s, a in zip(by_displacement(), angles, strict=True)
-    )
+    wound = [(s, {n: d / 8e-3 for n, d in s.displacements.items()}) for s in by_displacement()]
+    return tuple(replace(s, displacements={}, motor_angles=angles) for s, angles in wound)
 
 
 def coarse(of: Robot, steps: tuple[LoadStep, ...], **model: object) -> Experiment:
@@ -77,9 +75,8 @@ def coarse(of: Robot, steps: tuple[LoadStep, ...], **model: object) -> Experimen
 SOFTENING = Superelastic(8e-4, 0.4)
 ASKEW = (0.5, 1.0, -9.81)
 STRIBECK = StribeckFriction(0.3, 0.2, 1e-3, 2.0, 1.0)
-AT_PLACES = robot(tight_holes=(TightHole(0.15, 0.1),)).with_backbone(
-    patches=(StiffnessPatch(0.1, 0.15, 0.5, 1.0, (1.0, -2.0)),)
-)
+PATCH = StiffnessPatch(0.1, 0.15, 0.5, 1.0, (1.0, -2.0))
+AT_PLACES = robot(tight_holes=(TightHole(0.15, 0.1),)).with_backbone(patches=(PATCH,))
 EXPERIMENTS = {
     "no friction": coarse(robot(0.0), by_tension(), friction="none", elements_per_bay=2, gravity=ASKEW),
     "per hole": coarse(robot(), by_tension()),
@@ -157,7 +154,7 @@ def test_derivatives_are_those_of_whole_simulations(name: str, parameter: str) -
 
 @pytest.mark.campaign
 @pytest.mark.parametrize(
-    ("name", "parameter"), [(n, p) for n in EXPERIMENTS for p in (*OF_ALL, *SLOW.get(n, ()))]
+    "name, parameter", [(n, p) for n in EXPERIMENTS for p in (*OF_ALL, *SLOW.get(n, ()))]
 )
 def test_every_parameter(name: str, parameter: str) -> None:
     """The same for all kinds of parameters."""

@@ -1,7 +1,5 @@
 """A motor that winds a tendon on a spool, with a series spring: angle in, tension out."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from inputs import ROBOT, SCENARIO, changed, write
@@ -20,16 +18,12 @@ ANGLES = (0.3, 0.6, 0.2, 0.5)
 
 def wound(stiffness: float | None, mu: float = 0.3, **rest) -> Robot:
     """The robot with three tendons on spools."""
-    robot = seven(mu, **rest)
-    spool = tdcr.Spool(RADIUS, stiffness)
-    return replace(robot, tendons=tuple(replace(t, spool=spool) for t in robot.tendons))
+    return seven(mu, spool=tdcr.Spool(RADIUS, stiffness), **rest)
 
 
 def steps(factor: float = 1.0, kind: str = "motor_angles") -> list[tdcr.LoadStep]:
-    return [
-        tdcr.LoadStep(**{kind: {"t1": factor * a, "t2": -0.6 * factor * a, "t3": -0.6 * factor * a}})
-        for a in ANGLES
-    ]
+    wound = [factor * angle for angle in ANGLES]
+    return [tdcr.LoadStep(**{kind: {"t1": a, "t2": -0.6 * a, "t3": -0.6 * a}}) for a in wound]
 
 
 def test_the_tension_is_that_of_the_spring():
@@ -52,9 +46,8 @@ def test_a_straight_robot_with_elastic_tendons_in_closed_form():
     result = tdcr.simulate(wound(k, axial_stiffness=ea, pretension=rest), MODEL, [step])
 
     def gap(tension):
-        released = LENGTH / (1.0 + rest / ea) - LENGTH * (1.0 - 3.0 * tension / BACKBONE.EA) / (
-            1.0 + tension / ea
-        )
+        shortened = LENGTH * (1.0 - 3.0 * tension / BACKBONE.EA)
+        released = LENGTH / (1.0 + rest / ea) - shortened / (1.0 + tension / ea)
         return released + (tension - rest) / k - RADIUS * angle
 
     assert result.steps[0].base_tensions == pytest.approx(brentq(gap, 0.0, 10.0), rel=1e-7)

@@ -79,10 +79,8 @@ def test_a_mistake_is_named(tmp_path, text, expected):
 
 
 def test_all_mistakes_of_all_files_come_at_once(tmp_path, capsys):
-    text = HEAD + (
-        '[sampling]\nmethod = "sobol"\nsamples = 3\n[[vary]]\nkey = "nonsense"\nvalues = [1]\n'
-        '[[vary]]\nkey = "tip_mass"\nuniform = { lower = 0.0 }\n'
-    )
+    text = vary("nonsense", "values = [1]", f"{SOBOL}samples = 3\n")
+    text += '[[vary]]\nkey = "tip_mass"\nuniform = { lower = 0.0 }\n'
     robot = "[backbone]\nlength = -1.0\nradius = 1e-3\nyoungs_modulus = 1e9\npoisson_ratio = 0.3\n[disks]\ncount = 1\n"
     write_files(tmp_path, text, robot=robot)
     status = cli.main(["sweep", str(tmp_path / "sweep.toml"), "-o", str(tmp_path / "out")])
@@ -95,15 +93,11 @@ def test_all_mistakes_of_all_files_come_at_once(tmp_path, capsys):
 
 def test_a_value_that_is_wrong_only_alone_is_no_mistake(tmp_path):
     """Holes outside the declared disks are inside the larger ones of the same cases."""
-    text = HEAD + (
-        '[sampling]\nmethod = "list"\n[[vary]]\nkey = "tendons.offset"\nvalues = [4e-3, 9e-3]\n'
-        '[[vary]]\nkey = "disks.radius"\nvalues = [5e-3, 10e-3]\n'
-    )
+    text = vary("tendons.offset", "values = [4e-3, 9e-3]", LIST)
+    text += '[[vary]]\nkey = "disks.radius"\nvalues = [5e-3, 10e-3]\n'
     result = tdcr.sweep(write_files(tmp_path, text), executor=InProcess())
     assert result.counts == {"converged": 2}
-    grid = text.replace(
-        '[sampling]\nmethod = "list"\n', ""
-    )  # the first case with 9 mm is invalid, the second is not
+    grid = text.replace(LIST, "")  # the first case with 9 mm is invalid, the second is not
     result = tdcr.sweep(write_files(tmp_path, grid), executor=InProcess())
     assert result.cases["status"].tolist() == ["converged", "converged", "invalid", "converged"]
 
@@ -167,9 +161,8 @@ def test_what_is_implausible_is_warned_of_before_any_case_is_solved(tmp_path):
 # ------------------------------------------------------------ keys
 
 
-TABLES = ScenarioTables(
-    tomllib.loads(SCENARIO), tomllib.loads(ROBOT), Path("scenario.toml"), Path("robot.toml")
-)
+PATHS = Path("scenario.toml"), Path("robot.toml")
+TABLES = ScenarioTables(tomllib.loads(SCENARIO), tomllib.loads(ROBOT), *PATHS)
 
 
 def with_value(key, value, tables=TABLES):
@@ -204,7 +197,7 @@ def test_a_key_sets_the_value_and_leaves_the_given_tables(key, value, get):
 
 def test_a_key_without_a_number_means_the_steps_that_have_it():
     steps = [{"tensions": {"t1": 1.0}}, {"tensions": {"t2": 1.0}}, {"tensions": {"t1": 2.0}}]
-    tables = ScenarioTables({**TABLES.scenario, "steps": steps}, TABLES.robot, TABLES.path, TABLES.robot_path)
+    tables = ScenarioTables({**TABLES.scenario, "steps": steps}, TABLES.robot, *PATHS)
     changed = set_value(tables, parse_key("steps.tensions.t1"), lambda declared: 10.0 * declared)
     assert [s.tensions for s in build_scenario(changed).steps] == [{"t1": 10.0}, {"t2": 1.0}, {"t1": 20.0}]
     last = with_value("steps[-1].tensions.t1", 3.0, tables)

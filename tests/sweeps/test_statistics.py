@@ -57,10 +57,8 @@ def test_a_constant_has_no_indices():
 
 def design(method, *options, **sampling):
     """Values of all cases, by variation."""
-    variations = tuple(
-        Variation(key="tip_mass", name=f"v{k}", values=tuple(x)) for k, x in enumerate(options)
-    )
-    return list(Sweep(None, variations, Sampling(method, **sampling)).design().values())
+    variations = [Variation(key="tip_mass", name=f"v{k}", values=tuple(x)) for k, x in enumerate(options)]
+    return list(Sweep(None, tuple(variations), Sampling(method, **sampling)).design().values())
 
 
 def test_the_last_variation_of_a_grid_changes_fastest_and_lists_are_taken_together():

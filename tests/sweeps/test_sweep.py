@@ -190,9 +190,7 @@ def test_a_case_without_an_equilibrium_gives_nan_and_a_wrong_key_an_error(tmp_pa
 
 # ------------------------------------------------------------------------------------- uncertainty propagation
 
-CANTILEVER = tdcr.robot_to_toml(
-    tdcr.Robot(tdcr.Backbone(0.2, 1e-3, 1e9, 0.3), tdcr.Disks.equally_spaced(2, 0.2))
-)
+CANTILEVER = tdcr.Robot(tdcr.Backbone(0.2, 1e-3, 1e9, 0.3), tdcr.Disks.equally_spaced(2, 0.2))
 LOADED = """
 robot = "robot.toml"
 [model]
@@ -224,7 +222,8 @@ def test_variance_of_the_deflection_of_a_cantilever(tmp_path):
 
     With E uniform on [a, b] and an independent F: ``E(1/E) = ln(b/a) / (b - a)``, ``E(1/E^2) = 1 / (a b)``.
     """
-    result = tdcr.sweep(write_files(tmp_path, UNCERTAIN, LOADED, CANTILEVER), executor=InProcess())
+    path = write_files(tmp_path, UNCERTAIN, LOADED, tdcr.robot_to_toml(CANTILEVER))
+    result = tdcr.sweep(path, executor=InProcess())
     assert result.counts == {"converged": 128}
     c = 1e-5 * 0.2**3 / (3.0 * math.pi * 1e-3**4 / 4.0)
     a, b, mean_force, std_force = 0.7e9, 1.3e9, 1.0, 0.2

@@ -30,9 +30,8 @@ def test_a_plan_covers_everything_early_and_does_not_depend_on_its_length():
     recipes = plan(60, 3)
     assert recipes[:28] == plan(28, 3)
     assert len({r.seed for r in recipes}) == 60
-    assert {r.effects[0] for r in recipes[:28] if r.kind == "single"} == {e.name for e in EFFECTS} - set(
-        LATER
-    )
+    first = {r.effects[0] for r in recipes[:28] if r.kind == "single"}
+    assert first == {e.name for e in EFFECTS} - set(LATER)
     kinds = [r.kind for r in recipes]
     assert kinds.count("clean") >= 8 and kinds.count("pair") >= 6 and kinds.count("weak") >= 2
     assert {r.effects[0] for r in recipes if r.kind == "place"} == set(PLANNED_PLACES)
@@ -42,12 +41,8 @@ def test_a_plan_covers_everything_early_and_does_not_depend_on_its_length():
 
 def test_the_folder_has_the_declared_robot_and_not_the_answer(made):
     folder, data, answer = made
-    assert {p.name for p in folder.iterdir()} == {
-        "robot.toml",
-        "model.toml",
-        "loading.csv",
-        "observations.csv",
-    }
+    files = {"robot.toml", "model.toml", "loading.csv", "observations.csv"}
+    assert {p.name for p in folder.iterdir()} == files
     assert data.robot.backbone.precurvature == (0.0, 0.0)
     assert answer.effects["precurvature"]["kappa_x"] != 0.0
     assert answer.declared_off >= DETECTABLE
@@ -78,10 +73,8 @@ def test_a_turned_frame_and_markers_beside_the_backbone_are_read_as_declared():
     look = Observation(rotation=(0.0, 0.0, np.pi / 2.0), offset=(2e-3, 0.0))
     result = solve_reference(robot, Model(), steps, settings=ReferenceSettings())
     length = robot.backbone.length
-    marks = [(0, f"position_{a}", length) for a in "xyz"] + [
-        (0, "bending_angle", None),
-        (0, "distal_tension", "t1"),
-    ]
+    marks = [(0, f"position_{a}", length) for a in "xyz"]
+    marks += [(0, "bending_angle", None), (0, "distal_tension", "t1")]
     seen = read(result, Experiment(robot, Model(), steps, look), marks)
     np.testing.assert_allclose(seen, (0.0, 2e-3, length, 0.0, 0.0), atol=1e-12)
 

@@ -76,9 +76,8 @@ def rising(step):
 def exchanged(step):
     """Pull and release at the holes of the first tendon."""
     other = {"release": "pull", "pull": "release"}
-    return replace(
-        step, hole_states=(tuple(other.get(x, x) for x in step.hole_states[0]), *step.hole_states[1:])
-    )
+    first, *rest = step.hole_states
+    return replace(step, hole_states=(tuple(other.get(x, x) for x in first), *rest))
 
 
 def with_actuation(step, **changes):

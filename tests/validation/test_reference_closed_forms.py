@@ -69,10 +69,9 @@ def test_integration_is_of_order_eight():
 
 @pytest.mark.integration
 def test_default_settings_err_by_less_than_1e_minus_8_of_the_length():
-    robot = Robot(
-        BACKBONE, Disks.equally_spaced(3, L, mass=0.17e-3), (Tendon("t", ParallelRouting(4.5e-3, 20.0)),)
-    )
-    steps = [LoadStep(tensions={"t": t}, loads={"tip": Load(L, (0.03, 0.05, 0.0))}) for t in (3.0,)]
+    tendon = Tendon("t", ParallelRouting(4.5e-3, 20.0))
+    robot = Robot(BACKBONE, Disks.equally_spaced(3, L, mass=0.17e-3), (tendon,))
+    steps = [LoadStep(tensions={"t": 3.0}, loads={"tip": Load(L, (0.03, 0.05, 0.0))})]
     for path in ("straight", "continuous"):
         model = Model(path, "none", gravity=(0.0, -9.81, 0.0))
         coarse = solve_reference(robot, model, steps)

@@ -43,9 +43,8 @@ def squares(monkeypatch):
 
 def test_every_campaign_is_listed_with_a_description_and_loads(capsys):
     assert main([]) == 0
-    listed = dict(
-        line.split(maxsplit=1) for line in capsys.readouterr().out.split("campaigns:")[1].splitlines() if line
-    )
+    lines = capsys.readouterr().out.split("campaigns:")[1].splitlines()
+    listed = dict(line.split(maxsplit=1) for line in lines if line)
     assert list(listed) == runner.names()
     for name, text in listed.items():
         assert text.endswith(".") and len(text) > 20

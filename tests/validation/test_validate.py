@@ -24,10 +24,8 @@ def test_the_cases_cover_routings_models_and_loads_with_5_to_20_disks():
     assert {(c.routing, c.model.tendon_path, c.model.friction, c.load) for c in ALL if c.quick} >= expected
     assert {c.disks for c in ALL if c.group == "grid"} == {5, 10, 15, 20}
     for routing, friction in product(cases.ROUTINGS, ("per-tendon", "per-hole")):
-        mine = [
-            c for c in ALL if c.group == "history" and (c.routing, c.model.friction) == (routing, friction)
-        ]
-        assert any(c.quick for c in mine)
+        history = [c for c in ALL if c.group == "history" and c.quick]
+        assert any((c.routing, c.model.friction) == (routing, friction) for c in history)
 
 
 @pytest.mark.parametrize("name", ["large_parallel_continuous_none_20", "variant_precurved-continuous"])
@@ -50,9 +48,8 @@ def test_a_moved_tip_and_a_wrong_state_are_noticed(monkeypatch):
         result = honest(*args, **kwargs)
         last = result.steps[-1]
         states = ("release", *last.hole_states[0][1:])
-        last = replace(
-            last, positions=last.positions + np.array([1e-3 * 0.25, 0.0, 0.0]), hole_states=(states,)
-        )
+        moved = last.positions + np.array([1e-3 * 0.25, 0.0, 0.0])
+        last = replace(last, positions=moved, hole_states=(states,))
         increment = kwargs["record_path"][-1][-1]
         (friction,) = increment.state.friction
         wrong = replace(friction, mobilisation=-friction.mobilisation)
