@@ -59,15 +59,9 @@ def follow(args: argparse.Namespace) -> int:
             ) from error
         except ValueError as error:  # a contradiction between bounds, model and robot
             raise refusal(args.robot, str(error)) from error
-    written = write_follow(
-        result,
-        out,
-        settings,
-        {Path(n).name: digest(n) for n in (args.robot, args.path, args.model) if n},
-        len(targets),
-        {**vars(limits), **choices, "tolerance": result.tolerance},
-        not args.no_pictures,
-    )
+    digests = {Path(n).name: digest(n) for n in (args.robot, args.path, args.model) if n}
+    options = {**vars(limits), **choices, "tolerance": result.tolerance}
+    written = write_follow(result, out, settings, digests, len(targets), options, not args.no_pictures)
     if not args.quiet:
         print(f"{result!r}\nWritten to {out}: " + ", ".join(str(p.relative_to(out)) for p in written))
         if result.steps:

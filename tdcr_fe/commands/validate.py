@@ -35,12 +35,9 @@ def validate(args: argparse.Namespace) -> int:
             complain(f"interrupted; finished cases are in {file}, the same command continues from there")
             return Exit.INTERRUPTED
         bar.set_postfix_str("drawing the report")
-        outcome = report.judge(
-            [records[case.id] for case in cases],
-            [records[study.id] for study in studies],
-            args.full,
-            {"wall": time.perf_counter() - begun, "processes": processes, "recalled": recalled},
-        )
+        solved, studied = ([records[x.id] for x in of_kind] for of_kind in (cases, studies))
+        times = {"wall": time.perf_counter() - begun, "processes": processes, "recalled": recalled}
+        outcome = report.judge(solved, studied, args.full, times)
         report.write(outcome, out)
     if not args.quiet:
         print("\n".join(report.headline(outcome)))

@@ -171,11 +171,11 @@ class ActuatorBacklash(Effect):
         backlash = values["backlash"]
         if backlash == 0.0:
             return experiment
-        return pass_through(
-            experiment,
-            displacement=lambda commands: displacement_play(backlash, first_travel(commands, backlash)),
-            slack=backlash,
-        )
+
+        def play(commands: list[float]) -> Play:
+            return displacement_play(backlash, first_travel(commands, backlash))
+
+        return pass_through(experiment, displacement=play, slack=backlash)
 
 
 class ActuatorLoss(Effect):
@@ -197,11 +197,9 @@ class ActuatorLoss(Effect):
         """Dead bands of a fiftieth and a tenth of the largest tension; nothing on data driven by displacement."""
         if not any(s.tensions for s in experiment.steps):
             return []
+        most = excitation.tension
         return [
-            [
-                {"dead_band": share * excitation.tension, "efficiency": 1.0},
-                {"dead_band": 0.0, "efficiency": 1.0 - share},
-            ]
+            [{"dead_band": share * most, "efficiency": 1.0}, {"dead_band": 0.0, "efficiency": 1.0 - share}]
             for share in (0.02, 0.1)
         ]
 

@@ -341,15 +341,8 @@ class Form(Effect):
 
     def __init__(self, of: Effect, kind: str, names: Sequence[str], experiment: Experiment) -> None:
         self.of, self.name = of, f"{of.name} ({kind})"
-        same = (
-            "description",
-            "separating_experiment",
-            "kind",
-            "after",
-            "exact_derivatives",
-            "needs_friction",
-        )
-        for name in same:
+        self.description, self.separating_experiment = of.description, of.separating_experiment
+        for name in ("kind", "after", "exact_derivatives", "needs_friction"):
             setattr(self, name, getattr(of, name))
         known = {p.name: p for p in of.parameters_of(experiment)}
         self.parameters = tuple(known[n] for n in names)

@@ -118,18 +118,8 @@ class BaseCompliance(Effect):
 
     name = "base_compliance"
     kind = Kind("base", ("nothing",), "base")
-    parameters = (
-        Parameter(
-            "stiffness",
-            "N m/rad",
-            1e-6,
-            math.inf,
-            math.inf,
-            0.02,
-            "rotational stiffness about the x and y axes",
-            inverse=True,
-        ),
-    )
+    _meaning = "rotational stiffness about the x and y axes"
+    parameters = (Parameter("stiffness", "N m/rad", 1e-6, math.inf, math.inf, 0.02, _meaning, inverse=True),)
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
         """The declared value, infinite where none is declared."""

@@ -50,20 +50,14 @@ def effect_keys(names: tuple[str, ...]) -> Keys:
 
 
 _COUNT = Quantity("disks at equal distances, the last at the tip", ge=1, le=10_000)
-#: Keys of ``[disks]``, of which exactly one of ``count`` and ``positions`` is given.
 _POSITIONS = replace(
     *keys_of(Disks)["positions"].__metadata__,
     description="arc lengths of the disks, in place of count",
     min_items=1,
 )
-DISKS = Keys(
-    {
-        **keys_of(Disks),
-        "count": Annotated[int, _COUNT],
-        "positions": Annotated[tuple[float, ...], _POSITIONS],
-    },
-    {**keys_of(Disks).defaults, "count": None, "positions": None},
-)
+_PLACES = {"count": Annotated[int, _COUNT], "positions": Annotated[tuple[float, ...], _POSITIONS]}
+#: Keys of ``[disks]``, of which exactly one of ``count`` and ``positions`` is given.
+DISKS = Keys({**keys_of(Disks), **_PLACES}, {**keys_of(Disks).defaults, **dict.fromkeys(_PLACES)})
 _RADIUS = Quantity(
     "radius of the (round) cross-section, or pairs of arc length and radius from base to tip, linear in between",
     "m",
@@ -155,14 +149,9 @@ _SHARED = {
     "solver": Annotated[SolverSettings, Quantity(_SOLVER, allowed="a table [solver]")],
     "effects": Annotated[_Table, _Contents(_effects_schema), _EFFECTS],
 }
+_INPUTS = Annotated[InputErrors, Quantity("errors of the inputs", allowed="a table [inputs]")]
 #: Keys at the top of ``model.toml``; ``effects`` and ``inputs`` are those of measured data.
-MODEL_FILE = Keys(
-    {
-        **_SHARED,
-        "inputs": Annotated[InputErrors, Quantity("errors of the inputs", allowed="a table [inputs]")],
-    },
-    {"solver": SolverSettings(), "effects": {}, "inputs": None},
-)
+MODEL_FILE = Keys({**_SHARED, "inputs": _INPUTS}, {"solver": SolverSettings(), "effects": {}, "inputs": None})
 _PATH = "the path of a robot.toml, in quotes, relative to this file"
 _STEPS = Quantity("the loading sequence", min_items=1, allowed="tables [[steps]], at least one")
 #: Keys at the top of ``scenario.toml``.

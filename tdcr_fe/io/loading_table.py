@@ -157,11 +157,8 @@ def read_loading(table: pd.DataFrame, robot: Robot, file: str) -> Loading:
             further[f"{drive.name}_{tendon.name}"] = Annotated[float, own]
     columns = Keys({"step": _STEP, **further}, {**dict.fromkeys(further), "branch": ""})
     rows = _rows(table, columns, file)
-    return Loading(
-        tuple(row["step"] for row in rows),
-        tuple(_load_step(row, robot) for row in rows),
-        tuple(row["branch"] for row in rows),
-    )
+    steps = tuple(_load_step(row, robot) for row in rows)
+    return Loading(tuple(row["step"] for row in rows), steps, tuple(row["branch"] for row in rows))
 
 
 def _load_step(row: Mapping[str, Any], robot: Robot) -> LoadStep:
@@ -261,15 +258,12 @@ def read_path(path: str | os.PathLike[str]) -> tuple[TipTarget, ...]:
     """
     numbers, further = dict.fromkeys((*POSITION, *DIRECTION, "time"), _OPEN), (*DIRECTION, "time")
     columns = Keys({"step": _STEP, **numbers, "label": _TEXT}, {**dict.fromkeys(further), "label": ""})
-    return tuple(
-        TipTarget(
-            (row["x"], row["y"], row["z"]),
-            None if row["dx"] is None else (row["dx"], row["dy"], row["dz"]),
-            row["label"] or f"step {row['step']}",
-            row["time"],
-        )
-        for row in _rows(read_table(path), columns, str(path), _wrong_target)
-    )
+    targets = []
+    for row in _rows(read_table(path), columns, str(path), _wrong_target):
+        position = row["x"], row["y"], row["z"]
+        direction = None if row["dx"] is None else (row["dx"], row["dy"], row["dz"])
+        targets.append(TipTarget(position, direction, row["label"] or f"step {row['step']}", row["time"]))
+    return tuple(targets)
 
 
 def _wrong_target(row: Mapping[str, Any]) -> dict[str, str]:

@@ -143,27 +143,19 @@ def read_measured(folder: str | os.PathLike[str]) -> MeasuredData:
         lambda: read_table(of_loading),
         lambda: read_rows(observed),
     )
-    step_ids, steps, branches = _read_steps(table, robot, declared["model"], str(of_loading))
-    readings, bad = read_observations(rows, robot, set(step_ids), str(observed))
+    model, settings = declared["model"], declared["solver"]
+    loading = _read_steps(table, robot, model, str(of_loading))
+    readings, bad = read_observations(rows, robot, set(loading.step_ids), str(observed))
+    digests = {path.name: digest(path) for path in files if path.exists()}
     reporter, inputs, sigmas = Reporter(str(of_model)), declared["inputs"], tuple[float, ...]()
     try:
         if inputs:
             sigmas = tuple(by_tendon("inputs.sigma", inputs.sigma, robot.tendon_names).tolist())
     except FieldError as error:
         reporter(error.field, error.value, error.allowed)
-    data = MeasuredData(
-        folder.resolve().name,
-        robot,
-        declared["model"],
-        step_ids,
-        steps,
-        branches,
-        tuple(readings),
-        tuple(bad),
-        {path.name: digest(path) for path in files if path.exists()},
-        declared["solver"],
-        input_sigma=sigmas,
-    )
+    read = tuple(readings), tuple(bad), digests
+    name = folder.resolve().name
+    data = MeasuredData(name, robot, model, *loading, *read, settings, input_sigma=sigmas)
     if declared["effects"]:
         data = _with_declared_effects(data, declared["effects"], reporter)
     reporter.refuse()

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.io.problems import refusal
+from tdcr_fe.model.columns import tendon_columns
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.results import HOLE_STATES
 from tdcr_fe.report.motion import Markers, Motion, Nodes, assemble
@@ -127,7 +128,7 @@ def read_motion(folder: str | os.PathLike[str]) -> Motion:
     with _reading(path / SUMMARY):
         shape = summary["geometry"]
         names = [str(t["name"]) for t in shape["tendons"]]
-        columns = [f"{kind}_{n}" for kind in ("tension", "displacement") for n in names]
+        columns = tendon_columns(names)
         table = _table(path / STEPS, ["step", *columns], ["label"])
         steps = [int(x) for x in table.step]
         if not steps:

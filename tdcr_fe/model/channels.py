@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.model.observed_step import ObservedChange, ObservedStep
+from tdcr_fe.model.results import angle_from_z, off_axis
 
 Array = NDArray[np.float64]
 
@@ -133,16 +134,6 @@ def _along(values: Callable[[ObservedStep, Array], Array], axis: int) -> Predict
     return lambda step, locations: values(step, arc_lengths(locations))[..., axis]
 
 
-def _off_axis(vectors: Array) -> Array:
-    """Distance from the z axis, (..., 3) to (...)."""
-    return np.hypot(vectors[..., 0], vectors[..., 1])
-
-
-def _from_z(vectors: Array) -> Array:
-    """Angle between vectors and the z axis [rad], (..., 3) to (...)."""
-    return np.arctan2(_off_axis(vectors), vectors[..., 2])
-
-
 def _position(axis: int) -> Channel:
     name, predict = "xyz"[axis], _along(ObservedStep.markers, axis)
     meaning = f"{name} coordinate of a marker in the measuring frame"
@@ -164,21 +155,21 @@ CHANNELS: tuple[Channel, ...] = (
         "rad",
         "",
         "angle between the tip tangent and the z axis",
-        _single(lambda step: _from_z(step.tangent)),
+        _single(lambda step: angle_from_z(step.tangent)),
     ),
     Channel(
         "chord_angle",
         "rad",
         "",
         "angle between the line from base to tip and the z axis",
-        _single(lambda step: _from_z(step.tip)),
+        _single(lambda step: angle_from_z(step.tip)),
     ),
     Channel(
         "tip_offset",
         "m",
         "",
         "distance of the tip from the z axis",
-        _single(lambda step: _off_axis(step.tip)),
+        _single(lambda step: off_axis(step.tip)),
     ),
     Channel(
         "tendon_displacement",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -67,15 +67,17 @@ OF_TENDONS: dict[str, Callable[[StepResult], Array]] = {
 }
 
 
+def tendon_columns(names: Iterable[str]) -> list[str]:
+    """Columns of all `OF_TENDONS` for tendons of these names: first the tensions of all, then the displacements."""
+    names = tuple(names)
+    return [f"{quantity}_{name}" for quantity in OF_TENDONS for name in names]
+
+
 def steps_frame(result: SequenceResult) -> pd.DataFrame:
     """One row per load step: actuation, tip pose and angles, with the columns of `steps.csv`."""
     import pandas as pd
 
-    columns = [
-        *BEFORE_TENDONS,
-        *(f"{quantity}_{tendon}" for quantity in OF_TENDONS for tendon in result.robot.tendon_names),
-        *AFTER_TENDONS,
-    ]
+    columns = [*BEFORE_TENDONS, *tendon_columns(result.robot.tendon_names), *AFTER_TENDONS]
     rows = [
         [
             *(value(s) for value in BEFORE_TENDONS.values()),
@@ -91,11 +93,8 @@ def sensitivities_frame(result: SequenceResult) -> pd.DataFrame:
     """One row per load step and parameter, with the columns of `sensitivities.csv`."""
     import pandas as pd
 
-    columns = [
-        *("step", "label", "parameter", "value"),
-        *(f"{quantity}_{tendon}" for quantity in OF_TENDONS for tendon in result.robot.tendon_names),
-        *("tip_x", "tip_y", "tip_z", "rotation_x", "rotation_y", "rotation_z"),
-    ]
+    tip = ("tip_x", "tip_y", "tip_z", "rotation_x", "rotation_y", "rotation_z")
+    columns = ["step", "label", "parameter", "value", *tendon_columns(result.robot.tendon_names), *tip]
     rows = [
         [
             *(s.step, s.label, each.parameter, each.value),
@@ -112,13 +111,10 @@ def shape_frame(result: SequenceResult) -> pd.DataFrame:
     """One row per backbone node and load step, with the columns of `shape.csv`."""
     import pandas as pd
 
-    columns = ["step", "s", "x", "y", "z", "qw", "qx", "qy", "qz"]
-    tables = [
-        pd.DataFrame(
-            np.column_stack((s.s, s.positions, quaternions(s.rotations))), columns=columns[1:]
-        ).assign(step=s.step)
-        for s in result.steps
-    ]
+    columns, tables = ["step", "s", "x", "y", "z", "qw", "qx", "qy", "qz"], []
+    for s in result.steps:
+        poses = np.column_stack((s.s, s.positions, quaternions(s.rotations)))
+        tables.append(pd.DataFrame(poses, columns=columns[1:]).assign(step=s.step))
     return pd.concat(tables, ignore_index=True)[columns] if tables else pd.DataFrame(columns=columns)
 
 

@@ -90,13 +90,9 @@ class Value(NamedTuple):
     @property
     def says(self) -> str:
         """What is wrong with it."""
-        numbers = {
-            "ratio": self.ratio,
-            "percent": 100.0 * self.ratio,
-            "low": self.row.low,
-            "high": self.row.high,
-        }
-        return self.row.says.format(**numbers, detail=self.detail)
+        row = self.row
+        numbers = {"ratio": self.ratio, "percent": 100.0 * self.ratio, "low": row.low, "high": row.high}
+        return row.says.format(**numbers, detail=self.detail)
 
     @property
     def hint(self) -> str:

@@ -25,6 +25,16 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+def off_axis(vectors: Array) -> Array:
+    """Distance from the z axis, (..., 3) to (...)."""
+    return np.asarray(np.hypot(vectors[..., 0], vectors[..., 1]))
+
+
+def angle_from_z(vectors: Array) -> Array:
+    """Angle between vectors and the z axis [rad], (..., 3) to (...)."""
+    return np.asarray(np.arctan2(off_axis(vectors), vectors[..., 2]))
+
+
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
     """Derivatives by one parameter, whose unit is per unit of the parameter in its file.
@@ -189,19 +199,17 @@ class StepResult:
     @property
     def bending_angle(self) -> float:
         """Angle between the tip tangent and +z [rad]."""
-        t = self.tangent
-        return float(np.arctan2(np.hypot(t[0], t[1]), t[2]))
+        return float(angle_from_z(self.tangent))
 
     @property
     def chord_angle(self) -> float:
         """Angle between the line from base to tip and +z [rad]."""
-        d = self.positions[-1] - self.positions[0]
-        return float(np.arctan2(np.hypot(d[0], d[1]), d[2]))
+        return float(angle_from_z(self.tip - self.positions[0]))
 
     @property
     def tip_offset(self) -> float:
         """Distance of the tip from the z axis [m]."""
-        return float(np.hypot(self.tip[0], self.tip[1]))
+        return float(off_axis(self.tip))
 
     def position_at(self, s: float | Array) -> Array:
         """World position at any arc length [m], shape (..., 3).

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tdcr_fe.model.columns import tendon_columns
 from tdcr_fe.model.loading import LoadStep, Vector
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
@@ -268,13 +269,11 @@ class FollowResult:
         """One row per target, with the columns of ``targets.csv``."""
         import pandas as pd
 
-        names = self.robot.tendon_names
         columns = [
             *("target", "label", "step", "status", "error", "direction_error"),
             *("x", "y", "z", "dx", "dy", "dz"),
             *("tip_x", "tip_y", "tip_z", "tangent_x", "tangent_y", "tangent_z"),
-            *(f"tension_{n}" for n in names),
-            *(f"displacement_{n}" for n in names),
+            *tendon_columns(self.robot.tendon_names),
             *("at_largest", "possible_gain", "trials", "starts"),
         ]
         rows = [

@@ -44,13 +44,9 @@ def svg(figure: Figure) -> str:
     """A figure as SVG text, without the XML declaration; the same text for the same figure."""
     buffer = io.StringIO()
     with styled():
+        edge = {"bbox_inches": "tight", "pad_inches": 0.04}
         figure.savefig(
-            buffer,
-            format="svg",
-            bbox_inches="tight",
-            pad_inches=0.04,
-            transparent=True,
-            metadata={"Date": None, "Creator": None},
+            buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None}, **edge
         )
     text = buffer.getvalue()
     return text[text.index("<svg") :]

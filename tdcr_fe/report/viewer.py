@@ -32,16 +32,8 @@ def panel(motion: Motion, extent: Literal["part", "whole"] = "part") -> Markup:
         Whether it is part of a page or the whole of it; only then it hears all keys and has links to its views.
     """
     text = json.dumps(panel_data(motion), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return Markup(
-        environment()
-        .get_template("viewer.html.j2")
-        .render(
-            name=motion.name,
-            extent=extent,
-            data=Markup(text.replace("<", "\\u003c")),
-            still=Markup(still(motion)),
-        )
-    )
+    data, template = Markup(text.replace("<", "\\u003c")), environment().get_template("viewer.html.j2")
+    return Markup(template.render(name=motion.name, extent=extent, data=data, still=Markup(still(motion))))
 
 
 def summary(motion: Motion) -> str:
@@ -53,11 +45,8 @@ def summary(motion: Motion) -> str:
 
 def view_page(motion: Motion) -> str:
     """One HTML page with the panel alone; it needs no server and no network."""
-    return (
-        environment()
-        .get_template("viewer_page.html.j2")
-        .render(name=motion.name, summary=summary(motion), panel=panel(motion, "whole"), has_panel=True)
-    )
+    template, whole = environment().get_template("viewer_page.html.j2"), panel(motion, "whole")
+    return template.render(name=motion.name, summary=summary(motion), panel=whole, has_panel=True)
 
 
 # ---------------------------------------------------------------- still picture

@@ -191,12 +191,6 @@ def nonlinear_section(robot: Robot, mesh: BackboneMesh, rigid: Mask) -> Nonlinea
     if law is None:
         return None
     axial, bending = mesh.stiffness[:, 0], mesh.stiffness[:, 5]
-    one = np.ones_like(axial)
-    return NonlinearSection(
-        np.where(rigid, 0.0, axial),
-        np.where(rigid, 0.0, bending),
-        2.0 * np.sqrt(bending / axial),
-        law.quadratic * one,
-        law.cubic * one,
-        mesh.precurvature,
-    )
+    radius, one = 2.0 * np.sqrt(bending / axial), np.ones_like(axial)
+    axial, bending = np.where(rigid, 0.0, axial), np.where(rigid, 0.0, bending)
+    return NonlinearSection(axial, bending, radius, law.quadratic * one, law.cubic * one, mesh.precurvature)

@@ -16,7 +16,7 @@ from tdcr_fe.effects import Effect
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.toml import Scenario, ScenarioTables, build_scenario, read_scenario_tables
 from tdcr_fe.io.user_effects import read_own_effects
-from tdcr_fe.model.columns import AFTER_TENDONS, OF_TENDONS
+from tdcr_fe.model.columns import AFTER_TENDONS, OF_TENDONS, tendon_columns
 from tdcr_fe.model.messages import meant, shown, warnings_to
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.units import number_or_none
@@ -134,8 +134,7 @@ def _changed(key: Key, mode: Mode, value: Any, declared: Any) -> Any:
 
 def columns_of_steps(tendons: Iterable[str]) -> list[str]:
     """Names of all numbers that a load step has."""
-    names = list(tendons)
-    return [*(f"{quantity}_{n}" for quantity in OF_TENDONS for n in names), *AFTER_TENDONS, *ESTIMATES]
+    return [*tendon_columns(tendons), *AFTER_TENDONS, *ESTIMATES]
 
 
 def _numbers_of_step(step: StepResult) -> list[float]:
