@@ -8,14 +8,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.observed_step import Observation
 from tdcr_fe.model.robot import Robot
 
-Array = NDArray[np.float64]
 Values = Mapping[str, float]
 #: Alternatives; each is a set of points, one for each direction from the null values.
 Points = list[list[dict[str, float]]]

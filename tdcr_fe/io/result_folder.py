@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.io.problems import refusal
 from tdcr_fe.model.columns import tendon_columns
 from tdcr_fe.model.loading import Load
@@ -21,7 +21,6 @@ from tdcr_fe.report.motion import Markers, Motion, Nodes, assemble
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 
 #: Files that are read.
 STEPS, SHAPE, TENSIONS, SUMMARY = "steps.csv", "shape.csv", "tensions.csv", "summary.json"

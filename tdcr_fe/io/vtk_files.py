@@ -10,12 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.io.atomic import write_folder
 from tdcr_fe.report.environment import environment
 from tdcr_fe.report.motion import Motion
 from tdcr_fe.report.viewer_data import hole_codes
-
-Array = NDArray[np.float64]
 
 #: Name of the list of all load steps, which ParaView opens.
 LIST = "robot.pvd"

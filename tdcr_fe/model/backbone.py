@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.schema import Checked, Quantity
 
 
@@ -63,9 +63,6 @@ class NonlinearMaterial(Checked):
         if inside < 0.0:
             return math.inf
         return min(abs((-b + sign * math.sqrt(inside)) / (3.0 * c)) for sign in (1.0, -1.0))
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

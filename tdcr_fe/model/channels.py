@@ -13,12 +13,10 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.observed_step import ObservedChange, ObservedStep
 from tdcr_fe.model.results import angle_from_z, off_axis
-
-Array = NDArray[np.float64]
 
 #: Arc length [m], tendon name, or None where a quantity has no location.
 Location = float | str | None

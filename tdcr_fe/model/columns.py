@@ -7,15 +7,14 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+
+from tdcr_fe.elements import Array
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from tdcr_fe.model.results import SequenceResult, StepResult
-
-Array = NDArray[np.float64]
 
 
 def quaternions(rotations: Array) -> Array:

@@ -11,11 +11,9 @@ from dataclasses import dataclass
 from typing import Annotated, Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.schema import Checked, Quantity
-
-Array = NDArray[np.float64]
 
 
 class FrictionCoefficient(Protocol):

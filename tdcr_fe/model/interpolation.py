@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.elements.poses import exp_se3, log_se3
-
-Array = NDArray[np.float64]
 
 
 def interpolate_positions(nodes: Array, positions: Array, rotations: Array, s: Array) -> Array:
@@ -43,7 +41,7 @@ def interpolate_positions(nodes: Array, positions: Array, rotations: Array, s: A
     return result.reshape((*np.shape(s), 3))
 
 
-def elements_at(nodes: Array, s: Array) -> NDArray[np.int_]:
+def elements_at(nodes: Array, s: Array) -> Index:
     """Numbers of the elements that hold arc lengths; at a node, of the one that begins there, the last one at the tip.
 
     Parameters

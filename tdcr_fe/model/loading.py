@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.drives import DISPLACEMENT, DRIVES, TENSION, Drive, TendonDrives
 from tdcr_fe.elements.hysteresis import HysteresisKind
 from tdcr_fe.model.checks import step_contradictions
@@ -16,7 +16,6 @@ from tdcr_fe.model.messages import shown
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import Checked, FieldError, Quantity, check_instance
 
-Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 TendonPath = Literal["straight", "continuous"]
 Friction = Literal["none", "per-tendon", "per-hole"]
@@ -164,7 +163,7 @@ class Actuation:
     time: float = 0.0
 
     @property
-    def by_displacement(self) -> NDArray[np.bool_]:
+    def by_displacement(self) -> Flags:
         """Whether the length wound is prescribed rather than the tension, shape (n_tendons,)."""
         return self.drives.winds
 

@@ -6,13 +6,11 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.interpolation import elements_at, within_elements
 from tdcr_fe.model.results import StepResult
-
-Array = NDArray[np.float64]
 
 #: An arc length that is this near to a node is at the node [m].
 AT_NODE = 2e-6

@@ -12,8 +12,8 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.limits import REMARK, Value, kind_of_material, limits, nearest_material
@@ -29,12 +29,12 @@ ALIKE, MOST = 1e-3, 2 / 3
 class Course(NamedTuple):
     """Holes of a tendon in their sections [m], shape (n + 1, 2), and what follows from them."""
 
-    holes: NDArray[np.float64]
+    holes: Array
     offset: float  # largest distance of a hole from the axis [m]
     end: float  # arc length of the anchor [m]
     # Angles by which tension and displacement bend the robot, to first order and with their direction, each (2,)
-    by_tension: NDArray[np.float64]  # [rad/N]
-    by_displacement: NDArray[np.float64]  # [rad/m]
+    by_tension: Array  # [rad/N]
+    by_displacement: Array  # [rad/m]
 
 
 class Description(NamedTuple):
@@ -67,12 +67,12 @@ class Description(NamedTuple):
             courses[tendon.name] = Course(holes, offset, end, by_tension, by_displacement)
         return cls(robot, model, steps, with_displacements(robot, steps), courses)
 
-    def bends(self, kind: str) -> NDArray[np.float64]:
+    def bends(self, kind: str) -> Array:
         """Angles by which inputs bend the robot, to first order [rad], by step, direction and tendon."""
         factors = [getattr(c, f"by_{kind.removesuffix('s')}") for c in self.courses.values()]
         return self.inputs(kind)[:, None, :] * np.array(factors).reshape(-1, 2).T
 
-    def bend(self, kind: str) -> NDArray[np.float64]:
+    def bend(self, kind: str) -> Array:
         """Angle by which the inputs of a step together bend the robot, to first order [rad], by step and direction."""
         if kind == "tensions":
             return self.bends(kind).sum(axis=2)
@@ -83,7 +83,7 @@ class Description(NamedTuple):
         found = [np.linalg.lstsq(levers[u != 0.0], u[u != 0.0], rcond=0.2)[0] for u in self.inputs(kind)]
         return np.array(found).reshape(-1, 2)
 
-    def inputs(self, kind: str) -> NDArray[np.float64]:
+    def inputs(self, kind: str) -> Array:
         """Tensions [N] or displacements [m] by step and tendon; zero where a step names none."""
         names = self.robot.tendon_names
         found = [[getattr(s, kind).get(n, 0.0) for n in names] for s in self.steps]

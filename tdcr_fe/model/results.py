@@ -12,8 +12,8 @@ from math import degrees
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model import columns
 from tdcr_fe.model.loading import Actuation, Model
 from tdcr_fe.model.messages import count
@@ -21,8 +21,6 @@ from tdcr_fe.model.robot import Robot
 
 if TYPE_CHECKING:
     from tdcr_fe.model.targets import FollowResult
-
-Array = NDArray[np.float64]
 
 
 def off_axis(vectors: Array) -> Array:

@@ -11,8 +11,8 @@ from numbers import Integral
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import ARC_TOLERANCE, robot_contradictions
 from tdcr_fe.model.schema import Checked, Quantity, check_instance
@@ -50,8 +50,6 @@ class Disks(Checked):
         positions = tuple(float(x) for x in length * np.arange(1, count + 1) / count)
         return cls(positions=positions, **rest)
 
-
-Array = NDArray[np.float64]
 
 #: Bays of a robot without disks: stretches of equal length, for its mesh and for effects at one place.
 BAYS_WITHOUT_DISKS = 20

@@ -18,9 +18,8 @@ from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.schema import Checked, FieldError, Quantity
-
-Array = NDArray[np.float64]
 
 Offset = Annotated[float, Quantity(unit="m", ge=0.0, note="not outside the disk")]
 Angle = Annotated[float, Quantity(unit="deg")]

@@ -8,8 +8,9 @@ from enum import Enum
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.model.columns import tendon_columns
 from tdcr_fe.model.loading import LoadStep, Vector
 from tdcr_fe.model.results import SequenceResult, StepResult
@@ -20,7 +21,6 @@ from tdcr_fe.model.tendon import by_tendon
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 #: What drives the tendons.
 DriveBy = Literal["tension", "displacement"]
 #: Whose sum of squares is smallest among all tensions that reach a target.
@@ -56,7 +56,7 @@ class TipTarget(Checked):
             raise ValueError("TipTarget.position = (None, None, None): must be given in part")
 
     @property
-    def given(self) -> NDArray[np.bool_]:
+    def given(self) -> Flags:
         """Which coordinates of the position are given, shape (3,)."""
         return np.array([x is not None for x in self.position])
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.friction import FRICTION_COEFFICIENTS, FrictionCoefficient
 from tdcr_fe.model.messages import shown
 from tdcr_fe.model.routing import Routing
@@ -99,7 +99,7 @@ class Tendon(Checked):
 
 def by_tendon(
     key: str, given: float | Mapping[str, float], names: Sequence[str], default: float | None = None
-) -> NDArray[np.float64]:
+) -> Array:
     """Numbers of all tendons, from one for all or a table by name; those that it may leave out have a default.
 
     Raises

@@ -8,12 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.report.environment import quantity
 from tdcr_fe.report.motion import Motion
-
-Array = NDArray[np.float64]
 
 FORCE, MOMENT, GRAVITY = "#b3001b", "#7a1fa2", "#555555"
 #: Length of the arrow of the largest load, over the length of the backbone [1].

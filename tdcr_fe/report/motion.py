@@ -11,18 +11,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.columns import quaternions
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.model.robot import Robot
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 #: Points per bay of a tendon that follows the backbone.
 POINTS_PER_BAY = 6
@@ -41,9 +38,9 @@ class TendonPath:
 
     name: str
     #: Indices into `Motion.s`: the sections that the corners belong to, base plate first, anchor last, shape (k,).
-    frames: Indices
+    frames: Index
     points: Array  # corners in their section frames [m], shape (k, 3)
-    segments: Indices  # the tendon segment that each side belongs to, from 0, shape (k - 1,)
+    segments: Index  # the tendon segment that each side belongs to, from 0, shape (k - 1,)
 
 
 @dataclass(frozen=True)
@@ -117,13 +114,13 @@ class Motion:
     radius: Array
     positions: Array
     rotations: Array
-    disks: Indices
+    disks: Index
     tendons: tuple[TendonPath, ...]
     tensions: tuple[Array, ...]
     hole_states: tuple[tuple[tuple[str, ...], ...], ...]
     base_tensions: Array
     displacements: Array
-    driven_by_displacement: NDArray[np.bool_]
+    driven_by_displacement: Flags
     loads: tuple[Mapping[str, Load], ...]
     gravity: Array
     friction: bool
@@ -283,7 +280,7 @@ def geometry(result: SequenceResult) -> dict[str, Any]:
 # ------------------------------------------------------------------------------------------------ assembling
 
 
-def nearest(s: Array, wanted: Sequence[float] | Array) -> Indices:
+def nearest(s: Array, wanted: Sequence[float] | Array) -> Index:
     """Indices of the nearest of the ascending numbers ``s`` to each wanted one, of two the one before it."""
     return np.ceil(np.interp(wanted, s, np.arange(len(s))) - 0.5).astype(np.intp)
 

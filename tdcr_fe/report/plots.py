@@ -22,13 +22,12 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.report.arrows import LoadArrows
 from tdcr_fe.report.motion import Motion, motion_of, spread
 from tdcr_fe.report.style import AZIMUTH, ELEVATION, space, styled
 from tdcr_fe.report.viewer_data import SLACK, STATES, hole_codes
-
-Array = NDArray[np.float64]
 
 #: Number of steps whose shape is drawn: more hide each other.
 DRAWN_STEPS = 5

@@ -15,7 +15,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
+
+from tdcr_fe.elements import Array
 
 #: Text and main lines; labels and secondary text; frames.
 INK, SOFT, PALE = "#1f2933", "#56626f", "#b8c0c8"
@@ -96,7 +97,7 @@ def logarithmic(axes: Axes, decades: float = 2.0) -> None:
     axes.set_ylim(min(low, middle / half), max(high, middle * half))
 
 
-def space(axes: Any, limits: NDArray[np.float64], unit: str) -> None:
+def space(axes: Any, limits: Array, unit: str) -> None:
     """Prepare axes in three dimensions for what lies within limits of shape (3, 2), to scale."""
     span = limits[:, 1] - limits[:, 0]
     for name, ends, width in zip("xyz", limits, span, strict=True):

@@ -14,13 +14,11 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.report.arrows import FORCE, LONGEST, MOMENT
 from tdcr_fe.report.motion import Motion, between
 from tdcr_fe.report.style import COLOURS, HEAT, INK, PALE, SOFT, space, styled
-
-Array = NDArray[np.float64]
 
 #: Kinds of files, by ending.
 KINDS = (".gif", ".mp4")

@@ -7,13 +7,11 @@ from typing import Literal
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.report.environment import environment
 from tdcr_fe.report.motion import Motion
 from tdcr_fe.report.viewer_data import panel_data
-
-Array = NDArray[np.float64]
 
 #: Direction of view: lifted, turned off the normal of the bending plane, and turned where nothing bends [rad].
 LIFT, OFF_PLANE, UNBENT = 0.32, 0.3, -0.96

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.report.motion import Motion, nearest, spread
-
-Array = NDArray[np.float64]
 
 #: Number of poses (sections times load steps) in one page; more are thinned out.
 POSES = 80_000
@@ -75,7 +74,7 @@ def thinned(motion: Motion, poses: int = POSES) -> Motion:
     return motion.at_steps(spread(len(motion.steps), max(2, poses // len(motion.s))))
 
 
-def _sections(motion: Motion, kept: NDArray[np.intp]) -> Motion:
+def _sections(motion: Motion, kept: Index) -> Motion:
     place = np.zeros(len(motion.s), dtype=np.intp)
     place[kept] = np.arange(len(kept))
     return replace(

@@ -8,8 +8,8 @@ from typing import Any
 
 import exudyn as exu
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh
 from tdcr_fe.elements.capstan import TensionField
 from tdcr_fe.elements.drives import DISPLACEMENT, MOTOR_ANGLE, TENSION, Drive
@@ -21,7 +21,6 @@ from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.mesh import softened
 
-Array = NDArray[np.float64]
 #: A tension this far below zero is taken as zero: round-off of the user's function [N].
 TENSION_ROUND_OFF = 1e-9
 
@@ -109,7 +108,7 @@ class AssembledRobot:
     mesh: BackboneMesh
     oBeams: list[Any]
     actuation: TendonActuation
-    rigid: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    rigid: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
     damping: MaterialDamping | None = None
     compliance_factor: float = 1.0
 

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, add_backbone
 from tdcr_fe.elements.hysteresis import HYSTERESES
 from tdcr_fe.elements.native.actuation import TendonActuation
@@ -195,7 +195,7 @@ def _checked_model(robot: Any, model: Any, gravity: Sequence[float] | None) -> M
     return model
 
 
-def _check_base(motion: NDArray[np.float64], graphics: Sequence[Any], on_ground: bool) -> None:
+def _check_base(motion: Array, graphics: Sequence[Any], on_ground: bool) -> None:
     """Refuse a velocity of a base on ground, and graphics where no base of its own draws them."""
     if on_ground and motion.any():
         raise ValueError(

@@ -10,13 +10,11 @@ from typing import Annotated, Any, NamedTuple
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.loading import Vector
 from tdcr_fe.model.schema import Checked, Keys, Quantity, check_instance
 from tdcr_fe.scene.assembled_robot import AssembledRobot
-
-Array = NDArray[np.float64]
 
 #: Two spheres of one robot are no pair where they are nearer along the backbone than this times the sum of their radii:
 #: they would touch only where the robot bends by more than 217 degrees between them (arc over chord of a circle) [1].

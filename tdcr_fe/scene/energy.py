@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, relative_twists
 from tdcr_fe.elements.disks import disk_inertia
 from tdcr_fe.elements.forces import TendonForces
@@ -29,7 +29,6 @@ from tdcr_fe.model.loading import Vector
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.loads import PointLoad
 
-Array = NDArray[np.float64]
 _CURRENT, _START = exu.ConfigurationType.Current, exu.ConfigurationType.StartOfStep
 
 _STORED = ("kinetic", "elastic", "gravity")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, reference_poses
 from tdcr_fe.elements.forces import ForceModel, SideSprings
 from tdcr_fe.elements.friction import FRICTION_MODELS, TendonLaw, TendonParameters
@@ -22,15 +22,12 @@ from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.parts import BasePose
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
 
 def force_model(
     robot: Robot,
     model: Model,
     mesh: BackboneMesh,
-    rigid: Mask,
+    rigid: Flags,
     hysteresis: Hysteresis,
     base: BasePose | None,
 ) -> ForceModel:
@@ -86,14 +83,14 @@ def cable_geometry(robot: Robot) -> CableGeometry:
     return CableGeometry(nodes, offsets, mask, 1 + max(1, len(robot.disks.positions)), clearance)
 
 
-def cable_lengths(geometry: CableGeometry, mesh: BackboneMesh, hole_nodes: NDArray[np.int_]) -> Array:
+def cable_lengths(geometry: CableGeometry, mesh: BackboneMesh, hole_nodes: Index) -> Array:
     """Lengths of all segments of the unloaded robot [m], shape (m, n), with tendons shifted in their holes."""
     positions, rotations = reference_poses(mesh, np.zeros(3), BEAM_TO_SECTION)
     geometry.shift_in_holes(positions[hole_nodes], rotations[hole_nodes])
     return geometry.evaluate(positions[hole_nodes], rotations[hole_nodes]).lengths
 
 
-def tendon_law(robot: Robot, friction: str, lengths: Array, mask: Mask, hysteresis: Hysteresis) -> TendonLaw:
+def tendon_law(robot: Robot, friction: str, lengths: Array, mask: Flags, hysteresis: Hysteresis) -> TendonLaw:
     """How tension passes along the tendons of a robot.
 
     Parameters
@@ -152,7 +149,7 @@ def side_springs(robot: Robot, mesh: BackboneMesh, base: BasePose | None) -> Sid
 # ---------------------------------------------------------------- section
 
 
-def section_forces(robot: Robot, mesh: BackboneMesh, rigid: Mask, continuous: bool) -> SectionForces | None:
+def section_forces(robot: Robot, mesh: BackboneMesh, rigid: Flags, continuous: bool) -> SectionForces | None:
     """Forces inside the section, those of continuous tendons too; None where there are none."""
     tendons = continuous_tendons(robot, mesh) if continuous else None
     material = superelastic_section(robot, mesh, rigid) or nonlinear_section(robot, mesh, rigid)
@@ -175,7 +172,7 @@ def continuous_tendons(robot: Robot, mesh: BackboneMesh) -> ContinuousTendons:
     return ContinuousTendons(offset, slope, weight)
 
 
-def superelastic_section(robot: Robot, mesh: BackboneMesh, rigid: Mask) -> SuperelasticSection | None:
+def superelastic_section(robot: Robot, mesh: BackboneMesh, rigid: Flags) -> SuperelasticSection | None:
     """Superelastic bending of every element, none in rigid inserts; None where the backbone has no such law."""
     law = robot.backbone.superelastic
     if law is None:
@@ -185,7 +182,7 @@ def superelastic_section(robot: Robot, mesh: BackboneMesh, rigid: Mask) -> Super
     return SuperelasticSection(bending, law.threshold_strain / radius, law.plateau_ratio, mesh.precurvature)
 
 
-def nonlinear_section(robot: Robot, mesh: BackboneMesh, rigid: Mask) -> NonlinearSection | None:
+def nonlinear_section(robot: Robot, mesh: BackboneMesh, rigid: Flags) -> NonlinearSection | None:
     """Fibres of every element that harden or soften, none in rigid inserts; None where the material is linear."""
     law = robot.backbone.nonlinear
     if law is None:

@@ -8,15 +8,13 @@ from typing import Annotated, Any
 
 import exudyn as exu
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eig
 
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.elements.native.scene_forces import Holes
 from tdcr_fe.model.schema import Keys, Quantity, check_arguments
 from tdcr_fe.scene.builder import check_system
-
-Array = NDArray[np.float64]
 
 _MODES = Keys({"numberOfEigenvalues": Annotated[int, Quantity(ge=1)]})
 #: Change of a coordinate in the differences of sensors [m, 1].
@@ -85,7 +83,7 @@ class LinearSystem:
     stiffness: Array
     inputs: Array
     input_names: tuple[str, ...]
-    by_displacement: NDArray[np.bool_]
+    by_displacement: Flags
     outputs: Array
     basis: Array
 

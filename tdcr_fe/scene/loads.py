@@ -9,12 +9,11 @@ from typing import Any, Literal
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.elements.native.items import SystemReference
 
-Array = NDArray[np.float64]
 Frame = Literal["world", "section"]
 
 

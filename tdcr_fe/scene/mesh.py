@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Flags
 from tdcr_fe.elements.backbone import (
     BEAM_TO_SECTION,
     INSERT_FACTORS,
@@ -62,16 +62,14 @@ def hinge_length(length: float) -> float:
     return max(1e-5 * length, 5e-6)
 
 
-def of_backbone(mesh: BackboneMesh) -> NDArray[np.bool_]:
+def of_backbone(mesh: BackboneMesh) -> Flags:
     """Whether each element is one of the backbone; the first one may stand for a base that gives way."""
     found = np.ones(len(mesh.lengths), dtype=bool)
     found[0] = mesh.lengths[0] > 1.5 * hinge_length(float(mesh.arc_lengths[-1]))
     return found
 
 
-def build_mesh(
-    robot: Robot, model: Model, extra: Iterable[float] = ()
-) -> tuple[BackboneMesh, NDArray[np.bool_]]:
+def build_mesh(robot: Robot, model: Model, extra: Iterable[float] = ()) -> tuple[BackboneMesh, Flags]:
     """Mesh of a robot's backbone, and which elements are rigid inserts.
 
     Parameters
@@ -119,7 +117,7 @@ def build_mesh(
     return BackboneMesh(arc, stiffness, b.mass_per_length * one * density, rotary, precurvature), rigid
 
 
-def softened(forces: ForceModel, mesh: BackboneMesh, rigid: NDArray[np.bool_], factor: float) -> ForceModel:
+def softened(forces: ForceModel, mesh: BackboneMesh, rigid: Flags, factor: float) -> ForceModel:
     """The force model of a backbone that has crept; rigid inserts stay as they are.
 
     Parameters

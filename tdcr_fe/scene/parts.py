@@ -11,8 +11,8 @@ import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 from exudyn.rigidBodyUtilities import AngularVelocity2EulerParameters_t
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh
 from tdcr_fe.elements.disks import add_disk, base_plate
 from tdcr_fe.elements.native.material_damping import MaterialDamping
@@ -20,8 +20,6 @@ from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.loading import Vector
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.tendon import Tendon
-
-Array = NDArray[np.float64]
 
 #: Colour of the disks (RGBA).
 DISK_COLOR = (0.55, 0.65, 0.80, 0.6)

@@ -10,8 +10,8 @@ from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.io.toml import ScenarioTables
 from tdcr_fe.model.messages import quoted
 from tdcr_fe.model.schema import Checked, FieldError, Quantity
@@ -286,7 +286,7 @@ class Sweep:
         return dict(zip(names, columns, strict=True))
 
 
-def _drawn(v: Variation, probabilities: NDArray[np.float64]) -> list[Any]:
+def _drawn(v: Variation, probabilities: Array) -> list[Any]:
     """Values of a variation at probabilities between 0 and 1; options are equally likely."""
     if v.distribution is not None:
         return list(v.distribution.quantile(probabilities).tolist())

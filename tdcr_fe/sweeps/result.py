@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.columns import AFTER_TENDONS, OF_TENDONS
 from tdcr_fe.model.messages import count
 from tdcr_fe.report.environment import fixed
@@ -20,7 +20,6 @@ from tdcr_fe.sweeps.cases import ABOUT_CASE, ESTIMATES, STATUSES, Outcome, colum
 from tdcr_fe.sweeps.description import Design, Sweep
 from tdcr_fe.sweeps.statistics import SobolIndices, sobol_indices, summarise, varies
 
-Array = NDArray[np.float64]
 _NUMBER = re.compile(r"(?<![A-Za-z_])-?\d+(\.\d+)?(e[+-]?\d+)?")
 #: Results that are printed before "and ... more", and results in pictures where the sweep names none.
 MOST_PRINTED, MOST_DRAWN = 8, 4

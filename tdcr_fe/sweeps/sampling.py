@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 from scipy.stats import qmc
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.schema import Checked, Quantity
-
-Array = NDArray[np.float64]
 
 #: Probabilities stay this far from zero and one, so that quantiles are finite.
 _EDGE = 2.0**-53

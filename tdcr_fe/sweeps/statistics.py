@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tdcr_fe.elements import Array
 
 #: Resamples of a bootstrap interval, and its level.
 RESAMPLES, LEVEL = 500, 0.95
