@@ -104,7 +104,7 @@ def test_folders_of_the_solver_import_those_below(folder):
 def test_description_and_reference_import_no_solver():
     """Neither exudyn nor anything that imports it; the reference shares only data with the finite elements."""
     # Without Exudyn.
-    plain = ("tdcr_fe.elements.poses", "tdcr_fe.elements.drives", "tdcr_fe.elements.hysteresis")
+    plain = [f"tdcr_fe.elements.{x}" for x in ("Array", "Flags", "Index", "poses", "drives", "hysteresis")]
     for module in (*REFERENCE, *IN_LAYER["model"]):
         allowed = ("tdcr_fe.model", *(("tdcr_fe.validation.reference",) if module in REFERENCE else plain))
         assert not {m for m in own_imports(module) if not m.startswith(allowed)}, module
