@@ -27,10 +27,8 @@ class Tables:
         """The first steps of a set without readings of tendons, with so many markers, the last one among them."""
         loading = pd.read_csv(folder / "loading.csv").head(most_steps)
         observations = pd.read_csv(folder / "observations.csv", dtype={"location": object})
-        robot_alone = ~observations["quantity"].isin(
-            ("tendon_displacement", "base_tension", "distal_tension")
-        )
-        observations = observations[observations["step"].isin(loading["step"]) & robot_alone]
+        of_tendons = observations["quantity"].isin(("tendon_displacement", "base_tension", "distal_tension"))
+        observations = observations[observations["step"].isin(loading["step"]) & ~of_tendons]
         known = sorted({x for x in observations["location"] if isinstance(x, str)}, key=float)
         left_out = known[: len(known) - markers]
         observations = observations[~observations["location"].isin(left_out)].reset_index(drop=True)

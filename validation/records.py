@@ -12,6 +12,8 @@ from tdcr_fe.io.store import Lines, as_completed
 from tdcr_fe.model.messages import warnings_to
 
 Record = dict[str, Any]
+#: Keys, records, and whether they were kept before.
+Found = Generator[tuple[str, Record, bool], None, None]
 Task = TypeVar("Task")
 
 
@@ -40,7 +42,7 @@ def solve_all(
     processes: int = 1,
     *,
     again: Callable[[Record], bool] | None = None,
-) -> Generator[tuple[str, Record, bool], None, None]:
+) -> Found:
     """Records of all tasks: those that are kept first, the others as they are found.
 
     Close the generator explicitly (`contextlib.closing`), so that on an interruption its workers end before the caller

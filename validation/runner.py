@@ -11,7 +11,7 @@ import ast
 import difflib
 import hashlib
 import sys
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict
 from functools import cache, partial
@@ -26,7 +26,7 @@ from tdcr_fe.io.processes import sigterm_as_interrupt
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.io.store import OtherHead
 from tdcr_fe.model.messages import count
-from tdcr_fe.validation.records import Record, Records, solve_all
+from tdcr_fe.validation.records import Found, Record, Records, solve_all
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -163,9 +163,8 @@ def _parser(name: str, campaign: Campaign) -> argparse.ArgumentParser:
     )
     unit = campaign.unit
     if campaign.count is not None:
-        parser.add_argument(
-            "-n", type=int, default=campaign.count, metavar="COUNT", help=f"{unit}s ({campaign.count})"
-        )
+        default = campaign.count
+        parser.add_argument("-n", type=int, default=default, metavar="COUNT", help=f"{unit}s ({default})")
         parser.add_argument("--first", type=int, default=0, metavar="SEED", help="first seed (0)")
     parser.add_argument("-o", required=True, type=Path, metavar="OUT", help="folder of the results")
     parser.add_argument("--only", nargs="+", metavar="KEY", help=f"only these {unit}s, by seed or name")
@@ -211,9 +210,7 @@ def _work(name: str, campaign: Campaign, cases: Mapping[str, Any], options: argp
     return 0 if campaign.passed(outcomes) else 1
 
 
-def _collected(
-    found: Generator[tuple[str, Record, bool], None, None], total: int, unit: str
-) -> dict[str, Record]:
+def _collected(found: Found, total: int, unit: str) -> dict[str, Record]:
     """All records, with a progress bar; on an interruption the workers end first."""
     from tqdm import tqdm
 

@@ -16,6 +16,7 @@ from tdcr_fe.validation.drawing import ranges
 Random = np.random.Generator
 #: By effect, the value of every parameter.
 Values = dict[str, dict[str, float]]
+Misfit = Callable[[Values], float]
 
 #: Smallest misfit of the declared model over sigma, and the largest in a weak set [1].
 DETECTABLE, WEAK = 5.0, 2.0
@@ -25,9 +26,8 @@ def sizes_of(declared: Experiment, solution: SequenceResult) -> dict[str, float]
     """Sizes of the declared robot and of its solution, in which the values of effects are drawn."""
     robot, backbone = declared.robot, declared.robot.backbone
     tension = max(max(step.base_tensions) for step in solution.steps)  # [N]
-    displacement = max(
-        largest_commands(robot, "displacement", 1.0).values()
-    )  # that bends a part by 1 rad [m]
+    # That bends a part by 1 rad [m].
+    displacement = max(largest_commands(robot, "displacement", 1.0).values())
     holes = min(len(robot.hole_arc_lengths(t)) - 2 for t in robot.tendons)  # with friction, of a tendon
     duration = max(s.time or 0.0 for s in declared.steps)
     return {
@@ -168,9 +168,7 @@ def _stronger(declared: Experiment, values: Values, factor: float) -> Values:
     return result
 
 
-def detectable(
-    recipe: Recipe, declared: Experiment, values: Values, misfit: Callable[[Values], float]
-) -> Values:
+def detectable(recipe: Recipe, declared: Experiment, values: Values, misfit: Misfit) -> Values:
     """The effects strengthened until each is detectable by itself, or weakened until barely detectable.
 
     Parameters

@@ -92,11 +92,8 @@ def read(result: SequenceResult, setup: Experiment, marks: Sequence[Mark]) -> Ar
     names = tuple(setup.robot.tendon_names)
     # Where effects divide a step, its end is read.
     steps = {k: result.steps[j] for j, (k, _) in enumerate(setup.step_ends)}
-    observed = {
-        k: ObservedStep.of(x, names, setup.observation)
-        for k, x in steps.items()
-        if k in {mark[0] for mark in marks}
-    }
+    marked = {k for k, _, _ in marks}
+    observed = {k: ObservedStep.of(steps[k], names, setup.observation) for k in marked}
     return np.array([float(channel(q).predict(observed[k], [location])[0]) for k, q, location in marks])
 
 
@@ -106,15 +103,16 @@ def sigmas(marks: Sequence[Mark], sigma: float) -> Array:
     return np.array([5e-5 if q == "tendon_displacement" else by_unit[channel(q).unit] for _, q, _ in marks])
 
 
-def measured(
-    name: str, declared: Experiment, branches: Sequence[str], noisy: tuple[Sequence[Mark], Array, Array]
-) -> MeasuredData:
-    """Data of a declared robot: marks, values and standard deviations of the readings [m, rad, N]."""
+#: Marks, values and standard deviations of readings [m, rad, N].
+Noisy = tuple[Sequence[Mark], Array, Array]
+
+
+def measured(name: str, declared: Experiment, branches: Sequence[str], noisy: Noisy) -> MeasuredData:
+    """Data of a declared robot."""
     readings = tuple(
         Reading(step + 1, quantity, location, round(float(v), 8), float(u))
         for (step, quantity, location), v, u in zip(*noisy, strict=True)
     )
-    ids = tuple(range(1, len(declared.steps) + 1))
-    return MeasuredData(
-        name, declared.robot, declared.model, ids, tuple(declared.steps), tuple(branches), readings
-    )
+    steps = tuple(declared.steps)
+    ids = tuple(range(1, len(steps) + 1))
+    return MeasuredData(name, declared.robot, declared.model, ids, steps, tuple(branches), readings)

@@ -133,9 +133,8 @@ def plan(count: int, seed: int = 0) -> list[Recipe]:
             if robot == "two-segment" and drive == "displacement":
                 robot = "parallel"
             noise = 1e-4 if rng.random() < 0.5 else float(np.exp(rng.uniform(np.log(5e-5), np.log(5e-4))))
-            recipes.append(
-                Recipe(10000 * (seed + 1) + 100 * number + k, robot, effects, round(noise, 6), drive, weak)
-            )
+            own = 10000 * (seed + 1) + 100 * number + k
+            recipes.append(Recipe(own, robot, effects, round(noise, 6), drive, weak))
         number += 1
     return recipes[:count]
 

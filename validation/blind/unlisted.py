@@ -112,9 +112,8 @@ class Recipe:
     truth: Callable[[Declared, float], Truth]  # by strength, about 1
     robot: str = "parallel"
     friction: bool = False  # whether the tendons have friction in the holes
-    clock: str = (
-        ""  # "time": steps have times; "row": the cause depends on the number of the row, steps have none
-    )
+    # "time": steps have times; "row": the cause depends on the number of the row, steps have none
+    clock: str = ""
 
 
 def _bent(b: BackboneState, d: Declared) -> Array:
@@ -122,18 +121,21 @@ def _bent(b: BackboneState, d: Declared) -> Array:
     return np.asarray(np.linalg.norm(b.strain[:, :2], axis=1) / d.curvature)
 
 
-def _law(law: Callable[[BackboneState, Declared, float], Array]) -> Callable[[Declared, float], Truth]:
+#: From sizes and strength, about 1.
+Cause = Callable[[Declared, float], Truth]
+
+
+def _law(law: Callable[[BackboneState, Declared, float], Array]) -> Cause:
     """A true robot whose backbone carries a moment besides its elasticity, shape (n, 2) [N m]."""
     return lambda d, x: Truth(d.experiment, Extras(bending=lambda b: law(b, d, x)))
 
 
-def _force(
-    place: Callable[[tuple[float, ...]], float], force: Callable[[Array, Declared, float, float], Array]
-) -> Callable[[Declared, float], Truth]:
-    """A true robot with a force on a disk, by its displacement, the sizes, the strength and its arc length."""
+def _force(middle: bool, force: Callable[[Array, Declared, float, float], Array]) -> Cause:
+    """A true robot with a force on its middle or last disk, by displacement, sizes, strength and arc length."""
 
     def truth(d: Declared, x: float) -> Truth:
-        at = place(d.experiment.robot.disks.positions)
+        disks = d.experiment.robot.disks.positions
+        at = disks[len(disks) // 2 if middle else -1]
         return Truth(d.experiment, Extras(forces=(PointForce(at, lambda u: force(u, d, x, at)),)))
 
     return truth
@@ -164,7 +166,7 @@ def _tapered(d: Declared, x: float) -> Truth:
     return d.with_backbone(radius=base, taper=((0.0, base), (d.length, tip)))
 
 
-def _misplaced(**changes: float) -> Callable[[Declared, float], Truth]:
+def _misplaced(**changes: float) -> Cause:
     """A true robot with one tendon whose holes are elsewhere, by so much for a strength of one."""
 
     def truth(d: Declared, x: float) -> Truth:
@@ -198,12 +200,11 @@ def _creeping_load(d: Declared, x: float) -> Truth:
 
 
 def _saturated(d: Declared, x: float) -> Truth:
-    def less(t: float) -> float:
-        return t * (1.0 - min(0.25 * x, 0.9) * t / d.tension)
+    def less(step: LoadStep, _: float) -> LoadStep:
+        lost = min(0.25 * x, 0.9) / d.tension
+        return replace(step, tensions={n: t * (1.0 - lost * t) for n, t in step.tensions.items()})
 
-    return d.with_steps(
-        lambda step, _: replace(step, tensions={n: less(t) for n, t in step.tensions.items()})
-    )
+    return d.with_steps(less)
 
 
 def _off_by_a_constant(d: Declared, x: float) -> Truth:
@@ -248,9 +249,9 @@ RECIPES: tuple[Recipe, ...] = (
     Recipe("softer half", "stiffness", "place", _halves, friction=True),
     Recipe("tendon at another angle", "routing", "nothing", _misplaced(angle_base=-0.07, angle_end=-0.07)),
     Recipe("tendon nearer to the axis at the tip", "routing", "place", _misplaced(factor_end=-0.15), friction=True),
-    Recipe("attraction to a point", "force", "position", _force(lambda p: p[-1], _attraction)),
-    Recipe("harness", "force", "position", _force(lambda p: p[-1], _harness), friction=True),
-    Recipe("cubic spring", "force", "position", _force(lambda p: p[len(p) // 2], _cubic)),
+    Recipe("attraction to a point", "force", "position", _force(False, _attraction)),
+    Recipe("harness", "force", "position", _force(False, _harness), friction=True),
+    Recipe("cubic spring", "force", "position", _force(True, _cubic)),
     Recipe("load that grows with every row", "force", "row", _creeping_load, clock="row"),
     Recipe("tensions that saturate", "input", "tension", _saturated),
     Recipe("one tension off by a constant", "input", "nothing", _off_by_a_constant, friction=True),

@@ -96,9 +96,15 @@ def _with(data: Any, path: Path, value: Any) -> Any:
 # -------------------------------------------------------------------------------------------- keys and values
 
 
-def _replaced(
-    types: tuple[type, ...], values: Callable[[Any], list[Any]], wrong: Callable[[Any], bool]
-) -> Mutation:
+_NUMBER = (int, float)
+Judge = Callable[[Any], bool]
+
+
+def _never(new: Any) -> bool:
+    return False
+
+
+def _replaced(types: tuple[type, ...], values: Callable[[Any], list[Any]], wrong: Judge = _never) -> Mutation:
     """A value of some type (any, where there are none) becomes another one, which may certainly be wrong."""
 
     def mutate(rng: Random, data: Any) -> Mutated:
@@ -110,7 +116,20 @@ def _replaced(
 
 
 _ENDLESS = Raw("1" + 400 * "0")
-_ODD_TEXTS = ["a\nb\tc", "ü\u0000\u202e\U0001f916", "../..", "<b>&amp;</b>", "=1+1"]
+_LARGE_AND_SMALL = [10**6, 10**30, _ENDLESS, 5e-324, 3.7, 2**63]
+_NOT_FINITE = [*map(Raw, ("nan", "inf", "-inf", "-nan"))]
+_NO_NUMBERS = ["abc", "0.25", "1,5", "5 mn", "", "nan", "none"]
+_ODD_TEXTS = [
+    "nonsense",
+    "",
+    " ",
+    100_000 * "x",
+    "a\nb\tc",
+    "ü\u0000\u202e\U0001f916",
+    "../..",
+    "<b>&amp;</b>",
+    "=1+1",
+]
 _OF_ALL_TYPES = [{}, {"a": 1}, [], [1, 2], [[1.0, 2.0]], "text", 3, 0.5, True, Raw("1979-05-27"), [{"a": 1}]]
 
 
@@ -145,25 +164,14 @@ def add_key(rng: Random, data: Any) -> Mutated:
 
 
 DATA_MUTATIONS |= {
-    "text_for_number": _replaced(
-        (int, float), lambda old: ["abc", "0.25", "1,5", "5 mn", "", "nan", "none"], lambda new: True
-    ),
-    "boolean_for_number": _replaced((int, float), lambda old: [False, True], lambda new: True),
-    "other_type": _replaced((), lambda old: _OF_ALL_TYPES, lambda new: False),
+    "text_for_number": _replaced(_NUMBER, lambda old: _NO_NUMBERS, lambda new: True),
+    "boolean_for_number": _replaced(_NUMBER, lambda old: [False, True], lambda new: True),
+    "other_type": _replaced((), lambda old: _OF_ALL_TYPES),
     "number": _replaced(
-        (int, float),
-        lambda old: [
-            *(0, -1, -old, 1e-300, -1e-12, 1e6 * old, 1e300),
-            *(10**6, 10**30, _ENDLESS, 5e-324, 3.7, 2**63),
-        ],
-        lambda new: False,
+        _NUMBER, lambda old: [0, -1, -old, 1e-300, -1e-12, 1e6 * old, 1e300, *_LARGE_AND_SMALL]
     ),
-    "not_finite": _replaced(
-        (int, float), lambda old: [*map(Raw, ("nan", "inf", "-inf", "-nan"))], lambda new: "nan" in new
-    ),
-    "other_text": _replaced(
-        (str,), lambda old: ["nonsense", "", " ", 100_000 * "x", *_ODD_TEXTS], lambda new: False
-    ),
+    "not_finite": _replaced(_NUMBER, lambda old: _NOT_FINITE, lambda new: "nan" in new),
+    "other_text": _replaced((str,), lambda old: _ODD_TEXTS),
 }
 
 
@@ -236,9 +244,8 @@ def duplicate_table(rng: Random, text: str) -> Mutated:
     return text + "\n" + header.group() + "\n", ("line",), header.group(), True
 
 
-TEXT_MUTATIONS["decimal_comma"] = _substituted(
-    r"(?m)(?<== )\d+\.\d+(?=[e\d\s-])", lambda x: x.replace(".", ",")
-)
+_DECIMAL = r"(?m)(?<== )\d+\.\d+(?=[e\d\s-])"
+TEXT_MUTATIONS["decimal_comma"] = _substituted(_DECIMAL, lambda x: x.replace(".", ","))
 
 
 @register(TEXT_MUTATIONS)

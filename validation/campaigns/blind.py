@@ -52,17 +52,15 @@ def summary(scores: Sequence[Score]) -> dict[str, str]:
     ratios = [s.after / s.noise_floor for s in right] or [np.nan]
     seconds = [s.seconds for s in scores if s.passed] or [np.nan]
     percent = round(100.0 * (NOISE_FLOOR - 1.0))
+    within = sum(r <= NOISE_FLOOR for r in ratios)
+    together = sum(s.outcome == "named together" for s in scores)
     return {
         "one listed effect: right name": _share(kinds["single"], "right", "named together"),
         "two listed effects: both names, no other": _share(kinds["pair"], "right", "named together"),
         "clean data: nothing missing": _share(kinds["clean"], "right"),
         "weak effects (about two sigma): right name": _share(kinds["weak"], "right", "named together"),
-        "... named together with effects that look the same": str(
-            sum(s.outcome == "named together" for s in scores)
-        ),
-        f"right names: held-out error within {percent} % of the noise": (
-            f"{sum(r <= NOISE_FLOOR for r in ratios)} of {len(right)}"
-        ),
+        "... named together with effects that look the same": f"{together}",
+        f"right names: held-out error within {percent} % of the noise": f"{within} of {len(right)}",
         "held-out error over the noise, median and largest": f"{np.median(ratios):.3g}, {max(ratios):.3g}",
         "effects at a place: kind and place right": _share(places, "right"),
         "... right, or not called explained": _share(places, "right", "honest"),
@@ -133,6 +131,7 @@ class Blind(Campaign):
         o, rivals = outcome, outcome.indistinguishable_from
         named = [n + (f" (or {', '.join(rivals[n])})" if rivals[n] else "") for n in o.named]
         before, after = (f"{x / o.noise_floor:.3g}" if o.passed else "" for x in (o.before, o.after))
+        missed = [n for n, x in o.deviations.items() if abs(x) > INTERVALS[95]]
         return {
             "seed": o.seed,
             "robot": o.robot,
@@ -145,8 +144,7 @@ class Blind(Campaign):
             "outcome": o.outcome if o.passed else f"failed: {o.error.splitlines()[-1]}",
             "held-out before / noise": before,
             "after / noise": after,
-            "missed intervals": ", ".join(n for n, x in o.deviations.items() if abs(x) > INTERVALS[95])
-            or "-",
+            "missed intervals": ", ".join(missed) or "-",
         }
 
     def report(self, outcomes: Sequence[Score]) -> list[str | pd.DataFrame]:

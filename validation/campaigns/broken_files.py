@@ -135,9 +135,8 @@ class Ran:
 
     status: int  # exit status; -1 where it ended by an exception or was killed
     errors: str  # what it wrote to stderr, and the traceback of an exception
-    interrupted_in: str = (
-        ""  # where it was at the time limit: "solving", "reading"; empty where it ended before
-    )
+    # where it was at the time limit: "solving", "reading"; empty where it ended before
+    interrupted_in: str = ""
 
 
 def judge(case: Case, ran: Ran, seconds: float, written: list[Path]) -> str:
@@ -168,10 +167,8 @@ def every_mistake_has_a_name(case: Case, errors: str) -> bool:
     head, *problems = errors.strip().splitlines()
     files = (*files_of(case.inputs), "-o")
     listed = [p.strip() for p in problems if not re.fullmatch(r"\s+and \d+ more", p)]
-    refused = "in the input; nothing was written" in head and bool(listed)
-    return refused and all(
-        any(f"{f}: " in p for f in files) or p.split(": ")[0].endswith("/in") for p in listed
-    )
+    named = [any(f"{f}: " in p for f in files) or p.split(": ")[0].endswith("/in") for p in listed]
+    return "in the input; nothing was written" in head and bool(listed) and all(named)
 
 
 def names(changed: Change, errors: str) -> bool:

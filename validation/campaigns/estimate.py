@@ -29,6 +29,7 @@ from tdcr_fe.validation.reference.sequence import solve_reference
 from tdcr_fe.validation.runner import Campaign
 
 Array = NDArray[np.float64]
+Random = np.random.Generator
 
 LENGTH, RATE = 0.25, 30.0
 FORCE_SIGMA, READING_SIGMA = 0.05, 1e-4
@@ -113,7 +114,7 @@ class Drawn:
         return [self.step(self.tensions, k, force=load) for k, load in enumerate(loads)]
 
 
-def gauss_markov(rng: np.random.Generator, count: int, sigma: Array, memory: float) -> Array:
+def gauss_markov(rng: Random, count: int, sigma: Array, memory: float) -> Array:
     """Rows of a Gauss-Markov process with a correlation time [s]."""
     kept = np.exp(-1.0 / RATE / memory)
     rows = sigma * rng.standard_normal((count, len(sigma)))
@@ -122,17 +123,13 @@ def gauss_markov(rng: np.random.Generator, count: int, sigma: Array, memory: flo
     return rows
 
 
-def read(
-    rng: np.random.Generator, point: Array, at: float = LENGTH, sigma: float = READING_SIGMA
-) -> list[tdcr.Reading]:
+def read(rng: Random, point: Array, at: float = LENGTH, sigma: float = READING_SIGMA) -> list[tdcr.Reading]:
     """Coordinates of a marker with noise."""
     values = point + sigma * rng.standard_normal(3)
     return [tdcr.Reading(0, f"position_{a}", at, float(x), sigma) for a, x in zip("xyz", values, strict=True)]
 
 
-def readings_of(
-    kind: str, step: StepResult, names: tuple[str, ...], rng: np.random.Generator
-) -> list[tdcr.Reading]:
+def readings_of(kind: str, step: StepResult, names: tuple[str, ...], rng: Random) -> list[tdcr.Reading]:
     """Readings of `READINGS` of a solved step, with noise."""
     quantities, places, sigma = READINGS[kind]
     seen, found = ObservedStep.of(step, names, Observation()), []
@@ -173,12 +170,10 @@ class Outcome:
         return not self.not_solved
 
 
-def solve_elements(
-    robot: tdcr.Robot, with_friction: tdcr.Model, steps: Sequence[tdcr.LoadStep]
-) -> SequenceResult:
+def solve_elements(of: tdcr.Robot, about: tdcr.Model, steps: Sequence[tdcr.LoadStep]) -> SequenceResult:
     """As `solve_reference`, by finite elements; a load step whose path cannot be resolved is one substep."""
-    targets = resolve(robot, steps)
-    simulation, found = tdcr.Simulation(robot, with_friction, targets), []
+    targets = resolve(of, steps)
+    simulation, found = tdcr.Simulation(of, about, targets), []
     for k, target in enumerate(targets):
         before = simulation.position
         try:
@@ -187,7 +182,7 @@ def solve_elements(
             simulation.return_to(before)
             report = simulation.advance(target, 1)
         found.append(simulation.result(k + 1, "", report, target))
-    return SequenceResult(robot, with_friction, tuple(found))
+    return SequenceResult(of, about, tuple(found))
 
 
 def run(friction: float, tension_sigma: float, seed: int, options: argparse.Namespace) -> Outcome:
@@ -196,9 +191,8 @@ def run(friction: float, tension_sigma: float, seed: int, options: argparse.Name
     rng, solve = np.random.default_rng(1000 + seed), solve_elements if options.elements else solve_reference
     truth = solve(drawn.robot, model(friction), drawn.steps()).steps
     at: Any = "unknown" if options.readings == "markers" else "tip"
-    own = tdcr.Estimator(
-        drawn.robot, model(friction), tdcr.LoadPrior(at, FORCE_SIGMA), tdcr.InputPrior(sigma=tension_sigma)
-    )
+    priors = tdcr.LoadPrior(at, FORCE_SIGMA), tdcr.InputPrior(sigma=tension_sigma)
+    own = tdcr.Estimator(drawn.robot, model(friction), *priors)
     frames, times = [], []
     for k, step in enumerate(truth):
         readings = readings_of(options.readings, step, drawn.robot.tendon_names, rng)

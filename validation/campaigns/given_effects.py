@@ -25,16 +25,21 @@ from tdcr_fe.io.measured import MeasuredData, join_measured, read_measured
 from tdcr_fe.validation.runner import Campaign
 
 Array = NDArray[np.float64]
+#: A model: what was added, mean distances [m] (also by branch), values of all parameters.
+Stage = dict[str, Any]
+Values = Mapping[str, Mapping[str, float]]
 
 #: Path tolerance of the runs, over the length [1], and from how many sigma a residual counts linearly.
 PATH_TOLERANCE, ROBUST = 5e-4, 3.0
+#: Of the readings, with the mean distances of a stage.
+SHARES = ("fitted", "held_out")
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The models of all stages: what was added, mean distances [m] (also by branch), values of all parameters."""
+    """The models of all stages."""
 
-    stages: list[dict[str, Any]]
+    stages: list[Stage]
 
     @property
     def passed(self) -> bool:
@@ -65,7 +70,7 @@ class _Fit:
     data: MeasuredData
     fitted: NDArray[np.bool_]
 
-    def residual(self, effects: Sequence[Effect], values: Mapping[str, Mapping[str, float]]) -> Array:
+    def residual(self, effects: Sequence[Effect], values: Values) -> Array:
         """Of all readings over sigma, with effects in the order of the list [1]."""
         order = [e.name for e in EFFECTS]
 
@@ -80,7 +85,7 @@ class _Fit:
         found = reader.read(simulate_experiment(Job(experiment), settings), experiment)
         return np.array([(r.value - x) / r.sigma for r, x in zip(data.readings, found, strict=True)])
 
-    def stage(self, effects: Sequence[Effect], start: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
+    def stage(self, effects: Sequence[Effect], start: Values) -> Stage:
         """All effects fitted together, from these values."""
         declared = self.data.experiment
         parameters = [(e, p) for e in effects for p in e.parameters]
@@ -123,9 +128,7 @@ class _Fit:
         }
 
 
-def fit_in_order(
-    data: MeasuredData, names: Sequence[str], patterns: Sequence[str]
-) -> Iterator[dict[str, Any]]:
+def fit_in_order(data: MeasuredData, names: Sequence[str], patterns: Sequence[str]) -> Iterator[Stage]:
     """Fit the declared model with more and more effects.
 
     Parameters
@@ -161,10 +164,9 @@ class GivenEffects(Campaign):
     def add_options(self, parser: argparse.ArgumentParser) -> None:
         """The data, the effects, and how they are fitted."""
         parser.add_argument("folder", nargs="+", help="measured data, as for tdcr-fe identify")
-        parser.add_argument(
-            "--effects", nargs="+", required=True, metavar="NAME", help="in the order of adding"
-        )
-        parser.add_argument("--hold-out", nargs="+", required=True, metavar="PATTERN", help="branches")
+        several: dict[str, Any] = {"nargs": "+", "required": True}
+        parser.add_argument("--effects", **several, metavar="NAME", help="in the order of adding")
+        parser.add_argument("--hold-out", **several, metavar="PATTERN", help="branches")
 
     def cases(self, options: argparse.Namespace) -> Mapping[str, Any]:
         """One case: everything depends on what was fitted before."""
@@ -173,17 +175,13 @@ class GivenEffects(Campaign):
     def run(self, case: tuple[list[str], list[str], list[str]], out: Path) -> Outcome:
         """Fit all stages."""
         folders, effects, patterns = case
-        return Outcome(
-            list(fit_in_order(join_measured(list(map(read_measured, folders))), effects, patterns))
-        )
+        data = join_measured(list(map(read_measured, folders)))
+        return Outcome(list(fit_in_order(data, effects, patterns)))
 
     def table(self, outcomes: Sequence[Outcome]) -> pd.DataFrame:
         """Mean distance of the markers by stage [mm]."""
-        rows = [
-            (s["added"] or "declared", round(1e3 * s["fitted"], 2), round(1e3 * s["held_out"], 2))
-            for o in outcomes
-            for s in o.stages
-        ]
+        stages = [s for o in outcomes for s in o.stages]
+        rows = [(s["added"] or "declared", *(round(1e3 * s[k], 2) for k in SHARES)) for s in stages]
         return pd.DataFrame(rows, columns=["added", "fitted [mm]", "held out [mm]"])
 
     def report(self, outcomes: Sequence[Outcome]) -> list[str | pd.DataFrame]:

@@ -45,12 +45,8 @@ class Mutation(NamedTuple):
 
 
 #: The table in `mutations.toml`.
-MUTATIONS: Mapping[str, Mutation] = {
-    name: Mutation(**mutation)
-    for name, mutation in tomllib.loads(
-        (Path(__file__).parents[1] / "mutations.toml").read_text(encoding="utf-8")
-    ).items()
-}
+TABLE = (Path(__file__).parents[1] / "mutations.toml").read_text(encoding="utf-8")
+MUTATIONS: Mapping[str, Mutation] = {name: Mutation(**x) for name, x in tomllib.loads(TABLE).items()}
 
 
 @dataclass(frozen=True)
@@ -156,12 +152,9 @@ class Mutations(Campaign):
 
     def report(self, outcomes: Sequence[Outcome]) -> list[str | pd.DataFrame]:
         """Which test notices, and how many do."""
-        early = sum(o.tier == "default" for o in outcomes)
+        tried, early = count(len(outcomes), self.unit), sum(o.tier == "default" for o in outcomes)
         caught = sum(o.passed for o in outcomes)
-        text = (
-            f"{count(len(outcomes), self.unit)}: {early} caught by the default tests, {caught} by all tests"
-        )
-        return [self.table(outcomes), text]
+        return [self.table(outcomes), f"{tried}: {early} caught by the default tests, {caught} by all tests"]
 
     def passed(self, outcomes: Sequence[Outcome]) -> bool:
         """All are caught, nearly all of them by the default tests."""

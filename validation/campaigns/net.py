@@ -64,17 +64,13 @@ class Net(Campaign):
 
     def add_options(self, parser: argparse.ArgumentParser) -> None:
         """Which parts and cases, and the folders."""
-        parser.add_argument(
-            "--parts", nargs="+", choices=list(PARTS), default=list(PARTS), help="of it (all)"
-        )
+        every, net = list(PARTS), Path("tests/net")
+        parser.add_argument("--parts", nargs="+", choices=every, default=every, help="of it (all)")
         parser.add_argument("--every", type=int, default=1, metavar="N", help="only every N-th case (1)")
         parser.add_argument("--quick", action="store_true", help="a share of every part, within 90 s")
-        parser.add_argument(
-            "--stored", type=Path, default=Path("tests/net"), metavar="FOLDER", help="the net (tests/net)"
-        )
-        parser.add_argument(
-            "--store", action="store_true", help="store the parts in OUT instead of comparing them"
-        )
+        parser.add_argument("--stored", type=Path, default=net, metavar="FOLDER", help=f"the net ({net})")
+        store = "store the parts in OUT instead of comparing them"
+        parser.add_argument("--store", action="store_true", help=store)
 
     def cases(self, options: argparse.Namespace) -> Mapping[str, Any]:
         """Cases of the parts by "part/key"; those of the net, or all where they are to be stored."""
@@ -110,10 +106,9 @@ class Net(Campaign):
         records: dict[str, dict[str, Record]] = {}
         for o in outcomes:
             if o.record is not None:
-                numbers = {
-                    k: v if isinstance(v, str) else np.array(v, dtype=float) for k, v in o.record.items()
-                }
-                records.setdefault(o.part, {})[o.case] = numbers
+                own = records.setdefault(o.part, {})[o.case] = {}
+                for k, v in o.record.items():
+                    own[k] = v if isinstance(v, str) else np.array(v, dtype=float)
         for part, found in records.items():
             write_part(part, found, out)
             note(part, out)

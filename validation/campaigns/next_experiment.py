@@ -92,10 +92,8 @@ def run_set(which: Ambiguity) -> Outcome:
             loaded = [any(any(load.force) for load in s.loads.values()) for s in planned_one.steps]
             marks = [m for m in marks if not loaded[m[0]]]
         exact = read(solved(setup, ReferenceSettings(markers, substeps=1)), setup, marks)
-        sigma = np.full(len(exact), SIGMA)
-        return measured(
-            name, planned_one, branches, (marks, exact + rng.normal(0.0, SIGMA, len(exact)), sigma)
-        )
+        noisy = exact + rng.normal(0.0, SIGMA, len(exact))
+        return measured(name, planned_one, branches, (marks, noisy, np.full(len(exact), SIGMA)))
 
     first = carried_out("first", declared, branches)
     found = identify(first)

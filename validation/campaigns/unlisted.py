@@ -109,9 +109,8 @@ class Unlisted(Campaign):
 
     def passed(self, outcomes: Sequence[Outcome]) -> bool:
         """Whether enough sets are right, and none has a wrong name."""
-        return sum(o.right for o in outcomes) >= RIGHT * len(outcomes) and not any(
-            o.effects for o in outcomes
-        )
+        named = any(o.effects for o in outcomes)
+        return sum(o.right for o in outcomes) >= RIGHT * len(outcomes) and not named
 
 
 CAMPAIGN = Unlisted()

@@ -179,10 +179,9 @@ def histories() -> Iterator[Case]:
             levels = [pulls(routing, highest_tension(disks), x) for x in CYCLE]
             name = f"{routing}_{friction}_{load.replace(' ', '-')}"
             yield history(name, make_robot(routing, disks), friction, steps_of(levels, load, 4), load)
-    turn = np.arange(12) * np.pi / 4.0
-    levels = [
-        {f"t{i}": float(0.4 + 0.9 * max(0.0, np.cos(a - i * np.pi / 2.0))) for i in range(4)} for a in turn
-    ]
+    turn = np.arange(12)[:, None] * np.pi / 4.0 - np.arange(4) * np.pi / 2.0
+    circle_levels = 0.4 + 0.9 * np.maximum(0.0, np.cos(turn))
+    levels = [{f"t{i}": x for i, x in enumerate(row)} for row in circle_levels.tolist()]
     for friction, disks in product(("per-tendon", "per-hole"), (10, 20)):
         circle = steps_of(levels, "no load", 4)
         robot = make_robot("antagonists", disks)
@@ -194,11 +193,9 @@ def histories() -> Iterator[Case]:
         yield history(f"{robot.name}-walk_per-hole", robot, "per-hole", walk, "no load")
 
 
-def _up_and_down(
-    most: float = 3.0, load: str = "no load", loads: Mapping[str, Load] | None = None
-) -> list[LoadStep]:
+def _up_and_down(most: float = 3.0, load: str = "no load", **others: Load) -> list[LoadStep]:
     """Loading, unloading, reloading up to a tension [N], under one of `LOADS` or other loads."""
-    acting = LOADS[load] if loads is None else dict(loads)
+    acting = others or LOADS[load]
     return [LoadStep("", {"t1": x * most}, loads=acting, substeps=4) for x in (0.4, 1.0, 0.5, 0.1, 0.8)]
 
 
@@ -212,9 +209,8 @@ def variants() -> list[Case]:
 
     def case(name: str, robot: Robot, steps: list[LoadStep], load: str = "no load", **model: Any) -> Case:
         with_mesh = Model(**{"elements_per_bay": ELEMENTS_PER_BAY, **model})
-        return Case(
-            f"variant_{name}", "variant", robot.name, load, robot, with_mesh, tuple(steps), quick=True
-        )
+        about = (f"variant_{name}", "variant", robot.name, load)
+        return Case(*about, robot, with_mesh, tuple(steps), quick=True)
 
     parallel, helical, converging = (make_robot(r, 15) for r in ("parallel", "helical", "converging"))
     side, continuous = "tip out of plane", {"tendon_path": "continuous", "friction": "none"}
@@ -226,10 +222,8 @@ def variants() -> list[Case]:
     patched = converging.with_backbone(patches=(StiffnessPatch(0.1, 0.13, 0.6, 0.8),))
     spaced = tuple((LENGTH * (np.arange(1, 13) / 12.0) ** 1.2).tolist())
     uneven = replace(parallel, disks=replace(parallel.disks, positions=spaced))
-    follower = _up_and_down(
-        loads={"tip": Load(LENGTH, (0.02, 0.05, 0.0), (2e-3, 0.0, 1e-3), frame="section")}
-    )
-    couple = _up_and_down(loads={"couple": Load(0.11, (0.0, 0.0, 0.0), (0.0, 4e-3, 2e-3))})
+    follower = _up_and_down(tip=Load(LENGTH, (0.02, 0.05, 0.0), (2e-3, 0.0, 1e-3), frame="section"))
+    couple = _up_and_down(couple=Load(0.11, (0.0, 0.0, 0.0), (0.0, 4e-3, 2e-3)))
     force = [LoadStep("", loads=LOADS[side], substeps=2)]
     return [
         case("displacement-driven", parallel, _by_displacement(8e-3)),

@@ -135,9 +135,8 @@ def _tension_percent(a: StepResult, b: StepResult) -> float:
 def _differing(case: Case, a: StepResult, b: StepResult, mobilisations: Array) -> list[Record]:
     """Holes whose states differ, and whether they are at the stick-slip threshold."""
     found: list[Record] = []
-    for i, (tendon, own_states, reference_states) in enumerate(
-        zip(case.robot.tendon_names, a.hole_states, b.hole_states, strict=True)
-    ):
+    rows = zip(case.robot.tendon_names, a.hole_states, b.hole_states, strict=True)
+    for i, (tendon, own_states, reference_states) in enumerate(rows):
         for k, (x, y) in enumerate(zip(own_states, reference_states, strict=True)):
             if x == y:
                 continue

@@ -39,10 +39,8 @@ def _pulled(routing: Routing) -> Robot:
 
 def _half_circle() -> Known:
     moment = Load(LENGTH, moment=(0.0, np.pi * _PLAIN.EI / LENGTH, 0.0))
-    tip = (2.0 * LENGTH / np.pi, 0.0, 0.0)
-    return Known(
-        "moment at the tip, half a circle", Robot(_PLAIN, _DISKS), "straight", tip, loads={"tip": moment}
-    )
+    title, tip = "moment at the tip, half a circle", (2.0 * LENGTH / np.pi, 0.0, 0.0)
+    return Known(title, Robot(_PLAIN, _DISKS), "straight", tip, loads={"tip": moment})
 
 
 def _elastica() -> Known:
@@ -71,7 +69,7 @@ def _arc() -> Known:
 
 
 _UP, _WINDING = _pulled(ParallelRouting(4.5e-3, 90.0)), _pulled(HelicalRouting(4.5e-3, 2.0))
-_APPROACHING = _pulled(ConvergingRouting(4.5e-3, 0.15e-3))
+_NEARING = _pulled(ConvergingRouting(4.5e-3, 0.15e-3))
 _TWO = Robot(
     replace(_PLAIN, length=0.4),
     Disks.equally_spaced(16, 0.4),
@@ -90,8 +88,6 @@ KNOWN: dict[str, tuple[Known, ...]] = {
         Known("1.5 N, tip force", _UP, "continuous", (0.114854092, 0.091730689, 0.183677266), _PULL, _SIDE),
         Known("two segments", _TWO, "continuous", (0.128612154, 0.232111762, 0.265667176), _SEGMENTS),
         Known("helical, 1.2 N", _WINDING, "continuous", (2.5530e-5, 0.015802078, 0.249006139), {"t1": 1.2}),
-        Known(
-            "converging, tip force", _APPROACHING, "continuous", (0.157687722, 0.0, 0.178131348), _PULL, _SIDE
-        ),
+        Known("converging, tip force", _NEARING, "continuous", (0.157687722, 0.0, 0.178131348), _PULL, _SIDE),
     ),
 }

@@ -90,9 +90,8 @@ def _page(outcome: Record) -> Page:
 def _card(requirement: Record) -> Card:
     unit = requirement["unit"]
     value = f"{requirement['found']}{' %' if unit.startswith('%') else ''}"
-    return Card(
-        value, f"{requirement['what']}, {unit.removeprefix('% ')} (required: {requirement['required']})"
-    )
+    what = f"{requirement['what']}, {unit.removeprefix('% ')}"
+    return Card(value, f"{what} (required: {requirement['required']})")
 
 
 def _deviations(cases: Sequence[Record], tolerance: float, median: float) -> Figure:

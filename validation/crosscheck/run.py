@@ -56,9 +56,11 @@ def solve(task: Task) -> Record:
     return found
 
 
-def run(
-    tasks: Sequence[Task], file: Path, processes: int, progress: Callable[[Record, bool], None]
-) -> dict[str, Record]:
+#: Called with every record, and whether it was recalled.
+Progress = Callable[[Record, bool], None]
+
+
+def run(tasks: Sequence[Task], file: Path, processes: int, progress: Progress) -> dict[str, Record]:
     """Solve tasks, or load the records of those finished before.
 
     Parameters

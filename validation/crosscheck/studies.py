@@ -50,10 +50,8 @@ def all_studies() -> list[Study]:
             run = partial(mesh_convergence, routing, path, friction)
             quick = k in (i % 4, (i + 3) % 4)
             studies.append(Study(f"mesh_{routing}_{path}_{friction}", "mesh", run, quick))
-    studies += [
-        Study(f"buckling_{c}", "buckling", partial(near_buckling, c), k < 2)
-        for k, c in enumerate(NEAR_BUCKLING)
-    ]
+    for k, c in enumerate(NEAR_BUCKLING):
+        studies.append(Study(f"buckling_{c}", "buckling", partial(near_buckling, c), k < 2))
     for kind, robots in KNOWN.items():
         studies += [Study(f"{kind}_{i}", kind, partial(known_tip, kind, i), True) for i in range(len(robots))]
     return studies
@@ -129,9 +127,8 @@ def near_buckling(case_id: str) -> Record:
     deviations = []
     for share in COMPRESSIONS:
         factor = share * load / highest_tension(case.disks)
-        steps = [
-            replace(s, tensions={name: factor * t for name, t in s.tensions.items()}) for s in case.steps
-        ]
+        tensions = [{name: factor * t for name, t in s.tensions.items()} for s in case.steps]
+        steps = [replace(s, tensions=x) for s, x in zip(case.steps, tensions, strict=True)]
         exact, found = tips(case.robot, case.model, steps, meshes)
         deviations.append(100.0 * np.linalg.norm(found - exact, axis=2).max(axis=1) / LENGTH)
     return {

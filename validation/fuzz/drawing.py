@@ -71,9 +71,8 @@ def _draw(d: Draw, number: int) -> RandomCase:
     weight = backbone.mass_per_length * math.hypot(*gravity) * length**3 / backbone.EI
     if soft and weight > LARGEST_FORCE:
         gravity = [LARGEST_FORCE / weight * g for g in gravity]
-    model = Model(
-        "straight" if straight else "continuous", friction, mesh, (gravity[0], gravity[1], gravity[2])
-    )
+    path: Any = "straight" if straight else "continuous"
+    model = Model(path, friction, mesh, (gravity[0], gravity[1], gravity[2]))
     steps = _steps(d, robot)
     effects = _effects(d, robot) if d.chance(0.25) else {}
     changed = with_effects(Experiment(robot, model, steps), effects)

@@ -111,9 +111,8 @@ def ledger(result: SequenceResult) -> Ledger:
         tendons, released = a.tendons, b.taken_in - a.taken_in
         tension = 0.5 * (a.tension + b.tension)
         # Tendon that passes the base side of each segment.
-        passed = np.concatenate(
-            [np.cumsum(released[i:j][::-1])[::-1] for i, j in zip(tendons.first, tendons.last, strict=True)]
-        )
+        of_tendons = np.split(released, tendons.last[:-1])
+        passed = np.concatenate([np.cumsum(own[::-1])[::-1] for own in of_tendons])
         done = [*_external(a, b), *(tension * passed)[tendons.first]]
         # A tendon is stretched by what its segments take up beyond what they hand on.
         stretched = float(tension @ (b.lengths - a.lengths + released))

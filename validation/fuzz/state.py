@@ -167,9 +167,10 @@ class State:
         return self.layout.station(s)
 
 
-def _courses(
-    robot: Robot, tendons: Tendons, s: Array, positions: Array, rotations: Array
-) -> tuple[Segments | None, Array, Array]:
+Courses = tuple[Segments | None, Array, Array]
+
+
+def _courses(robot: Robot, tendons: Tendons, s: Array, positions: Array, rotations: Array) -> Courses:
     """Segments, their lengths [m], and the derivatives of those of tendons that follow the backbone by the twists."""
     h, count = np.diff(s), len(robot.tendons)
     if not tendons.continuous:

@@ -66,9 +66,8 @@ def _robot(scene: Scene, name: str) -> tdcr.Robot:
 
 
 def _ball(mbs: exu.MainSystem, arm: tdcr.TDCR, *others: tdcr.TDCR) -> Any:
-    return arm.add_disk_contact(
-        mbs.CreateGround(referencePosition=list(CENTRE)), STIFFNESS, sphereRadius=SPHERE
-    )
+    ground = mbs.CreateGround(referencePosition=list(CENTRE))
+    return arm.add_disk_contact(ground, STIFFNESS, sphereRadius=SPHERE)
 
 
 def _wall(mbs: exu.MainSystem, arm: tdcr.TDCR, *others: tdcr.TDCR) -> Any:
@@ -76,10 +75,8 @@ def _wall(mbs: exu.MainSystem, arm: tdcr.TDCR, *others: tdcr.TDCR) -> Any:
 
 
 def _rough_wall(mbs: exu.MainSystem, arm: tdcr.TDCR, *others: tdcr.TDCR) -> Any:
-    ground = mbs.CreateGround()
-    return arm.add_disk_contact(
-        ground, STIFFNESS, quadPoints=CORNERS, contactDamping=0.2, dynamicFriction=0.3
-    )
+    rough: dict[str, Any] = {"contactDamping": 0.2, "dynamicFriction": 0.3}
+    return arm.add_disk_contact(mbs.CreateGround(), STIFFNESS, quadPoints=CORNERS, **rough)
 
 
 def _other_robot(mbs: exu.MainSystem, arm: tdcr.TDCR, *others: tdcr.TDCR) -> Any:
@@ -113,7 +110,10 @@ PULLED = ({"t1": 2e-3, "t2": -6e-4, "t3": -6e-4}, {"t1": 1e-3, "t2": 2e-4, "t3":
 #: From rest after a pull: release and move.
 SWING = ({"t1": 1.0}, {"t1": 0.3}, (0.05, 1e-3))
 SWING_THREE = ({"t1": 0.8, "t2": 0.3}, {"t1": 0.2, "t2": 0.7}, (0.05, 1e-3))
+SWING_FAR = ({"t1": 0.2}, {"t1": 1.5}, (0.1, 1e-3))
 SOFT = {"retardation_time": 4e-3}
+DISPLACED: dict[str, Any] = {"tendons": 3, "stretch": 400.0, "driven": True}
+RUBBER = {"radius": 3e-3, "youngs_modulus": 27e6}
 CONTINUOUS = {"tendon_path": "continuous", "friction": "none"}
 
 SCENES: Mapping[str, Scene] = {
@@ -123,9 +123,7 @@ SCENES: Mapping[str, Scene] = {
     "continuous": Scene(ONE, mu=0.0, routing="helical", model=CONTINUOUS),
     "three tendons, gravity": Scene(THREE, tendons=3, model={"gravity": GRAVITY}),
     "helical, automatic mesh": Scene(THREE, tendons=3, routing="helical", model={"elements_per_bay": "auto"}),
-    "converging, elastic, displaced": Scene(
-        PULLED, tendons=3, routing="converging", stretch=400.0, driven=True
-    ),
+    "converging, elastic, displaced": Scene(PULLED, routing="converging", **DISPLACED),
     "inextensible, displaced": Scene(({"t1": 2e-3}, {"t1": 1e-3}, {"t1": 1.5e-3}), driven=True),
     "thick disks, precurved": Scene(ONE, backbone={"precurvature": (2.0, -1.0)}, disks={"thickness": 3e-3}),
     "world load": Scene(ONE, load="world"),
@@ -137,23 +135,15 @@ SCENES: Mapping[str, Scene] = {
     "ball, no friction": Scene(ONE, mu=0.0, obstacle=_ball, model={"friction": "none"}),
     "wall": Scene(ONE, obstacle=_wall),
     "against another robot": Scene(
-        ONE,
-        obstacle=_other_robot,
-        robots=2,
-        backbone={"radius": 3e-3, "youngs_modulus": 27e6},
-        model={"elements_per_bay": 4},
+        ONE, obstacle=_other_robot, robots=2, backbone=RUBBER, model={"elements_per_bay": 4}
     ),
     "SolveStatic": Scene(({"t1": 0.5}, {"t1": 1.0}), solver="SolveStatic"),
     "SolveStatic, ball": Scene(({"t1": 0.5}, {"t1": 1.0}), solver="SolveStatic", obstacle=_ball),
     "swing": Scene(SWING),
     "swing, damped, three tendons": Scene(SWING_THREE, tendons=3, backbone=SOFT),
-    "swing, elastic, displaced": Scene(
-        (*PULLED, (0.05, 1e-3)), tendons=3, stretch=400.0, driven=True, backbone=SOFT
-    ),
+    "swing, elastic, displaced": Scene((*PULLED, (0.05, 1e-3)), backbone=SOFT, **DISPLACED),
     "swing, carriage": Scene(SWING, base=_carriage, backbone=SOFT),
-    "swing against a rough wall": Scene(
-        ({"t1": 0.2}, {"t1": 1.5}, (0.1, 1e-3)), obstacle=_rough_wall, backbone=SOFT
-    ),
+    "swing against a rough wall": Scene(SWING_FAR, obstacle=_rough_wall, backbone=SOFT),
     "motor": Scene(((0.05, 1e-3),), stretch=400.0, motor=True, backbone=SOFT),
     "modes": Scene(ONE[:1], solver="modes"),
 }
@@ -198,9 +188,8 @@ def solve(key: str) -> dict[str, NDArray[np.float64] | str]:
         found["tensions"].append([np.concatenate(list(arm.tensions().values())) for arm in arms])
         found["displacements"].append([list(arm.displacements().values()) for arm in arms])
         found["forces"].append([] if contact is None else contact.normal_forces())
-        states.append(
-            " ".join("".join(s[0] for s in holes) for arm in arms for holes in arm.hole_states().values())
-        )
+        holes = [own for arm in arms for own in arm.hole_states().values()]
+        states.append(" ".join("".join(state[0] for state in own) for own in holes))
     record: dict[str, NDArray[np.float64] | str] = {k: np.array(v, dtype=float) for k, v in found.items()}
     if isinstance(scene.inputs[-1], tuple):
         names = [name for name in sensors if name.startswith(("slip", "tip_position", "mobilisation"))]
@@ -220,9 +209,9 @@ def _add(mbs: exu.MainSystem, scene: Scene, number: int) -> tdcr.TDCR:
 def _wind(mbs: exu.MainSystem, arm: tdcr.TDCR) -> None:
     """A motor with a constant torque and a damper."""
     motor = arm.add_motor("t1", 1e-6, 5e-3)
-    marker = mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=motor, coordinate=0))
-    ground = mbs.AddMarker(
-        eii.MarkerNodeCoordinate(nodeNumber=mbs.AddNode(eii.NodePointGround()), coordinate=0)
+    marker, ground = (
+        mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=node, coordinate=0))
+        for node in (motor, mbs.AddNode(eii.NodePointGround()))
     )
     mbs.AddLoad(eii.LoadCoordinate(markerNumber=marker, load=3e-3))
     mbs.AddObject(eii.CoordinateSpringDamper(markerNumbers=[ground, marker], damping=1e-5))

@@ -59,11 +59,9 @@ def note(part: str, folder: Path) -> None:
     """Note in the manifest with what code and versions a part was stored."""
     path = folder / MANIFEST
     known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    here = Path(__file__).parent
-    commit = subprocess.run(
-        ["git", "rev-parse", "HEAD"], cwd=here, capture_output=True, text=True, check=False
-    ).stdout.strip()
+    command, here = ["git", "rev-parse", "HEAD"], Path(__file__).parent
+    done = subprocess.run(command, cwd=here, capture_output=True, text=True, check=False)
     packages = {name: version(name) for name in ("exudyn", "numpy", "scipy")}
     machine = {"python": platform.python_version(), "platform": f"{platform.system()} {platform.machine()}"}
-    known[part] = {"commit": commit, **packages, **machine}
+    known[part] = {"commit": done.stdout.strip(), **packages, **machine}
     path.write_text(json.dumps(known, indent=2, sort_keys=True) + "\n", encoding="utf-8")

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import NamedTuple
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,10 +85,8 @@ def deforms_more(more: str, less: str) -> Verdict:
     """Whether one model deforms more than another, with and without load, in the states that the figures show."""
     texts, hits, counts = [], [0, 0], [0, 0]
     for name, marked in MARKED.items():
-        loaded = False
-        for step, a, b in zip(
-            figure(name).steps, paths(name)[more].steps, paths(name)[less].steps, strict=False
-        ):
+        loaded, found = False, paths(name)
+        for step, a, b in zip(figure(name).steps, found[more].steps, found[less].steps, strict=False):
             loaded = loaded or bool(step.loads)
             if step.label in marked:
                 sizes = 1e3 * deformation(a), 1e3 * deformation(b)
@@ -156,7 +155,7 @@ def consistency() -> Verdict:
 
 
 def critical_load(
-    robot: Robot, model: Model, tension: float, direction: Sequence[float], loads: Sequence[float] = LOADS
+    robot: Robot, model: Model, tension: float, direction: Sequence[float]
 ) -> tuple[float | None, float]:
     """Load at the tip that makes a pulled robot lose its stability [N], None where none does, and the least eigenvalue.
 
@@ -169,11 +168,11 @@ def critical_load(
         loads = [Load(robot.backbone.length, (f * x, f * y, f * z)) for f in sizes]
         return follow(robot, model, [pull, *(LoadStep("load", loads={"tip": load}) for load in loads)])
 
-    found = path(loads)
+    found = path(LOADS)
     least = min(x.smallest for x in found.stabilities)
     if not found.ended:
         return None, least
-    stable, high = [0.0, *loads][: len(found.steps)], [0.0, *loads][len(found.steps)]
+    stable, high = [0.0, *LOADS][: len(found.steps)], [0.0, *LOADS][len(found.steps)]
     while high - stable[-1] > 1e-3 * high:
         middle = 0.5 * (stable[-1] + high)
         if path([*stable, middle]).ended:
@@ -186,11 +185,8 @@ def critical_load(
 def bifurcation() -> Verdict:
     """Whether a load across the robot with a helical tendon becomes critical."""
     robot = figure("fig5").robot
-    own = [
-        critical_load(robot, MODELS[model], 1.2, direction)
-        for model in ("discrete", "per-hole")
-        for direction in ACROSS.values()
-    ]
+    models = (MODELS["discrete"], MODELS["per-hole"])
+    own = [critical_load(robot, model, 1.2, x) for model, x in product(models, ACROSS.values())]
     reached = [load for load, _ in own if load is not None]
     high, _ = critical_load(robot, MODELS["per-hole"], 30.0, ACROSS["-y"])
     verdict = "holds" if reached else "does not hold" if high is None else "holds in part"
@@ -241,10 +237,8 @@ def limitation(changes: dict[str, Callable[[Robot], Robot]]) -> Verdict:
     """How far something that the paper neglects moves the tip of the robot of Fig. 3."""
     robot, pull = figure("fig3").robot, [LoadStep("pull", {"t1": 1.5})]
     tip = simulate(robot, Model(), pull).tips[-1]
-    moves = {
-        name: 1e3 * float(np.linalg.norm(simulate(change(robot), Model(), pull).tips[-1] - tip))
-        for name, change in changes.items()
-    }
+    tips = {name: simulate(change(robot), Model(), pull).tips[-1] for name, change in changes.items()}
+    moves = {name: 1e3 * float(np.linalg.norm(moved - tip)) for name, moved in tips.items()}
     percent = 0.1 / robot.backbone.length
     texts = [f"{name}: {x:.2f} mm, {percent * x:.2f} %" for name, x in moves.items()]
     verdict = "matters" if percent * max(moves.values()) > 0.5 else "matters little"
@@ -287,6 +281,16 @@ def pulled_in(robot: Robot, model: Model, tension: float, ramp: float) -> tuple[
     return data[:, 0], data[:, 1:4]
 
 
+Changes = dict[str, Callable[[Robot], Robot]]
+THICK: Changes = {
+    "disks 1 mm thick": lambda r: r.with_disks(thickness=1e-3),
+    "3 mm": lambda r: r.with_disks(thickness=3e-3),
+}
+_BY_FORCE: dict[str, Any] = {"friction_coefficient": 0.0, "friction": ForceDependentFriction(0.3, 0.4)}
+ROUGH: Changes = {
+    "20 mN of adhesion at every hole": lambda r: r.with_tendons(adhesion=0.02),
+    "friction coefficient ~ force^-1/3, 0.3 at 0.4 N": lambda r: r.with_tendons(**_BY_FORCE),
+}
 #: Functions by the claim's key in claims.toml.
 CLAIMS: dict[str, Callable[[], Verdict]] = {
     "order": lambda: deforms_more("classical", "discrete"),
@@ -296,19 +300,7 @@ CLAIMS: dict[str, Callable[[], Verdict]] = {
     "consistency": consistency,
     "bifurcation": bifurcation,
     "stiffness": stiffness,
-    "disks": lambda: limitation(
-        {
-            "disks 1 mm thick": lambda r: r.with_disks(thickness=1e-3),
-            "3 mm": lambda r: r.with_disks(thickness=3e-3),
-        }
-    ),
-    "friction": lambda: limitation(
-        {
-            "20 mN of adhesion at every hole": lambda r: r.with_tendons(adhesion=0.02),
-            "friction coefficient ~ force^-1/3, 0.3 at 0.4 N": lambda r: r.with_tendons(
-                friction_coefficient=0.0, friction=ForceDependentFriction(0.3, 0.4)
-            ),
-        }
-    ),
+    "disks": lambda: limitation(THICK),
+    "friction": lambda: limitation(ROUGH),
     "dynamics": dynamics,
 }

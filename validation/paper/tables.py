@@ -69,9 +69,7 @@ def checked_table(number: int) -> pd.DataFrame:
     for offset, angle, _, share in _PAIRS[number]:
         phi, reach = np.deg2rad(table[angle]), 1e3 * share * length
         chord, even = table[offset] / np.sin(phi), reach * np.sin(phi) / phi
-        table["geometry_ok"] &= (chord <= (1.0 + CHORD_TOLERANCE) * reach) & (
-            chord >= (1.0 - tolerance) * even
-        )
+        table["geometry_ok"] &= chord.between((1.0 - tolerance) * even, (1.0 + CHORD_TOLERANCE) * reach)
     if number == 2:
         # The first segment against the robot of Table 1, before its load is counted.
         tendon = robot.tendons[0]
@@ -80,14 +78,12 @@ def checked_table(number: int) -> pd.DataFrame:
         ratio = table["EI_tension"] / checked_table(1)["EI_tension"][2]
     else:
         # Offsets are computed from the angles, which are consistent in every table.
-        unloaded, loaded = (
-            length * np.sin(a) ** 2 / a
-            for a in (np.deg2rad(table[c]) for c in ("angle_deg", "angle_loaded_deg"))
-        )
+        angles = (np.deg2rad(table[c]) for c in ("angle_deg", "angle_loaded_deg"))
+        unloaded, loaded = (length * np.sin(a) ** 2 / a for a in angles)
         table["EI_tension"] = table["tension_N"] * first_moment(robot, robot.tendons[0]) / unloaded
         table["EI_load"] = table["load_N"] * length**3 / (3.0 * (loaded - unloaded))
         ratio = table["EI_load"] / table["EI_tension"]
-    table["elastic_ok"] = (ratio <= STIFFNESS_FACTOR) & (ratio >= 1.0 / STIFFNESS_FACTOR)
+    table["elastic_ok"] = ratio.between(1.0 / STIFFNESS_FACTOR, STIFFNESS_FACTOR)
     if number != 2:
         pulled = (table["tension_N"].diff() > 0.0) & (table["load_N"].diff() == 0.0)
         for offset, *_ in _PAIRS[number]:

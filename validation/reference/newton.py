@@ -172,10 +172,12 @@ class Problem:
             gap[self.friction :] *= -1.0
             base_tensions = state.tensions[self.statics.tendons.first[self.driven]]
             choice = np.concatenate((state.mobilisation, base_tensions))
-            scale = self.choice_scale
-            natural = natural_residual(
-                gap / self.gap_scale, choice / scale, self.lower / scale, self.upper / scale
+            parts = (
+                choice / self.choice_scale,
+                self.lower / self.choice_scale,
+                self.upper / self.choice_scale,
             )
+            natural = natural_residual(gap / self.gap_scale, *parts)
             every = np.concatenate((residual, natural))
         worst = float(np.max(np.abs(every), initial=0.0))
         merit = float(np.linalg.norm(every))
@@ -232,9 +234,8 @@ def _line_search(problem: Problem, x: Array, step: Array, merit: float) -> tuple
     for _ in range(_HALVINGS):
         trial = x + share * step
         new = problem.evaluate(trial)
-        if np.isfinite(new.merit) and (
-            new.merit <= (1.0 - _DECREASE * share) * merit or new.state.residual <= TOLERANCE
-        ):
+        lower = new.merit <= (1.0 - _DECREASE * share) * merit
+        if np.isfinite(new.merit) and (lower or new.state.residual <= TOLERANCE):
             return trial, new
         share *= 0.5
     return None

@@ -117,9 +117,8 @@ class Ramp:
         kept = {name: load for name, load in self.new.items() if self.old.get(name) == load}
         removed = [(1.0 - factor, load) for name, load in self.old.items() if name not in kept]
         added = [(factor, load) for name, load in self.new.items() if name not in kept]
-        return [(1.0, load) for load in kept.values()] + [
-            (f, load) for f, load in removed + added if f != 0.0
-        ]
+        changing = [(f, load) for f, load in removed + added if f != 0.0]
+        return [(1.0, load) for load in kept.values()] + changing
 
 
 @dataclass(frozen=True)

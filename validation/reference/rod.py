@@ -155,9 +155,8 @@ class Rod:
             middles = starts + 0.5 * lengths
             ends = np.array([robot.end(t) for t in robot.tendons])
             self.active = (middles[:, None] < ends[None, :]).astype(float)
-            self.courses = [
-                [tendon_course(robot, starts + (k + c) * self.h) for c in _C] for k in range(self.steps)
-            ]
+            for k in range(self.steps):
+                self.courses.append([tendon_course(robot, starts + (k + c) * self.h) for c in _C])
         self.columns = 6 + (3 if gravity else 0) + self.n_tendons
 
     def integrate(self, wrench: Array, weight: Array | None = None, tension: Array | None = None) -> Flow:
@@ -222,9 +221,8 @@ class Rod:
         n, t, c = self.size, self.n_tendons, self.columns
         wrench, rotation = y[:, :6], y[:, 6:15].reshape(n, 3, 3)
         if t:
-            strain, compliance, along, stretch = coupled_strain(
-                self.section, self.courses[step][stage], pull, wrench, guess
-            )
+            course = self.courses[step][stage]
+            strain, compliance, along, stretch = coupled_strain(self.section, course, pull, wrench, guess)
             out[:, 18 : 18 + t] = stretch[..., 0] * self.active
         else:
             strain, compliance = self.section.strain(wrench)

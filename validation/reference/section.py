@@ -30,9 +30,10 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-def bending_moment(
-    curvature: Array, stiffness: Array, law: Superelastic, radius: Array | float
-) -> tuple[Array, Array]:
+Pair = tuple[Array, Array]
+
+
+def bending_moment(curvature: Array, stiffness: Array, law: Superelastic, radius: Array | float) -> Pair:
     """Superelastic bending moment and its slope.
 
     Parameters
@@ -204,9 +205,9 @@ class Section:
             direction = change[:, :2] / safe[:, None]
             secant = np.where(zero, self.stiffness[:, 0], moment / safe)
             wrench[:, :2] = secant[:, None] * change[:, :2] + self.carried[:, :2]
-            derivative[:, :2, :2] = secant[:, None, None] * np.eye(2) + (
-                (slope - secant)[:, None, None] * direction[:, :, None] * direction[:, None, :]
-            )
+            along = direction[:, :, None] * direction[:, None, :]
+            bend = secant[:, None, None] * np.eye(2) + (slope - secant)[:, None, None] * along
+            derivative[:, :2, :2] = bend
         return wrench, derivative
 
 

@@ -303,9 +303,8 @@ class Tendons:
         holes, after, rough = self.holes, self.holes + 1, self.rough
         share = np.zeros(len(holes))
         share[rough] = mobilisation[self.variable[rough]]
-        value, d_tension, d_share, d_angle = tension_after(
-            tension[holes], share, angles, self.mu, self.adhesion
-        )
+        at = (share, angles, self.mu, self.adhesion)
+        value, d_tension, d_share, d_angle = tension_after(tension[holes], *at)
         residual[after] = (tension[after] - value) / force_scale
         by_tension[after, after] = 1.0 / force_scale
         by_tension[after, holes] = -d_tension / force_scale
@@ -377,9 +376,11 @@ class Segments:
     ends: tuple[tuple[Array, Array | None], tuple[Array, Array | None]]
 
 
-def _shifted(
-    tendons: Tendons, rotations: Array, positions: Array, twists: Array
-) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+#: Where tails and heads of segments sit in their section frames [m], (n, 3), with derivatives, (n, 3, z), or None.
+Ends = tuple[tuple[Array, Array | None], tuple[Array, Array | None]]
+
+
+def _shifted(tendons: Tendons, rotations: Array, positions: Array, twists: Array) -> Ends:
     r"""Positions of tendons in oversized holes, with derivatives; tails first, then heads.
 
     With the unit vectors t between the middles of neighbouring holes, a tendon pulls at a hole along
@@ -387,9 +388,8 @@ def _shifted(
     it is shifted by :math:`c\, b / \sqrt{|b|^2 + \alpha^2}`, with the clearance c and
     :math:`\alpha` = `CLEARANCE_ANGLE`. The anchor does not let it shift.
     """
-    _, t, _, d_t = _edges(
-        tendons, rotations, positions, twists, ((tendons.tail_hole, None), (tendons.head_hole, None))
-    )
+    middles = (tendons.tail_hole, None), (tendons.head_hole, None)
+    _, t, _, d_t = _edges(tendons, rotations, positions, twists, middles)
     first, inner = tendons.first, np.ones(tendons.size, dtype=bool)
     inner[first] = False
     later = np.flatnonzero(inner)
@@ -412,11 +412,7 @@ def _shifted(
 
 
 def _edges(
-    tendons: Tendons,
-    rotations: Array,
-    positions: Array,
-    twists: Array,
-    holes: tuple[tuple[Array, Array | None], tuple[Array, Array | None]],
+    tendons: Tendons, rotations: Array, positions: Array, twists: Array, holes: Ends
 ) -> tuple[Array, Array, Array, Array]:
     """Lengths [m], unit vectors and the derivatives of both, of the lines between tails and heads."""
     ends, moves = [], []
@@ -446,12 +442,9 @@ def straight_segments(tendons: Tendons, rotations: Array, positions: Array, twis
     twists
         Spatial twists of the stations by the unknowns, (n + 1, 6, z).
     """
+    holes: Ends = (tendons.tail_hole, None), (tendons.head_hole, None)
     if tendons.loose:
-        holes: tuple[tuple[Array, Array | None], tuple[Array, Array | None]] = _shifted(
-            tendons, rotations, positions, twists
-        )
-    else:
-        holes = (tendons.tail_hole, None), (tendons.head_hole, None)
+        holes = _shifted(tendons, rotations, positions, twists)
     lengths, t, d_lengths, d_t = _edges(tendons, rotations, positions, twists, holes)
     before, after = t[tendons.holes], t[tendons.holes + 1]
     sine = np.linalg.norm(np.cross(before, after), axis=1)
