@@ -295,19 +295,6 @@ def add_element_tangent(k: Array, blocks: Array, wrenches: Array) -> None:
         k[i + 3 : i + 6, i + 3 : i + 6] -= 0.5 * moment
 
 
-def wrenches_on_nodes(conjugate: Array, by_nodes: Array) -> Array:
-    """Wrenches ``[f, m]`` on the nodes, in their own frames, of elements that resist their twists, shape (N, 6).
-
-    Parameters
-    ----------
-    conjugate
-        Conjugate to the twists of the elements [N, N m], shape (E, 6).
-    by_nodes
-        Strain matrices of the elements, shape (E, 6, 12).
-    """
-    return nodal_sum(-(conjugate[:, None] @ by_nodes)[:, 0])
-
-
 def nodal_sum(element_wrenches: Array) -> Array:
     """Assemble element wrenches at the nodes: (E, 12) to (E+1, 6)."""
     total = np.zeros((len(element_wrenches) + 1, 6))

@@ -34,8 +34,8 @@ from tdcr_fe.elements.native.items import SystemReference
 from tdcr_fe.elements.section import (
     STRAIN_DIFFERENCE,
     add_element_tangent,
+    nodal_sum,
     wrench_tangent,
-    wrenches_on_nodes,
 )
 from tdcr_fe.elements.tendons import CableShape
 
@@ -98,12 +98,13 @@ def constant_wrench_tangent(wrenches: Array, twists: Array, rotations: Array, pa
     rotations, parameters
         Of the nodes, shapes (N, 3, 3) and, of Euler parameters, (N, 4).
     """
-    blocks = wrench_tangent(
-        lambda moved: -(wrenches[:, None] @ strain_matrices(moved))[..., 0, :],
-        twists,
-        np.full(twists.shape, STRAIN_DIFFERENCE),
-    )
-    of_nodes = wrenches_on_nodes(wrenches, strain_matrices(twists))
+
+    def of_elements(moved: Array) -> Array:
+        """Wrenches on both nodes of every element, in their own frames, shape (..., E, 12)."""
+        return np.asarray(-(wrenches[:, None] @ strain_matrices(moved))[..., 0, :])
+
+    blocks = wrench_tangent(of_elements, twists, np.full(twists.shape, STRAIN_DIFFERENCE))
+    of_nodes = nodal_sum(of_elements(twists))
     k = np.zeros((of_nodes.size, of_nodes.size))
     add_element_tangent(k, blocks, of_nodes)
     return generalized_tangent(k, of_nodes[:, 3:], twists_by_coordinates(rotations, parameters))

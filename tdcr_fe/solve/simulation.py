@@ -144,9 +144,7 @@ class Simulation:
             self.loads[self.load_key(name, load)].set(load.force, load.moment)
         robot.inputs, robot.drives = target.values, target.drives
         creeps = self.handle.robot.backbone.creep_rate != 0.0
-        ramp = Ramp.of(
-            self.system, self.state, self.state.time, target.time, self._set_creep if creeps else None
-        )
+        ramp = Ramp.of(self.system, self.state, target.time, self._set_creep if creeps else None)
         solver = SubstepSolver(self.system, ramp, self.settings, deadline)
         try:
             with one_thread():

@@ -174,7 +174,7 @@ def _solve(
     parts, paths = system.independent(), []
     with one_thread():
         for part, begin in zip(parts, recall(system, parts, start_time), strict=True):
-            ramp = Ramp.of(part, begin.state, start_time, end_time, before, user_loads)
+            ramp = Ramp.of(part, begin.state, end_time, before, user_loads)
             solved = solve_load_step(SubstepSolver(part, ramp, settings), begin, substeps)
             paths.append(solved.path)
             for each in sensitivities:

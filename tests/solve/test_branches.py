@@ -60,7 +60,7 @@ def continuous_from_rest(*steps: LoadStep) -> bool:
     rest = simulation.state
     for target in targets:
         simulation.advance(target)
-    ramp = Ramp.of(simulation.system, rest, 0.0, 0.0)
+    ramp = Ramp.of(simulation.system, rest, 0.0)
     solver = SubstepSolver(simulation.system, ramp, SolverSettings())
     return is_continuous(solver, rest, 0.0, simulation.state, 1.0)
 

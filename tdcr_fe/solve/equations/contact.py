@@ -37,11 +37,6 @@ TURNS = ("ConnectorTorsionalSpringDamper",)
 APPROACH_LIMIT = 0.5
 
 
-def general_contacts(mbs: exu.MainSystem) -> list[Any]:
-    """Every ``GeneralContact`` of a system."""
-    return [mbs.GetGeneralContact(k) for k in range(mbs.NumberOfGeneralContacts())]
-
-
 class GeneralSpheres(NamedTuple):
     """Spheres of a ``GeneralContact``."""
 
@@ -93,6 +88,11 @@ class GeneralSpheres(NamedTuple):
         return np.triu(inside, 1)
 
 
+def general_spheres(mbs: exu.MainSystem) -> list[GeneralSpheres]:
+    """Those of every ``GeneralContact`` of a system."""
+    return [GeneralSpheres.of(mbs.GetGeneralContact(k)) for k in range(mbs.NumberOfGeneralContacts())]
+
+
 class TriangleContact:
     """All ``GeneralContact`` of a scene that have spheres and triangles.
 
@@ -104,8 +104,9 @@ class TriangleContact:
 
     def __init__(self, mbs: exu.MainSystem) -> None:
         self._mbs = mbs
-        general = [GeneralSpheres.of(contact) for contact in general_contacts(mbs)]
-        self._all = [each for each in general if each.first_triangle is not None and each.radii.size]
+        self._all = [
+            each for each in general_spheres(mbs) if each.first_triangle is not None and each.radii.size
+        ]
         self._step = RELATIVE_STEP * min((float(each.radii.min()) for each in self._all), default=0.0)
         self._nodes = _nodes_of_coordinates(mbs)
 
@@ -171,6 +172,8 @@ class ContactStates:
         An assembled system.
     own_data
         Numbers of the data coordinates that belong to robots.
+    settings
+        Of Exudyn's solvers.
 
     Attributes
     ----------
@@ -183,7 +186,9 @@ class ContactStates:
         An item has states that quasi-static steps do not solve; the message names it.
     """
 
-    def __init__(self, mbs: exu.MainSystem, own_data: Collection[int]) -> None:
+    def __init__(
+        self, mbs: exu.MainSystem, own_data: Collection[int], settings: exu.SimulationSettings
+    ) -> None:
         data = mbs.systemData
         items = {i: mbs.GetObject(i) for i in range(data.NumberOfObjects()) if len(data.GetObjectLTGData(i))}
         for item in items.values():
@@ -197,7 +202,7 @@ class ContactStates:
         pairs = np.array([item["markerNumbers"] for item in sized.values()], dtype=int).reshape(-1, 2)
         self._markers, numbers = np.unique(pairs, return_inverse=True)
         self._pairs = numbers.reshape(-1, 2)
-        general = [GeneralSpheres.of(contact) for contact in general_contacts(mbs)]
+        general = general_spheres(mbs)
         self._general_size = min((spheres.size for spheres in general), default=np.inf)
         # Spheres that lie in each other from the beginning are built so, as those of a wall.
         self._general_spheres = [
@@ -205,11 +210,6 @@ class ContactStates:
         ]
         self._mbs = mbs
         self._foreign = np.setdiff1d(np.arange(data.DataSize()), np.fromiter(own_data, dtype=int))
-        settings = exu.SimulationSettings()
-        settings.solution.file.write = False
-        settings.solution.sensors.active = False
-        settings.timeIntegration.verboseMode = 0
-        settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = False
         self._settings = settings
         self._solver: Any = None
 

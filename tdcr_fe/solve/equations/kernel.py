@@ -47,11 +47,12 @@ class StaticKernel:
         settings = exu.SimulationSettings()
         settings.solution.file.write = False
         settings.solution.sensors.active = False
-        settings.staticSolver.verboseMode = 0
+        settings.staticSolver.verboseMode = settings.timeIntegration.verboseMode = 0
+        settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = False
         self._mbs = mbs
         self._settings = settings
         own = [i for robot in hooks.actuations for i in robot.history_nodes.coordinate_numbers()]
-        self.contact = ContactStates(mbs, own)
+        self.contact = ContactStates(mbs, own, settings)
         self.triangles = TriangleContact(mbs)
         self._kernel = _initialised(mbs, hooks, settings, self.contact)
         if self._kernel.GetODE1size():

@@ -37,10 +37,6 @@ class LoadRamp:
         """Whether it is another one at the end."""
         return bool((self.start != self.end).any())
 
-    def at(self, load_factor: float) -> Array:
-        """The load at a load factor."""
-        return _between(self.start, self.end, load_factor)
-
 
 @dataclass(frozen=True, eq=False)
 class Ramp:
@@ -59,7 +55,6 @@ class Ramp:
         cls,
         system: SceneSystem,
         state: SolverState,
-        start_time: float,
         end_time: float,
         before_increment: Callable[[float], None] | None = None,
         user_loads: bool = False,
@@ -72,7 +67,7 @@ class Ramp:
             The scene.
         state
             At the beginning.
-        start_time, end_time
+        end_time
             [s].
         before_increment, user_loads
             See `Ramp`.
@@ -83,7 +78,7 @@ class Ramp:
                 LoadRamp(item, before, item.value)
                 for item, before in zip(system.point_loads, state.loads, strict=True)
             ),
-            start_time,
+            state.time,
             end_time,
             before_increment,
             user_loads,
@@ -107,7 +102,7 @@ class Ramp:
 
     def loads_at(self, load_factor: float) -> tuple[Array, ...]:
         """The concentrated loads at a load factor, shape (6,) each."""
-        return tuple(load.at(load_factor) for load in self.loads)
+        return tuple(_between(load.start, load.end, load_factor) for load in self.loads)
 
     def apply(self, system: SceneSystem, load_factor: float) -> Target:
         """Apply loads and time at a load factor in [0, 1] to the scene, and return the target."""

@@ -206,8 +206,7 @@ def effect_parameter(
     own = {**chosen.null_values(below), **present.get(name, {})}
     own.setdefault(parameter, chosen.null_value(below, parameter))
     start = about.coordinate(own[parameter])
-    lower = min(about.coordinate(about.lower), about.coordinate(about.upper))
-    upper = max(about.coordinate(about.lower), about.coordinate(about.upper))
+    lower, upper = sorted((about.coordinate(about.lower), about.coordinate(about.upper)))
 
     def apply(_: Experiment, value: float) -> Experiment:
         if value == start:

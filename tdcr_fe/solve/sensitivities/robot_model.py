@@ -36,7 +36,6 @@ class RobotModel:
     """A robot as arrays."""
 
     experiment: Experiment  # From which it was made, with a number of elements for every bay
-    hysteresis: Hysteresis  # At the holes
     base: BasePose | None  # Of the base plate in the world; None is that of the world
     forces: ForceModel  # Mesh, tendons, laws and section forces
     rigid: Flags  # (E,): Which elements are rigid inserts
@@ -50,12 +49,14 @@ class RobotModel:
         base: BasePose | None,
         similar: RobotModel | None = None,
     ) -> RobotModel:
-        """Model from its description; arguments as the attributes.
+        """Model from its description.
 
         Parameters
         ----------
-        experiment, hysteresis, base
-            See above.
+        experiment, base
+            As the attributes.
+        hysteresis
+            At the holes.
         similar
             Another model of the same hysteresis and base. What is equal in both is taken from it.
         """
@@ -78,7 +79,7 @@ class RobotModel:
         mass[forces.hole_nodes[1:]] += robot.disks.mass
         mass[-1] += robot.tip_mass
         weight = mass[:, None] * np.array(model.gravity)
-        return cls(experiment, hysteresis, base, forces, rigid, weight)
+        return cls(experiment, base, forces, rigid, weight)
 
     def beside(self, experiment: Experiment) -> RobotModel:
         """Model of a neighbouring description, with as many elements in every bay; this one where it is the same."""
@@ -87,7 +88,7 @@ class RobotModel:
         experiment = replace(experiment, model=model)
         if experiment.robot is own.robot and model == own.model and _same_mesh(own, experiment):
             return self
-        return RobotModel.of(experiment, self.hysteresis, self.base, self)
+        return RobotModel.of(experiment, self.forces.law.hysteresis, self.base, self)
 
     def gradient(self, twists: Array, base_tension: Array, time: float) -> Array:
         """Gradient of the energy of elements and section forces by the twists at a time [s], shape (E, 6)."""
@@ -379,13 +380,13 @@ class ExplicitDerivatives:
 
     def __init__(self, present: RobotModel, neighbours: Neighbours, count: int) -> None:
         self.present = present
-        models, self._owner = [present], np.full(1, -1)
-        self._offsets = np.zeros(1)
+        models, owner, offsets, weights = [present], [-1], [0.0], np.zeros(0)
         for number, each in neighbours.items():
             models += each.models
-            self._owner = np.append(self._owner, np.full(len(each.models), number))
-            self._offsets = np.append(self._offsets, each.offsets)
-        weights = np.concatenate([np.zeros(0), *(each.weights for each in neighbours.values())])
+            owner += [number] * len(each.models)
+            offsets += each.offsets.tolist()
+            weights = np.append(weights, each.weights)
+        self._owner, self._offsets = np.array(owner), np.array(offsets)
         place = self._owner[1:], np.arange(1, len(models))
         self._weights = sparse.csr_array((weights, place), (count, len(models)))
         self._models = models
