@@ -62,7 +62,7 @@ def continuous_from_rest(*steps: LoadStep) -> bool:
         simulation.advance(target)
     ramp = Ramp.of(simulation.system, rest, 0.0)
     solver = SubstepSolver(simulation.system, ramp, SolverSettings())
-    return is_continuous(solver, rest, 0.0, simulation.state, 1.0)
+    return is_continuous(solver, (0.0, rest), (1.0, simulation.state))
 
 
 @pytest.mark.parametrize("across", [0.2, -0.6, 0.9])

@@ -19,8 +19,6 @@ from tdcr_fe.solve.friction_path.transfer import tension_transfer
 
 #: The interpolation is too uncertain to locate reversals with an error above this fraction of the largest slip [1].
 ROUGH = 0.1
-#: Factor on the parabola in the interpolated slip rates with which the path is followed once more to see its error [1].
-DEFECT_FACTOR = 2.0
 #: Error of reversals located through twice as many states within the substep as before, over what they changed [1].
 #: With a quarter of it, one of twenty random robots ended 2.2e-5 of the length off.
 REFINED_ERROR = 0.5
@@ -90,16 +88,9 @@ class SubstepSlips(NamedTuple):
             columns,
         )
 
-    def follow(self, defect_factor: float = 1.0) -> FrictionPath:
-        """The friction states followed through the substep.
-
-        Parameters
-        ----------
-        defect_factor
-            Factor on the parabola in the slip rates, see `Intervals.with_defect` [1].
-        """
-        intervals = self.slips.intervals.with_defect(defect_factor)
-        return follow_friction(self.slips._replace(intervals=intervals), self.before, self.base, self.tension)
+    def follow(self, slips: InterpolatedSlips) -> FrictionPath:
+        """The friction states followed through the substep with its slips, or with others that are possible."""
+        return follow_friction(slips, self.before, self.base, self.tension)
 
     def corrected(self, trial: Array) -> Array:
         """Mobilisations at the end for other trial mobilisations there [1], to first order, shape (k,)."""
@@ -178,7 +169,7 @@ class SubstepSlips(NamedTuple):
             return 0.0, False
         if self.is_rough:
             return None
-        other = self.follow(DEFECT_FACTOR)
+        other = self.follow(self.slips._replace(intervals=self.slips.intervals.with_defect_doubled()))
         if not other.complete:
             return None
         moved = self.displacement(mobilisation - self.at_end(other))
@@ -278,7 +269,7 @@ def find_reversals(
         None where every slip is monotone, so that the substep is exact as a whole.
     """
     substep = SubstepSlips.of(known, targets, allowed * length, max(allowed, AGREEMENT) * length)
-    path = substep.follow()
+    path = substep.follow(substep.slips)
     corrected = substep.at_end(path)
     effect = substep.displacement(corrected - substep.after) / length
     history = _history(substep, path, corrected) if path.complete else None

@@ -71,12 +71,12 @@ class Intervals(NamedTuple):
         arrays = [np.array(own) for own in zip(*every, strict=True)]
         return cls._make([*arrays, 0.0])
 
-    def with_defect(self, factor: float) -> Intervals:
-        """With another parabola in the rates along the line, larger by a factor, to see what is uncertain in it [1]."""
-        coefficients, cubic = self.coefficients.copy(), self.coefficients[:, 3]
-        coefficients[:, 2] -= 1.5 * (factor - 1.0) * cubic
-        coefficients[:, 3] = factor * cubic
-        return self._replace(coefficients=coefficients, parabola=factor - 1.0)
+    def with_defect_doubled(self) -> Intervals:
+        """With twice the parabola in the rates along the line, to see what is uncertain in it."""
+        coefficients = self.coefficients.copy()
+        coefficients[:, 2] -= 1.5 * self.coefficients[:, 3]
+        coefficients[:, 3] *= 2.0
+        return self._replace(coefficients=coefficients, parabola=1.0)
 
     @property
     def defect(self) -> Array:

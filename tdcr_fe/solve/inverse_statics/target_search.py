@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -88,20 +88,6 @@ class TrialSteps:
     def begin(self, actuation: Actuation) -> None:
         """Take the inputs, loads and time of the last step that was kept."""
         self._last = actuation
-
-    def step(
-        self,
-        inputs: Array,
-        by_displacement: bool,
-        label: str = "",
-        time: float | None = None,
-        substeps: int | None = None,
-    ) -> LoadStep:
-        """A load step with these inputs for all tendons."""
-        named = {n: float(x) for n, x in zip(self.robot.tendon_names, inputs, strict=True)}
-        if by_displacement:
-            return LoadStep(label, displacements=named, substeps=substeps, time=time)
-        return LoadStep(label, tensions=named, substeps=substeps, time=time)
 
     def solve(self, start: SolverState, step: LoadStep) -> Trial | None:
         """Solve a step from a state, and differentiate; None where it has no solution."""
@@ -319,8 +305,9 @@ class TargetSearch:
 
     def _solve(self, inputs: Array, by_displacement: bool, substeps: int | None) -> Trial | None:
         self.count += 1
-        moment = self._objective.target.time
-        step = self._trials.step(inputs, by_displacement, self._label, moment, substeps)
+        named = {n: float(x) for n, x in zip(self._trials.robot.tendon_names, inputs, strict=True)}
+        step = LoadStep(self._label, substeps=substeps, time=self._objective.target.time)
+        step = replace(step, displacements=named) if by_displacement else replace(step, tensions=named)
         return self._trials.solve(self._start, step)
 
     def _moved(self, trial: Trial, step: Array) -> Trial | None:

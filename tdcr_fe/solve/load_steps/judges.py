@@ -27,6 +27,9 @@ from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver
 #: Largest rotation of an element that the mean of both slopes leaves unexplained, over the largest rotation [1].
 UNEXPLAINED = 0.1
 
+#: A load factor of the load step, and the state that was solved there.
+Point = tuple[float, SolverState]
+
 
 def converged(trial: Trial) -> Trial | Instead:
     """Whether Newton's method has found a solution, with contact that was not jumped over; else it is halved."""
@@ -46,7 +49,7 @@ def on_this_branch(trial: Trial) -> Trial | Instead:
     shorter = solver.may_be_halved(trial.length, trial.result.status)
     if not (shorter and solver.passes_buckling(trial.before, after)):
         return trial
-    continuous = is_continuous(solver, trial.before, trial.start, after, trial.end)
+    continuous = is_continuous(solver, (trial.start, trial.before), (trial.end, after))
     solver.ramp.apply(solver.system, trial.end)
     return trial if continuous else trial.divided()
 
@@ -65,7 +68,7 @@ def _compared(trial: Trial) -> Trial:
     solver, start, linear = trial.solver, trial.start, trial.result.linearization
     if not solver.system.numbering().has_friction or trial.length == 0.0 or is_steady(trial, linear):
         return trial
-    away, spent = _distance_of_halves(solver, trial.before, start, trial.result.state, trial.end, HALVES)
+    away, spent = _distance_of_halves(solver, (start, trial.before), (trial.end, trial.result.state), HALVES)
     solver.ramp.apply(solver.system, trial.end)
     division = None if away <= allowed_error(trial) else 0.5
     return trial._replace(error=trial.error + away, division=division, rejected=trial.rejected + spent)
@@ -81,37 +84,34 @@ def did_not_jump(trial: Trial) -> Trial | Instead:
 
     Where no more substeps are allowed, it passes, with its distance from the end of the halves as its error.
     """
-    solver, before, start = trial.solver, trial.before, trial.start
-    for end, after in (*trial.within, (trial.end, trial.result.state)):
-        if _jump_possible(solver, before, start, after, end):
-            away, spent = _distance_of_halves(solver, before, start, after, end, ON_THE_WAY)
+    solver, first = trial.solver, (trial.start, trial.before)
+    for last in (*trial.within, (trial.end, trial.result.state)):
+        if _jump_possible(solver, first, last):
+            away, spent = _distance_of_halves(solver, first, last, ON_THE_WAY)
             solver.ramp.apply(solver.system, trial.end)
             trial = trial._replace(rejected=trial.rejected + spent)
             if away > 2.0 * solver.settings.path_tolerance:
                 return trial.divided() if _has_room(trial) else trial._replace(error=trial.error + away)
-        before, start = after, end
+        first = last
     return trial
 
 
-def _jump_possible(
-    solver: SubstepSolver, before: SolverState, start: float, after: SolverState, end: float
-) -> bool:
+def _jump_possible(solver: SubstepSolver, first: Point, last: Point) -> bool:
     """Whether a substep may have jumped: its rotations are large, and neither sign nor slopes exclude it."""
+    before, after = first[1], last[1]
     if not solver.jump_suspected(before, after):
         return False
-    unstable = before.tangent_sign * after.tangent_sign < 0
-    return unstable or not is_continuous(solver, before, start, after, end)
+    return before.tangent_sign * after.tangent_sign < 0 or not is_continuous(solver, first, last)
 
 
 def _distance_of_halves(
-    solver: SubstepSolver,
-    before: SolverState,
-    start: float,
-    after: SolverState,
-    end: float,
-    judges: Sequence[Judge],
+    solver: SubstepSolver, first: Point, last: Point, judges: Sequence[Judge]
 ) -> tuple[float, int]:
-    """How far from a state its halves end, over the length [1], infinite where they fail; and their iterations."""
+    """How far from its end the halves of a substep end, over the length [1], infinite where they fail; and their cost.
+
+    The cost is the number of their iterations.
+    """
+    (start, before), (end, after) = first, last
     halves = (Proposal(0.5 * (start + end)), Proposal(end, after))
     try:
         path = take_substeps(solver, SolvedPath(before, start), halves, judges)
@@ -120,9 +120,7 @@ def _distance_of_halves(
     return solver.distance(path.state, after), path.iterations_total
 
 
-def is_continuous(
-    solver: SubstepSolver, before: SolverState, start: float, after: SolverState, end: float
-) -> bool:
+def is_continuous(solver: SubstepSolver, first: Point, last: Point) -> bool:
     """Whether the change of all elements in a substep is that by the slopes at its ends, on average.
 
     On one branch of equilibria the configuration is a smooth function of the tensions of all segments and of the loads,
@@ -132,25 +130,24 @@ def is_continuous(
     ----------
     solver
         Of the load step.
-    before, after
-        Solved states at the ends of the substep.
-    start, end
-        Their load factors [1].
+    first, last
+        The ends of the substep.
     """
+    (start, before), (end, after) = first, last
     ramp, system = solver.ramp, solver.system
     if not solver.is_smooth(end):
         return False
     try:
-        first = Equilibrium.at(system, before, ramp.apply(system, start))
-        last = Equilibrium.at(system, after, ramp.apply(system, end))
+        there = Equilibrium.at(system, before, ramp.apply(system, start))
+        here = Equilibrium.at(system, after, ramp.apply(system, end))
     except np.linalg.LinAlgError:
         return False
-    known = known_states(solver, [(0.0, first), (1.0, last)], Span(start, end))
-    if not (first.balanced and known.taut.tendons):
+    known = known_states(solver, [(0.0, there), (1.0, here)], Span(start, end))
+    if not (there.balanced and known.taut.tendons):
         return False
-    tension = known.taut.tensions(last) - known.taut.tensions(first)
+    tension = known.taut.tensions(here) - known.taut.tensions(there)
     slopes = [twist_change(point, tension, 1.0) for point in known.points]
-    change = twists(last) - twists(first)
+    change = twists(here) - twists(there)
     return _rotation(change - 0.5 * (slopes[0] + slopes[1])) <= UNEXPLAINED * _rotation(change)
 
 
