@@ -63,11 +63,7 @@ def normal_forces(tension: Array, angles: Array) -> Array:
 
 
 def evaluate_laws(
-    laws: Sequence[CoefficientLaw | None],
-    constant: Array,
-    mask: Flags,
-    normal: Array,
-    rate: Array,
+    laws: Sequence[CoefficientLaw | None], constant: Array, mask: Flags, normal: Array, rate: Array
 ) -> Coefficients:
     """Coefficients of all holes.
 

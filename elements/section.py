@@ -26,8 +26,8 @@ _GAUSS = np.polynomial.legendre.leggauss(4)
 POINTS: Array = 0.5 * (_GAUSS[0] + 1.0)
 WEIGHTS: Array = 0.5 * _GAUSS[1]
 
-#: Change of a strain for numerical derivatives [1].
-STRAIN_DIFFERENCE = 1e-5
+#: Change for numerical derivatives by central differences, of a strain, or over the size of what is changed [1].
+DIFFERENCE = 1e-5
 #: Distance from the axis at which a change of curvature by them makes that strain, over the length of the backbone [1].
 THINNEST = 0.1
 
@@ -254,7 +254,7 @@ class SectionForces:
         By central differences over the six components of the twist; the strain matrix supplies the rest. The
         differences are those of strains, so that they suit elements of any length.
         """
-        stretch, bend = STRAIN_DIFFERENCE, STRAIN_DIFFERENCE / (THINNEST * self.lengths.sum())
+        stretch, bend = DIFFERENCE, DIFFERENCE / (THINNEST * self.lengths.sum())
         step = self.lengths[:, None] * np.repeat((stretch, bend), 3)
         return wrench_tangent(lambda moved: self.wrenches(moved, tensions), twists, step)
 

@@ -209,12 +209,7 @@ class CableGeometry:
     CLEARANCE_ANGLE = 0.01
 
     def __init__(
-        self,
-        nodes: Index,
-        offsets: Array,
-        mask: Flags,
-        node_count: int,
-        clearance: Array | None = None,
+        self, nodes: Index, offsets: Array, mask: Flags, node_count: int, clearance: Array | None = None
     ) -> None:
         self.nodes = nodes
         self.nominal = offsets

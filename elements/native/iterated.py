@@ -31,12 +31,7 @@ from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_tangent, twists_by_coordinates
 from tdcr_fe.elements.native.items import SystemReference
-from tdcr_fe.elements.section import (
-    STRAIN_DIFFERENCE,
-    add_element_tangent,
-    nodal_sum,
-    wrench_tangent,
-)
+from tdcr_fe.elements.section import DIFFERENCE, add_element_tangent, nodal_sum, wrench_tangent
 from tdcr_fe.elements.tendons import CableShape
 
 
@@ -103,7 +98,7 @@ def constant_wrench_tangent(wrenches: Array, twists: Array, rotations: Array, pa
         """Wrenches on both nodes of every element, in their own frames, shape (..., E, 12)."""
         return np.asarray(-(wrenches[:, None] @ strain_matrices(moved))[..., 0, :])
 
-    blocks = wrench_tangent(of_elements, twists, np.full(twists.shape, STRAIN_DIFFERENCE))
+    blocks = wrench_tangent(of_elements, twists, np.full(twists.shape, DIFFERENCE))
     of_nodes = nodal_sum(of_elements(twists))
     k = np.zeros((of_nodes.size, of_nodes.size))
     add_element_tangent(k, blocks, of_nodes)

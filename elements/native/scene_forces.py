@@ -49,11 +49,6 @@ def wound(motors: Sequence[Motor], values: Array, angles: Array, driven: Flags) 
     return total
 
 
-def torques(motors: Sequence[Motor], forces: TendonForces) -> Array:
-    """Torques of the tendons on the motors [N m], shape (k,): minus the tension at the base times the radius."""
-    return np.array([-motor.radius * forces.base_tension[motor.tendon] for motor in motors])
-
-
 def with_motors(
     motors: Sequence[Motor],
     tangent: Array,
@@ -191,7 +186,8 @@ class SceneForces:
         """
         found = self.at(coordinates, tendons)
         on_nodes = generalized_forces(found.forces.nodal_wrenches(), found.rotations, found.parameters)
-        return np.append(on_nodes, torques(motors, found.forces))
+        tension = found.forces.base_tension
+        return np.append(on_nodes, [-motor.radius * tension[motor.tendon] for motor in motors])
 
     def tangent(
         self, coordinates: Array, tendons: ElasticTendons, holes: Holes, motors: Sequence[Motor] = ()

@@ -6,6 +6,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from itertools import zip_longest
 from math import isfinite
 from typing import NamedTuple, TypeVar
@@ -97,13 +98,11 @@ def simulate(
     """
     check_instance("simulate", "robot", robot, Robot, "a Robot. read_robot(path) reads one from robot.toml")
     check_instance("simulate", "model", model, Model, "a Model, such as Model(friction='per-hole')")
-    settings = settings or SolverSettings()
     begun = time.perf_counter()
-    targets = resolve(robot, steps)
     experiment = Experiment(robot, model, tuple(steps))
     request = _Request(
         experiment,
-        targets,
+        resolve(robot, steps),
         settings,
         progress,
         reference_path,
@@ -114,11 +113,7 @@ def simulate(
     implausible, remarks = plausibility(robot, model, steps).issued()
     automatic = model.elements_per_bay == "auto" and reference_path is None
     with one_thread(), warnings_to():
-        runs, stop = refined_runs(
-            lambda counts, before: _Run(request, replace(model, elements_per_bay=counts), before),
-            elements_of_bays(robot, model),
-            automatic,
-        )
+        runs, stop = refined_runs(partial(_Run, request), elements_of_bays(robot, model), automatic)
     # A run on a refined mesh may have failed, or been interrupted, before the steps that a coarser one has solved.
     last, kept = runs[-1], max(reversed(runs), key=lambda run: len(run.solved))
     if record_path is not None:
@@ -142,7 +137,7 @@ class _Request(NamedTuple):
 
     experiment: Experiment
     targets: Sequence[Actuation]
-    settings: SolverSettings
+    settings: SolverSettings | None
     progress: Callable[[StepResult], None] | None
     reference_path: PathRecord | None
     parameters: tuple[Parameter, ...]  # By which results are differentiated
@@ -177,6 +172,8 @@ class MeshedRun(ABC):
     ----------
     simulation
         Of the robot, at its beginning.
+    elements_per_bay
+        Of the mesh.
     count
         Number of load steps.
 
@@ -194,8 +191,8 @@ class MeshedRun(ABC):
         Estimates for steps to come; None until there is need of them.
     """
 
-    def __init__(self, simulation: Simulation, count: int) -> None:
-        self.simulation, self.count = simulation, count
+    def __init__(self, simulation: Simulation, elements_per_bay: tuple[int, ...], count: int) -> None:
+        self.simulation, self.elements_per_bay, self.count = simulation, elements_per_bay, count
         self.goal = simulation.settings.mesh_tolerance * simulation.handle.robot.backbone.length
         self.monitor = MeshMonitor(simulation, self.goal)
         self.solved: list[StepResult] = []
@@ -212,13 +209,6 @@ class MeshedRun(ABC):
     def next_step(self) -> int | None:
         """Number of the first step that is not solved."""
         return len(self.solved) + 1 if len(self.solved) < self.count else None
-
-    @property
-    def elements_per_bay(self) -> tuple[int, ...]:
-        """Of the mesh."""
-        counts = self.simulation.handle.model.elements_per_bay
-        assert isinstance(counts, tuple)
-        return counts
 
     @property
     def _estimates(self) -> tuple[MeshEstimate, ...]:
@@ -324,10 +314,10 @@ def refined_runs(
 class _Run(MeshedRun):
     """One run through a loading sequence with one mesh."""
 
-    def __init__(self, request: _Request, model: Model, before: _Run | None = None) -> None:
-        experiment = request.experiment
+    def __init__(self, request: _Request, counts: tuple[int, ...], before: _Run | None) -> None:
+        experiment, model = request.experiment, replace(request.experiment.model, elements_per_bay=counts)
         simulation = Simulation(experiment.robot, model, request.targets, request.settings)
-        super().__init__(simulation, len(experiment.steps))
+        super().__init__(simulation, counts, len(experiment.steps))
         self.request, self.steps = request, experiment.steps
         self.history: SensitivityHistory | None = None
         if request.parameters:

@@ -21,13 +21,7 @@ from tdcr_fe.scene import TDCR, CreateTDCR, PointLoad
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.load_steps.load_path import (
-    Increment,
-    LoadStepReport,
-    Position,
-    Ramp,
-    StepFailed,
-)
+from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, Position, Ramp, StepFailed
 from tdcr_fe.solve.load_steps.stepping import SolvedLoadStep, solve_load_step
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
 

@@ -30,9 +30,7 @@ from tdcr_fe.solve.simulation import one_thread
 KEY = "tdcr_fe.last_solution"
 _TIME = Annotated[float | None, Quantity(note="in s")]
 #: Arguments of `SolveTDCR` that are checked as they stand.
-ARGUMENTS = Keys(
-    {"startTime": _TIME, "endTime": _TIME, "substeps": Annotated[int | None, Quantity(ge=1)]},
-)
+ARGUMENTS = Keys({"startTime": _TIME, "endTime": _TIME, "substeps": Annotated[int | None, Quantity(ge=1)]})
 
 
 def SolveTDCR(
@@ -107,7 +105,9 @@ def SolveTDCR(
         _refuse_other_presliding(system, settings.presliding)
         paths = _solve(system, settings, start, end, substeps, sensitivities)
         system.bring_to_rest()
-        remember(system, paths)
+        positions = tuple([Position(path.state, path.linearization, path.end) for path in paths])
+        models = tuple(robot.model for robot in system.robots)
+        mbs.variables[KEY] = LastSolution(positions, _scene(system), models)
         _draw(mbs)
     finally:
         system.connect()
@@ -212,13 +212,6 @@ class LastSolution(NamedTuple):
     positions: tuple[Position, ...]  # By system that was solved by itself
     scene: tuple[Array, ...]  # Everything that Exudyn keeps of it, see `_scene`
     models: tuple[ForceModel, ...]  # By robot
-
-
-def remember(system: SceneSystem, paths: Sequence[SolvedPath]) -> None:
-    """Keep the ends of paths for the next load step, after the scene was left there."""
-    models = tuple(robot.model for robot in system.robots)
-    positions = tuple([Position(path.state, path.linearization, path.end) for path in paths])
-    system.mbs.variables[KEY] = LastSolution(positions, _scene(system), models)
 
 
 def recall(system: SceneSystem, parts: Sequence[SceneSystem], time: float) -> list[Position]:

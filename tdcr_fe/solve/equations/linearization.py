@@ -336,10 +336,8 @@ def backbone_tangent(
     mesh
         Of the only robot, where nothing else resists.
     """
-    configuration, wrenches = (
-        residual.state.configuration,
-        residual.unbalanced[6 * nodes.start : 6 * nodes.stop],
-    )
+    configuration = residual.state.configuration
+    wrenches = residual.unbalanced[6 * nodes.start : 6 * nodes.stop]
     found = configuration.chains[robot].tangent(wrenches, *configuration.poses[robot], mesh)
     component = np.arange(6)
     # Exudyn's Jacobian is that of the right-hand side: minus the stiffness.

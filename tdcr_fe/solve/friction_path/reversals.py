@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tdcr_fe.elements import Array, Index
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.layout import Numbering
@@ -206,7 +206,7 @@ class SlipHistory(NamedTuple):
     slip: Array  # (k,): Of the frictional holes [m]
     mobilisation: Array  # (k,): At that slip [1]
     at_end: Array  # (k,): Those at the end of the substep, as they follow from the path [1]
-    followed: Index  # (i,): Which of the holes belong to tendons under tension, the ones of the path
+    path: FrictionPath  # Of the holes of tendons under tension, with the reversals
     slips: SubstepSlips  # Of these holes, in the substep
 
     def of(self, state: SolverState) -> SolverState:
@@ -223,8 +223,9 @@ class SlipHistory(NamedTuple):
 
     def distance(self, state: SolverState) -> float:
         """Largest displacement of a node between the end that follows from the path, and a solved one [m]."""
-        off = self.slips.known.end.numbering.at_frictional_holes(state.mobilisation) - self.at_end
-        return self.slips.displacement(off[self.followed])
+        known = self.slips.known
+        off = known.end.numbering.at_frictional_holes(state.mobilisation) - self.at_end
+        return self.slips.displacement(off[known.taut.holes])
 
 
 class Reversals(NamedTuple):
@@ -232,8 +233,8 @@ class Reversals(NamedTuple):
 
     effect: float  # Largest displacement of a node that they cause at its end, over the length [1]
     error: float  # Uncertainty of that effect [1]
-    history: SlipHistory | None = None  # What the mobilisations at the end count from, where that is known
-    path: FrictionPath | None = None  # The path with the reversals, where it reaches the end
+    # What the mobilisations at the end count from, where the path reaches it
+    history: SlipHistory | None = None
 
     @property
     def total(self) -> float:
@@ -274,17 +275,17 @@ def find_reversals(
     effect = substep.displacement(corrected - substep.after) / length
     history = _history(substep, path, corrected) if path.complete else None
     if history is not None and len(known.points) > 2:
-        return Reversals(effect, REFINED_ERROR * effect, history, path)
+        return Reversals(effect, REFINED_ERROR * effect, history)
     if path.complete:
         found = substep.path_error(path, corrected)
         if found is not None:
             error, reverses = found
             if not (path.reversed.any() or reverses or solved_with_reversals):
                 return None
-            return Reversals(effect, error / length, history, path)
+            return Reversals(effect, error / length, history)
     # Reversals are not located well enough.
     error = substep.displacement(corrected - substep.worst_case(path, corrected)) / length
-    return Reversals(effect, error, history, path if path.complete else None)
+    return Reversals(effect, error, history)
 
 
 def _history(substep: SubstepSlips, path: FrictionPath, at_end: Array) -> SlipHistory:
@@ -297,4 +298,4 @@ def _history(substep: SubstepSlips, path: FrictionPath, at_end: Array) -> SlipHi
     slip, counted, last = start.slips.copy(), start.mobilisation.copy(), end.mobilisation.copy()
     slip[holes] += path.reversal_slip
     counted[holes], last[holes] = path.reversal_mobilisation, at_end
-    return SlipHistory(slip, counted, last, holes, substep)
+    return SlipHistory(slip, counted, last, path, substep)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import isfinite
 
 import numpy as np
@@ -143,11 +144,8 @@ def follow_path(
     positions = [target.position for target in task.targets]
     implausible, remarks = plausibility(robot, model, task.before, positions, upper.tolist()).issued()
     with one_thread(), warnings_to():
-        runs, stop = refined_runs(
-            lambda counts, before: _FollowRun(task, counts, before),
-            elements_of_bays(robot, model),
-            model.elements_per_bay == "auto",
-        )
+        automatic = model.elements_per_bay == "auto"
+        runs, stop = refined_runs(partial(_FollowRun, task), elements_of_bays(robot, model), automatic)
     result = runs[-1].follow_result(time.perf_counter() - begun, implausible, remarks)
     if stop is not None:
         raise Interrupted(result) from stop
@@ -237,7 +235,7 @@ class _FollowRun(MeshedRun):
         self.guesses = [x.tensions for x in coarser.found] if coarser is not None else []
         self.model = replace(task.model, elements_per_bay=counts)
         simulation = Simulation(task.robot, self.model, resolve(task.robot, task.before), task.settings)
-        super().__init__(simulation, len(task.before) + len(task.targets))
+        super().__init__(simulation, counts, len(task.before) + len(task.targets))
         experiment = Experiment(task.robot, self.model, (*task.before, LoadStep()))
         self.trials = TrialSteps(self.simulation, experiment)
         # Squares, since the tensions of least effort are small in most tendons.

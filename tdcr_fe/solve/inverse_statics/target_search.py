@@ -18,8 +18,7 @@ from scipy.optimize import lsq_linear
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
-from tdcr_fe.elements.drives import TendonDrives
-from tdcr_fe.model.loading import Actuation, LoadStep
+from tdcr_fe.model.loading import Actuation, LoadStep, resolve
 from tdcr_fe.model.targets import TipTarget
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.load_steps.load_path import LoadStepReport, StepFailed
@@ -27,16 +26,15 @@ from tdcr_fe.solve.sensitivities.parameters import parameters
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
 from tdcr_fe.solve.simulation import Simulation
 
-#: Share of the tolerance that a tension of the scale costs, and to which the distance is rounded off near zero [1].
-PRICE = 0.1
 #: A search ends where the linearised robot could lower the objective by less than this share of the tolerance [1].
 PRECISION = 1e-4
 #: First radius of the trust region, in units of the scale of the tensions [1].
 FIRST_RADIUS = 0.5
 #: Trial steps of one search.
 MOST_TRIALS = 40
-#: Share of the tolerance by which a point may be farther away than the nearest one: that of another search, or what the
-#: linearised robot could still gain [1].
+#: Share of the tolerance that is of no account [1]: a tension of the scale costs it, the distance is rounded off to it
+#: near zero, and a point may be farther away by it than the nearest one, that of another search, or what the linearised
+#: robot could still gain.
 AGREEMENT = 0.1
 
 
@@ -45,7 +43,7 @@ class Trial:
     """A solved trial step."""
 
     step: LoadStep  # With all inputs
-    actuation: Actuation  # The same, resolved
+    actuation: Actuation  # The same, resolved: its values are tensions [N] or displacements [m]
     report: LoadStepReport
     state: SolverState  # At its end
     tip: Array  # (3,): Position [m] and unit tangent of the tip
@@ -55,11 +53,6 @@ class Trial:
     # (6, m): Derivatives of the tip (position and world rotation vector) by the tension of each tendon [m/N, rad/N]
     motion: Array
     inputs_by_tension: Array  # (m, m): Derivatives of the inputs
-
-    @property
-    def inputs(self) -> Array:
-        """Tensions [N] or displacements [m] that drive the tendons, shape (m,)."""
-        return self.actuation.values
 
 
 class TrialSteps:
@@ -82,8 +75,7 @@ class TrialSteps:
         robot = self.robot
         chosen = parameters(experiment, [f"inputs.{name}" for name in robot.tendon_names])
         self._history = SensitivityHistory.of(simulation, experiment, chosen)
-        count = len(robot.tendons)
-        self._last = Actuation(TendonDrives.by_tension(count), np.zeros(count))
+        self._last: Actuation | None = None
 
     def begin(self, actuation: Actuation) -> None:
         """Take the inputs, loads and time of the last step that was kept."""
@@ -92,7 +84,7 @@ class TrialSteps:
     def solve(self, start: SolverState, step: LoadStep) -> Trial | None:
         """Solve a step from a state, and differentiate; None where it has no solution."""
         simulation = self.simulation
-        target = self._actuation(step)
+        (target,) = resolve(self.robot, [step], self._last)
         simulation.begin_from(start)
         self._history.steps.clear()
         try:
@@ -110,16 +102,6 @@ class TrialSteps:
             simulation.state.base_tension[0].copy(),
             simulation.displacement,
             *self._derivatives(bool(step.displacements)),
-        )
-
-    def _actuation(self, step: LoadStep) -> Actuation:
-        """What a trial step prescribes; loads act on."""
-        drive, inputs = next((drive, given) for drive, given in step.inputs() if given)
-        return Actuation(
-            TendonDrives.of([drive] * len(inputs), self.robot.tendons),
-            np.array([inputs[n] for n in self.robot.tendon_names]),
-            self._last.loads,
-            self._last.time if step.time is None else step.time,
         )
 
     def _derivatives(self, by_displacement: bool) -> tuple[Array, Array]:
@@ -180,7 +162,7 @@ class Objective:
         effort = float(np.sum(((tensions - self.reference) / self.scale) ** 2))
         # Prescribed displacements lead to tensions that may be out of bounds.
         outside = float(np.abs(np.clip(tensions, self.lower, self.upper) - tensions).max()) / self.scale
-        price = PRICE * self.tolerance
+        price = AGREEMENT * self.tolerance
         return float(np.hypot(np.linalg.norm(residual), price)) + price * effort + outside
 
     def step(self, trial: Trial, radius: float) -> tuple[Array, float]:
@@ -192,7 +174,7 @@ class Objective:
         tensions, residual, jacobian = trial.tensions, self.residual(trial), self.jacobian(trial)
         low = np.clip(self.lower - tensions, -radius, radius) / self.scale
         high = np.clip(self.upper - tensions, -radius, radius) / self.scale
-        price = PRICE * self.tolerance
+        price = AGREEMENT * self.tolerance
         weight = np.sqrt(2.0 * price * np.hypot(np.linalg.norm(residual), price))
         # The stacked system keeps the condition number of the derivatives; its normal equations would square it.
         matrix = np.vstack((jacobian * self.scale / weight, np.eye(tensions.size)))
@@ -313,6 +295,8 @@ class TargetSearch:
     def _moved(self, trial: Trial, step: Array) -> Trial | None:
         """The trial with tensions changed by a step, to first order."""
         if trial.step.displacements:
-            return self._solve(trial.inputs + trial.inputs_by_tension @ step, True, trial.step.substeps)
-        tensions = np.clip(trial.inputs + step, self._objective.lower, self._objective.upper)
+            return self._solve(
+                trial.actuation.values + trial.inputs_by_tension @ step, True, trial.step.substeps
+            )
+        tensions = np.clip(trial.actuation.values + step, self._objective.lower, self._objective.upper)
         return self._solve(tensions, False, trial.step.substeps)

@@ -13,7 +13,7 @@ from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization, input_changes
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.response import Equilibrium, KnownStates, Span, near_enough
-from tdcr_fe.solve.friction_path.reversals import Reversals, SlipHistory, find_reversals
+from tdcr_fe.solve.friction_path.reversals import Reversals, find_reversals
 from tdcr_fe.solve.load_steps.load_path import LocatedReversals
 from tdcr_fe.solve.load_steps.loop import Trial
 from tdcr_fe.solve.load_steps.states_within import known_states, refined
@@ -80,7 +80,7 @@ def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:
     trial = trial._replace(error=found.total, division=None if found.total <= allowed else 0.5)
     if trial.division is None:
         return trial
-    if found.path is None or not (found.error <= allowed or solver.is_smooth(trial.end)):
+    if found.history is None or not (found.error <= allowed or solver.is_smooth(trial.end)):
         return trial
     return _located(trial, known, found, allowed)
 
@@ -101,11 +101,11 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
     for _ in range(MOST_CORRECTIONS):
         if found.history is None:
             break
-        result = _corrected(trial, found.history, known)
+        guess = found.history.of(with_unknowns_of(trial.result.state, trial.before))
+        result = solver.solve(guess, trial.end, known.end.linearization, trial.before)
         if not result.converged:
             return trial._replace(rejected=trial.rejected + result.iterations)
-        assert found.path is not None
-        located = LocatedReversals(known, found.path, found.history.of(trial.before).friction)
+        located = LocatedReversals(known, found.history.path, found.history.of(trial.before).friction)
         corrected = trial._replace(
             result=result,
             first=known.start,
@@ -118,7 +118,7 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
             return corrected._replace(error=found.error, division=None, final=None)
         states = [(point.factor, point.state) for point in known.points[:-1]]
         if found.error > allowed:
-            states = refined(solver, known, found, allowed, most)
+            states = refined(solver, known, found.history.path, found.error / allowed, most)
         if not states:
             return trial._replace(rejected=trial.rejected + result.iterations)
         linear = result.linearization or known.end.linearization
@@ -134,17 +134,11 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
             division=None if accepted else 0.5,
             first=known.start,
             final=known.end,
-            located=located._replace(known=known, path=found.path or located.path),
+            located=located._replace(known=known, path=found.history.path if found.history else located.path),
         )
         if accepted or diverges or (found.error > allowed and not solver.is_smooth(trial.end)):
             break
     return trial
-
-
-def _corrected(trial: Trial, history: SlipHistory, known: KnownStates) -> NewtonResult:
-    """A substep solved again, with the mobilisations counted from where the slips reversed."""
-    guess = history.of(with_unknowns_of(trial.result.state, trial.before))
-    return trial.solver.solve(guess, trial.end, known.end.linearization, trial.before)
 
 
 def _first(trial: Trial, numbering: Numbering) -> Equilibrium:

@@ -22,7 +22,6 @@ from tdcr_fe.solve.friction_path.response import (
     interpolated,
     with_path_unknowns,
 )
-from tdcr_fe.solve.friction_path.reversals import Reversals
 from tdcr_fe.solve.load_steps.load_path import SolvedSubstep, StepFailed
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
 from tdcr_fe.solve.newton.newton import newton
@@ -96,7 +95,7 @@ def _at_fixed_friction(solver: SubstepSolver, guess: SolverState, load_factor: f
 
 
 def refined(
-    solver: SubstepSolver, known: KnownStates, found: Reversals, allowed: float, most: int
+    solver: SubstepSolver, known: KnownStates, path: FrictionPath, error: float, most: int
 ) -> list[tuple[float, Equilibrium]]:
     """States before the end with new ones between them; empty where there are to be no more of them.
 
@@ -106,26 +105,28 @@ def refined(
     ----------
     solver
         Of the load step.
-    found
-        The reversals, with the path on which states are solved.
-    allowed
-        Displacement of a node that is allowed, over the length [1].
+    known
+        The present states.
+    path
+        On which states are solved.
+    error
+        Displacement of a node that the reversals leave uncertain, over that allowed [1].
     most
         Largest number of intervals.
     """
     intervals = len(known.points) - 1
     count = 2
     if intervals == 1:
-        by_error = max(2, ceil(float(np.cbrt(found.error / allowed))))
+        by_error = max(2, ceil(float(np.cbrt(error))))
         count = min(MOST_INTERVALS_AT_FIRST, most, by_error)
-    if found.path is None or count < 2 or intervals * count > most:
+    if count < 2 or intervals * count > most:
         return []
     states = []
     for first, last in pairwise(known.points):
         states.append((first.factor, first.state))
         for i in range(1, count):
             x = first.factor + (last.factor - first.factor) * i / count
-            state = solve_within(solver, known, found.path, x)
+            state = solve_within(solver, known, path, x)
             if state is None:
                 return []
             states.append((x, state))

@@ -83,13 +83,7 @@ def newton(
     friction_fixed
         Keep the mobilisations of the initial state, whatever their history.
     """
-    solve = _Solve(
-        system,
-        system.numbering(with_friction=not friction_fixed),
-        settings,
-        softening,
-        damped,
-    )
+    solve = _Solve(system, system.numbering(with_friction=not friction_fixed), settings, softening, damped)
     trial = under_inputs(system, state, target)
     residual = system.residual(trial, target, solve.numbering)
     if not system.clamps_are_closed(residual.raw):

@@ -103,10 +103,7 @@ class FrictionCoupling(NamedTuple):
 
     @classmethod
     def of(
-        cls,
-        numbering: Numbering,
-        forces: Sequence[TendonForces],
-        slack: Sequence[Flags],
+        cls, numbering: Numbering, forces: Sequence[TendonForces], slack: Sequence[Flags]
     ) -> FrictionCoupling:
         """Assemble the derivatives of all robots.
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array, Flags
+from tdcr_fe.elements.section import DIFFERENCE
 from tdcr_fe.model.loading import Actuation, LoadStep, resolve
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, StepInput
 from tdcr_fe.solve.simulation import Simulation
@@ -18,8 +19,6 @@ T = TypeVar("T")
 
 #: Difference steps: central, or to one side where the other is impossible; offsets and weights in units of the step.
 _RULES = (((1.0, -1.0), (0.5, -0.5)), ((1.0, 2.0), (2.0, -0.5)), ((-1.0, -2.0), (-2.0, 0.5)))
-#: Difference step over the size of a parameter [1].
-RELATIVE_STEP = 1e-5
 
 
 class StructureChanged(ValueError):
@@ -69,7 +68,7 @@ def stencil(
     NoDerivative
         There are no such neighbours.
     """
-    step = RELATIVE_STEP * parameter.size
+    step = DIFFERENCE * parameter.size
     reason: ValueError | None = None
     for offsets, weights in _RULES:
         try:
@@ -102,7 +101,7 @@ class Tabulated:
 
 def tabulated(parameter: ModelParameter, experiment: Experiment) -> ModelParameter:
     """A parameter whose neighbours are made now: on both sides, or two on the side where that is possible."""
-    step, refused = RELATIVE_STEP * parameter.size, ""
+    step, refused = DIFFERENCE * parameter.size, ""
     made: Mapping[int, Experiment] = {}
     try:
         found = stencil(experiment, parameter, lambda neighbour: None)

@@ -22,7 +22,6 @@ from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.results import Sensitivities, Sensitivity
 from tdcr_fe.scene.handle import TDCR
-from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.scene.parts import BasePose
 from tdcr_fe.solve.load_steps.states_within import ReversalPoint, reversal_points
@@ -159,8 +158,9 @@ class SensitivityHistory:
         if arm.robot.springs and arm.actuation.clamp is None:
             raise ValueError(f"robot {arm.name!r}: no sensitivities of springs to ground on a moving base")
         # A step that names all loads and all nodes stands for those to come.
-        named = {name: Load(at=_arc_length(arm, load)) for name, load in arm.loads.items()}
-        nodes = {f"node {k}": Load(at=float(s)) for k, s in enumerate(arm.mesh.arc_lengths)}
+        at = dict(zip(map(int, arm.nNodes), arm.mesh.arc_lengths.tolist(), strict=True))
+        named = {name: Load(at=at[int(load.node)]) for name, load in arm.loads.items()}
+        nodes = {f"node {k}": Load(at=s) for k, s in enumerate(at.values())}
         experiment = Experiment(arm.robot, arm.model, (LoadStep(loads={**nodes, **named}),))
         chosen = parameters(experiment, names)
         for p in chosen:
@@ -396,10 +396,3 @@ def _models(
     experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=counts))
     present = RobotModel.of(experiment, handle.actuation.law.hysteresis, base)
     return present, neighbours(present, chosen)
-
-
-def _arc_length(arm: TDCR, load: PointLoad) -> float:
-    """Arc length of a concentrated load in a scene [m]."""
-    marker = arm.mbs.GetLoad(load.lForce)["markerNumber"]
-    node = arm.mbs.GetMarker(marker)["nodeNumber"]
-    return float(arm.mesh.arc_lengths[[int(n) for n in arm.nNodes].index(int(node))])
