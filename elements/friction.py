@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.capstan import TensionDerivatives, TensionField, capstan
 from tdcr_fe.elements.coefficients import (
+    MAX_ITERATIONS,
     CoefficientLaw,
     Linearisation,
     evaluate_laws,
@@ -39,8 +40,8 @@ from tdcr_fe.elements.coefficients import (
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.elements.hysteresis import ElasticPlastic, FrictionState, Hysteresis
 
-#: Largest error of the mobilisations of elastic tendons in a configuration [1], and most iterations up to it.
-MOBILISATION_TOLERANCE, MOST_ITERATIONS = 1e-10, 20
+#: Largest error of the mobilisations of elastic tendons in a configuration [1].
+MOBILISATION_TOLERANCE = 1e-10
 
 
 @dataclass(frozen=True)
@@ -336,7 +337,7 @@ class TendonLaw:
             field = self.field(base_tension, lengths, angles, np.clip(trial, -1.0, 1.0), state, time)
             return self.with_slopes(field, lambda: np.abs(trial) < 1.0, trial, state)
         mobilisation = state.mobilisation
-        for _ in range(MOST_ITERATIONS):
+        for _ in range(MAX_ITERATIONS):
             field = self.field(base_tension, lengths, angles, mobilisation, state, time)
             trial = hysteresis.trial(field.slip, state)
             error = np.abs(np.clip(trial, -1.0, 1.0) - mobilisation)

@@ -21,12 +21,7 @@ from scipy.linalg.lapack import dgetrf, dgetrs
 from tdcr_fe.compiled import compilable, compiled_as
 from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.complementarity import MOST_IDLE_BLOCKS, ROUND_OFF, exchanged, largest, smallest
-
-#: Slips below this fraction of the presliding distance are negligible: rates that lead to less in a substep are zero,
-#: and what was slipped beyond a reversal that was not foreseen is left as it is [1].
-NEGLIGIBLE = 1e-4
-#: Smallest tension by which those at the base are scaled to lengths [N].
-LEAST_SCALE = 1e-3
+from tdcr_fe.solve.newton.convergence import FRICTION_TOLERANCE
 
 
 class SmallFactors(NamedTuple):
@@ -120,7 +115,9 @@ class PathUnknowns(NamedTuple):
 
     holes: int  # Number of mobilisations
     presliding: float  # Presliding distance [m]
-    tolerance: float  # Slips below it are negligible [m]
+    # Slips below it are negligible: rates that lead to less in a substep are zero, and what was slipped beyond a
+    # reversal that was not foreseen is left as it is [m]
+    tolerance: float
     bounds: Bounds
     scale: Array  # (n,): From the unknowns to lengths [m, m/N]
 
@@ -140,11 +137,11 @@ class PathUnknowns(NamedTuple):
             Of the segments there [N], shape (q,).
         """
         at_holes, count = np.full(holes, presliding), len(base_tension)
-        at_base = np.full(count, presliding / max(LEAST_SCALE, float(tension.max())))
+        at_base = np.full(count, presliding / max(ROUND_OFF, float(tension.max())))
         return cls(
             holes,
             presliding,
-            NEGLIGIBLE * presliding,
+            FRICTION_TOLERANCE * presliding,
             Bounds.of(holes, base_tension),
             np.append(at_holes, at_base),
         )

@@ -17,12 +17,11 @@ from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import ResidualScales
 
-#: Largest allowed difference between a mobilisation and that of its trial state [1].
+#: Largest allowed difference between a mobilisation and that of its trial state: slips below this fraction of the
+#: presliding distance are negligible [1].
 FRICTION_TOLERANCE = 1e-4
 #: Relative residual below which forces balance but for round-off: an iteration may end because its steps are small [1].
 BALANCED = 1e-3
-#: And only where the last step has not brought the residual below this fraction of what it was [1].
-STALLED_REDUCTION = 0.5
 
 
 class NewtonStatus(Enum):
@@ -133,7 +132,7 @@ def first_unmet(iterate: Iterate, settings: SolverSettings, *, balance: bool = T
 def stalled(
     before: float, after: float, step: Array, scales: ResidualScales, settings: SolverSettings
 ) -> bool:
-    """Whether a step is so small, and of so little use, that the rest of the residual is round-off of very stiff parts.
+    """Whether a step is so small that the rest of the residual is round-off of very stiff parts.
 
     Parameters
     ----------
@@ -146,6 +145,4 @@ def stalled(
     settings
         Of the solver.
     """
-    useless = STALLED_REDUCTION * before <= after
-    small = max(before, after) < BALANCED and scales.step_size(step) <= settings.step_tolerance
-    return useless and small
+    return max(before, after) < BALANCED and scales.step_size(step) <= settings.step_tolerance
