@@ -70,6 +70,13 @@ def loads_between(old: Mapping[str, Load], new: Mapping[str, Load], factor: floa
     return result
 
 
+def with_commands(step: LoadStep, values: Mapping[str, float], **rest: Any) -> LoadStep:
+    """A step with other tensions and displacements of the tendons that it names, and with other changes."""
+    for drive in ("tensions", "displacements"):
+        rest[drive] = {n: values[n] for n in getattr(step, drive)}
+    return replace(step, **rest)
+
+
 def pass_through(
     experiment: Experiment,
     tension: Play | None = None,
@@ -125,16 +132,11 @@ def pass_through(
                     arrived[i] = there[i]
                 elif moving[i]:
                     arrived[i] = p.arrive(float(arrived[i]), float(there[i]))
-            whole = factor == 1.0
-            steps.append(
-                replace(
-                    step,
-                    tensions={n: float(arrived[names.index(n)]) for n in step.tensions},
-                    displacements={n: float(arrived[names.index(n)]) for n in step.displacements},
-                    loads=step.loads if whole else loads_between(loads, step.loads, factor),
-                    time=step.time if whole or step.time is None else time + factor * (step.time - time),
-                )
-            )
+            part = step
+            if factor < 1.0:
+                then = None if step.time is None else time + factor * (step.time - time)
+                part = replace(step, loads=loads_between(loads, step.loads, factor), time=then)
+            steps.append(with_commands(part, dict(zip(names, arrived.tolist(), strict=True))))
             ends.append((commanded, float(begin + factor * (done - begin))))
         begun[commanded] = done
         command, loads = goal.copy(), action.loads
@@ -279,15 +281,11 @@ class ActuatorGain(CommandNumber):
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
         gain = {t: self.number(experiment, values, t) for t in experiment.robot.tendon_names}
-        steps = tuple(
-            replace(
-                s,
-                tensions={n: gain[n] * t for n, t in s.tensions.items()},
-                displacements={n: gain[n] * d for n, d in s.displacements.items()},
-            )
-            for s in experiment.steps
-        )
-        return replace(experiment, steps=steps)
+        steps = []
+        for step in experiment.steps:
+            commands = {**step.tensions, **step.displacements}
+            steps.append(with_commands(step, {n: gain[n] * x for n, x in commands.items()}))
+        return replace(experiment, steps=tuple(steps))
 
 
 class IdleTension(CommandNumber):

@@ -127,22 +127,19 @@ class TendonNumber(SharedNumber):
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
-        robot = experiment.robot
-        chosen = self._chosen(robot, values)
-        null = {key: self.null_value(experiment, key) for key in chosen}
-        key_of = {t: key for key, tendons in chosen.items() for t in tendons}
+        key_of = self._key_of(experiment.robot, values)
+        nulls = {key: self.null_value(experiment, key) for key in set(key_of.values())}
         tendons = []
-        for t in robot.tendons:
+        for t in experiment.robot.tendons:
             key = key_of.get(t.name)
-            if key is None or not self.applies_to(t):
-                tendons.append(t)
-                continue
-            declared, value = self.declared(experiment, t), values[key]
-            if value == null[key]:
-                value = declared
-            elif declared != null[key]:
-                value = self.combined(declared, null[key], value)
-            tendons.append(self.with_number(t, value))
+            if key is not None and self.applies_to(t):
+                declared, null, value = self.declared(experiment, t), nulls[key], values[key]
+                if value == null:
+                    value = declared
+                elif declared != null:
+                    value = self.combined(declared, null, value)
+                t = self.with_number(t, value)
+            tendons.append(t)
         return experiment.with_robot(tendons=tuple(tendons))
 
     @property
@@ -158,16 +155,10 @@ class TendonNumber(SharedNumber):
         named = {f"{self._name}_segment_{k}": tendons for k, tendons in enumerate(segments(robot), 1)}
         return {k: tendons for k, tendons in named.items() if k not in self._each(robot)}
 
-    def _chosen(self, robot: Robot, values: Values) -> dict[str, tuple[str, ...]]:
-        """Tendons by the parameter whose value they take."""
-        parts = self._each(robot) | self._groups(robot) | {self._name: robot.tendon_names}
-        taken: set[str] = set()
-        chosen = {}
-        for key, tendons in parts.items():
-            if key in values:
-                chosen[key] = tuple(t for t in tendons if t not in taken)
-                taken.update(tendons)
-        return chosen
+    def _key_of(self, robot: Robot, values: Values) -> dict[str, str]:
+        """By tendon, the parameter whose value it takes: of those given the most particular one, which is the last."""
+        parts = {self._name: robot.tendon_names} | self._groups(robot) | self._each(robot)
+        return {t: key for key, tendons in parts.items() if key in values for t in tendons}
 
     def _mean(self, experiment: Experiment, names: Sequence[str]) -> float:
         """Number of several tendons: their common one, or the mean in the coordinate that is fitted."""

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from tdcr_fe.effects.actuation import loads_between
+from tdcr_fe.effects.actuation import loads_between, with_commands
 from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Kind, Parameter, Points, Values
+from tdcr_fe.elements import Array
 from tdcr_fe.model.loading import Actuation, LoadStep, resolve
 
 
@@ -68,23 +69,15 @@ class TimeLag(Effect):
                 if at[j] > begin:
                     steps.append(experiment.steps[j])
                     ends.append((commanded, float((at[j] - begin) / (end - begin))))
-            steps.append(
-                _between(experiment.robot.tendon_names, experiment.steps, actions, at, j, float(end))
-            )
+            steps.append(_between(experiment, actions, at, j, float(end)))
             ends.append((commanded, 1.0))
             begin = end
         return replace(experiment, steps=tuple(steps), ends=tuple(ends))
 
 
-def _between(
-    names: tuple[str, ...],
-    steps: tuple[LoadStep, ...],
-    actions: list[Actuation],
-    at: np.ndarray,
-    j: int,
-    time: float,
-) -> LoadStep:
+def _between(experiment: Experiment, actions: list[Actuation], at: Array, j: int, time: float) -> LoadStep:
     """The step that ends at a time [s] on the way from the end of step ``j`` to that of the next."""
+    names, steps = experiment.robot.tendon_names, experiment.steps
     if time <= at[j] or j + 1 == len(at):
         return replace(steps[j], time=time)
     before, after, step = actions[j], actions[j + 1], steps[j + 1]
@@ -92,10 +85,4 @@ def _between(
         raise ValueError("time_lag: a tendon changes between tension and displacement")
     factor = float((time - at[j]) / (at[j + 1] - at[j]))
     values = dict(zip(names, ((1.0 - factor) * before.values + factor * after.values).tolist(), strict=True))
-    return replace(
-        step,
-        time=time,
-        tensions={n: values[n] for n in step.tensions},
-        displacements={n: values[n] for n in step.displacements},
-        loads=loads_between(before.loads, step.loads, factor),
-    )
+    return with_commands(step, values, time=time, loads=loads_between(before.loads, step.loads, factor))
