@@ -14,12 +14,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from tdcr_fe.elements import Array, Flags, Index
-from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.columns import quaternions
 from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.tendon import Tendon
 
 #: Points per bay of a tendon that follows the backbone.
 POINTS_PER_BAY = 6
@@ -232,24 +232,16 @@ def spread(count: int, at_most: int) -> list[int]:
 # ------------------------------------------------------------------------------------- what a drawing needs
 
 
-def _radii(backbone: Backbone) -> list[list[float]]:
-    """Pairs of arc length and radius, linear in between [m]."""
-    if backbone.taper:
-        return [[float(s), float(r)] for s, r in backbone.taper]
-    return [[0.0, float(backbone.radius)], [backbone.length, float(backbone.radius)]]
-
-
-def _tendon_geometry(robot: Robot, number: int, continuous: bool) -> dict[str, Any]:
+def _tendon_geometry(robot: Robot, tendon: Tendon, continuous: bool) -> dict[str, Any]:
     """Corners of a tendon as rows of arc length and section coordinates, and the segment of every side."""
-    tendon = robot.tendons[number]
-    end, holes = robot.end(tendon), robot.hole_arc_lengths(tendon)
-    if not continuous:
-        path = np.column_stack((holes, robot.hole_points(tendon)))
-        return {"name": tendon.name, "path": path.tolist(), "segments": list(range(1, len(holes)))}
-    share = np.arange(POINTS_PER_BAY) / POINTS_PER_BAY
-    s = np.append((holes[:-1, None] + share * np.diff(holes)[:, None]).ravel(), holes[-1])
-    path = np.column_stack((s, tendon.routing.position(s, end), np.zeros_like(s)))
-    segments = np.repeat(np.arange(1, len(holes)), POINTS_PER_BAY)
+    s = robot.hole_arc_lengths(tendon)
+    segments, points = np.arange(1, len(s)), robot.hole_points(tendon)
+    if continuous:
+        share = np.arange(POINTS_PER_BAY) / POINTS_PER_BAY
+        s = np.append((s[:-1, None] + share * np.diff(s)[:, None]).ravel(), s[-1])
+        points = np.column_stack((tendon.routing.position(s, robot.end(tendon)), np.zeros_like(s)))
+        segments = np.repeat(segments, POINTS_PER_BAY)
+    path = np.column_stack((s, points))
     return {"name": tendon.name, "path": path.tolist(), "segments": segments.tolist()}
 
 
@@ -263,17 +255,18 @@ def geometry(result: SequenceResult) -> dict[str, Any]:
         ``radius`` and ``thickness`` [m]; ``tendons``: ``name``, corners ``path`` as rows of arc length and section
         coordinates x, y, z [m], and ``segments``, the number of the tendon segment of every side.
     """
-    robot = result.robot
+    robot, backbone = result.robot, result.robot.backbone
     continuous = result.model.tendon_path == "continuous"
+    radii = backbone.taper or ((0.0, backbone.radius), (backbone.length, backbone.radius))
     return {
-        "length": robot.backbone.length,
-        "backbone_radius": _radii(robot.backbone),
+        "length": backbone.length,
+        "backbone_radius": [list(pair) for pair in radii],
         "disks": {
             "s": list(robot.disks.positions),
             "radius": robot.plate_radius,
             "thickness": robot.disks.thickness,
         },
-        "tendons": [_tendon_geometry(robot, j, continuous) for j in range(len(robot.tendons))],
+        "tendons": [_tendon_geometry(robot, tendon, continuous) for tendon in robot.tendons],
     }
 
 
@@ -301,8 +294,7 @@ class Nodes:
         near = SAME_NODE * (self.s[-1] - self.s[0])
         new = np.unique(np.clip(further, self.s[0], self.s[-1]))
         new = new[np.abs(new - self.s[nearest(self.s, new)]) > near]
-        if len(new):
-            new = new[np.append(True, np.diff(new) > near)]
+        new = new[np.diff(new, prepend=-np.inf) > near]
         if not len(new):
             return self
         s = np.concatenate((self.s, new))

@@ -384,12 +384,8 @@ def save_pictures(result: SequenceResult, out: str | os.PathLike[str], dpi: floa
         The files.
     """
     written: list[Path] = []
-    if not result.steps:
-        return written
-    for name, draw in PICTURES.items():
-        figure = draw(result)
-        if figure is not None:
-            path = Path(out) / name
-            figure.savefig(path, dpi=dpi, facecolor="white")
-            written.append(path)
+    for name, draw in PICTURES.items() if result.steps else ():
+        if (figure := draw(result)) is not None:
+            written.append(Path(out) / name)
+            figure.savefig(written[-1], dpi=dpi, facecolor="white")
     return written
