@@ -34,6 +34,12 @@ def complain(text: str) -> None:
     print(f"tdcr-fe: {text}", file=sys.stderr)
 
 
+def say(args: argparse.Namespace, text: str) -> None:
+    """Print a text at once, unless the command is quiet."""
+    if not args.quiet:
+        print(text, flush=True)
+
+
 def complain_of_left_out(args: argparse.Namespace, rows: Sequence[object], most: int = 10) -> None:
     """Print the first rows of measured data that were left out; all of them are noted."""
     texts = [f"left out: {row}" for row in rows]
@@ -48,8 +54,7 @@ def print_understood(args: argparse.Namespace, robot: Robot, model: Model, steps
     """Print what was understood of a description, so that a wrong unit is seen before anything is solved."""
     from tdcr_fe.model.plausibility import understood
 
-    if not args.quiet:
-        print(f"{robot.name}: " + "\n  ".join(understood(robot, model, steps)), flush=True)
+    say(args, f"{robot.name}: " + "\n  ".join(understood(robot, model, steps)))
 
 
 def progress_bar(args: argparse.Namespace, total: int | None = None, **options: Any) -> Any:

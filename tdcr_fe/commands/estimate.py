@@ -6,7 +6,7 @@ import argparse
 
 import numpy as np
 
-from tdcr_fe.commands.common import Exit, complain, complain_of_left_out, print_understood, progress_bar
+from tdcr_fe.commands.common import Exit, complain, complain_of_left_out, print_understood, progress_bar, say
 from tdcr_fe.estimate.report import write_estimates
 from tdcr_fe.estimate.run import read_estimation, run_estimation
 from tdcr_fe.io.atomic import check_output_folder
@@ -27,15 +27,14 @@ def run(args: argparse.Namespace) -> int:
         complain("interrupted before the first frame; nothing is written")
         return Exit.INTERRUPTED
     written = write_estimates(result, out)
-    if not args.quiet:
-        median, most = 1e-3 * np.quantile([frame.milliseconds for frame in result.frames], (0.5, 0.95))
-        print(
-            f"{count(len(result.frames), 'frame')} estimated, {quantity(median, 's')} each (median), 95 % within "
-            f"{quantity(most, 's')}\nWritten to {out}: " + ", ".join(p.name for p in written)
-        )
+    frames = count(len(result.frames), "frame")
+    times = np.quantile([frame.milliseconds for frame in result.frames], (0.5, 0.95))
+    median, most = (quantity(1e-3 * time, "s") for time in times)
+    say(args, f"{frames} estimated, {median} each (median), 95 % within {most}")
+    say(args, f"Written to {out}: " + ", ".join(p.name for p in written))
     if result.failure:
         complain(result.failure)
     if result.interrupted:
-        complain(f"interrupted after {count(len(result.frames), 'frame')}; what was estimated is written")
+        complain(f"interrupted after {frames}; what was estimated is written")
         return Exit.INTERRUPTED
     return Exit.FAILED if result.failure else Exit.DONE

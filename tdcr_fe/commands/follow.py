@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar
+from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar, say
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.io.loading_table import read_path
 from tdcr_fe.io.problems import InputError, Problem, read_all, refusal
@@ -62,10 +62,9 @@ def follow(args: argparse.Namespace) -> int:
     digests = {Path(n).name: digest(n) for n in (args.robot, args.path, args.model) if n}
     options = {**vars(limits), **choices, "tolerance": result.tolerance}
     written = write_follow(result, out, settings, digests, len(targets), options, not args.no_pictures)
-    if not args.quiet:
-        print(f"{result!r}\nWritten to {out}: " + ", ".join(str(p.relative_to(out)) for p in written))
-        if result.steps:
-            print(f"To solve it again: tdcr-fe run {out / 'scenario' / 'scenario.toml'} -o OUT")
+    say(args, f"{result!r}\nWritten to {out}: " + ", ".join(str(p.relative_to(out)) for p in written))
+    if result.steps:
+        say(args, f"To solve it again: tdcr-fe run {out / 'scenario' / 'scenario.toml'} -o OUT")
     for status in (ReachStatus.OUT_OF_REACH, ReachStatus.NOT_CONVERGED):
         if numbers := result.numbers(status):
             most = 1e3 * max(result.targets[n - 1].error for n in numbers)

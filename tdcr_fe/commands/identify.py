@@ -9,7 +9,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, TypeVar
 
-from tdcr_fe.commands.common import Exit, complain, complain_of_left_out, print_understood, progress_bar
+from tdcr_fe.commands.common import Exit, complain, complain_of_left_out, print_understood, progress_bar, say
 from tdcr_fe.identify.identification import NotSolved, identify
 from tdcr_fe.identify.report import write_result
 from tdcr_fe.identify.robots import identify_robots
@@ -50,8 +50,7 @@ def run(args: argparse.Namespace) -> int:
         return Exit.FAILED
     args.noted.figures = figures
     args.noted.files += [out / name for name in names]
-    if not args.quiet:
-        print(f"{text}\n\nWritten to {out}: {', '.join(names)}")
+    say(args, f"{text}\n\nWritten to {out}: {', '.join(names)}")
     if interrupted:
         complain("interrupted; what was found until then is written")
         return Exit.INTERRUPTED

@@ -6,7 +6,7 @@ import argparse
 import webbrowser
 from pathlib import Path
 
-from tdcr_fe.commands.common import Exit, complain
+from tdcr_fe.commands.common import Exit, complain, say
 from tdcr_fe.io.problems import refusal
 from tdcr_fe.io.toml import read_model_file, read_robot
 from tdcr_fe.live.notebook import LiveRobot
@@ -21,9 +21,7 @@ def live(args: argparse.Namespace) -> int:
         page = LiveRobot(PlayedRobot(robot, model, settings), args.port, Path(args.robot).name)
     except OSError as error:
         raise refusal("--port", f"cannot be used: {error.strerror or error}", value=str(args.port)) from error
-    if not args.quiet:
-        print(f"{robot.name} is live at {page.url}", flush=True)
-        print("Closing the page or Ctrl-C ends it.", flush=True)
+    say(args, f"{robot.name} is live at {page.url}\nClosing the page or Ctrl-C ends it.")
     if not args.no_browser:
         webbrowser.open(page.url)
     try:

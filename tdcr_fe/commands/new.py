@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tdcr_fe.commands.common import Exit
+from tdcr_fe.commands.common import Exit, say
 from tdcr_fe.io.atomic import check_output_folder, write_folder, write_text
 from tdcr_fe.io.keys import json_schema
 from tdcr_fe.io.loading_table import loading_table
@@ -50,8 +50,7 @@ def new(args: argparse.Namespace) -> int:
                 write_text(table.to_csv(index=False, lineterminator="\n"), folder / name)
 
     written = write_folder(out, write)
-    if not args.quiet:
-        print(f"Written to {out}: {', '.join(p.name for p in written)}\nNext: tdcr-fe {next_step}")
+    say(args, f"Written to {out}: {', '.join(p.name for p in written)}\nNext: tdcr-fe {next_step}")
     return Exit.DONE
 
 

@@ -7,7 +7,7 @@ import os
 import time
 from typing import Any
 
-from tdcr_fe.commands.common import Exit, complain, progress_bar
+from tdcr_fe.commands.common import Exit, complain, progress_bar, say
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.validation.crosscheck import report
 from tdcr_fe.validation.crosscheck.cases import all_cases
@@ -39,9 +39,7 @@ def validate(args: argparse.Namespace) -> int:
         times = {"wall": time.perf_counter() - begun, "processes": processes, "recalled": recalled}
         outcome = report.judge(solved, studied, args.full, times)
         report.write(outcome, out)
-    if not args.quiet:
-        print("\n".join(report.headline(outcome)))
-        print(f"Written to {out}: report.html, report.json")
+    say(args, "\n".join([*report.headline(outcome), f"Written to {out}: report.html, report.json"]))
     for failure in outcome["failures"]:
         complain(failure)
     return Exit.DONE if outcome["passed"] else Exit.FAILED

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from tdcr_fe.commands.common import Exit, progress_bar
+from tdcr_fe.commands.common import Exit, progress_bar, say
 from tdcr_fe.io.atomic import check_output_folder, write_text
 from tdcr_fe.io.problems import refusal
 from tdcr_fe.io.result_files import VIEW_PAGE
@@ -25,15 +25,15 @@ def view(args: argparse.Namespace) -> int:
     if args.vtk is not None:
         check_output_folder(args.vtk)
     write_text(view_page(motion), out)
-    say = (lambda text: None) if args.quiet else print
-    say(f"{motion.name}: {summary(motion)}. Written: {_sized(out)}")
+    say(args, f"{motion.name}: {summary(motion)}. Written: {_sized(out)}")
     if args.vtk is not None:
         written = write_vtk(motion, args.vtk)
-        say(f"Written: {written[0].parent / 'robot.pvd'} and {count(len(written) - 1, 'file')} next to it")
+        files = count(len(written) - 1, "file")
+        say(args, f"Written: {written[0].parent / 'robot.pvd'} and {files} next to it")
     if film is not None:
         with progress_bar(args, 100) as bar:
             video.write_video(motion, film, lambda share: bar.update(int(100 * share) - bar.n))
-        say(f"Written: {_sized(film)}")
+        say(args, f"Written: {_sized(film)}")
     return Exit.DONE
 
 
