@@ -68,26 +68,6 @@ def refusal(file: str | os.PathLike[str], allowed: str, key: str = "", value: st
     return InputError([Problem(str(file), key, value, allowed)])
 
 
-def read_all(*readers: Callable[[], Any]) -> list[Any]:
-    """What each of some functions returns.
-
-    Raises
-    ------
-    InputError
-        With the mistakes that all of them found.
-    """
-    problems: list[Problem] = []
-    found = []
-    for read in readers:
-        try:
-            found.append(read())
-        except InputError as error:
-            problems.extend(error.problems)
-    if problems:
-        raise InputError(problems)
-    return found
-
-
 @dataclass(frozen=True)
 class Reporter:
     """Collects the mistakes of one file.
@@ -116,6 +96,27 @@ class Reporter:
         """Take values that do not fit together."""
         for c in found:
             self(c.key, c.value, c.allowed)
+
+    def sound(self, read: Callable[[], Any]) -> Any:
+        """What a function returns; None where it raises an `InputError`, whose mistakes are taken."""
+        try:
+            return read()
+        except InputError as error:
+            self.problems.extend(error.problems)
+
+
+def read_all(*readers: Callable[[], Any]) -> list[Any]:
+    """What each of some functions returns.
+
+    Raises
+    ------
+    InputError
+        With the mistakes that all of them found.
+    """
+    reporter = Reporter("")
+    found = [reporter.sound(read) for read in readers]
+    reporter.refuse()
+    return found
 
 
 def read_bytes(path: Path, named: Problem | None = None) -> bytes:

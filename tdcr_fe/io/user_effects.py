@@ -7,6 +7,7 @@ import math
 import os
 import runpy
 from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -74,14 +75,11 @@ def read_own_effects(paths: Iterable[str | os.PathLike[str]]) -> tuple[Effect, .
     problems: list[Problem] = []
     found: list[Effect] = []
     for path in map(Path, paths):
-        try:
-            made = _effects_of(path)
-        except InputError as error:
-            problems += error.problems
-            continue
-        for e in made:
+        reporter = Reporter(str(path), problems)
+        for e in reporter.sound(partial(_effects_of, path)) or ():
             faults = list(_faults(e, [*EFFECTS, *found]))
-            problems += [Problem(str(path), f"{type(e).__name__}.{k}", v, text) for k, v, text in faults]
+            for name, value, allowed in faults:
+                reporter(f"{type(e).__name__}.{name}", value, allowed)
             found += [] if faults else [e]
     if problems:
         raise InputError(problems)

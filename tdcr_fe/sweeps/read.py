@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
@@ -100,15 +100,7 @@ def read_sweep(
         if {"robot", "steps"} & data.keys():
             raise refusal(path, "is the file of a scenario; give the sweep.toml that names it")
     report = Reporter(str(path))
-
-    def sound(read: Callable[[], Any]) -> Any:
-        """What a function returns; None where it finds mistakes, which are reported with the others."""
-        try:
-            return read()
-        except InputError as error:
-            report.problems.extend(error.problems)
-
-    user_effects: Sequence[Effect] = sound(lambda: read_own_effects(effects)) or ()
+    user_effects: Sequence[Effect] = report.sound(lambda: read_own_effects(effects)) or ()
     top = _top(data, report)
     tables: Any = None
     if objects:
@@ -116,8 +108,8 @@ def read_sweep(
     elif "scenario" in top:
         name = top["scenario"]
         named = Problem(str(path), "scenario", shown(name), "")
-        tables = sound(lambda: read_scenario_tables(path.parent / name, named))
-    scenario: Any = tables and sound(lambda: build_scenario(tables, user_effects))
+        tables = report.sound(lambda: read_scenario_tables(path.parent / name, named))
+    scenario: Any = tables and report.sound(lambda: build_scenario(tables, user_effects))
     report.refuse()
     sampling, output, workspace = top["sampling"], top["output"], top["workspace"]
     variations = (*top["vary"], *(_workspace(workspace, scenario, sampling, report) if workspace else ()))
