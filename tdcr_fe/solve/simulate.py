@@ -99,10 +99,11 @@ def simulate(
     check_instance("simulate", "robot", robot, Robot, "a Robot. read_robot(path) reads one from robot.toml")
     check_instance("simulate", "model", model, Model, "a Model, such as Model(friction='per-hole')")
     begun = time.perf_counter()
+    targets = resolve(robot, steps)  # before all else: it says what steps are
     experiment = Experiment(robot, model, tuple(steps))
     request = _Request(
         experiment,
-        resolve(robot, steps),
+        targets,
         settings,
         progress,
         reference_path,
