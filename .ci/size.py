@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2467,
     "tdcr_fe/report": 1111,
     "tdcr_fe/scene": 1368,
-    "tdcr_fe/solve": 6621,
+    "tdcr_fe/solve": 6622,
     "tdcr_fe/sweeps": 1396,
     "validation": 6712,
     "tests": 12831,
