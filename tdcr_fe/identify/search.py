@@ -264,13 +264,19 @@ def fit_proposals(
 
     They are evaluated at their predicted values, and the best fitted: the first of all at once, if it may leave noise;
     then those of listed effects, which cost less, and then others. Where one leaves noise, or one is given, those are
-    not tried that cannot become as probable, to first order.
+    not tried that cannot become as probable, to first order. Where none of the best improves on the best model so far,
+    also on held-out steps, the others that were evaluated are fitted, too, until one does.
     """
     problem, most = state.problem, search.settings.candidates
     half = (most + 1) // 2
     waiting = sorted(pool, key=lambda x: x.criterion)
     races = {named: fitting.Race(_lowest(state, named), search.deadline) for named in (True, False)}
     noise, ready = fitting.Race(float(np.count_nonzero(problem.fitted))).limit, list[_Evaluated]()
+    keys = {x.names for x in pool}
+
+    def fits() -> list[Fit]:
+        return [f for k, f in state.fits.items() if k in keys and f.solved]
+
     for named in (None, True, False):
         batch = waiting[:1] if named is None else [x for x in waiting[1:] if x.named is named]
         chosen: dict[frozenset[str], Proposal] = {}
@@ -302,7 +308,7 @@ def fit_proposals(
                 one = queue.pop(0)
                 if ahead is not None and not _may_reach(problem, ahead, one.fit, one.proposal):
                     state = state.with_fit(replace(one.fit, pruned=True))
-                elif left:
+                elif left > 0 or (ahead is None and not _accepted(search, state, fits())):
                     left -= 1
                     predicted = one.proposal.score.start.predicted
                     together.append(_fitted(problem, one.fit, predicted, races[one.proposal.named]))
@@ -310,8 +316,7 @@ def fit_proposals(
                 state = state.with_fit(new)
                 better = ahead is None or rank(problem, new) < rank(problem, ahead)
                 ahead = new if better and search.is_noise(problem, new) else ahead
-    keys = {x.names for x in pool}
-    return state, [f for k, f in state.fits.items() if k in keys and f.solved]
+    return state, fits()
 
 
 class _Evaluated(NamedTuple):
