@@ -136,6 +136,32 @@ def test_places_of_one_law_do_not_take_the_turns_of_others(monkeypatch):
     assert [first, *others] == [*pool[:4], *pool[-2:]]
 
 
+@pytest.mark.parametrize(("first", "count"), [(4e3, 4), (1e2, 3)])
+def test_candidates_are_fitted_until_one_improves_held_out_steps(monkeypatch, first, count):
+    """Of a measured robot three fitted better and predicted worse; the fourth, a compliant base, improved both."""
+    state, fitted = state_of(problem_of(measured(), held=(2, 4, 6))), list[str]()
+    declared = replace(state.best, cost=3e3, held_cost=3e3)
+    state = replace(state, declared=declared, best=declared, fits={frozenset(): declared})
+    names = ["gravity", "precurvature", "routing_twist", "base_compliance", "marker_offset"]
+    held = dict(zip(names, [first, 4e3, 4e3, 1e2, 1e2], strict=True))
+    pool = [Proposal(state.best, Score.refused(effect(n), state.best, ""), k) for k, n in enumerate(names)]
+
+    def evaluated(_, found):
+        other = state.best.residual + 3.0
+        now = [replace(state.best, effects=x.effects, cost=1e3 + x.criterion, residual=other) for x in found]
+        return [search._Evaluated(x, f, f.cost, f.cost) for x, f in zip(found, now, strict=True)]
+
+    def fit_of(problem, now, predicted, race):
+        fitted.append(now.names[0])
+        yield from ()
+        return replace(now, held_cost=held[now.names[0]])
+
+    monkeypatch.setattr(search, "_evaluated", evaluated)
+    monkeypatch.setattr(search, "_fitted", fit_of)
+    search.fit_proposals(searching(), state, pool)
+    assert fitted == names[:count]
+
+
 def test_causes_that_take_a_run_each_leave_the_response_that_forces_towards_points_need():
     """An exchange ended in an assertion, after slipped disks had been tried beside the best model."""
     own, _, causes = declared()
