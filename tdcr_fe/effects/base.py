@@ -299,18 +299,18 @@ class Effect:
         """Values that do to one folder of measured data alone what these do to it among several."""
         return dict(values)
 
-    def check(self, values: Values, experiment: Experiment | None = None) -> None:
-        """Refuse unknown and impossible values; with an experiment, those of its tendons and markers are known.
+    def check(self, values: Values, experiment: Experiment) -> None:
+        """Refuse unknown and impossible values in an experiment.
 
         Raises
         ------
         ValueError
         """
-        known = {p.name: p for p in (self.parameters_of(experiment) if experiment else self.parameters)}
+        known = {p.name: p for p in self.parameters_of(experiment)}
         unknown = sorted(set(values) - set(known))
         if unknown:
             raise ValueError(f"effect {self.name}: no parameter {unknown[0]!r}; it has {', '.join(known)}")
-        if self.needs_disks and experiment is not None and experiment.robot.without_disks:
+        if self.needs_disks and experiment.robot.without_disks:
             text = "the robot has no disks and no holes in them; massless [disks] are guides"
             raise ValueError(f"effect {self.name}: {text}")
         for name, value in values.items():

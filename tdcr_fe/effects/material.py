@@ -185,10 +185,6 @@ class ThinDisks(RigidDisks):
     a radian, the derivative is up to twice as large, in nearly the same direction: enough to order candidates.
     """
 
-    def near_null(self, experiment: Experiment) -> Effect:
-        """See `Effect.near_null`."""
-        return self
-
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
         edges = (0.0, *experiment.robot.disks.positions)

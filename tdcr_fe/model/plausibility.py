@@ -137,7 +137,6 @@ def understood(robot: Robot, model: Model, steps: Sequence[LoadStep] = ()) -> li
         Description.
     """
     b, d = robot.backbone, Description.of(robot, model, steps)
-    courses = d.courses
     name, factor = nearest_material(b.youngs_modulus, b.density)
     like = f", like {name}" if b.density > 0.0 and factor <= limits()["material" + REMARK].high else ""
     lines = [f"bending stiffness {b.EI:.3g} N m^2{like}"]
@@ -149,7 +148,7 @@ def understood(robot: Robot, model: Model, steps: Sequence[LoadStep] = ()) -> li
     pulls = []
     for tendon in robot.tendons:
         asked = max((s.tensions.get(tendon.name, 0.0) for s in steps), default=0.0)
-        bend = float(np.linalg.norm(courses[tendon.name].by_tension))
+        bend = float(np.linalg.norm(d.courses[tendon.name].by_tension))
         if bend > 0.0:
             pulls.append((asked, tendon.name, 0.5 * math.pi / bend))
     if pulls:
@@ -193,17 +192,16 @@ def strain_warnings(robot: Robot, steps: Sequence[StepResult]) -> list[str]:
     """
     backbone = robot.backbone
     unloaded = math.hypot(*backbone.precurvature)
-    worst, number, where = 0.0, 0, 0.0
+    found = [(0.0, 0, 0.0)]  # strain, number of the step, and arc length
     for step in steps:
-        tangents = step.rotations[:, :, 2]
+        tangents, middle = step.rotations[:, :, 2], 0.5 * (step.s[1:] + step.s[:-1])
         turn = np.arccos(np.clip(np.einsum("ij,ij->i", tangents[1:], tangents[:-1]), -1.0, 1.0))
-        radius = backbone.radius_at(0.5 * (step.s[1:] + step.s[:-1]))
-        strain = (turn / np.diff(step.s) - unloaded) * radius
+        strain = (turn / np.diff(step.s) - unloaded) * backbone.radius_at(middle)
         if robot.base_stiffness is not None:
             strain[0] = 0.0  # the first element turns with the base that gives way
         k = int(np.argmax(strain))
-        if strain[k] > worst:
-            worst, number, where = float(strain[k]), step.step, float(0.5 * (step.s[k] + step.s[k + 1]))
+        found.append((float(strain[k]), step.step, float(middle[k])))
+    worst, number, where = max(found, key=lambda x: x[0])
     if backbone.nonlinear is not None:
         most = backbone.nonlinear.largest_strain
         reason = f"the stress of backbone.nonlinear falls from {100 * most:.3g} % on"

@@ -186,8 +186,8 @@ def _disks(robot: Robot) -> Iterator[Value]:
 
 def _tendon(d: Description, tendon: Tendon, key: str) -> Iterator[Value]:
     """Quantities of one tendon."""
-    robot, backbone = d.robot, d.robot.backbone
-    _, offset, end, *_ = d.courses[tendon.name]
+    robot, backbone, course = d.robot, d.robot.backbone, d.courses[tendon.name]
+    offset, end = course.offset, course.end
     bays = sum(s <= end + ARC_TOLERANCE for s in robot.bay_ends)
     for name, value in vars(tendon.routing).items():
         if name.startswith("turns"):
@@ -204,7 +204,7 @@ def _tendon(d: Description, tendon: Tendon, key: str) -> Iterator[Value]:
     yield Value("adhesion", f"{key}.adhesion", tendon.adhesion, "N", bend)
     if (ea := tendon.axial_stiffness) is not None:
         yield Value("tendon_stiffness", f"{key}.axial_stiffness", ea, "N", ea)
-    pulled = tendon.pretension * float(np.linalg.norm(d.courses[tendon.name].by_tension))
+    pulled = tendon.pretension * float(np.linalg.norm(course.by_tension))
     yield Value("pretension", f"{key}.pretension", tendon.pretension, "N", pulled)
     if robot.without_disks:
         s = np.linspace(0.0, end, 101)
@@ -301,18 +301,18 @@ def _pulls(d: Description) -> Iterator[Value]:
     b = d.robot.backbone
     tensions, moved = d.inputs("tensions"), d.inputs("displacements")
     for i, tendon in enumerate(d.robot.tendons if d.steps else ()):
-        _, offset, end, *_ = d.courses[tendon.name]
+        course = d.courses[tendon.name]
         k = int(np.argmax(tensions[:, i]))
         force, key = float(tensions[k, i]), f"steps[{k}].tensions.{tendon.name}"
         if tendon.pretension > force:
             force, key = tendon.pretension, f"tendons[{i}].pretension"
         # A parallel tendon bends the backbone to the curvature T a / EI (pure moment).
-        yield strain(d, key, force, force * offset / b.EI)
+        yield strain(d, key, force, force * course.offset / b.EI)
         if (ea := tendon.axial_stiffness or 0.0) >= limits()["tendon_stiffness"].low:
             yield Value("tendon_strain", key, force, "N", force / ea, f"{ea:g} N")
         k = int(np.argmax(np.abs(moved[:, i])))
         far, unit, key = float(moved[k, i]), "m", f"steps[{k}].displacements.{tendon.name}"
-        ratio, detail = abs(far) / end, f"{end:g} m"
+        ratio, detail = abs(far) / course.end, f"{course.end:g} m"
         if tendon.name in d.asked[k].motor_angles:
             far, unit = d.asked[k].motor_angles[tendon.name], "rad"
             key = f"steps[{k}].motor_angles.{tendon.name}"

@@ -184,12 +184,11 @@ def spheres_of(arm: AssembledRobot, nodes: Sequence[Any], backbone: bool) -> lis
     spheres = []
     for k, s in enumerate(mesh.arc_lengths):
         distance = np.abs(disks - s)
-        here = int(np.argmin(distance)) if disks.size else -1
-        on_disk = disks.size > 0 and distance[here] < 1e-6
-        inside = disks.size > 0 and distance[here] <= 0.5 * robot.disks.thickness + 1e-6
-        if k == 0 or not (on_disk or ((backbone or not disks.size) and not inside)):
+        nearest = float(np.min(distance, initial=np.inf))
+        on_disk, inside = nearest < 1e-6, nearest <= 0.5 * robot.disks.thickness + 1e-6
+        if k == 0 or not (on_disk or ((backbone or robot.without_disks) and not inside)):
             continue
-        what = f"disk {here + 1}" if on_disk else f"backbone at {1e3 * s:.4g} mm"
+        what = f"disk {np.argmin(distance) + 1}" if on_disk else f"backbone at {1e3 * s:.4g} mm"
         radius = robot.disks.radius if on_disk else float(radii[k])
         marker = mbs.AddMarker(eii.MarkerNodeRigid(name=f"{name}.mSphere{k}", nodeNumber=nodes[k]))
         spheres.append(Sphere(marker, radius, _reference(mbs, marker), float(s), f"{what} of {name!r}"))
