@@ -317,8 +317,8 @@ class Interrupted(KeyboardInterrupt):
         self.result = result
 
     def __str__(self) -> str:
-        steps = len(self.result.steps)
-        return f"interrupted; the attribute `result` has {steps} solved load step{'' if steps == 1 else 's'}"
+        steps = count(len(self.result.steps), "solved load step")
+        return f"interrupted; the attribute `result` has {steps}"
 
 
 # ------------------------------------------------------------------------------------- a result as text

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from tdcr_fe.elements import Array
+from tdcr_fe.model.messages import count
 from tdcr_fe.model.schema import Checked, FieldError, Quantity
 
 Offset = Annotated[float, Quantity(unit="m", ge=0.0, note="not outside the disk")]
@@ -369,12 +370,10 @@ class MisplacedRouting(TurnedRouting):
         return Polynomial([self.factor_base, growth]), Polynomial([self.angle_base, turn])
 
 
-def hole_count_text(count: int, needed: int) -> tuple[str, str]:
-    """The value found and what is allowed, where a list has ``count`` holes but ``needed`` are required."""
-    return (
-        f"{count} hole{'s' * (count != 1)}",
-        f"{needed} are needed: one in the base plate and one in every disk up to the tendon's end",
-    )
+def hole_count_text(found: int, needed: int) -> tuple[str, str]:
+    """The value found and what is allowed, where a list has other holes than the number that is needed."""
+    text = f"{needed} are needed: one in the base plate and one in every disk up to the tendon's end"
+    return count(found, "hole"), text
 
 
 #: Every routing that ``robot.toml`` may name.

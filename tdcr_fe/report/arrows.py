@@ -11,14 +11,13 @@ from matplotlib.lines import Line2D
 
 from tdcr_fe.elements import Array
 from tdcr_fe.report.environment import quantity
-from tdcr_fe.report.motion import Motion
+from tdcr_fe.report.motion import MM, Motion
 
 FORCE, MOMENT, GRAVITY = "#b3001b", "#7a1fa2", "#555555"
 #: Length of the arrow of the largest load, over the length of the backbone [1].
 LONGEST = 0.2
 #: An arrow that points at the viewer is drawn as a circle where its projection is below this part of it [1].
 END_ON = 0.15
-_MM = 1e3
 
 
 class LoadArrows:
@@ -31,10 +30,10 @@ class LoadArrows:
         self.motion, self.gravity = motion, motion.gravity
         #: Largest moment [N m] and force [N]; zero where there is none.
         self.largest = motion.largest_loads(drawn)
-        length = LONGEST * motion.length * _MM
+        length = LONGEST * motion.length * MM
         #: Where each begins and its vector [mm], and whether it is a moment.
         self.arrows = [
-            (place * _MM, vector * (length / self.largest[moment]), moment)
+            (place * MM, vector * (length / self.largest[moment]), moment)
             for k in drawn
             for _, place, vector, moment in motion.load_arrows(k)
         ]
@@ -45,7 +44,7 @@ class LoadArrows:
         for start, vector, moment in self.arrows:
             plane.arrow(start, vector, MOMENT if moment else FORCE, (1.0, 0.82) if moment else (1.0,))
         if np.any(self.gravity):
-            plane.gravity(self.gravity, _MM * self.motion.positions.reshape(-1, 3))
+            plane.gravity(self.gravity, MM * self.motion.positions.reshape(-1, 3))
 
     def draw_spatial(self, axes: Any, corner: Array) -> None:
         """The same in three dimensions; gravity at ``corner`` [mm]."""
@@ -53,7 +52,7 @@ class LoadArrows:
             colour = MOMENT if moment else FORCE
             axes.quiver(*start, *vector, color=colour, lw=1.4, arrow_length_ratio=0.25)
         if np.any(self.gravity):
-            length = 0.12 * self.motion.length * _MM
+            length = 0.12 * self.motion.length * MM
             direction = length * self.gravity / np.linalg.norm(self.gravity)
             axes.quiver(*corner, *direction, color=GRAVITY, lw=1.4, arrow_length_ratio=0.3)
             axes.text(*(corner + 0.5 * direction), " g", color=GRAVITY, style="italic")

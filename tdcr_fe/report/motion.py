@@ -21,6 +21,8 @@ from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.tendon import Tendon
 
+#: Millimetres in a metre.
+MM = 1e3
 #: Points per bay of a tendon that follows the backbone.
 POINTS_PER_BAY = 6
 #: An arc length is that of a node where they differ by less than this part of the backbone [1].
@@ -165,7 +167,7 @@ class Motion:
         for j, tendon in enumerate(self.tendons):
             kind, unit, values = "tension", "N", self.base_tensions[:, j]
             if self.driven_by_displacement[:, j].any():
-                kind, unit, values = "displacement", "mm", 1e3 * self.displacements[:, j]
+                kind, unit, values = "displacement", "mm", MM * self.displacements[:, j]
             yield tendon.name, values, f"{kind} of {tendon.name} at the base [{unit}]"
 
     def label(self, step: int) -> str:

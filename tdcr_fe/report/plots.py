@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from tdcr_fe.elements import Array
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.report.arrows import LoadArrows
-from tdcr_fe.report.motion import Motion, motion_of, spread
+from tdcr_fe.report.motion import MM, Motion, motion_of, spread
 from tdcr_fe.report.style import AZIMUTH, ELEVATION, space, styled
 from tdcr_fe.report.viewer_data import SLACK, STATES, hole_codes
 
@@ -38,7 +38,6 @@ _TENDON_COLOURS = (
 _PLATE = "#3b3b3b"
 _PATH = "#888888"
 _DASHES = (0, (2, 2))
-_MM = 1e3
 #: Heights of a title line and of a row of the legend [inch], and the width of its entries [inch].
 _TITLE, _ROW, _ENTRY = 0.32, 0.22, 2.0
 
@@ -110,10 +109,10 @@ class _Shapes:
         self.colours = _StepColours(motion.steps, self.drawn)
         self.tendon_colours = [_TENDON_COLOURS[j % len(_TENDON_COLOURS)] for j in range(len(motion.tendons))]
         #: The path of the tip from step to step [mm], where it is still readable.
-        self.path = motion.tips * _MM if 1 < len(motion.steps) <= 40 else np.zeros((0, 3))
-        self.curves = [motion.curve(k) * _MM for k in self.drawn]
+        self.path = motion.tips * MM if 1 < len(motion.steps) <= 40 else np.zeros((0, 3))
+        self.curves = [motion.curve(k) * MM for k in self.drawn]
         points = np.concatenate([*self.curves, self.path, np.zeros((1, 3))])
-        around = 2.0 * motion.disk_radius * _MM
+        around = 2.0 * motion.disk_radius * MM
         low, high = points.min(axis=0) - around, points.max(axis=0) + around
         # No side is slim.
         wider = np.maximum(0.45 * (high - low).max() - (high - low), 0.0) / 2.0
@@ -127,19 +126,19 @@ class _Shapes:
     def tendons(self, k: int) -> Iterator[tuple[Array, str]]:
         """Line [mm] and colour of every tendon in a step (from 0)."""
         for tendon, colour in zip(self.motion.tendons, self.tendon_colours, strict=True):
-            yield self.motion.tendon_points(k, tendon) * _MM, colour
+            yield self.motion.tendon_points(k, tendon) * MM, colour
 
     def planar(self, axes: Axes, i: int, j: int) -> None:
         """Project onto the world axes ``i`` and ``j``."""
         for n, k in enumerate(self.drawn):
             colour = self.colours(n)
-            for ring in self.motion.rims(k) * _MM:
+            for ring in self.motion.rims(k) * MM:
                 fill, edge = ((*colour[:3], alpha) for alpha in (0.3, 0.8))
                 axes.fill(ring[:, i], ring[:, j], fc=fill, ec=edge, lw=0.8, zorder=2)
             for line, tendon in self.tendons(k):
                 axes.plot(line[:, i], line[:, j], color=tendon, lw=0.9, alpha=0.85, zorder=3)
             axes.plot(self.curves[n][:, i], self.curves[n][:, j], color=colour, lw=1.9, zorder=4)
-        plate = self.motion.plate[:, 0] * _MM
+        plate = self.motion.plate[:, 0] * MM
         axes.plot([plate.min(), plate.max()], [0.0, 0.0], color=_PLATE, lw=4, solid_capstyle="butt", zorder=5)
         if len(self.path):
             axes.plot(self.path[:, i], self.path[:, j], color=_PATH, lw=0.9, ls=_DASHES, zorder=1)
@@ -156,14 +155,14 @@ class _Shapes:
         space(axes, self.limits, "mm")
         for n, k in enumerate(self.drawn):
             colour = self.colours(n)
-            rings = list(self.motion.rims(k) * _MM)
+            rings = list(self.motion.rims(k) * MM)
             if rings:
                 face = (*colour[:3], 0.25)
                 axes.add_collection3d(Poly3DCollection(rings, facecolor=face, edgecolor=colour, lw=0.6))
             for line, tendon in self.tendons(k):
                 axes.add_collection3d(Line3DCollection([line], colors=[tendon], lw=0.9, alpha=0.85))
             axes.plot(*self.curves[n].T, color=colour, lw=1.9)
-        plate = Poly3DCollection([self.motion.plate * _MM], facecolor=_PLATE, edgecolor=_PLATE, alpha=0.8)
+        plate = Poly3DCollection([self.motion.plate * MM], facecolor=_PLATE, edgecolor=_PLATE, alpha=0.8)
         axes.add_collection3d(plate)
         if len(self.path):
             axes.plot(*self.path.T, color=_PATH, lw=0.9, ls=_DASHES)
@@ -262,7 +261,7 @@ def tensions(result: SequenceResult) -> Figure | None:
         for ax, tendon, tensions, by_step in zip(
             axes, result.robot.tendons, motion.tensions, states, strict=True
         ):
-            holes = result.robot.hole_arc_lengths(tendon) * _MM
+            holes = result.robot.hole_arc_lengths(tendon) * MM
             for n, k in enumerate(drawn):
                 ax.stairs(tensions[k], holes, baseline=None, color=colours(n), lw=1.4)
                 if motion.friction:
@@ -272,7 +271,7 @@ def tensions(result: SequenceResult) -> Figure | None:
                 ax.text(0.5, 0.5, "slack in every step drawn", **look)
             ax.set_title(f"tendon {tendon.name}")
             ax.set_xlabel("arc length s [mm]")
-            ax.set_xlim(0.0, motion.length * _MM)
+            ax.set_xlim(0.0, motion.length * MM)
             ax.set_ylim(bottom=0.0)
         colours.bar(figure, axes, pad=0.02, aspect=28)
     return figure

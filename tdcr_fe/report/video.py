@@ -17,7 +17,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # typ
 
 from tdcr_fe.elements import Array
 from tdcr_fe.report.arrows import FORCE, LONGEST, MOMENT
-from tdcr_fe.report.motion import Motion, between
+from tdcr_fe.report.motion import MM, Motion, between
 from tdcr_fe.report.style import COLOURS, HEAT, INK, PALE, SOFT, space, styled
 
 #: Kinds of files, by ending.
@@ -28,7 +28,6 @@ RATE, AT_LEAST = 12, 60
 PER_STEP = 6
 #: Size [inch] and resolution [1/inch].
 SIZE, DPI = (9.6, 5.0), 100
-_MM = 1e3
 
 
 def problem(path: Path) -> str:
@@ -69,12 +68,12 @@ class _Drawing:
         self.moving: list[Any] = []
 
     def _box(self) -> None:
-        m, plate = self.motion, _MM * self.motion.plate
-        points = np.concatenate([_MM * m.positions.reshape(-1, 3), plate])
+        m, plate = self.motion, MM * self.motion.plate
+        points = np.concatenate([MM * m.positions.reshape(-1, 3), plate])
         low, high = points.min(axis=0), points.max(axis=0)
         half = np.maximum(high - low, 0.2 * float(np.max(high - low))) / 2.0
         space(self.space, np.stack(((low + high) / 2.0 - half, (low + high) / 2.0 + half), axis=1), "mm")
-        self.space.plot(*(_MM * m.tips).T, color=PALE, lw=0.8)
+        self.space.plot(*(MM * m.tips).T, color=PALE, lw=0.8)
         self.space.add_collection3d(Poly3DCollection([plate], facecolor="#8b95a1"))
 
     def _response(self) -> tuple[Array, str]:
@@ -82,7 +81,7 @@ class _Drawing:
         m, angle = self.motion, np.degrees(self.motion.bending_angles)
         x, label, most = np.array(m.steps, dtype=float), "load step", 0.0
         for (_, values, text), by_displacement in zip(m.inputs(), m.driven_by_displacement.T, strict=True):
-            change = float(np.ptp(values)) / (_MM * m.length if by_displacement.any() else self.largest)
+            change = float(np.ptp(values)) / (MM * m.length if by_displacement.any() else self.largest)
             if change > most:
                 most, x, label = change, values, text
         return np.column_stack((x, angle)), label
@@ -106,20 +105,20 @@ class _Drawing:
         share = time - k
         after = self.response[min(k + 1, len(self.response) - 1)]
         self.dot.set_data(*([v] for v in (1.0 - share) * self.response[k] + share * after))
-        parts: list[Any] = [self.space.plot(*(_MM * m.curve(0)).T, color=INK, lw=2.2)[0]]
+        parts: list[Any] = [self.space.plot(*(MM * m.curve(0)).T, color=INK, lw=2.2)[0]]
         if len(m.disks):
             look: dict[str, Any] = {"facecolor": (0.75, 0.78, 0.82, 0.7), "edgecolor": SOFT, "lw": 0.4}
-            disks = Poly3DCollection(list(_MM * m.rims(0)), **look)
+            disks = Poly3DCollection(list(MM * m.rims(0)), **look)
             parts.append(self.space.add_collection3d(disks))
         for tendon, tensions in zip(m.tendons, m.tensions, strict=True):
-            corners = _MM * m.tendon_points(0, tendon)
+            corners = MM * m.tendon_points(0, tendon)
             sides = np.stack((corners[:-1], corners[1:]), axis=1)
             colours = HEAT(tensions[0, tendon.segments] / self.largest)
             parts.append(self.space.add_collection3d(Line3DCollection(list(sides), colors=colours, lw=1.6)))
         for _, place, vector, moment in m.load_arrows(0):
-            scaled = LONGEST * _MM * m.length / self.largest_loads[moment] * vector
+            scaled = LONGEST * MM * m.length / self.largest_loads[moment] * vector
             colour = MOMENT if moment else FORCE
-            parts.append(self.space.quiver(*(_MM * place), *scaled, color=colour, lw=1.6))
+            parts.append(self.space.quiver(*(MM * place), *scaled, color=colour, lw=1.6))
         self.moving = parts
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from tdcr_fe.elements import Array
+from tdcr_fe.model.messages import count
 from tdcr_fe.report.environment import environment
 from tdcr_fe.report.motion import Motion
 from tdcr_fe.report.viewer_data import panel_data
@@ -36,9 +37,8 @@ def panel(motion: Motion, extent: Literal["part", "whole"] = "part") -> Markup:
 
 def summary(motion: Motion) -> str:
     """The motion in a few words, for titles."""
-    count, disks, tendons = len(motion.steps), len(motion.disks), len(motion.tendons)
-    parts = [(count, "load step"), (disks, "disk"), (tendons, "tendon")]
-    return ", ".join(f"{n} {noun}{'' if n == 1 else 's'}" for n, noun in parts)
+    parts = {"load step": motion.steps, "disk": motion.disks, "tendon": motion.tendons}
+    return ", ".join(count(len(every), noun) for noun, every in parts.items())
 
 
 def view_page(motion: Motion) -> str:
