@@ -33,26 +33,18 @@ def node_markers(handle: TDCR) -> list[Any]:
 def spheres(mbs: exu.MainSystem, handle: TDCR, at: Any = CENTRE) -> None:
     """A fixed sphere against one on every disk."""
     ground = mbs.CreateGround(referencePosition=list(at))
+    given = {"contactStiffness": STIFFNESS, "dataInitialCoordinates": list(APART)}
     for disk in handle.bDisks:
-        mbs.CreateSphereSphereContact(
-            itemNumbers=[ground, disk],
-            spheresRadii=[SPHERE, DISK],
-            contactStiffness=STIFFNESS,
-            dataInitialCoordinates=list(APART),
-        )
+        mbs.CreateSphereSphereContact(itemNumbers=[ground, disk], spheresRadii=[SPHERE, DISK], **given)
 
 
 def wall(mbs: exu.MainSystem, handle: TDCR, stiffness: float = STIFFNESS) -> None:
     """A thin wall across x, by `mbs.CreateSphereQuadContact`."""
     ground = mbs.CreateGround()
+    given = {"contactStiffness": stiffness, "dataInitialCoordinates": list(APART)}
     for disk in handle.bDisks[-6:]:
-        mbs.CreateSphereQuadContact(
-            itemNumbers=[disk, ground],
-            sphereRadius=DISK,
-            quadPoints=QUAD,
-            contactStiffness=stiffness,
-            dataInitialCoordinates=list(APART),
-        )
+        both = [disk, ground]
+        mbs.CreateSphereQuadContact(itemNumbers=both, sphereRadius=DISK, quadPoints=QUAD, **given)
 
 
 def soft_wall(mbs: exu.MainSystem, handle: TDCR) -> None:
@@ -79,13 +71,9 @@ def add_sphere(contact: Any, marker: Any, radius: float = DISK) -> None:
 
 def add_triangles(contact: Any, marker: Any, triangles: np.ndarray) -> None:
     """Triangles of a GeneralContact, shape (n, 3, 3), on a rigid marker."""
-    contact.AddTrianglesRigidBodyBased(
-        rigidBodyMarkerIndex=marker,
-        **SPRING,
-        frictionMaterialIndex=0,
-        pointList=triangles.reshape(-1, 3).tolist(),
-        triangleList=np.arange(3 * len(triangles)).reshape(-1, 3).tolist(),
-    )
+    points = triangles.reshape(-1, 3)
+    corners = {"pointList": points.tolist(), "triangleList": np.arange(len(points)).reshape(-1, 3).tolist()}
+    contact.AddTrianglesRigidBodyBased(marker, **corners, **SPRING, frictionMaterialIndex=0)
 
 
 def general_spheres(mbs: exu.MainSystem, handle: TDCR) -> None:
@@ -113,30 +101,17 @@ def _tip_and_ground(mbs: exu.MainSystem, handle: TDCR) -> list[Any]:
 def coordinate_contact(mbs: exu.MainSystem, handle: TDCR) -> None:
     """A stop for the x coordinate of the tip, by ObjectContactCoordinate."""
     data = mbs.AddNode(eii.NodeGenericData(initialCoordinates=[STOP], numberOfDataCoordinates=1))
-    mbs.AddObject(
-        eii.ObjectContactCoordinate(
-            markerNumbers=_tip_and_ground(mbs, handle),
-            nodeNumber=data,
-            **SPRING,
-            offset=-STOP,
-        )
-    )
+    both = _tip_and_ground(mbs, handle)
+    mbs.AddObject(eii.ObjectContactCoordinate(markerNumbers=both, nodeNumber=data, **SPRING, offset=-STOP))
 
 
 def limit_stops(mbs: exu.MainSystem, handle: TDCR, **friction: float) -> None:
     """The same by the limit stops of a CoordinateSpringDamperExt."""
     data = mbs.AddNode(eii.NodeGenericData(initialCoordinates=[0.0] * 3, numberOfDataCoordinates=3))
-    mbs.AddObject(
-        eii.CoordinateSpringDamperExt(
-            markerNumbers=_tip_and_ground(mbs, handle)[::-1],
-            nodeNumber=data,
-            useLimitStops=True,
-            limitStopsUpper=STOP,
-            limitStopsLower=-STOP,
-            limitStopsStiffness=STIFFNESS,
-            **friction,
-        )
-    )
+    both = _tip_and_ground(mbs, handle)[::-1]
+    stops = {"limitStopsUpper": STOP, "limitStopsLower": -STOP, "limitStopsStiffness": STIFFNESS, **friction}
+    item = eii.CoordinateSpringDamperExt(markerNumbers=both, nodeNumber=data, useLimitStops=True, **stops)
+    mbs.AddObject(item)
 
 
 #: All of them by name.

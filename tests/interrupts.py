@@ -14,11 +14,5 @@ def start_python(*arguments: str, **options: Any) -> subprocess.Popen[str]:
     """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
     act = (lambda: signal.signal(signal.SIGINT, signal.default_int_handler)) if os.name == "posix" else None
-    return subprocess.Popen(
-        [sys.executable, *arguments],
-        stdout=subprocess.PIPE,
-        text=True,
-        env=environment,
-        preexec_fn=act,
-        **options,
-    )
+    given = {"stdout": subprocess.PIPE, "text": True, "env": environment, **options}
+    return subprocess.Popen([sys.executable, *arguments], preexec_fn=act, **given)

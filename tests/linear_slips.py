@@ -44,19 +44,10 @@ class LinearSlips:
         """As of `tdcr_fe.solve.friction_path.slips.InterpolatedSlips`: tensions stay as they are."""
         change = self._matrix[0] - self._matrix[1]
         load = (1.0 - x) * self._load[0] + x * self._load[1] + change @ (z - self._start)
-        n, still = len(z), np.zeros(len(tension))
-        derivatives = SlipDerivatives(
-            load,
-            self._elastic_slip,
-            self.branches(z, tension),
-            still,
-            np.zeros((n, len(still))),
-            np.zeros((n, len(still))),
-            SmallFactors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), False),
-            np.zeros(n, dtype=bool),
-            self.matrix(x).T.copy(),
-            np.zeros((n, len(still))),
-        )
+        still, none = np.zeros(len(tension)), np.zeros((len(z), len(tension)))
+        factors = SmallFactors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), False)
+        given = (load, self._elastic_slip, self.branches(z, tension), still, none, none, factors)
+        derivatives = SlipDerivatives(*given, np.zeros(len(z), dtype=bool), self.matrix(x).T.copy(), none)
         return SlipState(tension, self.slip(x, z), derivatives)
 
     def matrix(self, x):

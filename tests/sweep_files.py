@@ -8,14 +8,8 @@ from robots import tendon
 
 from tdcr_fe import Backbone, Disks, Robot, robot_to_toml
 
-ROBOT = robot_to_toml(
-    Robot(
-        Backbone(0.2, 0.4e-3, 85e9, 0.3),
-        Disks.equally_spaced(2, 0.2),
-        (tendon("t1", 0.0, 0.1), tendon("t2", 120.0, 0.2)),
-        "small",
-    )
-)
+TENDONS = (tendon("t1", 0.0, 0.1), tendon("t2", 120.0, 0.2))
+ROBOT = robot_to_toml(Robot(Backbone(0.2, 0.4e-3, 85e9, 0.3), Disks.equally_spaced(2, 0.2), TENDONS, "small"))
 SCENARIO = """
 robot = "robot.toml"
 [model]

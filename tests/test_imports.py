@@ -9,19 +9,8 @@ import pytest
 ROOT = Path(__file__).parents[1]
 #: From the lowest layer to the highest; a module imports its own layer and those below it.
 LAYERS = (
-    *(
-        "callable_package",
-        "compiled",
-        "elements",
-        "model",
-        "effects",
-        "scene",
-        "solve",
-        "native",
-        "report",
-        "io",
-    ),
-    *("sweeps", "identify", "live", "estimate", "validation", "commands", "cli", "__main__"),
+    *("callable_package", "compiled", "elements", "model", "effects", "scene", "solve", "native", "report"),
+    *("io", "sweeps", "identify", "live", "estimate", "validation", "commands", "cli", "__main__"),
 )
 #: Layers that read, write, draw or print, and modules of the others that do; all others are numerics.
 WITH_FILES = {"compiled", "report", "io", "validation", "commands", "cli", "__main__"}

@@ -23,14 +23,6 @@ def tendon_law(
     coefficients: Any = (),
 ) -> TendonLaw:
     """The equations of both tendons: friction model, the same numbers at every hole, or a law of the coefficient."""
-    parameters = TendonParameters(
-        LENGTHS,
-        MASK,
-        mu * HOLES,
-        adhesion * HOLES,
-        np.full(2, compliance),
-        np.zeros(2),
-        np.zeros(2),
-        coefficients,
-    )
+    of_holes, of_tendons = (mu * HOLES, adhesion * HOLES), (np.full(2, compliance), np.zeros(2), np.zeros(2))
+    parameters = TendonParameters(LENGTHS, MASK, *of_holes, *of_tendons, coefficients)
     return TendonLaw(parameters, model, hysteresis(presliding))

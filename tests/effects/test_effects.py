@@ -20,10 +20,8 @@ MODEL = Model(elements_per_bay=1)
 
 
 def pulled(*tensions, **loads):
-    return tuple(
-        LoadStep(tensions={"t1": t}, loads={"tip": Load(LENGTH, loads["force"])} if loads else {})
-        for t in tensions
-    )
+    acting = {"tip": Load(LENGTH, **loads)} if loads else {}
+    return tuple(LoadStep(tensions={"t1": t}, loads=acting) for t in tensions)
 
 
 def tip(setup):
@@ -78,13 +76,9 @@ def test_null_values_keep_what_is_declared(e):
 
 def test_tendons_that_declare_different_values_keep_their_differences():
     robot = three(0.1)
-    robot = replace(
-        robot,
-        tendons=tuple(
-            replace(t, adhesion=0.01 * k, clearance=1e-4 * k, axial_stiffness=100.0 * k)
-            for k, t in enumerate(robot.tendons, 1)
-        ),
-    )
+    for k, name in enumerate(robot.tendon_names, start=1):
+        values = {"adhesion": 0.01 * k, "clearance": 1e-4 * k, "axial_stiffness": 100.0 * k}
+        robot = robot.with_tendons([name], **values)
     s = Experiment(robot, MODEL, pulled(0.5))
     for name in ("hole_adhesion", "hole_clearance", "tendon_stretch"):
         e = effect(name)
@@ -260,13 +254,9 @@ def test_effects_in_a_scenario_file_are_those_of_python(tmp_path):
     (tmp_path / "robot.toml").write_text(robot_to_toml(paper(0.2)))
     text = scenario_to_toml(MODEL, pulled(1.0))
     path = tmp_path / "scenario.toml"
-    effects = {
-        "gravity": {"g_z": -9.81},
-        "actuator_loss": {"dead_band": 0.1},
-        "kink": {"s": 0.1, "kappa_x": 1.0},
-    }
-    tables = [f"[effects]\n{document(effects)}"]
-    path.write_text("\n".join([text, *tables]))
+    effects = {"gravity": {"g_z": -9.81}, "actuator_loss": {"dead_band": 0.1}}
+    effects["kink"] = {"s": 0.1, "kappa_x": 1.0}
+    path.write_text(f"{text}\n[effects]\n{document(effects)}")
     s, by_hand = read_scenario(path), with_effects(Experiment(paper(0.2), MODEL, pulled(1.0)), effects)
     assert (s.robot, s.model, s.steps[0].tensions) == (by_hand.robot, by_hand.model, {"t1": 0.9})
     path.write_text(text + "\n[effects]\ngravitas = {}\nactuator_gain = { gain = -1.0, gian = 2.0 }\n")

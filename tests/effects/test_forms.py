@@ -17,15 +17,11 @@ from tdcr_fe.model.observed_step import ObservedStep
 
 MODEL = Model(elements_per_bay=1)
 #: Two segments of two tendons each; their names are not in the order of their ends.
-TWO = replace(
-    three(0.1),
-    tendons=(
-        tendon("tip", 0.0, 0.2, axial_stiffness=400.0),
-        replace(tendon("near", 90.0, 0.3, axial_stiffness=400.0), end=three(0.1).disks.positions[4]),
-        tendon("far", 180.0, 0.2, axial_stiffness=400.0),
-        replace(tendon("next", 270.0, 0.3, axial_stiffness=400.0), end=three(0.1).disks.positions[4]),
-    ),
-)
+ELASTIC = {"axial_stiffness": 400.0}
+SHORT = {**ELASTIC, "end": three().disks.positions[4]}
+TENDONS = [tendon("tip", 0.0, 0.2, **ELASTIC), tendon("near", 90.0, 0.3, **SHORT)]
+TENDONS += [tendon("far", 180.0, 0.2, **ELASTIC), tendon("next", 270.0, 0.3, **SHORT)]
+TWO = replace(three(), tendons=tuple(TENDONS))
 STEPS = (
     LoadStep(displacements={"tip": 0.0, "near": 0.0, "far": 0.0, "next": 0.0}),
     LoadStep(displacements={"tip": 2e-3, "near": 1e-3, "far": -2e-3, "next": -1e-3}),

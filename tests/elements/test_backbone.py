@@ -118,14 +118,9 @@ def test_another_section_takes_its_area_and_second_moment_alone():
     solid = Backbone(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0)
     tube = Tube(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0, bore=0.3e-3)
     assert pytest.approx(solid.EI * (1 - 0.75**4)) == tube.EI
-    declared = replace(
-        solid,
-        density=5600.0 * tube.area / solid.area,
-        bending_stiffness=tube.EI,
-        torsional_stiffness=tube.GJ,
-        axial_stiffness=tube.EA,
-        shear_stiffness=tube.GA,
-    )
+    stiffness = {"bending_stiffness": tube.EI, "torsional_stiffness": tube.GJ}
+    stiffness |= {"axial_stiffness": tube.EA, "shear_stiffness": tube.GA}
+    declared = replace(solid, density=5600.0 * tube.area / solid.area, **stiffness)
     a, b = (solve(paper(0.3, backbone=x), pull(0.5, 0.2), gravity=(9.81, 0.0, 0.0)) for x in (tube, declared))
     assert distance(a.tips, b.tips) < 1e-12
     assert distance(a.tips, solve(paper(0.3), pull(0.5, 0.2), gravity=(9.81, 0.0, 0.0)).tips) > 0.05

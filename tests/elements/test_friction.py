@@ -95,22 +95,21 @@ class ForceAndRate:
         return mu, 0.2 + 0.0 * mu, 0.05 / 1e-3 / np.cosh(slip_rate / 1e-3) ** 2
 
 
-COEFFICIENTS = [
-    pytest.param(0.3, id="constant"),
-    pytest.param(STRIBECK, id="stribeck"),
-    pytest.param(HERTZ, id="hertz"),
-    pytest.param(RISING, id="rising"),
-    pytest.param(ForceAndRate(), id="force-and-rate"),
-]
+LAWS = {
+    "constant": 0.3,
+    "stribeck": STRIBECK,
+    "hertz": HERTZ,
+    "rising": RISING,
+    "force-and-rate": ForceAndRate(),
+}
+COEFFICIENTS = [pytest.param(law, id=name) for name, law in LAWS.items()]
 
 
 def with_coefficient(coefficient, model=None, **rest) -> TendonLaw:
     """Two tendons whose coefficients follow this with_coefficient, or are this number."""
-    given = (
-        {"mu": coefficient}
-        if isinstance(coefficient, float)
-        else {"mu": 0.0, "coefficients": (coefficient,) * 2}
-    )
+    given = {"mu": 0.0, "coefficients": (coefficient,) * 2}
+    if isinstance(coefficient, float):
+        given = {"mu": coefficient}
     return tendon_law(model or FRICTION_MODELS["per-hole"], **given, **rest)
 
 

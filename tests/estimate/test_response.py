@@ -39,15 +39,9 @@ def test_derivatives_are_those_of_the_load_step(friction, by_displacement):
         simulation.begin_from(with_plastic_slips(simulation, before, slips))
         simulation.advance(actuation(values + change[:4], force + change[4:7], by_displacement), 1)
         state = simulation.state
-        return np.concatenate(
-            (
-                state.configuration.poses[0][0].ravel(),
-                state.base_tension[0],
-                simulation.displacement,
-                [x[-1] for x in simulation.handle.tensions().values()],
-                plastic_slips(simulation, state),
-            )
-        )
+        positions, distal = state.configuration.poses[0][0], simulation.handle.tensions().values()
+        of_tendons = state.base_tension[0], simulation.displacement, [x[-1] for x in distal]
+        return np.concatenate((positions.ravel(), *of_tendons, plastic_slips(simulation, state)))
 
     k = len(plastic_slips(simulation, before))
     end(np.zeros(7 + k))
@@ -55,15 +49,9 @@ def test_derivatives_are_those_of_the_load_step(friction, by_displacement):
     assert not friction or 3 < sticks.sum() < sticks.size - 3
     tip = len(simulation.handle.arc_lengths) - 1
     response = Response.of(simulation, np.array([tip]))
-    found = np.concatenate(
-        (
-            response.positions.reshape(3 * (tip + 1), -1),
-            response.base_tensions,
-            response.displacements,
-            response.distal_tensions,
-            response.plastic_slips,
-        )
-    )
+    of_tendons = response.base_tensions, response.displacements, response.distal_tensions
+    positions = response.positions.reshape(3 * (tip + 1), -1)
+    found = np.concatenate((positions, *of_tendons, response.plastic_slips))
     found = np.delete(found, [7, 8, 9], axis=1)  # moments
     steps = np.repeat([1e-8 if by_displacement else 1e-6, 1e-6, 1e-10], [4, 3, k])
     for p in [*range(7), *range(7, 7 + k, 5)]:

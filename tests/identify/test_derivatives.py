@@ -20,14 +20,10 @@ from tdcr_fe.model.channels import CHANNELS
 
 #: Relative error that derivatives must meet.
 TOLERANCE = 1e-5
-ROBOT = Robot(
-    BACKBONE,
-    Disks.equally_spaced(5, LENGTH, mass=2e-4, radius=5e-3),
-    (
-        tendon("t1", 0.0, 0.25, axial_stiffness=400.0),
-        replace(tendon("t2", 0.0, 0.25, axial_stiffness=400.0), routing=HelicalRouting(4.5e-3, 0.3, 110.0)),
-    ),
-)
+DISKS = Disks.equally_spaced(5, LENGTH, mass=2e-4, radius=5e-3)
+STRAIGHT = tendon("t1", 0.0, 0.25, axial_stiffness=400.0)
+WINDING = replace(STRAIGHT, name="t2", routing=HelicalRouting(4.5e-3, 0.3, 110.0))
+ROBOT = Robot(BACKBONE, DISKS, (STRAIGHT, WINDING))
 TIP = {"tip": Load(LENGTH, (0.01, 0.02, 0.0))}
 STEPS = {
     "tension": (
@@ -108,13 +104,9 @@ def problem(kind: str) -> FitProblem:
     """Readings of all channels in all steps, at disks and between them."""
     steps = STEPS[kind]
     places = {"arc length": (0.1, 0.2173), "tendon": ROBOT.tendon_names, "": (None,)}
-    readings = tuple(
-        Reading(n + 1, c.quantity, where, 0.0, 1.0)
-        for n in range(len(steps))
-        for c in CHANNELS
-        for where in places[c.location]
-    )
-    data = data_of(steps, readings, ROBOT, Model())
+    read = [(c.quantity, where) for c in CHANNELS for where in places[c.location]]
+    readings = [Reading(n, *what, 0.0, 1.0) for n in range(1, len(steps) + 1) for what in read]
+    data = data_of(steps, tuple(readings), ROBOT, Model())
     return problem_of(data, sigma=1.0, forward=ForwardModel(settings=SolverSettings(tolerance=1e-11)))
 
 

@@ -67,10 +67,8 @@ def test_absolute_errors_of_displacements_are_found_with_their_size_and_unit():
 def test_a_force_that_is_another_one_in_every_step_is_found_with_its_place_and_size():
     forces = np.random.default_rng(3).normal(0.0, 0.02, (len(PULLS), 3))
     commanded = [LoadStep(tensions={"t1": float(a), "t2": float(b)}) for a, b in PULLS]
-    steps = tuple(
-        replace(step, loads={"hand": Load(ROBOT.bay_edges[3], tuple(map(float, f)))})
-        for step, f in zip(commanded, forces, strict=True)
-    )
+    loads = [{"hand": Load(ROBOT.bay_edges[3], tuple(f))} for f in forces.tolist()]
+    steps = tuple(replace(step, loads=x) for step, x in zip(commanded, loads, strict=True))
     true = Experiment(ROBOT, replace(MODEL, elements_per_bay=4), steps)
     problem = on_fine_mesh(data_of(commanded, positions(true, SIGMA, 1)))
     state = state_of(problem)
@@ -104,13 +102,9 @@ def test_positions_that_are_shifted_together_in_every_step_are_no_cause_in_the_r
 
 def test_readings_without_positions_have_no_shift():
     measured = data(1.0, 0.0)
-    curved = tuple(
-        Reading(step, f"curvature_{axis}", s, 0.0, 0.1)
-        for step in measured.step_ids
-        for axis in "xy"
-        for s in (0.05, 0.1, 0.15)
-    )
-    assert scatter(replace(measured, readings=curved)) is None
+    read = [(f"curvature_{axis}", s) for axis in "xy" for s in (0.05, 0.1, 0.15)]
+    curved = [Reading(step, *what, 0.0, 0.1) for step in measured.step_ids for what in read]
+    assert scatter(replace(measured, readings=tuple(curved))) is None
 
 
 @pytest.mark.parametrize(

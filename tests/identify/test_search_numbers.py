@@ -25,15 +25,10 @@ def added(state, names, cost, held_cost=None, residual=0.0):
     """A state with a fit of effects with these sums of squares, and the fit."""
     own = state.problem
     effects = tuple(effect(n) for n in names)
-    fit = replace(
-        state.declared,
-        effects=effects,
-        values={e.name: e.null_values(own.experiment) for e in effects},
-        cost=cost,
-        held_cost=cost if held_cost is None else held_cost,
-        residual=np.full(own.count, residual),
-        jacobian=np.zeros((own.count, 0)),
-    )
+    values = {e.name: e.null_values(own.experiment) for e in effects}
+    costs = {"cost": cost, "held_cost": cost if held_cost is None else held_cost}
+    of_readings = {"residual": np.full(own.count, residual), "jacobian": np.zeros((own.count, 0))}
+    fit = replace(state.declared, effects=effects, values=values, **costs, **of_readings)
     return state.with_fit(fit), fit
 
 

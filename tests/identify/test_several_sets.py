@@ -154,11 +154,8 @@ def test_a_gain_of_the_second_folder_is_fitted_beside_a_shared_effect():
     again = {"actuator_gain": {"gain_t1": 1.06, "gain_t2": 0.96}}
     joined = join_measured([first, replace(measured({**GRAVITY, **again}, seed=5), name="B")])
     problem = problem_of(joined)
-    (gain,) = [
-        f
-        for f in effect("actuator_gain").forms(problem.experiment)
-        if f.name == "actuator_gain (each tendon, each later folder)"
-    ]
+    forms = {f.name: f for f in effect("actuator_gain").forms(problem.experiment)}
+    gain = forms["actuator_gain (each tendon, each later folder)"]
     start = {**GRAVITY, gain.name: gain.null_values(problem.experiment)}
     found = fit(problem, [effect("gravity"), gain], [start])
     assert found.values[gain.name] == {

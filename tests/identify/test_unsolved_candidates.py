@@ -15,19 +15,11 @@ from tdcr_fe.identify.screening import screen
 
 def test_a_candidate_that_is_not_solved_is_not_improved():
     """A search among places of a soft robot ended in a LinAlgError of the least squares."""
-    unsolved = Fit(
-        (effect("gravity"),),
-        {"gravity": {"g_x": 0.0, "g_y": 0.0, "g_z": 0.0}},
-        np.full(6, np.nan),
-        np.inf,
-        np.inf,
-        np.ones((6, 1)),
-        (("gravity", "g_x"),),
-        None,  # type: ignore[arg-type]
-        np.full(6, np.nan),
-    )
+    values, lost = {"gravity": {"g_x": 0.0, "g_y": 0.0, "g_z": 0.0}}, np.full(6, np.nan)
+    free = (("gravity", "g_x"),)
+    unsolved = Fit((effect("gravity"),), values, lost, np.inf, np.inf, np.ones((6, 1)), free, None, lost)
     with pytest.raises(StopIteration) as done:
-        next(descend(None, unsolved, Race()))  # type: ignore[arg-type]
+        next(descend(None, unsolved, Race()))
     assert done.value.value is unsolved
 
 

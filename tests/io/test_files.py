@@ -43,23 +43,16 @@ def problems_of(path: Path) -> list[Problem]:
 
 def test_robot_is_read_as_written(tmp_path):
     robot = read_scenario(write(tmp_path)).robot
-    assert robot == Robot(
-        Backbone(0.25, 0.4e-3, 85e9, 0.3, 5600.0),
-        Disks.equally_spaced(5, 0.25, mass=0.17e-3, radius=5e-3),
-        (
-            Tendon("t1", ParallelRouting(4.5e-3, 0.0), 0.3),
-            Tendon("t2", ConvergingRouting(4.5e-3, 0.15e-3, 120.0), 0.0, 0.15, 400.0),
-            Tendon(
-                "t3",
-                PointsRouting(
-                    (0.0, *Disks.equally_spaced(5, 0.25).positions),
-                    ((1e-3, 0.0), (1e-3, 1e-3), (0.0, 1e-3), (0.0, 0.0), (2e-3, 0.0), (3e-3, 1e-3)),
-                ),
-            ),
-            Tendon("t4", HelicalRouting(4.5e-3, -2.0, 0.0)),
-        ),
-        "single-segment",
+    assert (robot.name, robot.backbone) == ("single-segment", Backbone(0.25, 0.4e-3, 85e9, 0.3, 5600.0))
+    assert robot.disks == Disks.equally_spaced(5, 0.25, mass=0.17e-3, radius=5e-3)
+    holes = ((1e-3, 0.0), (1e-3, 1e-3), (0.0, 1e-3), (0.0, 0.0), (2e-3, 0.0), (3e-3, 1e-3))
+    assert robot.tendons == (
+        Tendon("t1", ParallelRouting(4.5e-3, 0.0), 0.3),
+        Tendon("t2", ConvergingRouting(4.5e-3, 0.15e-3, 120.0), 0.0, 0.15, 400.0),
+        Tendon("t3", PointsRouting((0.0, *robot.disks.positions), holes)),
+        Tendon("t4", HelicalRouting(4.5e-3, -2.0, 0.0)),
     )
+    assert robot == Robot(robot.backbone, robot.disks, robot.tendons, robot.name)
 
 
 def test_scenario_is_read_as_written(tmp_path):
@@ -137,17 +130,9 @@ ROBOT_MISTAKES += [
     ({**WITHOUT_COUNT, "disks.positions": []}, "disks.positions", "[]", ["arc lengths"]),
     ({**WITHOUT_COUNT, "disks.positions": [0.15, "x"]}, "disks.positions[1]", '"x"', ["arc lengths"]),
     (
-        {
-            **WITHOUT_COUNT,
-            "disks.positions": [0.15, 0.2],
-            "tendons.0.end": 0.2,
-            "tendons.2": {"name": "t3", "routing": "parallel", "offset": 0},
-            "tendons.3.end": 0.2,
-        },
-        "tendons[2].end",
-        "not given, so the tip at backbone.length = 0.25",
-        ["no disk is there", "0.15 and 0.2 m"],
-    ),
+        {**WITHOUT_COUNT, "disks.positions": [0.15, 0.2], "tendons.0.end": 0.2, "tendons.3.end": 0.2,
+         "tendons.2": {"name": "t3", "routing": "parallel", "offset": 0}},
+        "tendons[2].end", "not given, so the tip at backbone.length = 0.25", ["no disk is there", "0.15 and 0.2 m"]),
 ]  # fmt: skip
 
 
@@ -349,10 +334,8 @@ def test_what_the_format_cannot_express_is_refused_and_named():
     class OwnLaw(ConstantFriction):
         kind: str = "own"
 
-    tendons = (
-        Tendon("t1", TwistedRouting(ParallelRouting(1e-3), 0.1)),
-        Tendon("t2", ParallelRouting(1e-3), friction=OwnLaw(0.1)),
-    )
+    course = ParallelRouting(1e-3)
+    tendons = (Tendon("t1", TwistedRouting(course, 0.1)), Tendon("t2", course, friction=OwnLaw(0.1)))
     robot = Robot(Backbone(0.25, 0.4e-3, 85e9, 0.3), Disks.equally_spaced(5, 0.25), tendons)
     with pytest.raises(ValueError, match=r"robot\.toml cannot express") as caught:
         robot_to_toml(robot)

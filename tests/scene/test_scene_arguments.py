@@ -26,16 +26,9 @@ def bent(mbs, handle):
 def test_gravity_colour_graphics_and_a_dict_are_as_in_exudyns_functions():
     _keep, mbs, handle = scene(seven(0.0), assemble=False, gravity=tuple(HEAVY), referenceRotationMatrix=TURN)
     _keep, other = system()
-    made = CreateTDCR(
-        other,
-        seven(0.0),
-        MODEL,
-        referenceRotationMatrix=TURN,
-        gravity=HEAVY,
-        color=[1.0, 0.0, 0.0, 1.0],
-        graphicsDataList=[graphics.Brick([0.1, 0.2, -0.02], [0.05, 0.05, 0.01])],
-        returnDict=True,
-    )
+    brick = graphics.Brick([0.1, 0.2, -0.02], [0.05, 0.05, 0.01])
+    given = {"referenceRotationMatrix": TURN, "gravity": HEAVY, "graphicsDataList": [brick]}
+    made = CreateTDCR(other, seven(0.0), MODEL, color=[1.0, 0.0, 0.0, 1.0], returnDict=True, **given)
     assert np.array_equal(bent(mbs, handle), bent(other, made["tdcr"]))
     assert made["nodeNumbers"] == made["tdcr"].nNodes and made["diskNumbers"] == made["tdcr"].bDisks
     ground = other.GetObject(other.GetObjectNumber("three.ground"), addGraphicsData=True)

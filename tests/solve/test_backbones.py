@@ -110,13 +110,9 @@ def test_an_axial_force_stretches_the_rod_along_the_stress_strain_curve(law):
 # ------------------------------------------------------------ the reference
 
 
-FIBRES = Robot(
-    replace(ROD, taper=((0.0, 10e-3), (L, 5e-3))),
-    tendons=(
-        Tendon("a", ConvergingRouting(8e-3, 3e-3, -60.0), end=0.25),
-        Tendon("b", ConvergingRouting(8e-3, 3e-3, 60.0)),
-    ),
-)
+COURSES = [Tendon("a", ConvergingRouting(8e-3, 3e-3, -60.0), end=0.25)]
+COURSES += [Tendon("b", ConvergingRouting(8e-3, 3e-3, 60.0))]
+FIBRES = Robot(replace(ROD, taper=((0.0, 10e-3), (L, 5e-3))), tendons=tuple(COURSES))
 NARROWING = three(0.2).with_backbone(taper=((0.0, 0.4e-3), (0.1, 0.35e-3), (LENGTH, 0.2e-3)))
 PLACES = {
     "soft_bay": {"s": 0.1, "factor": 0.4},
@@ -134,10 +130,8 @@ def to_and_fro(robot, elements=4):
     """Pulled and released, with a force across, in two minutes a step."""
     loads = [{}, {}, {}, {"tip": Load(LENGTH, (0.0, 0.03, 0.0))}, {}]
     pulled = ({"t1": 0.8}, {"t1": 1.6}, {}, {"t1": 1.0, "t2": 0.4}, {"t1": 0.3})
-    steps = [
-        LoadStep(tensions=t, loads=x, substeps=4, time=120.0 * k)
-        for k, (t, x) in enumerate(zip(pulled, loads, strict=True), start=1)
-    ]
+    rows = zip(pulled, loads, (120.0, 240.0, 360.0, 480.0, 600.0), strict=True)
+    steps = [LoadStep(tensions=t, loads=x, substeps=4, time=time) for t, x, time in rows]
     return robot, Model(elements_per_bay=elements), steps, 3e-4
 
 

@@ -14,14 +14,13 @@ from tdcr_fe.model.robot import Disks, Robot
 @pytest.mark.parametrize("friction", ["per-tendon", "per-hole"])
 def test_ratio_is_at_a_bound_where_a_hole_slips_and_inside_where_it_sticks(friction):
     robot = paper(0.3)
+    bounds = {"pull": 1.0, "release": -1.0}
     for step in solve(robot, pull(1.0, 2.0, 1.9, 1.5, 0.5, 0.7, 1.8), friction=friction).steps:
         (_, angle), t = cables(robot, step)[0], step.tensions[0]
         share = np.log(t[:-1] / t[1:]) / (0.3 * angle)
         for state, x in zip(step.hole_states[0], share, strict=False):
-            if state == "pull":
-                assert x == pytest.approx(1.0, abs=1e-8)
-            elif state == "release":
-                assert x == pytest.approx(-1.0, abs=1e-8)
+            if state in bounds:
+                assert x == pytest.approx(bounds[state], abs=1e-8)
             else:
                 assert -1.0 < x < 1.0
 
@@ -59,11 +58,8 @@ def test_elastic_tendon_needs_more_displacement_by_its_stretch():
 @pytest.mark.parametrize("stiffness", [None, 400.0], ids=["inextensible", "elastic"])
 def test_slack_tendon_has_no_tension_until_it_is_taut_again(stiffness):
     """Let out beyond taut, a tendon has tension zero; pulled in again, it acts as before."""
-    robot = Robot(
-        BACKBONE,
-        DISKS,
-        (tendon("t1", axial_stiffness=stiffness), tendon("t2", 180.0, axial_stiffness=stiffness)),
-    )
+    both = (tendon(n, angle, axial_stiffness=stiffness) for n, angle in (("t1", 0.0), ("t2", 180.0)))
+    robot = Robot(BACKBONE, DISKS, tuple(both))
     steps = [
         LoadStep("", displacements={"t1": 3e-3, "t2": -6e-3}),
         LoadStep("", displacements={"t1": -4e-3, "t2": -6e-3}),
@@ -114,11 +110,8 @@ def test_tension_at_displacement_zero_is_the_pretension_less_the_compression_of_
 
 def test_a_tendon_let_out_is_slack_only_beyond_its_stretch():
     """One tendon on a backbone too stiff to bend: T = T0 + EA d / (L - d), and zero beyond."""
-    stiff = Robot(
-        replace(BACKBONE, radius=4e-3),
-        Disks.equally_spaced(4, LENGTH),
-        (tendon("t1", 0.0, 0.0, axial_stiffness=EA, pretension=T0),),
-    )
+    elastic = tendon("t1", 0.0, 0.0, axial_stiffness=EA, pretension=T0)
+    stiff = Robot(replace(BACKBONE, radius=4e-3), Disks.equally_spaced(4, LENGTH), (elastic,))
     stretch = LENGTH * (1.0 - 1.0 / (1.0 + T0 / EA))
     values = np.array([0.5, 0.0, -0.5, -0.9, -1.1, -3.0, 0.2]) * stretch
     found = solve(stiff, [LoadStep(displacements={"t1": float(d)}) for d in values], friction="none")

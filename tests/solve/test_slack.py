@@ -82,17 +82,9 @@ def test_slips_of_a_tendon_that_adhesion_holds_while_its_base_is_slack():
     Taken whole, the step was 1.6e-4 of the length off the same step in 100 substeps, and nothing was said. Now it is
     off by less than the path tolerance.
     """
-    tendons = tuple(
-        Tendon(
-            f"t{k}",
-            ConvergingRouting(5e-3, 2e-3, 120.0 * k),
-            friction_coefficient=0.25,
-            adhesion=0.01,
-            axial_stiffness=1500.0,
-            pretension=0.5,
-        )
-        for k in range(3)
-    )
+    given = {"adhesion": 0.01, "axial_stiffness": 1500.0, "pretension": 0.5}
+    routings = [ConvergingRouting(5e-3, 2e-3, 120.0 * k) for k in range(3)]
+    tendons = tuple(Tendon(f"t{k}", x, 0.25, **given) for k, x in enumerate(routings))
     taper = ((0.0, 0.45e-3), (0.24, 0.3e-3))
     backbone = Backbone(0.24, 0.45e-3, 85e9, 0.3, 5600.0, taper=taper)
     robot = Robot(backbone, Disks.equally_spaced(12, 0.24, mass=2e-4, radius=6e-3), tendons)

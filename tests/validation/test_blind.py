@@ -87,28 +87,15 @@ def outcome(made, verdict="explained", named=(("precurvature", ()),), off=1.0, a
     _, data, hidden = made
     answer = answer or hidden
     noise = np.array([r.value - x for r, x in zip(data.readings, answer.noise_free, strict=True)])
-    effects = [
-        SimpleNamespace(
-            name=n,
-            found=True,
-            probability=0.97,
-            indistinguishable_from=rivals,
-            parameters={
-                p: SimpleNamespace(value=(at or {}).get(p, v + off * 0.01), std_error=0.01)
-                for p, v in answer.effects.get(n, at or {}).items()
-            },
-        )
-        for n, rivals in named
-    ]
-    result = SimpleNamespace(
-        data=data,
-        verdict=verdict,
-        effects=effects,
-        held_out_steps=(1, 2, 3),
-        residuals=SimpleNamespace(before=3.0 * noise, after=noise),
-        remaining=SimpleNamespace(where="nowhere"),
-    )
-    return score(answer, result)
+    effects = []
+    for n, rivals in named:
+        values = {p: v + off * 0.01 for p, v in answer.effects.get(n, {}).items()} | (at or {})
+        estimates = {p: SimpleNamespace(value=v, std_error=0.01) for p, v in values.items()}
+        about = {"probability": 0.97, "indistinguishable_from": rivals, "parameters": estimates}
+        effects.append(SimpleNamespace(name=n, found=True, **about))
+    residuals, remaining = SimpleNamespace(before=3.0 * noise, after=noise), SimpleNamespace(where="nowhere")
+    found = {"data": data, "verdict": verdict, "effects": effects, "held_out_steps": (1, 2, 3)}
+    return score(answer, SimpleNamespace(**found, residuals=residuals, remaining=remaining))
 
 
 def test_names_are_right_among_those_named_together_or_wrong(made):
