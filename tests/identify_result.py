@@ -1,14 +1,17 @@
-"""A result of an identification that has found gravity, with errors and effects as a test gives them."""
+"""A result of an identification that has found gravity, with what a test gives; and runs of the corrected robot."""
 
 from dataclasses import replace
 from functools import cache
 
 import identify_data
 import numpy as np
+import pandas as pd
 from identify_data import begun, concluded, measured, with_model
 
+from tdcr_fe.cli import main
 from tdcr_fe.effects import EFFECTS
 from tdcr_fe.effects.base import Kind
+from tdcr_fe.identify.corrected import corrected_files
 from tdcr_fe.identify.result import AddedEffect, Errors, Estimate, IdentificationResult, Misfit, Parameters
 
 ROBOT = identify_data.ROBOT.with_tendons(axial_stiffness=2474.0)
@@ -43,3 +46,17 @@ def added(name, others=(), **parameters):
 
 
 GRAVITY = added("gravity", g_x=(0.0, 0.01, "m/s^2"), g_y=(6.95, 0.007, "m/s^2"), g_z=(-6.91, 0.03, "m/s^2"))
+
+
+def write_corrected(result, folder):
+    """The files of the corrected robot."""
+    for name, text in corrected_files(result).items():
+        (folder / name).write_text(text, encoding="utf-8")
+
+
+def tips_of_run(scenario, out, *options):
+    """Positions of the tip by label, from the tables of ``tdcr-fe run``."""
+    assert main(["run", str(scenario), "-o", str(out), "--no-pictures", "-q", *options]) == 0
+    table = pd.read_csv(out / "steps.csv", dtype={"label": str})
+    ends = table.drop_duplicates("label", keep="last").set_index("label")
+    return ends[["tip_x", "tip_y", "tip_z"]]

@@ -3,16 +3,15 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from identify_data import FRICTIONAL, GRAVITY, ROBOT, concluded, measured, problem_of, state_of, with_model
+from identify_result import tips_of_run, write_corrected
 
 from tdcr_fe import Load, identify, read_robot, read_scenario
-from tdcr_fe.cli import main
 from tdcr_fe.effects import Parameter, effect, with_effects
 from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify.causes import StateLoad
-from tdcr_fe.identify.corrected import corrected_files, corrected_motion, observation_effects
+from tdcr_fe.identify.corrected import corrected_motion, observation_effects
 from tdcr_fe.identify.report import render
 
 ROUGH = ROBOT.with_tendons(friction_coefficient=0.25)
@@ -31,20 +30,6 @@ def rough():
     return measured(robot=ROUGH, model=FRICTIONAL)
 
 
-def write(result, folder):
-    for name, text in corrected_files(result).items():
-        (folder / name).write_text(text, encoding="utf-8")
-
-
-def tips_of_run(folder):
-    """Positions of the tip in the files of a run of the corrected robot."""
-    scenario = str(folder / "effects.toml")
-    assert main(["run", scenario, "-o", str(folder / "out"), "--no-pictures", "-q"]) == 0
-    table = pd.read_csv(folder / "out" / "steps.csv", dtype={"label": str})
-    ends = table.drop_duplicates("label", keep="last").set_index("label")
-    return ends[["tip_x", "tip_y", "tip_z"]]
-
-
 @pytest.mark.parametrize(
     ("values", "data"),
     [(GRAVITY, measured), (PRECURVATURE, measured), (COMMANDS, rough)],
@@ -53,13 +38,14 @@ def tips_of_run(folder):
 def test_a_run_of_the_corrected_robot_repeats_the_fit(values, data, tmp_path):
     """Tip positions agree with the fit's within 1e-9 m, for effects on the model, the robot and the commands."""
     result = found(values, data())
-    write(result, tmp_path)
-    tips = tips_of_run(tmp_path).loc[[str(n) for n in result.data.step_ids]].to_numpy()
+    write_corrected(result, tmp_path)
+    run = tips_of_run(tmp_path / "effects.toml", tmp_path / "out")
+    tips = run.loc[[str(n) for n in result.data.step_ids]].to_numpy()
     np.testing.assert_allclose(tips, result.shapes.backbone_after[:, -1], rtol=0.0, atol=1e-9)
 
 
 def test_the_robot_file_has_what_a_robot_can_have_and_the_effects_file_the_rest(tmp_path):
-    write(found({**PRECURVATURE, **GRAVITY}), tmp_path)
+    write_corrected(found({**PRECURVATURE, **GRAVITY}), tmp_path)
     corrected = read_robot(tmp_path / "robot.toml").backbone.precurvature
     assert corrected == tuple(PRECURVATURE["precurvature"].values())
     text = (tmp_path / "effects.toml").read_text()
@@ -69,7 +55,7 @@ def test_the_robot_file_has_what_a_robot_can_have_and_the_effects_file_the_rest(
 
 def test_effects_on_the_measurement_are_comments(tmp_path):
     result = found(MISALIGNMENT)
-    write(result, tmp_path)
+    write_corrected(result, tmp_path)
     assert "# acts on the measurement only: frame_misalignment" in (tmp_path / "effects.toml").read_text()
     assert read_scenario(tmp_path / "effects.toml").robot == result.data.robot
 
@@ -86,7 +72,7 @@ def test_divided_steps_are_written_in_parts_with_the_effects_on_their_commands(t
     ends = [(k, 1.0) for k in range(len(whole.steps))]
     ends[2:3] = [(2, x) for x in (0.25, 0.5, 0.75, 1.0)]
     commanded = replace(whole, steps=(*whole.steps[:2], *parts, *whole.steps[3:]), ends=tuple(ends))
-    write(replace(result, simulated=replace(result.simulated, commanded=commanded)), tmp_path)
+    write_corrected(replace(result, simulated=replace(result.simulated, commanded=commanded)), tmp_path)
     scenario = read_scenario(tmp_path / "effects.toml")
     expected = with_effects(commanded, result.effects_table)
     assert [s.tensions for s in scenario.steps] == [s.tensions for s in expected.steps]
@@ -111,7 +97,7 @@ def test_loads_of_a_law_are_written_where_the_robot_cannot_be(tmp_path, monkeypa
         return write(robot)
 
     monkeypatch.setattr(identify.corrected, "robot_to_toml", declared_only)
-    write(replace(result, simulated=simulated, effects=(*result.effects, pull)), tmp_path)
+    write_corrected(replace(result, simulated=simulated, effects=(*result.effects, pull)), tmp_path)
     scenario = read_scenario(tmp_path / "effects.toml")
     assert [s.tensions for s in scenario.steps] == [s.tensions for s in corrected.steps]
     assert all(s.loads["law 1"].at == 0.1 for s in scenario.steps)
@@ -135,9 +121,10 @@ def test_effects_that_need_each_other_are_written_and_drawn(tmp_path):
     }
     result = found(values, replace(data, steps=moved))
     assert observation_effects(result) == ["frame_misalignment"]
-    write(result, tmp_path)
+    write_corrected(result, tmp_path)
     tendons = read_robot(tmp_path / "robot.toml").tendons
     assert all(t.axial_stiffness == 500.0 and t.pretension == pytest.approx(0.5) for t in tendons)
     assert "The robot in 3D" in render(result, corrected_motion(result, tmp_path))
     seen = result.simulated.corrected.observation.in_base(result.shapes.backbone_after[-1, -1])
-    np.testing.assert_allclose(tips_of_run(tmp_path).to_numpy()[-1], seen, rtol=0.0, atol=1e-8)
+    run = tips_of_run(tmp_path / "effects.toml", tmp_path / "out")
+    np.testing.assert_allclose(run.to_numpy()[-1], seen, rtol=0.0, atol=1e-8)

@@ -4,9 +4,9 @@ import json
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from identify_data import GRAVITY, LENGTH, MODEL, ROBOT, measured, problem_of, simulated
+from identify_result import tips_of_run
 
 from tdcr_fe import Experiment, InputError, LoadStep, SolverSettings, effect, with_effects
 from tdcr_fe.cli import main
@@ -120,11 +120,9 @@ def test_the_command_finds_shared_effects_and_gives_the_errors_of_each(tmp_path)
     # Each scenario repeats the fit of its own sequence.
     rms = []
     for name, data in zip("AB", sets(), strict=True):
-        command = ["run", str(out / f"effects_{name}.toml"), "-o", str(tmp_path / name / "run")]
-        assert main([*command, "--no-pictures", "-q"]) == 0
-        table = pd.read_csv(tmp_path / name / "run" / "steps.csv", dtype={"label": str}).set_index("label")
+        run = tips_of_run(out / f"effects_{name}.toml", tmp_path / name / "run")
         tips = [r for r in data.readings if r.location == LENGTH and r.quantity == "position_y"]
-        rms.append(np.sqrt(np.mean([(table.loc[str(r.step), "tip_y"] - r.value) ** 2 for r in tips])))
+        rms.append(np.sqrt(np.mean([(run.loc[str(r.step), "tip_y"] - r.value) ** 2 for r in tips])))
     assert max(rms) < 3e-4
 
 

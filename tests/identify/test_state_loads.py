@@ -4,18 +4,16 @@ import json
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from identify_data import LENGTH, ROBOT, data_of, declared, measured, problem_of
+from identify_result import tips_of_run, write_corrected
 
 from tdcr_fe import Load, LoadStep, Reading, Robot
-from tdcr_fe.cli import main
 from tdcr_fe.effects import Parameter, effect
 from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.bay_state import FORCE, Action, last_direction, with_action
 from tdcr_fe.identify.causes import Attraction, Cord, StateLoad
-from tdcr_fe.identify.corrected import corrected_files
 from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.forward import Job
@@ -227,12 +225,9 @@ def test_result_and_report_have_the_law(found):
 
 def test_a_run_of_the_corrected_robot_has_the_law_as_loads(found, tmp_path):
     result, _ = found
-    for name, text in corrected_files(result).items():
-        (tmp_path / name).write_text(text, encoding="utf-8")
-    command = ["run", str(tmp_path / "effects.toml"), "-o", str(tmp_path / "out"), "--no-pictures", "-q"]
-    assert main(command) == 0
-    table = pd.read_csv(tmp_path / "out" / "steps.csv", dtype={"label": str}).set_index("label")
-    tips = table.loc[[str(n) for n in result.data.step_ids], ["tip_x", "tip_y", "tip_z"]].to_numpy()
+    write_corrected(result, tmp_path)
+    run = tips_of_run(tmp_path / "effects.toml", tmp_path / "out")
+    tips = run.loc[[str(n) for n in result.data.step_ids]].to_numpy()
     np.testing.assert_allclose(tips, result.shapes.backbone_after[:, -1], rtol=0.0, atol=1e-6)
 
 
