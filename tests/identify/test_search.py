@@ -1,4 +1,4 @@
-"""The search: causes at a place, that saturate, in pairs; exchanges; and its end."""
+"""The search: causes at a place, that saturate, in pairs; exchanges; candidates that are not solved; and its end."""
 
 from dataclasses import replace
 
@@ -19,13 +19,13 @@ from identify_data import (
     state_of,
 )
 
-from tdcr_fe.effects import effect
-from tdcr_fe.identify import identify, search
+from tdcr_fe import NonlinearMaterial, effect
+from tdcr_fe.identify import fitting, identify, search
 from tdcr_fe.identify.causes import PointForce, is_named
 from tdcr_fe.identify.criteria import UNNAMED, price
-from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.forward import Job
-from tdcr_fe.identify.screening import Score
+from tdcr_fe.identify.problem import Fit, evaluate
+from tdcr_fe.identify.screening import Score, screen
 from tdcr_fe.identify.search import Proposal, backward_selection, exchange, scores_beside, search_causes
 from tdcr_fe.model.routing import MisplacedRouting
 
@@ -69,7 +69,7 @@ def test_causes_that_an_exchange_makes_unnecessary_are_dropped():
     own = problem_of(measured({"precurvature": {"kappa_x": 0.8, "kappa_y": -0.5}}), held=(3, 7, 9))
     effects = tuple(effect(n) for n in ("gravity", "marker_offset"))
     start = {e.name: dict(e.null_values(own.experiment)) for e in effects}
-    wrong = fit(own, effects, [start])
+    wrong = fitting.fit(own, effects, [start])
     state = replace(state_of(own).with_fit(wrong), best=wrong, dictionary=tuple(causes_of(own)[1].values()))
     *_, last = exchange(searching(), state)
     assert last.best.names == ("precurvature",)
@@ -82,7 +82,7 @@ def test_a_cause_has_as_many_numbers_as_the_data_support(hidden, number):
     sigma = 5e-4  # above the error of the mesh
     own = problem_of(measured({"actuator_gain": hidden}, sigma=sigma), sigma=sigma)
     *_, each, first, second = effect("actuator_gain").forms(own.experiment)
-    begun = fit(own, (e := second if number else each,), [{e.name: e.null_values(own.experiment)}])
+    begun = fitting.fit(own, (e := second if number else each,), [{e.name: e.null_values(own.experiment)}])
     state = replace(state_of(own).with_fit(begun), best=begun, dictionary=(each, first, second))
     *_, last = backward_selection(searching(), state)
     (found,) = last.best.effects
@@ -328,3 +328,43 @@ def test_one_hole_or_one_disk_is_moved_and_no_other():
     _, robot = changed("disk slipped", along=2e-3)
     slipped = np.subtract(robot.disks.positions, ROBOT.disks.positions)
     np.testing.assert_allclose(slipped, 2e-3 * np.eye(len(slipped))[1])
+
+
+# ------------------------------------------------------------ not solved, or impossible
+
+
+def test_a_candidate_that_is_not_solved_is_not_improved():
+    """A search among places of a soft robot ended in a LinAlgError of the least squares."""
+    values, lost = {"gravity": {"g_x": 0.0, "g_y": 0.0, "g_z": 0.0}}, np.full(6, np.nan)
+    free = (("gravity", "g_x"),)
+    unsolved = Fit((effect("gravity"),), values, lost, np.inf, np.inf, np.ones((6, 1)), free, None, lost)
+    with pytest.raises(StopIteration) as done:
+        next(fitting.descend(None, unsolved, fitting.Race()))
+    assert done.value.value is unsolved
+
+
+def hardening():
+    """A problem whose declared backbone hardens."""
+    law = NonlinearMaterial(cubic=5.0)
+    robot = replace(ROBOT, backbone=replace(ROBOT.backbone, nonlinear=law))
+    return problem_of(measured(robot=robot, model=replace(MODEL, gravity=(0.0, 0.0, -9.81))))
+
+
+def test_laws_of_the_material_that_exclude_each_other_are_not_tried_together():
+    """A search on a soft robot ended with "backbone.nonlinear: cannot be combined with superelastic"."""
+    problem = hardening()
+    declared = evaluate(problem, (), {})
+    assert declared.solved
+    both = [effect("superelastic"), effect("actuator_gain")]
+    scores = {s.effect.name: s for s in screen(problem, declared, both)[0]}
+    assert scores["superelastic"].note == "the robot cannot be combined with it"
+    assert scores["actuator_gain"].note == "" and scores["actuator_gain"].start.points
+
+
+def test_a_model_of_an_impossible_robot_counts_as_not_solved_with_the_reason():
+    problem = hardening()
+    both = (effect("superelastic"), effect("actuator_gain"))
+    start = {"superelastic": {"threshold_strain": 0.01, "plateau_ratio": 0.2}, "actuator_gain": {"gain": 1.0}}
+    fit = fitting.fit(problem, both, [start])
+    assert not fit.solved
+    assert "backbone.nonlinear: given; cannot be combined with superelastic" in fit.run.message
