@@ -11,16 +11,14 @@ from functools import lru_cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from tdcr_fe.elements import Array
 from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, Action, BayState, Response
 from tdcr_fe.identify.causes import PointForce, StateLoad
 from tdcr_fe.identify.problem import FitProblem, Point
 from tdcr_fe.identify.run import Run
 from tdcr_fe.model.robot import Robot
-
-Array = NDArray[np.float64]
 
 #: Newton's iterations at most; they end where what is missing does not fall to this share of it [1].
 ITERATIONS, FALLS = 10, 0.5

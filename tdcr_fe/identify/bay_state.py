@@ -12,18 +12,16 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.elements import Array
 from tdcr_fe.model.loading import Load, LoadStep, resolve
 from tdcr_fe.model.results import StepResult
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.run import Run, RunDerivatives
     from tdcr_fe.solve.sensitivities.parameters import StepInput
-
-Array = NDArray[np.float64]
 
 #: Components of an action in a bay: moments about x, y and z, forces along them.
 COMPONENTS = 6

@@ -13,17 +13,15 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, Experiment, Parameter
 from tdcr_fe.effects.base import ExcitationRange, Kind, Points, Values
+from tdcr_fe.elements import Array
 from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.problem import FitProblem
     from tdcr_fe.identify.run import Run
-
-Array = NDArray[np.float64]
 
 
 def is_named(effect: Effect) -> bool:

@@ -7,9 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tdcr_fe.effects import Effect, Experiment, with_effects
 from tdcr_fe.identify.forward import solve_commanded_steps
 from tdcr_fe.identify.result import AddedEffect, Estimate, IdentificationResult
@@ -187,9 +184,6 @@ def _labelled(result: IdentificationResult, experiment: Experiment) -> list[Load
         label = str(ids[k]) if part == parts else f"{ids[k]} (part {part} of {parts})"
         steps.append(replace(step, label=label))
     return steps
-
-
-Array = NDArray[np.float64]
 
 
 def replay(result: IdentificationResult, deadline: float = math.inf) -> SequenceResult:

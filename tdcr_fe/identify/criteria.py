@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import chdtri, expit
 
 from tdcr_fe.effects import EFFECTS, Effect
+from tdcr_fe.elements import Array
 from tdcr_fe.identify.causes import Cause, ReadingCause
 from tdcr_fe.identify.noise import chi_square_z_score, is_noise, lag1_autocorrelation, series, structure
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, Point
@@ -171,7 +172,7 @@ def is_improvement(problem: FitProblem, new: Fit, old: Fit, significance: float)
     return float(difference @ difference) < needed and residual_is_noise(problem, new, significance)
 
 
-def robust_threshold(residual: np.typing.NDArray[np.float64]) -> float:
+def robust_threshold(residual: Array) -> float:
     """Residual over sigma up to which a reading counts in full: four sigma, or four robust scatters if larger."""
     return ROBUST * max(1.0, 1.4826 * float(np.median(np.abs(residual))))
 

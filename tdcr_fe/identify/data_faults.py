@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.special import gammaln
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.load_steps import join_steps
 from tdcr_fe.identify.noise import is_noise, outliers, series, structure
@@ -22,8 +22,6 @@ from tdcr_fe.io.measured import MeasuredData, impossible_place
 from tdcr_fe.io.spreadsheet import number
 from tdcr_fe.model.channels import CHANNELS, arc_lengths
 from tdcr_fe.model.units import mistaken
-
-Array = NDArray[np.float64]
 
 #: A fault explains the data where their mean square over sigma falls to this, from `MISFIT` times as much or more [1].
 #: A residual of pure noise has 1; a robust sum is a little less. It also does where the mean square falls by the square
@@ -78,8 +76,8 @@ class _Grid:
     sigma: Array
     steps: tuple[int, ...]  # numbers of the steps
     markers: tuple[float | str, ...]  # arc lengths [m], or names of tendons
-    which: NDArray[np.int_]  # indices of the readings, shape (n,)
-    at: tuple[NDArray[np.int_], ...]  # where they are
+    which: Index  # indices of the readings, shape (n,)
+    at: tuple[Index, ...]  # where they are
 
     @classmethod
     def of(cls, problem: FitProblem, declared: Fit, family: str) -> _Grid:

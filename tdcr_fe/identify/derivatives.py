@@ -19,9 +19,9 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, Experiment, Parameter
+from tdcr_fe.elements import Array
 from tdcr_fe.identify.balance import agreed, coupling, of_readings, through_state
 from tdcr_fe.identify.bay_state import (
     LOAD,
@@ -38,8 +38,6 @@ from tdcr_fe.identify.problem import FitProblem, Point
 from tdcr_fe.identify.run import Acted, Run, RunDerivatives, Trajectories
 from tdcr_fe.solve.sensitivities.differences import Tabulated, same_structure, tabulated
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter
-
-Array = NDArray[np.float64]
 
 
 class Column(NamedTuple):

@@ -14,11 +14,11 @@ from functools import lru_cache, partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Effect, Experiment, Parameter, PlaceEffect
 from tdcr_fe.effects.base import Kind, Values
+from tdcr_fe.elements import Array
 from tdcr_fe.identify.bay_state import BayState
 from tdcr_fe.identify.causes import Cause, Change, ChangedDescription, ReadingCause, number
 from tdcr_fe.identify.input_causes import input_causes
@@ -36,8 +36,6 @@ from tdcr_fe.model.tendon import Tendon, TightHole
 if TYPE_CHECKING:
     from tdcr_fe.identify.problem import FitProblem
     from tdcr_fe.identify.run import Run
-
-Array = NDArray[np.float64]
 
 
 def dictionary(problem: FitProblem, state: BayState) -> tuple[Effect, ...]:

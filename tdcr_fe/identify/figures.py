@@ -10,13 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.identify.result import Estimate, IdentificationResult
 from tdcr_fe.report.environment import shown_unit, words
 from tdcr_fe.report.style import CORRECTED, DECLARED, HELD_OUT, MEASURED, logarithmic, styled
-
-Array = NDArray[np.float64]
 
 #: A run of steps shows a loop where it has at least as many.
 LOOP_STEPS = 4
@@ -66,7 +64,7 @@ def _tip(result: IdentificationResult) -> tuple[Array, Array, Array]:
     return 1e3 * s.measured[:, last], 1e3 * s.before[:, last], 1e3 * s.after[:, last]
 
 
-def _dots(axes: Axes, points: Array, held_out: NDArray[np.bool_]) -> None:
+def _dots(axes: Axes, points: Array, held_out: Flags) -> None:
     """Measured points, shape (n, 2)."""
     for chosen, fill in ((~held_out, MEASURED), (held_out, "white")):
         axes.plot(*points[chosen].T, "o", ms=3.8, mec=MEASURED, mfc=fill, mew=0.9, zorder=4)

@@ -16,18 +16,16 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from tdcr_fe.effects import Effect
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.identify.causes import ReadingCause
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
 from tdcr_fe.identify.forward import advance
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.result import PROFILED, Profile
 from tdcr_fe.identify.settings import OutOfTime, clock
-
-Array = NDArray[np.float64]
 
 #: A fit under way: yields what has to be simulated, is sent what came out, and returns the fit.
 Fitting = Generator[Request, Linear, Fit]
@@ -180,7 +178,7 @@ def evaluated(
     )
 
 
-def can_be_seen(changes: Array, reach: Array) -> NDArray[np.bool_]:
+def can_be_seen(changes: Array, reach: Array) -> Flags:
     """Whether readings can show parameters at all, shape (p,).
 
     Parameters

@@ -14,7 +14,6 @@ from types import TracebackType
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.bay_state import bay_state
@@ -27,8 +26,6 @@ from tdcr_fe.model.results import SequenceResult
 if TYPE_CHECKING:
     from tdcr_fe.solve.sensitivities.parameters import Parameter
     from tdcr_fe.solve.simulate import PathRecord
-
-Array = NDArray[np.float64]
 
 #: Smallest fraction of a load step that is tried along a reference path.
 SMALLEST_ON_REFERENCE = 1.0 / 16.0

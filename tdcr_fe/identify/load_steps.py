@@ -9,14 +9,12 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.model.loading import LoadStep, resolve
-
-Array = NDArray[np.float64]
 
 
 def clock_of(data: MeasuredData) -> str:
@@ -56,7 +54,7 @@ def inputs(data: MeasuredData) -> Array:
     return table
 
 
-def directions(data: MeasuredData) -> NDArray[np.int_]:
+def directions(data: MeasuredData) -> Index:
     """Inputs that rise (+1) and fall (-1) towards every step, shape (n_steps, n_tendons + 3)."""
     table = inputs(data)
     change = np.diff(table, axis=0, prepend=np.zeros((1, table.shape[1])))

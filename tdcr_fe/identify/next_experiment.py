@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.identify.causes import ReadingCause, StateLoad
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize_each
 from tdcr_fe.identify.fitting import covariance
@@ -27,8 +27,6 @@ from tdcr_fe.identify.search_state import Search, SearchState, as_good
 from tdcr_fe.identify.settings import OutOfTime
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Load, LoadStep, resolve
-
-Array = NDArray[np.float64]
 
 #: Rivals, and tip forces, at most; and candidates.
 MOST, CANDIDATES = 3, 10

@@ -7,17 +7,15 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from scipy.special import chdtrc, ndtr, ndtri
 
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.identify.load_steps import blocks, directions, inputs
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem
 from tdcr_fe.identify.result import Misfit, Structure
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
-
-Array = NDArray[np.float64]
 
 #: The group of all readings in `structure`.
 ALL_READINGS = "all readings"
@@ -26,7 +24,7 @@ ALL_READINGS = "all readings"
 OUTLIER = 5.0
 
 
-def series(readings: Sequence[Reading]) -> list[NDArray[np.int_]]:
+def series(readings: Sequence[Reading]) -> list[Index]:
     """Indices of the readings of each quantity and location, in their order."""
     found: dict[tuple[str, float | str | None], list[int]] = {}
     for i, r in enumerate(readings):
@@ -238,7 +236,7 @@ def _kernel(groups: tuple[Array, ...], scales: tuple[float, ...]) -> Array:
     return np.asarray(np.exp(-0.5 * distance) + groups[0] @ groups[0].T + 1.0)
 
 
-def _folds(data: MeasuredData, steps: NDArray[np.int_]) -> list[NDArray[np.int_]]:
+def _folds(data: MeasuredData, steps: Index) -> list[Index]:
     """Steps in groups of whole branches; of single steps where there are fewer branches than groups."""
     parts = [part for b in blocks(data) if (part := np.intersect1d(b, steps)).size]
     if len(parts) < FOLDS:
@@ -246,7 +244,7 @@ def _folds(data: MeasuredData, steps: NDArray[np.int_]) -> list[NDArray[np.int_]
     return [np.concatenate(parts[n::FOLDS]) for n in range(FOLDS)]
 
 
-def _regress(kernel: Array, noise: float, tables: Array, known: NDArray[np.int_]) -> Array:
+def _regress(kernel: Array, noise: float, tables: Array, known: Index) -> Array:
     """Mean of the process at all steps, from the values at the known ones, shape (R, K, S)."""
     own = kernel[np.ix_(known, known)] + noise * np.eye(known.size)
     return np.asarray(kernel[:, known] @ np.linalg.solve(own, tables[:, known]))

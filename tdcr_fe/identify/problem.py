@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.effects import EFFECTS, Effect, ExcitationRange, Experiment
+from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.identify.bay_state import with_action
 from tdcr_fe.identify.causes import ReadingCause
 from tdcr_fe.identify.forward import ForwardModel, Job
@@ -18,8 +18,6 @@ from tdcr_fe.identify.load_steps import join_steps
 from tdcr_fe.identify.result import Misfit
 from tdcr_fe.identify.run import Readings, Run
 from tdcr_fe.io.measured import MeasuredData
-
-Array = NDArray[np.float64]
 
 #: Values of parameters, by effect and parameter name.
 Point = dict[str, dict[str, float]]
@@ -52,7 +50,7 @@ class FitProblem:
     readings: Readings
     forward: ForwardModel  # solves experiments
     sigma: Array  # standard uncertainty of every reading, in its unit, shape (n,)
-    held_out: NDArray[np.bool_]  # shape (n,)
+    held_out: Flags  # shape (n,)
     experiment: Experiment  # the declared one, with the mesh that is used
     path_tolerance: float  # of the solver, over the length [1]
     robust_threshold: float  # residuals over sigma count in full up to this [1]
@@ -63,7 +61,7 @@ class FitProblem:
     catalogue: tuple[Effect, ...] = EFFECTS  # the candidates, in the order in which several are applied
     # of every step with readings, their indices, and the square root of their covariance over sigma: errors of the
     # inputs move all readings of a step together; empty where they are not known, or none
-    roots: tuple[tuple[NDArray[np.int_], Array], ...] = ()
+    roots: tuple[tuple[Index, Array], ...] = ()
     # reading of `tdcr_fe.identify.settings.clock` at which simulations end with `OutOfTime` [s]
     deadline: float = math.inf
 
@@ -72,7 +70,7 @@ class FitProblem:
         cls,
         data: MeasuredData,
         sigma: Array,
-        held_out: NDArray[np.bool_],
+        held_out: Flags,
         forward: ForwardModel,
         path_tolerance: float = 5e-5,
     ) -> FitProblem:
@@ -96,7 +94,7 @@ class FitProblem:
         return len(self.data.readings)
 
     @property
-    def fitted(self) -> NDArray[np.bool_]:
+    def fitted(self) -> Flags:
         """Readings that are fitted, shape (n,)."""
         return ~self.held_out
 
@@ -171,7 +169,7 @@ class FitProblem:
         """Square roots of the weights that make squares of the residual robust, shape (n,)."""
         return np.sqrt(np.minimum(1.0, self.robust_threshold / np.maximum(np.abs(r), 1e-300)))
 
-    def misfit(self, r: Array, which: NDArray[np.bool_], parameters: int = 0) -> Misfit:
+    def misfit(self, r: Array, which: Flags, parameters: int = 0) -> Misfit:
         """Misfit of residuals over sigma on some readings."""
         raw = self.lengths(r)
         angles = raw[which & self.readings.is_angle]

@@ -9,10 +9,10 @@ from enum import StrEnum
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.effects import EFFECTS, Effect, Experiment
 from tdcr_fe.effects.base import Kind
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.identify.load_steps import RowChoice
 from tdcr_fe.identify.run import Trajectories
 from tdcr_fe.io.atomic import plain
@@ -21,8 +21,6 @@ from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.model.loading import LoadStep, SolverSettings
 from tdcr_fe.report.environment import SPACE, estimate
-
-Array = NDArray[np.float64]
 
 #: Half-width of a 95 % interval over the standard error [1].
 HALF_WIDTH = 1.96
@@ -199,7 +197,7 @@ class Structure:
 class Shapes:
     """Measured and predicted positions by step of ``loading.csv``; NaN where nothing was measured or solved."""
 
-    held_out: NDArray[np.bool_]  # shape (n_steps,)
+    held_out: Flags  # shape (n_steps,)
     arc_lengths: Array  # where positions were measured [m], shape (n_locations,)
     # Measured positions, and those predicted by the declared and by the final model, in the measuring frame
     # [m], shape (n_steps, n_locations, 3)

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import bic
 from tdcr_fe.identify.dictionary import dictionary
@@ -26,8 +26,6 @@ from tdcr_fe.identify.settings import IdentifySettings
 from tdcr_fe.identify.verdict import estimates
 from tdcr_fe.io.measured import MeasuredData, without_unread_steps
 from tdcr_fe.report.environment import estimate, quantity, words
-
-Array = NDArray[np.float64]
 
 
 class Common(NamedTuple):

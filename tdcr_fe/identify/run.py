@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.identify.bay_state import Action, BayState, Response
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import Channel, Location, channel
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     from tdcr_fe.model.results import Sensitivities, Sensitivity
     from tdcr_fe.solve.load_steps.load_path import Increment
     from tdcr_fe.solve.simulate import PathRecord
-
-Array = NDArray[np.float64]
 
 #: For every step, the commanded step it belongs to and its load factor at the end, as in `Experiment.step_ends`.
 Ends = tuple[tuple[int, float], ...]
@@ -280,12 +279,12 @@ class Readings:
     values: Array  # in the unit of each, shape (n,)
     quantities: NDArray[np.str_]  # shape (n,)
     locations: tuple[Location, ...]
-    step: NDArray[np.int_]  # positions of their load steps in the sequence, shape (n,)
+    step: Index  # positions of their load steps in the sequence, shape (n,)
     # shape (n,)
-    is_position: NDArray[np.bool_]
-    is_angle: NDArray[np.bool_]
-    axes: NDArray[np.int_]  # of a coordinate, its axis; -1 of other quantities, shape (n,)
-    markers: NDArray[np.int_]  # which marker in which step a reading belongs to, shape (n,)
+    is_position: Flags
+    is_angle: Flags
+    axes: Index  # of a coordinate, its axis; -1 of other quantities, shape (n,)
+    markers: Index  # which marker in which step a reading belongs to, shape (n,)
     tendon_names: tuple[str, ...]
 
     @classmethod
@@ -311,7 +310,7 @@ class Readings:
         )
 
     @cached_property
-    def _groups(self) -> list[tuple[Channel, NDArray[np.int_], list[Location]]]:
+    def _groups(self) -> list[tuple[Channel, Index, list[Location]]]:
         """By channel: which readings, and their locations."""
         groups = []
         for quantity in dict.fromkeys(self.quantities.tolist()):

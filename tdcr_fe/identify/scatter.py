@@ -12,11 +12,11 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.special import chdtri, fdtrc
 
 from tdcr_fe.effects import Effect, Experiment
+from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.identify.bay_state import (
     COMPONENTS,
     FORCE,
@@ -33,8 +33,6 @@ from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.result import Scatter
 from tdcr_fe.identify.run import Run, Trajectories
 from tdcr_fe.model.loading import resolve
-
-Array = NDArray[np.float64]
 
 #: Chance of calling errors systematic that follow nothing [1].
 FOLLOWS = 1e-3
@@ -75,8 +73,8 @@ class _Block(NamedTuple):
     """One step: its readings, the residual in the directions of a source, and how strong these are."""
 
     step: int
-    readings: NDArray[np.int_]  # shape (r,)
-    active: NDArray[np.int_]  # values of the source that move the readings, shape (q,)
+    readings: Index  # shape (r,)
+    active: Index  # values of the source that move the readings, shape (q,)
     # Singular vectors of the derivatives, shape (r, q), (q, q)
     left: Array
     strength: Array  # singular values, shape (q,)
@@ -309,7 +307,7 @@ def _is_systematic(errors: Sequence[Array], blocks: Sequence[_Block], inputs: Ar
     return _depends(np.array(rows, dtype=float), np.array(goal))
 
 
-def _mostly_follow(values: Array, active: NDArray[np.bool_], inputs: Array) -> bool:
+def _mostly_follow(values: Array, active: Flags, inputs: Array) -> bool:
     """Whether values, where they are active, mostly follow inputs, rows and their products; also with too few steps."""
     row = np.arange(len(inputs))[:, None] / len(inputs)
     known = np.hstack([np.ones_like(row), inputs, row, row * inputs])
@@ -369,7 +367,7 @@ def _log_likelihood(blocks: Sequence[_Block], ratio: float) -> float:
     return -0.5 * (count * float(np.log(max(_noise_variance(blocks, ratio), 1e-300))) + spread)
 
 
-def _inputs(experiment: Experiment) -> tuple[Array, NDArray[np.bool_]]:
+def _inputs(experiment: Experiment) -> tuple[Array, Flags]:
     """Inputs of all commanded steps, shape (K, n_tendons), and which tendons are driven by displacement."""
     actions = resolve(experiment.robot, experiment.steps)
     chosen = [actions[j] for j in last_parts(experiment)]

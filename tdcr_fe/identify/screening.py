@@ -8,19 +8,17 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.effects.base import Form
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.identify.balance import best_points
 from tdcr_fe.identify.causes import PointForce, ReadingCause, StateLoad
 from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.fitting import can_be_seen
 from tdcr_fe.identify.problem import SAME, Fit, FitProblem, Point
 from tdcr_fe.identify.run import Run
-
-Array = NDArray[np.float64]
 
 #: Relative error of predictions by first-order columns, as a sum of squares [1].
 FIRST_ORDER = 0.02
@@ -211,7 +209,7 @@ class _Space:
 
     problem: FitProblem
     fit: Fit
-    which: NDArray[np.bool_]  # the fitted readings, shape (n,)
+    which: Flags  # the fitted readings, shape (n,)
     weights: Array  # square roots, shape (n,)
     basis: Array  # of what the parameters can bring, shape (m, p)
     rest: Array  # the residual, shape (m,)

@@ -19,9 +19,9 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, EffectAtPlace
+from tdcr_fe.elements import Array
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.causes import is_named
 from tdcr_fe.identify.criteria import (
@@ -55,8 +55,6 @@ from tdcr_fe.identify.search_state import (
     refined,
 )
 from tdcr_fe.identify.settings import EXCHANGES, FURTHER_EFFECTS, OutOfTime
-
-Array = NDArray[np.float64]
 
 #: Number of causes from which on a further one has to remove at least this part of the misfit on held-out steps [1].
 MANY, WORTHWHILE = 4, 0.1

@@ -7,9 +7,9 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
@@ -27,7 +27,6 @@ from tdcr_fe.identify.scatter import with_input_sigma
 from tdcr_fe.identify.screening import Score
 from tdcr_fe.identify.settings import MAY_EXPLAIN, IdentifySettings, OutOfTime, clock
 
-Array = NDArray[np.float64]
 Names = frozenset[str]
 
 #: Called with a sentence on what is done, and about which fraction of the work is done [1].
@@ -248,7 +247,7 @@ def _shifted(problem: FitProblem, fit: Fit, shift: Array) -> Fit:
     return replace(fit, residual=r, cost=cost, held_cost=held_cost, path_residual=fit.path_residual + shift)
 
 
-def mean_cost(cost: float, which: NDArray[np.bool_]) -> float:
+def mean_cost(cost: float, which: Flags) -> float:
     """Cost per reading."""
     return cost / max(1, int(np.count_nonzero(which)))
 

@@ -13,10 +13,10 @@ from itertools import combinations_with_replacement
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.effects import Parameter
 from tdcr_fe.effects.base import Kind
+from tdcr_fe.elements import Array
 from tdcr_fe.identify.balance import scale
 from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, last_direction
 from tdcr_fe.identify.causes import PER_FACTOR, Attraction, Cause, Cord, SettlingLoad, StateLoad
@@ -25,8 +25,6 @@ from tdcr_fe.identify.load_steps import possible_starts
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.problem import FitProblem
-
-Array = NDArray[np.float64]
 
 #: Largest size of a moment or force that a typical step of its coefficient gives, over EI/L or EI/L^2, and the largest
 #: coefficient in such steps [1].

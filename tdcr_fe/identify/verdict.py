@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.effects import Effect, EffectAtPlace
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.identify.bay_state import with_action
 from tdcr_fe.identify.causes import Cause, is_named
 from tdcr_fe.identify.criteria import (
@@ -48,8 +48,6 @@ from tdcr_fe.identify.result import (
 )
 from tdcr_fe.identify.search_state import Search, SearchState, posterior
 from tdcr_fe.identify.settings import CEILING, MAY_EXPLAIN
-
-Array = NDArray[np.float64]
 
 
 def conclude(search: Search, state: SearchState, begun: float = 0.0) -> IdentificationResult:
@@ -126,7 +124,7 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
     )
 
 
-def _errors(problem: FitProblem, fit: Fit, which: NDArray[np.bool_], parameters: int = 0) -> Errors:
+def _errors(problem: FitProblem, fit: Fit, which: Flags, parameters: int = 0) -> Errors:
     """Of a model, on some readings; ``parameters``: how many were fitted."""
     return Errors(
         problem.misfit(fit.residual, which & problem.fitted, parameters),
