@@ -94,8 +94,8 @@ class ChangedDescription(Cause):
         See `Cause`.
     change
         From the experiment and values other than the null values to the experiment with the cause.
-    held, exact_derivatives
-        See `Cause` and `Effect`.
+    held
+        See `Cause`.
     """
 
     def __init__(
@@ -106,12 +106,10 @@ class ChangedDescription(Cause):
         change: Change,
         sentence: str = "",
         price: float = 0.0,
-        *,
         held: Mapping[str, Sequence[float]] = Cause.held,
-        exact_derivatives: bool = True,
     ) -> None:
         super().__init__(name, kind, parameters, sentence, price)
-        self.change, self.held, self.exact_derivatives = change, held, exact_derivatives
+        self.change, self.held = change, held
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, NamedTuple
@@ -48,25 +48,17 @@ def dictionary(problem: FitProblem, state: BayState) -> tuple[Effect, ...]:
     state
         Of the declared model.
     """
-    experiment = problem.experiment
-    listed = [form for e in problem.catalogue for form in e.forms(experiment)]
-    robot = experiment.robot
-    places = [
-        e.at(place) for e in problem.catalogue if isinstance(e, PlaceEffect) for place in e.places(robot)
-    ]
+    experiment, catalogue = problem.experiment, problem.catalogue
+    listed = [form for e in catalogue for form in e.forms(experiment)]
+    of_places = (e for e in catalogue if isinstance(e, PlaceEffect))
+    places = [e.at(place) for e in of_places for place in e.places(experiment.robot)]
     return (*listed, *places, *unnamed(problem, state))
 
 
 def unnamed(problem: FitProblem, state: BayState) -> list[Cause]:
     """Causes on no list."""
-    found: list[Cause] = [
-        *_along(problem),
-        *input_causes(problem),
-        *_loads_and_base(problem),
-        *_rough_holes(problem),
-        *_friction_by_force(problem, state),
-        *_readings(problem),
-    ]
+    found = [*_along(problem), *input_causes(problem), *_loads_and_base(problem), *_rough_holes(problem)]
+    found += [*_friction_by_force(problem, state), *_readings(problem)]
     robot = problem.experiment.robot
     if robot.tendons and not robot.without_disks:
         found += [*routings(problem), *single_disks(problem)]
@@ -109,6 +101,12 @@ def _profiles(robot: Robot) -> list[_Profile]:
     return found
 
 
+def _at(numbers: Iterable[Parameter], places: Sequence[str], at: str = "") -> tuple[Parameter, ...]:
+    """Each number at several places; ``at``: what stands before these in its meaning."""
+    both = itertools.product(numbers, places)
+    return tuple(replace(p, name=f"{p.name}_{x}", meaning=f"{p.meaning} {at}{x}") for p, x in both)
+
+
 def _along(problem: FitProblem) -> list[Cause]:
     """What depends on the arc length: radius and precurvature of the backbone, and the friction of the holes."""
     robot, found = problem.experiment.robot, list[Cause]()
@@ -117,11 +115,7 @@ def _along(problem: FitProblem) -> list[Cause]:
     friction = number("friction", "1", (-1.0, 2.0), 0.0, 0.02)
 
     def add(name: str, perturbs: str, profile: _Profile, change: Change, *each: Parameter) -> None:
-        numbers = tuple(
-            replace(one, name=f"{one.name}_{n}", meaning=f"{one.meaning} {n}")
-            for one in each
-            for n in profile.numbers
-        )
+        numbers = _at(each, profile.numbers)
         kind = Kind(perturbs, ("place",), profile.where)
         text = f"the {perturbs} changes along the backbone"
         found.append(ChangedDescription(f"{name} {profile.name}", kind, numbers, change, text, profile.price))
@@ -143,10 +137,9 @@ def _along(problem: FitProblem) -> list[Cause]:
             middles = 0.5 * (edges[1:] + edges[:-1])
             each = ({n: values[f"kappa_{a}_{n}"] for n in profile.numbers} for a in "xy")
             x, y = (profile.value(numbers, 0.0, middles).tolist() for numbers in each)
-            patches = (
-                StiffnessPatch(a, b, precurvature=(k_x, k_y))
-                for (a, b), k_x, k_y in zip(itertools.pairwise(edges.tolist()), x, y, strict=True)
-            )
+            bays = itertools.pairwise(edges.tolist())
+            bends = zip(x, y, strict=True)
+            patches = (StiffnessPatch(*bay, precurvature=k) for bay, k in zip(bays, bends, strict=True))
             return experiment.with_backbone(patches=(*backbone.patches, *patches))
 
         def rougher(experiment: Experiment, values: Values, profile: _Profile = profile) -> Experiment:
@@ -273,25 +266,18 @@ def _loads_and_base(problem: FitProblem) -> list[Cause]:
 def routings(problem: FitProblem) -> list[Cause]:
     """The holes of one tendon elsewhere: at another angle and distance, the same along the backbone or not."""
     ends, found = ("base", "end"), list[Cause]()
-    numbers = (
-        number("factor", "1", (0.3, 3.0), 1.0, 0.02),
-        number("angle", "rad", (-1.5, 1.5), 0.0, 0.02),
-    )
-    along = tuple(
-        replace(p, name=f"{p.name}_{end}", meaning=f"{p.meaning} at the {end}")
-        for p in numbers
-        for end in ends
-    )
+    angle = number("angle", "rad", (-1.5, 1.5), 0.0, 0.02)
+    numbers = number("factor", "1", (0.3, 3.0), 1.0, 0.02), angle
+    along = _at(numbers, ends, "at the ")
     for name in problem.experiment.robot.tendon_names:
 
         def moved(experiment: Experiment, values: Values, name: str = name) -> Experiment:
             if "angle" in values:
                 values = {f"{n}_{end}": x for n, x in values.items() for end in ends}
-            tendons = tuple(
-                replace(t, routing=MisplacedRouting(t.routing, **values)) if t.name == name else t
-                for t in experiment.robot.tendons
-            )
-            return experiment.with_robot(tendons=tendons)
+            tendons = list(experiment.robot.tendons)
+            i = experiment.robot.tendon_names.index(name)
+            tendons[i] = replace(tendons[i], routing=MisplacedRouting(tendons[i].routing, **values))
+            return experiment.with_robot(tendons=tuple(tendons))
 
         text = f"the holes of tendon {name} are elsewhere, at another angle or distance"
         for suffix, depends, own in (("", "nothing", numbers), (" along s", "place", along)):
@@ -311,9 +297,7 @@ def single_disks(problem: FitProblem) -> list[Cause]:
         where = f"disk at s = {s:.4g} m"
         through = [t.name for t in robot.tendons if s <= robot.end(t) + ARC_TOLERANCE]
 
-        def moved(
-            experiment: Experiment, values: Values, k: int = k, names: Sequence[str] = through
-        ) -> Experiment:
+        def moved(experiment: Experiment, values: Values, names: Sequence[str], k: int = k) -> Experiment:
             tendons, robot = [], experiment.robot
             c, d = math.cos(values.get("angle", 0.0)), math.sin(values.get("angle", 0.0))
             for t in robot.tendons:
@@ -331,19 +315,14 @@ def single_disks(problem: FitProblem) -> list[Cause]:
             positions[k] += values["along"]
             return replace(experiment, robot=experiment.robot.with_disks(positions=tuple(positions)))
 
-        entries: list[tuple[str, tuple[Parameter, ...], Change, str, int]] = [
-            (
-                f"hole of {name}",
-                plane,
-                partial(moved, names=(name,)),
-                f"a hole of tendon {name} is elsewhere",
-                len(through),
-            )
-            for name in through
-        ]
+        entries = list[tuple[str, tuple[Parameter, ...], Change, str, int]]()
+        for name in through:
+            one, text = partial(moved, names=(name,)), f"a hole of tendon {name} is elsewhere"
+            entries.append((f"hole of {name}", plane, one, text, len(through)))
         if len(through) > 1:
-            entries.append(("disk turned", (turn,), moved, "a disk is turned about the backbone", 1))
-            entries.append(("disk off its centre", plane, moved, "a disk is off its centre", 1))
+            all_holes = partial(moved, names=through)
+            entries.append(("disk turned", (turn,), all_holes, "a disk is turned about the backbone", 1))
+            entries.append(("disk off its centre", plane, all_holes, "a disk is off its centre", 1))
         if not any(t.end for t in robot.tendons) and k < len(robot.disks.positions) - 1:
             room = 0.9 * float(min(edges[k + 1] - edges[k], edges[k + 2] - edges[k + 1]))
             # of second order: no small step shows it
@@ -352,11 +331,10 @@ def single_disks(problem: FitProblem) -> list[Cause]:
         kind = Kind("routing", ("place",), where)
         for name, numbers, change, text, choices in entries:
             price = math.log(choices * len(robot.disks.positions))
-            exact = change is not slipped  # the mesh changes
             label = f"{name} ({where})"
-            found.append(
-                ChangedDescription(label, kind, numbers, change, text, price, exact_derivatives=exact)
-            )
+            cause = ChangedDescription(label, kind, numbers, change, text, price)
+            cause.exact_derivatives = change is not slipped  # the mesh changes
+            found.append(cause)
     return found
 
 
@@ -394,13 +372,11 @@ def _readings(problem: FitProblem) -> list[ReadingCause]:
         price = math.log(choices * (1 if marker is None else len(markers)))
         forms = [(verb, f"readings {verb}", shifts, [_shifted])]
         if marker is None:
-            forms.append(
-                (f"{verb} and turn", f"readings {verb} and turn", shifts + turns, [_shifted, _turned])
-            )
+            both = f"{verb} and turn"
+            forms.append((both, f"readings {both}", shifts + turns, [_shifted, _turned]))
         else:
-            forms.append(
-                (f"{verb} on the section", f"a marker {verb}s on its section", shifts, [_on_section])
-            )
+            text = f"a marker {verb}s on its section"
+            forms.append((f"{verb} on the section", text, shifts, [_on_section]))
         for name, text, numbers, moves in forms:
             shapes = tuple(partial(m, axis=i, weight=weight, marker=marker) for m in moves for i in range(3))
             found.append(ReadingCause(f"{name} of {who}{since}", kind, numbers, shapes, text, price))

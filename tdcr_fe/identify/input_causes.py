@@ -59,6 +59,7 @@ class _Inputs(NamedTuple):
     def by_law(self, clock: str) -> Iterator[Cause]:
         """Off by a constant, by a part that grows with them, or that changes along the rows: all, each or one."""
         most, grows = self.most, "the gain of the inputs depends on their size"
+        gain_settles = "the gain of the inputs settles"
 
         def settled(p: float, values: Values) -> float:
             return 1.0 - math.exp(-p / values["span"])
@@ -68,12 +69,7 @@ class _Inputs(NamedTuple):
             ("gain that grows", "tension", lambda u, n, *_: u[n] * abs(u[n]) / most, grows),
             ("gain that drifts", clock, lambda u, n, p, _: u[n] * p, "the gain of the inputs drifts"),
             ("offset that drifts", clock, lambda u, n, p, _: p, "the inputs drift"),
-            (
-                "gain that settles",
-                clock,
-                lambda u, n, *x: u[n] * settled(*x),
-                "the gain of the inputs settles",
-            ),
+            ("gain that settles", clock, lambda u, n, *x: u[n] * settled(*x), gain_settles),
             ("offset that settles", clock, lambda u, n, *x: settled(*x), "the inputs drift and settle"),
         ]
         for name, depends, shape, text in laws:
@@ -101,15 +97,18 @@ class _Inputs(NamedTuple):
         share = number("share", "1", (-1.0, 1.0), 0.0, 0.1)
         beyond = "the inputs are limited: a share of what is beyond does not arrive"
         below = "the inputs have a dead zone: a share of what is below a limit does not arrive"
-        forms: list[tuple[str, str, Callable[[float, float], float], float, tuple[float, ...]]] = [
-            ("limit", beyond, lambda x, limit: max(x - limit, 0.0), most, (0.5, 0.7, 0.85)),
-            ("dead zone", below, min, 0.0, (0.1, 0.2, 0.4)),
-        ]
-        for label, text, lost, null, tried in forms:
+        for label, text, null, tried in (
+            ("limit", beyond, most, (0.5, 0.7, 0.85)),
+            ("dead zone", below, 0.0, (0.1, 0.2, 0.4)),
+        ):
 
-            def limited(experiment: Experiment, values: Values, lost: Any = lost) -> Experiment:
+            def limited(
+                experiment: Experiment, values: Values, beyond: bool = label == "limit"
+            ) -> Experiment:
                 def less(commands: Mapping[str, float], name: str, *_: Any) -> float:
-                    return math.copysign(lost(abs(commands[name]), values["limit"]), -commands[name])
+                    size, limit = abs(commands[name]), values["limit"]
+                    lost = max(size - limit, 0.0) if beyond else min(size, limit)
+                    return math.copysign(lost, -commands[name])
 
                 return _with_inputs(less)(experiment, {"all": values["share"]})
 
@@ -163,9 +162,8 @@ class _Inputs(NamedTuple):
                 return u[n] * (p >= start)
 
             kind, text = Kind("input", ("row",), since), "the gain of the inputs jumps"
-            yield ChangedDescription(
-                f"jump of the gain ({since})", kind, (gain,), _with_inputs(gained), text, price
-            )
+            label, change = f"jump of the gain ({since})", _with_inputs(gained)
+            yield ChangedDescription(label, kind, (gain,), change, text, price)
             for name in self.names:
                 where, text = f"tendon {name}, {since}", "the zero of an input jumps"
                 one = number(name, self.unit, (-self.most, self.most), 0.0, 0.01 * self.most)
@@ -193,9 +191,8 @@ def _with_inputs(shape: _InputLaw) -> Change:
                 return step
             return replace(step, tensions=tensions, displacements=displacements)
 
-        steps = (
-            with_change(step, float(progress[k])) for step, (k, _) in zip(experiment.steps, ends, strict=True)
-        )
+        of_steps = zip(experiment.steps, ends, strict=True)
+        steps = (with_change(step, float(progress[k])) for step, (k, _) in of_steps)
         return replace(experiment, steps=tuple(steps))
 
     return changed

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations_with_replacement
+from itertools import combinations_with_replacement, product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -71,10 +71,16 @@ class Direction:
     is_force: bool = False
 
 
-def _moment(x: Array, y: Array) -> Array:
-    full = np.zeros((*x.shape, COMPONENTS))
-    full[..., 0], full[..., 1] = x, y
+def _moment(across: Array) -> Array:
+    """Moments about the x and y axis, shape (K, n_bays, 2), as an action."""
+    full = np.zeros((*across.shape[:2], COMPONENTS))
+    full[..., :2] = across
     return full
+
+
+def _one(value: Callable[[BayState], Array]) -> tuple[tuple[str, Callable[[BayState], Array]]]:
+    """One coefficient."""
+    return (("coefficient", value),)
 
 
 def _force(x: Array) -> Array:
@@ -84,93 +90,70 @@ def _force(x: Array) -> Array:
 
 
 def _constant(x: float, y: float) -> Callable[[BayState], Array]:
-    return lambda b: _moment(np.full(b.shape, x), np.full(b.shape, y))
+    return lambda b: _moment(np.broadcast_to((x, y), (*b.shape, 2)))
 
 
 def _tendon(b: BayState, weight: Array) -> Array:
-    moment = np.einsum("kbt,btc->kbc", weight, b.lever)
-    return _moment(moment[..., 0], moment[..., 1])
+    return _moment(np.einsum("kbt,btc->kbc", weight, b.lever))
 
 
 def _across(b: BayState) -> Array:
     return b.moved * np.array([1.0, 1.0, 0.0])
 
 
+def _size(vectors: Array) -> Array:
+    return np.asarray(np.linalg.norm(vectors, axis=2))
+
+
+def _in_all(b: BayState, values: Array) -> Array:
+    """The same in all bays, or in all rows."""
+    return np.broadcast_to(values, b.shape)
+
+
+def _last_command(b: BayState) -> Array:
+    """Sign of the last change of the sum of all tensions, shape (K, n_bays)."""
+    total = b.tension.sum(axis=(1, 2))[:, None]
+    return _in_all(b, last_direction(total, 1e-3 * float(np.max(np.abs(total), initial=0.0))))
+
+
 def _unit_curvature(b: BayState) -> Array:
     """Direction of the curvature, which fades where the backbone turns by less than `STRAIGHT` over its length."""
     curvature = b.curvature[..., :2]
     size = np.hypot(np.linalg.norm(curvature, axis=-1), STRAIGHT / b.edges[-1])
-    return np.moveaxis(curvature / size[..., None], -1, 0)
+    return np.asarray(curvature / size[..., None])
 
 
-CURVATURE = Factor(
-    "the curvature",
-    "|kappa|",
-    (-1, 0, 0),
-    lambda b: np.linalg.norm(b.curvature[..., :2], axis=2),
-    "curvature",
-)
-POSITION = Factor(
-    "the position along the backbone", "s", (1, 0, 0), lambda b: np.broadcast_to(b.middles, b.shape), "place"
-)
+CURVATURE = Factor("the curvature", "|kappa|", (-1, 0, 0), lambda b: _size(b.curvature[..., :2]), "curvature")
+POSITION = Factor("the position along the backbone", "s", (1, 0, 0), lambda b: _in_all(b, b.middles), "place")
 TENSION = Factor("the sum of the tensions", "T", (0, 1, 0), lambda b: b.tension.sum(axis=2), "tension")
-TIME = Factor("time", "t", (0, 0, 1), lambda b: np.broadcast_to(b.time[:, None], b.shape), "time")
+TIME = Factor("time", "t", (0, 0, 1), lambda b: _in_all(b, b.time[:, None]), "time")
 ROW = Factor(
-    "the number of the row", "row", (0, 0, 0),
-    lambda b: np.broadcast_to(np.arange(1.0, b.shape[0] + 1.0)[:, None], b.shape), "row",
+    "the number of the row", "row", (0, 0, 0), lambda b: _in_all(b, np.arange(1.0, len(b.time) + 1.0)[:, None]), "row"
 )  # fmt: skip
 LOADING = Factor(
-    "the direction of the last command",
-    "sign",
-    (0, 0, 0),
-    lambda b: np.broadcast_to(_overall_direction(b), b.shape),
-    "direction of loading",
+    "the direction of the last command", "sign", (0, 0, 0), _last_command, "direction of loading"
 )
-DEFLECTION = Factor(
-    "the displacement", "|u|", (1, 0, 0), lambda b: np.linalg.norm(_across(b), axis=2), "position"
-)
-DISTANCE = Factor("the displacement", "d", (1, 0, 0), lambda b: np.linalg.norm(b.moved, axis=2), "position")
+DEFLECTION = Factor("the displacement", "|u|", (1, 0, 0), lambda b: _size(_across(b)), "position")
+DISTANCE = Factor("the displacement", "d", (1, 0, 0), lambda b: _size(b.moved), "position")
 
-
-def _overall_direction(b: BayState) -> Array:
-    """Sign of the last change of the sum of all tensions, by step, shape (K, 1)."""
-    total = b.tension.sum(axis=(1, 2))[:, None]
-    return last_direction(total, 1e-3 * float(np.max(np.abs(total), initial=0.0)))
-
-
-BENDING = Direction(
-    "along the curvature", "kappa", (-1, 0, 0),
-    (("coefficient", lambda b: _moment(b.curvature[..., 0], b.curvature[..., 1])),),
-)  # fmt: skip
+BENDING = Direction("along the curvature", "kappa", (-1, 0, 0), _one(lambda b: _moment(b.curvature[..., :2])))
 UNIT_BENDING = Direction(
     "of one size along the curvature, as of friction within the backbone", "kappa/|kappa|", (0, 0, 0),
-    (("coefficient", lambda b: _moment(*_unit_curvature(b))),), "stiffness", "curvature",
+    _one(lambda b: _moment(_unit_curvature(b))), "stiffness", "curvature",
 )  # fmt: skip
-SECTION = Direction(
-    "about an axis of the section", "e", (0, 0, 0),
-    (("x", _constant(1.0, 0.0)), ("y", _constant(0.0, 1.0))), "precurvature",
-)  # fmt: skip
+_AXES = ("x", _constant(1.0, 0.0)), ("y", _constant(0.0, 1.0))
+SECTION = Direction("about an axis of the section", "e", (0, 0, 0), _AXES, "precurvature")
 TENDONS = Direction(
-    "along the moment of the tendons", "m_T", (1, 1, 0),
-    (("coefficient", lambda b: _tendon(b, b.tension)),), "routing",
-)  # fmt: skip
+    "along the moment of the tendons", "m_T", (1, 1, 0), _one(lambda b: _tendon(b, b.tension)), "routing"
+)
 TENDON_SIGN = Direction(
-    "along the moment of each tendon, by the sign of its last motion",
-    "sum(sign_i m_Ti)",
-    (1, 1, 0),
-    (("coefficient", lambda b: _tendon(b, b.tension * b.direction[:, None, :])),),
-    "transmission",
-    "direction of loading",
-)
+    "along the moment of each tendon, by the sign of its last motion", "sum(sign_i m_Ti)", (1, 1, 0),
+    _one(lambda b: _tendon(b, b.tension * b.direction[:, None, :])), "transmission", "direction of loading",
+)  # fmt: skip
 DISPLACED = Direction(
-    "along the displacement across the axis",
-    "u",
-    (1, 0, 0),
-    (("coefficient", lambda b: _force(_across(b))),),
-    "force",
-    "position",
-    True,
-)
+    "along the displacement across the axis", "u", (1, 0, 0), _one(lambda b: _force(_across(b))),
+    "force", "position", is_force=True,
+)  # fmt: skip
 
 #: Directions with which products of up to two factors are formed.
 _DIRECTIONS = (BENDING, SECTION, TENDONS, TENDON_SIGN)
@@ -257,12 +240,8 @@ def library(bays: int, clock: Factor) -> list[Term]:
     """
     factors = (CURVATURE, POSITION, TENSION, clock, LOADING)
     products = [p for n in (0, 1, 2) for p in combinations_with_replacement(factors, n)]
-    terms = [
-        Term(p, d)
-        for d in _DIRECTIONS
-        for p in products
-        if (p, d) not in _LISTED and not _repeated_sign(p, d)
-    ]
+    pairs = [(p, d) for d in _DIRECTIONS for p in products]
+    terms = [Term(p, d) for p, d in pairs if (p, d) not in _LISTED and not _repeated_sign(p, d)]
     terms += [Term(p, UNIT_BENDING) for p in ((), (LOADING,), (TENSION,), (clock,))]
     for some in ranges(bays):
         terms += [Term((f,), BENDING, some) for f in (CURVATURE, TENSION, clock, LOADING)]
@@ -288,19 +267,13 @@ def parts_of_rows(clock: Factor, starts: Mapping[int, float]) -> list[Factor]:
     def part(state: BayState, start: float, after: bool) -> Array:
         return ((clock.value(state) >= start) == after).astype(float)
 
-    return [
-        Factor(
-            f"a step in row {n}",
-            f"step(row {'>=' if after else '<'} {n})",
-            (0, 0, 0),
-            partial(part, start=x, after=after),
-            "row",
-            2 * len(starts),
-            f"from row {n} on" if after else f"before row {n}",
-        )
-        for n, x in starts.items()
-        for after in (True, False)
-    ]
+    found = []
+    for (n, x), after in product(starts.items(), (True, False)):
+        symbol, when = (f"row >= {n}", f"from row {n} on") if after else (f"row < {n}", f"before row {n}")
+        value = partial(part, start=x, after=after)
+        name, choices = f"a step in row {n}", 2 * len(starts)
+        found.append(Factor(name, f"step({symbol})", (0, 0, 0), value, "row", choices, when))
+    return found
 
 
 def tensions_of(names: Sequence[str]) -> list[Factor]:
@@ -309,18 +282,11 @@ def tensions_of(names: Sequence[str]) -> list[Factor]:
     def tension(state: BayState, number: int) -> Array:
         return state.tension[..., number]
 
-    return [
-        Factor(
-            f"the tension of tendon {n}",
-            f"T_{n}",
-            (0, 1, 0),
-            partial(tension, number=i),
-            "tension",
-            len(names),
-        )
-        for i, n in enumerate(names)
-        if len(names) > 1
-    ]
+    found, choices = [], len(names)
+    for i, n in enumerate(names if choices > 1 else ()):
+        value = partial(tension, number=i)
+        found.append(Factor(f"the tension of tendon {n}", f"T_{n}", (0, 1, 0), value, "tension", choices))
+    return found
 
 
 def _repeated_sign(factors: tuple[Factor, ...], direction: Direction) -> bool:
@@ -424,23 +390,21 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
             kind = Kind(free.perturbs, free.depends_on, at)
             what, when = f"{free.perturbs} {free.text}", f", {free.when}" if free.when else ""
             found += load(f"{what} ({at}{when})", kind, terms, f"a {what}{when}", price)
-    tensor = [
-        (n, "N m^2", partial(_by_curvature, axes=axes))
-        for n, axes in (("xx", "x"), ("yy", "y"), ("xy", "xy"))
-    ]
+    axes = {"xx": "x", "yy": "y", "xy": "xy"}
+    tensor = [(n, "N m^2", partial(_by_curvature, axes=a)) for n, a in axes.items()]
+    signed = product(enumerate("xy"), (("plus", 1.0), ("minus", -1.0)))
+    sides = [(f"{a}_{n}", "N m^2", partial(_by_side, axis=i, sign=x)) for (i, a), (n, x) in signed]
     kind = Kind("stiffness", ("direction of bending",), "everywhere")
-    found += load("bending stiffness of another section", kind, tensor,
-        "a bending stiffness that differs between the directions", math.log(10.0))  # fmt: skip
-    sides = [
-        (f"{a}_{name}", "N m^2", partial(_by_side, axis=i, sign=sign))
-        for i, a in enumerate("xy")
-        for name, sign in (("plus", 1.0), ("minus", -1.0))
-    ]
-    found += load("bending stiffness by side", kind, sides,
-        "a bending stiffness that differs between bending to one side and to the other", math.log(10.0))  # fmt: skip
+    text = "a bending stiffness that differs between"
+    for name, own, differs in (
+        ("bending stiffness of another section", tensor, "the directions"),
+        ("bending stiffness by side", sides, "bending to one side and to the other"),
+    ):
+        found += load(name, kind, own, f"{text} {differs}", math.log(10.0))
     spread = [(a, "N/m", _spread(i)) for i, a in enumerate("xyz")]
-    found += load("force along the backbone", Kind("force", ("nothing",), "along the backbone"), spread,
-        "a constant force along the whole backbone", 0.5 * OTHER_GRAVITY - UNNAMED)  # fmt: skip
+    kind = Kind("force", ("nothing",), "along the backbone")
+    text = "a constant force along the whole backbone"
+    found += load("force along the backbone", kind, spread, text, 0.5 * OTHER_GRAVITY - UNNAMED)
     strength = TYPICAL * float(size[-1])
     for bay, at in enumerate(state.edges[1:].tolist()):
         powers = (2, 1, 3) if bay == bays - 1 else (2,)
