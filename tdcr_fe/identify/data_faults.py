@@ -21,6 +21,7 @@ from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber
 from tdcr_fe.io.measured import MeasuredData, impossible_place
 from tdcr_fe.io.spreadsheet import number
 from tdcr_fe.model.channels import CHANNELS, arc_lengths
+from tdcr_fe.model.loading import Load
 from tdcr_fe.model.units import mistaken
 
 #: A fault explains the data where their mean square over sigma falls to this, from `MISFIT` times as much or more [1].
@@ -44,6 +45,9 @@ MOST_GROSS = 0.1
 FARTHEST = 2.0
 #: Largest number of load steps that are simulated to try exchanged tendons.
 MOST_STEPS = 1500
+
+#: How the sentence of a fault begins, and the sign of displacements.
+_FIT_IF, _PULLED_IN = "the readings fit if {since}", "they are positive where a tendon is pulled in"
 
 
 # ------------------------------------------------------------------------------------------------ the judgement
@@ -86,9 +90,8 @@ class _Grid:
         which = np.flatnonzero(np.isin(problem.readings.quantities, names))
         places = [problem.data.readings[i].location for i in which]
         at_tendons = family.endswith(("displacement", "tension"))
-        markers, column = np.unique(
-            np.array(places) if at_tendons else arc_lengths(places), return_inverse=True
-        )
+        where = np.array(places) if at_tendons else arc_lengths(places)
+        markers, column = np.unique(where, return_inverse=True)
         rows, row = np.unique(problem.readings.step[which], return_inverse=True)
         axis = np.array([names.index(q) for q in problem.readings.quantities[which]], dtype=int)
         at = row, column, axis
@@ -164,9 +167,8 @@ def _mended(problem: FitProblem, declared: Fit, grid: _Grid) -> str:
         return seen
     limit = max(min(EXPLAINED, now / MISFIT), now / MISFIT**2)
     length = problem.data.robot.backbone.length
-    cost, text, _ = min(
-        map(grid.judged, (*_axes(grid), *_heights(grid, length), *_markers(grid), *_steps(grid)))
-    )
+    faults = (*_axes(grid), *_heights(grid, length), *_markers(grid), *_steps(grid))
+    cost, text, _ = min(map(grid.judged, faults))
     if cost > limit:
         cost, text = _other_drives(problem, declared, grid)
     elif "relabelled" in text:
@@ -186,8 +188,7 @@ def _tendon_readings(problem: FitProblem, declared: Fit) -> str:
         if len(grid.steps) >= EQUAL_STEPS:
             scales = {f"if they are in {other}": size for other, size in mistaken(unit).items()}
             if unit == "m":
-                way = "they are positive where a tendon is pulled in"
-                scales[f"with the other sign: {way}"] = -1.0
+                scales[f"with the other sign: {_PULLED_IN}"] = -1.0
             read = f"the readings of {family} fit"
             scaled = (grid.mended(grid.measured * x, f"{read} {text}") for text, x in scales.items())
             faults = [(_mean_square(f.residual[grid.at]), f.text) for f in (*_markers(grid), *scaled)]
@@ -212,24 +213,18 @@ def wrong_sigma(problem: FitProblem, best: Fit) -> str:
     if r.size < 20 or not np.all(np.isfinite(r)):
         return ""
     scatter = 1.4826 * float(np.median(np.abs(r)))
+    seen = f"the readings scatter about the model by {scatter:.2g} times their sigma"
     if scatter < 1.0 / WRONG_SIGMA:
-        return (
-            f"the readings scatter about the model by {scatter:.2g} times their sigma: sigma is too large, and may "
-            "hide what the model is missing"
-        )
+        return f"{seen}: sigma is too large, and may hide what the model is missing"
     if scatter < WRONG_SIGMA:
         return ""
-    products = np.concatenate(
-        [best.residual[i][1:] * best.residual[i][:-1] for i in series(problem.data.readings) if i.size >= 3]
-        or [np.zeros(1)]
-    )
+    along = [best.residual[i] for i in series(problem.data.readings) if i.size >= 3]
+    products = np.concatenate([x[1:] * x[:-1] for x in along] or [np.zeros(1)])
     correlation = float(np.median(products)) / scatter**2
     if abs(correlation) > 0.1:
         return ""
-    return (
-        f"the readings scatter about the model by {scatter:.2g} times their sigma, with no pattern along the steps: "
-        "sigma is too small, or the readings are noisier than assumed"
-    )
+    why = "sigma is too small, or the readings are noisier than assumed"
+    return f"{seen}, with no pattern along the steps: {why}"
 
 
 def gross_errors(problem: FitProblem, best: Fit, significance: float) -> str:
@@ -249,10 +244,11 @@ def gross_errors(problem: FitProblem, best: Fit, significance: float) -> str:
         return ""
     steps = sorted({step for step, _ in wrong})
     listed = ", ".join(map(str, steps[:10])) + (", ..." if len(steps) > 10 else "")
-    return (
-        f"{len(wrong)} of {count} markers and sensors, counted in every step, are far off (in steps "
-        f"{listed}), and all others leave only noise: their readings are wrong, or something acts in these steps alone"
+    off = (
+        f"{len(wrong)} of {count} markers and sensors, counted in every step, are far off (in steps {listed})"
     )
+    why = "their readings are wrong, or something acts in these steps alone"
+    return f"{off}, and all others leave only noise: {why}"
 
 
 # --------------------------------------------------------------------------------------- seen in the readings
@@ -280,30 +276,23 @@ def _rounded(grid: _Grid) -> str:
     values = np.unique(np.round(grid.measured[np.isfinite(grid.measured)], 9))
     if values.size < 5 or grid.which.size < 20:
         return ""
-    step = float(np.min(np.diff(values)))
+    step, sigma = float(np.min(np.diff(values))), float(np.nanmedian(grid.sigma))
     whole = np.abs(values / step - np.round(values / step)).max() < 1e-3
-    if not whole or step < WRONG_SIGMA * float(np.nanmedian(grid.sigma)):
+    if not whole or step < WRONG_SIGMA * sigma:
         return ""
-    return (
-        f"positions are rounded to {1e3 * step:.3g} mm, but their sigma says "
-        f"{1e3 * float(np.nanmedian(grid.sigma)):.2g} mm: give the readings as the sensor has them, or the sigma that "
-        "belongs to the rounding"
-    )
+    seen = f"positions are rounded to {1e3 * step:.3g} mm, but their sigma says {1e3 * sigma:.2g} mm"
+    return f"{seen}: give the readings as the sensor has them, or the sigma that belongs to the rounding"
 
 
 def _standing_still(problem: FitProblem, declared: Fit) -> str:
     """A sensor that reads the same in several steps in which the model moves."""
     readings = problem.data.readings
     predicted = (problem.readings.values - problem.lengths(declared.residual)) / problem.sigma
-    quantities = problem.readings.quantities
-    resolved = {
-        q: float(np.min(np.diff(np.unique(problem.readings.values[quantities == q])), initial=np.inf))
-        for q in set(quantities.tolist())
-    }
     found: list[tuple[int, str]] = []
     for i in series(readings):
         values = problem.readings.values[i]
-        resolution = resolved[readings[i[0]].quantity]
+        alike = problem.readings.values[problem.readings.quantities == readings[i[0]].quantity]
+        resolution = float(np.min(np.diff(np.unique(alike)), initial=np.inf))
         if resolution > RESOLVED * float(np.median(problem.sigma[i])):
             continue  # the noise may leave such readings as they are
         for run in np.split(i, np.flatnonzero(np.diff(values)) + 1):
@@ -313,11 +302,9 @@ def _standing_still(problem: FitProblem, declared: Fit) -> str:
             if run.size >= EQUAL_STEPS and moves > FAR and not slack:
                 place = first.location if isinstance(first.location, str) else f"s = {first.location:g} m"
                 at = "" if first.location is None else f" at {place}"
-                text = (
-                    f"{first.quantity}{at} is constant at {first.value:.6g} {first.unit} from step {first.step} to "
-                    f"{last.step}, where the model moves by {moves:.0f} sigma: the sensor is stuck or saturated"
-                )
-                found.append((run.size, text))
+                seen = f"constant at {first.value:.6g} {first.unit} from step {first.step} to {last.step}"
+                why = f"where the model moves by {moves:.0f} sigma: the sensor is stuck or saturated"
+                found.append((run.size, f"{first.quantity}{at} is {seen}, {why}"))
     if not found:
         return ""
     more = f" ({len(found) - 1} more such stretches)" if len(found) > 1 else ""
@@ -331,14 +318,12 @@ def _axes(grid: _Grid) -> Iterator[_Fault]:
     n = grid.measured.shape[-1]
     for order in itertools.permutations(range(n)):
         for signs in itertools.product((1.0, -1.0), repeat=n):
-            read = ", ".join(
-                f"{'xyz'[a]} = {'-' if sign < 0.0 else ''}{grid.family}_{'xyz'[b]}"
-                for a, b, sign in zip(range(n), order, signs, strict=True)
-                if a != b or sign < 0.0
-            )
+            axes = zip("xyz"[:n], order, signs, strict=True)
+            read = [(a, "-" if x < 0.0 else "", "xyz"[b]) for a, b, x in axes if a != "xyz"[b] or x < 0.0]
             if read:
-                text = f"the readings fit if {{since}}the axes are relabelled: {read}"
-                yield grid.mended(grid.measured[..., order] * np.array(signs), text)
+                text = ", ".join(f"{a} = {sign}{grid.family}_{b}" for a, sign, b in read)
+                measured = grid.measured[..., order] * np.array(signs)
+                yield grid.mended(measured, f"{_FIT_IF}the axes are relabelled: {text}")
 
 
 def _heights(grid: _Grid, length: float) -> Iterator[_Fault]:
@@ -348,10 +333,8 @@ def _heights(grid: _Grid, length: float) -> Iterator[_Fault]:
         for sign, way in ((1.0, "up"), (-1.0, "down")):
             measured = grid.measured.copy()
             measured[..., 2] = zero + sign * measured[..., 2]
-            text = (
-                f"the readings fit if {{since}}position_z counts {way} from {start}, not from the base plate"
-            )
-            yield grid.mended(measured, text)
+            text = f"position_z counts {way} from {start}, not from the base plate"
+            yield grid.mended(measured, _FIT_IF + text)
 
 
 def _markers(grid: _Grid) -> Iterator[_Fault]:
@@ -362,9 +345,7 @@ def _markers(grid: _Grid) -> Iterator[_Fault]:
         if isinstance(one, str):
             text = f"the readings of {grid.family} fit if {{since}}those of {one} and {other} are exchanged"
         else:
-            text = (
-                f"the readings fit if {{since}}the markers at s = {one:g} m and s = {other:g} m are exchanged"
-            )
+            text = f"{_FIT_IF}the markers at s = {one:g} m and s = {other:g} m are exchanged"
         yield grid.mended(grid.measured[:, order], text)
 
 
@@ -398,10 +379,8 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
     Runs without friction, which cost a tenth, show which change promises most; that one is simulated with friction.
     """
     robot, declared_drive = problem.data.robot, problem.experiment
-    changes = [
-        (_Drive({a: b, b: a}), f"tendons {a} and {b} are exchanged")
-        for a, b in itertools.combinations(robot.tendon_names, 2)
-    ]
+    couples = itertools.combinations(robot.tendon_names, 2)
+    changes = [(_Drive({a: b, b: a}), f"tendons {a} and {b} are exchanged") for a, b in couples]
     for end in sorted({robot.end(t) for t in robot.tendons}):
         ring = [t.name for t in robot.tendons if robot.end(t) == end]
         for k in range(1, len(ring)) if len(ring) > 2 else ():
@@ -419,7 +398,7 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
     here, *others = [problem.residual(e, run) for e, run in zip(free, runs, strict=True)]
     judged = []
     for other, (change, text) in zip(others, changes, strict=True):
-        fault = _Fault(grid.table(declared.residual + other - here), f"the readings fit if {{since}}{text}")
+        fault = _Fault(grid.table(declared.residual + other - here), _FIT_IF + text)
         judged.append((*grid.judged(fault), change))
     cost, text, first, change = min(judged, key=lambda x: x[0], default=(np.inf, "", 0, _Drive({})))
     if cost > 0.5 * _mean_square(declared.residual[grid.which]):
@@ -431,21 +410,18 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
 
 def _driven(experiment: Experiment, change: _Drive, since: int = 0) -> Experiment:
     """With other inputs and forces from a commanded step on."""
-    names, factor, push = change
-    steps = [
-        step
-        if k < since
-        else replace(
-            step,
-            tensions={names.get(n, n): x for n, x in step.tensions.items()},
-            displacements={names.get(n, n): factor * x for n, x in step.displacements.items()},
-            loads={
-                n: replace(x, force=(push * x.force[0], push * x.force[1], push * x.force[2]))
-                for n, x in step.loads.items()
-            },
-        )
-        for step, (k, _) in zip(experiment.steps, experiment.step_ends, strict=True)
-    ]
+    (names, factor, push), steps = change, list(experiment.steps)
+
+    def pushed(load: Load) -> Load:
+        x, y, z = load.force
+        return replace(load, force=(push * x, push * y, push * z))
+
+    for j, (k, _) in enumerate(experiment.step_ends):
+        if k >= since:
+            tensions = {names.get(n, n): x for n, x in steps[j].tensions.items()}
+            displacements = {names.get(n, n): factor * x for n, x in steps[j].displacements.items()}
+            loads = {n: pushed(x) for n, x in steps[j].loads.items()}
+            steps[j] = replace(steps[j], tensions=tensions, displacements=displacements, loads=loads)
     return replace(experiment, steps=tuple(steps))
 
 
@@ -456,7 +432,4 @@ def other_sign_solves(problem: FitProblem) -> str:
     (run,) = problem.run([Job(_driven(problem.experiment, _Drive({}, displacements=-1.0)))])
     if not run.solved:
         return ""
-    return (
-        "With the opposite sign of all displacements it does: they are positive where a tendon is pulled in, negative "
-        "where it is let out."
-    )
+    return f"With the opposite sign of all displacements it does: {_PULLED_IN}, negative where it is let out."

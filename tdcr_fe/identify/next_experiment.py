@@ -79,12 +79,8 @@ def choose_next(search: Search, state: SearchState) -> NextExperiment | None:
 def leading_rivals(search: Search, state: SearchState) -> list[Fit]:
     """Fitted models of other effects that explain the data about as well as the best one, the best first."""
     mine = set(state.best.names)
-    near = [
-        f
-        for f in as_good(search, state)
-        if f.effects and _described(f) and not (mine <= set(f.names) or set(f.names) <= mine)
-    ]
-    return near[:MOST]
+    near = [f for f in as_good(search, state) if f.effects and _described(f)]
+    return [f for f in near if not (mine <= set(f.names) or set(f.names) <= mine)][:MOST]
 
 
 def _described(fit: Fit) -> bool:
@@ -124,10 +120,8 @@ def candidate_sequences(problem: FitProblem) -> list[tuple[LoadStep, ...]]:
     found = [(rest, force) for force in forces]
     for force in forces or [none]:
         found += [(p, force) for p in points]
-    return [
-        tuple(step(v, f, k) for k, (v, f) in enumerate(((p, none), (p, force), (0.5 * (p + rest), none))))
-        for p, force in found[:CANDIDATES]
-    ]
+    chosen = [((p, none), (p, force), (0.5 * (p + rest), none)) for p, force in found[:CANDIDATES]]
+    return [tuple(step(v, f, k) for k, (v, f) in enumerate(sequence)) for sequence in chosen]
 
 
 def _distinct(values: Sequence[Array]) -> list[Array]:
@@ -145,11 +139,8 @@ def _planned(problem: FitProblem, steps: tuple[LoadStep, ...]) -> FitProblem:
     series: dict[tuple[str, float | str | None], list[float]] = {}
     for r, sigma in zip(data.readings, problem.sigma, strict=True):
         series.setdefault((r.quantity, r.location), []).append(float(sigma))
-    readings = tuple(
-        Reading(k + 1, quantity, location, 0.0, float(np.median(sigma)))
-        for k in range(len(steps))
-        for (quantity, location), sigma in series.items()
-    )
+    each = itertools.product(range(len(steps)), series.items())
+    readings = tuple(Reading(k + 1, *key, 0.0, float(np.median(sigma))) for k, (key, sigma) in each)
     ids, branches = tuple(range(1, len(steps) + 1)), ("next",) * len(steps)
     fresh = replace(data, step_ids=ids, steps=steps, branches=branches, readings=readings, parts=())
     sigma, fitted = np.array([r.sigma for r in readings]), np.zeros(len(readings), dtype=bool)
@@ -174,10 +165,8 @@ def _solved(planned: Sequence[FitProblem], models: Sequence[_Model]) -> Iterator
     for p, model in itertools.product(planned, models):
         fit, half = model.fit, 0.5 * np.sqrt(np.maximum(np.diag(model.spread), 1e-300))
         by_name = {e.name: e for e in fit.effects}
-        columns = tuple(
-            Column(by_name[effect], name, fit.values[effect], float(h))
-            for (effect, name), h in zip(fit.free, half, strict=True)
-        )
+        steps = zip(fit.free, half.tolist(), strict=True)
+        columns = tuple(Column(by_name[e], name, fit.values[e], h) for (e, name), h in steps)
         pairs.append((p, Request(fit.effects, fit.values, columns, record=False)))
     found = linearize_each(pairs)
     for i in range(len(planned)):
