@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -127,10 +127,8 @@ def _inputs(result: IdentificationResult) -> tuple[Array, str]:
     """Commanded tensions [N] or displacements [mm], shape (n_steps, n_tendons), and their unit."""
     data = result.data
     driven = data.driven_by_displacement
-    values = [
-        [(s.displacements if driven else s.tensions).get(n, 0.0) for n in data.robot.tendon_names]
-        for s in data.steps
-    ]
+    inputs = [s.displacements if driven else s.tensions for s in data.steps]
+    values = [[own.get(n, 0.0) for n in data.robot.tendon_names] for own in inputs]
     return np.array(values).reshape(len(data.steps), -1) * (1e3 if driven else 1.0), "mm" if driven else "N"
 
 
@@ -229,14 +227,14 @@ def where_error_is(result: IdentificationResult) -> Figure:
     unit = max(dict.fromkeys(units), key=units.count)
     chosen = np.array(space or [i for i, u in enumerate(units) if u == unit])
     factor, symbol = (1e3, "mm") if space else shown_unit(unit, float(np.max(np.abs(left.before[chosen]))))
-    groups: dict[str, list[float]] = {
-        "load step": [result.data.step_ids.index(readings[i].step) for i in chosen]
-    }
+    steps = [result.data.step_ids.index(readings[i].step) for i in chosen]
+    groups: dict[str, Sequence[float]] = {"load step": steps}
     # the squares of the coordinates of a marker add up to that of its distance
     coordinates = len({readings[i].quantity for i in space}) or 1
     places = [readings[i].location for i in chosen]
     if all(isinstance(x, float) for x in places) and len(set(places)) > 1:
         groups["arc length s [mm]"] = [1e3 * float(x or 0.0) for x in places]
+    lines = [*_drawn(result, left.before, left.after), (left.sigma, MEASURED, "noise")]
     with styled():
         figure = Figure(figsize=(11.6, 2.9), layout="constrained")
         axes = figure.subplots(1, len(groups), squeeze=False, width_ratios=(2, 1)[: len(groups)])[0]
@@ -246,10 +244,7 @@ def where_error_is(result: IdentificationResult) -> Figure:
         for ax, (label, group) in zip(axes, groups.items(), strict=True):
             x, number = np.unique(group, return_inverse=True)
             each = np.bincount(number) / coordinates
-            for residual, colour, text in (
-                *_drawn(result, left.before, left.after),
-                (left.sigma, MEASURED, "noise"),
-            ):
+            for residual, colour, text in lines:
                 rms = np.sqrt(np.bincount(number, residual[chosen] ** 2) / each)
                 style = ":" if text == "noise" else "o-"
                 ax.plot(x, factor * rms, style, color=colour, ms=3.5, lw=1.2, label=text)

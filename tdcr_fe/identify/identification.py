@@ -24,20 +24,7 @@ from tdcr_fe.identify.run import Run
 from tdcr_fe.identify.scatter import errors_of_inputs, with_input_sigma
 from tdcr_fe.identify.search import search_causes, with_scatter
 from tdcr_fe.identify.search_state import Progress, Search, SearchState, cut_short
-from tdcr_fe.identify.settings import (
-    ALL_STEPS,
-    FAULTS,
-    FRICTION,
-    FURTHER_EFFECTS,
-    NEXT_EXPERIMENT,
-    PROFILES,
-    SCATTER,
-    SMALLER_MODELS,
-    IdentifySettings,
-    OutOfTime,
-    Schedule,
-    clock,
-)
+from tdcr_fe.identify.settings import IdentifySettings, OutOfTime, Part, Schedule, clock
 from tdcr_fe.identify.verdict import conclude
 from tdcr_fe.io.measured import MeasuredData, first_checks, with_columns, without_unread_steps
 from tdcr_fe.io.user_effects import check_on
@@ -140,26 +127,26 @@ def _search(search: Search, state: SearchState, prepared: Prepared, schedule: Sc
     try:
         if unusable_data(state.problem, state.declared):
             return state
-        state = _in_time(_with_fault, state.ending_at(latest), FAULTS)
+        state = _in_time(_with_fault, state.ending_at(latest), Part.FAULTS)
         if state.data_fault:
             return state
         state = state.ending_at(schedule.search + schedule.grace)
         listed = replace(search, deadline=schedule.search, long_data=prepared.rows is not None)
         for latest_state in search_causes(listed, state):
             state = latest_state
-        state = cut_short(listed, state, FURTHER_EFFECTS)
+        state = cut_short(listed, state, Part.FURTHER_EFFECTS)
         whole = replace(search, deadline=schedule.end)
         end = latest if prepared.rows is None else schedule.friction + schedule.grace
-        state = _in_time(partial(_with_next, whole), state.ending_at(end), NEXT_EXPERIMENT)
+        state = _in_time(partial(_with_next, whole), state.ending_at(end), Part.NEXT_EXPERIMENT)
         if prepared.rows is not None:
             if prepared.frictional is not None:
                 frictional = replace(prepared.frictional, deadline=end)
-                state = _in_time(partial(with_friction, search, frictional), state, FRICTION)
+                state = _in_time(partial(with_friction, search, frictional), state, Part.FRICTION)
             state = fit_to_all_rows(whole, state, replace(prepared.problem, deadline=latest))
         if not whole.explained(state):  # parameters of a model that leaves more than noise have no profiles
-            return _in_time(_scattered, state, SCATTER)
+            return _in_time(_scattered, state, Part.SCATTER)
         if whole.out_of_time:
-            return state.without_trying(PROFILES) if state.best.free else state
+            return state.without_trying(Part.PROFILES) if state.best.free else state
         return replace(state, profiles=fitting.profiles(state.problem, state.best))
     except KeyboardInterrupt:
         state = state.with_history("interrupted; what was found until then is reported")
@@ -282,7 +269,7 @@ def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> 
     try:
         problem, found = _evaluated(problem, state.best)
     except OutOfTime:
-        return state.without_trying(ALL_STEPS)
+        return state.without_trying(Part.ALL_STEPS)
     unsolved = [f for f in found if not f.solved]
     if unsolved:
         model = " + ".join(unsolved[0].names) or "the declared model"
@@ -337,7 +324,7 @@ def _with_smaller_models(search: Search, searched: SearchState, state: SearchSta
     try:
         found = fitting.run_fits(problem, fits)
     except OutOfTime:
-        return state.without_trying(SMALLER_MODELS)
+        return state.without_trying(Part.SMALLER_MODELS)
     return replace(state, fits={**state.fits, **{frozenset(fit.names): fit for fit in found}})
 
 

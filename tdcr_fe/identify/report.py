@@ -12,26 +12,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tdcr_fe.effects import effect
-from tdcr_fe.identify import figures
-from tdcr_fe.identify.corrected import (
-    corrected_files,
-    corrected_motion,
-    effects_block,
-    observation_effects,
-    scenario_names,
-)
+from tdcr_fe.identify import corrected, figures, sentences
 from tdcr_fe.identify.result import IdentificationResult, Misfit
-from tdcr_fe.identify.sentences import (
-    correlations,
-    fitted_numbers,
-    headline,
-    measure,
-    remarks,
-    sentences,
-    size,
-    statistics,
-)
-from tdcr_fe.identify.settings import TABLES, OutOfTime
+from tdcr_fe.identify.sentences import measure, size
+from tdcr_fe.identify.settings import OutOfTime, Part
 from tdcr_fe.io.atomic import write_json, write_text
 from tdcr_fe.io.processes import interruption_deferred
 from tdcr_fe.io.result_files import versions
@@ -61,7 +45,7 @@ PROFILES = (
 
 def _sections(result: IdentificationResult, motion: Motion | None) -> list[Section]:
     """What is below the first screen."""
-    noted, data, text = remarks(result), result.data, result.remaining.description
+    noted, data, text = sentences.remarks(result), result.data, result.remaining.description
     found = []
     if motion is not None:
         declared = bool(motion.markers and motion.markers.declared.size)
@@ -70,15 +54,13 @@ def _sections(result: IdentificationResult, motion: Motion | None) -> list[Secti
         found.append(Section("robot", title, "motion.html.j2", panel, folded=False))
     if result.effects:
         drawn = figures.parameters(result)
-        described = [
-            (e, effect(e.name, result.simulated.catalogue).description, noted.get(e.name, []))
-            for e in result.effects
-        ]
+        known = result.simulated.catalogue
+        described = [(e, effect(e.name, known).description, noted.get(e.name, [])) for e in result.effects]
         evidence = {
             "result": result,
             "effects": described,
             "size": size,
-            "correlations": correlations(result),
+            "correlations": sentences.correlations(result),
             "picture": drawn and Picture(drawn, "Profiles of the parameters", PROFILES),
         }
         found.append(Section("effects", "Effects added, and the evidence", "effects.html.j2", evidence))
@@ -97,7 +79,7 @@ def _sections(result: IdentificationResult, motion: Motion | None) -> list[Secti
     }
     found.append(Section("data", "Declared robot, readings, rows left out", "data.html.j2", inputs))
     if result.effects:
-        scenarios = {n: t for n, t in corrected_files(result).items() if n.startswith("effects")}
+        scenarios = {n: t for n, t in corrected.corrected_files(result).items() if n.startswith("effects")}
         texts = {"scenarios": scenarios, "count": len(data.steps)}
         found.append(Section("scenario", "Scenario of the corrected robot", "scenario.html.j2", texts))
     return found
@@ -124,29 +106,28 @@ def page(result: IdentificationResult, motion: Motion | None = None) -> Page:
     if figures.loop(result):
         caption += ". The loop is a run of steps in which one tendon is pulled and released"
     shown = "Measured and predicted tip path, shapes and a loop of loading and unloading"
-    made = ", ".join(f"{name} {number}" for name, number in versions().items())
+    made = f"{result.log.runs} simulations in {result.log.wall_time:.0f} s. "
+    made += ", ".join(f"{name} {number}" for name, number in versions().items())
     summary = {
-        "numbers": fitted_numbers(result),
-        "statistics": statistics(result),
-        "remarks": [t for texts in remarks(result).values() for t in texts],
-        "block": effects_block(result),
-        "scenarios": scenario_names(result),
+        "numbers": sentences.fitted_numbers(result),
+        "statistics": sentences.statistics(result),
+        "remarks": [t for texts in sentences.remarks(result).values() for t in texts],
+        "block": corrected.effects_block(result),
+        "scenarios": corrected.scenario_names(result),
         "law": result.law,
-        "observation": [words(n) for n in observation_effects(result)],
+        "observation": [words(n) for n in corrected.observation_effects(result)],
     }
     return Page(
         title=f"Identification of {result.data.name}",
-        verdict=headline(result),
+        verdict=sentences.headline(result),
         level="part" if result.names_nothing else LEVELS[result.verdict],
-        sentences=tuple(sentences(result)),
+        sentences=tuple(sentences.sentences(result)),
         cards=_cards(result),
         pictures=(Picture(figures.comparison(result), shown, f"{caption}."),),
         summary=Section("summary", "", "summary.html.j2", summary),
         sections=tuple(_sections(result, motion)),
         has_panel=motion is not None,
-        notes=(
-            f"Errors: {measure(result)}. {result.log.runs} simulations in {result.log.wall_time:.0f} s. {made}.",
-        ),
+        notes=(f"Errors: {measure(result)}. {made}.",),
     )
 
 
@@ -181,7 +162,7 @@ def write_result(
     """
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    texts = corrected_files(result)
+    texts = corrected.corrected_files(result)
     next_loading = result.next_loading()
     if next_loading is not None:
         texts = {**texts, "next/loading.csv": next_loading}
@@ -193,11 +174,11 @@ def write_result(
     try:
         several = bool(result.data.parts)  # the panel shows one loading sequence
         if not (interrupted or several):
-            motion = corrected_motion(result, folder, deadline)
+            motion = corrected.corrected_motion(result, folder, deadline)
     except KeyboardInterrupt:  # the report is written without the 3D panel
         interrupted = True
     except OutOfTime:
-        log = replace(result.log, not_tried=(*result.log.not_tried, TABLES))
+        log = replace(result.log, not_tried=(*result.log.not_tried, Part.TABLES))
         result = replace(result, log=log)
         write_json(result.to_json(), folder / "result.json")
     try:

@@ -86,15 +86,11 @@ class RobotsResult:
         for name, c in self.common.items():
             unit = self.values[name][0].unit
             low, high = (quantity(x, unit, 2) for x in c.interval)
-            lines.append(
-                f"{words(name)}: {estimate(c.value, HALF_WIDTH * c.std_error, unit)}, between the robots a standard "
-                f"deviation of {quantity(c.scatter, unit, 2)} ({low} to {high}, 95 %)"
-            )
-            each = (
-                f"{robot} {estimate(p.value, p.half_width, unit)}"
-                for robot, p in zip(self.results, self.values[name], strict=True)
-            )
-            lines.append(f"    {', '.join(each)}")
+            value, scatter = estimate(c.value, HALF_WIDTH * c.std_error, unit), quantity(c.scatter, unit, 2)
+            between = f"between the robots a standard deviation of {scatter} ({low} to {high}, 95 %)"
+            own = zip(self.results, self.values[name], strict=True)
+            each = (f"{robot} {estimate(p.value, p.half_width, unit)}" for robot, p in own)
+            lines += [f"{words(name)}: {value}, {between}", f"    {', '.join(each)}"]
         return "\n".join(lines)
 
 
@@ -153,15 +149,12 @@ def _in_common(
     best = min(evidence, key=lambda names: evidence[names], default=())
     if not np.isfinite(evidence.get(best, np.inf)):
         return RobotsResult(results, ())
-    values = {}
+    values, common = dict[str, tuple[Estimate, ...]](), dict[str, Common]()
     for name in fitted[0][best][1]:
         own = tuple(found[best][1][name] for found in fitted)
         if all(p.std_error for p in own):
-            values[name] = own
-    common = {
-        name: Common.of(np.array([p.value for p in own]), np.array([p.std_error for p in own]))
-        for name, own in values.items()
-    }
+            errors = np.array([p.std_error for p in own])
+            values[name], common[name] = own, Common.of(np.array([p.value for p in own]), errors)
     return RobotsResult(results, best, values, common)
 
 
@@ -184,10 +177,7 @@ def _fitted(
                 start = {e.name: {p.name: point[e.name][p.name] for p in e.parameters} for e in effects}
                 fit = fitting.fit(problem, effects, [start])
                 deviation = np.sqrt(np.maximum(np.diag(fitting.covariance(problem, fit)), 0.0))
-                numbers = {
-                    f"{e.name}.{n}": p
-                    for e in effects
-                    for n, p in estimates(problem, fit, e, deviation).items()
-                }
+                each = {e.name: estimates(problem, fit, e, deviation) for e in effects}
+                numbers = {f"{e}.{n}": p for e, own in each.items() for n, p in own.items()}
                 found[names] = bic(problem, fit) if fit.solved else np.inf, numbers
     return found

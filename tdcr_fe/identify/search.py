@@ -54,7 +54,7 @@ from tdcr_fe.identify.search_state import (
     parent_of,
     refined,
 )
-from tdcr_fe.identify.settings import EXCHANGES, FURTHER_EFFECTS, OutOfTime
+from tdcr_fe.identify.settings import OutOfTime, Part
 
 #: Number of causes from which on a further one has to remove at least this part of the misfit on held-out steps [1].
 MANY, WORTHWHILE = 4, 0.1
@@ -88,14 +88,14 @@ def search_causes(search: Search, state: SearchState) -> Stage:
     every = dictionary(problem, run.bays)
     if search.long_data:
         state = replace(state, dictionary=tuple(filter(is_named, every)))
-        state = yield from in_time(state, grow(search, state), FURTHER_EFFECTS)
+        state = yield from in_time(state, grow(search, state), Part.FURTHER_EFFECTS)
         state = replace(state, extended=frozenset())
     state = replace(state, dictionary=every)
     for _ in range(3):
-        state = yield from in_time(state, grow(search, state), FURTHER_EFFECTS)
+        state = yield from in_time(state, grow(search, state), Part.FURTHER_EFFECTS)
         grown = state.best
         if not state.scatter:
-            state = yield from in_time(state, exchange(search, state), EXCHANGES)
+            state = yield from in_time(state, exchange(search, state), Part.EXCHANGES)
         if state.best is grown or state.scatter:
             break
     state = with_rivals(search, state)
@@ -535,7 +535,7 @@ def grow(search: Search, state: SearchState) -> Stage:
         if not tries:
             break
         if search.out_of_time and state.best.effects:
-            state = state.without_trying(FURTHER_EFFECTS)
+            state = state.without_trying(Part.FURTHER_EFFECTS)
             break
         pool: list[Proposal] = []
         for propose, parent in tries:
@@ -783,12 +783,12 @@ def exchange(search: Search, state: SearchState, progress: float = 0.75, costly:
     every = [gone for n in (1, 2) for gone in itertools.combinations(best.effects, n)]
     left = [tuple(e for e in best.effects if e not in gone) for gone in every]
     if every and search.out_of_time:
-        return state.without_trying(EXCHANGES)
+        return state.without_trying(Part.EXCHANGES)
     costly = costly and not search.is_noise(problem, best)
     state, bases = refitted(state, left[: len(best.effects)])
     for gone, rest in zip(every, left, strict=True):
         if search.out_of_time:
-            return state.without_trying(EXCHANGES)
+            return state.without_trying(Part.EXCHANGES)
         search.report(f"other causes in place of {listed_names([e.name for e in gone])}", progress)
         if len(gone) == 1:
             base = bases.pop(0)

@@ -37,17 +37,15 @@ def _paragraphs(result: IdentificationResult) -> list[str]:
     text = environment(__package__).get_template("sentences.txt.j2").render(
         result=result,
         names=_joined(_names(result)),
-        law=result.law,
+
         kinds=_kinds(result),
         measure=measure(result),
         noise=size(result.noise),
         without_sigma=sorted({r.channel.family for r in data.readings if r.sigma is None}),
-        searched=result.log.rows,
+
         alike=[_rivals(e) for e in result.effects if e.indistinguishable_from],
         idle=_idle_tendons(result),
-        scatter=result.scatter,
-        outliers=len(result.residuals.outliers),
-        planned=planned,
+
         purpose=planned and (planned.purpose if planned.parameter else words(planned.purpose)),
         commands=planned and _commands(planned),
         size=size,
@@ -64,11 +62,8 @@ def _joined(names: Sequence[str]) -> str:
 def _names(result: IdentificationResult) -> list[str]:
     """The effects, with those that are not certain beside others that are; those of a law have a sentence instead."""
     explained = result.verdict in (Verdict.EXPLAINED, Verdict.LAW_FOUND) and not result.names_nothing
-    return [
-        words(e.name) if e.found or not explained else f"{words(e.name)} (not certain)"
-        for e in result.effects
-        if not e.sentence or result.verdict != Verdict.LAW_FOUND
-    ]
+    shown = [e for e in result.effects if not e.sentence or result.verdict != Verdict.LAW_FOUND]
+    return [words(e.name) if e.found or not explained else f"{words(e.name)} (not certain)" for e in shown]
 
 
 def _kinds(result: IdentificationResult) -> list[str]:
@@ -154,10 +149,8 @@ def _contradictions(e: AddedEffect, result: IdentificationResult) -> list[str]:
     if not found:
         return []
     others = " or ".join(words(n) for n in e.indistinguishable_from) or "none of the listed effects"
-    return [
-        f"The fit contradicts what is declared: {'; '.join(found)}. If the declared values are certain, the error has "
-        f"another cause: {others}."
-    ]
+    hint = "If the declared values are certain, the error has another cause"
+    return [f"The fit contradicts what is declared: {'; '.join(found)}. {hint}: {others}."]
 
 
 def _implausible(e: AddedEffect) -> list[str]:
@@ -170,14 +163,13 @@ def _implausible(e: AddedEffect) -> list[str]:
             "yield above it. The effect probably represents another cause that softens the robot."
         ]
     if e.name == "gravity":
-        size, text = math.hypot(*value.values()), "The magnitude of the fitted gravity is"
+        size = math.hypot(*value.values())
+        text = f"The magnitude of the fitted gravity is {quantity(size, 'm/s^2')}"
         if abs(size - EARTH) <= EARTH_TOLERANCE:
-            return [f"{text} {quantity(size, 'm/s^2')}, as on Earth."]
+            return [f"{text}, as on Earth."]
         if abs(size - EARTH) > math.hypot(*(p.half_width or 0.0 for p in e.parameters.values())):
-            return [
-                f"{text} {quantity(size, 'm/s^2')}, not {EARTH} m/s²: either the declared masses are wrong, or the "
-                "effect represents another cause."
-            ]
+            why = "either the declared masses are wrong, or the effect represents another cause"
+            return [f"{text}, not {EARTH} m/s²: {why}."]
     # One for all tendons, or for each segment or tendon.
     if e.name == "friction_coefficient" and max(value.values()) > 1.0:
         largest = significant(max(value.values()))
@@ -243,15 +235,8 @@ def fitted_numbers(result: IdentificationResult) -> list[FittedNumber]:
             known = name not in undeclared
             same = known and width is not None and abs(p.value - declared) <= width
             notes = [meanings.get(name, ""), p.note, "not different from the declared value" if same else ""]
-            found.append(
-                FittedNumber(
-                    words(e.name),
-                    name,
-                    estimate(p.value, width, p.unit),
-                    quantity(declared, p.unit, 4) if known else DASH,
-                    "; ".join(filter(None, notes)),
-                )
-            )
+            texts = estimate(p.value, width, p.unit), quantity(declared, p.unit, 4) if known else DASH
+            found.append(FittedNumber(words(e.name), name, *texts, "; ".join(filter(None, notes))))
     return found
 
 
@@ -264,10 +249,8 @@ def correlations(result: IdentificationResult) -> list[tuple[str, str, str]]:
 def _aligned(*rows: Sequence[str]) -> list[str]:
     """Rows of cells as lines in which columns begin below each other."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "    " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    ]
+    padded = (map(str.ljust, row, widths) for row in rows)
+    return ["    " + "  ".join(cells).rstrip() for cells in padded]
 
 
 def summary(result: IdentificationResult) -> str:

@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any, NamedTuple
 
 from tdcr_fe.effects import EFFECTS, Effect
@@ -59,31 +60,24 @@ class IdentifySettings:
         return (*EFFECTS, *self.own_effects)
 
 
-#: Parts of an identification that are left out where its time does not suffice.
-FAULTS = "errors in the data"
+class Part(StrEnum):
+    """Parts of an identification that are left out where its time does not suffice."""
 
-FURTHER_EFFECTS = "further effects"
+    FAULTS = "errors in the data"
+    FURTHER_EFFECTS = "further effects"
+    EXCHANGES = "exchanges of effects"
+    FRICTION = "the best model with friction"
+    NEXT_EXPERIMENT = "the next experiment"
+    SCATTER = "what may be different in every step"
+    PROFILES = "the profiles of the parameters"
+    ALL_STEPS = "the fit to all load steps"
+    SMALLER_MODELS = "the errors after each effect"
+    CEILING = "the explainable part of the error"
+    TABLES = "the tables of the corrected robot"
 
-EXCHANGES = "exchanges of effects"
-
-FRICTION = "the best model with friction"
-
-NEXT_EXPERIMENT = "the next experiment"
-
-SCATTER = "what may be different in every step"
-
-PROFILES = "the profiles of the parameters"
-
-ALL_STEPS = "the fit to all load steps"
-
-SMALLER_MODELS = "the errors after each effect"
-
-CEILING = "the explainable part of the error"
-
-TABLES = "the tables of the corrected robot"
 
 #: Parts that may explain what is left: where one was not tried, and more than noise is left, the verdict is open.
-MAY_EXPLAIN = frozenset({FURTHER_EFFECTS, EXCHANGES, FRICTION})
+MAY_EXPLAIN = frozenset({Part.FURTHER_EFFECTS, Part.EXCHANGES, Part.FRICTION})
 
 #: From the first deadline of a part to the second, and from the time limit to the end of the simulation that the tables
 #: of the corrected robot take, over the time limit [1].

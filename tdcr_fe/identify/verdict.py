@@ -47,7 +47,7 @@ from tdcr_fe.identify.result import (
     Verdict,
 )
 from tdcr_fe.identify.search_state import Search, SearchState, posterior
-from tdcr_fe.identify.settings import CEILING, MAY_EXPLAIN
+from tdcr_fe.identify.settings import MAY_EXPLAIN, Part
 
 
 def conclude(search: Search, state: SearchState, begun: float = 0.0) -> IdentificationResult:
@@ -64,7 +64,7 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
     ceiling = None
     if not state.interrupted and (undecided is None or undecided.where in (THE_INPUTS, THE_NOISE)):
         if search.out_of_time:
-            state = state.without_trying(CEILING)
+            state = state.without_trying(Part.CEILING)
         else:
             ceiling = held_out_ceiling(problem, declared, best)
     spread = covariance(problem, best)
@@ -75,6 +75,12 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
     if best.run.acted is not None:
         corrected = with_action(corrected, best.run.acted.action)
     everything = np.ones(problem.count, dtype=bool)
+    left = problem.lengths(declared.residual), problem.lengths(best.residual), problem.whole_sigma
+    correlation = spread / np.maximum(np.outer(deviation, deviation), 1e-300)
+    tried = state.candidates, dict(state.refused), state.history, problem.forward.runs, wall_time
+    models = problem.experiment, replace(corrected, model=declared_mesh)
+    catalogue = (*problem.catalogue, *(e for e in best.effects if isinstance(e, Cause)))
+    solver = run_settings(problem.forward.settings, problem.path_tolerance)
     return IdentificationResult(
         data=data,
         verdict=_verdict(state, undecided, explained, unlisted),
@@ -85,37 +91,10 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
         held_out_steps=tuple(n for n in data.step_ids if n in held),
         remaining=undecided or _remaining(explained, tests),
         shapes=_shapes(problem, declared, best, held),
-        residuals=Residuals(
-            problem.lengths(declared.residual),
-            problem.lengths(best.residual),
-            problem.whole_sigma,
-            state.sigma_estimated,
-            outliers(best.residual),
-            tests[:12],
-        ),
-        parameters=Parameters(
-            tuple(f"{a}.{b}" for a, b in best.free),
-            spread / np.maximum(np.outer(deviation, deviation), 1e-300),
-            state.profiles,
-        ),
-        log=SearchLog(
-            state.candidates,
-            dict(state.refused),
-            state.history,
-            problem.forward.runs,
-            wall_time,
-            state.not_tried,
-            state.interrupted,
-            state.rows,
-        ),
-        simulated=Simulated(
-            problem.experiment,
-            replace(corrected, model=declared_mesh),
-            run_settings(problem.forward.settings, problem.path_tolerance),
-            (*problem.catalogue, *(e for e in best.effects if isinstance(e, Cause))),
-            best.run.trajectories,
-            problem.mesh_error,
-        ),
+        residuals=Residuals(*left, state.sigma_estimated, outliers(best.residual), tests[:12]),
+        parameters=Parameters(tuple(map(".".join, best.free)), correlation, state.profiles),
+        log=SearchLog(*tried, state.not_tried, state.interrupted, state.rows),
+        simulated=Simulated(*models, solver, catalogue, best.run.trajectories, problem.mesh_error),
         ceiling=ceiling,
         next_experiment=state.next_experiment,
         scatter=state.scatter,
@@ -126,10 +105,8 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
 
 def _errors(problem: FitProblem, fit: Fit, which: Flags, parameters: int = 0) -> Errors:
     """Of a model, on some readings; ``parameters``: how many were fitted."""
-    return Errors(
-        problem.misfit(fit.residual, which & problem.fitted, parameters),
-        problem.misfit(fit.residual, which & problem.held_out),
-    )
+    r, fitted = fit.residual, which & problem.fitted
+    return Errors(problem.misfit(r, fitted, parameters), problem.misfit(r, which & problem.held_out))
 
 
 def _undecided(search: Search, state: SearchState, explained: bool) -> Remainder | None:
@@ -228,6 +205,8 @@ def added_effects(
         after = best if i == len(best.effects) - 1 else state.fits.get(names)
         rivals = tuple(state.rivals.get(e.name, ()))
         probability = sum(w for f, w in weights if any(x.listed == e.listed for x in f.effects))
+        alike = another + sum(w for f, w in weights if any(x.kind == kind for x in f.effects))
+        errors = NOT_EVALUATED if after is None else _errors(problem, after, everything, len(after.free))
         evidence: dict[str, float] = {}
         if before is not None and after is not None:
             threshold = chi_square_threshold(len(e.parameters), search.significance)
@@ -240,17 +219,14 @@ def added_effects(
             AddedEffect(
                 name=e.listed,
                 parameters=estimates(problem, best, e, deviation),
-                after=NOT_EVALUATED
-                if after is None
-                else _errors(problem, after, everything, len(after.free)),
+                after=errors,
                 evidence=evidence,
                 kind=kind,
                 indistinguishable_from=rivals,
                 separating_experiment=separating_experiments(e, rivals, problem.catalogue),
                 found=explained and is_named(e) and probability > NAMED,
                 probability=probability,
-                kind_probability=another
-                + sum(w for f, w in weights if any(x.kind == kind for x in f.effects)),
+                kind_probability=alike,
                 form=e.name,
                 sentence=e.sentence if isinstance(e, Cause) else "",
             )
@@ -277,10 +253,8 @@ def estimates(problem: FitProblem, best: Fit, e: Effect, deviation: Array) -> di
     numbers = {}
     if isinstance(e, EffectAtPlace):
         spread, units = e.spread(problem.data.robot), {p.name: p.unit for p in e.general.parameters}
-        numbers = {
-            name: Estimate(value, spread[name], units[name], "the best of all places")
-            for name, value in e.place.items()
-        }
+        for name, value in e.place.items():
+            numbers[name] = Estimate(value, spread[name], units[name], "the best of all places")
     for p in e.parameters:
         value = best.values[e.name][p.name]
         null = e.null_values(problem.experiment)[p.name]

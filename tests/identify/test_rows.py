@@ -34,7 +34,7 @@ from tdcr_fe.identify.load_steps import (
 )
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.sentences import sentences
-from tdcr_fe.identify.settings import ALL_STEPS, CEILING, SMALLER_MODELS, IdentifySettings
+from tdcr_fe.identify.settings import IdentifySettings, Part
 
 SIGMA = 1e-4
 
@@ -190,9 +190,7 @@ def searched():
     return problem, chosen, replace(state, best=best)
 
 
-@pytest.mark.parametrize(
-    ("hard", "missed"), [(0.0, {ALL_STEPS, CEILING}), (math.inf, {SMALLER_MODELS, CEILING})]
-)
+@pytest.mark.parametrize(("hard", "missed"), [(0.0, Part.ALL_STEPS), (math.inf, Part.SMALLER_MODELS)])
 def test_a_final_fit_that_the_time_does_not_suffice_for_loses_nothing(searched, tmp_path, hard, missed):
     """Without any time no simulation of all load steps ends; with some, nothing further begins after the first."""
     problem, chosen, state = searched
@@ -200,14 +198,14 @@ def test_a_final_fit_that_the_time_does_not_suffice_for_loses_nothing(searched, 
     state = fit_to_all_rows(search, state, replace(problem, deadline=hard))
     result = concluded(state, search, rows=chosen)
     assert [e.name for e in result.effects] == ["gravity", "precurvature"]
-    assert set(result.log.not_tried) == missed
-    assert result.fitted_to_all == (ALL_STEPS not in missed)
+    assert set(result.log.not_tried) == {missed, Part.CEILING}
+    assert result.fitted_to_all == (missed != Part.ALL_STEPS)
     count = len(problem.data.readings) if result.fitted_to_all else 6 * len(chosen.steps)
     assert result.after.fit.count + result.after.held_out.count == count
     assert result.after.held_out.chi2_per_dof < 0.1 * result.before.held_out.chi2_per_dof
     first, second = result.effects
-    assert (first.evidence == {}) == (SMALLER_MODELS in missed) and second.parameters
-    assert math.isnan(first.after.fit.chi2_per_dof) == (SMALLER_MODELS in missed)
+    assert (first.evidence == {}) == (missed == Part.SMALLER_MODELS) and second.parameters
+    assert math.isnan(first.after.fit.chi2_per_dof) == (missed == Part.SMALLER_MODELS)
     (tmp_path / "report.html").write_text(render(result), encoding="utf-8")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert ("What it adds alone is not known" in page) == (SMALLER_MODELS in missed)
+    assert ("What it adds alone is not known" in page) == (missed == Part.SMALLER_MODELS)

@@ -14,7 +14,7 @@ from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.sentences import headline, sentences
-from tdcr_fe.identify.settings import CEILING, EXCHANGES, FURTHER_EFFECTS, OutOfTime
+from tdcr_fe.identify.settings import OutOfTime, Part
 
 TWO = {**GRAVITY, "precurvature": {"kappa_x": 0.9, "kappa_y": -0.7}}
 
@@ -50,9 +50,9 @@ def test_search_without_time_ends_with_the_first_effect_and_says_what_is_not_tri
     """Two effects are missing; when the first is fitted the time is over. It used to go on for as long as it took."""
     result = identified(monkeypatch, measured(TWO), {"fitting": 1.05}, candidates=2)
     assert len(result.effects) == 1 and result.verdict == "unfinished" and not result.log.interrupted
-    assert result.log.not_tried[0] == FURTHER_EFFECTS
+    assert result.log.not_tried[0] == Part.FURTHER_EFFECTS
     assert result.to_json()["not_tried"] == list(result.log.not_tried)
-    assert {EXCHANGES, CEILING} < set(result.log.not_tried) and result.ceiling is None
+    assert {Part.EXCHANGES, Part.CEILING} < set(result.log.not_tried) and result.ceiling is None
     assert headline(result).startswith("Unfinished: the search ran out of time")
     assert any("too short for further effects" in s for s in sentences(result))
     assert result.after.fit.rms_position < result.before.fit.rms_position
