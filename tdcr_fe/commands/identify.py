@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     )
     complain_of_left_out(args, [row for s in sets for row in s.left_out])
     try:
-        text, figures, names, interrupted = (_robots if args.robots else _robot)(args, sets, settings, out)
+        text, figures, names, interrupted = (_robots if args.robots else _robot)(args, sets, settings)
     except NotSolved as error:
         args.noted.message = str(error)
         complain(str(error))
@@ -61,25 +61,21 @@ def run(args: argparse.Namespace) -> int:
 Outcome = tuple[str, dict[str, Any], list[str], bool]
 
 
-def _robot(
-    args: argparse.Namespace, sets: Sequence[MeasuredData], settings: IdentifySettings, out: Path
-) -> Outcome:
+def _robot(args: argparse.Namespace, sets: Sequence[MeasuredData], settings: IdentifySettings) -> Outcome:
     """Identify one robot and write the result."""
     data, deadline = join_measured(sets), clock() + (1.0 + GRACE_OF_TABLES) * settings.time_limit
     print_understood(args, data.robot, data.model, data.steps)
     result = _with_progress(args, lambda progress: identify(data, settings, progress))
     with warnings_to():  # the same were issued for the measured data
-        result, names, interrupted = write_result(result, out, deadline)
+        result, names, interrupted = write_result(result, Path(args.out), deadline)
     document = result.to_json()
     figures = {name: document[name] for name in FIGURES if name in document}
     return summary(result), figures, names, interrupted
 
 
-def _robots(
-    args: argparse.Namespace, sets: Sequence[MeasuredData], settings: IdentifySettings, out: Path
-) -> Outcome:
+def _robots(args: argparse.Namespace, sets: Sequence[MeasuredData], settings: IdentifySettings) -> Outcome:
     """Identify several robots of one design and write the results."""
-    names = [s.name for s in sets]
+    names, out = [s.name for s in sets], Path(args.out)
     if len(set(names)) < max(2, len(names)):
         raise refusal("--robots", "takes two or more folders of different names")
     found = _with_progress(args, lambda progress: identify_robots(sets, settings, progress))

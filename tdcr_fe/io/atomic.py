@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tdcr_fe.io.problems import refusal
+from tdcr_fe.io.problems import StrPath, refusal
 
 
 def plain(value: Any) -> Any:
@@ -38,7 +38,7 @@ def to_json(value: Any, indent: int | None = 2) -> str:
     return json.dumps(plain(value), indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def write_text(text: str, path: str | os.PathLike[str]) -> None:
+def write_text(text: str, path: StrPath) -> None:
     """Write a text file in UTF-8; its folder is made where it does not exist.
 
     An existing file is replaced only when the new one is complete.
@@ -57,12 +57,12 @@ def write_text(text: str, path: str | os.PathLike[str]) -> None:
         partial.unlink(missing_ok=True)
 
 
-def write_json(value: Any, path: str | os.PathLike[str], indent: int | None = 2) -> None:
+def write_json(value: Any, path: StrPath, indent: int | None = 2) -> None:
     """Write a value as JSON that any reader takes (no NaN)."""
     write_text(to_json(value, indent), path)
 
 
-def check_output_folder(out: str | os.PathLike[str]) -> Path:
+def check_output_folder(out: StrPath) -> Path:
     """The directory that results are to go to, refused where it cannot be one.
 
     Raises
@@ -89,9 +89,7 @@ def check_output_folder(out: str | os.PathLike[str]) -> Path:
     return out
 
 
-def write_folder(
-    out: str | os.PathLike[str], write: Callable[[Path], None], ours: Iterable[str] = ()
-) -> list[Path]:
+def write_folder(out: StrPath, write: Callable[[Path], None], ours: Iterable[str] = ()) -> list[Path]:
     """Let ``write`` fill an empty directory, then move the files from there into ``out``.
 
     Parameters

@@ -50,11 +50,8 @@ def effect_keys(names: tuple[str, ...]) -> Keys:
 
 
 _COUNT = Quantity("disks at equal distances, the last at the tip", ge=1, le=10_000)
-_POSITIONS = replace(
-    *keys_of(Disks)["positions"].__metadata__,
-    description="arc lengths of the disks, in place of count",
-    min_items=1,
-)
+(_OF_DISKS,) = keys_of(Disks)["positions"].__metadata__
+_POSITIONS = replace(_OF_DISKS, description="arc lengths of the disks, in place of count", min_items=1)
 _PLACES = {"count": Annotated[int, _COUNT], "positions": Annotated[tuple[float, ...], _POSITIONS]}
 #: Keys of ``[disks]``, of which exactly one of ``count`` and ``positions`` is given.
 DISKS = Keys({**keys_of(Disks), **_PLACES}, {**keys_of(Disks).defaults, **dict.fromkeys(_PLACES)})

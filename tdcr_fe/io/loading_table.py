@@ -6,7 +6,6 @@ Every mistake is named by its line and column.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import combinations
 from typing import Annotated, Any, NamedTuple
@@ -14,7 +13,7 @@ from typing import Annotated, Any, NamedTuple
 import pandas as pd
 
 from tdcr_fe.elements.drives import DRIVES
-from tdcr_fe.io.problems import Reporter
+from tdcr_fe.io.problems import Reporter, StrPath
 from tdcr_fe.io.spreadsheet import number, read_table
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, resolve
 from tdcr_fe.model.messages import PlausibilityWarning, bare, issue, meant
@@ -242,7 +241,7 @@ def loading_text(
     return str(loading_table(robot, step_ids, steps, branches).to_csv(index=False))
 
 
-def read_path(path: str | os.PathLike[str]) -> tuple[TipTarget, ...]:
+def read_path(path: StrPath) -> tuple[TipTarget, ...]:
     """Read ``path.csv``.
 
     Parameters

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
@@ -16,7 +15,7 @@ import pandas as pd
 from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.io.atomic import write_text
 from tdcr_fe.io.loading_table import Loading, loading_table, read_loading
-from tdcr_fe.io.problems import InputError, Problem, Reporter, read_all, refusal
+from tdcr_fe.io.problems import InputError, Problem, Reporter, StrPath, read_all, refusal
 from tdcr_fe.io.readings import BadRow, Reading, observations_table, read_observations, read_rows
 from tdcr_fe.io.spreadsheet import read_table
 from tdcr_fe.io.toml import digest, read_model_tables, read_robot
@@ -114,7 +113,7 @@ class MeasuredData:
 # ------------------------------------------------------------------------------------------------- reading
 
 
-def read_measured(folder: str | os.PathLike[str]) -> MeasuredData:
+def read_measured(folder: StrPath) -> MeasuredData:
     """Read a folder of measured data.
 
     Parameters
@@ -198,7 +197,7 @@ def _acts_beside_robot(name: str, values: Mapping[str, float], before: Experimen
     return (before.steps, before.ends, before.observation) != (after.steps, after.ends, after.observation)
 
 
-def write_measured(data: MeasuredData, folder: str | os.PathLike[str]) -> None:
+def write_measured(data: MeasuredData, folder: StrPath) -> None:
     """Write data as a folder that `read_measured` reads.
 
     Raises

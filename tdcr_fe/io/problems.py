@@ -12,6 +12,9 @@ from typing import Any
 from tdcr_fe.model.checks import Contradiction
 from tdcr_fe.model.messages import quoted
 
+#: A path, as a text or an object.
+StrPath = str | os.PathLike[str]
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -63,7 +66,7 @@ class InputError(Exception):
         super().__init__("\n".join(str(p) for p in self.problems))
 
 
-def refusal(file: str | os.PathLike[str], allowed: str, key: str = "", value: str = "") -> InputError:
+def refusal(file: StrPath, allowed: str, key: str = "", value: str = "") -> InputError:
     """An error with one mistake; see `Problem`."""
     return InputError([Problem(str(file), key, value, allowed)])
 

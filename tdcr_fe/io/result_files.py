@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import html
 import importlib.metadata
-import os
 import platform
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -17,6 +16,7 @@ from typing import Any
 from tdcr_fe import __version__
 from tdcr_fe.compiled import is_compiled, numba_version
 from tdcr_fe.io.atomic import write_folder, write_json, write_text
+from tdcr_fe.io.problems import StrPath
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.model.plausibility import understood
@@ -111,7 +111,7 @@ VIEW_PAGE = "view.html"
 
 def write_results(
     result: SequenceResult,
-    out: str | os.PathLike[str],
+    out: StrPath,
     digests: Mapping[str, str] | None = None,
     steps_asked: int | None = None,
     pictures: bool = True,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tdcr_fe.elements import Array
-from tdcr_fe.io.problems import refusal
+from tdcr_fe.io.problems import StrPath, refusal
 from tdcr_fe.model.columns import tendon_columns
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.results import HOLE_STATES
@@ -66,7 +65,7 @@ def _summary(path: Path) -> dict[str, Any]:
         return found
 
 
-def _folder(folder: str | os.PathLike[str]) -> Path:
+def _folder(folder: StrPath) -> Path:
     """The folder that holds the tables."""
     path = Path(folder)
     if (path / CORRECTED / SUMMARY).is_file() and not (path / SUMMARY).is_file():
@@ -108,7 +107,7 @@ def _markers(folder: Path, steps: list[int]) -> Markers | None:
     return Markers(measured[0, :, 0], measured[:, :, 1:], declared[:, :, 1:])
 
 
-def read_motion(folder: str | os.PathLike[str]) -> Motion:
+def read_motion(folder: StrPath) -> Motion:
     """Read what a drawing needs from the results of a run, a followed path or an identification.
 
     Parameters

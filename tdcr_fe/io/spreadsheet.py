@@ -5,18 +5,17 @@ from __future__ import annotations
 import csv
 import io
 import math
-import os
 import re
 from pathlib import Path
 
 import pandas as pd
 
-from tdcr_fe.io.problems import read_bytes, refusal
+from tdcr_fe.io.problems import StrPath, read_bytes, refusal
 
 _DECIMAL = {mark: re.compile(rf"(?=.*\d)[+-]?\d*\{mark}\d*([eE][+-]?\d+)?") for mark in ",."}
 
 
-def read_table(path: str | os.PathLike[str]) -> pd.DataFrame:
+def read_table(path: StrPath) -> pd.DataFrame:
     """A table as texts; where semicolons or tabs separate the cells, decimal commas become points.
 
     Parameters

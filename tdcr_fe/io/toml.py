@@ -7,7 +7,6 @@ values of a key are annotations of the field of the description, see `tdcr_fe.mo
 from __future__ import annotations
 
 import hashlib
-import os
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -19,7 +18,7 @@ import numpy as np
 
 from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.io.keys import BACKBONE, DISKS, MODEL_FILE, ROBOT, SCENARIO, tendon_keys
-from tdcr_fe.io.problems import InputError, Problem, Reporter, read_bytes, refusal
+from tdcr_fe.io.problems import InputError, Problem, Reporter, StrPath, read_bytes, refusal
 from tdcr_fe.io.user_effects import apply_effects
 from tdcr_fe.model import checks
 from tdcr_fe.model.backbone import Backbone
@@ -180,7 +179,7 @@ def _build_step(i: int, data: Any, parts: RobotParts, reporter: Reporter) -> Loa
 # --------------------------------------------------------------------------------------------------- reading
 
 
-def read_toml(path: str | os.PathLike[str], named: Problem | None = None) -> tuple[dict[str, Any], str]:
+def read_toml(path: StrPath, named: Problem | None = None) -> tuple[dict[str, Any], str]:
     """Contents of a TOML file, and its SHA-256 in hexadecimal.
 
     Parameters
@@ -213,12 +212,12 @@ def read_toml(path: str | os.PathLike[str], named: Problem | None = None) -> tup
     raise refusal(path, reason, key, value)
 
 
-def digest(path: str | os.PathLike[str]) -> str:
+def digest(path: StrPath) -> str:
     """SHA-256 of a file, in hexadecimal."""
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
-def read_robot(path: str | os.PathLike[str]) -> Robot:
+def read_robot(path: StrPath) -> Robot:
     """Read `robot.toml`.
 
     Raises
@@ -234,7 +233,7 @@ def read_robot(path: str | os.PathLike[str]) -> Robot:
     return robot
 
 
-def read_model(path: str | os.PathLike[str], robot: Robot | None = None) -> Model:
+def read_model(path: StrPath, robot: Robot | None = None) -> Model:
     """Read the model of a `model.toml`; `read_model_file` gives its solver settings, too.
 
     Parameters
@@ -252,9 +251,7 @@ def read_model(path: str | os.PathLike[str], robot: Robot | None = None) -> Mode
     return read_model_file(path, robot)[0]
 
 
-def read_model_file(
-    path: str | os.PathLike[str] | None, robot: Robot | None = None
-) -> tuple[Model, SolverSettings]:
+def read_model_file(path: StrPath | None, robot: Robot | None = None) -> tuple[Model, SolverSettings]:
     """Read `model.toml`, which contains only the tables `[model]` and `[solver]`.
 
     Parameters
@@ -280,7 +277,7 @@ def read_model_file(
     return tables["model"], tables["solver"]
 
 
-def read_model_tables(path: str | os.PathLike[str] | None, robot: Robot | None) -> dict[str, Any]:
+def read_model_tables(path: StrPath | None, robot: Robot | None) -> dict[str, Any]:
     """The tables of a `model.toml` by name, see `read_model_file`; also those of measured data, effects and inputs."""
     if path is None:
         return {**MODEL_FILE.defaults, "model": Model() if robot is None else Model.default_for(robot)}
@@ -317,7 +314,7 @@ class ScenarioTables:
     problems: tuple[Problem, ...] = ()
 
 
-def read_scenario_tables(path: str | os.PathLike[str], named: Problem | None = None) -> ScenarioTables:
+def read_scenario_tables(path: StrPath, named: Problem | None = None) -> ScenarioTables:
     """Tables of a `scenario.toml` and of the robot that it names; their contents are not checked.
 
     Parameters
@@ -343,7 +340,7 @@ def read_scenario_tables(path: str | os.PathLike[str], named: Problem | None = N
     return ScenarioTables(scenario, robot, path, robot_path, digests)
 
 
-def read_scenario(path: str | os.PathLike[str], effects: Sequence[Effect] = ()) -> Scenario:
+def read_scenario(path: StrPath, effects: Sequence[Effect] = ()) -> Scenario:
     """Read `scenario.toml` and the `robot.toml` that it names.
 
     Parameters

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import math
-import os
 import runpy
 from collections.abc import Iterable, Sequence
 from functools import partial
@@ -13,7 +12,7 @@ from typing import Any
 
 from tdcr_fe.effects import EFFECTS, Effect, Experiment, Parameter, with_effects
 from tdcr_fe.io.keys import effect_keys, parameter_keys
-from tdcr_fe.io.problems import InputError, Problem, Reporter, refusal
+from tdcr_fe.io.problems import InputError, Problem, Reporter, StrPath, refusal
 
 
 def apply_effects(
@@ -53,7 +52,7 @@ def apply_effects(
         return sound, experiment
 
 
-def read_own_effects(paths: Iterable[str | os.PathLike[str]]) -> tuple[Effect, ...]:
+def read_own_effects(paths: Iterable[StrPath]) -> tuple[Effect, ...]:
     """The effects that Python files define, in their order.
 
     Each file is run. Every class in it that is derived from `tdcr_fe.effects.Effect` is made without arguments.

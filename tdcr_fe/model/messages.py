@@ -62,11 +62,7 @@ def ignore_warnings() -> None:
 _COUNTS = {1: "one", 2: "two", 3: "three"}
 #: By type in a JSON schema; numbers with a unit may be texts.
 _NOUNS = {"number": "number", "['number', 'string']": "number", "integer": "whole number"}
-_BOUNDS = {
-    "exclusiveMinimum": "above {:g}",
-    "minimum": "at least {:g}",
-    "maximum": "at most {:g}",
-}
+_BOUNDS = {"exclusiveMinimum": "above {:g}", "minimum": "at least {:g}", "maximum": "at most {:g}"}
 
 
 def quoted(text: str) -> str:

@@ -198,7 +198,7 @@ class EnergySums:
             return
         _, start = self._forces(begin, mbs.systemData.GetTime(_START), _START)
         law, end = self._forces(finish, t, _CURRENT)
-        tendon_work, friction = tendon_work_and_dissipation(law, start, end)
+        tendon_work, friction = work_and_dissipation(law, start, end)
         # The static solver leaves velocities as they are, and ramps loads and weight.
         statics = np.array_equal(begin.velocities, finish.velocities)
         factors = np.array([factor_before, self._load_factor])
@@ -262,9 +262,7 @@ def static_load_factor(mbs: exu.MainSystem) -> float:
     return float(solver.ComputeLoadFactor(settings))
 
 
-def tendon_work_and_dissipation(
-    law: TendonLaw, before: TendonForces, after: TendonForces
-) -> tuple[float, float]:
+def work_and_dissipation(law: TendonLaw, before: TendonForces, after: TendonForces) -> tuple[float, float]:
     """Work of the tendons at the base plate, and dissipation at all holes [J], by the trapezoidal rule.
 
     The work that a tendon does at a cross section, per unstretched length ``du`` that passes it, is its tension times

@@ -213,18 +213,18 @@ def add_tendons(
     return markers, connectors
 
 
-def _in_disks(
-    robot: Robot, tendon: Tendon, mesh: BackboneMesh, bodies: Sequence[Any]
-) -> list[tuple[Any, Any]]:
-    """Bodies and local positions of the holes of a tendon [m]."""
+#: Bodies of holes, and local positions there [m].
+Places = list[tuple[Any, Any]]
+
+
+def _in_disks(robot: Robot, tendon: Tendon, mesh: BackboneMesh, bodies: Sequence[Any]) -> Places:
+    """Where the holes of a tendon are."""
     points = robot.hole_points(tendon)
     along = [-0.5 * mesh.lengths[0]] + [0.0] * (len(points) - 1)
     return [(body, (x + p[2], p[0], p[1])) for body, x, p in zip(bodies, along, points, strict=False)]
 
 
-def _along_backbone(
-    robot: Robot, tendon: Tendon, mesh: BackboneMesh, bodies: Sequence[Any]
-) -> list[tuple[Any, Any]]:
+def _along_backbone(robot: Robot, tendon: Tendon, mesh: BackboneMesh, bodies: Sequence[Any]) -> Places:
     """The same of a tendon that follows the backbone: every node up to its end, on the beam before it."""
     end = robot.end(tendon)
     s = mesh.arc_lengths[mesh.arc_lengths <= end + ARC_TOLERANCE]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
@@ -13,7 +12,7 @@ import exudyn
 import numpy as np
 
 from tdcr_fe.effects import Effect
-from tdcr_fe.io.problems import InputError, Problem
+from tdcr_fe.io.problems import InputError, Problem, StrPath
 from tdcr_fe.io.toml import Scenario, ScenarioTables, build_scenario, read_scenario_tables
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.model.columns import AFTER_TENDONS, OF_TENDONS, tendon_columns
@@ -177,10 +176,10 @@ def _values_at(job: Job, columns: tuple[str, ...], parameterDict: Mapping[str, A
 
 
 def parameter_function(
-    scenario: str | os.PathLike[str],
+    scenario: StrPath,
     quantities: Sequence[str] = ("tip_x", "tip_y", "tip_z"),
     *,
-    effects: Sequence[str | os.PathLike[str]] = (),
+    effects: Sequence[StrPath] = (),
 ) -> Callable[[Mapping[str, Any]], list[float]]:
     """A scenario as a function of parameters, as `exudyn.processing.ParameterVariation` takes it.
 

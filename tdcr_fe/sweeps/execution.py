@@ -13,6 +13,7 @@ from functools import partial
 from typing import Any
 
 from tdcr_fe.io.atomic import check_output_folder
+from tdcr_fe.io.problems import StrPath
 from tdcr_fe.io.processes import worker_pool
 from tdcr_fe.io.store import as_completed
 from tdcr_fe.sweeps.cases import Evaluate, Job, Outcome, solve_case
@@ -43,14 +44,14 @@ class SweepInterrupted(KeyboardInterrupt):
 
 
 def sweep(
-    source: str | os.PathLike[str] | Mapping[str, Any] | Sweep,
-    out: str | os.PathLike[str] | None = None,
+    source: StrPath | Mapping[str, Any] | Sweep,
+    out: StrPath | None = None,
     *,
     executor: Executor | None = None,
     processes: int | None = None,
     in_flight: int | None = None,
     evaluate: Evaluate | None = None,
-    effects: Sequence[str | os.PathLike[str]] = (),
+    effects: Sequence[StrPath] = (),
     fresh: bool = False,
     retry: bool = False,
     report: bool = True,

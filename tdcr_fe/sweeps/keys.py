@@ -17,6 +17,8 @@ IN_SCENARIO, IN_ROBOT = [name for name in SCENARIO if name != "robot"], list(ROB
 
 _PART = re.compile(r'\.(?:"((?:[^"\\]|\\.)*)"|([A-Za-z0-9_-]+))|\[(-?\d+)\]')
 
+#: Names of tables and keys, and numbers of list items, from the top of a file.
+KeyPath = Sequence[str | int]
 #: From the value that stands in a file, None where there is none, to the one that replaces it.
 Change = Callable[[Any], Any]
 
@@ -114,7 +116,7 @@ def set_value(tables: ScenarioTables, key: Key, change: Change) -> ScenarioTable
     return replace(tables, scenario=_changed(tables.scenario, key.path, change, ""))
 
 
-def _changed(node: Any, path: Sequence[str | int], change: Change, where: str) -> Any:
+def _changed(node: Any, path: KeyPath, change: Change, where: str) -> Any:
     """A copy of ``node`` with the value at ``path`` below it changed."""
     if not path:
         return change(node)
@@ -136,16 +138,12 @@ def _changed(node: Any, path: Sequence[str | int], change: Change, where: str) -
     return table
 
 
-def _with_items(
-    items: list[Any], paths: Mapping[int, Sequence[str | int]], change: Change, where: str
-) -> list[Any]:
+def _with_items(items: list[Any], paths: Mapping[int, KeyPath], change: Change, where: str) -> list[Any]:
     """A list with the values at paths below some of its items changed."""
     return [_changed(x, paths[k], change, join(where, k)) if k in paths else x for k, x in enumerate(items)]
 
 
-def _meant_tables(
-    node: list[Any], head: str, path: Sequence[str | int], where: str
-) -> dict[int, Sequence[str | int]]:
+def _meant_tables(node: list[Any], head: str, path: KeyPath, where: str) -> dict[int, KeyPath]:
     """Tables of a list that a key means: the one of that name; else all of them, or all load steps that have it."""
     names = [x.get("name") for x in node]
     if head in names:
@@ -163,7 +161,7 @@ def _meant_tables(
     return {k: path for k in range(len(node))}
 
 
-def _has(node: Any, path: Sequence[str | int]) -> bool:
+def _has(node: Any, path: KeyPath) -> bool:
     """Whether a value stands at a path."""
     for part in path:
         try:

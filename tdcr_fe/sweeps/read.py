@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,7 +13,7 @@ import numpy as np
 
 from tdcr_fe.effects import Effect
 from tdcr_fe.io.keys import json_schema
-from tdcr_fe.io.problems import InputError, Problem, Reporter, refusal
+from tdcr_fe.io.problems import InputError, Problem, Reporter, StrPath, refusal
 from tdcr_fe.io.toml import Scenario, ScenarioTables, build_scenario, digest, read_scenario_tables, read_toml
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
@@ -70,9 +69,7 @@ def sweep_schema() -> dict[str, Any]:
     return {**schema, **head, "properties": {**schema["properties"], "vary": {**vary, "items": table}}}
 
 
-def read_sweep(
-    source: str | os.PathLike[str] | Mapping[str, Any], effects: Sequence[str | os.PathLike[str]] = ()
-) -> Sweep:
+def read_sweep(source: StrPath | Mapping[str, Any], effects: Sequence[StrPath] = ()) -> Sweep:
     """Read and check a sweep.
 
     Parameters
