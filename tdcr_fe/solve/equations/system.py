@@ -218,16 +218,14 @@ class SceneSystem:
         self._write(state, target, iteration, hold_contact)
         forces = self.forces(state, target.time)
         raw, unbalanced = self._balance(state, forces)
-        on_bases = []
-        for base in numbering.clamped:
-            on_bases.append(unbalanced[base].copy())
-            unbalanced[base] = 0.0
+        on_bases = tuple([unbalanced[base].copy() for base in numbering.clamped])
+        zero_bases(unbalanced, numbering.clamped)
         size = layout.scales.relative_residual(unbalanced, state.base_tension, target.load_size)
         for part in numbering.robots:
             if part.driven.size:
                 own, displacement = forces[part.robot], target.inputs[part.robot]
                 size = max(size, layout.scales.displacement_error(own, displacement, part.driven))
-        return Residual(state, target, forces, unbalanced, tuple(on_bases), raw, size)
+        return Residual(state, target, forces, unbalanced, on_bases, raw, size)
 
     def unbalanced(
         self, state: SolverState, target: Target, forces: tuple[TendonForces, ...], numbering: Numbering

@@ -35,11 +35,6 @@ class TendonsInSubstep(NamedTuple):
         return len(self.which) * self.law.shape[1]
 
     @property
-    def angles(self) -> int:
-        """Number of turning angles, padded ones included."""
-        return len(self.which) * (self.law.shape[1] - 1)
-
-    @property
     def holes(self) -> int:
         """Number of frictional mobilisations."""
         return int(np.count_nonzero(self.frictional))
@@ -198,9 +193,9 @@ class AdhesiveTransfer:
         segment = hole = 0
         for own in tendons:
             m, n = len(own.which), own.law.shape[1]
-            holes = hole + np.arange(own.angles).reshape(m, n - 1)
-            self._places.append((segment + np.arange(own.segments).reshape(m, n), holes))
-            segment, hole = segment + own.segments, hole + own.angles
+            segments, holes = np.arange(m * n).reshape(m, n), np.arange(m * (n - 1)).reshape(m, n - 1)
+            self._places.append((segment + segments, hole + holes))
+            segment, hole = segment + segments.size, hole + holes.size
         behind = np.flatnonzero(self._capstan.holes_before.any(axis=1))
         #: Segment before the hole, or the first one, of every mobilisation.
         self._before = behind[self._capstan.incidence.argmax(axis=1)] - 1
