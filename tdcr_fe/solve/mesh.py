@@ -326,7 +326,7 @@ def refined(
     counts
         Elements per bay of the present mesh, shape (B,).
     estimates
-        Of its steps.
+        Of its steps, one of which at least exceeds the goal.
     goal
         Error to stay below [m].
     order
@@ -337,8 +337,6 @@ def refined(
     for found in estimates:
         if found.by_bay is not None:
             worst[: len(found.by_bay)] = np.maximum(worst[: len(found.by_bay)], found.by_bay)
-    if not worst.any():
-        return tuple(counts)
     most = np.minimum(GROWTH * n, max(MOST_PER_BAY, *n.tolist()))
     known = np.isfinite(worst)
     scaled = np.where(known, worst, 0.0) * n**order

@@ -293,10 +293,7 @@ class Linearization(NamedTuple):
         at_zero = gap + factors.rows @ start - factors.schur @ tension
         new, solved = solve_box(factors.schur, -at_zero, tension, 0.0, np.inf)
         if not solved:
-            new, solved = solve_box(positive_definite_near(factors.schur), -at_zero, tension, 0.0, np.inf)
-        if not solved:
-            missed = np.where(factors.slack, tension, gap)
-            return self, factors.solve(-np.concatenate((unbalanced, missed)))
+            new, _ = solve_box(positive_definite_near(factors.schur), -at_zero, tension, 0.0, np.inf)
         linear = self._replace(factorisation=factors.with_slack(new == 0.0))
         return linear, factors.at_tensions(start, new - tension)
 
