@@ -297,14 +297,6 @@ class _Here(NamedTuple):
     slack: Array  # (c,): Of the tendons driven by displacement [m]
 
 
-class _LastReversals(NamedTuple):
-    """Where slips reversed last, see `FrictionPath`; the arrays are filled on the way."""
-
-    slip: Array
-    mobilisation: Array
-    factor: Array
-
-
 def follow_friction(
     slips: InterpolatedSlips, mobilisation: Array, base_tension: Array, tension: Array
 ) -> FrictionPath:
@@ -327,10 +319,8 @@ def follow_friction(
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         fast = slips.compilable and is_compiled()
         found = run_compiled(_integrated, *given) if fast else _integrated(*given)
-    end, last, path, count, complete = found
-    return FrictionPath(
-        end, last.slip, last.mobilisation, last.factor, complete, path.first(count), unknowns.bounds
-    )
+    path, count = found
+    return path._replace(segments=path.segments.first(count))
 
 
 def _integrated(
@@ -339,15 +329,16 @@ def _integrated(
     z: Array,
     tension: Array,
     breakpoints: Array,
-) -> tuple[Array, _LastReversals, PathSegments, int, bool]:
-    """Integrate the friction states."""
+) -> tuple[FrictionPath, int]:
+    """Integrate the friction states: the path, and how many of its segments are filled."""
     holes, most, factor, count, passed = unknowns.holes, 50 + 6 * len(z), 0.0, 0, 0
     path, none = empty_path(most, len(z), len(tension)), np.zeros(len(z), dtype=np.bool_)
     constraints = Constraints(none, np.zeros(len(z)), none.copy())
-    last = _LastReversals(np.zeros(holes), z[:holes].copy(), np.zeros(holes))
+    reversal_slip, reversal_mobilisation, reversal_factor = np.zeros(holes), z[:holes].copy(), np.zeros(holes)
     state = evaluated(slips, factor, z, tension)
     tension, start_slip, unclipped = state.tension, state.slip, z
     evaluation, current, shortenings = _Evaluation(factor, tension, largest(tension)), True, 0
+    complete = False
     for _ in range(most):
         if not current:
             state = evaluated(slips, factor, z, tension)
@@ -372,15 +363,16 @@ def _integrated(
                 current, shortenings = False, shortenings + 1
                 continue
         if reversing.size:
-            last.slip[reversing] = (state.slip - start_slip)[reversing]
-            last.mobilisation[reversing] = side[reversing]
-            last.factor[reversing] = factor
+            reversal_slip[reversing] = (state.slip - start_slip)[reversing]
+            reversal_mobilisation[reversing] = side[reversing]
+            reversal_factor[reversing] = factor
         shortenings = 0
         set_free(constraints, rates.side == 0.0, z, state, unknowns)
         if factor >= breakpoints[passed] - ROUND_OFF:
             passed += 1
-            if passed == len(breakpoints):
-                return z, last, path, count, True
+            complete = passed == len(breakpoints)
+            if complete:
+                break
         here, left = _Here(factor, z, state, rates, slack), breakpoints[passed] - factor
         length = _add_segment(path, count, slips, unknowns, here, min(left, LONGEST_SEGMENT))
         factor, z, tension = along_segment(path, count, length, unknowns.bounds)
@@ -390,7 +382,8 @@ def _integrated(
         if current:
             state = extrapolated(state, length, tension, rates.rate, rates.complement)
             unclipped = z
-    return z, last, path, count, False
+    reversals = reversal_slip, reversal_mobilisation, reversal_factor
+    return FrictionPath(z, *reversals, complete, path, unknowns.bounds), count
 
 
 @compilable
