@@ -72,15 +72,11 @@ class SuperelasticBackbone(Effect):
         law = experiment.robot.backbone.superelastic
         if law is not None:
             null = self.null_values(experiment)
-            softer = max(0.01, law.plateau_ratio - 0.1)
-            return [
-                [{**null, "threshold_strain": 0.9 * law.threshold_strain}, {**null, "plateau_ratio": softer}]
-            ]
+            softer = {**null, "plateau_ratio": max(0.01, law.plateau_ratio - 0.1)}
+            return [[{**null, "threshold_strain": 0.9 * law.threshold_strain}, softer]]
         strain = max(excitation.curvature * experiment.robot.backbone.radius, 2e-5)
-        return [
-            [{"threshold_strain": min(share * strain, 0.2), "plateau_ratio": 0.7}]
-            for share in (0.25, 0.5, 0.75)
-        ]
+        thresholds = [min(share * strain, 0.2) for share in (0.25, 0.5, 0.75)]
+        return [[{"threshold_strain": threshold, "plateau_ratio": 0.7}] for threshold in thresholds]
 
 
 class Precurvature(Effect):

@@ -45,10 +45,8 @@ def svg(figure: Figure) -> str:
     """A figure as SVG text, without the XML declaration; the same text for the same figure."""
     buffer = io.StringIO()
     with styled():
-        edge = {"bbox_inches": "tight", "pad_inches": 0.04}
-        figure.savefig(
-            buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None}, **edge
-        )
+        options = {"bbox_inches": "tight", "pad_inches": 0.04, "metadata": {"Date": None, "Creator": None}}
+        figure.savefig(buffer, format="svg", transparent=True, **options)
     text = buffer.getvalue()
     return text[text.index("<svg") :]
 

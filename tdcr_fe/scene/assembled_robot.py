@@ -21,6 +21,8 @@ from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.mesh import softened
 
+#: Inputs by tendon name, or of all tendons in order.
+Inputs = Mapping[str, float] | Sequence[float]
 #: A tension this far below zero is taken as zero: round-off of the user's function [N].
 TENSION_ROUND_OFF = 1e-9
 
@@ -61,9 +63,7 @@ class InputsOverTime:
         return values * drives.scale
 
 
-def named_inputs(
-    names: Sequence[str], given: Mapping[str, float] | Sequence[float], drive: Drive
-) -> dict[str, float]:
+def named_inputs(names: Sequence[str], given: Inputs, drive: Drive) -> dict[str, float]:
     """Inputs of a drive by tendon, checked; given by name, or of every tendon in order."""
     if not isinstance(given, Mapping):
         if len(given) != len(names):
@@ -114,15 +114,15 @@ class AssembledRobot:
 
     # ------------------------------------------------------------------ inputs
 
-    def set_tensions(self, tensions: Mapping[str, float] | Sequence[float]) -> None:
+    def set_tensions(self, tensions: Inputs) -> None:
         """Prescribe tensions at the base [N]; tendons that are not named keep their inputs."""
         self._set_inputs(tensions, TENSION)
 
-    def set_displacements(self, displacements: Mapping[str, float] | Sequence[float]) -> None:
+    def set_displacements(self, displacements: Inputs) -> None:
         """Prescribe displacements: length pulled in at the base since the unloaded, just taut state [m]."""
         self._set_inputs(displacements, DISPLACEMENT)
 
-    def set_motor_angles(self, angles: Mapping[str, float] | Sequence[float]) -> None:
+    def set_motor_angles(self, angles: Inputs) -> None:
         """Prescribe the angles of the motors that wind tendons on their spools [rad]; zero where displacements are."""
         self._set_inputs(angles, MOTOR_ANGLE)
 
@@ -143,7 +143,7 @@ class AssembledRobot:
             raise TypeError(f"set_inputs_over_time needs a function of the time [s], not {inputs!r}. {hint}")
         self.actuation.inputs = InputsOverTime(self.robot.tendon_names, self.actuation, inputs)
 
-    def _set_inputs(self, given: Mapping[str, float] | Sequence[float], drive: Drive) -> None:
+    def _set_inputs(self, given: Inputs, drive: Drive) -> None:
         self._need_robot()
         names, actuation = self.robot.tendon_names, self.actuation
         inputs = named_inputs(names, given, drive)
