@@ -194,9 +194,8 @@ class _Part:
                 self.exact[parameter.name] = number
                 tables.append(parameter)
         inputs = () if action is None else action_inputs(action.values.shape[1])
-        self.job = Job(
-            self.experiment, request.trajectories, request.record, (*tables, *inputs), action is not None
-        )
+        job = Job(self.experiment, request.trajectories, request.record, (*tables, *inputs))
+        self.job = job._replace(states=action is not None)
 
     def _acted(self, experiment: Experiment) -> Experiment:
         """The experiment with the action; steps and loads that are those of the model are shared with it."""
@@ -361,12 +360,9 @@ class _Part:
         state, problem = run.bays, self.problem
         steps = len(run.positions)
         loads = _loads(self.effects)
-        own = [
-            (n, c.effect, c.parameter, c.values)
-            for n, c in enumerate(self.request.columns)
-            if isinstance(c.effect, StateLoad)
-        ]
-        actions = [e.by_value(state, values, name).reshape(steps, -1) for _, e, name, values in own]
+        every = enumerate(self.request.columns)
+        own = [(n, c, c.effect) for n, c in every if isinstance(c.effect, StateLoad)]
+        actions = [load.by_value(state, c.values, c.parameter).reshape(steps, -1) for _, c, load in own]
         columns = [n for n, *_ in own]
         if loads:
             by_state = through_state(loads, self.values, state, moved)

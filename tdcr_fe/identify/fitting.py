@@ -10,6 +10,7 @@ among the processes, and one that cannot come near the best is stopped.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +24,7 @@ from tdcr_fe.elements import Array, Flags
 from tdcr_fe.identify.causes import ReadingCause
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
 from tdcr_fe.identify.forward import advance
-from tdcr_fe.identify.problem import Fit, FitProblem, Point
+from tdcr_fe.identify.problem import Fit, FitProblem, Free, Point
 from tdcr_fe.identify.result import PROFILED, Profile
 from tdcr_fe.identify.settings import OutOfTime, clock
 
@@ -112,7 +113,7 @@ def fit(
     """
 
     def fitting() -> Fitting:
-        now = yield from begin(problem, effects, starts, Race())
+        now = yield from begin(problem, effects, starts)
         if not np.isfinite(now.cost):
             return now
         return (yield from finish(problem, now, race or Race(), max_iterations))
@@ -121,11 +122,7 @@ def fit(
 
 
 def begin(
-    problem: FitProblem,
-    effects: Sequence[Effect],
-    starts: Sequence[Point],
-    race: Race,
-    along: Fit | None = None,
+    problem: FitProblem, effects: Sequence[Effect], starts: Sequence[Point], along: Fit | None = None
 ) -> Fitting:
     """The best of several points, on the path of another model, with all parameters free that change anything there."""
     every = tuple((e.name, p.name) for e in effects for p in e.parameters)
@@ -139,19 +136,12 @@ def begin(
             break
         if best is None or new.cost < best.cost:
             best = new
-        race.reached(new.cost)
-        if race.out_of_time:
-            break
     assert best is not None
     return best
 
 
 def evaluated(
-    problem: FitProblem,
-    effects: Sequence[Effect],
-    values: Point,
-    free: Sequence[tuple[str, str]],
-    along: Fit | None = None,
+    problem: FitProblem, effects: Sequence[Effect], values: Point, free: Free, along: Fit | None = None
 ) -> Fitting:
     """A model at given values with its derivatives by those of the given parameters that change anything.
 
@@ -159,23 +149,15 @@ def evaluated(
     """
     by_name = {e.name: e for e in effects}
     scale = _scales(problem, effects, free)
-    columns = tuple(
-        Column(by_name[k[0]], k[1], values[k[0]], 0.2 * float(x)) for k, x in zip(free, scale, strict=True)
-    )
+    steps = zip(free, scale.tolist(), strict=True)
+    columns = tuple(Column(by_name[e], name, values[e], 0.2 * x) for (e, name), x in steps)
     linear = yield Request(tuple(effects), values, columns, None if along is None else along.run)
     z = problem.coordinates(effects, values, free)
     reach = np.max(np.abs(problem.limits(effects, free) - z[:, None]), axis=1, initial=0.0) / scale
     keep = can_be_seen(linear.matrix[problem.fitted] * scale, reach)
-    return Fit(
-        tuple(effects),
-        values,
-        linear.residual,
-        *problem.cost(linear.residual),
-        linear.matrix[:, keep],
-        tuple(k for k, ok in zip(free, keep, strict=True) if ok),
-        linear.run,
-        linear.residual if along is None else along.path_residual,
-    )
+    r, kept = linear.residual, tuple(itertools.compress(free, keep))
+    of_path = r if along is None else along.path_residual
+    return Fit(tuple(effects), values, r, *problem.cost(r), linear.matrix[:, keep], kept, linear.run, of_path)
 
 
 def can_be_seen(changes: Array, reach: Array) -> Flags:
@@ -288,14 +270,14 @@ def finish(problem: FitProblem, now: Fit, race: Race, max_iterations: int = 12) 
 
 def smaller(problem: FitProblem, effects: Sequence[Effect], start: Point, best: Fit) -> Fitting:
     """Fit a model beside the best one, on its path, unless that leaves it behind; to the end where it is as good."""
-    now = yield from begin(problem, effects, [start], Race(), best)
+    now = yield from begin(problem, effects, [start], best)
     now = yield from descend(problem, now, Race(best.cost))
     if now.cost <= Race(best.cost).limit:
         now = yield from finish(problem, now, Race())
     return now
 
 
-def _scales(problem: FitProblem, effects: Sequence[Effect], free: Sequence[tuple[str, str]]) -> Array:
+def _scales(problem: FitProblem, effects: Sequence[Effect], free: Free) -> Array:
     """Typical steps of coordinates, shape (p,)."""
     natural = {(e.name, p.name): p.scale for e in effects for p in e.parameters}
     return np.array([problem.scales.get(k, natural[k]) for k in free])

@@ -10,8 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
-from types import TracebackType
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -96,9 +95,8 @@ def simulate_experiment(job: Job, settings: SolverSettings, deadline: float = ma
     least = settings.min_substep if reference is None else max(settings.min_substep, SMALLEST_ON_REFERENCE)
     path: PathRecord | None = [] if job.record else None
     try:
-        result, refused = _differentiated(
-            job, replace(settings, min_substep=least), deadline, reference, path
-        )
+        bounded = replace(settings, min_substep=least)
+        result, refused = _differentiated(job, bounded, deadline, reference, path)
     except (ValueError, np.linalg.LinAlgError, IndexError) as error:
         # an impossible robot, or a reference path that does not fit
         if reference is not None:
@@ -114,9 +112,8 @@ def simulate_experiment(job: Job, settings: SolverSettings, deadline: float = ma
         run = replace(run, bays=bay_state(experiment, commanded))
     if job.parameters:
         run = replace(run, derivatives=RunDerivatives.of(result.sensitivities, last, refused))
-    return (
-        run if path is None else replace(run, trajectories=(Trajectory(path, experiment.step_ends, run.s),))
-    )
+    trajectories = None if path is None else (Trajectory(path, experiment.step_ends, run.s),)
+    return replace(run, trajectories=trajectories)
 
 
 def _on_own_mesh(reference: Trajectories, experiment: Experiment) -> Trajectory | None:
@@ -192,19 +189,11 @@ def _differentiated(
 
     experiment, refused = job.experiment, dict[str, str]()
     along = None if reference is None else reference.divided(experiment.step_ends)
+    given = experiment.robot, experiment.model, experiment.steps, settings, ending_at(deadline)
     while True:
         chosen = [p for p in job.parameters if p.name not in refused]
         try:
-            result = simulate(
-                experiment.robot,
-                experiment.model,
-                experiment.steps,
-                settings,
-                ending_at(deadline),
-                reference_path=along,
-                record_path=path,
-                sensitivities=chosen,
-            )
+            result = simulate(*given, reference_path=along, record_path=path, sensitivities=chosen)
         except NoDerivative as error:
             refused[error.parameter] = error.reason
             continue
@@ -246,14 +235,9 @@ class ForwardModel:
             self._pool = self._stack.enter_context(worker_pool(self.processes))
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: Any) -> None:
         self._pool = None
-        self._stack.__exit__(kind, error, traceback)
+        self._stack.__exit__(*error)
 
     def run(self, jobs: Sequence[Job], path_tolerance: float, deadline: float = math.inf) -> list[Run]:
         """Simulate jobs, several at a time.

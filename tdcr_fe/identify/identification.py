@@ -296,7 +296,7 @@ def _evaluated(problem: FitProblem, best: Fit) -> tuple[FitProblem, list[Fit]]:
     fits = [fitting.evaluated(problem, (), {}, ())]
     if best.effects:
         start = _within(problem, best.effects, best.values)
-        fits.append(fitting.begin(problem, best.effects, [start], fitting.Race()))
+        fits.append(fitting.begin(problem, best.effects, [start]))
     found = fitting.run_fits(problem, fits)
     if found[0].solved:
         problem = replace(problem, robust_threshold=robust_threshold(found[0].residual))
@@ -385,12 +385,8 @@ def with_friction(search: Search, problem: FitProblem, state: SearchState) -> Se
     without = evaluate(without_friction(problem), state.best.effects, state.best.values)
     best = fitting.fit(problem, state.best.effects, [state.best.values], ITERATIONS)
     costs = [(f.cost + f.held_cost) / problem.count for f in (best, without)]
+    both = f"the misfit per reading is {costs[0]:.3g}, without {costs[1]:.3g}"
     if not costs[0] < costs[1]:
-        return state.with_history(
-            f"the declared friction is left out: with it the misfit per reading is {costs[0]:.3g}, without "
-            f"{costs[1]:.3g}"
-        )
+        return state.with_history(f"the declared friction is left out: with it {both}")
     state = state.begun_anew(problem, evaluate(problem, (), {}), best)
-    return state.with_history(
-        f"with friction the misfit per reading is {costs[0]:.3g}, without {costs[1]:.3g}"
-    )
+    return state.with_history(f"with friction {both}")

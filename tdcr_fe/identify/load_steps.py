@@ -44,9 +44,8 @@ def inputs(data: MeasuredData) -> Array:
     """Commands and tip forces of every step, each over its largest value, shape (n_steps, n_tendons + 3)."""
     actions = resolve(data.robot, data.steps)
     force = [a.loads["tip"].force if "tip" in a.loads else (0.0, 0.0, 0.0) for a in actions]
-    table = np.concatenate(
-        (np.array([a.values for a in actions]).reshape(len(actions), -1), np.array(force)), axis=1
-    )
+    commands = np.array([a.values for a in actions]).reshape(len(actions), -1)
+    table = np.concatenate((commands, np.array(force)), axis=1)
     for part in (slice(0, -3), slice(-3, None)):
         largest = np.max(np.abs(table[:, part]), initial=0.0)
         if largest > 0.0:
@@ -68,10 +67,8 @@ def blocks(data: MeasuredData) -> list[list[int]]:
     """
     named = len(set(data.branches)) > 1
     # of several data sets, some may have names of branches, others none
-    marks = [
-        (b, () if named and not b.endswith("/") else tuple(d))
-        for b, d in zip(data.branches, directions(data), strict=True)
-    ]
+    both = zip(data.branches, directions(data), strict=True)
+    marks = [(b, () if named and not b.endswith("/") else tuple(d)) for b, d in both]
     return [list(own) for _, own in itertools.groupby(range(len(marks)), lambda k: marks[k])]
 
 
@@ -141,11 +138,9 @@ def held_out_branches(data: MeasuredData, patterns: Sequence[str]) -> tuple[int,
     with_readings = [k for k, n in enumerate(data.step_ids) if n in read]
     names = list(dict.fromkeys(data.branches[k] for k in with_readings if data.branches[k]))
     there = f"branches with readings are {', '.join(names)}" if names else "loading.csv names no branches"
-    problems = [
-        Problem(data.name, "--hold-out", p, f"matches no branch with readings; {there}")
-        for p in patterns
-        if not any(fnmatchcase(name, p) for name in names)
-    ]
+    unmatched = [p for p in patterns if not any(fnmatchcase(name, p) for name in names)]
+    allowed = f"matches no branch with readings; {there}"
+    problems = [Problem(data.name, "--hold-out", p, allowed) for p in unmatched]
     held = tuple(k for k in with_readings if any(fnmatchcase(data.branches[k], p) for p in patterns))
     if not problems and len(held) == len(with_readings):
         allowed = f"matches every step with readings, and nothing is left to fit; {there}"
@@ -192,13 +187,12 @@ class RowChoice:
 
     def of(self, data: MeasuredData) -> MeasuredData:
         """The data of the chosen steps."""
-        return replace(
-            data,
-            step_ids=self.numbers,
-            steps=tuple(data.steps[k] for k in self.steps),
-            branches=tuple(data.branches[k] for k in self.steps),
-            readings=tuple(data.readings[i] for i in self.readings),
+        steps, branches = (
+            tuple(data.steps[k] for k in self.steps),
+            tuple(data.branches[k] for k in self.steps),
         )
+        readings = tuple(data.readings[i] for i in self.readings)
+        return replace(data, step_ids=self.numbers, steps=steps, branches=branches, readings=readings)
 
 
 def choose_rows(data: MeasuredData, held_out: Sequence[int], history: bool = True) -> RowChoice | None:
@@ -232,11 +226,8 @@ def choose_rows(data: MeasuredData, held_out: Sequence[int], history: bool = Tru
     total = max(SEARCHED, PER_INPUT * int(np.count_nonzero(np.ptp(table, axis=0))))
     total *= 1 if history else 2
     share = round(HELD_OUT * total)
-    rows = sorted(
-        k
-        for group, most in zip(groups, (share, total - share), strict=True)
-        for k in _spread(table, group, most)
-    )
+    shares = zip(groups, (share, total - share), strict=True)
+    rows = sorted(k for group, most in shares for k in _spread(table, group, most))
     if len(rows) == len(data.steps):
         return None
     chosen = tuple(data.step_ids[k] for k in rows)

@@ -210,10 +210,8 @@ def predicted_residuals(problem: FitProblem, residuals: list[Array]) -> list[Arr
             for found, table in zip(errors, left[:, tried], strict=True):
                 found.append((float(np.sum(table**2)), kernel, noise))
     chosen = [min(found, key=lambda x: x[0]) for found in errors]
-    return [
-        _regress(kernel, noise, table[None], fitted)[0][steps, column]
-        for table, (_, kernel, noise) in zip(tables, chosen, strict=True)
-    ]
+    each = ((table[None], kernel, noise) for table, (_, kernel, noise) in zip(tables, chosen, strict=True))
+    return [_regress(kernel, noise, table, fitted)[0][steps, column] for table, kernel, noise in each]
 
 
 def _features(data: MeasuredData) -> tuple[Array, ...]:

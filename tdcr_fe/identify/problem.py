@@ -21,6 +21,8 @@ from tdcr_fe.io.measured import MeasuredData
 
 #: Values of parameters, by effect and parameter name.
 Point = dict[str, dict[str, float]]
+#: Free parameters: names of effect and parameter.
+Free = Sequence[tuple[str, str]]
 
 #: Robust threshold of a residual in sigma (of the present misfit, where that is larger) [1].
 ROBUST = 4.0
@@ -75,18 +77,10 @@ class FitProblem:
         path_tolerance: float = 5e-5,
     ) -> FitProblem:
         """Of a data set, with one element per bay and all steps whole, but where declared effects divide them."""
-        declared = data.experiment
-        return cls(
-            data=data,
-            readings=Readings.of(data.readings, data.step_ids, data.robot.tendon_names),
-            forward=forward,
-            sigma=sigma,
-            held_out=held_out,
-            experiment=with_elements(declared, 1),
-            path_tolerance=path_tolerance,
-            robust_threshold=ROBUST,
-            correction=np.zeros(len(data.readings)),
-        )
+        readings = Readings.of(data.readings, data.step_ids, data.robot.tendon_names)
+        experiment, correction = with_elements(data.experiment, 1), np.zeros(len(data.readings))
+        given = data, readings, forward, sigma, held_out, experiment, path_tolerance
+        return cls(*given, robust_threshold=ROBUST, correction=correction)
 
     @property
     def count(self) -> int:
@@ -176,16 +170,19 @@ class FitProblem:
         p = which & self.readings.is_position
         marker = np.unique(self.readings.markers[p], return_inverse=True)[1]
         distance = np.sqrt(np.bincount(marker, weights=raw[p] ** 2))
+
+        def rms(x: Array) -> float:
+            return float(np.sqrt(np.mean(x**2)))
+
+        count, quantities = int(np.count_nonzero(which)), self.readings.quantities
+        names = dict.fromkeys(quantities[which].tolist())
         return Misfit(
-            float(np.sqrt(np.mean(distance**2))) if distance.size else None,
-            float(np.sqrt(np.mean(angles**2))) if angles.size else None,
-            float(np.max(distance)) if distance.size else None,
-            float(np.sum(r[which] ** 2) / max(1, int(np.count_nonzero(which)) - parameters)),
-            int(np.count_nonzero(which)),
-            {
-                q: float(np.sqrt(np.mean(raw[which & (self.readings.quantities == q)] ** 2)))
-                for q in dict.fromkeys(self.readings.quantities[which].tolist())
-            },
+            rms_position=rms(distance) if distance.size else None,
+            rms_angle=rms(angles) if angles.size else None,
+            max_position=float(np.max(distance)) if distance.size else None,
+            chi2_per_dof=float(np.sum(r[which] ** 2) / max(1, count - parameters)),
+            count=count,
+            rms_by_quantity={q: rms(raw[which & (quantities == q)]) for q in names},
         )
 
     def excitation_range(self, run: Run) -> ExcitationRange:
@@ -194,13 +191,10 @@ class FitProblem:
         commanded = [t for s in self.data.steps for t in s.tensions.values()]
         needed = float(np.nanmax(run.base_tensions, initial=0.0))
         moved = [abs(d) for s in self.data.steps for d in s.displacements.values()]
+        moved.append(float(np.nanmax(np.abs(run.displacements), initial=0.0)))
+        most = max([*commanded, needed, 1e-6]), max([*moved, 1e-9])
         times = [s.time for s in self.data.steps if s.time is not None]
-        return ExcitationRange(
-            max([*commanded, needed, 1e-6]),
-            max([*moved, float(np.nanmax(np.abs(run.displacements), initial=0.0)), 1e-9]),
-            float(np.nanmax(bend, initial=1e-6)),
-            max(times, default=0.0),
-        )
+        return ExcitationRange(*most, float(np.nanmax(bend, initial=1e-6)), max(times, default=0.0))
 
     # ------------------------------------------------------------------ coordinates
 
@@ -210,19 +204,17 @@ class FitProblem:
         a, b = (p.coordinate(x) for x in e.bounds(self.experiment)[name])
         return min(a, b), max(a, b)
 
-    def limits(self, effects: Sequence[Effect], free: Sequence[tuple[str, str]]) -> Array:
+    def limits(self, effects: Sequence[Effect], free: Free) -> Array:
         """Bounds of the coordinates of the free parameters, shape (p, 2)."""
         by_name = {e.name: e for e in effects}
         return np.array([self.bounds(by_name[e], p) for e, p in free]).reshape(-1, 2)
 
-    def coordinates(self, effects: Sequence[Effect], values: Point, free: Sequence[tuple[str, str]]) -> Array:
+    def coordinates(self, effects: Sequence[Effect], values: Point, free: Free) -> Array:
         """Fitted numbers of the free parameters, shape (p,)."""
         parameter = {(e.name, p.name): p for e in effects for p in e.parameters}
         return np.array([parameter[k].coordinate(values[k[0]][k[1]]) for k in free])
 
-    def point(
-        self, effects: Sequence[Effect], values: Point, free: Sequence[tuple[str, str]], z: Array
-    ) -> Point:
+    def point(self, effects: Sequence[Effect], values: Point, free: Free, z: Array) -> Point:
         """Values with the free parameters at these coordinates."""
         parameter = {(e.name, p.name): p for e in effects for p in e.parameters}
         new = {k: dict(v) for k, v in values.items()}

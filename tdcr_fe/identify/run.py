@@ -53,10 +53,8 @@ class Trajectory:
         for k, factor in ends:
             begin, end = max(begin, k), k + factor
             first, last = np.searchsorted(places, (begin + 1e-9, end - 1e-9)).tolist()
-            inside = [
-                replace(increments[i], load_factor=(places[i] - begin) / (end - begin))
-                for i in range(first, last)
-            ]
+            some = zip(increments[first:last], places[first:last], strict=True)
+            inside = [replace(x, load_factor=(at - begin) / (end - begin)) for x, at in some]
             divided.append([*inside, replace(increments[last], load_factor=1.0)])
             begin = end
         return divided
@@ -114,7 +112,7 @@ def _on_mesh(increment: Increment, before: Array, s: Array) -> Increment:
     return replace(increment, state=replace(state, unknowns=unknowns))
 
 
-#: Fields of `Run` and `RunDerivatives` with one entry for every step.
+#: Fields of `Run` and `RunDerivatives` with one entry for every step, in their order.
 _BY_STEP = ("positions", "rotations", "displacements", "base_tensions", "distal_tensions")
 
 
@@ -146,16 +144,11 @@ class RunDerivatives:
             """Tensions of the first or the last segments, shape (n_steps, n_tendons)."""
             return np.array([t[:, k] for t in by.tensions]).T.reshape(by.displacements.shape)
 
-        return cls(
-            stacked([x.positions for x in every]),
-            stacked([x.rotations for x in every]),
-            stacked([x.displacements for x in every]),
-            stacked([ends(x, 0) for x in every]),
-            stacked([ends(x, -1) for x in every]),
-            np.stack([x.arc_lengths for x in every], axis=1) if every else np.zeros((0, 0)),
-            tuple(found),
-            refused,
-        )
+        moved = (stacked([getattr(x, name) for x in every]) for name in _BY_STEP[:3])
+        tensions = (stacked([ends(x, k) for x in every]) for k in (0, -1))
+        tables: dict[str, Any] = dict(zip(_BY_STEP, (*moved, *tensions), strict=True))
+        lengths = np.stack([x.arc_lengths for x in every], axis=1) if every else np.zeros((0, 0))
+        return cls(**tables, arc_lengths=lengths, names=tuple(found), refused=refused)
 
     @classmethod
     def joined(cls, parts: Sequence[RunDerivatives]) -> RunDerivatives:
@@ -163,14 +156,11 @@ class RunDerivatives:
         refused = {name: why for part in parts for name, why in part.refused.items()}
         names = tuple(n for n in parts[0].names if all(n in part.names for part in parts))
 
-        def chosen(part: RunDerivatives, values: Array) -> Array:
-            return np.asarray(values[..., [part.names.index(n) for n in names]])
+        def chosen(part: RunDerivatives, field: str) -> Array:
+            return np.asarray(getattr(part, field)[..., [part.names.index(n) for n in names]])
 
-        tables: dict[str, Any] = {
-            field: np.concatenate([chosen(part, getattr(part, field)) for part in parts])
-            for field in _BY_STEP
-        }
-        lengths = chosen(parts[0], parts[0].arc_lengths)
+        tables: dict[str, Any] = {n: np.concatenate([chosen(part, n) for part in parts]) for n in _BY_STEP}
+        lengths = chosen(parts[0], "arc_lengths")
         return cls(**tables, arc_lengths=lengths, names=names, refused=refused)
 
     def part(self, which: Sequence[int]) -> RunDerivatives:
@@ -206,9 +196,8 @@ class Run:
     base_tensions: Array
     distal_tensions: Array
     message: str = ""  # why it is not solved
-    trajectories: Trajectories | None = (
-        None  # reference path for neighbouring runs; None where none was recorded
-    )
+    # reference path for neighbouring runs; None where none was recorded
+    trajectories: Trajectories | None = None
     derivatives: RunDerivatives | None = None  # by the parameters of the job
     bays: BayState | None = None  # where it was asked for
     acted: Acted | None = None  # action that it carries, with the response there
@@ -217,22 +206,14 @@ class Run:
     def of(cls, steps: Sequence[StepResult]) -> Run:
         """Of the commanded steps of an experiment, as they were solved."""
         distal = np.array([[t[-1] for t in r.tensions] for r in steps])
-        return cls(
-            steps[0].s,
-            np.array([r.positions for r in steps]),
-            np.array([r.rotations for r in steps]),
-            np.array([r.displacements for r in steps]),
-            np.array([r.base_tensions for r in steps]),
-            distal.reshape(len(steps), -1),
-        )
+        tables: dict[str, Any] = {n: np.array([getattr(r, n) for r in steps]) for n in _BY_STEP[:-1]}
+        return cls(steps[0].s, **tables, distal_tensions=distal.reshape(len(steps), -1))
 
     @classmethod
     def unsolved(cls, message: str) -> Run:
         """Of an experiment that is not solved to its end."""
-        nothing = np.zeros((0, 0))
-        return cls(
-            np.zeros(0), np.zeros((0, 0, 3)), np.zeros((0, 0, 3, 3)), nothing, nothing, nothing, message
-        )
+        nothing, positions, rotations = np.zeros((0, 0)), np.zeros((0, 0, 3)), np.zeros((0, 0, 3, 3))
+        return cls(np.zeros(0), positions, rotations, nothing, nothing, nothing, message)
 
     @classmethod
     def joined(cls, runs: Sequence[Run]) -> Run:
@@ -294,19 +275,19 @@ class Readings:
         """Of readings in steps with these numbers, in order, of a robot with tendons of these names."""
         index = {n: i for i, n in enumerate(step_ids)}
         places: dict[tuple[int, Location], int] = {}
-        position = np.array([r.channel.family == "position" for r in readings])
+        markers = [places.setdefault((r.step, r.location), len(places)) for r in readings]
+        positions = [r.channel.family == "position" for r in readings]
+        each = zip(readings, positions, strict=True)
         return cls(
-            np.array([r.value for r in readings]),
-            np.array([r.quantity for r in readings]),
-            tuple(r.location for r in readings),
-            np.array([index[r.step] for r in readings], dtype=int),
-            position,
-            np.array([r.unit == "rad" for r in readings]),
-            np.array(
-                ["xyz".index(r.quantity[-1]) if p else -1 for r, p in zip(readings, position, strict=True)]
-            ),
-            np.array([places.setdefault((r.step, r.location), len(places)) for r in readings]),
-            tuple(tendon_names),
+            values=np.array([r.value for r in readings]),
+            quantities=np.array([r.quantity for r in readings]),
+            locations=tuple(r.location for r in readings),
+            step=np.array([index[r.step] for r in readings], dtype=int),
+            is_position=np.array(positions),
+            is_angle=np.array([r.unit == "rad" for r in readings]),
+            axes=np.array(["xyz".index(r.quantity[-1]) if is_position else -1 for r, is_position in each]),
+            markers=np.array(markers),
+            tendon_names=tuple(tendon_names),
         )
 
     @cached_property
@@ -321,16 +302,9 @@ class Readings:
     def _observed(self, run: Run, experiment: Experiment, step: int | None = None) -> ObservedStep:
         """What is observed of one of a run's steps, from 0; None: of all of them."""
         steps = slice(None) if step is None else step
-        return ObservedStep(
-            np.broadcast_to(run.s, run.positions.shape[:2])[steps],
-            run.positions[steps],
-            run.rotations[steps],
-            run.displacements[steps],
-            run.base_tensions[steps],
-            run.distal_tensions[steps],
-            self.tendon_names,
-            experiment.observation,
-        )
+        s = np.broadcast_to(run.s, run.positions.shape[:2])[steps]
+        tables = {n: getattr(run, n)[steps] for n in _BY_STEP}
+        return ObservedStep(s, **tables, tendon_names=self.tendon_names, observation=experiment.observation)
 
     def read(self, run: Run, experiment: Experiment) -> Array:
         """What would be read, in the readings' units, shape (n,); NaN where the run is not solved.
@@ -366,14 +340,7 @@ class Readings:
         assert by is not None
         out = np.full((len(self.values), len(by.names)), np.nan)
         for k in np.unique(self.step).tolist():
-            change = ObservedChange(
-                by.positions[k],
-                by.rotations[k],
-                by.displacements[k],
-                by.base_tensions[k],
-                by.distal_tensions[k],
-                by.arc_lengths,
-            )
+            change = ObservedChange(**{n: getattr(by, n)[k] for n in _BY_STEP}, s=by.arc_lengths)
             observed = self._observed(run, experiment, k)
             h = change.difference_steps(observed)
             moved = observed.moved(change, h)

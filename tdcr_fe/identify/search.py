@@ -415,7 +415,7 @@ def _begun(problem: FitProblem, found: Sequence[Proposal]) -> list[Fit]:
     """Models with candidates at their predicted values; at other starts where these are worse than without."""
 
     def evaluated(x: Proposal, starts: Sequence[Point]) -> fitting.Fitting:
-        return fitting.begin(problem, x.effects, starts, fitting.Race(), x.parent)
+        return fitting.begin(problem, x.effects, starts, x.parent)
 
     fits = fitting.run_fits(problem, [evaluated(x, x.score.start.points) for x in found])
     again = [

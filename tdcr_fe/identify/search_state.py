@@ -109,17 +109,8 @@ class SearchState:
     def begun_anew(self, problem: FitProblem, declared: Fit, best: Fit) -> SearchState:
         """The search begun anew with another problem: of it only the declared and the best model are fitted."""
         fits = {frozenset(fit.names): fit for fit in (declared, best)}
-        return replace(
-            self,
-            problem=problem,
-            declared=declared,
-            best=best,
-            fits=fits,
-            scores={},
-            extended=frozenset(),
-            refits=frozenset(),
-            scatter=None,
-        )
+        anew = replace(self, scores={}, extended=frozenset(), refits=frozenset(), scatter=None)
+        return replace(anew, problem=problem, declared=declared, best=best, fits=fits)
 
     def with_fit(self, fit: Fit) -> SearchState:
         """With another fit."""
@@ -227,12 +218,8 @@ def _reweighted(state: SearchState) -> SearchState:
     problem = replace(problem, correction=rewhitened(old.correction))
 
     def changed(fit: Fit) -> Fit:
-        moved = replace(
-            fit,
-            residual=rewhitened(fit.residual),
-            jacobian=rewhitened(fit.jacobian),
-            path_residual=rewhitened(fit.path_residual),
-        )
+        r, path = rewhitened(fit.residual), rewhitened(fit.path_residual)
+        moved = replace(fit, residual=r, jacobian=rewhitened(fit.jacobian), path_residual=path)
         return _shifted(problem, moved, np.zeros(problem.count))
 
     fits = {key: changed(fit) for key, fit in state.fits.items()}
@@ -278,8 +265,5 @@ def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
     weights = np.exp(logarithms - np.max(logarithms))
     weights *= (1.0 - probability_of_unlisted(state.best)) / np.sum(weights)
     same = [float(np.sum((f.residual - state.best.residual) ** 2)) < SAME for f in solved]
-    return [
-        (state.best if alike else f, float(w))
-        for f, w, alike in zip(solved, weights, same, strict=True)
-        if w > 1e-6
-    ]
+    every = zip(solved, weights.tolist(), same, strict=True)
+    return [(state.best if alike else f, w) for f, w, alike in every if w > 1e-6]
