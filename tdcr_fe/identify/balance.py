@@ -72,9 +72,8 @@ def agreed(loads: Sequence[StateLoad], values: Point, run: Run, robot: Robot) ->
 
 def through_state(loads: Sequence[StateLoad], values: Point, state: BayState, moved: Array) -> Array:
     """Change of the action by changes of the state, shape (K, 6 n_bays, P) both."""
-    slope = sum(
-        (e.slope(state, values[e.name]) for e in loads), np.zeros((*state.shape, COMPONENTS, COMPONENTS))
-    )
+    none = np.zeros((*state.shape, COMPONENTS, COMPONENTS))
+    slope = sum((e.slope(state, values[e.name]) for e in loads), none)
     rows = moved.reshape(*state.shape, COMPONENTS, -1)
     return np.einsum("kbij,kbjp->kbip", slope, rows).reshape(moved.shape)
 
@@ -156,7 +155,7 @@ def best_points(
     tries = list(cause.tries(before))
     starts = [np.array([values[n] for n in names]) for values in tries]
     low, high = (np.array([getattr(p, end) for p in cause.parameters]) for end in ("lower", "upper"))
-    strength, every = names.index("k"), []
+    strength, every, scales = names.index("k"), [], [p.scale for p in cause.parameters]
     forces = np.stack([cause.force(before, values) for values in tries], axis=-1)
     columns = space.free((by_force @ forces[steps])[:, 0])
     size = np.maximum(np.sum(columns**2, axis=0), 1e-300)
@@ -165,14 +164,7 @@ def best_points(
         z[strength] = np.clip(amplitude * z[strength], 0.999 * low[strength], 0.999 * high[strength])
     ordered = sorted(range(len(starts)), key=lambda i: -size[i] * amplitudes[i] ** 2)
     for i in [i for i in ordered if starts[i][strength] > low[strength]][:POINTS]:
-        found = least_squares(
-            left,
-            starts[i],
-            slopes,
-            bounds=(low, high),
-            x_scale=[p.scale for p in cause.parameters],
-            max_nfev=EVALUATIONS,
-        )
+        found = least_squares(left, starts[i], slopes, (low, high), x_scale=scales, max_nfev=EVALUATIONS)
         z = found.x
         if follows:  # a larger force bends or buckles the robot beyond first order
             most = problem.data.robot.backbone.EI / cause.at**2

@@ -127,10 +127,8 @@ def with_action(experiment: Experiment, action: Action) -> Experiment:
     wrench = np.concatenate((action.values[..., FORCE], couple), axis=-1)
     steps = []
     for step, here in at_ends(experiment, wrench):
-        loads = {
-            f"{LOAD} {j + 1}": Load(float(edges[j + 1]), _triple(w[:3]), _triple(w[3:]))
-            for j, w in enumerate(here)
-        }
+        ends = enumerate(zip(edges[1:], here, strict=True), 1)
+        loads = {f"{LOAD} {j}": Load(float(s), _triple(w[:3]), _triple(w[3:])) for j, (s, w) in ends}
         steps.append(replace(step, loads={**step.loads, **loads}))
     return replace(experiment, steps=tuple(steps))
 

@@ -29,6 +29,10 @@ def is_named(effect: Effect) -> bool:
     return not isinstance(effect, Cause)
 
 
+#: Numbers of a cause.
+Numbers = tuple[Parameter, ...]
+
+
 class Cause(Effect):
     """A cause on no list.
 
@@ -49,9 +53,7 @@ class Cause(Effect):
 
     held: Mapping[str, Sequence[float]] = MappingProxyType({})
 
-    def __init__(
-        self, name: str, kind: Kind, parameters: tuple[Parameter, ...], sentence: str, price: float = 0.0
-    ) -> None:
+    def __init__(self, name: str, kind: Kind, parameters: Numbers, sentence: str, price: float = 0.0) -> None:
         self.name, self.kind, self.parameters = name, kind, parameters
         self.sentence, self.price = sentence, price
 
@@ -102,7 +104,7 @@ class ChangedDescription(Cause):
         self,
         name: str,
         kind: Kind,
-        parameters: tuple[Parameter, ...],
+        parameters: Numbers,
         change: Change,
         sentence: str = "",
         price: float = 0.0,
@@ -116,6 +118,10 @@ class ChangedDescription(Cause):
         if values == self.null_values(experiment):
             return experiment
         return self.change(experiment, values)
+
+
+#: From the state of the bays to an action, one for each coefficient.
+Terms = tuple[Callable[[BayState], Array], ...]
 
 
 class StateLoad(Cause):
@@ -132,13 +138,7 @@ class StateLoad(Cause):
     """
 
     def __init__(
-        self,
-        name: str,
-        kind: Kind,
-        parameters: tuple[Parameter, ...],
-        terms: tuple[Callable[[BayState], Array], ...],
-        sentence: str = "",
-        price: float = 0.0,
+        self, name: str, kind: Kind, parameters: Numbers, terms: Terms, sentence: str, price: float = 0.0
     ) -> None:
         super().__init__(name, kind, parameters, sentence, price)
         self.terms = terms
@@ -187,11 +187,7 @@ class SettlingLoad(StateLoad):
     """
 
     def __init__(
-        self,
-        load: StateLoad,
-        clock: Callable[[BayState], Array],
-        span: tuple[str, str],
-        state: BayState,
+        self, load: StateLoad, clock: Callable[[BayState], Array], span: tuple[str, str], state: BayState
     ) -> None:
         duration = float(np.ptp(clock(state)))
         last = number(*span, (1e-3 * duration, 10.0 * duration), 0.2 * duration, 0.02 * duration)
@@ -312,7 +308,7 @@ class PointForce(StateLoad):
         for distance in self.distances:
             for direction in _DIRECTIONS:
                 point = middle + distance * length * direction
-                x, y, z = (float(c) for c in point)
+                x, y, z = point.tolist()
                 for law in self.laws(np.linalg.norm(point - path, axis=1)):
                     yield {"x": x, "y": y, "z": z, **law}
 
@@ -367,10 +363,8 @@ class Cord(PointForce):
         length = float(state.edges[-1])
         k = Parameter("k", "N/m", 0.0, 1e4 * stiffness, 0.0, stiffness, "force per distance beyond the slack")
         slack = Parameter("slack", "m", 0.0, 20.0 * length, 0.0, 0.02 * length, "distance where it begins")
-        sentence = (
-            "a force towards a fixed point that begins at some distance from it: a slack cord, or a wall"
-        )
-        super().__init__("cord or wall", sentence, at, bay, state, (k, slack))
+        sentence = "a force towards a fixed point that begins at some distance from it"
+        super().__init__("cord or wall", f"{sentence}: a slack cord, or a wall", at, bay, state, (k, slack))
 
     def pull(self, distance: Array, values: Values) -> Array:
         """See `PointForce.pull`."""
@@ -395,6 +389,10 @@ def _sphere() -> Array:
 _DIRECTIONS = _sphere()
 
 
+#: From the problem and a run to a shift of the readings, one for each coefficient.
+Shapes = tuple[Callable[["FitProblem", "Run"], Array], ...]
+
+
 class ReadingCause(Cause):
     """A shift of the readings themselves, linear in its parameters.
 
@@ -410,13 +408,7 @@ class ReadingCause(Cause):
     """
 
     def __init__(
-        self,
-        name: str,
-        kind: Kind,
-        parameters: tuple[Parameter, ...],
-        shapes: tuple[Callable[[FitProblem, Run], Array], ...],
-        sentence: str = "",
-        price: float = 0.0,
+        self, name: str, kind: Kind, parameters: Numbers, shapes: Shapes, sentence: str, price: float = 0.0
     ) -> None:
         super().__init__(name, kind, parameters, sentence, price)
         self.shapes = shapes

@@ -41,12 +41,16 @@ def _changes(
             experiment = changed
 
 
+#: Begins the comment on an effect that a scenario cannot have.
+_MEASUREMENT_ONLY = "# acts on the measurement only: "
+
+
 def effects_block(result: IdentificationResult) -> str:
     """The ``[effects]`` table of a scenario, with the listed effects that were added; empty where there are none."""
     skipped, unnamed = observation_effects(result), {e.name for e in result.effects if e.sentence}
     lines = []
     for name, values in ((n, v) for n, v in result.effects_table.items() if n not in unnamed):
-        comment = "# acts on the measurement only: " if name in skipped else ""
+        comment = _MEASUREMENT_ONLY if name in skipped else ""
         lines.append(f"{comment}{name} = {value_to_toml({n: float(f'{x:.7g}') for n, x in values.items()})}")
     return "\n".join(["[effects]", *lines]) if lines else ""
 
@@ -81,18 +85,14 @@ def corrected_files(result: IdentificationResult) -> dict[str, str]:
         robot_text = robot_to_toml(commanded.robot)
         base, inside = _with_robot_as_declared(result, table)
     remarks = ["# The corrected robot with the measured loading: tdcr-fe run effects.toml -o OUT"]
-    remarks += [
-        f"# acts on the measurement only: {name} = {value_to_toml(result.effects_table[name])}"
-        for name in skipped
-    ]
+    remarks += [f"{_MEASUREMENT_ONLY}{n} = {value_to_toml(result.effects_table[n])}" for n in skipped]
     if result.law is not None:
         remarks += [
             f"# law found: {result.law.formula}",
             "# on the loading below it gives the loads named law 1, law 2, ...; on another loading it gives others",
         ]
-    scenario = scenario_to_toml(
-        base.model, _labelled(result, base), settings=result.simulated.solver, effects=inside or None
-    )
+    steps, solver = _labelled(result, base), result.simulated.solver
+    scenario = scenario_to_toml(base.model, steps, settings=solver, effects=inside or None)
     return {"robot.toml": robot_text, "effects.toml": "\n".join([*remarks, "", scenario])}
 
 
@@ -110,23 +110,16 @@ def _files_of_sets(result: IdentificationResult) -> dict[str, str]:
     )
     for part, corrected, (name, count) in sequences:
         ids = tuple(range(1, count + 1))
-        data = replace(
-            result.data, name=name, step_ids=ids, steps=part.steps[:count], branches=("",) * count,
-            readings=(), parts=(),
-        )  # fmt: skip
+        steps, branches = part.steps[:count], ("",) * count
+        data = replace(result.data, name=name, step_ids=ids, steps=steps, branches=branches)
+        data = replace(data, readings=(), parts=())
         alone = replace(simulated, commanded=replace(part, folder=1, folders=1), corrected=corrected)
         own = corrected_files(replace(result, data=data, simulated=alone, effects=_alone(result, part)))
-        robot = (
-            "robot.toml"
-            if files.get("robot.toml", own["robot.toml"]) == own["robot.toml"]
-            else f"robot_{name}.toml"
-        )
+        same = files.get("robot.toml", own["robot.toml"]) == own["robot.toml"]
+        robot = "robot.toml" if same else f"robot_{name}.toml"
         files[robot] = own["robot.toml"]
-        files[f"effects_{name}.toml"] = (
-            own["effects.toml"]
-            .replace('"robot.toml"', f'"{robot}"')
-            .replace("run effects.toml", f"run effects_{name}.toml")
-        )
+        scenario = own["effects.toml"].replace('"robot.toml"', f'"{robot}"')
+        files[f"effects_{name}.toml"] = scenario.replace("run effects.toml", f"run effects_{name}.toml")
     return files
 
 
@@ -148,11 +141,8 @@ def _beside_robot(result: IdentificationResult, final: Experiment, table: Table)
     """Experiment and effects that give the final one, with all that acts on the robot alone in the robot."""
     simulated = result.simulated
     base = replace(simulated.commanded, robot=final.robot)
-    inside = {
-        name: table[name]
-        for name, before, after in _changes(simulated.commanded, table, simulated.catalogue)
-        if (after.model, after.steps) != (before.model, before.steps)
-    }
+    changes = _changes(simulated.commanded, table, simulated.catalogue)
+    inside = {n: table[n] for n, a, b in changes if (b.model, b.steps) != (a.model, a.steps)}
     again = with_effects(base, inside, simulated.catalogue)
     if (again.robot, again.model, again.steps) == (final.robot, final.model, final.steps):
         return base, inside
@@ -165,11 +155,8 @@ def _with_robot_as_declared(result: IdentificationResult, table: Table) -> tuple
     if result.law is None:
         return commanded, table
     unnamed = {e.name for e in result.law.causes}
-    inside = {
-        name: table[name]
-        for name, before, after in _changes(commanded, table, result.simulated.catalogue)
-        if name not in unnamed and after.steps == before.steps
-    }
+    changes = _changes(commanded, table, result.simulated.catalogue)
+    inside = {n: table[n] for n, a, b in changes if n not in unnamed and b.steps == a.steps}
     return replace(result.simulated.corrected, robot=commanded.robot, model=commanded.model), inside
 
 
@@ -225,9 +212,8 @@ def markers(result: IdentificationResult, steps: int) -> Markers:
     An identified misalignment of the measuring frame moves what was measured, not the robot.
     """
     shapes, in_base = result.shapes, result.simulated.corrected.observation.in_base
-    return Markers(
-        shapes.arc_lengths, in_base(shapes.measured[:steps]), in_base(shapes.backbone_before[:steps])
-    )
+    measured, declared = (in_base(x[:steps]) for x in (shapes.measured, shapes.backbone_before))
+    return Markers(shapes.arc_lengths, measured, declared)
 
 
 def corrected_motion(result: IdentificationResult, out: Path, deadline: float = math.inf) -> Motion | None:

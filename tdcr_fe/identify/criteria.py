@@ -11,7 +11,14 @@ from scipy.special import chdtri, expit
 from tdcr_fe.effects import EFFECTS, Effect
 from tdcr_fe.elements import Array
 from tdcr_fe.identify.causes import Cause, ReadingCause
-from tdcr_fe.identify.noise import chi_square_z_score, is_noise, lag1_autocorrelation, series, structure
+from tdcr_fe.identify.noise import (
+    chi_square_z_score,
+    is_noise,
+    lag1_autocorrelation,
+    robust_scatter,
+    series,
+    structure,
+)
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, Point
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.robot import Robot
@@ -174,7 +181,7 @@ def is_improvement(problem: FitProblem, new: Fit, old: Fit, significance: float)
 
 def robust_threshold(residual: Array) -> float:
     """Residual over sigma up to which a reading counts in full: four sigma, or four robust scatters if larger."""
-    return ROBUST * max(1.0, 1.4826 * float(np.median(np.abs(residual))))
+    return ROBUST * max(1.0, robust_scatter(residual))
 
 
 #: Smallest number of readings from which models are compared, and of steps with readings with which nothing may be
@@ -202,21 +209,18 @@ def insufficient_data(problem: FitProblem, declared: Fit, best: Fit, explained: 
         return unusable
     steps = len({r.step for r in problem.data.readings})
     if explained and steps < FEWEST:
-        return (
-            f"readings of {steps} steps, too few: at least {FEWEST} are needed to say that nothing is missing"
-        )
+        needed = f"at least {FEWEST} are needed to say that nothing is missing"
+        return f"readings of {steps} steps, too few: {needed}"
     faulty = len(problem.data.left_out)
     if explained and faulty > MOST_FAULTY * (faulty + problem.count):
-        return (
-            f"{faulty} of {faulty + problem.count} readings are faulty and were left out: too many to trust the "
-            "others, although these agree with the model"
-        )
+        out = f"{faulty} of {faulty + problem.count} readings are faulty and were left out"
+        return f"{out}: too many to trust the others, although these agree with the model"
     if explained and lacks_test(problem, best):
         found = "what was added follows" if best.effects else "the declared model follows"
-        return (
-            f"{problem.count} readings, {len(best.free)} fitted parameters, too few steps to hold any out: {found} the "
-            "readings down to their noise, but nothing tests it"
+        fitted = (
+            f"{problem.count} readings, {len(best.free)} fitted parameters, too few steps to hold any out"
         )
+        return f"{fitted}: {found} the readings down to their noise, but nothing tests it"
     return ""
 
 
@@ -227,16 +231,12 @@ def unusable_data(problem: FitProblem, declared: Fit) -> str:
         return f"{readings}: at least {FEWEST} are needed to judge a model"
     unknown = unknown_noise(problem.data)
     if unknown:
-        return (
-            f"no sigma is given for {', '.join(unknown)}, and it cannot be estimated: that takes at least three steps "
-            "with readings of the same quantity at the same location"
-        )
+        needed = "that takes at least three steps with readings of the same quantity at the same location"
+        return f"no sigma is given for {', '.join(unknown)}, and it cannot be estimated: {needed}"
     ratio = motion_over_noise(problem, declared)
     if ratio < 1.0:
-        return (
-            "the noise is larger than the motion of the robot: the predicted readings differ from those of the "
-            f"straight, unloaded robot by {ratio:.2g} times their sigma (rms)"
-        )
+        differ = f"differ from those of the straight, unloaded robot by {ratio:.2g} times their sigma (rms)"
+        return f"the noise is larger than the motion of the robot: the predicted readings {differ}"
     return ""
 
 

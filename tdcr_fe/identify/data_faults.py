@@ -16,7 +16,7 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array, Index
 from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.load_steps import join_steps
-from tdcr_fe.identify.noise import is_noise, outliers, series, structure
+from tdcr_fe.identify.noise import is_noise, outliers, robust_scatter, series, structure
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber
 from tdcr_fe.io.measured import MeasuredData, impossible_place
 from tdcr_fe.io.spreadsheet import number
@@ -212,7 +212,7 @@ def wrong_sigma(problem: FitProblem, best: Fit) -> str:
     r = best.residual[problem.readings.is_position]
     if r.size < 20 or not np.all(np.isfinite(r)):
         return ""
-    scatter = 1.4826 * float(np.median(np.abs(r)))
+    scatter = robust_scatter(r)
     seen = f"the readings scatter about the model by {scatter:.2g} times their sigma"
     if scatter < 1.0 / WRONG_SIGMA:
         return f"{seen}: sigma is too large, and may hide what the model is missing"

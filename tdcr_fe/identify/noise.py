@@ -58,15 +58,18 @@ def estimate_sigma(data: MeasuredData, residual: Array) -> tuple[Array, bool]:
     for kind in set(family[missing].tolist()):
         own = [i for i in series(data.readings) if family[i[0]] == kind and i.size >= 3]
         seconds = [np.diff(residual[i], 2) for i in own]
-        values = np.abs(np.concatenate(seconds)) if seconds else np.abs(residual[family == kind])
+        values = np.concatenate(seconds) if seconds else residual[family == kind]
         values = values[np.isfinite(values)]
-        scatter = (
-            1.4826 * float(np.median(values)) / (math.sqrt(6.0) if seconds else 1.0) if values.size else 0.0
-        )
+        scatter = robust_scatter(values) / (math.sqrt(6.0) if seconds else 1.0)
         known = data.readings[int(np.flatnonzero(family == kind)[0])].channel
         floor = known.plausible(data.robot.backbone.length).resolution
         sigma[missing & (family == kind)] = max(scatter, floor)
     return sigma, True
+
+
+def robust_scatter(values: Array) -> float:
+    """Standard deviation of normally distributed values about zero, which few others hardly change; zero of none."""
+    return 1.4826 * float(np.median(np.abs(values))) if values.size else 0.0
 
 
 def clipped(r: Array) -> Array:
@@ -148,7 +151,7 @@ def is_noise(tests: Sequence[Structure], significance: float) -> bool:
 
 def outliers(r: Array) -> tuple[tuple[int, float], ...]:
     """Indices of outliers, and their residual over sigma."""
-    scale = max(1.0, 1.4826 * float(np.median(np.abs(r))))
+    scale = max(1.0, robust_scatter(r))
     return tuple((int(i), float(r[i])) for i in np.flatnonzero(np.abs(r) > OUTLIER * scale))
 
 
@@ -228,9 +231,8 @@ def _features(data: MeasuredData) -> tuple[Array, ...]:
 
 def _kernel(groups: tuple[Array, ...], scales: tuple[float, ...]) -> Array:
     """Covariance of all steps: constant, linear in the inputs, and squared exponential, shape (K, K)."""
-    distance = sum(
-        cdist(group, group, "sqeuclidean") / scale**2 for group, scale in zip(groups, scales, strict=True)
-    )
+    each = zip(groups, scales, strict=True)
+    distance = sum(cdist(group, group, "sqeuclidean") / scale**2 for group, scale in each)
     return np.asarray(np.exp(-0.5 * distance) + groups[0] @ groups[0].T + 1.0)
 
 

@@ -151,12 +151,11 @@ def _judged(problem: FitProblem, fit: Fit, sources: Sequence[_Source]) -> list[_
 def _most_likely(problem: FitProblem, fit: Fit, found: Sequence[_Likeliest]) -> Scatter | None:
     """The most likely of these; None where it would not account for much, or errors of inputs would be large."""
     largest = float(np.max(np.abs(_inputs(problem.experiment)[0])))
-    likely = [
-        x
-        for x in found
-        if x.gain >= 0.5 * chdtri(1, SIGNIFICANCE)
-        and (x.source.what != "inputs" or x.size <= LARGEST * (1.0 if x.source.unit == "1" else largest))
-    ]
+
+    def is_possible(x: _Likeliest) -> bool:
+        return x.source.what != "inputs" or x.size <= LARGEST * (1.0 if x.source.unit == "1" else largest)
+
+    likely = [x for x in found if x.gain >= 0.5 * chdtri(1, SIGNIFICANCE) and is_possible(x)]
     if not likely:
         return None
     scatter = _scatter(problem, fit.residual, max(likely, key=lambda x: x.gain))

@@ -162,9 +162,8 @@ class _ProbeSet:
 
     def limits(self, problem: FitProblem) -> tuple[Array, Array]:
         """Least and largest amplitudes within the bounds of the parameters, shape (k,) both."""
-        low, high = np.array(
-            [_amplitude_range(problem, self.effect, self.null, d) for d in self.directions]
-        ).T
+        ranges = [_amplitude_range(problem, self.effect, self.null, d) for d in self.directions]
+        low, high = np.array(ranges).T
         return low, high
 
     def key(self, name: str) -> _Key:
@@ -175,13 +174,8 @@ class _ProbeSet:
 
     def signature(self, derivatives: Mapping[str, Array], count: int) -> Array:
         """Change of the predictions towards every point, from the derivatives by parameter, shape (count, k)."""
-        return np.stack(
-            [
-                sum((derivatives[n] * x for n, x in d.items() if x != 0.0), np.zeros(count))
-                for d in self.directions
-            ],
-            axis=1,
-        )
+        moves = [[derivatives[n] * x for n, x in d.items() if x != 0.0] for d in self.directions]
+        return np.stack([sum(parts, np.zeros(count)) for parts in moves], axis=1)
 
 
 def _signatures(problem: FitProblem, fit: Fit, sets: Sequence[_ProbeSet]) -> tuple[list[Array], Fit]:
@@ -195,10 +189,8 @@ def _signatures(problem: FitProblem, fit: Fit, sets: Sequence[_ProbeSet]) -> tup
             columns.setdefault(one.key(name), column)
     (linear,) = linearize(problem, [Request(fit.effects, fit.values, tuple(columns.values()), fit.run)])
     by_key = dict(zip(columns, linear.matrix.T, strict=True))
-    found = [
-        one.signature({name: by_key[one.key(name)] for name in one.columns}, fit.residual.size)
-        for one in sets
-    ]
+    own = ({name: by_key[one.key(name)] for name in one.columns} for one in sets)
+    found = [one.signature(by, fit.residual.size) for one, by in zip(sets, own, strict=True)]
     reference = fit if linear.run.trajectories is None else replace(fit, run=linear.run)
     return found, reference
 
@@ -330,8 +322,8 @@ def apart(problem: FitProblem, fit: Fit, change: Array, score: Score) -> tuple[f
     """
     space = _Space.of(problem, fit)
     goal, x = space.free(change[:, None])[:, 0], space.free(score.signature)
-    found = np.linalg.lstsq(x / np.maximum(np.linalg.norm(x, axis=0), 1e-300), goal, rcond=1e-10)
-    left = goal - x / np.maximum(np.linalg.norm(x, axis=0), 1e-300) @ found[0]
+    x = x / np.maximum(np.linalg.norm(x, axis=0), 1e-300)
+    left = goal - x @ np.linalg.lstsq(x, goal, rcond=1e-10)[0]
     return float(left @ left), float(goal @ goal)
 
 

@@ -50,7 +50,6 @@ from tdcr_fe.identify.search_state import (
     as_good,
     in_time,
     listed_names,
-    mean_cost,
     parent_of,
     refined,
 )
@@ -115,11 +114,8 @@ def scores_beside(state: SearchState, fit: Fit, costly: bool = False) -> tuple[S
     done, reference = state.scores.get(key, ([], fit))
     seen = {x.effect.name for x in done} | state.refused.keys()
     known = {e.listed for e in fit.effects}
-    others = [
-        e
-        for e in state.dictionary
-        if e.listed not in known and e.name not in seen and (is_named(e) or costly or e.exact_derivatives)
-    ]
+    others = [e for e in state.dictionary if e.listed not in known and e.name not in seen]
+    others = [e for e in others if is_named(e) or costly or e.exact_derivatives]
     if others:
         scores, screened = screen(state.problem, fit, others)
         # Forces towards points need the response to actions, which only a run for such causes has.
@@ -418,11 +414,8 @@ def _begun(problem: FitProblem, found: Sequence[Proposal]) -> list[Fit]:
         return fitting.begin(problem, x.effects, starts, x.parent)
 
     fits = fitting.run_fits(problem, [evaluated(x, x.score.start.points) for x in found])
-    again = [
-        k
-        for k, (x, now) in enumerate(zip(found, fits, strict=True))
-        if not now.cost < x.parent.cost and x.score.start.fallback
-    ]
+    worse = [not now.cost < x.parent.cost for x, now in zip(found, fits, strict=True)]
+    again = [k for k, x in enumerate(found) if worse[k] and x.score.start.fallback]
     more = fitting.run_fits(problem, [evaluated(found[k], found[k].score.start.fallback) for k in again])
     for k, other in zip(again, more, strict=True):
         fits[k] = min(fits[k], other, key=lambda f: f.cost)
@@ -565,11 +558,9 @@ def grow(search: Search, state: SearchState) -> Stage:
         state = refined(state)
         state = yield from backward_selection(search, state)
         best = state.best
-        state = state.with_history(
-            f"round {number}: {listed_names(best.names)}, misfit per reading "
-            f"{mean_cost(best.cost, state.problem.fitted):.3g} on fitted and "
-            f"{mean_cost(best.held_cost, state.problem.held_out):.3g} on held-out steps"
-        )
+        fitted, held_out = _mean_costs(state.problem, best)
+        left = f"misfit per reading {fitted:.3g} on fitted and {held_out:.3g} on held-out steps"
+        state = state.with_history(f"round {number}: {listed_names(best.names)}, {left}")
         yield state
     return state
 
@@ -641,28 +632,24 @@ def _entry(state: SearchState, number: int, proposal: Proposal) -> Candidate:
     fit = state.fits.get(proposal.names)
     if fit is None:
         return entry
-    held_out = mean_cost(fit.held_cost, problem.held_out) if np.any(problem.held_out) else None
+    chi2, held_out = _mean_costs(problem, fit)
+    known = held_out if np.any(problem.held_out) else None
     note = "" if fit.solved else "the model did not converge there"
-    return replace(
-        entry,
-        fitted=not fit.pruned,
-        chi2_fit=mean_cost(fit.cost, problem.fitted),
-        chi2_held_out=held_out,
-        note=note,
-    )
+    return replace(entry, fitted=not fit.pruned, chi2_fit=chi2, chi2_held_out=known, note=note)
+
+
+def _mean_costs(problem: FitProblem, fit: Fit) -> tuple[float, float]:
+    """Cost per reading, on fitted and on held-out steps."""
+    count = int(np.count_nonzero(problem.fitted))
+    return fit.cost / max(1, count), fit.held_cost / max(1, problem.count - count)
 
 
 def _accepted(search: Search, state: SearchState, fits: Sequence[Fit]) -> list[Fit]:
     """Models that improve on those that they contain and on the best one, the best first."""
     problem = state.problem
-    found = [
-        f
-        for f in fits
-        if _admissible(search, state, f)
-        and rank(problem, f) < rank(problem, state.best) - BIC_DIFFERENCE
-        and _worthwhile(state, f)
-    ]
-    return sorted(found, key=lambda f: rank(problem, f))
+    limit = rank(problem, state.best) - BIC_DIFFERENCE
+    found = [f for f in fits if _admissible(search, state, f) and rank(problem, f) < limit]
+    return sorted((f for f in found if _worthwhile(state, f)), key=lambda f: rank(problem, f))
 
 
 def _worthwhile(state: SearchState, fit: Fit) -> bool:
@@ -726,9 +713,8 @@ def at_full_strength(search: Search, state: SearchState, parent: Fit) -> tuple[S
     def simulated(at: FitProblem, chosen: Sequence[EffectAtPlace], along: Fit | None) -> list[Fit]:
         points = [{**parent.values, e.name: e.full_strength(problem.experiment)} for e in chosen]
         models = [((*parent.effects, e), p) for e, p in zip(chosen, points, strict=True)]
-        return fitting.run_fits(
-            at, [fitting.evaluated(at, effects, p, parent.free, along) for effects, p in models]
-        )
+        evaluated = [fitting.evaluated(at, effects, p, parent.free, along) for effects, p in models]
+        return fitting.run_fits(at, evaluated)
 
     rough = _in_whole_steps(problem, parent)
     costs = [problem.cost(fitting.linear_optimum(problem, f)[1])[0] for f in simulated(rough, causes, None)]
@@ -756,20 +742,20 @@ def backward_selection(search: Search, state: SearchState) -> Stage:
         problem, best = state.problem, state.best
         parts = [tuple(x for x in best.effects if x is not e) for e in best.effects]
         state, smaller = refitted(state, parts)
-        unnecessary = [
-            (e, f)
-            for e, f in zip(best.effects, smaller, strict=True)
-            if f.solved
-            and not (
-                is_improvement(problem, best, f, search.significance) and bic(problem, f) > bic(problem, best)
-            )
-        ]
+        without = zip(best.effects, smaller, strict=True)
+        unnecessary = [(e, f) for e, f in without if f.solved and not _falls_behind(search, problem, f, best)]
         if not unnecessary:
             break
         e, best = min(unnecessary, key=lambda p: bic(problem, p[1]))
         state = replace(state, best=best).with_history(f"{e.name} dropped: the others suffice")
         yield state
     return state
+
+
+def _falls_behind(search: Search, problem: FitProblem, smaller: Fit, best: Fit) -> bool:
+    """Whether the best model is better than one without a cause by all criteria."""
+    improves = is_improvement(problem, best, smaller, search.significance)
+    return improves and bic(problem, smaller) > bic(problem, best)
 
 
 def exchange(search: Search, state: SearchState, progress: float = 0.75, costly: bool = True) -> Stage:
@@ -810,9 +796,8 @@ def exchange(search: Search, state: SearchState, progress: float = 0.75, costly:
     better = [f for f in fits if rank(problem, f) < rank(problem, best) and _admissible(search, state, f)]
     if better:
         new = min(better, key=lambda f: rank(problem, f))
-        state = replace(state, best=new).with_history(
-            f"{listed_names(new.names)} in place of {listed_names(best.names)}: it explains more"
-        )
+        text = f"{listed_names(new.names)} in place of {listed_names(best.names)}: it explains more"
+        state = replace(state, best=new).with_history(text)
         state = refined(state)
         yield state
         state = yield from backward_selection(search, state)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tdcr_fe.effects import Effect
-from tdcr_fe.elements import Array, Flags
+from tdcr_fe.elements import Array
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
@@ -232,11 +232,6 @@ def _shifted(problem: FitProblem, fit: Fit, shift: Array) -> Fit:
     r = fit.residual + shift
     cost, held_cost = problem.cost(r)
     return replace(fit, residual=r, cost=cost, held_cost=held_cost, path_residual=fit.path_residual + shift)
-
-
-def mean_cost(cost: float, which: Flags) -> float:
-    """Cost per reading."""
-    return cost / max(1, int(np.count_nonzero(which)))
 
 
 def listed_names(names: Sequence[str]) -> str:

@@ -44,7 +44,7 @@ TOWARDS_A_POINT = pytest.mark.parametrize(
 def load_of(term, most=1.0):
     """A cause of one term."""
     numbers = tuple(Parameter(n, unit, -most, most, 0.0, 1e-3 * most, "") for n, unit, _ in term.actions)
-    return StateLoad(term.key, Kind(*term.kind), numbers, tuple(a for *_, a in term.actions))
+    return StateLoad(term.key, Kind(*term.kind), numbers, tuple(a for *_, a in term.actions), "")
 
 
 def started(problem, load):

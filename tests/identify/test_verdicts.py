@@ -154,7 +154,7 @@ def test_there_is_one_process_for_each_core_at_most(tmp_path, monkeypatch):
         raise NotSolved("enough")
 
     monkeypatch.setattr(command, "identify", identified)
-    monkeypatch.setattr(command, "cores", lambda: 2)
+    monkeypatch.setattr(command.os, "sched_getaffinity", lambda process: {0, 1}, raising=False)
     write_measured(measured(), tmp_path / "set")
     for number in ("99", "2", "1"):
         main(["identify", str(tmp_path / "set"), "-o", str(tmp_path / "out"), "-q", "--processes", number])
