@@ -67,11 +67,8 @@ def same_states(a: Substeps, b: Substeps) -> bool:
     if [len(x) for x in a] != [len(x) for x in b]:
         return False
     pairs = [(x.state, y.state) for one, two in zip(a, b, strict=True) for x, y in zip(one, two, strict=True)]
-    return all(
-        np.array_equal(np.trunc(x.mobilisation[0]), np.trunc(y.mobilisation[0]))
-        and np.array_equal(x.base_tension[0] > 0.0, y.base_tension[0] > 0.0)
-        for x, y in pairs
-    )
+    holes = all(np.array_equal(np.trunc(x.mobilisation[0]), np.trunc(y.mobilisation[0])) for x, y in pairs)
+    return holes and all(np.array_equal(x.base_tension[0] > 0.0, y.base_tension[0] > 0.0) for x, y in pairs)
 
 
 def rotation_vectors(before: np.ndarray, change: np.ndarray) -> np.ndarray:

@@ -39,10 +39,8 @@ def sequence():
     pulls = [(0.4, 0), (0.8, 0), (1.2, 0), (0.6, 0), (0, 0), (0, 0.5), (0, 1.0), (0, 0.5)]
     pulls += [(0.4, 0.4), (0.8, 0.8), (0.4, 0.2)]
     forces = [(0, 0)] * 5 + [(0.01, 0), (0.01, 0), (0, 0)] + [(0, -0.015)] * 2 + [(0, 0)]
-    return tuple(
-        LoadStep(tensions={"t1": a, "t2": b}, loads={"tip": Load(LENGTH, (x, y, 0.0))})
-        for (a, b), (x, y) in zip(pulls, forces, strict=True)
-    )
+    loads = [{"tip": Load(LENGTH, (x, y, 0.0))} for x, y in forces]
+    return tuple(LoadStep("", {"t1": a, "t2": b}, loads=x) for (a, b), x in zip(pulls, loads, strict=True))
 
 
 def simulated(experiment, tolerance=2e-5, along=None, **rest):

@@ -48,11 +48,9 @@ def single(mu: float = 0.0, **rest: Any) -> Robot:
 
 def routed(*routings: Routing, disks: int = 13, mu: float = 0.0, **rest: Any) -> Robot:
     """Tendons t1, t2, ... of these routings through so many disks, or one parallel tendon."""
-    tendons = tuple(
-        Tendon(f"t{k}", routing, friction_coefficient=mu, **rest)
-        for k, routing in enumerate(routings or (ParallelRouting(4.5e-3),), start=1)
-    )
-    return Robot(BACKBONE, Disks.equally_spaced(disks, LENGTH, mass=0.17e-3), tendons)
+    named = enumerate(routings or (ParallelRouting(4.5e-3),), start=1)
+    tendons = (Tendon(f"t{k}", routing, friction_coefficient=mu, **rest) for k, routing in named)
+    return Robot(BACKBONE, Disks.equally_spaced(disks, LENGTH, mass=0.17e-3), tuple(tendons))
 
 
 def pull(*tensions: float, name: str = "t1", **rest: Any) -> list[LoadStep]:

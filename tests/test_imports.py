@@ -29,18 +29,13 @@ def layer(module: str) -> str:
 
 
 #: Every file by its module.
-FILES = {
-    module_of(p): p
-    for top in ("elements", "tdcr_fe", "validation")
-    for p in sorted((ROOT / top).glob("**/*.py"))
-}
+PATHS = [p for top in ("elements", "tdcr_fe", "validation") for p in sorted((ROOT / top).glob("**/*.py"))]
+FILES = {module_of(p): p for p in PATHS}
 del FILES["tdcr_fe.__init__"]
 IN_LAYER = {name: [m for m in FILES if layer(m) == name] for name in LAYERS}
 REFERENCE = [m for m in FILES if m.startswith("tdcr_fe.validation.reference")]
-NUMERICS = [
-    *(m for m in FILES if layer(m) not in WITH_FILES and m.rpartition(".")[2] not in MODULES_WITH_FILES),
-    *REFERENCE,
-]
+NUMERICS = [m for m in FILES if layer(m) not in WITH_FILES and m.rpartition(".")[2] not in MODULES_WITH_FILES]
+NUMERICS += REFERENCE
 
 
 @cache

@@ -15,10 +15,8 @@ from tdcr_fe import cli
 from tdcr_fe.io.measured import write_measured
 
 KEYS = ["command", "status", "exit_status", "files", "figures", "warnings", "remarks", "errors", "message"]
-SMALL = {
-    "model.elements_per_bay": 1,
-    "steps": [{"tensions": {"t1": 0.5}}, {"label": "more", "tensions": {"t1": 1.0}}],
-}
+STEPS = [{"tensions": {"t1": 0.5}}, {"label": "more", "tensions": {"t1": 1.0}}]
+SMALL = {"model.elements_per_bay": 1, "steps": STEPS}
 
 
 def call(capsys, *arguments) -> dict:

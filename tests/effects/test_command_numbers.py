@@ -11,13 +11,8 @@ from tdcr_fe.effects import ExcitationRange, Experiment, effect, with_effect, wi
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
 
 MODEL = Model(elements_per_bay=1)
-STEPS = (
-    LoadStep(tensions={"t1": 1.0}),
-    LoadStep(tensions={"t1": 0.5, "t2": 0.4}),
-    LoadStep(tensions={"t1": 0.0}),
-    LoadStep(tensions={"t2": 0.8}),
-)
-ALONE = Experiment(three(), MODEL, STEPS)
+PULLS = ({"t1": 1.0}, {"t1": 0.5, "t2": 0.4}, {"t1": 0.0}, {"t2": 0.8})
+ALONE = Experiment(three(), MODEL, tuple(LoadStep(tensions=x) for x in PULLS))
 DRIVEN = replace(ALONE, steps=(LoadStep(tensions={"t1": 1.0}, displacements={"t2": 1e-3}),))
 #: The first three steps and the last one, of two folders.
 BOTH = replace(ALONE, restarts=(3,))
@@ -41,12 +36,8 @@ def test_the_most_particular_gain_counts():
 def test_a_tendon_is_never_pulled_by_less_than_the_idle_tension():
     """Also one that no step has named yet; those driven by displacement are left alone."""
     found = with_effects(ALONE, {"idle_tension": {"tension": 0.45, "tension_t3": 0.1}})
-    assert tensions(found) == [
-        {"t1": 1.0, "t2": 0.45, "t3": 0.1},
-        {"t1": 0.5, "t2": 0.45},
-        {"t1": 0.45},
-        {"t2": 0.8},
-    ]
+    first = {"t1": 1.0, "t2": 0.45, "t3": 0.1}
+    assert tensions(found) == [first, {"t1": 0.5, "t2": 0.45}, {"t1": 0.45}, {"t2": 0.8}]
     (step,) = with_effects(DRIVEN, {"idle_tension": {"tension": 0.2}}).steps
     assert step.tensions == {"t1": 1.0, "t3": 0.2} and step.displacements == {"t2": 1e-3}
 
@@ -84,11 +75,9 @@ def test_a_folder_alone_with_its_own_values_is_that_folder_among_several(name):
 
 def timed(*values: float) -> Experiment:
     """Displacements of one tendon [m], a second apart."""
-    steps = tuple(
-        LoadStep(displacements={"t1": v, "t2": 0.0, "t3": 0.0}, time=float(t))
-        for t, v in enumerate(values, start=1)
-    )
-    return Experiment(three(), Model(), steps)
+    moved = ({"t1": v, "t2": 0.0, "t3": 0.0} for v in values)
+    steps = (LoadStep(displacements=x, time=float(t)) for t, x in enumerate(moved, start=1))
+    return Experiment(three(), Model(), tuple(steps))
 
 
 def read_at(lagged: Experiment) -> list[tuple[float, float]]:
@@ -115,11 +104,9 @@ def test_the_robot_passes_every_commanded_turning_point():
 
 
 def test_loads_are_interpolated_as_commands_are():
-    steps = tuple(
-        LoadStep(tensions={"t1": f}, loads={"tip": Load(LENGTH, (f, 0.0, 0.0))}, time=t)
-        for f, t in ((0.0, 1.0), (0.4, 2.0))
-    )
-    lagged = with_effect(Experiment(three(), Model(), steps), "time_lag", lag=0.25)
+    before = LoadStep("", {"t1": 0.0}, loads={"tip": Load(LENGTH)}, time=1.0)
+    after = LoadStep("", {"t1": 0.4}, loads={"tip": Load(LENGTH, (0.4, 0.0, 0.0))}, time=2.0)
+    lagged = with_effect(Experiment(three(), Model(), (before, after)), "time_lag", lag=0.25)
     assert lagged.steps[-1].loads["tip"].force[0] == pytest.approx(0.3)
     assert lagged.steps[-1].tensions["t1"] == pytest.approx(0.3)
 

@@ -22,10 +22,8 @@ SHORT = {**ELASTIC, "end": three().disks.positions[4]}
 TENDONS = [tendon("tip", 0.0, 0.2, **ELASTIC), tendon("near", 90.0, 0.3, **SHORT)]
 TENDONS += [tendon("far", 180.0, 0.2, **ELASTIC), tendon("next", 270.0, 0.3, **SHORT)]
 TWO = replace(three(), tendons=tuple(TENDONS))
-STEPS = (
-    LoadStep(displacements={"tip": 0.0, "near": 0.0, "far": 0.0, "next": 0.0}),
-    LoadStep(displacements={"tip": 2e-3, "near": 1e-3, "far": -2e-3, "next": -1e-3}),
-)
+MOVED = {"tip": 2e-3, "near": 1e-3, "far": -2e-3, "next": -1e-3}
+STEPS = (LoadStep(displacements=dict.fromkeys(MOVED, 0.0)), LoadStep(displacements=MOVED))
 SETUP = Experiment(TWO, MODEL, STEPS, Observation(markers=(0.125, LENGTH)))
 
 

@@ -13,11 +13,9 @@ from tdcr_fe.model.robot import Disks, Robot, SideSpring
 from tdcr_fe.model.tendon import TightHole
 
 S = three().disks.positions
-STEPS = (
-    LoadStep(tensions={"t1": 1.0, "t2": 0.2, "t3": 0.2}),
-    LoadStep(tensions={"t1": 1.6}, loads={"tip": Load(LENGTH, (0.02, 0.03, 0.0))}),
-    LoadStep(tensions={"t1": 0.8, "t2": 0.6}),
-)
+PULLED = LoadStep(tensions={"t1": 1.0, "t2": 0.2, "t3": 0.2})
+PUSHED = LoadStep(tensions={"t1": 1.6}, loads={"tip": Load(LENGTH, (0.02, 0.03, 0.0))})
+STEPS = (PULLED, PUSHED, LoadStep(tensions={"t1": 0.8, "t2": 0.6}))
 DECLARED = Experiment(three(0.2), Model(elements_per_bay=2), STEPS)
 PLACES = [e for e in EFFECTS if isinstance(e, PlaceEffect)]
 

@@ -77,17 +77,12 @@ class TiltedDisks(Routing):
 
 class DiskTilt(Effect):
     name = "disk_tilt"
-    parameters = (
-        Parameter("tilt_x", "rad", -0.5, 0.5, 0.0, 0.02, "about the x axis of the section"),
-        Parameter("tilt_y", "rad", -0.5, 0.5, 0.0, 0.02, "about the y axis of the section"),
-    )
+    parameters = tuple(Parameter(f"tilt_{x}", "rad", -0.5, 0.5, 0.0, 0.02, f"about {x}") for x in "xy")
 
     def apply(self, experiment, values):
-        tendons = tuple(
-            replace(t, routing=TiltedDisks(t.routing, values["tilt_x"], values["tilt_y"]))
-            for t in experiment.robot.tendons
-        )
-        return experiment.with_robot(tendons=tendons)
+        tilt = values["tilt_x"], values["tilt_y"]
+        tendons = (replace(t, routing=TiltedDisks(t.routing, *tilt)) for t in experiment.robot.tendons)
+        return experiment.with_robot(tendons=tuple(tendons))
 
 
 PULLS = tuple(LoadStep("", {"t1": x}) for x in (0.5, 1.5, 0.5))

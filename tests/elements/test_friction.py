@@ -117,11 +117,8 @@ def fan(coefficient, holes: int, total: float, base: float, pulled: float) -> np
     """Tensions of one tendon that turns by ``total`` [rad] in equal holes and is pulled in by ``pulled`` [m] in 1 s."""
     n = holes + 1
     lengths, mask = np.full((1, n), 1e-3), np.ones((1, n), dtype=bool)
-    zero = np.zeros((1, holes))
-    x = TendonLaw(
-        TendonParameters(lengths, mask, zero, zero, np.zeros(1), np.zeros(1), np.zeros(1), (coefficient,)),
-        FRICTION_MODELS["per-hole"],
-    )
+    zeros = [np.zeros((1, holes))] * 2 + [np.zeros(1)] * 3
+    x = TendonLaw(TendonParameters(lengths, mask, *zeros, (coefficient,)), FRICTION_MODELS["per-hole"])
     moved = lengths.copy()
     moved[0, -1] -= pulled
     angles = np.full((1, holes), total / holes)

@@ -25,10 +25,8 @@ def constant(mu: float, **rest) -> Robot:
 
 def timed(tensions, duration):
     """One load step per tension, each as long [s]; None is without a time."""
-    return [
-        LoadStep("", {"t1": t}, time=None if duration is None else k * duration)
-        for k, t in enumerate(tensions, start=1)
-    ]
+    times = [None if duration is None else k * duration for k in range(1, len(tensions) + 1)]
+    return [LoadStep("", {"t1": t}, time=time) for t, time in zip(tensions, times, strict=True)]
 
 
 def recovered(robot, before, after, duration):

@@ -198,10 +198,8 @@ def test_a_known_load_acts_besides():
 
 def test_tendons_become_slack_and_the_robot_straight_while_its_bending_angle_is_read():
     """The angle has a kink where the robot is straight: slopes of the volume from there led astray for good."""
-    backbone, disks = (
-        tdcr.Backbone(LENGTH, 0.45e-3, 75e9, 0.3),
-        tdcr.Disks.equally_spaced(10, LENGTH, radius=6e-3),
-    )
+    backbone = tdcr.Backbone(LENGTH, 0.45e-3, 75e9, 0.3)
+    disks = tdcr.Disks.equally_spaced(10, LENGTH, radius=6e-3)
     tendons = (tdcr.Tendon(f"t{k}", tdcr.ParallelRouting(5e-3, 120.0 * k), 0.2) for k in range(3))
     robot = tdcr.Robot(backbone, disks, tuple(tendons))
     pulls = [(t, j) for j in range(3) for t in (0.5, 1.0, 1.6, 1.0, 0.5, 0.0, 0.0, 0.0)]

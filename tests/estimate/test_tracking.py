@@ -15,10 +15,8 @@ PATH = [(x, 0.0, None) for x in (0.025, 0.03, 0.035, 0.04, 0.045, 0.04, 0.035, 0
 
 
 def robot(friction=0.3, **of_tendons):
-    tendons = [
-        tdcr.Tendon(n, tdcr.ParallelRouting(5e-3, 120.0 * k), friction_coefficient=friction, **of_tendons)
-        for k, n in enumerate(NAMES)
-    ]
+    routings = {n: tdcr.ParallelRouting(5e-3, 120.0 * k) for k, n in enumerate(NAMES)}
+    tendons = [tdcr.Tendon(n, r, friction_coefficient=friction, **of_tendons) for n, r in routings.items()]
     backbone = tdcr.Backbone(LENGTH, 0.5e-3, 85e9, 0.3)
     return tdcr.Robot(backbone, tdcr.Disks.equally_spaced(6, LENGTH), tuple(tendons))
 

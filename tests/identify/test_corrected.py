@@ -65,12 +65,11 @@ def test_divided_steps_are_written_in_parts_with_the_effects_on_their_commands(t
     result = found(COMMANDS, rough())
     whole = result.simulated.commanded
     before, after = whole.steps[1].tensions, whole.steps[2].tensions
-    parts = [
-        replace(whole.steps[2], tensions={n: before[n] + x * (after[n] - before[n]) for n in after})
-        for x in (0.25, 0.5, 0.75, 1.0)
-    ]
+    shares = (0.25, 0.5, 0.75, 1.0)
+    pulls = [{n: before[n] + x * (after[n] - before[n]) for n in after} for x in shares]
+    parts = [replace(whole.steps[2], tensions=pull) for pull in pulls]
     ends = [(k, 1.0) for k in range(len(whole.steps))]
-    ends[2:3] = [(2, x) for x in (0.25, 0.5, 0.75, 1.0)]
+    ends[2:3] = [(2, x) for x in shares]
     commanded = replace(whole, steps=(*whole.steps[:2], *parts, *whole.steps[3:]), ends=tuple(ends))
     write_corrected(replace(result, simulated=replace(result.simulated, commanded=commanded)), tmp_path)
     scenario = read_scenario(tmp_path / "effects.toml")
@@ -108,10 +107,9 @@ def test_loads_of_a_law_are_written_where_the_robot_cannot_be(tmp_path, monkeypa
 def test_effects_that_need_each_other_are_written_and_drawn(tmp_path):
     """Pretension needs the stretch of the tendons: applied alone, it ended the command in a traceback."""
     data = measured()
-    moved = tuple(
-        replace(s, tensions={}, displacements={n: 1e-3 * x for n, x in s.tensions.items()}, time=float(k))
-        for k, s in enumerate(data.steps)
-    )
+    moved = [{n: 1e-3 * x for n, x in s.tensions.items()} for s in data.steps]
+    steps = [replace(s, tensions={}, displacements=x) for s, x in zip(data.steps, moved, strict=True)]
+    steps = tuple(replace(s, time=float(k)) for k, s in enumerate(steps))
     values = {
         "pretension": {"tension": 0.5},
         "tendon_stretch": {"axial_stiffness": 500.0},
@@ -119,7 +117,7 @@ def test_effects_that_need_each_other_are_written_and_drawn(tmp_path):
         "frame_misalignment": {"rot_x": 0.02, "rot_y": 0.0, "rot_z": 0.0},
         "time_lag": {"lag": 0.2},
     }
-    result = found(values, replace(data, steps=moved))
+    result = found(values, replace(data, steps=steps))
     assert observation_effects(result) == ["frame_misalignment"]
     write_corrected(result, tmp_path)
     tendons = read_robot(tmp_path / "robot.toml").tendons

@@ -118,11 +118,10 @@ def test_faults_of_what_is_read_of_tendons_are_named(clean, quantity, factor, nu
     """27 outliers were listed; a load cell that read zero while another tendon was pulled was called stuck."""
     steps = simulate(clean.robot, clean.model, clean.steps).steps
     tensions = quantity == "base_tension"
-    read = [
-        Reading(n, quantity, f"t{number}", factor * float(x), 1e-2 if tensions else 1e-4)
-        for n, step in zip(clean.step_ids, steps, strict=True)
-        for number, x in zip(numbers, step.base_tensions if tensions else step.displacements, strict=True)
-    ]
+    read, sigma = [], 1e-2 if tensions else 1e-4
+    for n, step in zip(clean.step_ids, steps, strict=True):
+        values = (factor * (step.base_tensions if tensions else step.displacements)).tolist()
+        read += [Reading(n, quantity, f"t{k}", x, sigma) for k, x in zip(numbers, values, strict=True)]
     check(replace(clean, readings=(*clean.readings, *read)), words)
 
 
@@ -149,10 +148,9 @@ def exchange_tendons(data, first=0):
 
 def test_forces_of_the_other_sign_are_named(clean):
     """All readings of the pushed steps were outliers."""
-    pushed, other = (
-        [replace(s, loads={"tip": Load(0.2, (0.0, y * (k % 3), 0.0))}) for k, s in enumerate(clean.steps)]
-        for y in (0.02, -0.02)
-    )
+    numbered = [*enumerate(clean.steps)]
+    pushed = [replace(s, loads={"tip": Load(0.2, (0.0, 0.02 * (k % 3), 0.0))}) for k, s in numbered]
+    other = [replace(s, loads={"tip": Load(0.2, (0.0, -0.02 * (k % 3), 0.0))}) for k, s in numbered]
     read = positions(Experiment(clean.robot, clean.model, tuple(pushed)))
     for steps, words in ((other, "forces at the tip have the opposite sign"), (pushed, "")):
         check(data_of(steps, read, clean.robot), words)
@@ -184,10 +182,8 @@ def test_displacements_driven_with_the_other_sign_are_named_beside_their_errors(
     angles = np.linspace(0.0, 9.0, 16)
     pulls = 2e-3 + 1.5e-3 * np.sin(angles / 3.0)[:, None] * np.stack((np.cos(angles), np.sin(angles)), axis=1)
     noise = np.random.default_rng(1).normal(0.0, 5e-5, pulls.shape)
-    true, given = (
-        [LoadStep(displacements={"t1": float(a), "t2": float(b)}) for a, b in x]
-        for x in (pulls + noise, sign * pulls)
-    )
+    moved = ((pulls + noise).tolist(), (sign * pulls).tolist())
+    true, given = ([LoadStep(displacements={"t1": a, "t2": b}) for a, b in x] for x in moved)
     check(data_of(given, seen(true)), words)
 
 

@@ -75,10 +75,8 @@ def test_no_pair_is_simulated_whose_second_effect_cannot_show():
     both = (effect("tendon_stretch"), effect("pretension"))
     state, scores, _ = scores_beside(replace(state, dictionary=both), state.declared)
     # round-off may show the stretch
-    scores = [
-        replace(x, note="", scales={(x.effect.name, p.name): 1e-3 for p in x.effect.parameters})
-        for x in scores
-    ]
+    scales = [{(x.effect.name, p.name): 1e-3 for p in x.effect.parameters} for x in scores]
+    scores = [replace(x, note="", scales=s) for x, s in zip(scores, scales, strict=True)]
     state = replace(state, scores={frozenset(): (scores, state.declared)})
     runs = state.problem.forward.runs
     _, found = pairs(searching(), state, state.declared)
@@ -88,10 +86,8 @@ def test_no_pair_is_simulated_whose_second_effect_cannot_show():
 @pytest.mark.parametrize(("share", "worthwhile"), [(0.85, True), (0.95, False)])
 def test_many_effects_must_each_remove_a_tenth_on_held_out_steps(share, worthwhile):
     state = state_of(problem_of(measured(), held=(2, 4, 6)))
-    fits = [
-        replace(state.declared, held_cost=x, effects=(effect("gravity"),) * n)
-        for x, n in ((100.0, 4), (100.0 * share, 5))
-    ]
+    gravity, costs = (effect("gravity"),), ((100.0, 4), (100.0 * share, 5))
+    fits = [replace(state.declared, held_cost=x, effects=gravity * n) for x, n in costs]
     state = replace(state, best=fits[0])
     assert _worthwhile(state, fits[1]) is worthwhile
     assert _worthwhile(state, replace(fits[1], effects=fits[1].effects[:4]))

@@ -54,10 +54,8 @@ def test_an_ambiguity_is_separated_by_the_experiment_that_was_chosen(ambiguous):
 
     noise = np.random.default_rng(3).normal(0.0, 3e-4, len(readings))
     seen = predicted(TRUTH) + noise
-    right, wrong = (
-        np.sum(((seen - predicted({f.names[0]: f.values[f.names[0]]})) / 3e-4) ** 2)
-        for f in (ambiguous.best, rival)
-    )
+    two = [predicted({f.names[0]: f.values[f.names[0]]}) for f in (ambiguous.best, rival)]
+    right, wrong = (np.sum(((seen - x) / 3e-4) ** 2) for x in two)
     assert wrong - right > 20.0 and right < 2.0 * len(readings)
 
 

@@ -95,11 +95,8 @@ def test_the_turning_point_of_every_chosen_branch_stays(chosen):
     data, _, found = chosen
     for name in {data.branches[k] for k in found.steps}:
         own = [k for k in found.steps if data.branches[k] == name]
-        largest = max(
-            (k for k, b in enumerate(data.branches) if b == name),
-            key=lambda k: max(data.steps[k].tensions.values()),
-        )
-        assert largest in own
+        pulls = {k: max(data.steps[k].tensions.values()) for k, b in enumerate(data.branches) if b == name}
+        assert max(pulls, key=pulls.get) in own
 
 
 def test_data_that_turn_at_every_step_keep_pieces_without_gaps():
@@ -174,10 +171,8 @@ def test_the_final_fit_and_all_errors_are_of_all_rows():
 @pytest.fixture(scope="module")
 def searched():
     """All load steps, the choice of them, and a search that has found two effects on these."""
-    truth = {
-        "gravity": {"g_x": 0.0, "g_y": -6.0, "g_z": -7.76},
-        "precurvature": {"kappa_x": 0.9, "kappa_y": 0.0},
-    }
+    bend = {"kappa_x": 0.9, "kappa_y": 0.0}
+    truth = {"gravity": {"g_x": 0.0, "g_y": -6.0, "g_z": -7.76}, "precurvature": bend}
     data = long_data(11, truth=truth)
     held = [k for k, b in enumerate(data.branches) if int(b.split()[1]) % 3 == 0]
     problem = problem_of(data, [k + 1 for k in held], SIGMA)

@@ -100,10 +100,8 @@ def test_two_processes_give_the_scores_and_derivatives_of_one(forms):
     declared = evaluate(one, (), {})
     gravity = effect("gravity")
     columns = tuple(Column(gravity, n, TWO["gravity"], 0.1) for n in TWO["gravity"])
-    requests = [
-        Request((gravity,), {"gravity": {**TWO["gravity"], "g_x": g}}, columns, declared.run)
-        for g in (1.0, 2.0)
-    ]
+    values = [{"gravity": {**TWO["gravity"], "g_x": g}} for g in (1.0, 2.0)]
+    requests = [Request((gravity,), x, columns, declared.run) for x in values]
     scores, linear = screen(one, declared, forms)[0], linearize(one, requests)
     with ForwardModel(2) as forward:
         two = problem(forward)

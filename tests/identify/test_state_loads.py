@@ -295,10 +295,8 @@ def test_moments_of_fixed_direction_and_of_a_magnet_are_loads_of_the_tip():
         * np.arange(1.0, len(tip) + 1.0)[:, None],
     }.items():
         action = Action(causes[name].action(run.bays, values), run.bays.rotation)
-        loads = [
-            [*s.loads.values()][-len(run.bays.edges) + 1 :]
-            for s in with_action(problem.experiment, action).steps
-        ]
+        steps = with_action(problem.experiment, action).steps
+        loads = [[*s.loads.values()][-len(run.bays.edges) + 1 :] for s in steps]
         acting = np.array([[x.moment for x in own] for own in loads])
         np.testing.assert_allclose(acting[:, -1], moments, atol=1e-7)
         np.testing.assert_allclose(acting[:, :-1], 0.0, atol=1e-12)

@@ -107,11 +107,8 @@ def test_candidates_with_more_parameters_than_readings_are_not_fitted(bent):
 
 
 def test_several_causes_that_leave_noise_together_are_stated_but_not_named():
-    truth = {
-        "gravity": {"g_x": 9.81, "g_y": 0.0, "g_z": 0.0},
-        "precurvature": {"kappa_x": 1.0, "kappa_y": 0.0},
-        "actuator_gain": {"gain": 1.1},
-    }
+    weight, bent = {"g_x": 9.81, "g_y": 0.0, "g_z": 0.0}, {"kappa_x": 1.0, "kappa_y": 0.0}
+    truth = {"gravity": weight, "precurvature": bent, "actuator_gain": {"gain": 1.1}}
     result = concluded(with_model(begun(measured(truth)), truth))
     assert result.verdict == "explained" and not any(e.found for e in result.effects)
     assert headline(result) == (

@@ -17,10 +17,9 @@ from tdcr_fe.model.channels import CHANNELS
 
 def recorded() -> MeasuredData:
     """Readings of three steps."""
-    steps = tuple(
-        LoadStep(str(n), {"t1": t, "t2": 0.0, "t3": 0.0}, loads={"tip": Load(0.25, (0.0, f, 0.0))})
-        for n, t, f in ((1, 0.5, 0.0), (2, 1.0, 0.0), (4, 1.0, 0.02))
-    )
+    free, pushed = {"tip": Load(0.25)}, {"tip": Load(0.25, (0.0, 0.02, 0.0))}
+    rows = ("1", 0.5, free), ("2", 1.0, free), ("4", 1.0, pushed)
+    steps = tuple(LoadStep(n, {"t1": t, "t2": 0.0, "t3": 0.0}, loads=loads) for n, t, loads in rows)
     readings = [Reading(n, f"position_{a}", 0.25, 0.1, 1e-4) for n in (1, 2, 4) for a in "xyz"]
     readings += [Reading(2, "bending_angle", None, 0.7), Reading(4, "distal_tension", "t1", 0.8, 0.01)]
     model = Model(gravity=(0.0, 0.0, -9.81))
@@ -53,12 +52,9 @@ def written(folder, *steps):
 def test_what_a_step_does_not_name_is_written_as_it_was(tmp_path):
     """Tensions and loads that are carried over, and forces of two names at the tip."""
     gust, tip = Load(0.25, (0.01, 0.0, 0.0)), Load(0.25, (0.0, 0.02, 0.0))
-    steps = (
-        LoadStep("", {"t1": 0.5}, loads={"tip": tip}),
-        LoadStep("", {"t2": 0.1}, loads={"gust": gust}),
-        LoadStep(),
-    )
-    found = written(tmp_path / "set", *steps)
+    first = LoadStep("", {"t1": 0.5}, loads={"tip": tip})
+    second = LoadStep("", {"t2": 0.1}, loads={"gust": gust})
+    found = written(tmp_path / "set", first, second, LoadStep())
     assert [s.tensions for s in found] == [{"t1": 0.5, "t2": t} for t in (0.0, 0.1, 0.1)]
     assert [s.loads["tip"].force for s in found] == [(0.0, 0.02, 0.0), (0.01, 0.02, 0.0), (0.01, 0.02, 0.0)]
 
@@ -215,10 +211,8 @@ def with_effects_in(data, tmp_path, text, name="set"):
     return tmp_path / name
 
 
-TEXT = "\n".join(
-    f"{name} = {{ {', '.join(f'{k} = {v}' for k, v in values.items())} }}"
-    for name, values in DECLARED.items()
-)
+ROWS = {name: ", ".join(f"{k} = {v}" for k, v in values.items()) for name, values in DECLARED.items()}
+TEXT = "\n".join(f"{name} = {{ {row} }}" for name, row in ROWS.items())
 
 
 def test_what_is_declared_is_part_of_the_declared_model(data, tmp_path):

@@ -56,13 +56,10 @@ def test_what_a_step_does_not_name_stays_as_it_was():
     """Inputs of the other tendon, how it is driven, loads and time."""
     tendons = tuple(Tendon(name, ParallelRouting(4e-3, angle)) for name, angle in (("a", 0.0), ("b", 180.0)))
     robot = robot_with(*tendons)
-    push = Load(0.2, (0.0, 0.05, 0.0))
-    steps = (
-        LoadStep(tensions={"a": 1.5}, loads={"push": push}, time=2.0),
-        LoadStep(displacements={"b": 1e-3}),
-        LoadStep(tensions={"a": 0.5}, loads={"couple": Load(0.1, moment=(1e-3, 0.0, 0.0))}),
-    )
-    _, second, third = resolve(robot, steps)
+    push, couple = Load(0.2, (0.0, 0.05, 0.0)), Load(0.1, moment=(1e-3, 0.0, 0.0))
+    pushed = LoadStep(tensions={"a": 1.5}, loads={"push": push}, time=2.0)
+    bent = LoadStep(tensions={"a": 0.5}, loads={"couple": couple})
+    _, second, third = resolve(robot, [pushed, LoadStep(displacements={"b": 1e-3}), bent])
     assert second.values.tolist() == [1.5, 1e-3] and second.by_displacement.tolist() == [False, True]
     assert dict(second.loads) == {"push": push} and second.time == 2.0
     assert third.values.tolist() == [0.5, 1e-3] and set(third.loads) == {"push", "couple"}

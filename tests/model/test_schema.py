@@ -16,12 +16,8 @@ DISKS = Disks.equally_spaced(5, LENGTH)
 
 
 def test_numbers_of_numpy_lists_and_whole_numbers_are_taken_and_kept_as_floats_and_tuples():
-    robot = Robot(
-        Backbone(np.float64(1.0), np.float32(0.5), 1, 0, precurvature=np.array([0.0, 1.0])),
-        Disks([0.5, 1]),
-        [Tendon("t1", ParallelRouting(0))],
-    )
-    backbone = robot.backbone
+    backbone = Backbone(np.float64(1.0), np.float32(0.5), 1, 0, precurvature=np.array([0.0, 1.0]))
+    robot = Robot(backbone, Disks([0.5, 1]), [Tendon("t1", ParallelRouting(0))])
     assert (backbone.length, backbone.precurvature) == (1.0, (0.0, 1.0))
     assert {type(x) for x in (backbone.length, backbone.radius, *robot.disks.positions)} == {float}
     assert hash(robot) == hash(dataclasses.replace(robot))

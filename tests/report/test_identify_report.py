@@ -175,10 +175,8 @@ def _with(corrected, commanded, *effects):
 
 def test_the_replay_is_the_corrected_robot_step_by_step():
     """A dead band divides steps; the replay has those of loading.csv, each at its end."""
-    experiment = with_effects(
-        Experiment(ROBOT, Model(friction="none", elements_per_bay=1), STEPS),
-        {"actuator_loss": {"dead_band": 0.1, "efficiency": 0.9}},
-    )
+    declared = Experiment(ROBOT, Model(friction="none", elements_per_bay=1), STEPS)
+    experiment = with_effects(declared, {"actuator_loss": {"dead_band": 0.1, "efficiency": 0.9}})
     assert len(experiment.steps) > len(STEPS)
     found = replay(_with(experiment, replace(experiment, steps=STEPS, ends=None)))
     assert [s.step for s in found.steps] == list(range(1, 12))

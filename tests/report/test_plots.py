@@ -78,10 +78,8 @@ def six_tendons(**rest):
     """Two segments: three tendons end at the middle disk, three at the tip."""
     one = paper_robot(6)
     ends = [one.disks.positions[6]] * 3 + [None] * 3
-    tendons = tuple(
-        replace(t, name=f"{'proximal' if e else 'distal'}{k % 3 + 1}", end=e)
-        for k, (t, e) in enumerate(zip(one.tendons, ends, strict=True))
-    )
+    names = [f"{part}{k}" for part in ("proximal", "distal") for k in (1, 2, 3)]
+    tendons = tuple(replace(t, name=n, end=e) for t, n, e in zip(one.tendons, names, ends, strict=True))
     robot = replace(one, tendons=tendons, name="two segments, six tendons", **rest)
     steps = [LoadStep("", {t.name: value for t in tendons}) for value in (0.2, 0.4, 0.6, 0.4, 0.2)]
     return arc_result(robot, steps)
@@ -120,10 +118,8 @@ def test_hysteresis_is_drawn_over_the_input(by_displacement):
 
 def test_loads_and_gravity_are_drawn_as_arrows_to_scale():
     """0.1 drew neither."""
-    loads = {
-        "tip": Load(0.25, force=(0.0, 0.05, 0.0)),
-        "mid": Load(0.125, force=(0.025, 0.0, 0.0), moment=(0.0, 0.0, 1e-3)),
-    }
+    mid = Load(0.125, force=(0.025, 0.0, 0.0), moment=(0.0, 0.0, 1e-3))
+    loads = {"tip": Load(0.25, force=(0.0, 0.05, 0.0)), "mid": mid}
     result = arc_result(None, [LoadStep("", {"t1": 0.5}, loads=loads)], Model(gravity=(0.0, 0.0, -9.81)))
     step = result.steps[0]
     motion = motion_of(result)

@@ -22,10 +22,8 @@ def pulled_in_steps(mbs, handle, count=10, most=2.0):
 
 QUICK = [("CreateSphereSphereContact", 0.0), ("GeneralContact, triangles", 0.0)]
 FRICTION = {kind: 0.3 for kind, _ in QUICK}
-CASES = [
-    *QUICK,
-    *(pytest.param(kind, FRICTION.get(kind, 0.0), marks=pytest.mark.integration) for kind in CONTACTS),
-]
+CASES = [pytest.param(kind, FRICTION.get(kind, 0.0), marks=pytest.mark.integration) for kind in CONTACTS]
+CASES = [*QUICK, *CASES]
 
 
 @pytest.mark.parametrize(("kind", "mu"), CASES)

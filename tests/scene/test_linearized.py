@@ -167,10 +167,8 @@ def test_after_slip_the_gain_is_that_of_a_pull_that_goes_on_and_with_stuck_holes
         SolveTDCR(mbs, settings)
         tips.append(handle.tip_position)
         if tension == 1.001:
-            sliding, stuck = (
-                mbs.TDCRLinearized(sensors=[sensor], **holes).static_gain()[:, 0]
-                for holes in ({}, {"holes": "stuck"})
-            )
+            found = [mbs.TDCRLinearized(sensors=[sensor], **x) for x in ({}, {"holes": "stuck"})]
+            sliding, stuck = (x.static_gain()[:, 0] for x in found)
     pulled, released = (tips[1] - tips[0]) / 1e-3, (tips[1] - tips[2]) / 1e-5
     assert sliding == pytest.approx(pulled, abs=1e-2 * np.abs(pulled).max())
     assert stuck == pytest.approx(released, abs=1e-3 * np.abs(released).max())

@@ -19,10 +19,8 @@ NAMES += ["backbone.length", "springs[0].stiffness"]
 def test_a_robot_alone_has_the_derivatives_of_simulate():
     """Wherever its base is: springs to ground are at rest where the unloaded robot is."""
     robot = replace(seven(0.3), springs=(SideSpring(0.15, 1.5),))
-    steps = [
-        LoadStep("", {"t1": 1.0, "t2": 0.3}, loads={"tip": Load(LENGTH)}, substeps=2),
-        LoadStep("", {"t1": 0.6}, loads={"tip": Load(LENGTH, (0.0, 0.02, 0.0))}, substeps=2),
-    ]
+    steps = [LoadStep("", {"t1": 1.0, "t2": 0.3}, loads={"tip": Load(LENGTH)}, substeps=2)]
+    steps += [LoadStep("", {"t1": 0.6}, loads={"tip": Load(LENGTH, (0.0, 0.02, 0.0))}, substeps=2)]
     expected = simulate(robot, Model(elements_per_bay=1), steps, SETTINGS, sensitivities=NAMES).sensitivities
     _container, mbs, arm, tip = scene_with(tip_load, robot, referencePosition=[0.1, 0.05, 0.2])
     tracked = track_sensitivities(arm, NAMES)

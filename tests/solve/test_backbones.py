@@ -147,11 +147,8 @@ TWO = (ParallelRouting(4.5e-3), ParallelRouting(4.5e-3, 120.0))
 DOWN = replace(FOLLOWS, gravity=(0.0, 0.0, 9.81))
 ASKEW = {"friction": "none", "gravity": (0.0, 3.0, -9.81)}
 PULLS = [LoadStep(tensions={"a": 1.5}), LoadStep(tensions={"a": 2.0, "b": 1.0})]
-BENT = [
-    *pulls((1.0, 0.2, 0.2)),
-    LoadStep(tensions={"t1": 1.6}, loads={"tip": Load(LENGTH, (0.02, 0.03, 0.0))}),
-    *pulls((0.8, 0.6)),
-]
+PUSHED = LoadStep(tensions={"t1": 1.6}, loads={"tip": Load(LENGTH, (0.02, 0.03, 0.0))})
+BENT = [*pulls((1.0, 0.2, 0.2)), PUSHED, *pulls((0.8, 0.6))]
 #: Robot, model, load steps, and the tolerance of tips and displacements over the length.
 AGREE = {
     "tapered, two ends": (TENTACLE, DOWN, STEPS, 1e-4),

@@ -38,11 +38,8 @@ def test_driven_by_displacement_bays_do_not_jump_beyond_their_buckling_load(numb
 
 
 ROD_LENGTH = 0.2
-ROBOT = Robot(
-    Backbone(ROD_LENGTH, 0.5e-3, 60e9, 0.3),
-    Disks.equally_spaced(4, ROD_LENGTH, mass=0.0, radius=6e-3),
-    (Tendon("t1", ParallelRouting(4e-3, 0.0), 0.3),),
-)
+FOUR = Disks.equally_spaced(4, ROD_LENGTH, mass=0.0, radius=6e-3)
+ROBOT = Robot(Backbone(ROD_LENGTH, 0.5e-3, 60e9, 0.3), FOUR, (Tendon("t1", ParallelRouting(4e-3, 0.0), 0.3),))
 #: Load of a cantilever at which it buckles [N].
 EULER = np.pi**2 * ROBOT.backbone.EI / (2.0 * ROD_LENGTH) ** 2
 

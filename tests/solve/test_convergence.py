@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from robots import BACKBONE, DISKS, LENGTH, distance, paper, single, solve
+from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, single, solve
 
 from tdcr_fe import ConvergingRouting, HelicalRouting, Load, LoadStep, Robot, Superelastic, Tendon
 from tdcr_fe.validation.fuzz.energy import divided, ledger
@@ -44,12 +44,8 @@ def test_tip_converges_with_order_two_or_better_in_the_mesh(robot):
 def test_the_energy_balance_closes_with_order_two_in_the_substeps(friction):
     """Pull to 2 N and release with a tip force: the balance by the trapezoidal rule closes with order two."""
     robot = single(0.3)
-    cycle = [
-        LoadStep("", {"t1": 2.0}, loads={"tip": Load(LENGTH, (0.0, 0.03, 0.01))}),
-        LoadStep("", {"t1": 0.3}),
-        LoadStep("", {"t1": 1.5}, loads={"tip": Load(LENGTH)}),
-        LoadStep("", {"t1": 0.0}),
-    ]
+    pushed, free = {"tip": Load(LENGTH, (0.0, 0.03, 0.01))}, {"tip": Load(LENGTH)}
+    cycle = [*pull(2.0, loads=pushed), *pull(0.3), *pull(1.5, loads=free), *pull(0.0)]
     gaps = []
     for parts in (8, 16, 32):
         found = ledger(solve(robot, divided(robot, cycle, parts), friction=friction))

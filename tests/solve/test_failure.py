@@ -14,10 +14,8 @@ from tdcr_fe.solve.load_steps import substep
 from tdcr_fe.solve.newton.convergence import NewtonStatus, Unmet
 from tdcr_fe.solve.newton.newton import NewtonResult, newton
 
-UNMET = {
-    test.status: Unmet(test, 1e-3, tolerance)
-    for test, tolerance in zip(convergence.CONVERGENCE_TESTS, (1e-8, 1e-4), strict=True)
-}
+TOLERANCES = zip(convergence.CONVERGENCE_TESTS, (1e-8, 1e-4), strict=True)
+UNMET = {test.status: Unmet(test, 1e-3, tolerance) for test, tolerance in TOLERANCES}
 
 
 def ended(status, residual):

@@ -193,10 +193,8 @@ def test_a_tendon_may_become_slack_and_taut_again():
 
 def slack_until_late() -> list[LoadStep]:
     """The third tendon of `three` is slack until shortly before the end of the second step."""
-    return [
-        LoadStep("", displacements={"t1": 1e-3, "t2": -2.5531158e-3, "t3": -2.1764913e-3}),
-        LoadStep("", displacements={"t1": 2e-3, "t2": -5.0532918e-3, "t3": -0.9379651e-3}),
-    ]
+    moved = (1e-3, -2.5531158e-3, -2.1764913e-3), (2e-3, -5.0532918e-3, -0.9379651e-3)
+    return [LoadStep("", displacements=dict(t1=a, t2=b, t3=c)) for a, b, c in moved]
 
 
 @pytest.mark.integration

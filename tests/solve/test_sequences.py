@@ -60,12 +60,8 @@ def test_slack_tendon_has_no_tension_until_it_is_taut_again(stiffness):
     """Let out beyond taut, a tendon has tension zero; pulled in again, it acts as before."""
     both = (tendon(n, angle, axial_stiffness=stiffness) for n, angle in (("t1", 0.0), ("t2", 180.0)))
     robot = Robot(BACKBONE, DISKS, tuple(both))
-    steps = [
-        LoadStep("", displacements={"t1": 3e-3, "t2": -6e-3}),
-        LoadStep("", displacements={"t1": -4e-3, "t2": -6e-3}),
-        LoadStep("", displacements={"t1": 3e-3}),
-    ]
-    result = solve(robot, steps)
+    moved = {"t1": 3e-3, "t2": -6e-3}, {"t1": -4e-3, "t2": -6e-3}, {"t1": 3e-3}
+    result = solve(robot, [LoadStep("", displacements=x) for x in moved])
     assert np.all(np.concatenate([t for s in result.steps for t in s.tensions]) >= 0.0)
     assert result.steps[0].base_tensions[0] > 0.1 and result.steps[0].base_tensions[1] == 0.0
     assert np.array_equal(result.steps[1].base_tensions, [0.0, 0.0])
@@ -75,12 +71,8 @@ def test_slack_tendon_has_no_tension_until_it_is_taut_again(stiffness):
 
 def test_both_ways_of_driving_mixed_and_switched():
     """One tendon by tension and one by displacement, then exchanged; inputs that are not named are kept."""
-    steps = [
-        LoadStep("", {"t1": 1.0}, {"t2": 0.0}),
-        LoadStep("", {"t3": 0.5}, {"t1": 4e-3}),
-        LoadStep("", {"t1": 0.5, "t2": 0.3}),
-        LoadStep("", {"t1": 0.0, "t2": 0.0, "t3": 0.0}),
-    ]
+    steps = [LoadStep("", {"t1": 1.0}, {"t2": 0.0}), LoadStep("", {"t3": 0.5}, {"t1": 4e-3})]
+    steps += [LoadStep("", {"t1": 0.5, "t2": 0.3}), LoadStep("", {"t1": 0.0, "t2": 0.0, "t3": 0.0})]
     a, b, c, d = solve(seven(0.3), steps).steps
     assert a.base_tensions[0] == 1.0
     assert a.displacements[1] == pytest.approx(0.0, abs=1e-8) or a.base_tensions[1] == 0.0

@@ -89,10 +89,8 @@ def test_slips_of_a_tendon_that_adhesion_holds_while_its_base_is_slack():
     backbone = Backbone(0.24, 0.45e-3, 85e9, 0.3, 5600.0, taper=taper)
     robot = Robot(backbone, Disks.equally_spaced(12, 0.24, mass=2e-4, radius=6e-3), tendons)
     model = Model(gravity=(0.0, 0.0, -9.81), elements_per_bay=1)
-    steps = [
-        LoadStep(displacements={"t0": 4e-3, "t1": -2e-3, "t2": -2e-3}),
-        LoadStep(loads={"m": Load(0.13, (0.05, 0.08, -0.03), (0.0, 0.0, 0.003))}),
-    ]
+    loads = {"m": Load(0.13, (0.05, 0.08, -0.03), (0.0, 0.0, 0.003))}
+    steps = [LoadStep(displacements={"t0": 4e-3, "t1": -2e-3, "t2": -2e-3}), LoadStep(loads=loads)]
     whole = simulate(robot, model, steps)
     fine = simulate(robot, model, [steps[0], replace(steps[1], substeps=100)])
     assert whole.steps[1].tensions[1][0] == 0.0 and whole.steps[1].tensions[1][-1] > 0.1

@@ -67,12 +67,9 @@ def test_other_objects_and_changed_stiffness_bring_exudyns_jacobian_back():
 
 def short_and_long() -> Robot:
     """Three tendons of different ends, one elastic, one with adhesion."""
-    tendons = (
-        tendon("t1", 0.0, 0.3, end=paper().disks.positions[6]),
-        tendon("t2", 120.0, 0.2, axial_stiffness=2000.0),
-        tendon("t3", 250.0, 0.1, adhesion=0.02),
-    )
-    return replace(paper(), tendons=tendons)
+    short = tendon("t1", 0.0, 0.3, end=paper().disks.positions[6])
+    others = tendon("t2", 120.0, 0.2, axial_stiffness=2000.0), tendon("t3", 250.0, 0.1, adhesion=0.02)
+    return replace(paper(), tendons=(short, *others))
 
 
 def free_end() -> Robot:

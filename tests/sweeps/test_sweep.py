@@ -88,10 +88,8 @@ def test_a_case_that_fails_keeps_its_reason_and_does_not_stop_the_others(tmp_pat
     scenario = SCENARIO.replace("[solver]", "[solver]\nmax_iterations = 4\nmin_substep = 1.0")
     path = write_files(tmp_path, text, scenario=scenario)
     result = tdcr.sweep(path, tmp_path / "out", executor=InProcess(), report=False)
-    assert result.cases["status"].tolist() == [
-        *("converged", "converged", "converged", "invalid"),
-        *("not converged", "not converged", "not converged", "invalid"),
-    ]
+    expected = [*["converged"] * 3, "invalid", *["not converged"] * 3, "invalid"]
+    assert result.cases["status"].tolist() == expected
     reasons = result.cases["reason"]
     assert "must not lie outside the disk" in reasons[3]
     assert "step 1" in reasons[4]
@@ -156,10 +154,8 @@ def test_a_sweep_from_objects(tmp_path):
     path = write_files(tmp_path)
     from_files = tdcr.sweep(path, executor=InProcess()).cases
     scenario = tdcr.read_scenario(tmp_path / "scenario.toml")
-    vary = [
-        {"key": "steps[0].tensions.t1", "values": [0.5, 1.0, 1.5]},
-        {"key": "backbone.youngs_modulus", "mode": "factor", "values": [1.0, 1.2]},
-    ]
+    vary = [{"key": "steps[0].tensions.t1", "values": [0.5, 1.0, 1.5]}]
+    vary += [{"key": "backbone.youngs_modulus", "mode": "factor", "values": [1.0, 1.2]}]
     contents = {"robot": scenario.robot, "model": scenario.model, "steps": scenario.steps, "vary": vary}
     contents["solver"] = scenario.settings
     pd.testing.assert_frame_equal(tdcr.sweep(contents, executor=InProcess()).cases, from_files)

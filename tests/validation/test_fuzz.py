@@ -20,11 +20,9 @@ BACKBONE = Backbone(0.2, 0.4e-3, 85e9, 0.3, density=5600.0)
 
 
 def robot(**tendon):
-    tendons = (
-        Tendon("a", ParallelRouting(4e-3, 10.0), 0.3, **tendon),
-        Tendon("b", HelicalRouting(4e-3, 0.5, 130.0), 0.2, **tendon),
-    )
-    return Robot(BACKBONE, Disks.equally_spaced(4, 0.2, mass=2e-4), tendons)
+    straight = Tendon("a", ParallelRouting(4e-3, 10.0), 0.3, **tendon)
+    winding = Tendon("b", HelicalRouting(4e-3, 0.5, 130.0), 0.2, **tendon)
+    return Robot(BACKBONE, Disks.equally_spaced(4, 0.2, mass=2e-4), (straight, winding))
 
 
 def solved():

@@ -33,11 +33,8 @@ def test_a_case_is_the_stored_one(part: str, key: str, tmp_path: Path) -> None:
 
 def test_a_movement_is_named_with_its_place_and_size() -> None:
     """Numbers within and beyond the tolerance, a state, a shape, and an error in place of a result."""
-    stored = {
-        "positions": np.linspace(0.0, 0.2, 30).reshape(5, 2, 3),
-        "tensions": np.ones((5, 4)),
-        "states": "pp/pr",
-    }
+    points = np.linspace(0.0, 0.2, 30).reshape(5, 2, 3)
+    stored = {"positions": points, "tensions": np.ones((5, 4)), "states": "pp/pr"}
     assert not differences("robots", "7", stored, dict(stored), 1e-9)
     positions, tensions = stored["positions"].copy(), stored["tensions"].copy()
     positions[3, 1, 2] += 2e-6
