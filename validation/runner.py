@@ -155,12 +155,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser(name: str, campaign: Campaign) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog=f"{PROGRAM} {name}",
-        description=_text(name),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        epilog="Exit status: 0 passed, 1 not passed, 2 wrong input, 130 interrupted, 143 by SIGTERM.",
-    )
+    ends = "Exit status: 0 passed, 1 not passed, 2 wrong input, 130 interrupted, 143 by SIGTERM."
+    program, raw = f"{PROGRAM} {name}", argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(program, description=_text(name), epilog=ends, formatter_class=raw)
     unit = campaign.unit
     if campaign.count is not None:
         default = campaign.count

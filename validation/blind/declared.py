@@ -43,11 +43,9 @@ def draw_robot(kind: str, rng: np.random.Generator) -> Robot:
     first = float(rng.integers(0, 12) * 10)
     angles = [first] if kind == "single" else [first + 120.0 * k for k in range(3)]
     if kind == "two-segment":
-        tendons = [
-            Tendon(f"{segment}{k + 1}", ParallelRouting(offset, angle + turn), mu, end=end)
-            for segment, turn, end in (("a", 0.0, disks.positions[count // 2 - 1]), ("b", 60.0, None))
-            for k, angle in enumerate(angles)
-        ]
+        parts = (("a", 0.0, disks.positions[count // 2 - 1]), ("b", 60.0, None))
+        rows = [(f"{name}{k + 1}", x + turn, end) for name, turn, end in parts for k, x in enumerate(angles)]
+        tendons = [Tendon(name, ParallelRouting(offset, angle), mu, end=end) for name, angle, end in rows]
         return Robot(backbone, disks, tuple(tendons), name=kind)
     routing = str(rng.choice(["parallel", "helical", "converging", "points"])) if kind == "single" else kind
     # The same numbers are drawn for every kind of routing.

@@ -109,10 +109,8 @@ Noisy = tuple[Sequence[Mark], Array, Array]
 
 def measured(name: str, declared: Experiment, branches: Sequence[str], noisy: Noisy) -> MeasuredData:
     """Data of a declared robot."""
-    readings = tuple(
-        Reading(step + 1, quantity, location, round(float(v), 8), float(u))
-        for (step, quantity, location), v, u in zip(*noisy, strict=True)
-    )
+    values = [(round(float(v), 8), float(u)) for v, u in zip(*noisy[1:], strict=True)]
+    readings = [Reading(k + 1, q, location, *x) for (k, q, location), x in zip(noisy[0], values, strict=True)]
     steps = tuple(declared.steps)
     ids = tuple(range(1, len(steps) + 1))
-    return MeasuredData(name, declared.robot, declared.model, ids, steps, tuple(branches), readings)
+    return MeasuredData(name, declared.robot, declared.model, ids, steps, tuple(branches), tuple(readings))

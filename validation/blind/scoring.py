@@ -59,10 +59,8 @@ def score(answer: Answer, result: IdentificationResult, seconds: float = 0.0) ->
     rivals = {e.name: list(e.indistinguishable_from) for e in effects}
     use = [i for i, r in enumerate(data.readings) if r.step in held and r.quantity.startswith("position_")]
     noise = np.array([data.readings[i].value - answer.noise_free[i] for i in use])
-    rms = [
-        float(np.sqrt(np.mean(p**2)))
-        for p in (noise, result.residuals.before[use], result.residuals.after[use])
-    ]
+    parts = (noise, result.residuals.before[use], result.residuals.after[use])
+    rms = [float(np.sqrt(np.mean(p**2))) for p in parts]
     deviations = {}
     for e in effects:
         for parameter, p in e.parameters.items():

@@ -57,11 +57,8 @@ def rod(friction: float = 0.0, segments: int = 1) -> tdcr.Robot:
     if segments == 2:
         lower = [_straight(f"a{a}", float(a), friction, 0.5 * LENGTH) for a in (0, 90, 180, 270)]
         tendons = [*lower, *(_straight(f"b{a}", float(a), friction) for a in (45, 135, 225, 315))]
-    return tdcr.Robot(
-        tdcr.Backbone(LENGTH, 0.6e-3, 40e9, 1.0 / 3.0),
-        tdcr.Disks.equally_spaced(9 * segments, LENGTH, radius=0.012),
-        tuple(tendons),
-    )
+    backbone = tdcr.Backbone(LENGTH, 0.6e-3, 40e9, 1.0 / 3.0)
+    return tdcr.Robot(backbone, tdcr.Disks.equally_spaced(9 * segments, LENGTH, radius=0.012), tuple(tendons))
 
 
 def _straight(name: str, angle: float, friction: float, end: float = LENGTH) -> tdcr.Tendon:

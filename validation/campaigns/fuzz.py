@@ -88,15 +88,10 @@ def check_case(case: RandomCase) -> Outcome:
     except Exception as problem:
         error = f"in a check: {type(problem).__name__}: {problem}"
     steps = () if result is None else result.steps
-    return Outcome(
-        case.number,
-        len(case.steps),
-        sum(s.converged for s in steps),
-        "" if result is None or result.converged else result.message,
-        error,
-        {name: float(f"{value:.3g}") for name, value in worst.items()},
-        [] if result is None else list(result.warnings),
-    )
+    solved, warnings = sum(s.converged for s in steps), [] if result is None else list(result.warnings)
+    message = "" if result is None or result.converged else result.message
+    rounded: dict[str, float | None] = {name: float(f"{value:.3g}") for name, value in worst.items()}
+    return Outcome(case.number, len(case.steps), solved, message, error, rounded, warnings)
 
 
 def _history(case: RandomCase) -> dict[str, float]:

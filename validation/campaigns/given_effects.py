@@ -111,11 +111,9 @@ class _Fit:
             ).x  # fmt: skip
         lengths = self.residual(effects, values(x)) * [r.sigma for r in self.data.readings]
         branch = dict(zip(self.data.step_ids, self.data.branches, strict=True))
-        rows = [
-            (branch[r.step], fit, r.step, r.location, u**2)
-            for r, fit, u in zip(self.data.readings, self.fitted, lengths, strict=True)
-            if r.channel.family == "position"
-        ]
+        every = zip(self.data.readings, self.fitted, lengths, strict=True)
+        own = [(r, fit, u) for r, fit, u in every if r.channel.family == "position"]
+        rows = [(branch[r.step], fit, r.step, r.location, u**2) for r, fit, u in own]
         table = pd.DataFrame(rows, columns=["branch", "fitted", "step", "marker", "square"])
         off = table.groupby(["branch", "fitted", "step", "marker"])["square"].sum().pow(0.5).reset_index()
         by_share = off.groupby("fitted")["square"].mean()

@@ -38,13 +38,10 @@ class Ambiguity:
     seed: int  # of robot, loading sequence, size of the effect and noise
 
 
-_ALIKE = ("stiffness_scale", "actuator_gain")
+_ALIKE = (("stiffness_scale", "actuator_gain"), ("actuator_gain", "stiffness_scale"))
+_SEEDS = [(robot, 100 * k) for k, robot in enumerate(("parallel", "single", *ROBOTS[2:]))]
 #: Both effects with each robot.
-AMBIGUITIES = tuple(
-    Ambiguity(truth, rival, robot, 100 * k + n)
-    for k, robot in enumerate(("parallel", "single", *ROBOTS[2:]))
-    for n, (truth, rival) in enumerate((_ALIKE, _ALIKE[::-1]))
-)
+AMBIGUITIES = tuple(Ambiguity(*x, robot, seed + n) for robot, seed in _SEEDS for n, x in enumerate(_ALIKE))
 
 
 @dataclass(frozen=True)
@@ -127,10 +124,8 @@ class NextExperimentSets(Campaign):
         """All sets, and how many are separated."""
         ambiguous = [o for o in outcomes if o.ambiguous]
         separated = sum(o.separated for o in ambiguous)
-        return [
-            self.table(outcomes),
-            f"{separated} of {count(len(ambiguous), 'set')} with two explanations are separated",
-        ]
+        text = f"{separated} of {count(len(ambiguous), 'set')} with two explanations are separated"
+        return [self.table(outcomes), text]
 
     def passed(self, outcomes: Sequence[Outcome]) -> bool:
         """Nine tenths of the ambiguous sets, of which there are some."""

@@ -64,14 +64,10 @@ def compare(case: RandomCase, solvers: Mapping[str, Callable[..., SequenceResult
     # Of an error there are no steps.
     pairs = list(zip(*(r.steps for r in results.values()), strict=False)) if len(results) == 2 else []
     gaps = [np.linalg.norm(a.position_at(at) - b.position_at(at), axis=1).max() / length for a, b in pairs]
-    return Outcome(
-        case.number,
-        [float(gap) for gap in gaps],
-        [(a.discretisation_error or 0.0) / length for a, _ in pairs],
-        [any(re.search(rf"\bsteps? (?:\d+, )*{k}\b", w) for w in warnings) for k in range(1, len(pairs) + 1)],
-        failures,
-        warnings,
-    )
+    errors = [(a.discretisation_error or 0.0) / length for a, _ in pairs]
+    named = [rf"\bsteps? (?:\d+, )*{k}\b" for k in range(1, len(pairs) + 1)]
+    announced = [any(re.search(step, w) for w in warnings) for step in named]
+    return Outcome(case.number, [float(gap) for gap in gaps], errors, announced, failures, warnings)
 
 
 class RandomRobots(Campaign):

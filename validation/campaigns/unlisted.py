@@ -49,17 +49,14 @@ class Outcome:
 
 def judge(recipe: Recipe, result: IdentificationResult, seconds: float) -> Outcome:
     """What was found, beside what the recipe hides."""
-    kinds = {e.kind[:2] for e in result.effects}
+    kinds = [(e.kind, e.kind_probability) for e in result.effects]
     return Outcome(
         cause=recipe.name,
         truth=f"{recipe.perturbs}: {recipe.depends_on}",
         verdict=result.verdict,
         effects=[e.name for e in result.effects if e.found],
-        causes=[
-            f"{e.kind.perturbs}: {', '.join(e.kind.depends_on)}; {e.kind.where} ({e.kind_probability:.2f})"
-            for e in result.effects
-        ],
-        right=kinds == {(recipe.perturbs, (recipe.depends_on,))},
+        causes=[f"{k.perturbs}: {', '.join(k.depends_on)}; {k.where} ({p:.2f})" for k, p in kinds],
+        right={k[:2] for k, _ in kinds} == {(recipe.perturbs, (recipe.depends_on,))},
         before=result.before.held_out.rms_position,
         after=result.after.held_out.rms_position,
         noise=result.noise.rms_position,
@@ -92,20 +89,15 @@ class Unlisted(Campaign):
     def row(self, outcome: Outcome) -> dict[str, Any]:
         """Errors in millimetres."""
         errors = {"before": outcome.before, "after": outcome.after, "noise": outcome.noise}
-        return {
-            **super().row(outcome),
-            "passed": outcome.passed,
-            **{k: None if x is None else round(1e3 * x, 3) for k, x in errors.items()},
-            "seconds": round(outcome.seconds, 1),
-        }
+        rounded = {k: None if x is None else round(1e3 * x, 3) for k, x in errors.items()}
+        row = {**super().row(outcome), "passed": outcome.passed}
+        return {**row, **rounded, "seconds": round(outcome.seconds, 1)}
 
     def report(self, outcomes: Sequence[Outcome]) -> list[str | pd.DataFrame]:
         """All sets, errors in millimetres, and counts."""
         right, named = sum(o.right for o in outcomes), sum(bool(o.effects) for o in outcomes)
-        return [
-            self.table(outcomes),
-            f"of {count(len(outcomes), 'set')}: kind and dependence right in {right}, listed effects named in {named}",
-        ]
+        text = f"kind and dependence right in {right}, listed effects named in {named}"
+        return [self.table(outcomes), f"of {count(len(outcomes), 'set')}: {text}"]
 
     def passed(self, outcomes: Sequence[Outcome]) -> bool:
         """Whether enough sets are right, and none has a wrong name."""

@@ -129,32 +129,20 @@ def grid() -> Iterator[Case]:
         enumerate(ROUTINGS), enumerate(MODELS), enumerate(LOADS), enumerate(DISKS)
     ):
         levels = [pulls(routing, highest_tension(disks), x) for x in (0.3, 0.65, 1.0, 0.5)]
-        yield Case(
-            f"{routing}_{path}_{friction}_{load.replace(' ', '-')}_{disks}",
-            "grid",
-            routing,
-            load,
-            make_robot(routing, disks),
-            model_of(path, friction, load),
-            steps_of(levels, load, 1 if friction == "none" else 4),
-            quick=i == (r + m + k) % len(DISKS),
-        )
+        name = f"{routing}_{path}_{friction}_{load.replace(' ', '-')}_{disks}"
+        steps = steps_of(levels, load, 1 if friction == "none" else 4)
+        robot, model = make_robot(routing, disks), model_of(path, friction, load)
+        yield Case(name, "grid", routing, load, robot, model, steps, quick=i == (r + m + k) % len(DISKS))
 
 
 def large_bending() -> Iterator[Case]:
     """Tips turned far beyond 180 degrees."""
     for (path, friction), disks in product(MODELS, (15, 20)):
         most, substeps = (LARGE_TENSIONS[0], 1) if friction == "none" else (LARGE_TENSIONS[1], 4)
-        yield Case(
-            f"large_parallel_{path}_{friction}_{disks}",
-            "large bending",
-            "parallel",
-            "no load",
-            make_robot("parallel", disks),
-            model_of(path, friction),
-            steps_of([{"t1": x * most} for x in (0.25, 0.5, 0.75, 1.0)], "no load", substeps),
-            quick=disks == 20,
-        )
+        name = f"large_parallel_{path}_{friction}_{disks}"
+        steps = steps_of([{"t1": x * most} for x in (0.25, 0.5, 0.75, 1.0)], "no load", substeps)
+        robot, model = make_robot("parallel", disks), model_of(path, friction)
+        yield Case(name, "large bending", "parallel", "no load", robot, model, steps, quick=disks == 20)
 
 
 def histories() -> Iterator[Case]:
@@ -163,16 +151,8 @@ def histories() -> Iterator[Case]:
     def history(name: str, robot: Robot, friction: str, steps: tuple[LoadStep, ...], load: str) -> Case:
         disks = len(robot.disks.positions)
         routing = "parallel" if robot.name == "antagonists" else robot.name
-        return Case(
-            f"history_{name}_{disks}",
-            "history",
-            routing,
-            load,
-            robot,
-            model_of("straight", friction, load),
-            steps,
-            quick=disks == 10,
-        )
+        model, name = model_of("straight", friction, load), f"history_{name}_{disks}"
+        return Case(name, "history", routing, load, robot, model, steps, quick=disks == 10)
 
     for routing, friction in product(ROUTINGS, ("per-tendon", "per-hole")):
         for disks, load in ((10, "no load"), (15, "tip out of plane"), (20, "gravity")):

@@ -86,18 +86,11 @@ def compare(case: Case) -> Record:
     if off:
         reasons.append(f"{off} hole states differ that are not at the stick-slip threshold")
     rough = case.model.friction != "none"
-    return {
-        "tip_finite_element": steps[worst]["tip_finite_element"],
-        "tip_reference": steps[worst]["tip_reference"],
-        "worst_step": worst + 1,
-        **largest,
-        "holes": sum(len(x) - 1 for s in ref.steps for x in s.hole_states) if rough else 0,
-        "holes_differing": len(differing),
-        "holes_differing_off_threshold": off,
-        "passed": not reasons,
-        "reasons": reasons,
-        "steps": steps,
-    }
+    count = sum(len(x) - 1 for s in ref.steps for x in s.hole_states) if rough else 0
+    holes = {"holes": count, "holes_differing": len(differing), "holes_differing_off_threshold": off}
+    tips = {key: steps[worst][key] for key in ("tip_finite_element", "tip_reference")}
+    verdict = {"passed": not reasons, "reasons": reasons, "steps": steps}
+    return {**tips, "worst_step": worst + 1, **largest, **holes, **verdict}
 
 
 def _shapes(a: StepResult, b: StepResult) -> Record:
@@ -111,25 +104,17 @@ def _shapes(a: StepResult, b: StepResult) -> Record:
     # The angle that the tangent sweeps along the backbone; unlike that between its ends it may exceed 180 degrees.
     swept = 2.0 * np.arcsin(0.5 * np.linalg.norm(np.diff(b.rotations[:, :, 2], axis=0), axis=1))
     moved = float(np.max(np.abs(a.displacements - b.displacements), initial=0.0))
-    return {
-        "tip_finite_element": a.tip.tolist(),
-        "tip_reference": b.tip.tolist(),
-        "deviation_percent": float(gap[-1]),
-        "shape_percent": float(np.max(gap)),
-        "orientation_deg": float(np.degrees(np.max(turn))),
-        "bending_deg": float(np.degrees(np.sum(swept))),
-        "displacement_percent": 100.0 * moved / float(a.s[-1]),
-    }
+    tips = {"tip_finite_element": a.tip.tolist(), "tip_reference": b.tip.tolist()}
+    points = {"deviation_percent": float(gap[-1]), "shape_percent": float(np.max(gap))}
+    angles = {"orientation_deg": np.degrees(np.max(turn)), "bending_deg": np.degrees(np.sum(swept))}
+    angles = {key: float(angle) for key, angle in angles.items()}
+    return {**tips, **points, **angles, "displacement_percent": 100.0 * moved / float(a.s[-1])}
 
 
 def _tension_percent(a: StepResult, b: StepResult) -> float:
     """Largest deviation of a tension, over the highest of its tendon [%]."""
-    off = [
-        100.0 * float(np.max(np.abs(x - y)) / np.max(y))
-        for x, y in zip(a.tensions, b.tensions, strict=True)
-        if np.max(y) > SLACK
-    ]
-    return max(off, default=0.0)
+    taut = [(x, y) for x, y in zip(a.tensions, b.tensions, strict=True) if np.max(y) > SLACK]
+    return max((100.0 * float(np.max(np.abs(x - y)) / np.max(y)) for x, y in taut), default=0.0)
 
 
 def _differing(case: Case, a: StepResult, b: StepResult, mobilisations: Array) -> list[Record]:
@@ -143,15 +128,8 @@ def _differing(case: Case, a: StepResult, b: StepResult, mobilisations: Array) -
             # With friction per tendon all of its holes have one mobilisation.
             own = float(mobilisations[i][min(k, mobilisations.shape[1] - 1)])
             other = float(b.details["mobilisation"][i][k])
-            found.append(
-                {
-                    "tendon": tendon,
-                    "hole": k + 1,
-                    "finite_element": x,
-                    "reference": y,
-                    "mobilisation_finite_element": own,
-                    "mobilisation_reference": other,
-                    "at_threshold": abs(own - other) <= THRESHOLD,
-                }
-            )
+            states = {"finite_element": x, "reference": y}
+            shares = {"mobilisation_finite_element": own, "mobilisation_reference": other}
+            near = abs(own - other) <= THRESHOLD
+            found.append({"tendon": tendon, "hole": k + 1, **states, **shares, "at_threshold": near})
     return found

@@ -70,12 +70,9 @@ def _arc() -> Known:
 
 _UP, _WINDING = _pulled(ParallelRouting(4.5e-3, 90.0)), _pulled(HelicalRouting(4.5e-3, 2.0))
 _NEARING = _pulled(ConvergingRouting(4.5e-3, 0.15e-3))
-_TWO = Robot(
-    replace(_PLAIN, length=0.4),
-    Disks.equally_spaced(16, 0.4),
-    tuple(Tendon(f"a{i}", ParallelRouting(4.5e-3, a), end=0.15) for i, a in enumerate((90.0, -30.0, 210.0)))
-    + tuple(Tendon(f"b{i}", ParallelRouting(3e-3, a)) for i, a in enumerate((30.0, 150.0, 270.0))),
-)
+_SHORT = (Tendon(f"a{i}", ParallelRouting(4.5e-3, a), end=0.15) for i, a in enumerate((90.0, -30.0, 210.0)))
+_LONG = (Tendon(f"b{i}", ParallelRouting(3e-3, a)) for i, a in enumerate((30.0, 150.0, 270.0)))
+_TWO = Robot(replace(_PLAIN, length=0.4), Disks.equally_spaced(16, 0.4), (*_SHORT, *_LONG))
 _PULL, _SIDE = {"t1": 1.5}, {"tip": Load(LENGTH, (0.05, 0.0, 0.0))}
 _SEGMENTS = {"a0": 1.5, "b0": 1.2}
 

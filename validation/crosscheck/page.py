@@ -40,21 +40,11 @@ def _page(outcome: Record) -> Page:
     if solved:
         drawn = _deviations(solved, TIP_TOLERANCE, outcome["worst"]["median_percent"])
         picture = Picture(drawn, "Deviation of the tip in every case", "One dot for each case; crosses fail.")
-    differing = [
-        {**hole, "case": c["id"], "step": n}
-        for c in solved
-        for n, step in enumerate(c["steps"], start=1)
-        for hole in step["holes_differing"]
-    ]
-    context = {
-        "differing": differing,
-        "threshold": THRESHOLD,
-        "most": MOST_COMPRESSION,
-        "tolerance": TIP_TOLERANCE,
-        "presliding": PRESLIDING,
-        "most_tension": MOST_TENSION,
-        "largest_tension": max(LARGE_TENSIONS),
-    }
+    rows = [(c["id"], n, s["holes_differing"]) for c in solved for n, s in enumerate(c["steps"], start=1)]
+    differing = [{**hole, "case": case, "step": n} for case, n, holes in rows for hole in holes]
+    context: Record = {"threshold": THRESHOLD, "most": MOST_COMPRESSION, "tolerance": TIP_TOLERANCE}
+    context |= {"most_tension": MOST_TENSION, "largest_tension": max(LARGE_TENSIONS)}
+    context |= {"presliding": PRESLIDING, "differing": differing}
     sections = []
     if studies["mesh"]:
         sections.append(Section("mesh", "Mesh convergence", "mesh.html.j2", {"studies": studies["mesh"]}))

@@ -43,34 +43,19 @@ def judge(cases: Sequence[Record], studies: Sequence[Record], full: bool, time: 
     solved = [c for c in cases if not c["error"]]
     kinds = {k: [s for s in studies if s["kind"] == k and not s["error"]] for k in STUDY_KINDS}
     requirements = _requirements(solved, kinds)
-    failures = [
-        *(f"study {s['id']}: {s['error']}" for s in studies if s["error"]),
-        *(f"{c['id']}: {'; '.join(c['reasons'])}" for c in cases if not c["passed"]),
-        *(
-            f"{r['what']}: {r['found']} {r['unit']}, required {r['required']}"
-            for r in requirements
-            if not r["passed"]
-        ),
-    ]
+    unmet = [r for r in requirements if not r["passed"]]
+    failures = [f"study {s['id']}: {s['error']}" for s in studies if s["error"]]
+    failures += [f"{c['id']}: {'; '.join(c['reasons'])}" for c in cases if not c["passed"]]
+    failures += [f"{r['what']}: {r['found']} {r['unit']}, required {r['required']}" for r in unmet]
+    counts = {"cases": len(cases), "failing": sum(not c["passed"] for c in cases)}
+    counts["steps"] = sum(len(c["steps"]) for c in solved)
     summed = ("holes", "holes_differing", "holes_differing_off_threshold")
-    return {
-        "passed": not failures,
-        "failures": failures,
-        "set": "full" if full else "quick",
-        "requirements": requirements,
-        "counts": {
-            "cases": len(cases),
-            "failing": sum(not c["passed"] for c in cases),
-            "steps": sum(len(c["steps"]) for c in solved),
-            **{key: sum(c[key] for c in solved) for key in summed},
-        },
-        "worst": {key: _largest(solved, key)[0] for key in LARGEST} | {"median_percent": _median(solved)},
-        "time": time,
-        "versions": versions(),
-        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        "cases": list(cases),
-        "studies": kinds,
-    }
+    counts |= {key: sum(c[key] for c in solved) for key in summed}
+    worst = {key: _largest(solved, key)[0] for key in LARGEST} | {"median_percent": _median(solved)}
+    verdict = {"passed": not failures, "failures": failures, "set": "full" if full else "quick"}
+    date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    made = {"time": time, "versions": versions(), "date": date, "cases": list(cases), "studies": kinds}
+    return {**verdict, "requirements": requirements, "counts": counts, "worst": worst, **made}
 
 
 def _largest(records: Sequence[Record], key: str) -> tuple[float, str]:
@@ -118,10 +103,8 @@ def _requirements(solved: Sequence[Record], studies: Record) -> list[Record]:
 def headline(outcome: Record) -> list[str]:
     """The outcome in a few lines, for a terminal."""
     counts, time = outcome["counts"], outcome["time"]
-    lines = [
-        f"{counts['cases'] - counts['failing']} of {counts['cases']} cases pass ({outcome['set']} set, "
-        f"{counts['steps']} load steps, {time['wall']:.0f} s)"
-    ]
+    passing = f"{counts['cases'] - counts['failing']} of {counts['cases']} cases pass"
+    lines = [f"{passing} ({outcome['set']} set, {counts['steps']} load steps, {time['wall']:.0f} s)"]
     for r in outcome["requirements"]:
         mark = "pass" if r["passed"] else "FAIL"
         lines.append(f"  {mark}  {r['what']}: {r['found']} {r['unit']} ({r['required']})")

@@ -31,21 +31,11 @@ def solve(task: Task) -> Record:
     if isinstance(task, Study):
         record: Record = {"id": task.id, "kind": task.kind}
     else:
-        record = {
-            "id": task.id,
-            "group": task.group,
-            "routing": task.routing,
-            "tendon_path": task.model.tendon_path,
-            "friction": task.model.friction,
-            "load": task.load,
-            "disks": task.disks,
-            "quick": task.quick,
-            "tip_finite_element": None,
-            "tip_reference": None,
-            "deviation_percent": None,
-            "tolerance_percent": TIP_TOLERANCE,
-            "passed": False,
-        }
+        record = {"id": task.id, "group": task.group, "routing": task.routing, "load": task.load}
+        record |= {"tendon_path": task.model.tendon_path, "friction": task.model.friction}
+        record |= {"disks": task.disks, "quick": task.quick, "tolerance_percent": TIP_TOLERANCE}
+        record |= dict.fromkeys(("tip_finite_element", "tip_reference", "deviation_percent"))
+        record["passed"] = False
     try:
         record |= task.run() if isinstance(task, Study) else compare(task)
         record["error"] = ""

@@ -92,15 +92,9 @@ def mesh_convergence(routing: str, path: str, friction: str) -> Record:
     model = Model(path, friction)  # type: ignore[arg-type]
     exact, found = tips(make_robot(routing, 10), model, [pull], MESHES)
     errors = np.linalg.norm(found[:, -1] - exact[-1], axis=1) / LENGTH
-    return {
-        "routing": routing,
-        "tendon_path": path,
-        "friction": friction,
-        "elements_per_bay": MESHES,
-        "deviation_percent": 100.0 * errors,
-        "order": observed_order(1.0 / np.array(MESHES), errors),
-        "orders_between": np.log2(errors[:-1] / errors[1:]),
-    }
+    order, between = observed_order(1.0 / np.array(MESHES), errors), np.log2(errors[:-1] / errors[1:])
+    made = {"routing": routing, "tendon_path": path, "friction": friction, "elements_per_bay": MESHES}
+    return {**made, "deviation_percent": 100.0 * errors, "order": order, "orders_between": between}
 
 
 # ---------------------------------------------------------------------------------- compression of a bay
@@ -131,13 +125,8 @@ def near_buckling(case_id: str) -> Record:
         steps = [replace(s, tensions=x) for s, x in zip(case.steps, tensions, strict=True)]
         exact, found = tips(case.robot, case.model, steps, meshes)
         deviations.append(100.0 * np.linalg.norm(found - exact, axis=2).max(axis=1) / LENGTH)
-    return {
-        "case": case_id,
-        "load": load,
-        "shares": COMPRESSIONS,
-        "elements_per_bay": meshes,
-        "deviation_percent": np.transpose(deviations),
-    }
+    made = {"case": case_id, "load": load, "shares": COMPRESSIONS, "elements_per_bay": meshes}
+    return {**made, "deviation_percent": np.transpose(deviations)}
 
 
 # ------------------------------------------------------------------------------------- known solutions
@@ -149,11 +138,6 @@ def known_tip(kind: str, number: int) -> Record:
     model = Model(x.path, "none")  # type: ignore[arg-type]
     ref, found = tips(x.robot, model, [LoadStep("", x.tensions, loads=x.loads)], meshes)
     percent = 100.0 / x.robot.backbone.length
-    return {
-        "title": x.title,
-        "tip": x.tip,
-        "tip_reference": ref[-1],
-        "reference_percent": percent * np.linalg.norm(ref[-1] - x.tip),
-        "elements_per_bay": meshes,
-        "deviation_percent": percent * np.linalg.norm(found[:, -1] - x.tip, axis=1),
-    }
+    made = {"title": x.title, "tip": x.tip, "tip_reference": ref[-1], "elements_per_bay": meshes}
+    made["reference_percent"] = percent * np.linalg.norm(ref[-1] - x.tip)
+    return {**made, "deviation_percent": percent * np.linalg.norm(found[:, -1] - x.tip, axis=1)}

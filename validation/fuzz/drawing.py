@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -56,15 +57,10 @@ def _draw(d: Draw, number: int) -> RandomCase:
     disks = Disks() if soft else _disks(d, length)
     straight = not soft and d.chance(0.8)
     backbone = _backbone(d, length, soft)
-    robot = Robot(
-        backbone,
-        disks,
-        _tendons(d, backbone, disks, straight),
-        name=f"fuzz-{number}",
-        tip_mass=d.maybe(0.15, 0.0, 5e-4),
-        springs=_springs(d, backbone),
-        base_stiffness=None if d.chance(0.85) else d.number(20.0, 200.0) * backbone.EI / length,
-    )
+    robot = Robot(backbone, disks, _tendons(d, backbone, disks, straight), f"fuzz-{number}")
+    mass, springs = d.maybe(0.15, 0.0, 5e-4), _springs(d, backbone)
+    stiffness = None if d.chance(0.85) else d.number(20.0, 200.0) * backbone.EI / length
+    robot = replace(robot, tip_mass=mass, springs=springs, base_stiffness=stiffness)
     friction: Any = d.one(["none", "per-tendon", "per-hole"], [0.15, 0.15, 0.7]) if straight else "none"
     gravity = d.numbers(-10.0, 10.0, 3) if d.chance(0.3) else [0.0, 0.0, 0.0]
     mesh: Any = "auto" if number % DEFAULT_MESH_EVERY == 0 else d.one([1, 2, 3], [0.5, 0.4, 0.1])

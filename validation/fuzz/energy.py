@@ -38,15 +38,11 @@ def divided(robot: Robot, steps: Sequence[LoadStep], parts: int) -> list[LoadSte
         for x in np.arange(1, parts + 1) / parts:
             values = ((1.0 - x) * before.values + x * end.values).tolist()
             rows = list(zip(robot.tendon_names, values, end.by_displacement, strict=True))
-            found.append(
-                LoadStep(
-                    step.label,
-                    {name: value for name, value, pulled in rows if not pulled},
-                    {name: value for name, value, pulled in rows if pulled},
-                    loads_between(before.loads, end.loads, x),
-                    time=(1.0 - x) * before.time + x * end.time if step.time is not None else None,
-                )
-            )
+            tensions = {name: value for name, value, pulled in rows if not pulled}
+            moved = {name: value for name, value, pulled in rows if pulled}
+            loads = loads_between(before.loads, end.loads, x)
+            time = (1.0 - x) * before.time + x * end.time if step.time is not None else None
+            found.append(LoadStep(step.label, tensions, moved, loads, time=time))
         before = end
     return found
 
@@ -59,12 +55,9 @@ def is_covered(robot: Robot, model: Model, steps: Sequence[LoadStep]) -> bool:
     if not steps or model.tendon_path != "straight" or not robot.tendons or robot.backbone.creep_rate:
         return False
     loads = [x for s in steps for x in s.loads.values()]
-    return (
-        len({tuple(a.by_displacement) for a in resolve(robot, steps)}) == 1
-        and all(t.clearance == 0.0 and t.pretension == 0.0 for t in robot.tendons)
-        and all(x.frame == "world" for x in loads)
-        and len({x.at for x in loads}) <= 1
-    )
+    modes, places = {tuple(a.by_displacement) for a in resolve(robot, steps)}, {x.at for x in loads}
+    tight = all(t.clearance == 0.0 and t.pretension == 0.0 for t in robot.tendons)
+    return len(modes) == 1 and tight and all(x.frame == "world" for x in loads) and len(places) <= 1
 
 
 @dataclass(frozen=True)
@@ -146,11 +139,6 @@ def _external(a: State, b: State) -> list[float]:
 def _unloaded(robot: Robot, like: StepResult) -> StepResult:
     layout = elements(robot, like.s, 0.0)
     positions, rotations = unloaded_pose(layout.section.rest, layout.lengths)
-    return replace(
-        like,
-        positions=positions,
-        rotations=rotations,
-        base_tensions=np.zeros_like(like.base_tensions),
-        tensions=tuple(np.zeros_like(t) for t in like.tensions),
-        actuation=None,
-    )
+    tensions = tuple(np.zeros_like(t) for t in like.tensions)
+    like = replace(like, tensions=tensions, base_tensions=np.zeros_like(like.base_tensions), actuation=None)
+    return replace(like, positions=positions, rotations=rotations)

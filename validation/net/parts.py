@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
@@ -140,37 +141,23 @@ DRIVES: Mapping[str, tuple[str, float | None, str]] = {
 def _experiment(drive: str) -> tdcr.Experiment:
     """A robot of three tendons, and four steps with a reversal and a load."""
     friction, stiffness, inputs = DRIVES[drive]
-    routings = (
-        tdcr.ParallelRouting(4.5e-3, 0.0),
-        tdcr.HelicalRouting(4.5e-3, 0.3, 110.0),
-        tdcr.ConvergingRouting(4.5e-3, 2e-3, -130.0),
-    )
-    tendons = tuple(
-        tdcr.Tendon(f"t{i}", routing, 0.25, end=end, axial_stiffness=stiffness)
-        for i, (routing, end) in enumerate(zip(routings, (None, None, 0.15), strict=True), start=1)
-    )
+    straight = tdcr.Tendon("t1", tdcr.ParallelRouting(4.5e-3, 0.0), 0.25, axial_stiffness=stiffness)
+    winding = replace(straight, name="t2", routing=tdcr.HelicalRouting(4.5e-3, 0.3, 110.0))
+    short = replace(straight, name="t3", routing=tdcr.ConvergingRouting(4.5e-3, 2e-3, -130.0), end=0.15)
     size = 1.0 if inputs == "tensions" else 2.5e-3
     levels = ((1.2, 0.3, 0.1), (0.9, 0.3, 0.2), (0.5, 0.2, 0.6), (1.0, 0.5, 0.3))
     load = {"tip": tdcr.Load(LENGTH, (0.01, 0.02, 0.0), (0.0, 5e-4, 3e-4))}
-    steps = tuple(
-        tdcr.LoadStep(
-            **{inputs: {f"t{i}": size * x for i, x in enumerate(level, start=1)}},  # type: ignore[arg-type]
-            loads=load if k == 1 else {},
-            time=float(k + 1),
-        )
-        for k, level in enumerate(levels)
-    )
+    given = [{f"t{i}": size * x for i, x in enumerate(level, start=1)} for level in levels]
+    steps = [tdcr.LoadStep(**{inputs: x}, time=float(k)) for k, x in enumerate(given, start=1)]  # type: ignore[arg-type]
+    steps[1] = replace(steps[1], loads=load)
     model = tdcr.Model(friction=friction, elements_per_bay=1, gravity=(0.5, 1.0, -9.81))  # type: ignore[arg-type]
-    return tdcr.Experiment(tdcr.Robot(BACKBONE, DISKS, tendons, "three"), model, steps)
+    robot = tdcr.Robot(BACKBONE, DISKS, (straight, winding, short), "three")
+    return tdcr.Experiment(robot, model, tuple(steps))
 
 
 def _derivative_keys() -> list[str]:
-    return [
-        f"{drive}: {effect.name}.{parameter.name}"
-        for drive in DRIVES
-        for effect in EFFECTS
-        for parameter in effect.parameters_of(_experiment(drive))
-    ]
+    pairs = [(drive, effect, _experiment(drive)) for drive in DRIVES for effect in EFFECTS]
+    return [f"{drive}: {e.name}.{p.name}" for drive, e, own in pairs for p in e.parameters_of(own)]
 
 
 def _derivative(key: str) -> Record:
@@ -185,14 +172,9 @@ def _derivative(key: str) -> Record:
     experiment = tdcr.with_effects(declared, values)
     result = tdcr.simulate(experiment.robot, experiment.model, experiment.steps, sensitivities=[chosen])
     size, by = about.scale, result.sensitivities[chosen.name]
-    return {
-        "converged": str(result.converged),
-        "positions": size * by.positions,
-        "rotations": size * by.rotations,
-        "tensions": size * np.concatenate(by.tensions, axis=1),
-        "displacements": size * by.displacements,
-        "slips": size * np.concatenate(by.slips, axis=1),
-    }
+    found = {key: size * getattr(by, key) for key in ("positions", "rotations", "displacements")}
+    found |= {key: size * np.concatenate(getattr(by, key), axis=1) for key in ("tensions", "slips")}
+    return {"converged": str(result.converged), **found}
 
 
 def _noticeable(effect: str, parameter: Parameter, null: float) -> float:
@@ -216,11 +198,8 @@ INVERSE = ("no friction", "friction", "two segments")
 def _inverse_robot(key: str) -> tuple[tdcr.Robot, tdcr.Model]:
     mu = 0.0 if key == "no friction" else 0.2
     at = (0.5 * LENGTH, LENGTH) if key == "two segments" else (LENGTH,)
-    tendons = tuple(
-        tdcr.Tendon(f"t{k}{i}", tdcr.ParallelRouting(4.5e-3, 120.0 * i + 60.0 * k), mu, end=end)
-        for k, end in enumerate(at)
-        for i in range(3)
-    )
+    rows = [(f"t{k}{i}", 120.0 * i + 60.0 * k, end) for k, end in enumerate(at) for i in range(3)]
+    tendons = tuple(tdcr.Tendon(n, tdcr.ParallelRouting(4.5e-3, a), mu, end=end) for n, a, end in rows)
     friction = "per-hole" if mu else "none"
     robot = tdcr.Robot(BACKBONE, tdcr.Disks.equally_spaced(6, LENGTH), tendons, key)
     return robot, tdcr.Model(friction=friction, elements_per_bay=1)  # type: ignore[arg-type]
@@ -234,13 +213,10 @@ def _inverse(key: str) -> Record:
     steps = [tdcr.LoadStep("", dict(zip(robot.tendon_names, t, strict=True))) for t in tensions.tolist()]
     targets = tdcr.simulate(robot, model, steps).tips
     targets[-1] *= 1.2
-    found = tdcr.follow_path(robot, model, targets, tdcr.TensionLimits(largest=3.0, pretension=0.1))
-    return {
-        "status": " ".join(str(reached.status.value) for reached in found.targets),
-        "tensions": np.array([reached.tensions for reached in found.targets]),
-        "positions": np.array([reached.result.tip for reached in found.targets]),
-        "displacements": np.array([reached.displacements for reached in found.targets]),
-    }
+    found = tdcr.follow_path(robot, model, targets, tdcr.TensionLimits(largest=3.0, pretension=0.1)).targets
+    inputs = {key: np.array([getattr(x, key) for x in found]) for key in ("tensions", "displacements")}
+    status = " ".join(str(x.status.value) for x in found)
+    return {"status": status, "positions": np.array([x.result.tip for x in found]), **inputs}
 
 
 # ------------------------------------------------------------------------------------------------------ broken files

@@ -53,10 +53,8 @@ ROUTINGS: Mapping[str, Callable[[float], Any]] = {
 
 def _robot(scene: Scene, name: str) -> tdcr.Robot:
     routing, count = ROUTINGS[scene.routing], scene.tendons
-    tendons = [
-        tdcr.Tendon(f"t{i + 1}", routing(360.0 * i / count), scene.mu, axial_stiffness=scene.stretch)
-        for i in range(count)
-    ]
+    routings = {f"t{i + 1}": routing(360.0 * i / count) for i in range(count)}
+    tendons = [tdcr.Tendon(n, x, scene.mu, axial_stiffness=scene.stretch) for n, x in routings.items()]
     backbone = {"radius": 0.4e-3, "youngs_modulus": 85e9, "poisson_ratio": 0.3, "density": 5600.0}
     disks = tdcr.Disks.equally_spaced(8, LENGTH, **{"mass": 0.17e-3, "radius": 5e-3, **scene.disks})
     return tdcr.Robot(tdcr.Backbone(LENGTH, **{**backbone, **scene.backbone}), disks, tuple(tendons), name)
@@ -209,10 +207,8 @@ def _add(mbs: exu.MainSystem, scene: Scene, number: int) -> tdcr.TDCR:
 def _wind(mbs: exu.MainSystem, arm: tdcr.TDCR) -> None:
     """A motor with a constant torque and a damper."""
     motor = arm.add_motor("t1", 1e-6, 5e-3)
-    marker, ground = (
-        mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=node, coordinate=0))
-        for node in (motor, mbs.AddNode(eii.NodePointGround()))
-    )
+    nodes = (motor, mbs.AddNode(eii.NodePointGround()))
+    marker, ground = (mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=n, coordinate=0)) for n in nodes)
     mbs.AddLoad(eii.LoadCoordinate(markerNumber=marker, load=3e-3))
     mbs.AddObject(eii.CoordinateSpringDamper(markerNumbers=[ground, marker], damping=1e-5))
 

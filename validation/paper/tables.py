@@ -108,11 +108,9 @@ def row_steps(number: int, row: pd.Series, robot: Robot, dead_band: float = 0.0)
         tensions = {robot.tendon_names[0]: float(row["tension_N"]) - dead_band}
         loads = {"tip": (1.0, row["load_N"])}
     x, y = LOAD_DIRECTION[number]
-    given = {
-        name: Load(share * robot.backbone.length, (x * float(f), y * float(f), 0.0))
-        for name, (share, f) in loads.items()
-        if f > 0.0
-    }
+    length = robot.backbone.length
+    forces = {name: (share * length, float(f)) for name, (share, f) in loads.items() if f > 0.0}
+    given = {name: Load(at, (x * f, y * f, 0.0)) for name, (at, f) in forces.items()}
     return [LoadStep("pull", tensions), LoadStep("load", loads=given)]
 
 

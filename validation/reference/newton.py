@@ -172,11 +172,7 @@ class Problem:
             gap[self.friction :] *= -1.0
             base_tensions = state.tensions[self.statics.tendons.first[self.driven]]
             choice = np.concatenate((state.mobilisation, base_tensions))
-            parts = (
-                choice / self.choice_scale,
-                self.lower / self.choice_scale,
-                self.upper / self.choice_scale,
-            )
+            parts = (x / self.choice_scale for x in (choice, self.lower, self.upper))
             natural = natural_residual(gap / self.gap_scale, *parts)
             every = np.concatenate((residual, natural))
         worst = float(np.max(np.abs(every), initial=0.0))

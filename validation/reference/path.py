@@ -94,15 +94,10 @@ class Ramp:
         begin = np.where(target.by_displacement, pulled, tension)
         begin = np.where(old_modes == target.by_displacement, old_values, begin)
         turn = np.sign(target.values - begin)
-        return cls(
-            target.by_displacement,
-            begin,
-            target.values,
-            {} if before is None else before.loads,
-            target.loads,
-            (0.0 if before is None else before.time, target.time),
-            np.where(turn != 0.0, turn, direction),
-        )
+        direction = np.where(turn != 0.0, turn, direction)
+        loads: Mapping[str, Load] = {} if before is None else before.loads
+        times = (0.0 if before is None else before.time, target.time)
+        return cls(target.by_displacement, begin, target.values, loads, target.loads, times, direction)
 
     def time(self, factor: float) -> float:
         """Time at a load factor 0..1 of the step [s]."""

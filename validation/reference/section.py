@@ -144,17 +144,8 @@ class Section:
             ratio = backbone.radius_at(middles) / backbone.radius
             bending, torsion, one = bending * ratio**4, torsion * ratio**4, ratio**2
         one = one * backbone.material_factors(middles)[0]
-        stiffness = np.stack(
-            (
-                backbone.EI * bending,
-                backbone.EI * bending,
-                backbone.GJ * torsion,
-                backbone.GA * one,
-                backbone.GA * one,
-                backbone.EA * one,
-            ),
-            axis=1,
-        )
+        bent, sheared = backbone.EI * bending, backbone.GA * one
+        stiffness = np.stack((bent, bent, backbone.GJ * torsion, sheared, sheared, backbone.EA * one), axis=1)
         rest = np.tile(np.array([*backbone.precurvature, 0.0, 0.0, 0.0, 1.0]), (len(middles), 1))
         for patch in backbone.patches:
             rest[(middles >= patch.start) & (middles < patch.end), :2] += patch.precurvature
@@ -166,15 +157,9 @@ class Section:
 
     def take(self, index: NDArray[np.intp]) -> Section:
         """The law of some of the intervals."""
-        return replace(
-            self,
-            stiffness=self.stiffness[index],
-            rest=self.rest[index],
-            rigid=self.rigid[index],
-            radius=self.radius[index],
-            carried=self.carried[index],
-            fibres=None if self.fibres is None else self.fibres.take(index),
-        )
+        fibres = None if self.fibres is None else self.fibres.take(index)
+        own = {key: getattr(self, key)[index] for key in ("stiffness", "rest", "rigid", "radius", "carried")}
+        return replace(self, **own, fibres=fibres)
 
     def softened(self, factor: float) -> Section:
         """The law with the compliance in bending and torsion grown by a factor [1]."""

@@ -46,14 +46,9 @@ class Sampler:
         self.statics = statics
         if len(self.extra):
             starts = layout.s[self.interval]
-            self.rod = Rod(
-                statics.section.take(self.interval),
-                starts,
-                self.extra - starts,
-                statics.max_step,
-                statics.heavy,
-                statics.robot if statics.continuous else None,
-            )
+            section = statics.section.take(self.interval)
+            robot = statics.robot if statics.continuous else None
+            self.rod = Rod(section, starts, self.extra - starts, statics.max_step, statics.heavy, robot)
 
     def __call__(self, state: State) -> tuple[Array, Array, Array]:
         """Arc lengths [m], positions [m] and rotations, in order."""

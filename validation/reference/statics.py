@@ -117,16 +117,10 @@ class Statics:
         self.heavy = bool(np.any(self.weight != 0.0))
         self.continuous = model.tendon_path == "continuous"
         self.max_step = settings.max_step * backbone.length * (2.0 if self.continuous else 1.0)
-        self.rod = Rod(
-            self.layout.section,
-            self.layout.s[:-1],
-            self.layout.lengths,
-            self.max_step,
-            self.heavy,
-            robot if self.continuous else None,
-        )
         #: Law of the intervals now, creep included.
         self.section = self.layout.section
+        starts, routed = self.layout.s[:-1], robot if self.continuous else None
+        self.rod = Rod(self.section, starts, self.layout.lengths, self.max_step, self.heavy, routed)
         self.tendons = Tendons(robot, model, self.layout, extras.holes)
         self.springs: list[GroundedSpring] = []
         n = len(self.layout.lengths)
@@ -229,9 +223,8 @@ class Statics:
         n, tendons = self.n, self.tendons
         z = x[: self.rod_size].reshape(n, self.width)
         tension, mobilisation = x[self.rod_size : self.smooth], x[self.smooth :]
-        flow = self.rod.integrate(
-            z[:, :6], z[:, 6:] if self.heavy else None, tension if self.continuous else None
-        )
+        weight, pull = z[:, 6:] if self.heavy else None, tension if self.continuous else None
+        flow = self.rod.integrate(z[:, :6], weight, pull)
         poses = self._poses(flow)
         driven = 0 if driver is None else int(np.count_nonzero(driver.by_displacement))
         balance = Balance(n, self.width, self.smooth, self.smooth + tendons.n_friction + driven)
@@ -252,9 +245,8 @@ class Statics:
         balance.scale(self._wrench_scale, float(np.max(np.abs(self.weight))) if self.heavy else None)
         equations = None
         if driver is not None and tendons.size:
-            equations = tendons.equations(
-                lengths, angles, d_lengths, d_angles, tension, mobilisation, driver, self.force_scale
-            )
+            known = (lengths, angles, d_lengths, d_angles, tension, mobilisation)
+            equations = tendons.equations(*known, driver, self.force_scale)
             balance.add_tensions(equations, self.smooth)
         state = State(
             unknowns=x,

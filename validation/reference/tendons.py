@@ -146,16 +146,11 @@ def hole_friction(
     mu = np.array([coefficient_at_rest(t) for t in tendons], dtype=float)
     adhesion = np.array([t.adhesion for t in tendons], dtype=float)
     laws = [t.friction if isinstance(t.friction, ForceDependentFriction) else None for t in tendons]
-    described = [
-        HoleFriction(
-            t.name,
-            int(np.argmin(np.abs(robot.hole_arc_lengths(t) - tight.at))),
-            t.friction_coefficient if tight.friction_coefficient is None else tight.friction_coefficient,
-            t.adhesion if tight.drop is None else tight.drop,
-        )
-        for t in robot.tendons
-        for tight in t.tight_holes
-    ]
+    described = []
+    for t, tight in [(x, hole) for x in robot.tendons for hole in x.tight_holes]:
+        at = int(np.argmin(np.abs(robot.hole_arc_lengths(t) - tight.at)))
+        own = t.friction_coefficient if tight.friction_coefficient is None else tight.friction_coefficient
+        described.append(HoleFriction(t.name, at, own, t.adhesion if tight.drop is None else tight.drop))
     for hole in (*described, *special):
         index = int(np.flatnonzero(owner == robot.tendon_names.index(hole.tendon))[hole.hole - 1])
         mu[index], adhesion[index], laws[index] = hole.mu, hole.adhesion, None
@@ -178,10 +173,8 @@ class Tendons:
     def __init__(self, robot: Robot, model: Model, layout: Layout, special: tuple[HoleFriction, ...]) -> None:
         self.count = len(robot.tendons)
         self.continuous = model.tendon_path == "continuous"
-        stations = [
-            np.array([layout.station(s) for s in robot.hole_arc_lengths(t)], dtype=np.intp)
-            for t in robot.tendons
-        ]
+        places = [[layout.station(s) for s in robot.hole_arc_lengths(t)] for t in robot.tendons]
+        stations = [np.array(x, dtype=np.intp) for x in places]
         counts = np.array([1 if self.continuous else len(at) - 1 for at in stations], dtype=np.intp)
         self.size = int(np.sum(counts))
         self.last = np.cumsum(counts)
@@ -255,11 +248,8 @@ class Tendons:
     def taken_in(self, lengths: Array, tension: Array) -> tuple[Array, Array, Array]:
         """Released length of each segment [m] and its derivatives by length and tension."""
         stretch = 1.0 + self.flexibility * tension
-        return (
-            self.rest / self.tightened - lengths / stretch,
-            -1.0 / stretch,
-            lengths * self.flexibility / stretch**2,
-        )
+        by_tension = lengths * self.flexibility / stretch**2
+        return self.rest / self.tightened - lengths / stretch, -1.0 / stretch, by_tension
 
     def equations(
         self,
