@@ -83,7 +83,7 @@ def measured(truth=None, sigma=1e-4, seed=0, robot=None, given=True, model=MODEL
 def problem_of(data, held=(), sigma=1e-4, forward=None):
     """The problem of fitting all readings but those of some steps, with the given sigma."""
     held_out = np.array([r.step in held for r in data.readings])
-    return FitProblem.of(data, np.full(held_out.size, sigma), held_out, forward or ForwardModel())
+    return FitProblem.of(data, np.full(held_out.size, sigma), held_out, forward or ForwardModel(), 5e-5)
 
 
 def causes_of(problem):

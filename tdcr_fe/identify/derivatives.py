@@ -268,8 +268,12 @@ class _Part:
             raise ValueError(run.message)
         if self.action is None or by is None or not by.names:
             return run, 0.0
-        actions = self._by_actions(run, by)
-        acted = Acted(self.action, self._response(run, actions))
+        assert run.bays is not None
+        named = [j for j, name in enumerate(by.names) if name.startswith(f"{LOAD} ")]
+        actions = by.part(named).times(loads_of_action(run.bays.rotation))
+        rows = self._of(run, actions)
+        response = Response(np.where(np.isfinite(rows), rows, 0.0), state_change(run, actions))
+        acted = Acted(self.action, response)
         run = replace(run, acted=acted)
         if not loads:
             return run, 0.0
@@ -320,8 +324,7 @@ class _Part:
             if exact:
                 matrix[:, numbers] = self._of(run, by.part(exact))
             if run.acted is not None:
-                moved = state_change(run, by.part(exact))
-                self._add_loads(matrix, run, run.acted.response, numbers, moved)
+                self._add_loads(matrix, run, numbers, state_change(run, by.part(exact)))
         for number, table in self.observed.items():
             values = {k: read(e) for k, e in table.experiments.items()}
             change = _difference(values, read(self.experiment), table.step)
@@ -341,25 +344,11 @@ class _Part:
         found = self.problem.readings.derivatives(replace(run, derivatives=by), self.experiment)
         return self.problem.whitened(found / self.problem.sigma[:, None])
 
-    def _by_actions(self, run: Run, by: RunDerivatives) -> RunDerivatives:
-        """Derivatives by actions."""
-        assert run.bays is not None
-        named = [j for j, name in enumerate(by.names) if name.startswith(f"{LOAD} ")]
-        return by.part(named).times(loads_of_action(run.bays.rotation))
-
-    def _response(self, run: Run, actions: RunDerivatives) -> Response:
-        """Of readings and bays to actions."""
-        rows = self._of(run, actions)
-        return Response(np.where(np.isfinite(rows), rows, 0.0), state_change(run, actions))
-
-    def _add_loads(
-        self, matrix: Array, run: Run, response: Response, numbers: Sequence[int], moved: Array
-    ) -> None:
+    def _add_loads(self, matrix: Array, run: Run, numbers: Sequence[int], moved: Array) -> None:
         """Columns of loads that depend on the state; and what those of the model add to the other columns."""
-        assert run.bays is not None
-        state, problem = run.bays, self.problem
+        assert run.bays is not None and run.acted is not None
+        state, response, loads = run.bays, run.acted.response, _loads(self.effects)
         steps = len(run.positions)
-        loads = _loads(self.effects)
         every = enumerate(self.request.columns)
         own = [(n, c, c.effect) for n, c in every if isinstance(c.effect, StateLoad)]
         actions = [load.by_value(state, c.values, c.parameter).reshape(steps, -1) for _, c, load in own]
@@ -373,7 +362,7 @@ class _Part:
         stacked = np.stack(actions, axis=-1)
         if loads:
             stacked[:] = np.linalg.solve(coupling(loads, self.values, state, response), stacked)
-        matrix[:, columns] += of_readings(problem, stacked, response)
+        matrix[:, columns] += of_readings(self.problem, stacked, response)
 
 
 def _difference(values: Mapping[int, Array], present: Array, step: float) -> Array:

@@ -144,10 +144,7 @@ def last_parts(experiment: Experiment) -> list[int]:
 
 
 def solve_commanded_steps(
-    experiment: Experiment,
-    settings: SolverSettings,
-    deadline: float = math.inf,
-    reference: Trajectories | None = None,
+    experiment: Experiment, settings: SolverSettings, deadline: float, reference: Trajectories | None
 ) -> SequenceResult:
     """Simulate an experiment with all its results, those of a divided step at its end only.
 
@@ -158,7 +155,7 @@ def solve_commanded_steps(
     deadline
         Reading of `tdcr_fe.identify.settings.clock` at which the simulation ends [s].
     reference
-        Path of a run of this experiment, which is repeated; without it the simulation chooses its own substeps.
+        Path of a run of this experiment, which is repeated; None: the simulation chooses its own substeps.
 
     Raises
     ------
@@ -169,19 +166,15 @@ def solve_commanded_steps(
     """
     along = None if reference is None else _on_own_mesh(reference, experiment)
     try:
-        result, _ = _differentiated(Job(experiment), settings, deadline, along)
+        result, _ = _differentiated(Job(experiment), settings, deadline, along, None)
     except IndexError:  # the path does not have all steps
-        result, _ = _differentiated(Job(experiment), settings, deadline)
+        result, _ = _differentiated(Job(experiment), settings, deadline, None, None)
     solved = len(result.steps)
     return replace(result, steps=tuple(result.steps[j] for j in last_parts(experiment) if j < solved))
 
 
 def _differentiated(
-    job: Job,
-    settings: SolverSettings,
-    deadline: float,
-    reference: Trajectory | None = None,
-    path: PathRecord | None = None,
+    job: Job, settings: SolverSettings, deadline: float, reference: Trajectory | None, path: PathRecord | None
 ) -> tuple[SequenceResult, dict[str, str]]:
     """The simulation with all derivatives that there are; and those that there are not, with the reason."""
     from tdcr_fe.solve.sensitivities.differences import NoDerivative

@@ -102,12 +102,10 @@ class _Inputs(NamedTuple):
             ("dead zone", below, 0.0, (0.1, 0.2, 0.4)),
         ):
 
-            def limited(
-                experiment: Experiment, values: Values, beyond: bool = label == "limit"
-            ) -> Experiment:
+            def limited(experiment: Experiment, values: Values, above: bool = label == "limit") -> Experiment:
                 def less(commands: Mapping[str, float], name: str, *_: Any) -> float:
                     size, limit = abs(commands[name]), values["limit"]
-                    lost = max(size - limit, 0.0) if beyond else min(size, limit)
+                    lost = max(size - limit, 0.0) if above else min(size, limit)
                     return math.copysign(lost, -commands[name])
 
                 return _with_inputs(less)(experiment, {"all": values["share"]})

@@ -69,12 +69,7 @@ class FitProblem:
 
     @classmethod
     def of(
-        cls,
-        data: MeasuredData,
-        sigma: Array,
-        held_out: Flags,
-        forward: ForwardModel,
-        path_tolerance: float = 5e-5,
+        cls, data: MeasuredData, sigma: Array, held_out: Flags, forward: ForwardModel, path_tolerance: float
     ) -> FitProblem:
         """Of a data set, with one element per bay and all steps whole, but where declared effects divide them."""
         readings = Readings.of(data.readings, data.step_ids, data.robot.tendon_names)

@@ -8,7 +8,7 @@ D. M. Giltinan, Nonlinear Models for Repeated Measurement Data, 1995, chapter 5)
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -22,6 +22,7 @@ from tdcr_fe.identify.forward import ForwardModel, Job
 from tdcr_fe.identify.identification import declared_state, identify, prepare
 from tdcr_fe.identify.problem import Point
 from tdcr_fe.identify.result import HALF_WIDTH, Estimate, IdentificationResult, Verdict
+from tdcr_fe.identify.search_state import Progress
 from tdcr_fe.identify.settings import IdentifySettings
 from tdcr_fe.identify.verdict import estimates
 from tdcr_fe.io.measured import MeasuredData, without_unread_steps
@@ -95,9 +96,7 @@ class RobotsResult:
 
 
 def identify_robots(
-    sets: Sequence[MeasuredData],
-    settings: IdentifySettings | None = None,
-    progress: Callable[[str, float], None] | None = None,
+    sets: Sequence[MeasuredData], settings: IdentifySettings | None = None, progress: Progress | None = None
 ) -> RobotsResult:
     """Identify several robots of one design.
 

@@ -269,9 +269,7 @@ class Readings:
     tendon_names: tuple[str, ...]
 
     @classmethod
-    def of(
-        cls, readings: Sequence[Reading], step_ids: Sequence[int], tendon_names: Sequence[str]
-    ) -> Readings:
+    def of(cls, readings: Sequence[Reading], step_ids: Sequence[int], tendons: Sequence[str]) -> Readings:
         """Of readings in steps with these numbers, in order, of a robot with tendons of these names."""
         index = {n: i for i, n in enumerate(step_ids)}
         places: dict[tuple[int, Location], int] = {}
@@ -287,7 +285,7 @@ class Readings:
             is_angle=np.array([r.unit == "rad" for r in readings]),
             axes=np.array(["xyz".index(r.quantity[-1]) if is_position else -1 for r, is_position in each]),
             markers=np.array(markers),
-            tendon_names=tuple(tendon_names),
+            tendon_names=tuple(tendons),
         )
 
     @cached_property

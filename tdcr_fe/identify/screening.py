@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from tdcr_fe.effects import Effect, Experiment
-from tdcr_fe.effects.base import Form
+from tdcr_fe.effects.base import Form, Values
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.identify.balance import best_points
 from tdcr_fe.identify.causes import PointForce, ReadingCause, StateLoad
@@ -327,9 +327,7 @@ def apart(problem: FitProblem, fit: Fit, change: Array, score: Score) -> tuple[f
     return float(left @ left), float(goal @ goal)
 
 
-def _direction(
-    e: Effect, fixed: Sequence[str], null: dict[str, float], point: dict[str, float]
-) -> dict[str, float]:
+def _direction(e: Effect, fixed: Sequence[str], null: Values, point: Values) -> dict[str, float]:
     """Change of the coordinates from the null values to a point; fixed parameters do not move."""
     return {
         p.name: 0.0 if p.name in fixed else p.coordinate(point[p.name]) - p.coordinate(null[p.name])
@@ -337,9 +335,7 @@ def _direction(
     }
 
 
-def _amplitude_range(
-    problem: FitProblem, e: Effect, null: dict[str, float], direction: dict[str, float]
-) -> tuple[float, float]:
+def _amplitude_range(problem: FitProblem, e: Effect, null: Values, direction: Values) -> tuple[float, float]:
     """Range of an amplitude within the bounds of the parameters."""
     low, high = -np.inf, np.inf
     for p in e.parameters:

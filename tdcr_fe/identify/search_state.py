@@ -10,16 +10,7 @@ import numpy as np
 
 from tdcr_fe.effects import Effect
 from tdcr_fe.elements import Array
-from tdcr_fe.identify import fitting
-from tdcr_fe.identify.criteria import (
-    BIC_DIFFERENCE,
-    bic,
-    effective_noise,
-    probability_of_unlisted,
-    rank,
-    residual_is_noise,
-    robust_threshold,
-)
+from tdcr_fe.identify import criteria, fitting
 from tdcr_fe.identify.load_steps import RowChoice
 from tdcr_fe.identify.problem import SAME, Fit, FitProblem, fit_of_run, refine
 from tdcr_fe.identify.result import Candidate, NextExperiment, Profile, Scatter
@@ -64,7 +55,7 @@ class Search:
 
     def is_noise(self, problem: FitProblem, fit: Fit) -> bool:
         """Whether a model leaves nothing but noise."""
-        return residual_is_noise(problem, fit, self.significance)
+        return criteria.residual_is_noise(problem, fit, self.significance)
 
     def explained(self, state: SearchState) -> bool:
         """Whether the best model leaves nothing but noise."""
@@ -175,7 +166,7 @@ def refined(state: SearchState) -> SearchState:
     The best model is fitted again. The residuals of all others are shifted by the correction of the best one.
     """
     state = _reweighted(state)
-    threshold = min(state.problem.robust_threshold, robust_threshold(state.best.residual))
+    threshold = min(state.problem.robust_threshold, criteria.robust_threshold(state.best.residual))
     problem = replace(state.problem, robust_threshold=threshold)
     (before,) = fitting.run_fits(problem, [fitting.finish(problem, state.best, fitting.Race())])
     correction, run = problem.correction, before.run
@@ -242,9 +233,10 @@ def listed_names(names: Sequence[str]) -> str:
 def as_good(search: Search, state: SearchState) -> list[Fit]:
     """Other models that explain the data about as well as the best one, by their evidence."""
     problem, best = state.problem, state.best
-    limit = bic(problem, best) + BIC_DIFFERENCE * effective_noise(problem, best, search.significance)
-    found = [f for f in state.fits.values() if f.solved and f is not best and bic(problem, f) < limit]
-    return sorted(found, key=lambda f: bic(problem, f))
+    noise = criteria.effective_noise(problem, best, search.significance)
+    limit = criteria.bic(problem, best) + criteria.BIC_DIFFERENCE * noise
+    others = [(criteria.bic(problem, f), f) for f in state.fits.values() if f.solved and f is not best]
+    return [f for value, f in sorted(others, key=lambda x: x[0]) if value < limit]
 
 
 def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
@@ -254,11 +246,11 @@ def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
     the best model has several causes, the rest up to 1 is the probability of one cause that is not in the dictionary.
     """
     problem = state.problem
-    noise = effective_noise(problem, state.best, search.significance)
+    noise = criteria.effective_noise(problem, state.best, search.significance)
     solved = [f for f in state.fits.values() if f.solved] or [state.best]
-    logarithms = np.array([-0.5 * rank(problem, f) / noise for f in solved])
+    logarithms = np.array([-0.5 * criteria.rank(problem, f) / noise for f in solved])
     weights = np.exp(logarithms - np.max(logarithms))
-    weights *= (1.0 - probability_of_unlisted(state.best)) / np.sum(weights)
+    weights *= (1.0 - criteria.probability_of_unlisted(state.best)) / np.sum(weights)
     same = [float(np.sum((f.residual - state.best.residual) ** 2)) < SAME for f in solved]
     every = zip(solved, weights.tolist(), same, strict=True)
     return [(state.best if alike else f, w) for f, w, alike in every if w > 1e-6]

@@ -333,6 +333,10 @@ def sentence(term: Term) -> str:
 # ------------------------------------------------------------------------------------------------------- loads
 
 
+#: Name and unit of every coefficient, and the action of a coefficient of one, shape (K, n_bays, 6).
+_Coefficients = Sequence[tuple[str, str, Callable[[BayState], Array]]]
+
+
 def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cause]:
     """Causes that are moments and forces on the backbone which depend on its state.
 
@@ -343,13 +347,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
     bays = state.shape[1]
     found: list[Cause] = []
 
-    def load(
-        name: str,
-        kind: Kind,
-        terms: Sequence[tuple[str, str, Callable[[BayState], Array]]],
-        text: str,
-        price: float,
-    ) -> list[StateLoad]:
+    def load(name: str, kind: Kind, terms: _Coefficients, text: str, price: float) -> list[StateLoad]:
         """The cause, or none where a term does not act."""
         numbers = []
         for label, unit, term in terms:

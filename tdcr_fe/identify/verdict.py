@@ -11,15 +11,9 @@ import numpy as np
 
 from tdcr_fe.effects import Effect, EffectAtPlace
 from tdcr_fe.elements import Array, Flags
+from tdcr_fe.identify import criteria
 from tdcr_fe.identify.bay_state import with_action
 from tdcr_fe.identify.causes import Cause, is_named
-from tdcr_fe.identify.criteria import (
-    chi_square_threshold,
-    insufficient_data,
-    mostly_estimated_noise,
-    probability_of_unlisted,
-    reduced_chi_square,
-)
 from tdcr_fe.identify.data_faults import gross_errors, wrong_sigma
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.forward import run_settings
@@ -59,7 +53,7 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
     problem, best, declared, data = state.problem, state.best, state.declared, state.problem.data
     tests = structure(data, best.residual, len(best.free))
     explained = search.is_noise(problem, best)
-    unlisted = probability_of_unlisted(best) if explained else 0.0
+    unlisted = criteria.probability_of_unlisted(best) if explained else 0.0
     undecided = _undecided(search, state, explained)
     ceiling = None
     if not state.interrupted and (undecided is None or undecided.where in (THE_INPUTS, THE_NOISE)):
@@ -112,12 +106,12 @@ def _errors(problem: FitProblem, fit: Fit, which: Flags, parameters: int = 0) ->
 def _undecided(search: Search, state: SearchState, explained: bool) -> Remainder | None:
     """Why the data do not tell what is missing; None where they do."""
     problem, best = state.problem, state.best
-    insufficient = insufficient_data(problem, state.declared, best, explained)
+    insufficient = criteria.insufficient_data(problem, state.declared, best, explained)
     alone = not (insufficient or best.effects)
     scatter = state.scatter if not insufficient and state.scatter and state.scatter.explains_all else None
     faulty = state.data_fault or (wrong_sigma(problem, best) if alone and scatter is None else "")
     faulty = faulty or ("" if explained else gross_errors(problem, best, search.significance))
-    unknown_noise = mostly_estimated_noise(problem.data) if explained and alone else ""
+    unknown_noise = criteria.mostly_estimated_noise(problem.data) if explained and alone else ""
     what = "" if scatter is None else scatter.what
     shifted = "another shift of all positions in every step would explain all of the remaining error"
     inputs = "errors of the inputs, different in every step, would explain all of the remaining error"
@@ -196,7 +190,7 @@ def added_effects(
     """Effects in the order of adding, with the evidence for each."""
     problem, best, weights = state.problem, state.best, posterior(search, state)
     # one cause in place of several of one kind is of that kind
-    another = probability_of_unlisted(best) if len({e.kind for e in best.effects}) == 1 else 0.0
+    another = criteria.probability_of_unlisted(best) if len({e.kind for e in best.effects}) == 1 else 0.0
     everything = np.ones(problem.count, dtype=bool)
     added = []
     before: Fit | None = state.declared
@@ -209,11 +203,11 @@ def added_effects(
         errors = NOT_EVALUATED if after is None else _errors(problem, after, everything, len(after.free))
         evidence: dict[str, float] = {}
         if before is not None and after is not None:
-            threshold = chi_square_threshold(len(e.parameters), search.significance)
+            threshold = criteria.chi_square_threshold(len(e.parameters), search.significance)
             evidence = {
                 "chi2_drop_fit": before.cost - after.cost,
                 "chi2_drop_held_out": before.held_cost - after.held_cost,
-                "needed_drop": threshold * reduced_chi_square(problem, after),
+                "needed_drop": threshold * criteria.reduced_chi_square(problem, after),
             }
         added.append(
             AddedEffect(
