@@ -62,6 +62,11 @@ class Experiment:
         return self.ends if self.ends is not None else tuple((k, 1.0) for k in range(len(self.steps)))
 
     @property
+    def whole_steps(self) -> list[int]:
+        """Numbers of the steps, from 0, with which commanded ones end."""
+        return [j for j, (_, factor) in enumerate(self.step_ends) if factor == 1.0]
+
+    @property
     def sequences(self) -> tuple[Experiment, ...]:
         """One experiment for each loading sequence that begins with the unloaded robot."""
         if not self.restarts:

@@ -29,7 +29,8 @@ class TimeLag(Effect):
 
     def bounds(self, experiment: Experiment) -> Bounds:
         """Up to four times the median time between steps."""
-        pauses = np.diff([s.time for s in experiment.steps if s.time is not None])
+        times = [experiment.steps[k].time for k in experiment.whole_steps]
+        pauses = np.diff([t for t in times if t is not None])
         longest = 4.0 * float(np.median(pauses)) if np.any(pauses > 0.0) else 1e-3
         return {"lag": (0.0, longest)}
 
@@ -54,16 +55,12 @@ class TimeLag(Effect):
             raise ValueError("time_lag needs a time in every step")
         at = np.array(times, dtype=float)
         actions = resolve(experiment.robot, experiment.steps)
-        steps: list[LoadStep] = [experiment.steps[0]]
-        ends: list[tuple[int, float]] = []
-        begin, j = at[0], 0
-        whole = [k for k, (_, factor) in enumerate(experiment.step_ends) if factor == 1.0]
-        for k in whole:
+        first, *later = experiment.whole_steps
+        steps, ends = list(experiment.steps[: first + 1]), list(experiment.step_ends[: first + 1])
+        begin, j = at[first], first
+        for k in later:
             commanded = experiment.step_ends[k][0]
-            end = max(at[k] - lag, at[0])
-            if not ends:
-                ends.append((commanded, 1.0))
-                continue
+            end = max(at[k] - lag, at[first])
             while j + 1 < len(at) and at[j + 1] < end:
                 j += 1
                 if at[j] > begin:

@@ -95,6 +95,22 @@ def test_every_reading_sees_the_commands_of_an_earlier_time(lag):
     np.testing.assert_allclose(read_at(lagged), expected, atol=1e-12)
 
 
+@pytest.mark.parametrize("lag", [0.05, 0.25, 1.6])
+def test_a_lag_beside_play_that_divides_steps_is_one_of_the_same_times(lag):
+    """The first reading was that of the first part of its step, before anything had moved."""
+    steps = [
+        LoadStep(displacements={"t1": x, "t2": 0.2 * x, "t3": 0.0}, time=t)
+        for x, t in ((4e-3, 1.0), (6e-3, 2.0))
+    ]
+    setup = with_effect(Experiment(three(), Model(), tuple(steps)), "actuator_backlash", backlash=5e-4)
+    assert len(setup.steps) > 2
+    actions, lagged = resolve(setup.robot, setup.steps), with_effect(setup, "time_lag", lag=lag)
+    moved = np.interp(2.0 - lag, [a.time for a in actions], [a.values[0] for a in actions])
+    expected = [read_at(setup)[0], (2.0 - lag, moved) if lag < 1.0 else read_at(setup)[0]]
+    np.testing.assert_allclose(read_at(lagged), expected, atol=1e-12)
+    assert effect("time_lag").bounds(setup)["lag"] == (0.0, 4.0)
+
+
 def test_the_robot_passes_every_commanded_turning_point():
     """The peak at 2 s lies between two readings, and is a step of its own."""
     lagged = with_effect(timed(0.0, 2e-3, 0.0), "time_lag", lag=0.25)

@@ -243,7 +243,7 @@ def _actions_like(
             "it divides the load steps, and friction depends on the order of the inputs within them; at a value of its "
             "own there is a derivative (effect_parameter)"
         )
-    whole = [j for j, (_, factor) in enumerate(other.step_ends) if factor == 1.0]
+    whole = other.whole_steps
     if present.ends is not None or len(whole) != len(present.steps):
         raise StructureChanged("the load steps are divided differently there")
     return [actions[j] for j in whole]
