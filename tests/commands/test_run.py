@@ -40,7 +40,7 @@ def test_settings_of_the_file_are_those_of_the_run(tmp_path):
 def test_long_run_is_announced_by_what_it_has_solved(tmp_path, capsys, monkeypatch):
     """310 s of processor time passed without a word, where the estimate was made from the number of elements."""
     path = write(tmp_path, scenario=SCENARIO + "[[steps]]\ntensions = { t1 = 1.0 }\n" * 4000)
-    monkeypatch.setattr(command, "LOOK", 0.1)
+    monkeypatch.setattr(command, "LOOK", 0.4)  # so long may the results of what was solved take
     monkeypatch.setattr(command, "LONG_RUN", 0.3)
     arguments = ["-o", str(tmp_path / "out"), "--no-pictures", "--minutes", "0.02"]
     assert cli.main(["run", str(path), *arguments]) == 1
