@@ -240,7 +240,7 @@ class CableGeometry:
         """Where the tendons lie in oversized holes, shifted sideways in the direction of their pull [m].
 
         At a hole the tendon pulls along ``b = d_before + d_after``, the unit vectors from the middle of the hole to
-        those of its neighbours (below the base plate: straight down). In the plane of the disk it is shifted by
+        those of its neighbours (below the base plate: across it). In the plane of the disk it is shifted by
         ``clearance b / sqrt(|b|^2 + CLEARANCE_ANGLE^2)``. At the anchor it cannot shift.
 
         Parameters
@@ -261,7 +261,6 @@ class CableGeometry:
         pull = np.zeros_like(middle)
         pull[..., :-1, :] += d
         pull[..., 1:, :] -= d
-        pull[..., 0, :] -= frames[..., 0, :, 0]
         local = (pull[..., None, :] @ frames)[..., 0, :]
         local[..., 0] = 0.0
         size = np.sqrt(np.einsum("...i,...i->...", local, local) + self.CLEARANCE_ANGLE**2)
