@@ -111,8 +111,8 @@ def _files_of_sets(result: IdentificationResult) -> dict[str, str]:
     for part, corrected, (name, count) in sequences:
         ids = tuple(range(1, count + 1))
         steps, branches = part.steps[:count], ("",) * count
-        data = replace(result.data, name=name, step_ids=ids, steps=steps, branches=branches)
-        data = replace(data, readings=(), parts=())
+        unread = replace(result.data, readings=(), parts=())
+        data = replace(unread, name=name, step_ids=ids, steps=steps, branches=branches)
         alone = replace(simulated, commanded=replace(part, folder=1, folders=1), corrected=corrected)
         own = corrected_files(replace(result, data=data, simulated=alone, effects=_alone(result, part)))
         same = files.get("robot.toml", own["robot.toml"]) == own["robot.toml"]
