@@ -187,10 +187,8 @@ class RowChoice:
 
     def of(self, data: MeasuredData) -> MeasuredData:
         """The data of the chosen steps."""
-        steps, branches = (
-            tuple(data.steps[k] for k in self.steps),
-            tuple(data.branches[k] for k in self.steps),
-        )
+        steps = tuple(data.steps[k] for k in self.steps)
+        branches = tuple(data.branches[k] for k in self.steps)
         readings = tuple(data.readings[i] for i in self.readings)
         return replace(data, step_ids=self.numbers, steps=steps, branches=branches, readings=readings)
 
