@@ -25,12 +25,12 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2690,
+    "elements": 2689,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 754,
     "tdcr_fe/effects": 1213,
     "tdcr_fe/estimate": 1005,
-    "tdcr_fe/identify": 6180,
+    "tdcr_fe/identify": 6178,
     "tdcr_fe/io": 1761,
     "tdcr_fe/live": 350,
     "tdcr_fe/model": 2460,
