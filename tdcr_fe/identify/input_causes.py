@@ -175,8 +175,7 @@ def _with_inputs(shape: _InputLaw) -> Change:
     """A change of all inputs by a number times what follows from the inputs and from progress along the rows."""
 
     def changed(experiment: Experiment, values: Values) -> Experiment:
-        ends = [(k, x == 1.0) for k, x in experiment.step_ends]
-        progress = progress_along([s for s, (_, whole) in zip(experiment.steps, ends, strict=True) if whole])
+        progress = progress_along([experiment.steps[k] for k in experiment.whole_steps])
 
         def with_change(step: LoadStep, p: float) -> LoadStep:
             def new(commands: Mapping[str, float], least: float) -> dict[str, float]:
@@ -189,7 +188,7 @@ def _with_inputs(shape: _InputLaw) -> Change:
                 return step
             return replace(step, tensions=tensions, displacements=displacements)
 
-        of_steps = zip(experiment.steps, ends, strict=True)
+        of_steps = zip(experiment.steps, experiment.step_ends, strict=True)
         steps = (with_change(step, float(progress[k])) for step, (k, _) in of_steps)
         return replace(experiment, steps=tuple(steps))
 

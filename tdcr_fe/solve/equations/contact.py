@@ -24,7 +24,6 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from tdcr_fe.elements import Array, Flags, Index
-from tdcr_fe.elements.poses import EYE3
 
 #: Change of a coordinate for the differences, over the smallest radius of a sphere.
 RELATIVE_STEP = 1e-4
@@ -199,8 +198,11 @@ class ContactStates:
         self._gaps = np.array([data.GetObjectLTGData(i)[0] for i in sized], dtype=int)
         self._sizes = np.array([_size(item) for item in sized.values()])
         self._depths = np.array([_depth(item) for item in sized.values()])
-        #: By pair the markers on both bodies, and whether the second one is a triangle.
-        self._pairs = [(*item["markerNumbers"], "trianglePoints" in item) for item in sized.values()]
+        self._flat = np.array(["trianglePoints" in item for item in sized.values()], dtype=bool)
+        pairs = np.array([item["markerNumbers"] for item in sized.values()], dtype=int).reshape(-1, 2)
+        # A marker belongs to many pairs, and is read once.
+        self._markers, numbers = np.unique(pairs, return_inverse=True)
+        self._pairs = numbers.reshape(-1, 2)
         general = general_spheres(mbs)
         self._general_size = min((spheres.size for spheres in general), default=np.inf)
         # Spheres that lie in each other from the beginning are built so, as those of a wall.
@@ -255,13 +257,17 @@ class ContactStates:
 
         In the axes of the world or, where the second one is a triangle, in its own.
         """
-        output, variable = self._mbs.GetMarkerOutput, exu.OutputVariableType
-        relative = []
-        for first, second, flat in self._pairs:
-            way = output(first, variable.Position) - output(second, variable.Position)
-            turn = np.reshape(output(second, variable.RotationMatrix), (3, 3)) if flat else EYE3
-            relative.append(way @ turn)
-        return np.reshape(relative, (-1, 3))
+        if not self._pairs.size:
+            return np.zeros((0, 3))
+        variable = exu.OutputVariableType
+        at = np.array([self._mbs.GetMarkerOutput(int(m), variable.Position) for m in self._markers])
+        first, second = self._pairs.T
+        relative: Array = at[first] - at[second]
+        for carrier in np.unique(second[self._flat]):
+            turn = self._mbs.GetMarkerOutput(int(self._markers[carrier]), variable.RotationMatrix)
+            on_it = self._flat & (second == carrier)
+            relative[on_it] = relative[on_it] @ np.reshape(turn, (3, 3))
+        return relative
 
     def keep(self) -> None:
         """Make the states of the present configuration those of the initial one, too."""
