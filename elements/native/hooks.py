@@ -227,7 +227,7 @@ class SceneHooks:
             self.adopt(self.system.mbs)
             with np.errstate(all="ignore"):
                 found = actuation.forces_on_coordinates(q, t)
-            if np.isnan(found[0]) and not actuation.law.simple:
+            if np.isnan(found[0]) and actuation.law.varies:
                 self._step_sizes.check_tensions(self.system.mbs, t, actuation)
             return found
 

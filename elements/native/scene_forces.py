@@ -158,7 +158,10 @@ class SceneForces:
             holes = HoleIterate.of(model.law, values, measured.shape, history.friction, tendons.time, near)
             forces = TendonForces(model, measured, values, holes.field)
         else:
-            start = history.base_tension if before is None else before.forces.base_tension
+            start = history.base_tension
+            # Tensions of an iterate that diverged may be nan, from which no iteration returns.
+            if before is not None and not np.isnan(before.forces.base_tension).any():
+                start = before.forces.base_tension
             forces = tendons.forces(measured, start)
         linearised = before is not None and before.linearised
         self._last = Evaluation(coordinates, tendons, rotations, parameters, forces, holes, linearised)

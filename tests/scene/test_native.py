@@ -138,6 +138,20 @@ def test_a_cut_tendon_and_a_sudden_pull_of_two_newton_are_solved(change, step, t
     assert np.linalg.norm(handle.tip_position) < 1.001 * LENGTH
 
 
+def test_forces_are_those_of_the_configuration_after_an_iterate_that_diverged():
+    """Displacements that jumped ended a run: after tensions that are no numbers all others were none, too."""
+    _keep, mbs, handle = scene(seven(0.3, axial_stiffness=2000.0))
+    handle.set_displacements([1e-3, 0.0, 0.0])
+    SolveTDCR(mbs)
+    handle.set_displacements([0.0, 1e-3, 0.0])
+    robot = handle.actuation
+    at = np.array(mbs.systemData.GetODE2Coordinates())[robot.coordinates.ravel()]
+    with np.errstate(all="ignore"):
+        before, lost, after = (robot.forces_on_coordinates(q, 1e-3) for q in (at, np.nan * at, at))
+    assert np.isnan(lost).all()
+    np.testing.assert_allclose(after, before, rtol=1e-9, atol=1e-9 * np.abs(before).max())
+
+
 # ---------------------------------------------------------------- recommended settings
 
 THICK = Disks.equally_spaced(13, LENGTH, mass=0.17e-3, radius=5e-3, thickness=4e-3)
