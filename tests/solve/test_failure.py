@@ -8,7 +8,8 @@ from robots import distance, paper, pull, scene, solve, solve_scene
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import tdcr_fe.solve.newton.convergence as convergence
-from tdcr_fe import Interrupted, Model, SolverSettings, SolveTDCR, simulate
+from tdcr_fe import Interrupted, Load, LoadStep, Model, SolverSettings, SolveTDCR, simulate
+from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.load_steps import substep
 from tdcr_fe.solve.newton.convergence import NewtonStatus, Unmet
@@ -82,6 +83,20 @@ def test_an_interrupt_leaves_a_scene_at_the_beginning_of_the_step(monkeypatch):
     assert np.array_equal(handle.actuation.state.slip, history.slip)
     SolveTDCR(mbs)
     assert distance(handle.tip_position, solve(paper(0.3), pull(1.0, 2.0)).tips[-1]) < 1e-9
+
+
+def test_an_interrupt_in_exudyns_jacobian_is_raised_again(monkeypatch):
+    """A following moment needs that Jacobian; what is raised in its callback, Exudyn raises as a ModelError."""
+
+    def interrupted(*args):
+        raise KeyboardInterrupt
+
+    def patch(step):
+        monkeypatch.setattr(TendonActuation, "jacobian_on_coordinates", interrupted)
+
+    turn = LoadStep(loads={"turn": Load(0.25, moment=(1e-3, 0.0, 0.0), frame="section")})
+    with pytest.raises(Interrupted, match="has 1 solved load step"):
+        simulate(paper(0.3), Model(elements_per_bay=1), [*pull(0.5), turn], progress=patch)
 
 
 def test_solves_use_one_thread_and_leave_the_limit_as_it_was():

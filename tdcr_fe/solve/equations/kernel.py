@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import exudyn as exu
@@ -17,6 +18,15 @@ from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.solve.equations.configuration import Configuration, SolverState, Target
 from tdcr_fe.solve.equations.contact import ContactStates, TriangleContact
 from tdcr_fe.solve.equations.layout import SceneLayout
+
+
+@contextmanager
+def _interruptions_kept() -> Iterator[None]:
+    """Raise an interruption again, of which Exudyn makes a ModelError where it arrives in a callback."""
+    try:
+        yield
+    except ValueError as error:
+        raise error.__cause__ if isinstance(error.__cause__, KeyboardInterrupt) else error
 
 
 class StaticKernel:
@@ -61,6 +71,7 @@ class StaticKernel:
                 "use mbs.SolveDynamic, or leave these items out"
             )
 
+    @_interruptions_kept()
     def residual(self) -> Array:
         """Residual of all equations: forces on the coordinates, then constraints, shape (size,)."""
         self._kernel.ComputeNewtonResidual(self._mbs, self._settings)
@@ -85,6 +96,7 @@ class StaticKernel:
         found[:n2, :n2] += self.triangles.derivative(self.residual)
         return found
 
+    @_interruptions_kept()
     def exudyns_jacobian(self, loads: bool = False, constraints: bool = True) -> Array:
         """As `jacobian`, with what Exudyn takes for the derivative of contact with triangles."""
         self._kernel.ComputeJacobianODE2RHS(self._mbs, computeLoadsJacobian=int(loads))
