@@ -26,7 +26,9 @@ def _interruptions_kept() -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        raise error.__cause__ if isinstance(error.__cause__, KeyboardInterrupt) else error
+        if isinstance(error.__cause__, KeyboardInterrupt):
+            raise error.__cause__ from None
+        raise
 
 
 class StaticKernel:
