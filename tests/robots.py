@@ -7,6 +7,7 @@ from typing import Any
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
+from exudyn.utilities import InertiaCuboid
 
 from tdcr_fe import TDCR, Backbone, CreateTDCR, Disks, Robot, SequenceResult, Tendon, register
 from tdcr_fe.model.loading import LoadStep, Model, resolve
@@ -144,3 +145,17 @@ def hinged_platform(stiffness: float) -> tuple[exu.SystemContainer, exu.MainSyst
     k = np.diag([0.0, 0.0, 0.0, 0.0, stiffness, 0.0])
     mbs.AddObject(eii.RigidBodySpringDamper(markerNumbers=[ground, platform], stiffness=k, damping=0.0 * k))
     return container, mbs, platform
+
+
+def pendulum(robot: Robot) -> tuple[*Scene, Any]:
+    """A bar of 0.16 kg and 0.2 m hung up on a hinge about y at the origin, with a robot at its lower end; the bar."""
+    container, mbs = system()
+    weight, down = {"gravity": [0.0, 0.0, -9.81]}, np.diag([1.0, -1.0, -1.0])
+    inertia = InertiaCuboid(2e3, [0.02, 0.02, 0.2])
+    bar = mbs.CreateRigidBody(referencePosition=[0.0, 0.0, -0.1], inertia=inertia, **weight)
+    mbs.CreateRevoluteJoint(itemNumbers=[mbs.CreateGround(), bar], position=[0, 0, 0], axis=[0, 1, 0])
+    end = exu.HT(rotation=down, translation=[0.0, 0.0, -0.1])
+    marker = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=bar, localHT=end))
+    handle = CreateTDCR(mbs, robot, Model(elements_per_bay=1), baseMarker=marker, **weight)
+    mbs.Assemble()
+    return container, mbs, handle, bar

@@ -12,6 +12,7 @@ from scipy.linalg import eig
 
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.native.hooks import SceneHooks
+from tdcr_fe.elements.native.joints import joint_stiffness, joints_of
 from tdcr_fe.elements.native.scene_forces import Holes
 from tdcr_fe.model.schema import Keys, Quantity, check_arguments
 from tdcr_fe.scene.builder import check_system
@@ -104,7 +105,8 @@ def TDCREigenvalues(mbs: exu.MainSystem, *, holes: Holes = "stuck", numberOfEige
     """Eigenfrequencies and modes of small undamped vibrations about the present state of a scene.
 
     The state must be at rest, as `SolveTDCR` leaves it. Mass and stiffness are those of
-    ``mbs.ComputeLinearizedSystem``, projected on what joints permit; the stiffness includes that of the tendons.
+    ``mbs.ComputeLinearizedSystem``, projected on what joints permit; the stiffness includes that of the tendons, and
+    what is left out there: that of loads that turn, and of the forces of joints, which hold a pendulum.
     ``mbs.ComputeLinearizedSystem`` and ``mbs.ComputeODE2Eigenvalues`` themselves take the initial configuration, with
     stuck holes.
 
@@ -145,7 +147,7 @@ def TDCRLinearized(
     """Linearise a scene about its present state at rest, with the tendons of all robots as inputs.
 
     Mass, damping and stiffness are those of ``mbs.ComputeLinearizedSystem`` on the coordinates that joints permit; the
-    stiffness includes that of the tendons.
+    stiffness includes that of the tendons, of loads that turn and of the forces of joints.
 
     Parameters
     ----------
@@ -210,12 +212,26 @@ def _matrices(mbs: exu.MainSystem, hooks: SceneHooks, holes: Holes) -> tuple[Arr
             mass, stiffness, damping, _, free = mbs.ComputeLinearizedSystem(
                 projectIntoConstraintNullspace=True, returnConstraintNullspace=True
             )
+            stiffness = stiffness + free @ _left_out(mbs) @ free.T
     finally:
         for robot in hooks.actuations:
             robot.holes = "present"
         data.SetSystemState(before, initial)
         data.SetSystemState(present)
     return np.asarray(mass), np.asarray(stiffness), np.asarray(damping), np.asarray(free).T
+
+
+def _left_out(mbs: exu.MainSystem) -> Array:
+    """Stiffness of turning loads and of the forces of joints, which ``mbs.ComputeLinearizedSystem`` leaves out."""
+    settings, solver, n2 = exu.SimulationSettings(), exu.MainSolverStatic(), mbs.systemData.ODE2Size()
+    settings.solution.file.write = settings.solution.sensors.active = False
+    settings.staticSolver.verboseMode = 0
+    solver.InitializeSolver(mbs, settings)
+    found = -joint_stiffness(mbs, joints_of(mbs))
+    for loads, sign in ((1, -1.0), (0, 1.0)):
+        solver.ComputeJacobianODE2RHS(mbs, computeLoadsJacobian=loads)
+        found += sign * solver.GetSystemJacobian()[:n2, :n2]
+    return found
 
 
 def _outputs(mbs: exu.MainSystem, sensors: Sequence[Any], basis: Array) -> Array:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from native_solvers import dynamic_settings
-from robots import LENGTH, scene, scene_with, seven, solve_scene, tip_load, tip_sensor
+from robots import LENGTH, pendulum, scene, scene_with, seven, solve_scene, tip_load, tip_sensor
 from scipy.linalg import eig
 
 from tdcr_fe import SolverSettings, SolveTDCR
@@ -154,6 +154,32 @@ def test_the_static_gain_is_what_statics_give(drive, mu):
             sides.append(handle.tip_position)
         expected = (sides[0] - sides[1]) / (2.0 * size)
         assert gain[:, k] == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
+
+
+def test_a_pendulum_that_carries_a_robot_has_the_frequency_of_its_weight():
+    """``omega^2 = m g l / J``; it had no stiffness, and 0.02 Hz. The stiff robot of 0.2 g changes it by 1e-3."""
+    robot = seven(0.0).with_backbone(radius=2e-3, density=10.0).with_disks(mass=1e-5)
+    _keep, mbs, _, _ = pendulum(robot)
+    SolveTDCR(mbs)
+    expected = np.sqrt(9.81 * 0.1 / (0.1**2 + (0.2**2 + 0.02**2) / 12.0)) / (2.0 * np.pi)
+    assert mbs.TDCREigenvalues(numberOfEigenvalues=1).frequencies[0] == pytest.approx(expected, rel=2e-3)
+
+
+def test_the_gain_has_forces_that_turn_with_their_section():
+    """Of a robot bent by such a force, against differences of `SolveTDCR`: it was twice as large."""
+    _keep, mbs, handle, (sensor, load) = scene_with(
+        lambda mbs, handle: (tip_sensor(mbs, handle), handle.add_load("tip", LENGTH, "section")), seven(0.0)
+    )
+    load.set([0.05, 0.02, 0.0], [0.0, 0.0, 1e-3])
+    tips = []
+    for change in (0.0, -1e-4, 1e-4):
+        handle.set_tensions([0.5 + change, 0.1, 0.1])
+        SolveTDCR(mbs)
+        tips.append(handle.tip_position)
+        if change == 0.0:
+            gain = mbs.TDCRLinearized(sensors=[sensor]).static_gain()[:, 0]
+    expected = (tips[2] - tips[1]) / 2e-4
+    assert gain == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("rest", [{}, ELASTIC], ids=["inextensible", "elastic"])

@@ -15,6 +15,7 @@ from robots import (
     SEVEN,
     distance,
     hinged_platform,
+    pendulum,
     pull,
     scene,
     scene_with,
@@ -116,6 +117,21 @@ def test_base_on_an_elastically_supported_body():
     assert stiffness * phi == pytest.approx(force * handle.tip_position[2], rel=1e-6)
     local = r.T @ [force, 0.0, 0.0]
     assert distance(r.T @ handle.tip_position, single_tip(force=tuple(local))) < 1e-8
+
+
+def test_weight_alone_holds_a_pendulum_that_carries_a_robot():
+    """The moment of all weights about the hinge vanishes.
+
+    It was refused: the stiffness of the weight is that of the force of the hinge, which keeps its lever on the bar.
+    """
+    robot = single(0.3).with_disks(mass=2e-3)
+    _keep, mbs, handle, bar = pendulum(robot)
+    x = solve_scene(mbs, handle, [1.0])[:, 0]
+    elements = robot.backbone.mass_per_length * np.diff(handle.arc_lengths)
+    moment = elements @ (x[1:] + x[:-1]) / 2.0 + robot.disks.mass * x[1:].sum()
+    of_bar = 0.16 * mbs.GetObjectOutputBody(bar, exu.OutputVariableType.Position)[0]
+    assert abs(moment + of_bar) < 1e-6 * moment
+    assert of_bar < -1e-4
 
 
 def test_base_on_the_tip_of_another_robot():

@@ -14,6 +14,7 @@ from tdcr_fe.elements.backbone import node_frames
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.hooks import SceneHooks
+from tdcr_fe.elements.native.joints import joint_stiffness, joints_of
 from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.solve.equations.configuration import Configuration, SolverState, Target
 from tdcr_fe.solve.equations.contact import ContactStates, TriangleContact
@@ -66,6 +67,7 @@ class StaticKernel:
         own = [i for robot in hooks.actuations for i in robot.history_nodes.coordinate_numbers()]
         self.contact = ContactStates(mbs, own, settings)
         self.triangles = TriangleContact(mbs)
+        self._joints = joints_of(mbs)
         self._kernel = _initialised(mbs, hooks, settings, self.contact)
         if self._kernel.GetODE1size():
             raise ValueError(
@@ -90,17 +92,20 @@ class StaticKernel:
         constraints
             Whether that of constraints is computed anew.
         """
-        if not self.triangles.touching:
-            return self.exudyns_jacobian(loads, constraints)
         n2 = self._mbs.systemData.ODE2Size()
-        with self.triangles.all_with("isActive", False):
-            found = self.exudyns_jacobian(loads, constraints).copy()
-        found[:n2, :n2] += self.triangles.derivative(self.residual)
+        if self.triangles.touching:
+            with self.triangles.all_with("isActive", False):
+                found = self.exudyns_jacobian(loads, constraints)
+            found[:n2, :n2] += self.triangles.derivative(self.residual)
+        else:
+            found = self.exudyns_jacobian(loads, constraints)
+        if constraints:
+            found[:n2, :n2] += joint_stiffness(self._mbs, self._joints)
         return found
 
     @_interruptions_kept()
     def exudyns_jacobian(self, loads: bool = False, constraints: bool = True) -> Array:
-        """As `jacobian`, with what Exudyn takes for the derivative of contact with triangles."""
+        """As `jacobian`, without the forces of joints, and with what Exudyn has for contact with triangles."""
         self._kernel.ComputeJacobianODE2RHS(self._mbs, computeLoadsJacobian=int(loads))
         if constraints:
             self._kernel.ComputeJacobianAE(self._mbs)
