@@ -232,7 +232,7 @@ def recall(system: SceneSystem, parts: Sequence[SceneSystem], time: float) -> li
         or len(last.positions) != len(parts)
         or not _is_as_left(system, last)
     ):
-        return [Position(part.current_state(time)) for part in parts]
+        return [Position(part.with_reactions(part.current_state(time))) for part in parts]
     return [_at_time(position, time) for position in last.positions]
 
 

@@ -134,6 +134,21 @@ def test_weight_alone_holds_a_pendulum_that_carries_a_robot():
     assert of_bar < -1e-4
 
 
+def test_a_mass_on_a_thread_hangs_below_the_tip():
+    """In the first solution of the scene, too, where the force of the thread is not known yet: its weight is a load."""
+    mass, thread = 2e-3, 0.05
+    _keep, mbs, handle = scene(single(0.3), assemble=False)
+    ball = mbs.CreateMassPoint(referencePosition=STRAIGHT - [0, 0, thread], mass=mass, gravity=[0, 0, -9.81])
+    ends = [handle.mTip, mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=ball))]
+    mbs.AddObject(eii.DistanceConstraint(markerNumbers=ends, distance=thread))
+    mbs.Assemble()
+    solve_scene(mbs, handle, [0.5], [1.0])
+    expected = single_tip(force=(0.0, 0.0, -9.81 * mass))
+    assert distance(handle.tip_position, expected) < 1e-6
+    hanging = mbs.GetObjectOutputBody(ball, exu.OutputVariableType.Position)
+    assert distance(hanging, expected - [0.0, 0.0, thread]) < 1e-6
+
+
 def test_base_on_the_tip_of_another_robot():
     """The second robot is joined to the first one's tip; unloaded it follows as a rigid body."""
     _keep, mbs = system()

@@ -37,6 +37,9 @@ from tdcr_fe.solve.equations.linearization import (
     hold,
 )
 
+#: Stiffness that holds what moves freely where forces of joints are unknown, over EI / L^3 of the softest robot [1].
+HELD = 1e-3
+
 
 class SceneSystem:
     """Equations of equilibrium of a scene with all its robots.
@@ -135,6 +138,28 @@ class SceneSystem:
             tuple(load.applied for load in self.point_loads),
             time,
         )
+
+    def with_reactions(self, state: SolverState) -> SolverState:
+        """A state of a scene that was never solved, with multipliers of its joints: nothing else holds a pendulum.
+
+        They are those of a step of Newton's method, where a little stiffness holds what moves freely without them.
+        """
+        joints, old = self.layout.reduction.other_multipliers, state.configuration.unknowns
+        if not len(joints) or old.multipliers[joints].any():
+            return state
+        numbering, scales = self.numbering(), self.layout.scales
+        residual = self.residual(state, Target(state.inputs, state.loads, state.time), numbering)
+        k, forces = self.tangent(residual), np.arange(scales.forces)
+        k[forces, forces] -= HELD * scales.elastic_force / scales.length
+        hold(k, numbering.clamped)
+        try:
+            step = DenseFactors.of(k).solve(-residual.unbalanced)
+        except np.linalg.LinAlgError:  # joints of which one does what others do
+            return state
+        multipliers = old.multipliers.copy()
+        multipliers[joints] = step[scales.forces :]
+        unknowns = old._replace(multipliers=multipliers)
+        return state._replace(configuration=state.configuration._replace(unknowns=unknowns))
 
     def warm_start(self, state: SolverState, stored: StoredState) -> SolverState:
         """A state with the unknowns of another run and its own history; unchanged where the meshes differ."""
