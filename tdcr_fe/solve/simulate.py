@@ -211,6 +211,12 @@ class MeshedRun(ABC):
         """Number of the first step that is not solved."""
         return len(self.solved) + 1 if len(self.solved) < self.count else None
 
+    def stop_at(self, step: LoadStep, failure: StepFailed) -> None:
+        """Record that the next step, which is this one, has no solution."""
+        label = f" ({step.label})" if step.label else ""
+        self.failed = self.next_step
+        self.message = f"step {self.failed}{label} did not converge: {failure}"
+
     @property
     def _estimates(self) -> tuple[MeshEstimate, ...]:
         """Of all steps so far, and of those to come where these were estimated."""
@@ -346,8 +352,7 @@ class _Run(MeshedRun):
                     self._keep_warm_start(number, report)
                 result = self._result(number, step, report, target)
             except StepFailed as failure:
-                label = f" ({step.label})" if step.label else ""
-                self.failed, self.message = number, f"step {number}{label} did not converge: {failure}"
+                self.stop_at(step, failure)
                 break
             self.solved.append(result)
             if request.reference_path is None and is_unstable(self.simulation, self.compression, result):

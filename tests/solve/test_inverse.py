@@ -5,7 +5,7 @@ import pytest
 from robots import BACKBONE, LENGTH, seven, tendon
 
 from tdcr_fe import Backbone, Disks, Interrupted, ParallelRouting, Robot, Tendon, simulate
-from tdcr_fe.model.loading import Load, LoadStep, Model
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 from tdcr_fe.model.targets import ReachStatus, TensionLimits, TipTarget
 from tdcr_fe.solve.inverse_statics.inverse import TOLERANCE, follow_path, reach
 
@@ -181,3 +181,14 @@ def test_ctrl_c_is_raised_again_with_the_targets_before_it():
         follow_path(robot, model, tips, LIMITS, progress=stop)
     result = stopped.value.result
     assert len(result.targets) == 2 and result.simulation.message == "interrupted"
+
+
+def test_a_step_before_the_targets_without_a_solution_ends_the_path_and_is_named():
+    """As in `simulate`; the step that was solved before it is kept. It was raised, without its number."""
+    robot, model = CASES["friction"]
+    loads = {"a": Load(LENGTH, (0.0, 0.0, -0.9)), "b": Load(0.8 * LENGTH, (0.3, -0.5, -0.8))}
+    steps = [LoadStep(tensions={"t1": 1e-6}), LoadStep(tensions={"t1": 5.0}, loads=loads, label="far")]
+    settings = SolverSettings(max_iterations=2, min_substep=0.5)
+    found = follow_path(robot, model, [[0.0, 0.0, 0.9 * LENGTH]], LIMITS, settings, before=steps)
+    assert not found.targets and len(found.simulation.steps) == found.simulation.failed_step - 1 == 1
+    assert found.simulation.message.startswith("step 2 (far) did not converge: the forces do not balance")

@@ -42,7 +42,7 @@ from tdcr_fe.solve.inverse_statics.target_search import (
     TargetSearch,
     TrialSteps,
 )
-from tdcr_fe.solve.load_steps.load_path import Position
+from tdcr_fe.solve.load_steps.load_path import Position, StepFailed
 from tdcr_fe.solve.simulate import MeshedRun, refined_runs
 from tdcr_fe.solve.simulation import Simulation, one_thread, step_warnings
 
@@ -248,7 +248,11 @@ class _FollowRun(MeshedRun):
         """Reach for all targets, see `MeshedRun.take_steps`."""
         simulation, task = self.simulation, self.task
         for step, actuation in zip(task.before, resolve(task.robot, task.before), strict=True):
-            report = simulation.advance(actuation, step.substeps)
+            try:
+                report = simulation.advance(actuation, step.substeps)
+            except StepFailed as failure:
+                self.stop_at(step, failure)
+                return None
             self.trials.begin(actuation)
             self._keep(step, simulation.result(len(self.solved) + 1, step.label, report, actuation))
             self.warnings += step_warnings(len(self.solved), report)
