@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2713,
+    "elements": 2714,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 754,
     "tdcr_fe/effects": 1213,
@@ -35,11 +35,11 @@ BUDGET = {
     "tdcr_fe/live": 350,
     "tdcr_fe/model": 2460,
     "tdcr_fe/report": 1107,
-    "tdcr_fe/scene": 1373,
+    "tdcr_fe/scene": 1376,
     "tdcr_fe/solve": 6650,
     "tdcr_fe/sweeps": 1390,
     "validation": 6485,
-    "tests": 12582,
+    "tests": 12590,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")

@@ -201,7 +201,7 @@ class TendonActuation:
             return values
         data = self.mbs.systemData.GetODE2Coordinates(configuration, copy=False)
         angles = np.array([data[self.mbs.GetNodeODE2Index(motor.node)] for motor in self.motors])
-        return wound(self.motors, values, angles, self.drives.winds)
+        return wound(self.motors, values, angles)
 
     def _set_values(self, t: float) -> Array:
         """Tensions and displacements at the base as they were set."""
@@ -212,6 +212,8 @@ class TendonActuation:
         self.motors = (*self.motors, motor)
         if not self.drives.winds[motor.tendon]:
             self.drives = self.drives.replaced(motor.tendon, DISPLACEMENT, 1.0)
+            if not callable(self.inputs):  # a tension that was set
+                self.inputs = np.where(np.arange(self.count) == motor.tendon, 0.0, self.inputs)
         nodes = [int(node) for node in (*self.nodes, *(motor.node for motor in self.motors))]
         self.mbs.SetObjectParameter(self.connectors.forces, "nodeNumbers", nodes)
 
@@ -322,7 +324,7 @@ class TendonActuation:
         """Coordinates of the nodes, and the tendons with what the motors have wound."""
         moved, values, count = np.array(displacements), self._set_values(t), len(self.motors)
         if count:
-            values = wound(self.motors, values, moved[-count:], self.drives.winds)
+            values = wound(self.motors, values, moved[-count:])
             moved = moved[:-count]
         return moved, self.elastic_tendons(values, t)
 

@@ -28,7 +28,7 @@ class Motor(NamedTuple):
     radius: float  # Of the drum [m]: a positive angle pulls the tendon in
 
 
-def wound(motors: Sequence[Motor], values: Array, angles: Array, driven: Flags) -> Array:
+def wound(motors: Sequence[Motor], values: Array, angles: Array) -> Array:
     """Inputs of the tendons with what the motors have wound, shape (m,).
 
     Parameters
@@ -39,13 +39,10 @@ def wound(motors: Sequence[Motor], values: Array, angles: Array, driven: Flags) 
         Inputs as set: tensions [N] and displacements [m] at the base, shape (m,).
     angles
         Of the motors [rad], shape (k,).
-    driven
-        Which tendons are driven by displacement, shape (m,); on others motors do not act.
     """
     total = np.array(values)
     for motor, angle in zip(motors, angles, strict=True):
-        if driven[motor.tendon]:
-            total[motor.tendon] += motor.radius * angle
+        total[motor.tendon] += motor.radius * angle
     return total
 
 
@@ -69,7 +66,7 @@ def with_motors(
     forces
         In this configuration.
     driven
-        As in `wound`.
+        Which tendons are driven by displacement, as all with motors are, shape (m,).
     rotations, parameters, to_twist
         Of the nodes, see `tdcr_fe.elements.native.coordinates.twists_by_coordinates`.
     """

@@ -154,6 +154,9 @@ class AssembledRobot:
             k = names.index(name)
             if obstacle := drive.obstacle(self.robot.tendons[k]):
                 raise ValueError(obstacle)
+            if not drive.winds and any(motor.tendon == k for motor in actuation.motors):
+                text = "is wound by a motor (add_motor), from which its tension follows; name the other tendons only"
+                raise ValueError(f"tendon {name!r} {text}")
             drives = drives.replaced(k, drive, drive.scale(self.robot.tendons[k]))
             values[k] = drives.scale[k] * value
         actuation.inputs, actuation.drives = values, drives

@@ -66,6 +66,17 @@ def test_what_does_not_turn_motors_refuses_them():
         SolveTDCR(mbs)
 
 
+def test_a_tension_is_not_set_where_a_motor_winds():
+    """One that was set before was taken for metres; one set later left the motor turning without its tendon."""
+    _keep, mbs, handle = scene(paper(0.0), assemble=False)
+    handle.set_tensions([1.0])
+    handle.add_motor("t1", INERTIA, RADIUS)
+    mbs.Assemble()
+    assert handle.actuation.input_values() == pytest.approx([0.0], abs=0.0)
+    with pytest.raises(ValueError, match="tendon 't1' is wound by a motor"):
+        handle.set_tensions([1.0])
+
+
 # ------------------------------------------------------------ material damping
 
 
