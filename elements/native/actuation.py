@@ -316,9 +316,8 @@ class TendonActuation:
         tendons = self.elastic_tendons(self.base_tension, self.state.time)
         forces = tendons.at_rest(self.model.measure(positions, rotations))
         columns = forces_by_inputs(forces, tendons.driven, stuck, 6 * len(positions))
-        return np.stack(
-            [generalized_forces(each.reshape(-1, 6), rotations, parameters) for each in columns.T], axis=1
-        )
+        found = [generalized_forces(each.reshape(-1, 6), rotations, parameters) for each in columns.T]
+        return np.reshape(found, (self.count, parameters.size + positions.size)).T
 
     def _in_step(self, displacements: Sequence[float], t: float) -> tuple[Array, ElasticTendons]:
         """Coordinates of the nodes, and the tendons with what the motors have wound."""

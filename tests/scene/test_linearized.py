@@ -1,5 +1,7 @@
 """`TDCREigenvalues` and `TDCRLinearized`: closed forms, differences, `SolveTDCR`, and swings in `mbs.SolveDynamic`."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from native_solvers import dynamic_settings
@@ -154,6 +156,20 @@ def test_the_static_gain_is_what_statics_give(drive, mu):
             sides.append(handle.tip_position)
         expected = (sides[0] - sides[1]) / (2.0 * size)
         assert gain[:, k] == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
+
+
+def test_a_viscoelastic_rod_without_tendons_has_the_poles_of_a_cantilever():
+    """``s^2 + tau omega^2 s + omega^2 = 0`` in its first mode; without tendons it has no inputs."""
+    rod = replace(seven(0.0).with_backbone(retardation_time=5e-3).with_disks(mass=0.0), tendons=())
+    _keep, mbs, _ = scene(rod, elements_per_bay=2)
+    a, b, _ = mbs.TDCRLinearized().state_space()
+    assert b.shape[1] == 0
+    line = rod.backbone.mass_per_length * LENGTH**4
+    omega = 1.875104**2 * np.sqrt(rod.backbone.EI / line)
+    poles = np.linalg.eigvals(a)
+    first = poles[np.argsort(np.abs(poles))[:4]]
+    assert np.abs(first) == pytest.approx([omega] * 4, rel=2e-3)
+    assert first.real == pytest.approx([-0.5 * 5e-3 * omega**2] * 4, rel=4e-3)
 
 
 def test_a_pendulum_that_carries_a_robot_has_the_frequency_of_its_weight():
