@@ -285,7 +285,7 @@ class TendonActuation:
         tangent = self._scene_forces.tangent(nodes, tendons, holes, self.motors)
         # Both factors together are those of an iteration in time; derivatives for linearised systems are exact.
         if by_velocity != 0.0 and by_position != 0.0:
-            excess = excess_tangent(self.system, self._node_coordinates, self.mesh, nodes)
+            excess = excess_tangent(self._node_coordinates, self.mesh, nodes)
             if excess is not None:
                 tangent[: nodes.size, : nodes.size] -= excess
         tangent *= -by_position

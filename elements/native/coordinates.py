@@ -55,10 +55,9 @@ class NodeCoordinates:
             self._reference = everything[self.numbers]
         return self._reference
 
-    def displacements(self) -> Array:
-        """Current coordinates in the scene, without reference values, shape (N, 7)."""
-        data = self._system.mbs.systemData
-        moved: Array = data.GetODE2Coordinates(exu.ConfigurationType.Current, copy=False)
+    def displacements(self, configuration: Any = exu.ConfigurationType.Current) -> Array:
+        """Coordinates in a configuration of the scene, without reference values, shape (N, 7)."""
+        moved: Array = self._system.mbs.systemData.GetODE2Coordinates(configuration, copy=False)
         return moved[self.numbers]
 
     def poses(self, displacements: Array) -> tuple[Array, Array, Array]:

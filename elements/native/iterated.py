@@ -30,14 +30,11 @@ from tdcr_fe.elements.capstan import TensionField
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_tangent, twists_by_coordinates
-from tdcr_fe.elements.native.items import SystemReference
 from tdcr_fe.elements.section import DIFFERENCE, add_element_tangent, nodal_sum, wrench_tangent
 from tdcr_fe.elements.tendons import CableShape
 
 
-def excess_tangent(
-    system: SystemReference, coordinates: NodeCoordinates, mesh: BackboneMesh, displacements: Array
-) -> Array | None:
+def excess_tangent(coordinates: NodeCoordinates, mesh: BackboneMesh, displacements: Array) -> Array | None:
     """Derivative of the generalised forces of the elements by excessive axial and shear forces, at these forces.
 
     Excessive is a change since the beginning of the step whose geometric stiffness is of the order of the bending
@@ -46,8 +43,6 @@ def excess_tangent(
 
     Parameters
     ----------
-    system
-        The system.
     coordinates
         Of the nodes.
     mesh
@@ -62,10 +57,7 @@ def excess_tangent(
     """
     lengths = np.maximum(mesh.lengths, mesh.arc_lengths[-1] / 20.0)
     limit = float(np.min(mesh.stiffness[:, 4:] / lengths[:, None] ** 2))
-    everything: Array = system.mbs.systemData.GetODE2Coordinates(
-        exu.ConfigurationType.StartOfStep, copy=False
-    )
-    before, after = everything[coordinates.numbers], displacements.reshape(-1, 7)
+    before, after = coordinates.displacements(exu.ConfigurationType.StartOfStep), displacements.reshape(-1, 7)
     # The lengths of the chords are enough to see it, in a tenth of the time that the twists take.
     nodes = before[:, :3] + coordinates.reference[:, :3]
     moved = after[:, :3] - before[:, :3]
