@@ -102,12 +102,9 @@ class ForceModel:
         """Lengths of tendons that follow the backbone."""
         assert self.section is not None and self.section.tendons is not None
         length, gradient = self.section.tendons.evaluate(twists, self.section.lengths)
-        by_nodes = gradient[:, :, None, :] @ strain_matrices(twists)
-        m, n_nodes = length.size, self.mesh.arc_lengths.size
-        d = np.zeros((m, n_nodes, 6))
-        d[:, :-1] += by_nodes[:, :, 0, :6]
-        d[:, 1:] += by_nodes[:, :, 0, 6:]
-        return CableShape(length[:, None], np.zeros((m, 0)), along=d.reshape(m, 1, -1))
+        by_nodes = nodal_sum((gradient[:, :, None, :] @ strain_matrices(twists))[:, :, 0])
+        m = length.size
+        return CableShape(length[:, None], np.zeros((m, 0)), along=by_nodes.reshape(m, 1, -1))
 
     def at_mobilisation(
         self,

@@ -161,16 +161,16 @@ def coefficients(w: Array) -> Array:
     return np.where(small[..., None], series, np.stack(closed, axis=-1))
 
 
-#: ``xi @ _HAT`` is the 4 x 4 matrix of a twist, row by row.
-_HAT: Array = np.zeros((6, 4, 4))
-_HAT[3:, :3, :3] = _SKEW.reshape(3, 3, 3)
-_HAT[:3, :3, 3] = np.eye(3)
-_HAT = _HAT.reshape(6, 16)
+#: ``xi @ TWIST_MATRIX`` is the 4 x 4 matrix of a twist, row by row: the rate of a pose in its own frame.
+TWIST_MATRIX: Array = np.zeros((6, 4, 4))
+TWIST_MATRIX[3:, :3, :3] = _SKEW.reshape(3, 3, 3)
+TWIST_MATRIX[:3, :3, 3] = np.eye(3)
+TWIST_MATRIX = TWIST_MATRIX.reshape(6, 16)
 
 
 def exp_matrix(xi: Array, c: Array) -> Array:
     """Exponential of twists (..., 6) as 4 x 4 matrices, with the `coefficients` of their rotations."""
-    x = xi.reshape(-1, 6).dot(_HAT).reshape(*xi.shape[:-1], 4, 4)
+    x = xi.reshape(-1, 6).dot(TWIST_MATRIX).reshape(*xi.shape[:-1], 4, 4)
     powers = np.empty((*xi.shape[:-1], 2, 4, 4))
     square, cube = powers[..., 0, :, :], powers[..., 1, :, :]
     np.matmul(x, x, out=square)

@@ -296,8 +296,9 @@ def add_element_tangent(k: Array, blocks: Array, wrenches: Array) -> None:
 
 
 def nodal_sum(element_wrenches: Array) -> Array:
-    """Assemble element wrenches at the nodes: (E, 12) to (E+1, 6)."""
-    total = np.zeros((len(element_wrenches) + 1, 6))
-    total[:-1] += element_wrenches[:, :6]
-    total[1:] += element_wrenches[:, 6:]
+    """Assemble element wrenches at the nodes: (..., E, 12) to (..., E+1, 6)."""
+    *stack, count, _ = element_wrenches.shape
+    total = np.zeros((*stack, count + 1, 6))
+    total[..., :-1, :] += element_wrenches[..., :6]
+    total[..., 1:, :] += element_wrenches[..., 6:]
     return total

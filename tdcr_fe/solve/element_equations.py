@@ -8,7 +8,7 @@ import numpy as np
 
 from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.backbone import add_residual_flexibility
-from tdcr_fe.elements.poses import coefficients, cross, exp_matrix, skew
+from tdcr_fe.elements.poses import TWIST_MATRIX, coefficients, cross, exp_matrix, skew
 from tdcr_fe.elements.section import POINTS, WEIGHTS, Material, SectionForces
 from tdcr_fe.scene import TDCR
 
@@ -24,12 +24,8 @@ def _collocation_matrix() -> Array:
 _INTEGRALS = np.concatenate((_collocation_matrix(), WEIGHTS[None]))
 #: Components of a strain in which fibres along the backbone are strained: stretch and both curvatures.
 _FIBRES = [0, 4, 5]
-#: The pose of no motion, row by row, and ``strain @ _RATES``, the derivative of a pose in its own frame, row by row.
+#: The pose of no motion, row by row, without its last row.
 _IDENTITY: Array = np.eye(3, 4).ravel()
-_RATES: Array = np.zeros((6, 3, 4))
-_RATES[3:, :, :3] = skew(np.eye(3))
-_RATES[:3, :, 3] = np.eye(3)
-_RATES = _RATES.reshape(6, 12)
 #: Fixed-point iterations of the collocation equations.
 SWEEPS = 8
 
@@ -160,7 +156,7 @@ def exact_elements(
         if section is not None and section.material is not None:
             new[..., _FIBRES] = _strain_under(section.material, wrench, strain, unloaded, compliance)
         strain = new
-        rates = poses[..., :3] @ strain.dot(_RATES).reshape(*start.shape[:-1], 3, 4)
+        rates = poses[..., :3] @ strain.dot(TWIST_MATRIX[:, :12]).reshape(*start.shape[:-1], 3, 4)
         every = integrals @ rates.reshape(*start.shape[:-1], 12)
         every += _IDENTITY
         every = every.reshape(*every.shape[:-1], 3, 4)

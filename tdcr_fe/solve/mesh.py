@@ -24,6 +24,7 @@ import numpy as np
 from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.elements.poses import coefficients, cross, exp_matrix, inverse_tangent_se3
+from tdcr_fe.elements.section import nodal_sum
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.messages import steps_named
 from tdcr_fe.scene import TDCR
@@ -176,10 +177,7 @@ def displacements(states: Sequence[SolvedState], forces: Array, couples: Array |
         bending = _transposed(inverse[..., 3:, :], _transposed(ends, beyond))
         forces = np.asarray(forces + bending)
     matrices = strain_matrices(np.stack([s.tangent_twists for s in states]))
-    wrenches = _transposed(matrices, forces)
-    loads = np.zeros((*wrenches.shape[:1], wrenches.shape[1] + 1, 6))
-    loads[:, :-1] += wrenches[..., :6]
-    loads[:, 1:] += wrenches[..., 6:]
+    loads = nodal_sum(_transposed(matrices, forces))
     nodes = np.stack([s.solve(w.reshape(-1, 1))[:, 0] for s, w in zip(states, loads, strict=True)])
     nodes = nodes.reshape(loads.shape)
     both = np.concatenate((nodes[:, :-1], nodes[:, 1:]), axis=-1)
