@@ -1,12 +1,10 @@
-"""When an iteration has converged: the list of tests.
+"""When an iteration has converged: the conditions of a solution.
 
-Adding a test takes its function here, its entry in `CONVERGENCE_TESTS`, and what it says in `NewtonStatus`.
+Adding a condition takes its test in `first_unmet`, and what it says in `NewtonStatus`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
@@ -44,89 +42,60 @@ class NewtonStatus(Enum):
         return self in (NewtonStatus.CONVERGED, NewtonStatus.STALLED)
 
 
-class Iterate(NamedTuple):
-    """What the tests see of an iteration."""
-
-    residual: Residual
-    softening: float  # Factor on the presliding distance [1]
-    with_friction: bool  # Whether mobilisations are among the unknowns
-
-
-def friction_error(iterate: Iterate) -> float:
-    """Largest distance of any mobilisation from the one that its slip leads to [1]."""
-    worst, state = 0.0, iterate.residual.state
-    for own, s, before in zip(iterate.residual.forces, state.mobilisation, state.friction, strict=True):
-        law = own.model.law
-        if law.has_friction and iterate.with_friction:
-            trial = law.hysteresis.softened(iterate.softening).trial(own.field.slip, before)
-            worst = max(worst, float((np.abs(trial.clip(-1.0, 1.0) - s) * law.frictional).max()))
-    return worst
-
-
-@dataclass(frozen=True)
-class ConvergenceTest:
-    """One condition that a solution meets."""
-
-    error: Callable[[Iterate], float]  # From an iterate to a number, not negative [1]
-    tolerance: Callable[[SolverSettings], float]  # From the settings to the largest error allowed [1]
-    status: NewtonStatus  # Of a solve that does not meet it
-    measured: str  # What the error is, in words
-
-
-#: All conditions of a solution, in the order in which they are tested; a test is made where those before it are met.
-CONVERGENCE_TESTS: tuple[ConvergenceTest, ...] = (
-    ConvergenceTest(
-        lambda iterate: iterate.residual.size,
-        lambda settings: settings.tolerance,
-        NewtonStatus.NO_BALANCE,
-        "the relative residual is",
-    ),
-    ConvergenceTest(
-        friction_error,
-        lambda settings: FRICTION_TOLERANCE,
-        NewtonStatus.NO_FRICTION_STATE,
-        "a mobilisation is off by",
-    ),
-)
-
-
 class Unmet(NamedTuple):
-    """A test that is not met."""
+    """A condition of a solution that is not met."""
 
-    test: ConvergenceTest
+    status: NewtonStatus  # Of a solve that ends here
+    measured: str  # What the error is, in words
     error: float  # What was found, and what is allowed [1]
     tolerance: float  # as `error`
 
     @property
-    def status(self) -> NewtonStatus:
-        """Of a solve that ends here."""
-        return self.test.status
-
-    @property
     def text(self) -> str:
         """What is measured, how large it is, and what is allowed."""
-        return f"{self.test.measured} {self.error:.1e}, tolerance {self.tolerance:.0e}"
+        return f"{self.measured} {self.error:.1e}, tolerance {self.tolerance:.0e}"
 
 
-def first_unmet(iterate: Iterate, settings: SolverSettings, *, balance: bool = True) -> Unmet | None:
-    """The first test that an iterate does not meet; None where it is a solution.
+def first_unmet(
+    residual: Residual, softening: float, friction_fixed: bool, settings: SolverSettings, balance: bool = True
+) -> Unmet | None:
+    """The first condition that an iterate does not meet, each being tested where those before it are met.
 
     Parameters
     ----------
-    iterate
-        State of the iteration.
+    residual
+        Of the iterate.
+    softening
+        Factor on the presliding distance [1].
+    friction_fixed
+        Whether mobilisations are given, and not unknowns.
     settings
         Of the solver.
     balance
-        Whether balance is among the tests; it is not where an iteration has stalled, see `stalled`.
+        Whether balance is among the conditions; it is not where an iteration has stalled, see `stalled`.
+
+    Returns
+    -------
+    Unmet or None
+        None where the iterate is a solution.
     """
-    for test in CONVERGENCE_TESTS:
-        if test.status is NewtonStatus.NO_BALANCE and not balance:
-            continue
-        error, tolerance = test.error(iterate), test.tolerance(settings)
-        if not error <= tolerance:
-            return Unmet(test, error, tolerance)
+    if balance and not residual.size <= settings.tolerance:
+        return Unmet(NewtonStatus.NO_BALANCE, "the relative residual is", residual.size, settings.tolerance)
+    error = 0.0 if friction_fixed else _friction_error(residual, softening)
+    if not error <= FRICTION_TOLERANCE:
+        return Unmet(NewtonStatus.NO_FRICTION_STATE, "a mobilisation is off by", error, FRICTION_TOLERANCE)
     return None
+
+
+def _friction_error(residual: Residual, softening: float) -> float:
+    """Largest distance of any mobilisation from the one that its slip leads to [1]."""
+    worst, state = 0.0, residual.state
+    for own, s, before in zip(residual.forces, state.mobilisation, state.friction, strict=True):
+        law = own.model.law
+        if law.has_friction:
+            trial = law.hysteresis.softened(softening).trial(own.field.slip, before)
+            worst = max(worst, float((np.abs(trial.clip(-1.0, 1.0) - s) * law.frictional).max()))
+    return worst
 
 
 def stalled(

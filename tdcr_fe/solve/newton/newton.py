@@ -14,11 +14,8 @@ from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.newton.convergence import Iterate, NewtonStatus, Unmet, first_unmet, stalled
+from tdcr_fe.solve.newton.convergence import NewtonStatus, Unmet, first_unmet, stalled
 from tdcr_fe.solve.newton.steps import NewtonStep, advanced, damped_step, full_step
-
-#: How often contact that opens or closes is updated in one solve.
-MOST_CONTACT_UPDATES = 20
 
 
 class NewtonResult(NamedTuple):
@@ -26,9 +23,9 @@ class NewtonResult(NamedTuple):
 
     status: NewtonStatus
     state: SolverState  # If converged, the solution with its history committed; else the last iterate
-    residuals: tuple[float, ...]  # Relative residual before each iteration, and at the end [1]
+    residual: float  # Largest unbalanced force over its scale at the end [1]
     iterations: int  # Linear solves
-    unmet: Unmet | None  # The convergence test that is not met, where that is why it ended
+    unmet: Unmet | None  # The condition that is not met, where that is why it ended
     forces: tuple[TendonForces, ...]  # By robot, in that state
     linearization: Linearization | None  # The last one; None if the initial state was a solution
     target: Target  # What was solved for
@@ -38,11 +35,6 @@ class NewtonResult(NamedTuple):
     def converged(self) -> bool:
         """Whether there is a solution."""
         return self.status.converged
-
-    @property
-    def residual(self) -> float:
-        """Largest unbalanced force over its scale at the end [1]."""
-        return self.residuals[-1]
 
     def reason(self, settings: SolverSettings) -> str:
         """In words, how the solve ended, with its residuals."""
@@ -127,7 +119,7 @@ class _Solve(NamedTuple):
 
     def with_contact(self, start: SolverState, result: NewtonResult) -> NewtonResult:
         """Solve again where contact opens or closes in a solution, until it has the contact with which it was found."""
-        for _ in range(MOST_CONTACT_UPDATES):
+        for _ in range(self.settings.max_iterations):
             if not result.converged:
                 return result
             again = with_unknowns_of(result.state, start)
@@ -135,38 +127,33 @@ class _Solve(NamedTuple):
             if residual.size <= max(self.settings.tolerance, 2.0 * result.residual):
                 return result
             later = self.iterate(residual)
-            result = later._replace(
-                residuals=result.residuals + later.residuals,
-                iterations=result.iterations + later.iterations,
-            )
+            result = later._replace(iterations=result.iterations + later.iterations)
         return result._replace(status=NewtonStatus.NO_CONTACT_STATE) if result.converged else result
 
     def iterate(self, residual: Residual) -> NewtonResult:
         """Newton's iteration from a first residual."""
         system, numbering, settings, damped = self.system, self.numbering, self.settings, self.damped
-        frictional = numbering.has_friction
         limit = 10 * settings.max_iterations if damped else settings.max_iterations
-        residuals: list[float] = []
+        iterations = 0
         step: NewtonStep | None = None
         damping = system.layout.scales.elastic_force * system.length if damped else None
 
         def end(status: NewtonStatus, unmet: Unmet | None = None) -> NewtonResult:
             linear = None if step is None else step.linearization
             final = self._committed(residual, linear) if status.converged else residual.state
-            iterations, forces, target = len(residuals) - 1, residual.forces, residual.target
-            return NewtonResult(status, final, tuple(residuals), iterations, unmet, forces, linear, target)
+            found = status, final, residual.size, iterations, unmet, residual.forces
+            return NewtonResult(*found, linear, residual.target)
 
         def first(balance: bool = True) -> Unmet | None:
-            return first_unmet(Iterate(residual, self.softening, frictional), settings, balance=balance)
+            return first_unmet(residual, self.softening, not numbering.has_friction, settings, balance)
 
         while True:
-            residuals.append(residual.size)
             if not isfinite(residual.size):
                 return end(NewtonStatus.NOT_FINITE)
             unmet = first()
             if unmet is None:
                 return end(NewtonStatus.CONVERGED)
-            if len(residuals) > limit:
+            if iterations >= limit:
                 return end(unmet.status, unmet)
             try:
                 if damping is None:
@@ -176,15 +163,12 @@ class _Solve(NamedTuple):
                     damping = step.damping
             except np.linalg.LinAlgError:
                 return end(NewtonStatus.SINGULAR)
-            before = residual.size
+            before, iterations = residual.size, iterations + 1
             trial = advanced(system, residual.state, step, numbering, settings.max_turn)
             # Newton's steps are taken with the contact of their start, a damped motion opens and closes it on its way.
-            residual = system.residual(
-                trial, residual.target, numbering, len(residuals), hold_contact=not damped
-            )
+            residual = system.residual(trial, residual.target, numbering, iterations, hold_contact=not damped)
             last = stalled(before, residual.size, step.change, system.layout.scales, settings)
             if last and first(balance=False) is None:
-                residuals.append(residual.size)
                 return end(NewtonStatus.STALLED)
 
     def _committed(self, residual: Residual, linear: Linearization | None) -> SolverState:
