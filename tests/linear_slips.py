@@ -25,15 +25,15 @@ class LinearSlips:
     """
 
     def __init__(self, by_load, matrix, start, presliding, holes=None, slack=()):
-        self.presliding, self.breakpoints, self.compilable = presliding, np.ones(1), False
+        self.breakpoints, self.compilable = np.ones(1), False
         self.transfer = self
         self._load, self._matrix, self._start = np.array(by_load), np.array(matrix), np.array(start)
         holes = len(start) if holes is None else holes
-        self._elastic_slip = np.append(np.full(holes, presliding), np.zeros(len(start) - holes))
+        self.elastic_slip = np.append(np.full(holes, presliding), np.zeros(len(start) - holes))
         self._first = np.append(np.zeros(holes), -np.array(slack))
 
     def _by_unknowns(self, x):
-        return np.diag(self._elastic_slip) - (1.0 - x) * self._matrix[0] - x * self._matrix[1]
+        return np.diag(self.elastic_slip) - (1.0 - x) * self._matrix[0] - x * self._matrix[1]
 
     def slip(self, x, z):
         """Slips, then minus the slack."""
@@ -46,13 +46,13 @@ class LinearSlips:
         load = (1.0 - x) * self._load[0] + x * self._load[1] + change @ (z - self._start)
         still, none = np.zeros(len(tension)), np.zeros((len(z), len(tension)))
         factors = SmallFactors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), False)
-        given = (load, self._elastic_slip, self.branches(z, tension), still, none, none, factors)
+        given = (load, self.elastic_slip, self.branches(z, tension), still, none, none, factors)
         derivatives = SlipDerivatives(*given, np.zeros(len(z), dtype=bool), self.matrix(x).T.copy(), none)
         return SlipState(tension, self.slip(x, z), derivatives)
 
     def matrix(self, x):
         """Minus the derivatives of the complements by the unknowns."""
-        return np.diag(self._elastic_slip) - self._by_unknowns(x)
+        return np.diag(self.elastic_slip) - self._by_unknowns(x)
 
     @staticmethod
     def branches(z, tension):

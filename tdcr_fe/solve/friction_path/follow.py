@@ -313,7 +313,7 @@ def follow_friction(
     tension
         Of the segments there [N], shape (q,).
     """
-    unknowns = PathUnknowns.of(slips.presliding, len(mobilisation), base_tension, tension)
+    unknowns = PathUnknowns.of(slips.elastic_slip[: len(mobilisation)], base_tension, tension)
     z = np.append(mobilisation, base_tension)
     given = slips, unknowns, z, tension, slips.breakpoints
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):

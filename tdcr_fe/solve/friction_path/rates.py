@@ -114,7 +114,6 @@ class PathUnknowns(NamedTuple):
     """The unknowns of a path: mobilisations of holes, then tensions at the base of tendons driven by displacement."""
 
     holes: int  # Number of mobilisations
-    presliding: float  # Presliding distance [m]
     # Slips below it are negligible: rates that lead to less in a substep are zero, and what was slipped beyond a
     # reversal that was not foreseen is left as it is [m]
     tolerance: float
@@ -122,29 +121,22 @@ class PathUnknowns(NamedTuple):
     scale: Array  # (n,): From the unknowns to lengths [m, m/N]
 
     @classmethod
-    def of(cls, presliding: float, holes: int, base_tension: Array, tension: Array) -> PathUnknowns:
+    def of(cls, presliding: Array, base_tension: Array, tension: Array) -> PathUnknowns:
         """Those of a substep.
 
         Parameters
         ----------
         presliding
-            Presliding distance [m].
-        holes
-            Number of frictional holes.
+            Presliding distances of the frictional holes [m], shape (k,).
         base_tension
             Unknown tensions at the base at its start [N], shape (c,).
         tension
             Of the segments there [N], shape (q,).
         """
-        at_holes, count = np.full(holes, presliding), len(base_tension)
-        at_base = np.full(count, presliding / max(ROUND_OFF, float(tension.max())))
-        return cls(
-            holes,
-            presliding,
-            FRICTION_TOLERANCE * presliding,
-            Bounds.of(holes, base_tension),
-            np.append(at_holes, at_base),
-        )
+        holes, least = len(presliding), float(presliding.min())
+        at_base = np.full(len(base_tension), least / max(ROUND_OFF, float(tension.max())))
+        scale = np.append(presliding, at_base)
+        return cls(holes, FRICTION_TOLERANCE * least, Bounds.of(holes, base_tension), scale)
 
 
 @compilable

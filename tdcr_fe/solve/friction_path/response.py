@@ -196,8 +196,7 @@ class TautTendons(NamedTuple):
     All other tendons transmit nothing; their holes are left out of the friction path.
     """
 
-    tendons: tuple[TendonsInSubstep, ...]  # By robot that has any of them
-    numbers: tuple[Index, ...]  # By robot, all of them, numbers of the tendons under tension
+    tendons: tuple[TendonsInSubstep, ...]  # By robot
     holes: Index  # (k,): Numbers of their frictional holes, among those of all tendons
     driven: Index  # (c,): And of those driven by displacement, among all of these
 
@@ -215,20 +214,23 @@ class TautTendons(NamedTuple):
             tense = [point.forces[part.robot].field.tension > 0.0 for point in states]
             taut.append(np.any(tense, axis=(0, 2)))
             which = np.flatnonzero(taut[-1])
-            if which.size:
-                law = states[-1].forces[part.robot].model.law
-                tension = np.array([states[i].state.base_tension[part.robot][which] for i in (0, -1)])
-                frictional = part.frictional[which] & part.has_friction
-                driven = np.flatnonzero(np.isin(which, part.driven))
-                tendons.append(TendonsInSubstep(part.robot, law, which, frictional, driven, tension))
+            law = states[-1].forces[part.robot].model.law
+            tension = np.array([states[i].state.base_tension[part.robot][which] for i in (0, -1)])
+            frictional = part.frictional[which] & part.has_friction
+            driven = np.flatnonzero(np.isin(which, part.driven))
+            tendons.append(TendonsInSubstep(law, which, frictional, driven, tension))
         holes = np.zeros(0, dtype=int)
         if numbering.has_friction:
             by_hole = [
                 own[:, None] & part.frictional for own, part in zip(taut, numbering.robots, strict=True)
             ]
             holes = np.flatnonzero(numbering.at_frictional_holes(by_hole))
-        numbers = tuple([np.flatnonzero(own) for own in taut])
-        return cls(tuple(tendons), numbers, holes, np.flatnonzero(numbering.at_driven(taut)))
+        return cls(tuple(tendons), holes, np.flatnonzero(numbering.at_driven(taut)))
+
+    @property
+    def numbers(self) -> Tendons:
+        """By robot, numbers of the tendons under tension."""
+        return [own.which for own in self.tendons]
 
     @property
     def presliding(self) -> Array:
@@ -263,22 +265,22 @@ class TautTendons(NamedTuple):
         values, by_tension, by_load = [], [], []
         bases: list[tuple[Array, Array, Array]] = []
         segment = 0
-        for own in self.tendons:
-            field, count = forces[own.robot].field, len(own.which)
+        for robot, own in enumerate(self.tendons):
+            field, count = forces[robot].field, len(own.which)
             here = slice(segment, segment + own.segments)
             by_length = field.released_d_length[own.which].reshape(-1, 1)
             released = -by_length * flexibility[here]
             stretched = field.released_d_tension[own.which].reshape(-1)
             released[np.arange(own.segments), np.arange(here.start, here.stop)] += stretched
             both = np.column_stack((released, by_length[:, 0] * load.lengths[here]))
-            both = both.reshape(count, own.law.shape[1], -1)
+            both = both.reshape(count, own.law.shape[1], both.shape[1])
             slips = (own.law.slip_operator @ both)[own.frictional]
             values.append(field.slip[own.which][own.frictional])
             by_tension.append(slips[:, :-1])
             by_load.append(slips[:, -1])
             driven = own.which[own.driven]
             pulled = -both[own.driven].sum(axis=1)
-            first, last = (target.inputs[own.robot][driven] for target in targets)
+            first, last = (target.inputs[robot][driven] for target in targets)
             minus_slack = first + factor * (last - first) - field.base_slip[driven]
             bases.append((minus_slack, pulled[:, :-1], pulled[:, -1] + last - first))
             segment = here.stop
@@ -294,7 +296,7 @@ class TautTendons(NamedTuple):
 
     def _joined(self, by_robot: list[Array]) -> Array:
         """Values of these tendons, of all robots one after the other."""
-        return np.concatenate([x[n].reshape(-1) for x, n in zip(by_robot, self.numbers, strict=True)])
+        return np.concatenate([x[own.which].ravel() for x, own in zip(by_robot, self.tendons, strict=True)])
 
 
 class InterpolationPoint(NamedTuple):

@@ -23,22 +23,15 @@ ROUGH = 0.1
 #: With a quarter of it, one of twenty random robots ended 2.2e-5 of the length off.
 REFINED_ERROR = 0.5
 
-#: Displacement of a node up to which the end of a followed path and the solution to first order with its reversals are
-#: the same, over the length, where less is allowed [1]: the path has an error of its integration, seen up to 6.5e-7.
-AGREEMENT = 2e-6
-
 
 class SubstepSlips(NamedTuple):
     """Slips of the tendons under tension in a substep that was solved as a whole."""
 
     known: KnownStates  # Of the substep
-    # Largest displacement of a node that reversals may cause, and up to which the end of a path and the solution to
-    # first order are the same [m]
+    # Largest displacement of a node that reversals may cause, up to which the end of a path and the solution to first
+    # order are the same [m]
     allowed: float
-    agreement: float
     slips: InterpolatedSlips  # In it
-    presliding: Array  # (k,): Presliding distances of the holes [m]
-    tension: Array  # (q,): Of the segments at its start [N]
     before: Array  # (k,): Mobilisations at its start and its end [1]
     after: Array  # as `before`
     base: Array  # (c,): Unknown tensions at the base, at its start [N]
@@ -50,15 +43,13 @@ class SubstepSlips(NamedTuple):
     columns: Array
 
     @classmethod
-    def of(
-        cls, known: KnownStates, targets: tuple[Target, Target], allowed: float, agreement: float
-    ) -> SubstepSlips:
+    def of(cls, known: KnownStates, targets: tuple[Target, Target], allowed: float) -> SubstepSlips:
         """From its solved states; further arguments as of `find_reversals`."""
         taut, start, end = known.taut, known.start, known.end
         holes, k = taut.holes, len(taut.holes)
         data = [taut.slip_data(point.state, targets, point.factor, point.load) for point in known.points]
-        presliding = taut.presliding
-        slips = InterpolatedSlips.between(data, tension_transfer(taut.tendons), presliding, len(taut.driven))
+        transfer = tension_transfer(taut.tendons)
+        slips = InterpolatedSlips.between(data, transfer, taut.presliding, len(taut.driven))
         before, after = start.mobilisation[holes], end.mobilisation[holes]
         base = end.driven_tension[taut.driven]
         last = slips.at(1.0, np.append(after, base), data[-1].tension).derivatives
@@ -73,24 +64,16 @@ class SubstepSlips(NamedTuple):
         slip = (end.slips - start.slips)[holes]
         assert end.response is not None
         first, columns = start.driven_tension[taut.driven], end.response.nodes @ tensions
-        return cls(
-            known,
-            allowed,
-            agreement,
-            slips,
-            presliding,
-            data[0].tension,
-            before,
-            after,
-            first,
-            slip,
-            matrix[:k],
-            columns,
-        )
+        return cls(known, allowed, slips, before, after, first, slip, matrix[:k], columns)
+
+    @property
+    def presliding(self) -> Array:
+        """Presliding distances of the holes [m], shape (k,)."""
+        return self.slips.elastic_slip[: len(self.before)]
 
     def follow(self, slips: InterpolatedSlips) -> FrictionPath:
         """The friction states followed through the substep with its slips, or with others that are possible."""
-        return follow_friction(slips, self.before, self.base, self.tension)
+        return follow_friction(slips, self.before, self.base, slips.intervals.tension[0])
 
     def corrected(self, trial: Array) -> Array:
         """Mobilisations at the end for other trial mobilisations there [1], to first order, shape (k,)."""
@@ -110,7 +93,7 @@ class SubstepSlips(NamedTuple):
         """
         first_order = self.with_reversals(path)
         last = path.unknowns[: len(first_order)]
-        if path.complete and self.displacement(last - first_order) > self.agreement:
+        if path.complete and self.displacement(last - first_order) > self.allowed:
             return last
         return first_order
 
@@ -141,7 +124,7 @@ class SubstepSlips(NamedTuple):
     @property
     def largest_slip(self) -> float:
         """Largest change of a slip, at least the presliding distance [m]."""
-        return max(float(np.abs(self.slip).max()), self.slips.presliding)
+        return max(float(np.abs(self.slip).max()), float(self.presliding.min()))
 
     @property
     def is_rough(self) -> bool:
@@ -269,7 +252,7 @@ def find_reversals(
     Reversals or None
         None where every slip is monotone, so that the substep is exact as a whole.
     """
-    substep = SubstepSlips.of(known, targets, allowed * length, max(allowed, AGREEMENT) * length)
+    substep = SubstepSlips.of(known, targets, allowed * length)
     path = substep.follow(substep.slips)
     corrected = substep.at_end(path)
     effect = substep.displacement(corrected - substep.after) / length

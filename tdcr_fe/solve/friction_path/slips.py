@@ -167,7 +167,6 @@ class InterpolatedSlips(NamedTuple):
     # (n,): Elastic slip by each unknown: the presliding distance at holes [m], zero for tensions
     elastic_slip: Array
     identity: Array  # (q, q)
-    presliding: float  # The smallest presliding distance [m]
 
     @classmethod
     def between(
@@ -191,7 +190,7 @@ class InterpolatedSlips(NamedTuple):
             Number of unknown tensions at the base.
         """
         elastic_slip, identity = np.append(presliding, np.zeros(unknown)), np.eye(len(states[0].tension))
-        return cls(transfer, Intervals.between(states), elastic_slip, identity, float(presliding.min()))
+        return cls(transfer, Intervals.between(states), elastic_slip, identity)
 
     @property
     def compilable(self) -> bool:

@@ -20,9 +20,8 @@ from tdcr_fe.elements.friction import TendonLaw
 
 
 class TendonsInSubstep(NamedTuple):
-    """Tendons of one robot that are under tension at either end of a substep."""
+    """Tendons of one robot that are under tension at either end of a substep; it may have none."""
 
-    robot: int  # Its number
     law: TendonLaw
     which: Index  # Their numbers, shape (m,)
     frictional: Flags  # (m, g): Which of their mobilisations are unknowns

@@ -143,9 +143,9 @@ def is_continuous(solver: SubstepSolver, first: Point, last: Point) -> bool:
     except np.linalg.LinAlgError:
         return False
     known = known_states(solver, [(0.0, there), (1.0, here)], Span(start, end))
-    if not (there.balanced and known.taut.tendons):
-        return False
     tension = known.taut.tensions(here) - known.taut.tensions(there)
+    if not (there.balanced and tension.size):
+        return False
     slopes = [twist_change(point, tension, 1.0) for point in known.points]
     change = twists(here) - twists(there)
     return _rotation(change - 0.5 * (slopes[0] + slopes[1])) <= UNEXPLAINED * _rotation(change)

@@ -24,8 +24,6 @@ from tdcr_fe.solve.newton.steps import slip_changes
 #: Largest error of a substep as a fraction of what is left of the path tolerance; and of all of it, where little is
 #: left [1].
 SHARE, LEAST_SHARE = 0.6, 0.03
-#: How often a substep is solved again with the reversals located in it.
-MOST_CORRECTIONS = 6
 #: Most intervals of a substep, between solved states, through which slips are interpolated.
 MOST_INTERVALS = 16
 
@@ -98,7 +96,7 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
     """
     solver = trial.solver
     most = min(MOST_INTERVALS, solver.settings.max_substeps - trial.begin.substeps)
-    for _ in range(MOST_CORRECTIONS):
+    for _ in range(solver.settings.max_iterations):
         if found.history is None:
             break
         guess = found.history.of(with_unknowns_of(trial.result.state, trial.before))

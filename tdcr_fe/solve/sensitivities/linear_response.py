@@ -17,20 +17,17 @@ from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
 from tdcr_fe.elements.poses import skew
+from tdcr_fe.elements.section import DIFFERENCE
 from tdcr_fe.model.results import LocalResponse
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.layout import Numbering, RobotUnknowns, zero_bases
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.newton.convergence import FRICTION_TOLERANCE
 from tdcr_fe.solve.newton.steps import FrictionCoupling
 from tdcr_fe.solve.sensitivities.robot_model import RobotPoint, TendonStack, Values, with_rates
 from tdcr_fe.solve.simulation import Simulation, one_thread
-
-#: Mobilisations this near to their bounds are at them [1].
-AT_BOUND = 1e-7
-#: Difference step of a node's position over the length of a segment, and of its turn [rad].
-SHIFT_STEP = 1e-6
 
 
 class TendonChange(NamedTuple):
@@ -273,7 +270,7 @@ def _by_shifts(own: TendonForces, point: RobotPoint) -> Values:
     geometry, law, which = own.model.geometry, own.model.law, own.model.cable_nodes
     assert geometry is not None
     positions, rotations, count = point.positions[which], point.rotations[which], 6 * len(which)
-    steps = SHIFT_STEP * np.repeat((law.parameters.lengths[law.parameters.mask].min(), 1.0), 3)
+    steps = DIFFERENCE * np.repeat((law.parameters.lengths[law.parameters.mask].min(), 1.0), 3)
     node, component = np.divmod(np.arange(count), 6)
     moved = np.zeros((2, count, len(which), 6))
     moved[0, np.arange(count), node, component] = steps[component]
@@ -306,7 +303,7 @@ def _flexibility(
 def _slips(own: TendonForces, mobilisation: Array, history: FrictionState, softening: float) -> Flags:
     """Which holes slip: full friction acts, and so it follows from the slip since the history, shape (m, g)."""
     trial = own.model.law.hysteresis.softened(softening).trial(own.field.slip, history)
-    return np.asarray(np.minimum(np.abs(mobilisation), np.abs(trial)) >= 1.0 - AT_BOUND)
+    return np.asarray(np.minimum(np.abs(mobilisation), np.abs(trial)) >= 1.0 - FRICTION_TOLERANCE)
 
 
 def local_response(where: Simulation | TDCR, s: float | None = None, reversal: bool = False) -> LocalResponse:
