@@ -25,21 +25,21 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2713,
+    "elements": 2704,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 754,
     "tdcr_fe/effects": 1213,
-    "tdcr_fe/estimate": 1005,
+    "tdcr_fe/estimate": 1006,
     "tdcr_fe/identify": 6177,
     "tdcr_fe/io": 1761,
     "tdcr_fe/live": 350,
     "tdcr_fe/model": 2460,
     "tdcr_fe/report": 1107,
     "tdcr_fe/scene": 1376,
-    "tdcr_fe/solve": 6650,
+    "tdcr_fe/solve": 6580,
     "tdcr_fe/sweeps": 1390,
     "validation": 6485,
-    "tests": 12602,
+    "tests": 12605,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
