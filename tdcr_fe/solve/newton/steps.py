@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tdcr_fe.elements import Array, Flags, Index
+from tdcr_fe.elements.coefficients import MAX_ITERATIONS
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.equations.configuration import SolverState
@@ -21,6 +22,10 @@ from tdcr_fe.solve.equations.layout import Numbering, zero_bases
 from tdcr_fe.solve.equations.linearization import BorderedFactors, Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 
+#: Error of a slip that is negligible, over the presliding distance [1].
+SLIP_TOLERANCE = 1e-8
+#: Parts of a step that are tried one after the other [1].
+HALVES = 0.5 ** np.arange(10)
 #: A damped step turns no section by more than this; below a fifth of it the damping is reduced [rad].
 DAMPED_TURN = 0.5
 #: Largest damping, over the elastic force times the length: nothing moves any more [1].
@@ -186,9 +191,68 @@ def full_step(
         return NewtonStep(np.append(fixed, unchanged), linear, damping)
     coupling = FrictionCoupling.of(numbering, forces, linear.slack)
     columns, matrix = coupling.response(linear.factorisation.solve, np.arange(len(mobilised)), flexibility)
-    new, _ = solve_box(matrix, excess + matrix @ mobilised, mobilised)
+    if all(own.model.law.hysteresis.linear for own in forces):
+        new, _ = solve_box(matrix, excess + matrix @ mobilised, mobilised)
+    else:
+        new = on_curves(numbering, forces, state, fixed, np.diag(flexibility) - matrix, softening)
     change = new - mobilised
     return NewtonStep(np.concatenate((fixed + columns @ change, change)), linear, damping)
+
+
+def on_curves(
+    numbering: Numbering,
+    forces: Sequence[TendonForces],
+    state: SolverState,
+    step: Array,
+    by_mobilisation: Array,
+    softening: float,
+) -> Array:
+    """Mobilisations on their curves, where the slips change linearly with them, shape (k,).
+
+    Curves are bent where the slip turns: with straight lines in place of them the iteration often returned to where it
+    had been. Newton's method in the slips, its steps halved where they increase the error.
+
+    Parameters
+    ----------
+    numbering, forces, state, step, softening
+        As in `slip_residual`.
+    by_mobilisation
+        Derivatives of the slips by the mobilisations with everything else in equilibrium [m], shape (k, k).
+    """
+    laws = [own.model.law.hysteresis.softened(softening) for own in forces]
+
+    def curve(slips: Array) -> tuple[Array, Array, Array]:
+        """Mobilisations of slips, their slopes [1/m], and by how much the slips with these differ [m]."""
+        found, slopes = [], []
+        own = numbering.with_frictional_holes([before.slip for before in state.friction], slips)
+        for law, slip, before in zip(laws, own, state.friction, strict=True):
+            trial = law.trial(slip, before)
+            found.append(np.clip(trial, -1.0, 1.0))
+            flexibility = law.flexibility(found[-1], np.sign(slip - before.slip))
+            slopes.append(np.where(np.abs(trial) < 1.0, 1.0 / flexibility, 0.0))
+        mobilised = numbering.at_frictional_holes(found)
+        error = slips - fixed - by_mobilisation @ (mobilised - present)
+        return mobilised, numbering.at_frictional_holes(slopes), error
+
+    present = numbering.at_frictional_holes(state.mobilisation)
+    changes = slip_changes(numbering, forces, step)
+    fixed = slips = numbering.at_frictional_holes(
+        [f.field.slip + x for f, x in zip(forces, changes, strict=True)]
+    )
+    smallest = SLIP_TOLERANCE * min(law.presliding for law in laws)
+    mobilised, slopes, error = curve(slips)
+    for _ in range(MAX_ITERATIONS):
+        size = np.linalg.norm(error)
+        if not size > smallest:  # ends with nan, too
+            break
+        change = np.linalg.solve(np.eye(len(slips)) - by_mobilisation * slopes, error)
+        for factor in HALVES:
+            trial = slips - factor * change
+            mobilised, slopes, error = curve(trial)
+            if np.linalg.norm(error) < size:
+                break
+        slips = trial
+    return mobilised
 
 
 def damped_step(
