@@ -29,7 +29,7 @@ BUDGET = {
     "tdcr_fe": 242,
     "tdcr_fe/commands": 754,
     "tdcr_fe/effects": 1213,
-    "tdcr_fe/estimate": 1006,
+    "tdcr_fe/estimate": 1005,
     "tdcr_fe/identify": 6177,
     "tdcr_fe/io": 1761,
     "tdcr_fe/live": 350,
