@@ -13,11 +13,11 @@ from scipy.optimize import lsq_linear
 from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.effects.base import Form, Values
 from tdcr_fe.elements import Array, Flags
-from tdcr_fe.identify.balance import best_points
+from tdcr_fe.identify.balance import best_point
 from tdcr_fe.identify.causes import PointForce, ReadingCause, StateLoad
 from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.fitting import can_be_seen
-from tdcr_fe.identify.problem import SAME, Fit, FitProblem, Point
+from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.run import Run
 
 #: Relative error of predictions by first-order columns, as a sum of squares [1].
@@ -30,7 +30,7 @@ SEEN = 1e-6
 class Start(NamedTuple):
     """Where the fit of a candidate may begin."""
 
-    points: list[Point]  # to first order all of them promise as much
+    point: Point  # empty where it is refused
     predicted: Array  # residual over sigma that it would leave, to first order, shape (n,)
     fallback: tuple[Point, ...] = ()  # where it begins if the points are worse than the model without
 
@@ -52,7 +52,7 @@ class Score:
     @classmethod
     def refused(cls, effect: Effect, fit: Fit, note: str) -> Score:
         """Of an effect that is not tried beside a model."""
-        nothing, start = np.zeros((fit.residual.size, 0)), Start([], fit.residual)
+        nothing, start = np.zeros((fit.residual.size, 0)), Start({}, fit.residual)
         return cls(effect, 0.0, nothing, lambda: start, note)
 
     @cached_property
@@ -60,7 +60,7 @@ class Score:
         """Where its fit may begin."""
         return self.begin()
 
-    @property
+    @cached_property
     def count(self) -> int:
         """Parameters of the candidate that change anything: the rank of the signature, and those that it holds."""
         if not self.signature.size or self.probe is None:
@@ -257,7 +257,7 @@ def _score(space: _Space, sets: Sequence[tuple[_ProbeSet, Array]]) -> Score:
     if not found:
         return Score.refused(e, fit, "it changes nothing on these data")
     if isinstance(e, PointForce):
-        return replace(_at_points(space, e, fit.run), scales=scales)
+        return replace(_towards_point(space, e, fit.run), scales=scales)
     return replace(max(found, key=lambda x: x.drop), scales=scales)
 
 
@@ -269,40 +269,38 @@ def _beside(space: _Space, one: _ProbeSet, signature: Array, limits: tuple[Array
         points = [_mix(space.problem, one, factor * amplitude) for factor in (1.0, 0.5)]
         values, predicted = space.adapted(signature @ amplitude)
         fallback = tuple({**space.fit.values, name: point} for point in points)
-        return Start([{**values, name: points[0]}], predicted, fallback)
+        return Start({**values, name: points[0]}, predicted, fallback)
 
     return Score(one.effect, drop, signature, begin, probe=one)
 
 
-def _at_points(space: _Space, e: PointForce, run: Run, follows: bool = True) -> Score:
-    """A force towards a point, from all points that first order does not distinguish."""
+def _towards_point(space: _Space, e: PointForce, run: Run, follows: bool = True) -> Score:
+    """A force towards a point."""
     problem, fit = space.problem, space.fit
-    found = best_points(problem, run, e, space, follows)
-    if not found:
+    best = best_point(problem, run, e, space, follows)
+    if best is None:
         return Score.refused(e, fit, "")  # beside another model it may
-    best, *others = found
-    alike = [best]
-    for x in others:
-        other = all(float(np.sum((x.change - y.change) ** 2)) > SAME for y in alike)
-        if other and x.drop > best.drop - FIRST_ORDER * fit.cost:
-            alike.append(x)
 
     def begin() -> Start:
-        adapted = [space.adapted(x.change) for x in alike]
-        points = [{**values, e.name: x.values} for x, (values, _) in zip(alike, adapted, strict=True)]
-        return Start(points, adapted[0][1])
+        values, predicted = space.adapted(best.change)
+        return Start({**values, e.name: best.values}, predicted)
 
     probe = _ProbeSet.of(e, [best.values], problem.experiment)
     return Score(e, best.drop, best.change[:, None], begin, probe=probe)
 
 
-def rescored(problem: FitProblem, fit: Fit, score: Score, run: Run) -> Score:
-    """A candidate beside another model, with the columns that it has beside the model of a run."""
-    one, space = score.probe, _Space.of(problem, fit)
-    assert one is not None
-    if isinstance(one.effect, PointForce):
-        return _at_points(space, one.effect, run, follows=False)
-    return replace(_beside(space, one, score.signature, one.limits(problem)), scales=score.scales)
+def rescored(problem: FitProblem, fit: Fit, scores: Sequence[Score], run: Run) -> list[Score]:
+    """Candidates beside another model, with the columns that they have beside the model of a run."""
+    space, found = _Space.of(problem, fit), list[Score]()
+    for score in scores:
+        one = score.probe
+        assert one is not None
+        if isinstance(one.effect, PointForce):
+            found.append(_towards_point(space, one.effect, run, follows=False))
+        else:
+            new = _beside(space, one, score.signature, one.limits(problem))
+            found.append(replace(new, scales=score.scales))
+    return found
 
 
 def apart(problem: FitProblem, fit: Fit, change: Array, score: Score) -> tuple[float, float]:

@@ -133,7 +133,7 @@ def scores_beside(state: SearchState, fit: Fit, costly: bool = False) -> tuple[S
 
 def own_price(problem: FitProblem, score: Score) -> float:
     """What a candidate costs by itself: its parameters and its prior, as in the criterion."""
-    gravity = price_of_gravity(problem, score.start.points[0]) if score.effect.name == "gravity" else 0.0
+    gravity = price_of_gravity(problem, score.start.point) if score.effect.name == "gravity" else 0.0
     return score.count * math.log(problem.count) + price((score.effect,), problem.data.robot) + gravity
 
 
@@ -229,13 +229,12 @@ def _roughly_fitted(problem: FitProblem, parent: Fit, scores: Sequence[Score]) -
     rough, found, race = _in_whole_steps(problem, parent), {x.effect.name: x for x in scores}, fitting.Race()
     best: dict[str, Score] = {}
     for x in scores:
-        if is_named(x.effect) and x.start.points:
+        if is_named(x.effect) and x.start.point:
             best.setdefault(x.effect.listed, x)
     for x in best.values():
-        effects, start = (*parent.effects, x.effect), x.start.points[0]
-        fit = fitting.fit(rough, effects, [start], ROUGH_ITERATIONS, race)
+        fit = fitting.fit(rough, (*parent.effects, x.effect), [x.start.point], ROUGH_ITERATIONS, race)
         if parent.cost - fit.cost > x.drop:
-            begin = partial(Start, [fit.values], fit.residual, x.start.fallback)
+            begin = partial(Start, fit.values, fit.residual, x.start.fallback)
             found[x.effect.name] = replace(x, drop=parent.cost - fit.cost, begin=begin)
     return sorted(found.values(), key=lambda x: -x.drop)
 
@@ -413,7 +412,7 @@ def _begun(problem: FitProblem, found: Sequence[Proposal]) -> list[Fit]:
     def evaluated(x: Proposal, starts: Sequence[Point]) -> fitting.Fitting:
         return fitting.begin(problem, x.effects, starts, x.parent)
 
-    fits = fitting.run_fits(problem, [evaluated(x, x.score.start.points) for x in found])
+    fits = fitting.run_fits(problem, [evaluated(x, [x.score.start.point]) for x in found])
     worse = [not now.cost < x.parent.cost for x, now in zip(found, fits, strict=True)]
     again = [k for k, x in enumerate(found) if worse[k] and x.score.start.fallback]
     more = fitting.run_fits(problem, [evaluated(found[k], found[k].score.start.fallback) for k in again])
@@ -726,7 +725,7 @@ def at_full_strength(search: Search, state: SearchState, parent: Fit) -> tuple[S
             drop = parent.cost - problem.cost(left)[0]
             fallback = (new.values,) if new.free else ()
             nothing = np.zeros((problem.count, 0))
-            given = Start([start], left, fallback)
+            given = Start(start, left, fallback)
             scores.append(Score(e, drop, nothing, partial(Start, *given)))
     found = worth_fitting(search, problem, parent, scores)
     # those that were fitted from small values begin anew
@@ -789,8 +788,7 @@ def exchange(search: Search, state: SearchState, progress: float = 0.75, costly:
         state, scores, reference = scores_beside(state, best, costly=costly)
         problem, names = state.problem, {e.listed for e in (*gone, *rest)}
         others = [x for x in scores if x.signature.size and x.effect.listed not in names]
-        others = [rescored(problem, base, x, reference.run) for x in others]
-        near = worth_fitting(search, problem, base, others)
+        near = worth_fitting(search, problem, base, rescored(problem, base, others, reference.run))
         state, more = fit_proposals(search, state, near, best)
         fits += more
     better = [f for f in fits if rank(problem, f) < rank(problem, best) and _admissible(search, state, f)]

@@ -130,7 +130,7 @@ def test_the_offset_of_one_marker_is_found_below_a_noise_of_fifty_typical_steps(
     (each,) = [f for f in effect("marker_offset").forms(noisy.experiment) if f.name.endswith("(each)")]
     (score,), _ = screen(noisy, declared, [each])
     assert score.note == "" and score.drop > 50.0
-    found = fitting.fit(noisy, [each], score.start.points)
+    found = fitting.fit(noisy, [each], [score.start.point])
     value = found.values[each.name]["offset_x_marker_2"]
     # Eleven readings of x determine it; the section turns, and shares it with the others.
     assert value == pytest.approx(offset, abs=4.0 * sigma / np.sqrt(11.0)) and len(found.free) == 6

@@ -358,7 +358,7 @@ def test_laws_of_the_material_that_exclude_each_other_are_not_tried_together():
     both = [effect("superelastic"), effect("actuator_gain")]
     scores = {s.effect.name: s for s in screen(problem, declared, both)[0]}
     assert scores["superelastic"].note == "the robot cannot be combined with it"
-    assert scores["actuator_gain"].note == "" and scores["actuator_gain"].start.points
+    assert scores["actuator_gain"].note == "" and scores["actuator_gain"].start.point
 
 
 def test_a_model_of_an_impossible_robot_counts_as_not_solved_with_the_reason():
