@@ -13,7 +13,7 @@ from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 from tdcr_fe.model.robot import Disks, Robot, SideSpring
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting
 from tdcr_fe.model.tendon import Spool, TightHole
-from tdcr_fe.solve.sensitivities.parameters import effect_parameter, parameters
+from tdcr_fe.solve.sensitivities.parameters import ModelParameter, effect_parameter, parameters
 from tdcr_fe.validation.random_robots import draw
 
 DISKS = Disks.equally_spaced(5, LENGTH, mass=2e-4, radius=5e-3)
@@ -253,6 +253,19 @@ def test_friction_that_the_model_lacks_acts_with_the_mobilisation_it_would_have(
     expected = (with_friction - without) / small
     assert np.abs(first.positions - expected).max() < 1e-3 * np.abs(expected).max()
     assert np.abs(expected).max() > 1e-4
+
+
+def test_a_tension_of_zero_rises_with_what_is_added_to_it_and_does_not_fall() -> None:
+    """By a motor that pulls with more than was commanded: half of the derivative was given."""
+
+    def pulled(e: Experiment, more: float) -> Experiment:
+        tensions = [{**s.tensions, "t3": max(s.tensions.get("t3", 0.0) + more, 0.0)} for s in e.steps]
+        return replace(e, steps=tuple(replace(s, tensions=x) for s, x in zip(e.steps, tensions, strict=True)))
+
+    experiment, small = pulled(EXPERIMENTS["per hole"], 0.0), 1e-4
+    found = run(experiment, [ModelParameter("more", 0.0, 1.0, pulled)])[1]["more"]
+    expected = (run(pulled(experiment, small))[0]["positions"] - run(experiment)[0]["positions"]) / small
+    assert np.abs(found.positions - expected).max() < 2e-3 * np.abs(expected).max()
 
 
 def test_play_at_its_null_value_has_no_derivative_where_friction_depends_on_the_order() -> None:
