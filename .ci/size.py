@@ -30,16 +30,16 @@ BUDGET = {
     "tdcr_fe/commands": 754,
     "tdcr_fe/effects": 1213,
     "tdcr_fe/estimate": 1005,
-    "tdcr_fe/identify": 6177,
+    "tdcr_fe/identify": 6174,
     "tdcr_fe/io": 1761,
     "tdcr_fe/live": 350,
     "tdcr_fe/model": 2460,
     "tdcr_fe/report": 1107,
     "tdcr_fe/scene": 1376,
-    "tdcr_fe/solve": 6625,
+    "tdcr_fe/solve": 6634,
     "tdcr_fe/sweeps": 1390,
     "validation": 6485,
-    "tests": 12622,
+    "tests": 12629,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
