@@ -90,6 +90,7 @@ def panels(figure: Figure) -> list[tuple[str, float]]:
 def logarithmic(axes: Axes, decades: float = 2.0) -> None:
     """Make the y axis logarithmic and at least ``decades`` high, so that scatter does not look like structure."""
     axes.set_yscale("log")
+    axes.yaxis.set_major_formatter("{x:g}")  # that of matplotlib writes formulae
     low, high = axes.get_ylim()
     middle, half = math.sqrt(low * high), 10.0 ** (0.5 * decades)
     axes.set_ylim(min(low, middle / half), max(high, middle * half))

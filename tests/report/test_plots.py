@@ -26,8 +26,9 @@ def axes_by_title(figure):
 
 
 def test_pictures_are_written_and_settings_of_matplotlib_stay(tmp_path):
-    before = dict(mpl.rcParams)
-    written = plots.save_pictures(arc_result(), tmp_path, dpi=50)
+    before, result = dict(mpl.rcParams), arc_result()
+    result = replace(result, robot=replace(result.robot, name=r"no formula: $\frac$"))
+    written = plots.save_pictures(result, tmp_path, dpi=50)
     assert [p.name for p in written] == ["shapes.png", "tensions.png", "hysteresis.png"]
     assert all(p.read_bytes().startswith(b"\x89PNG") for p in written)
     assert dict(mpl.rcParams) == before

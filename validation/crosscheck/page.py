@@ -105,6 +105,7 @@ def _deviations(cases: Sequence[Record], tolerance: float, median: float) -> Fig
         axes.text(tolerance * 1.12, top, f"tolerance {tolerance:g} %", color=BAD, va="bottom", fontsize=8.5)
         axes.text(median / 1.12, top, f"median {median:.2g} %", va="bottom", ha="right", fontsize=8.5)
         axes.set_xscale("log")
+        axes.xaxis.set_major_formatter("{x:g}")
         axes.set_xlim(right=40.0 * tolerance)  # room for its text
         axes.set_yticks(range(len(rows)), rows[::-1])
         axes.set_ylim(-0.6, len(rows) - 0.4)
