@@ -201,6 +201,21 @@ def test_what_nothing_holds_is_named():
         mbs.SolveTDCR(SolverSettings(min_substep=1.0))
 
 
+def test_a_body_that_spins_freely_on_its_joint_is_named():
+    """On a spherical joint at the tip, held by springs at its centre, about the line through both."""
+    _keep, mbs, handle = scene(single(0.3), assemble=False, gravity=(1.0, 2.0, -9.0))
+    weight = {"gravity": [1.0, 2.0, -9.0], "inertia": InertiaCuboid(1e3, [0.01, 0.01, 0.02])}
+    top = mbs.CreateRigidBody(name="top", referencePosition=[0.0, 0.0, LENGTH + 0.02], **weight)
+    foot = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=top, localPosition=[0, 0, -0.02]))
+    mbs.AddObject(eii.SphericalJoint(markerNumbers=[handle.mTip, foot]))
+    ends = {"itemNumbers": [mbs.CreateGround(), top], "localPosition0": [0.0, 0.0, LENGTH + 0.02]}
+    mbs.CreateCartesianSpringDamper(**ends, stiffness=[2.0] * 3)
+    mbs.Assemble()
+    handle.set_tensions([1.0])
+    with pytest.raises(StepFailed, match="Nothing holds 'top': fix or support"):
+        mbs.SolveTDCR(SolverSettings(min_substep=1.0))
+
+
 # ---------------------------------------------------------------- hooks
 
 
