@@ -25,7 +25,7 @@ from tdcr_fe.io.problems import InputError, Problem, read_all, refusal
 from tdcr_fe.io.result_files import write_results
 from tdcr_fe.io.toml import Scenario, read_scenario
 from tdcr_fe.io.user_effects import read_own_effects
-from tdcr_fe.model.messages import count
+from tdcr_fe.model.messages import PlausibilityRemark, count, shown
 from tdcr_fe.model.plausibility import Implausible
 from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
 from tdcr_fe.solve.simulate import simulate
@@ -72,6 +72,10 @@ def _solve_and_write(scenario: Scenario, out: Path, args: argparse.Namespace) ->
     print_understood(args, scenario.robot, scenario.model, scenario.steps)
     with progress_bar(args, asked + 1, unit="step") as bar:
         result = _solve(scenario, args, bar)
+        if len(scenario.ends) < asked:
+            text = f"effects divide load steps; those of the file end with steps {shown(scenario.ends)} of the results"
+            args.noted.warn(text, PlausibilityRemark)
+            result = replace(result, remarks=(*result.remarks, text))
         args.noted.figures, args.noted.message = figures(result, asked), result.message
         bar.set_postfix_str("writing" if args.no_pictures else "drawing")
         try:

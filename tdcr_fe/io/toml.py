@@ -47,6 +47,9 @@ class Scenario:
         SHA-256 of both files, in hexadecimal, by file name as the user named it.
     settings : SolverSettings
         The ``[solver]`` table.
+    ends : tuple of int
+        For every load step of the file, the number from 1 of that of ``steps`` with which it ends: effects may divide
+        load steps.
     """
 
     robot: Robot
@@ -56,6 +59,7 @@ class Scenario:
     robot_path: Path
     digests: Mapping[str, str] = field(default_factory=dict)
     settings: SolverSettings = field(default_factory=SolverSettings)
+    ends: tuple[int, ...] = ()
 
 
 # ----------------------------------------------------------------------------------------------- the robot
@@ -383,21 +387,21 @@ def build_scenario(tables: ScenarioTables, effects: Sequence[Effect] = ()) -> Sc
         reporter.contradictions(checks.course_contradictions(robot, model))
     if problems or robot is None or model is None:
         raise InputError(problems)
-    robot, model, steps = _with_effects(top["effects"], (robot, model, steps), reporter, effects)
+    changed = _with_effects(top["effects"], Experiment(robot, model, steps), reporter, effects)
+    robot, model, steps = changed.robot, changed.model, changed.steps
     reporter.contradictions(checks.size_contradictions(robot, model, len(steps)))
     reporter.refuse()
-    return Scenario(robot, model, steps, tables.path, tables.robot_path, tables.digests, top["solver"])
+    paths, ends = (tables.path, tables.robot_path), tuple(j + 1 for j in changed.whole_steps)
+    return Scenario(robot, model, steps, *paths, tables.digests, top["solver"], ends)
 
 
-_Declared = tuple[Robot, Model, tuple[LoadStep, ...]]
-
-
-def _with_effects(table: Any, declared: _Declared, reporter: Reporter, own: Sequence[Effect]) -> _Declared:
-    """Robot, model and steps with the table ``[effects]``."""
-    experiment = Experiment(*declared)
+def _with_effects(
+    table: Any, experiment: Experiment, reporter: Reporter, own: Sequence[Effect]
+) -> Experiment:
+    """The experiment with the table ``[effects]``."""
     sound, changed = apply_effects(table, experiment, reporter, own)
     if changed.observation != experiment.observation:
         names = " and ".join(n for n in sound if n in ("frame_misalignment", "marker_offset"))
         text = "acts on the measurement only; the results of a run are those of the robot itself"
         reporter("effects", names, text)
-    return changed.robot, changed.model, changed.steps
+    return changed

@@ -77,7 +77,7 @@ def _solved(job: Job, number: int, changes: Sequence[Change]) -> Outcome:
     try:
         scenario = scenario_of(job.sweep, changes)
         result = simulate(scenario.robot, scenario.model, scenario.steps, scenario.settings)
-        numbers, warnings = numbers_of(result, job.sweep.output, len(scenario.steps)), result.warnings
+        numbers, warnings = numbers_of(result, job.sweep.output, scenario.ends), result.warnings
         if not result.converged:
             return Outcome(number, "not converged", result.message, numbers, warnings)
     except InputError as error:
@@ -144,8 +144,8 @@ def _numbers_of_step(step: StepResult) -> list[float]:
     return [math.nan if x is None else float(x) for x in numbers]
 
 
-def numbers_of(result: SequenceResult, output: Output, asked: int) -> dict[str, float]:
-    """What is kept of a result, of ``asked`` load steps; those that were not solved are left out.
+def numbers_of(result: SequenceResult, output: Output, ends: Sequence[int]) -> dict[str, float]:
+    """What is kept of a result, at the ``ends`` of load steps, see `Scenario`; those not solved are left out.
 
     Columns of the last step have the names of `steps.csv`; where steps were chosen, ``_step1`` and so on is added.
     """
@@ -153,9 +153,9 @@ def numbers_of(result: SequenceResult, output: Output, asked: int) -> dict[str, 
     names = columns_of_steps(result.robot.tendon_names)
     return {
         f"{name}{suffix}": value
-        for suffix, number in output.suffixes(asked).items()
-        if number in solved
-        for name, value in zip(names, _numbers_of_step(solved[number]), strict=True)
+        for suffix, number in output.suffixes(len(ends)).items()
+        if (end := ends[number - 1]) in solved
+        for name, value in zip(names, _numbers_of_step(solved[end]), strict=True)
         if not output.quantities or name in output.quantities
     }
 
