@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from tdcr_fe.effects import Experiment, Parameter
 from tdcr_fe.effects.base import Kind, Values
+from tdcr_fe.elements import Array
 from tdcr_fe.identify.causes import PER_FACTOR, Cause, Change, ChangedDescription, number
 from tdcr_fe.identify.load_steps import clock_of, possible_starts, progress_along
 from tdcr_fe.io.measured import MeasuredData
@@ -26,7 +27,7 @@ def input_causes(problem: FitProblem) -> list[Cause]:
     own, clock, data = _Inputs.of(problem), clock_of(problem.data), problem.data
     if not own.names:
         return []
-    by_row = [own.lag(), *own.jumps(data)] if clock and not data.parts else []
+    by_row = [*own.lags(data), *own.jumps(data)] if clock and not data.parts else []
     return [*own.by_law(clock), *own.limits(), *own.shares(), *by_row]
 
 
@@ -127,24 +128,35 @@ class _Inputs(NamedTuple):
             text = f"a share of the input of tendon {source} acts in tendon {name}"
             yield ChangedDescription(f"share of {source} in {name}", kind, (share,), change, text, price)
 
-    def lag(self) -> Cause:
-        """What acts stays behind its command, by a share of the way from what acted in the row before."""
+    def lags(self, data: MeasuredData) -> Iterator[Cause]:
+        """What acts stays behind its command, by a share of the way from what acted in the row before.
 
-        def lagging(experiment: Experiment, values: Values) -> Experiment:
-            def behind(command: Mapping[str, float], before: Mapping[str, float]) -> dict[str, float]:
-                return {n: x + values["share"] * (before.get(n, x) - x) for n, x in command.items()}
-
-            steps, last = [], LoadStep()
-            for step, (_, factor) in zip(experiment.steps, experiment.step_ends, strict=True):
-                tensions = behind(step.tensions, last.tensions)
-                displacements = behind(step.displacements, last.displacements)
-                steps.append(replace(step, tensions=tensions, displacements=displacements))
-                last = steps[-1] if factor == 1.0 else last
-            return replace(experiment, steps=tuple(steps))
-
+        Or, where the times between rows differ, by so many seconds on the way from the command of the row before.
+        """
         share, kind = number("share", "1", (-0.5, 0.9), 0.0, 0.01), Kind("input", ("the row before",))
         text = "the inputs stay behind their commands"
-        return ChangedDescription("lag of the inputs", kind, (share,), lagging, text)
+
+        def behind(command: Mapping[str, float], before: Mapping[str, float], x: float) -> dict[str, float]:
+            return {n: u + x * (before.get(n, u) - u) for n, u in command.items()}
+
+        def lagging(experiment: Experiment, values: Values) -> Experiment:
+            steps, last = [], LoadStep()
+            pauses = _pauses([experiment.steps[k] for k in experiment.whole_steps])
+            shares = [values.get("share", min(values.get("late", 0.0) / p, 1.0)) for p in pauses]
+            for step, (k, factor) in zip(experiment.steps, experiment.step_ends, strict=True):
+                tensions = behind(step.tensions, last.tensions, shares[k])
+                displacements = behind(step.displacements, last.displacements, shares[k])
+                steps.append(replace(step, tensions=tensions, displacements=displacements))
+                if factor == 1.0:
+                    last = steps[-1] if "share" in values else step
+            return replace(experiment, steps=tuple(steps))
+
+        yield ChangedDescription("lag of the inputs", kind, (share,), lagging, text)
+        pauses = _pauses(data.steps)
+        typical = float(np.median(pauses))
+        if np.all(pauses > 0.0) and np.ptp(pauses[1:]) > 0.01 * typical:
+            late = number("late", "s", (-0.5 * typical, 0.9 * typical), 0.0, 0.01 * typical)
+            yield ChangedDescription("late inputs", kind, (late,), lagging, text)
 
     def jumps(self, data: MeasuredData) -> Iterator[Cause]:
         """Another zero of one input, or another gain of all, from a row on."""
@@ -169,6 +181,11 @@ class _Inputs(NamedTuple):
                 label = f"jump of the input ({where})"
                 each = price + math.log(len(self.names))
                 yield ChangedDescription(label, kind, (one,), change, text, each)
+
+
+def _pauses(steps: Sequence[LoadStep]) -> Array:
+    """Times between every step and the one before [s], infinite for the first; nan where they are not known."""
+    return np.diff([math.nan if s.time is None else s.time for s in steps], prepend=-math.inf)
 
 
 def _with_inputs(shape: _InputLaw) -> Change:

@@ -267,6 +267,19 @@ def test_inputs_jump_at_a_row_share_are_limited_have_a_dead_zone_and_stay_behind
         assert lost.tensions == pytest.approx({"t1": max(t1 - 0.2, 0.0), "t2": max(t2 - 0.2, 0.0)})
 
 
+def test_late_inputs_are_those_on_the_way_to_the_command_a_time_before():
+    """A blind set of motors that began 2 s late, with pauses of 8 to 50 s, ended with a lag and without a verdict."""
+    data = measured()
+    times = np.cumsum([8.0, 12.0, 9.0, 50.0, *([10.0] * (len(data.steps) - 4))])
+    steps = tuple(replace(s, time=float(t)) for s, t in zip(data.steps, times, strict=True))
+    problem = problem_of(replace(data, steps=steps))
+    late = causes_of(problem)[1]["late inputs"].apply(problem.experiment, {"late": 2.0})
+    for name in ROBOT.tendon_names:
+        given, acted = ([s.tensions[name] for s in e.steps] for e in (problem.experiment, late))
+        np.testing.assert_allclose(acted, np.interp(times - 2.0, times, given), atol=1e-12)
+    assert [s.loads for s in late.steps] == [s.loads for s in problem.experiment.steps]
+
+
 def test_loads_are_scaled_and_turned_and_a_camera_enlarges_and_distorts():
     problem, run, causes = declared()
     before = [s.loads["tip"].force for s in problem.experiment.steps if "tip" in s.loads]
