@@ -82,8 +82,8 @@ TOGETHER = [
 
 WITHOUT_NAME = [
     ("tension", {"base at an angle": dict(rot_x=0.05, rot_y=-0.1), "gravity": dict(g_y=9.0)}),
-    ("tension", {"gain of the loads": dict(factor=1.2), "limit of the inputs": dict(share=0.5, limit=0.6)}),
-    ("tension", {"dead zone of the inputs": dict(share=0.5, limit=0.3)}),
+    ("tension", {"gain of the loads": dict(factor=1.2), "limit of the inputs": dict(share=0.5, limit=0.55)}),
+    ("tension", {"dead zone of the inputs": dict(share=0.5, limit=0.25)}),
     ("tension", {"friction by normal force": dict(friction=0.1, exponent=-0.3)}),
 ]
 
