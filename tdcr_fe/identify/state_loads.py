@@ -483,18 +483,21 @@ def free_loads(
 
 
 def _by_curvature(state: BayState, axes: str) -> Array:
-    """A moment in all bays about one axis with the curvature about it; of two axes, about each with the other's."""
+    """A moment in all bays about one axis against the curvature about it; of two axes, about each against the other's.
+
+    That of an added bending stiffness of one.
+    """
     found = np.zeros((*state.shape, COMPONENTS))
     for axis in axes:
         to = "xy".index(axis)
-        found[..., to] = state.curvature[..., to if len(axes) == 1 else 1 - to]
+        found[..., to] = -state.curvature[..., to if len(axes) == 1 else 1 - to]
     return found
 
 
 def _by_side(state: BayState, axis: int, sign: float) -> Array:
-    """A moment in all bays about an axis with the curvature about it, where that has a sign."""
+    """A moment in all bays about an axis against the curvature about it, where that has a sign."""
     found = np.zeros((*state.shape, COMPONENTS))
-    found[..., axis] = sign * np.maximum(sign * state.curvature[..., axis], 0.0)
+    found[..., axis] = -sign * np.maximum(sign * state.curvature[..., axis], 0.0)
     return found
 
 

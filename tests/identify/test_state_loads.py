@@ -242,14 +242,18 @@ def test_angles_are_read_with_a_load_that_depends_on_the_state():
 
 
 def test_a_stiffness_that_differs_between_directions_is_a_symmetric_tensor_of_the_curvature():
-    """The moment is the tensor times the curvature; where both stiffnesses are equal it lies along the curvature."""
-    _, run, causes = declared()
+    """The moment is against the tensor times the curvature; where both are equal, the backbone is as much stiffer."""
+    problem, run, causes = declared()
     section = causes["bending stiffness of another section"]
     moment = section.action(run.bays, {"xx": 2.0, "yy": -1.0, "xy": 0.5})[..., :2]
     tensor = np.array([[2.0, 0.5], [0.5, -1.0]])
-    np.testing.assert_allclose(moment, run.bays.curvature[..., :2] @ tensor.T)
-    same = section.action(run.bays, {"xx": 3.0, "yy": 3.0, "xy": 0.0})
-    np.testing.assert_allclose(same, 3.0 * load_of(Term((), BENDING)).terms[0](run.bays))
+    np.testing.assert_allclose(moment, -run.bays.curvature[..., :2] @ tensor.T)
+    null = dict.fromkeys(("xx", "yy", "xy"), 0.0)
+    scaled = Column(effect("stiffness_scale"), "bending", {"bending": 1.0, "torsion": 1.0}, 1e-3)
+    columns = (*(Column(section, n, null, 1.0) for n in ("xx", "yy")), scaled)
+    (linear,) = linearize(problem, [Request((), {}, columns)])
+    x, y, both = linear.matrix.T
+    np.testing.assert_allclose((x + y) * problem.data.robot.backbone.EI, both, atol=0.01 * np.abs(both).max())
 
 
 def test_a_stiffness_that_differs_by_side_acts_where_the_curvature_has_the_sign():
@@ -260,8 +264,8 @@ def test_a_stiffness_that_differs_by_side_acts_where_the_curvature_has_the_sign(
     values = {"x_plus": 2.0, "x_minus": -1.0, "y_plus": 0.0, "y_minus": 3.0}
     x, y = kappa[..., 0], kappa[..., 1]
     action = sides.action(bent, values)
-    np.testing.assert_allclose(action[..., 0], np.where(x > 0.0, 2.0, -1.0) * x)
-    np.testing.assert_allclose(action[..., 1], np.where(y > 0.0, 0.0, 3.0) * y)
+    np.testing.assert_allclose(action[..., 0], np.where(x > 0.0, -2.0, 1.0) * x)
+    np.testing.assert_allclose(action[..., 1], np.where(y > 0.0, 0.0, -3.0) * y)
     assert not np.any(action[..., 2:])
 
 
