@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2704,
+    "elements": 2707,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 758,
     "tdcr_fe/effects": 1213,
@@ -39,7 +39,7 @@ BUDGET = {
     "tdcr_fe/solve": 6634,
     "tdcr_fe/sweeps": 1390,
     "validation": 6486,
-    "tests": 12664,
+    "tests": 12675,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")

@@ -170,7 +170,7 @@ class TendonActuation:
             friction,
             forces.base_tension,
             prescribed,
-            stretch(self.law, forces.field.tension, forces.measured.shape.lengths),
+            stretch(self.model, forces.field.tension, forces.measured.shape.lengths),
         )
         kept = self.history_nodes.write(history, forces.field.tension, forces.field.base_slip, initial=True)
         self._solved = coordinates.copy(), kept, forces
@@ -340,7 +340,7 @@ class TendonActuation:
         tendons = self.elastic_tendons(self.input_values(t), t)
         friction, forces = self._scene_forces.step_end(coordinates, tendons)
         driven, tension = tendons.driven, forces.field.tension
-        stretched = stretch(self.law, tension, forces.measured.shape.lengths)
+        stretched = stretch(self.model, tension, forces.measured.shape.lengths)
         history = RobotHistory(
             friction,
             forces.base_tension,

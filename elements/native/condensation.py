@@ -12,8 +12,8 @@ from tdcr_fe.elements.forces import ForceModel, Measurement, TendonForces
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.native.history import RobotHistory
 
-#: EA of an inextensible tendon that Exudyn's own solvers drive by displacement [N].
-STIFFNESS = 1e5
+#: EA of an inextensible tendon that Exudyn's own solvers drive by displacement, over EI / L^2 of the backbone [1].
+STIFFNESS = 2e6
 
 
 class ElasticTendons(NamedTuple):
@@ -47,7 +47,7 @@ class ElasticTendons(NamedTuple):
             return law
         elastic = replace(
             parameters,
-            compliance=np.where(inextensible, 1.0 / STIFFNESS, parameters.compliance),
+            compliance=np.where(inextensible, 1.0 / own_stiffness(self.model), parameters.compliance),
             lengths=parameters.lengths + np.where(inextensible[:, None], self.history.stretch, 0.0),
         )
         return TendonLaw(elastic, law.law, law.hysteresis)
@@ -89,19 +89,26 @@ class ElasticTendons(NamedTuple):
         )
 
 
-def stretch(law: TendonLaw, tension: Array, lengths: Array) -> Array:
+def own_stiffness(model: ForceModel) -> float:
+    """EA of its inextensible tendons that Exudyn's own solvers drive by displacement [N]."""
+    mesh = model.mesh
+    # Rigid inserts bend by nothing, and do not count.
+    return float(STIFFNESS / (mesh.arc_lengths[-1] * np.sum(mesh.lengths / mesh.stiffness[:, 5])))
+
+
+def stretch(model: ForceModel, tension: Array, lengths: Array) -> Array:
     """Stretch, see `RobotHistory`, with which tendons of their own elasticity take over at these tensions [m], (m, n).
 
     Parameters
     ----------
-    law
-        Of the tendons as they are.
+    model
+        With the tendons as they are.
     tension, lengths
         Of the segments [N, m], shape (m, n).
     """
-    relative = tension / STIFFNESS
+    relative = tension / own_stiffness(model)
     stretched = -lengths * relative / (1.0 + relative)
-    parameters = law.parameters
+    parameters = model.law.parameters
     stretched = np.where(parameters.mask, stretched, 0.0)
     return np.where(parameters.rigid[:, None], stretched, 0.0)
 

@@ -145,7 +145,8 @@ class TDCR(AssembledRobot):
         The motor is a node with one coordinate, its angle, and a mass of Exudyn's: loads, springs and dampers at a
         coordinate marker of the node drive it. Its angle times the radius is added to the displacement of the tendon as
         set, and the tension times the radius is the torque of the tendon. An inextensible tendon has a stiffness EA of
-        1e5 N, as all that are driven by displacement in Exudyn's solvers. ``mbs.SolveTDCR`` refuses scenes with motors.
+        2e6 EI / L^2, as all that are driven by displacement in Exudyn's solvers. ``mbs.SolveTDCR`` refuses scenes with
+        motors.
 
         Parameters
         ----------
