@@ -65,11 +65,11 @@ from .model.tendon import Tendon as Tendon
 from .native import register as register
 from .scene.builder import CreateTDCR as CreateTDCR
 from .scene.handle import TDCR as TDCR
-from .scene.linearized import TDCREigenvalues as TDCREigenvalues
-from .scene.linearized import TDCRLinearized as TDCRLinearized
 from .scene.loads import PointLoad as PointLoad
 from .solve.inverse_statics.inverse import follow_path as follow_path
 from .solve.inverse_statics.inverse import reach as reach
+from .solve.linearized import TDCREigenvalues as TDCREigenvalues
+from .solve.linearized import TDCRLinearized as TDCRLinearized
 from .solve.load_steps.load_path import StepFailed as StepFailed
 from .solve.sensitivities.linear_response import local_response as local_response
 from .solve.sensitivities.parameters import effect_parameter as effect_parameter

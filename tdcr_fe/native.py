@@ -5,7 +5,7 @@ from __future__ import annotations
 import exudyn as exu
 
 from tdcr_fe.scene.builder import CreateTDCR
-from tdcr_fe.scene.linearized import TDCREigenvalues, TDCRLinearized
+from tdcr_fe.solve.linearized import TDCREigenvalues, TDCRLinearized
 from tdcr_fe.solve.statics import SolveTDCR
 
 

@@ -46,6 +46,16 @@ def test_every_contact_gives_the_shape_of_the_static_solver_of_exudyn(kind, mu):
     assert distance(handle.shape()[0], solve_scene(free_mbs, free, {"t1": 2.0})) > 0.05
 
 
+def test_modes_at_a_wall_of_triangles_are_those_at_the_same_wall_of_objects():
+    """With Exudyn's derivative of triangles in a GeneralContact the first frequency was 12.5 Hz, not 2.5 Hz."""
+    found = []
+    for add in (soft_wall, general_triangles):
+        _keep, mbs, handle = with_contact(add)
+        pulled_in_steps(mbs, handle, count=5)
+        found.append(mbs.TDCREigenvalues(numberOfEigenvalues=4).frequencies)
+    assert found[1] == pytest.approx(found[0], rel=1e-4)
+
+
 @pytest.mark.parametrize("substeps", [None, 3])
 def test_a_thin_wall_is_not_jumped_over_in_one_large_step(substeps):
     """In one step to 2 N, the tip moves by 100 mm without the wall; disks have a radius of 5 mm."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -16,6 +17,7 @@ from tdcr_fe.elements.native.joints import joint_stiffness, joints_of
 from tdcr_fe.elements.native.scene_forces import Holes
 from tdcr_fe.model.schema import Keys, Quantity, check_arguments
 from tdcr_fe.scene.builder import check_system
+from tdcr_fe.solve.equations.contact import TriangleContact
 
 _MODES = Keys({"numberOfEigenvalues": Annotated[int, Quantity(ge=1)]})
 #: Change of a coordinate in the differences of sensors [m, 1].
@@ -106,7 +108,7 @@ def TDCREigenvalues(mbs: exu.MainSystem, *, holes: Holes = "stuck", numberOfEige
 
     The state must be at rest, as `SolveTDCR` leaves it. Mass and stiffness are those of
     ``mbs.ComputeLinearizedSystem``, projected on what joints permit; the stiffness includes that of the tendons, and
-    what is left out there: that of loads that turn, and of the forces of joints, which hold a pendulum.
+    what is left out there: that of loads that turn, of the forces of joints, which hold a pendulum, and of triangles.
     ``mbs.ComputeLinearizedSystem`` and ``mbs.ComputeODE2Eigenvalues`` themselves take the initial configuration, with
     stuck holes.
 
@@ -222,16 +224,21 @@ def _matrices(mbs: exu.MainSystem, hooks: SceneHooks, holes: Holes) -> tuple[Arr
 
 
 def _left_out(mbs: exu.MainSystem) -> Array:
-    """Stiffness of turning loads and of the forces of joints, which ``mbs.ComputeLinearizedSystem`` leaves out."""
+    """Stiffness that ``mbs.ComputeLinearizedSystem`` leaves out: of turning loads, forces of joints and triangles."""
     settings, solver, n2 = exu.SimulationSettings(), exu.MainSolverStatic(), mbs.systemData.ODE2Size()
     settings.solution.file.write = settings.solution.sensors.active = False
     settings.staticSolver.verboseMode = 0
+    triangles = TriangleContact(mbs)
+    touching = triangles.touching
     solver.InitializeSolver(mbs, settings)
-    found = -joint_stiffness(mbs, joints_of(mbs))
-    for loads, sign in ((1, -1.0), (0, 1.0)):
-        solver.ComputeJacobianODE2RHS(mbs, computeLoadsJacobian=loads)
-        found += sign * solver.GetSystemJacobian()[:n2, :n2]
-    return found
+    solver.ComputeJacobianODE2RHS(mbs)
+    found = solver.GetSystemJacobian()[:n2, :n2] - joint_stiffness(mbs, joints_of(mbs))
+    with triangles.all_with("isActive", False) if touching else nullcontext():
+        solver.ComputeJacobianODE2RHS(mbs, computeLoadsJacobian=1)
+    found -= solver.GetSystemJacobian()[:n2, :n2]
+    if touching:
+        found -= triangles.derivative(lambda: solver.ComputeNewtonResidual(mbs, settings))
+    return np.asarray(found)
 
 
 def _outputs(mbs: exu.MainSystem, sensors: Sequence[Any], basis: Array) -> Array:
