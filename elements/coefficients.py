@@ -73,9 +73,9 @@ def evaluate_laws(
     laws
         One for each tendon; None is a constant coefficient.
     constant
-        Coefficients of tendons without a law [1], shape (m, n-1).
+        Coefficients of holes that follow no law [1], shape (m, n-1).
     mask
-        Which holes exist, shape (m, n-1).
+        Which holes follow the law of their tendon, if it has one, shape (m, n-1).
     normal, rate
         Normal forces [N] and slip rates [m/s], shape (m, n-1).
     """
@@ -83,9 +83,9 @@ def evaluate_laws(
     for i, law in enumerate(laws):
         if law is None:
             continue
-        k = int(np.count_nonzero(mask[i]))
-        for target, values in zip(found, law.coefficient(normal[i, :k], rate[i, :k]), strict=True):
-            target[i, :k] = values
+        k = mask[i]
+        for target, values in zip(found, law.coefficient(normal[i, k], rate[i, k]), strict=True):
+            target[i, k] = values
     return found
 
 

@@ -269,7 +269,9 @@ class TendonLaw:
         elapsed = time - state.time
         at_holes = self.at_holes(mobilisation)
         half = 0.5 * angles
-        laws = partial(evaluate_laws, self._laws, self.coefficients, self._holes)
+        # A hole with a coefficient of its own does not follow the law of its tendon.
+        follows = self._holes & (self.coefficients == 0.0)
+        laws = partial(evaluate_laws, self._laws, self.coefficients, follows)
         # Derivatives of the slip rates at the holes by the released lengths of the segments [1/s].
         rate_by_released = (self.hole_incidence @ self.slip_operator) * (
             1.0 / elapsed if elapsed > 0.0 else 0.0

@@ -18,6 +18,7 @@ from tdcr_fe.elements.section import (
 )
 from tdcr_fe.elements.tendons import CableGeometry
 from tdcr_fe.model.checks import ARC_TOLERANCE
+from tdcr_fe.model.friction import ConstantFriction
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.parts import BasePose
@@ -106,7 +107,11 @@ def tendon_law(robot: Robot, friction: str, lengths: Array, mask: Flags, hystere
     """
     tendons = robot.tendons
     m, inner = len(tendons), mask[:, 1:]
-    coefficient = np.array([t.friction_coefficient for t in tendons]).reshape(m, 1) * inner
+    # A constant law is a coefficient, with which the path of the friction can be followed.
+    constant = [t.friction if type(t.friction) is ConstantFriction else None for t in tendons]
+    laws = tuple(t.friction if c is None else None for t, c in zip(tendons, constant, strict=True))
+    coefficients = [c.mu if c else t.friction_coefficient for t, c in zip(tendons, constant, strict=True)]
+    coefficient = np.array(coefficients).reshape(m, 1) * inner
     adhesion = np.array([t.adhesion for t in tendons]).reshape(m, 1) * inner
     for i, tendon in enumerate(tendons):
         # Without the base plate's hole, in which there is no friction, and the anchor.
@@ -116,10 +121,11 @@ def tendon_law(robot: Robot, friction: str, lengths: Array, mask: Flags, hystere
             if hole.drop is not None:
                 adhesion[at] = hole.drop
             if hole.friction_coefficient is not None:
-                coefficient[at] = hole.friction_coefficient
+                # Zero would be that of the tendon's law.
+                least = np.finfo(float).tiny if laws[i] else 0.0
+                coefficient[at] = max(hole.friction_coefficient, least)
     compliance = np.array([0.0 if t.axial_stiffness is None else 1.0 / t.axial_stiffness for t in tendons])
     pretension = np.array([t.pretension for t in tendons])
-    laws = tuple(t.friction for t in tendons)
     spools = [t.spool for t in tendons]
     spring = np.array([0.0 if s is None or s.stiffness is None else 1.0 / s.stiffness for s in spools])
     parameters = TendonParameters(lengths, mask, coefficient, adhesion, compliance, pretension, spring, laws)

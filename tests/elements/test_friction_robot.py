@@ -8,8 +8,9 @@ from balance import cables
 from native_solvers import damped, dynamic_settings
 from robots import BACKBONE, SEVEN, distance, solve, tendon
 
-from tdcr_fe import ForceDependentFriction, LoadStep, Robot, StribeckFriction
+from tdcr_fe import ConstantFriction, ForceDependentFriction, LoadStep, Robot, StribeckFriction
 from tdcr_fe.elements.coefficients import normal_forces
+from tdcr_fe.model.tendon import TightHole
 
 STRIBECK = StribeckFriction(static=0.3, kinetic=0.15, stribeck_rate=5e-3, viscous=2.0)
 
@@ -56,6 +57,26 @@ def test_load_steps_have_static_friction_when_slow_and_kinetic_when_fast(duratio
     static, kinetic = (solve(constant(mu, axial_stiffness=axial_stiffness), steps).tips for mu in (0.3, 0.15))
     assert distance(tips, kinetic if duration == 1e-3 else static) < 1e-6
     assert distance(static, kinetic) > 1e-2
+
+
+@pytest.mark.parametrize(
+    "law",
+    [ConstantFriction(0.2), ForceDependentFriction(0.2, 0.5, exponent=0.0), StribeckFriction(0.2, 0.2, 1e-3)],
+    ids=lambda law: law.kind,
+)
+def test_a_law_without_dependence_is_a_coefficient_and_holes_may_have_their_own(law):
+    """A tight and a smooth hole, while the tendon is pulled and released."""
+    third, fifth = SEVEN.positions[2], SEVEN.positions[4]
+    holes = (
+        TightHole(third, friction_coefficient=0.8),
+        TightHole(fifth, drop=0.1, friction_coefficient=0.0),
+    )
+    steps = timed([1.0, 2.0, 1.0], 1.0)
+    expected = solve(constant(0.2, tight_holes=holes), steps)
+    found = solve(with_law(law, tight_holes=holes), steps)
+    assert distance(found.tips, expected.tips) < 1e-7
+    assert found.steps[-1].tensions[0] == pytest.approx(expected.steps[-1].tensions[0], abs=1e-5)
+    assert distance(found.tips, solve(with_law(law), steps).tips) > 1e-3
 
 
 @pytest.mark.parametrize("friction", ["per-hole", "per-tendon"])
