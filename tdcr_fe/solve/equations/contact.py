@@ -24,9 +24,8 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from tdcr_fe.elements import Array, Flags, Index
+from tdcr_fe.elements.section import DIFFERENCE
 
-#: Change of a coordinate for the differences, over the smallest radius of a sphere.
-RELATIVE_STEP = 1e-4
 #: Objects whose states are functions of the present gap alone. Friction of these depends on the slip rate, and is zero
 #: at rest.
 SOLVED = ("ContactSphereSphere", "ContactSphereTriangle", "ContactCoordinate")
@@ -107,7 +106,7 @@ class TriangleContact:
         self._all = [
             each for each in general_spheres(mbs) if each.first_triangle is not None and each.radii.size
         ]
-        self._step = RELATIVE_STEP * min((float(each.radii.min()) for each in self._all), default=0.0)
+        self._step = DIFFERENCE * min((float(each.radii.min()) for each in self._all), default=0.0)
         self._nodes = _nodes_of_coordinates(mbs)
 
     @property
