@@ -20,8 +20,8 @@ from tdcr_fe.elements.complementarity import ROUND_OFF
 ACCEPTED = 1e-8
 #: Largest change of a coefficient in one iteration [1].
 MAX_STEP = 0.5
-#: Most iterations, also for mobilisations of elastic tendons; the bounded steps need two from end to end of the range,
-#: Newton's last ones a few more.
+#: Most iterations, also for mobilisations of elastic tendons, and for tensions that agree with turning angles; the
+#: bounded steps need two from end to end of the range, Newton's last ones a few more.
 MAX_ITERATIONS = 30
 
 

@@ -18,15 +18,14 @@ import numpy as np
 
 from tdcr_fe.compiled import compilable
 from tdcr_fe.elements import Array
+from tdcr_fe.elements.coefficients import MAX_ITERATIONS
 from tdcr_fe.elements.complementarity import largest, largest_magnitude
 from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState, factorised, solved
 from tdcr_fe.solve.friction_path.transfer import AdhesiveTransfer, CapstanTransfer, branches_at, tensions_at
 
 #: Newton's method for tensions and turning angles that agree ends with the correction of an error below this fraction
-#: of the largest tension: what it leaves is about the square of that [1].
+#: of the largest tension: what it leaves is about the square of that [1]. Far from any solved state they may not agree.
 NEAR_TENSION = 3e-3
-#: And after so many corrections, with tensions that do not agree; it is then far from any solved state.
-MOST_CORRECTIONS = 6
 
 
 class SlipData(NamedTuple):
@@ -226,7 +225,7 @@ def slips_at(slips: InterpolatedSlips, factor: float, z: Array, tension: Array) 
     n = len(z)
     line, values, by_every, fixed_rates, change, length = point_on_line(slips.intervals, factor)
     by_tension, turning = by_every[:n], by_every[n:]
-    for _ in range(MOST_CORRECTIONS):
+    for _ in range(MAX_ITERATIONS):
         angles = np.maximum(values[n:] + turning.dot(tension - line), 0.0)
         passed = tensions_at(slips.transfer, factor, z, angles)
         factors = factorised(slips.identity - passed.by_angle.dot(turning))

@@ -51,8 +51,6 @@ class Tensions(NamedTuple):
 class CapstanTransfer(NamedTuple):
     """Constant coefficients without adhesion: ``T = T_base exp(-sum of s mu theta)``."""
 
-    holes: int  # Numbers of mobilisations and of unknown tensions at the base
-    unknown: int  # as `holes`
     holes_before: Array  # (q, r): Ones where a hole comes before a segment, on the way from the base
     friction: Array  # (r,): Coefficients of friction of the holes [1]
     incidence: Array  # (k, r): From the mobilisations to the holes
@@ -86,8 +84,6 @@ class CapstanTransfer(NamedTuple):
         single = bool(((from_mobilisations != 0.0).sum(axis=1) == 1).all())
         at_hole = from_mobilisations.argmax(axis=1) if single else np.zeros(0, dtype=int)
         return cls(
-            len(from_mobilisations),
-            len(at_base),
             before,
             np.concatenate(friction),
             from_mobilisations,
@@ -114,8 +110,8 @@ class CapstanTransfer(NamedTuple):
 @compilable
 def base_tensions(transfer: CapstanTransfer, factor: float, z: Array) -> Array:
     """Tension at the base of the tendon of every segment [N], shape (q,); arguments as of `capstan_tensions`."""
-    base = transfer.base_tension + factor * transfer.base_change
-    return base + z[transfer.holes :].dot(transfer.base_of_segment) if transfer.unknown else base
+    base, unknown = transfer.base_tension + factor * transfer.base_change, z[len(transfer.incidence) :]
+    return base + unknown.dot(transfer.base_of_segment) if unknown.size else base
 
 
 @compilable
@@ -133,7 +129,7 @@ def capstan_tensions(transfer: CapstanTransfer, factor: float, z: Array, angles:
     angles
         Turning angles [rad], shape (r,).
     """
-    holes = transfer.holes
+    holes = len(transfer.incidence)
     # Friction times mobilisation, and Capstan's exponent at full mobilisation.
     acting = z[:holes].dot(transfer.incidence) * transfer.friction
     exponent = transfer.friction * angles
@@ -148,7 +144,7 @@ def capstan_tensions(transfer: CapstanTransfer, factor: float, z: Array, angles:
     else:
         by_unknown[:holes] = (exponent * transfer.incidence).dot(transfer.holes_before.T)
     by_unknown[:holes] *= negative
-    if transfer.unknown:
+    if holes < len(z):
         by_unknown[holes:] = transfer.base_of_segment * ratio
     return Tensions(tension, by_angle, by_unknown, ratio * transfer.base_change)
 
@@ -186,6 +182,7 @@ class AdhesiveTransfer:
 
     def __init__(self, tendons: Sequence[TendonsInSubstep]) -> None:
         self._capstan = CapstanTransfer.of(tendons)
+        self._holes = len(self._capstan.incidence)
         self._adhesion = np.concatenate([t.law.parameters.adhesion[t.which].ravel() for t in tendons])
         #: By robot, numbers of the segments (m, n) and of the holes (m, n-1) of its tendons.
         self._places: list[tuple[Index, Index]] = []
@@ -205,7 +202,7 @@ class AdhesiveTransfer:
         Adhesion holds tension behind a hole that is released even where there is none before it, and takes at most
         what there is where it is pulled: there the derivatives jump.
         """
-        return np.concatenate((z[: self._capstan.holes] < 0.0, tension > 0.0))
+        return np.concatenate((z[: self._holes] < 0.0, tension > 0.0))
 
     def distance_to_branch_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
         """Part of the substep to where these change at constant rates; segments that become taut are not foreseen.
@@ -217,7 +214,7 @@ class AdhesiveTransfer:
         tension, tension_rate
             Of the segments [N], shape (q,).
         """
-        here, pace = z[: self._capstan.holes], rate[: self._capstan.holes]
+        here, pace = z[: self._holes], rate[: self._holes]
         crossing = (here * pace < 0.0) & (tension[self._before] <= 0.0)
         falling = (tension > 0.0) & (tension_rate < 0.0)
         to_zero = np.concatenate(
@@ -228,7 +225,7 @@ class AdhesiveTransfer:
     def at(self, factor: float, z: Array, angles: Array) -> Tensions:
         """As of `CapstanTransfer`."""
         flat, q, r = self._capstan, len(self._capstan.base_tension), len(angles)
-        base, mobilisation = base_tensions(flat, factor, z), z[: flat.holes].dot(flat.incidence)
+        base, mobilisation = base_tensions(flat, factor, z), z[: self._holes].dot(flat.incidence)
         at_holes = angles, mobilisation, flat.friction, self._adhesion
         tension, by_base, beyond = np.empty(q), np.empty(q), np.zeros((q, r))
         by_angle, by_mobilisation = np.empty(r), np.empty(r)
