@@ -26,7 +26,8 @@ _GAUSS = np.polynomial.legendre.leggauss(4)
 POINTS: Array = 0.5 * (_GAUSS[0] + 1.0)
 WEIGHTS: Array = 0.5 * _GAUSS[1]
 
-#: Change for numerical derivatives by central differences, of a strain, or over the size of what is changed [1].
+#: Change for numerical derivatives by central differences: of a strain, of a coordinate of Exudyn [m, 1], or over the
+#: size of what is changed [1].
 DIFFERENCE = 1e-5
 #: Distance from the axis at which a change of curvature by them makes that strain, over the length of the backbone [1].
 THINNEST = 0.1

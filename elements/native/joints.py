@@ -11,9 +11,7 @@ import exudyn as exu
 import numpy as np
 
 from tdcr_fe.elements import Array
-
-#: Change of a coordinate for the differences [m, 1].
-STEP = 1e-5
+from tdcr_fe.elements.section import DIFFERENCE
 
 
 def joints_of(mbs: exu.MainSystem) -> list[exu.ObjectIndex]:
@@ -31,7 +29,7 @@ def joint_stiffness(mbs: exu.MainSystem, joints: Sequence[exu.ObjectIndex]) -> A
         moving = data.GetObjectLTGODE2(joint)
         for k in moving:
             start = current[k]
-            for step in (STEP, -STEP):
+            for step in (DIFFERENCE, -DIFFERENCE):
                 current[k] = start + step
                 found[moving, k] += mbs.ComputeItem(joint, exu.ComputeItemType.ReactionForces) / (2.0 * step)
             current[k] = start
