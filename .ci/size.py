@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2460,
     "tdcr_fe/report": 1108,
     "tdcr_fe/scene": 1260,
-    "tdcr_fe/solve": 6758,
+    "tdcr_fe/solve": 6761,
     "tdcr_fe/sweeps": 1390,
     "validation": 6486,
     "tests": 12700,

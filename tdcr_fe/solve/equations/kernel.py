@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import exudyn as exu
@@ -67,13 +68,17 @@ class StaticKernel:
         own = [i for robot in hooks.actuations for i in robot.history_nodes.coordinate_numbers()]
         self.contact = ContactStates(mbs, own, settings)
         self.triangles = TriangleContact(mbs)
-        self._joints = joints_of(mbs)
         self._kernel = _initialised(mbs, hooks, settings, self.contact)
         if self._kernel.GetODE1size():
             raise ValueError(
                 "the scene has first-order (ODE1) states, which the quasi-static solver does not solve; "
                 "use mbs.SolveDynamic, or leave these items out"
             )
+
+    @cached_property
+    def _joints(self) -> list[exu.ObjectIndex]:
+        """Numbers of all joints."""
+        return joints_of(self._mbs)
 
     @_interruptions_kept()
     def residual(self) -> Array:
