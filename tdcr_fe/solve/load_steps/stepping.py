@@ -17,6 +17,7 @@ from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.load_steps.judges import MUST_CONVERGE, PATH_RESOLVED
 from tdcr_fe.solve.load_steps.load_path import Increment, Position, SolvedPath, StepFailed
 from tdcr_fe.solve.load_steps.loop import Judge, Proposal, take_substeps
+from tdcr_fe.solve.load_steps.solve_with_reversals import follows_path
 from tdcr_fe.solve.load_steps.substep import SubstepSolver, has_rates
 
 #: Parts of a load step to begin with where functions of the user set inputs or loads.
@@ -88,13 +89,13 @@ def _taken(
 def _with_path_resolved(solver: SubstepSolver, begin: Position, proposals: Sequence[Proposal]) -> SolvedPath:
     """The load step with its path dependence resolved.
 
-    It begins with the proposed substeps, or as a whole. Where coefficients of friction depend on slip rates, it is
+    It begins with the proposed substeps, or as a whole. Where the path of the friction cannot be followed, it is
     also solved in twice as many parts, again and again, until two in succession agree with the one before.
     """
     tolerance = 2.0 * solver.settings.path_tolerance
     count = NONLINEAR_PARTS if solver.ramp.nonlinear else 1
     path = _taken(solver, begin, proposals or equal_parts(count), PATH_RESOLVED)
-    agreed, error = 0 if _depends_on_rates(solver, begin.state, path.state) else 2, 0.0
+    agreed, error = 0 if _is_compared(solver, begin.state, path.state) else 2, 0.0
     while agreed < 2 and 2 * count <= solver.settings.max_substeps:
         count *= 2
         try:
@@ -111,13 +112,13 @@ def _with_path_resolved(solver: SubstepSolver, begin: Position, proposals: Seque
     return path if agreed == 2 else replace(path, refinement_error=max(path.refinement_error, error))
 
 
-def _depends_on_rates(solver: SubstepSolver, before: SolverState, after: SolverState) -> bool:
-    """Whether slip rates may matter: coefficients follow laws, and a hole under tension changed its state.
+def _is_compared(solver: SubstepSolver, before: SolverState, after: SolverState) -> bool:
+    """Whether the path cannot be followed, for laws of the coefficients or of Dahl, and may matter.
 
-    Slip rates are means over a substep, so the result depends on its length. Where loads change, slip may reverse
-    and return.
+    That is, a hole under tension changed its state, or loads change, so that slip may reverse and return. Slip rates
+    are means over a substep, so the result depends on its length; and halves may agree with the whole by chance.
     """
-    if not has_rates(solver.system):
+    if follows_path(solver.system) and not has_rates(solver.system):
         return False
     for i, robot in enumerate(solver.system.robots):
         taut = (np.maximum(before.base_tension[i], after.base_tension[i]) > 0.0)[:, None]
