@@ -8,6 +8,7 @@ from robots import LENGTH, pull, routed
 
 from tdcr_fe import Backbone, Disks, HelicalRouting, Load, LoadStep, Model, PointsRouting, Robot, Tendon
 from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction, StribeckFriction
+from tdcr_fe.model.tendon import TightHole
 from tdcr_fe.validation.random_robots import draw
 from tdcr_fe.validation.reference import path as path_module
 from tdcr_fe.validation.reference import sequence, solve_reference
@@ -76,8 +77,12 @@ PER_HOLE = Model("straight", "per-hole")
 
 
 @pytest.mark.parametrize("law", [ConstantFriction(0.3), ForceDependentFriction(0.3, 0.1, exponent=0.0)])
-def test_a_law_that_is_constant_is_the_friction_coefficient(law):
-    one, other = (run(r, STEPS, friction="per-hole") for r in (routed(friction=law), routed(mu=0.3)))
+@pytest.mark.parametrize("own", [{}, {"drop": 0.05}, {"friction_coefficient": 0.8}], ids=str)
+def test_a_law_that_is_constant_is_the_friction_coefficient(law, own):
+    """Also beside a hole with friction of its own."""
+    robots = routed(friction=law), routed(mu=0.3)
+    tight = tuple(TightHole(robots[0].disks.positions[3], **own) for _ in own)
+    one, other = (run(r.with_tendons(tight_holes=tight), STEPS, friction="per-hole") for r in robots)
     np.testing.assert_allclose(one.tips, other.tips, atol=1e-12)
 
 

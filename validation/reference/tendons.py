@@ -146,12 +146,14 @@ def hole_friction(
     mu = np.array([coefficient_at_rest(t) for t in tendons], dtype=float)
     adhesion = np.array([t.adhesion for t in tendons], dtype=float)
     laws = [t.friction if isinstance(t.friction, ForceDependentFriction) else None for t in tendons]
-    described = []
     for t, tight in [(x, hole) for x in robot.tendons for hole in x.tight_holes]:
         at = int(np.argmin(np.abs(robot.hole_arc_lengths(t) - tight.at)))
-        own = t.friction_coefficient if tight.friction_coefficient is None else tight.friction_coefficient
-        described.append(HoleFriction(t.name, at, own, t.adhesion if tight.drop is None else tight.drop))
-    for hole in (*described, *special):
+        index = int(np.flatnonzero(owner == robot.tendon_names.index(t.name))[at - 1])
+        if tight.friction_coefficient is not None:
+            mu[index], laws[index] = tight.friction_coefficient, None
+        if tight.drop is not None:
+            adhesion[index] = tight.drop
+    for hole in special:
         index = int(np.flatnonzero(owner == robot.tendon_names.index(hole.tendon))[hole.hole - 1])
         mu[index], adhesion[index], laws[index] = hole.mu, hole.adhesion, None
     return mu, adhesion, laws
