@@ -22,7 +22,7 @@ from tdcr_fe.model.messages import join, meant, quoted, shown
 from tdcr_fe.model.plausibility import plausibility
 from tdcr_fe.model.schema import FieldError, Keys, Quantity
 from tdcr_fe.model.tendon import by_tendon
-from tdcr_fe.model.units import number_or_none, with_units
+from tdcr_fe.model.units import PATTERN, number_or_none, with_units
 from tdcr_fe.sweeps.cases import ABOUT_CASE, columns_of_steps, tables_with
 from tdcr_fe.sweeps.description import (
     MOST_CASES,
@@ -64,9 +64,19 @@ def sweep_schema() -> dict[str, Any]:
     """JSON schema (draft 2020-12) of ``sweep.toml``; `json_schema` has those of the other files."""
     schema = TOP.json_schema
     vary = schema["properties"]["vary"]
-    table = {**vary["items"], "anyOf": [{"required": [name]} for name in VALUES]}
+    table = {**_or_texts(vary["items"]), "anyOf": [{"required": [name]} for name in VALUES]}
     head = {"$schema": json_schema("scenario")["$schema"], "title": "sweep.toml of tdcr_fe"}
     return {**schema, **head, "properties": {**schema["properties"], "vary": {**vary, "items": table}}}
+
+
+def _or_texts(node: Any) -> Any:
+    """A JSON schema in which numbers may also be texts with the unit of the key that varies."""
+    if isinstance(node, list):
+        return [_or_texts(x) for x in node]
+    if not isinstance(node, dict):
+        return node
+    text = {"type": ["number", "string"], "pattern": PATTERN} if node.get("type") == "number" else {}
+    return {name: _or_texts(x) for name, x in node.items()} | text
 
 
 def read_sweep(source: StrPath | Mapping[str, Any], effects: Sequence[StrPath] = ()) -> Sweep:

@@ -35,6 +35,8 @@ def test_what_the_program_writes_fits_the_schema():
     model = model_to_toml(Model(elements_per_bay=3), SolverSettings())
     assert errors(json_schema("model"), tomllib.loads(model)) == []
     assert errors(sweep_schema(), tomllib.loads(template("sweep.toml", ["t1"]))) == []
+    pull = {"key": "steps[0].tensions.t1", "normal": {"mean": "1.5 N", "std": "50 mN"}}
+    assert errors(sweep_schema(), {"scenario": "scenario.toml", "vary": [pull]}) == []
 
 
 SWEEP = """
