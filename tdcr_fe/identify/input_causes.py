@@ -44,7 +44,8 @@ class _Inputs(NamedTuple):
     """The inputs of a loading sequence that change."""
 
     names: tuple[str, ...]  # Of their tendons
-    most: float  # The largest input [N or m]
+    largest: tuple[float, ...]  # Of each of them [N or m]
+    most: float  # Of all
     unit: str
 
     @classmethod
@@ -54,8 +55,9 @@ class _Inputs(NamedTuple):
         commands = np.array([a.values for a in actions]).reshape(len(actions), -1)
         driven = np.flatnonzero(np.ptp(commands, axis=0) > 0.0)
         displaced = driven.size and actions[0].by_displacement[driven[0]]
-        names = tuple(tendons[i] for i in driven)
-        return cls(names, float(np.max(np.abs(commands), initial=0.0)), "m" if displaced else "N")
+        names, sizes = tuple(tendons[i] for i in driven), np.max(np.abs(commands), axis=0, initial=0.0)
+        most = float(np.max(sizes, initial=0.0))
+        return cls(names, tuple(sizes[driven].tolist()), most, "m" if displaced else "N")
 
     def by_law(self, clock: str) -> Iterator[Cause]:
         """Off by a constant, by a part that grows with them, or that changes along the rows: all, each or one."""
@@ -93,27 +95,38 @@ class _Inputs(NamedTuple):
                 yield ChangedDescription(f"{name} ({who})", kind, numbers, change, text, price, held=held)
 
     def limits(self) -> Iterator[Cause]:
-        """A share of what is beyond a limit, or of what is below it, does not arrive."""
-        most, kind = self.most, Kind("input", ("tension",))
+        """A share of what is beyond a limit, or of what is below it, does not arrive: of all, or of one."""
         share = number("share", "1", (-1.0, 1.0), 0.0, 0.1)
-        beyond = "the inputs are limited: a share of what is beyond does not arrive"
-        below = "the inputs have a dead zone: a share of what is below a limit does not arrive"
-        for label, text, null, tried in (
-            ("limit", beyond, most, (0.5, 0.7, 0.85)),
-            ("dead zone", below, 0.0, (0.1, 0.2, 0.4)),
-        ):
+        whose = [("everywhere", self.names, self.most)]
+        if len(self.names) > 1:
+            whose += [(f"tendon {n}", (n,), x) for n, x in zip(self.names, self.largest, strict=True)]
+        beyond, below = "a limit: a share of what is beyond", "a dead zone: a share of what is below a limit"
+        for (where, names, most), above in itertools.product(whose, (True, False)):
 
-            def limited(experiment: Experiment, values: Values, above: bool = label == "limit") -> Experiment:
-                def less(commands: Mapping[str, float], name: str, *_: Any) -> float:
-                    size, limit = abs(commands[name]), values["limit"]
+            def limited(
+                experiment: Experiment, values: Values, names: tuple[str, ...] = names, above: bool = above
+            ) -> Experiment:
+                def less(commands: Mapping[str, float], n: str, *_: Any) -> float:
+                    size, limit = abs(commands[n]), values["limit"]
                     lost = max(size - limit, 0.0) if above else min(size, limit)
-                    return math.copysign(lost, -commands[name])
+                    return math.copysign(lost, -commands[n])
 
-                return _with_inputs(less)(experiment, {"all": values["share"]})
+                return _with_inputs(less)(experiment, dict.fromkeys(names, values["share"]))
 
+            what, null, tried = (
+                ("limit", most, (0.5, 0.7, 0.85)) if above else ("dead zone", 0.0, (0.1, 0.2, 0.4))
+            )
             numbers = share, number("limit", self.unit, (0.0, most), null, 0.05 * most)
-            held = {"limit": [x * most for x in tried]}
-            yield ChangedDescription(f"{label} of the inputs", kind, numbers, limited, text, held=held)
+            label, having, price = f"{what} of the inputs", "the inputs have", 0.0
+            if where != "everywhere":
+                label, having, price = (
+                    f"{what} of the input ({where})",
+                    "an input has",
+                    math.log(len(self.names)),
+                )
+            text = f"{having} {beyond if above else below} does not arrive"
+            kind, held = Kind("input", ("tension",), where), {"limit": [x * most for x in tried]}
+            yield ChangedDescription(label, kind, numbers, limited, text, price, held=held)
 
     def shares(self) -> Iterator[Cause]:
         """A share of the input of one tendon in another."""

@@ -250,12 +250,13 @@ def test_inputs_jump_at_a_row_share_are_limited_have_a_dead_zone_and_stay_behind
     gain = causes["jump of the gain (from row 7 on)"].apply(problem.experiment, {"all": 0.1})
     share = causes["share of t1 in t2"].apply(problem.experiment, {"t2": 0.1})
     limit = causes["limit of the inputs"].apply(problem.experiment, {"share": 1.0, "limit": 0.5})
+    one = causes["limit of the input (tendon t2)"].apply(problem.experiment, {"share": 1.0, "limit": 0.2})
     dead = causes["dead zone of the inputs"].apply(problem.experiment, {"share": 1.0, "limit": 0.2})
     lag = causes["lag of the inputs"].apply(problem.experiment, {"share": 0.2})
-    changed = (e.steps for e in (jump, gain, share, limit, dead, lag))
+    changed = (e.steps for e in (jump, gain, share, limit, one, dead, lag))
     acted = steps[0].tensions
     rows = zip(problem.data.step_ids, steps, *changed, strict=True)
-    for n, given, jumped, gained, shared, limited, lost, behind in rows:
+    for n, given, jumped, gained, shared, limited, alone, lost, behind in rows:
         t1, t2 = given.tensions["t1"], given.tensions["t2"]
         acted = {"t1": 0.2 * acted["t1"] + 0.8 * t1, "t2": 0.2 * acted["t2"] + 0.8 * t2}
         assert behind.tensions == pytest.approx(acted)
@@ -264,6 +265,7 @@ def test_inputs_jump_at_a_row_share_are_limited_have_a_dead_zone_and_stay_behind
         assert gained.tensions == pytest.approx({"t1": factor * t1, "t2": factor * t2})
         assert shared.tensions == pytest.approx({"t1": t1, "t2": t2 + 0.1 * t1})
         assert limited.tensions == pytest.approx({"t1": min(t1, 0.5), "t2": min(t2, 0.5)})
+        assert alone.tensions == pytest.approx({"t1": t1, "t2": min(t2, 0.2)})
         assert lost.tensions == pytest.approx({"t1": max(t1 - 0.2, 0.0), "t2": max(t2 - 0.2, 0.0)})
 
 
