@@ -30,7 +30,7 @@ BUDGET = {
     "tdcr_fe/commands": 758,
     "tdcr_fe/effects": 1213,
     "tdcr_fe/estimate": 1005,
-    "tdcr_fe/identify": 6202,
+    "tdcr_fe/identify": 6197,
     "tdcr_fe/io": 1764,
     "tdcr_fe/live": 350,
     "tdcr_fe/model": 2460,

@@ -58,10 +58,14 @@ class Cause(Effect):
         self.sentence, self.price = sentence, price
 
     @property
+    def everywhere(self) -> str:
+        """Its name without tendon, place and rows, which stand in brackets."""
+        return self.name.partition(" (")[0]
+
+    @property
     def law(self) -> str:
-        """See `Effect.law`; tendon, place and rows stand in brackets. Everywhere it is another law than somewhere."""
-        law, bracket, _ = self.name.partition(" (")
-        return f"{law} somewhere" if bracket else law
+        """See `Effect.law`; everywhere it is another law than somewhere."""
+        return self.name if self.name == self.everywhere else f"{self.everywhere} somewhere"
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """One direction for each parameter that is not held."""

@@ -97,11 +97,13 @@ class _Inputs(NamedTuple):
     def limits(self) -> Iterator[Cause]:
         """A share of what is beyond a limit, or of what is below it, does not arrive: of all, or of one."""
         share = number("share", "1", (-1.0, 1.0), 0.0, 0.1)
-        whose = [("everywhere", self.names, self.most)]
-        if len(self.names) > 1:
-            whose += [(f"tendon {n}", (n,), x) for n, x in zip(self.names, self.largest, strict=True)]
+        # Names of tendons, their largest input, how a cause is named and begins in words, its place and price.
+        whose = [(self.names, self.most, "inputs", "the inputs have", "everywhere", 0.0)]
+        price = math.log(len(self.names))
+        for n, most in zip(self.names, self.largest, strict=True) if len(self.names) > 1 else ():
+            whose.append(((n,), most, f"input (tendon {n})", "an input has", f"tendon {n}", price))
         beyond, below = "a limit: a share of what is beyond", "a dead zone: a share of what is below a limit"
-        for (where, names, most), above in itertools.product(whose, (True, False)):
+        for (names, most, label, having, where, price), above in itertools.product(whose, (True, False)):
 
             def limited(
                 experiment: Experiment, values: Values, names: tuple[str, ...] = names, above: bool = above
@@ -117,16 +119,9 @@ class _Inputs(NamedTuple):
                 ("limit", most, (0.5, 0.7, 0.85)) if above else ("dead zone", 0.0, (0.1, 0.2, 0.4))
             )
             numbers = share, number("limit", self.unit, (0.0, most), null, 0.05 * most)
-            label, having, price = f"{what} of the inputs", "the inputs have", 0.0
-            if where != "everywhere":
-                label, having, price = (
-                    f"{what} of the input ({where})",
-                    "an input has",
-                    math.log(len(self.names)),
-                )
             text = f"{having} {beyond if above else below} does not arrive"
             kind, held = Kind("input", ("tension",), where), {"limit": [x * most for x in tried]}
-            yield ChangedDescription(label, kind, numbers, limited, text, price, held=held)
+            yield ChangedDescription(f"{what} of the {label}", kind, numbers, limited, text, price, held=held)
 
     def shares(self) -> Iterator[Cause]:
         """A share of the input of one tendon in another."""

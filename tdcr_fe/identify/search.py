@@ -23,7 +23,7 @@ import numpy as np
 from tdcr_fe.effects import Effect, EffectAtPlace
 from tdcr_fe.elements import Array
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.causes import is_named
+from tdcr_fe.identify.causes import Cause, is_named
 from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
     at_bound,
@@ -457,13 +457,8 @@ def refitted(state: SearchState, parts: Sequence[tuple[Effect, ...]]) -> tuple[S
 def _carried_over(problem: FitProblem, best: Fit, e: Effect) -> dict[str, float]:
     """Values of a cause of the best model, or of another form of it; null values of numbers that it does not have."""
     same = next((x for x in best.effects if x.listed == e.listed), None)
-    same = same or next(x for x in best.effects if _without_place(x) == e.name)
+    same = same or next(x for x in best.effects if isinstance(x, Cause) and x.everywhere == e.name)
     return {n: best.values[same.name].get(n, null) for n, null in e.null_values(problem.experiment).items()}
-
-
-def _without_place(effect: Effect) -> str:
-    """Name of a cause without a name where it acts everywhere: tendon, place and rows stand in brackets."""
-    return "" if is_named(effect) else effect.name.partition(" (")[0]
 
 
 def other_forms(state: SearchState) -> list[tuple[Effect, ...]]:
@@ -479,7 +474,8 @@ def other_forms(state: SearchState) -> list[tuple[Effect, ...]]:
         smaller = [f for f, own in forms.items() if own < names]
         if smaller:
             larger.append(min(smaller, key=lambda f: _cost_without(state.problem, best, e, names - forms[f])))
-        larger += [f for f in state.dictionary if f.name == _without_place(e) and f.name not in best.names]
+        if isinstance(e, Cause) and e.everywhere not in best.names:
+            larger += [f for f in state.dictionary if f.name == e.everywhere]
         found += [tuple(f if x is e else x for x in best.effects) for f in larger]
     return found
 

@@ -211,11 +211,14 @@ class MeshedRun(ABC):
         """Number of the first step that is not solved."""
         return len(self.solved) + 1 if len(self.solved) < self.count else None
 
-    def stop_at(self, step: LoadStep, failure: StepFailed) -> None:
+    def end(self, message: str) -> None:
+        """Record why the next step was not solved."""
+        self.failed, self.message = self.next_step, message
+
+    def end_at(self, step: LoadStep, failure: StepFailed) -> None:
         """Record that the next step, which is this one, has no solution."""
         label = f" ({step.label})" if step.label else ""
-        self.failed = self.next_step
-        self.message = f"step {self.failed}{label} did not converge: {failure}"
+        self.end(f"step {self.next_step}{label} did not converge: {failure}")
 
     @property
     def _estimates(self) -> tuple[MeshEstimate, ...]:
@@ -311,7 +314,7 @@ def refined_runs(
         try:
             finer = run.take_steps(automatic and len(runs) < MOST_MESHES)
         except KeyboardInterrupt as stop:
-            run.failed, run.message = run.next_step, INTERRUPTED
+            run.end(INTERRUPTED)
             return runs, stop
         if finer is None:
             return runs, None
@@ -352,12 +355,12 @@ class _Run(MeshedRun):
                     self._keep_warm_start(number, report)
                 result = self._result(number, step, report, target)
             except StepFailed as failure:
-                self.stop_at(step, failure)
+                self.end_at(step, failure)
                 break
             self.solved.append(result)
             if request.reference_path is None and is_unstable(self.simulation, self.compression, result):
                 self.unstable.append(number)
-            self.warnings += step_warnings(number, report)
+            self.warnings.extend(step_warnings(number, report))
             if estimated and self._enough_estimated(number, report, refine) and refine and self.too_coarse():
                 finer = self.refined_mesh()
                 if finer is not None:

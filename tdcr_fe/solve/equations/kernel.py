@@ -104,7 +104,7 @@ class StaticKernel:
             found[:n2, :n2] += self.triangles.derivative(self.residual)
         else:
             found = self.exudyns_jacobian(loads, constraints)
-        if constraints:
+        if constraints and self._joints:
             found[:n2, :n2] += joint_stiffness(self._mbs, self._joints)
         return found
 

@@ -251,16 +251,15 @@ class _FollowRun(MeshedRun):
             try:
                 report = simulation.advance(actuation, step.substeps)
             except StepFailed as failure:
-                self.stop_at(step, failure)
+                self.end_at(step, failure)
                 return None
             self.trials.begin(actuation)
             self._keep(step, simulation.result(len(self.solved) + 1, step.label, report, actuation))
-            self.warnings += step_warnings(len(self.solved), report)
+            self.warnings.extend(step_warnings(len(self.solved), report))
         for number, target in enumerate(task.targets):
             found = self._reach(number, target)
             if found is None:
-                self.failed = self.next_step
-                self.message = (
+                self.end(
                     f"target {number + 1} ({target.label or 'no label'}): no load step towards it has a solution; "
                     "try targets closer together, or a smaller pretension"
                 )
@@ -301,7 +300,7 @@ class _FollowRun(MeshedRun):
         self.trials.begin(trial.actuation)
         result = simulation.result(len(self.solved) + 1, label, trial.report, trial.actuation)
         self._keep(trial.step, result)
-        self.warnings += step_warnings(result.step, trial.report)
+        self.warnings.extend(step_warnings(result.step, trial.report))
         return self._outcome(objective, best, search.count, count, result)
 
     def _outcome(
