@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -13,11 +12,10 @@ from scipy.linalg import eig
 
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.native.hooks import SceneHooks
-from tdcr_fe.elements.native.joints import joint_stiffness, joints_of
 from tdcr_fe.elements.native.scene_forces import Holes
 from tdcr_fe.model.schema import Keys, Quantity, check_arguments
 from tdcr_fe.scene.builder import check_system
-from tdcr_fe.solve.equations.contact import TriangleContact
+from tdcr_fe.solve.equations.kernel import StaticKernel
 
 _MODES = Keys({"numberOfEigenvalues": Annotated[int, Quantity(ge=1)]})
 #: Change of a coordinate in the differences of sensors [m, 1].
@@ -214,31 +212,17 @@ def _matrices(mbs: exu.MainSystem, hooks: SceneHooks, holes: Holes) -> tuple[Arr
             mass, stiffness, damping, _, free = mbs.ComputeLinearizedSystem(
                 projectIntoConstraintNullspace=True, returnConstraintNullspace=True
             )
-            stiffness = stiffness + free @ _left_out(mbs) @ free.T
+        # What was left out: turning loads, forces of joints, and contact with triangles.
+        kernel, n2 = StaticKernel(mbs, hooks), data.ODE2Size()
+        kernel.contact.follow()
+        left_out = (kernel.exudyns_jacobian() - kernel.jacobian(loads=True))[:n2, :n2]
+        stiffness = stiffness + free @ left_out @ free.T
     finally:
         for robot in hooks.actuations:
             robot.holes = "present"
         data.SetSystemState(before, initial)
         data.SetSystemState(present)
     return np.asarray(mass), np.asarray(stiffness), np.asarray(damping), np.asarray(free).T
-
-
-def _left_out(mbs: exu.MainSystem) -> Array:
-    """Stiffness that ``mbs.ComputeLinearizedSystem`` leaves out: of turning loads, forces of joints and triangles."""
-    settings, solver, n2 = exu.SimulationSettings(), exu.MainSolverStatic(), mbs.systemData.ODE2Size()
-    settings.solution.file.write = settings.solution.sensors.active = False
-    settings.staticSolver.verboseMode = 0
-    triangles = TriangleContact(mbs)
-    touching = triangles.touching
-    solver.InitializeSolver(mbs, settings)
-    solver.ComputeJacobianODE2RHS(mbs)
-    found = solver.GetSystemJacobian()[:n2, :n2] - joint_stiffness(mbs, joints_of(mbs))
-    with triangles.all_with("isActive", False) if touching else nullcontext():
-        solver.ComputeJacobianODE2RHS(mbs, computeLoadsJacobian=1)
-    found -= solver.GetSystemJacobian()[:n2, :n2]
-    if touching:
-        found -= triangles.derivative(lambda: solver.ComputeNewtonResidual(mbs, settings))
-    return np.asarray(found)
 
 
 def _outputs(mbs: exu.MainSystem, sensors: Sequence[Any], basis: Array) -> Array:

@@ -178,11 +178,6 @@ class ContactStates:
     ----------
     present : bool
         Whether there is any contact.
-
-    Raises
-    ------
-    ValueError
-        An item has states that quasi-static steps do not solve; the message names it.
     """
 
     def __init__(
@@ -190,8 +185,6 @@ class ContactStates:
     ) -> None:
         data = mbs.systemData
         items = {i: mbs.GetObject(i) for i in range(data.NumberOfObjects()) if len(data.GetObjectLTGData(i))}
-        for item in items.values():
-            _check(item)
         self.present = bool(items) or mbs.NumberOfGeneralContacts() > 0
         sized = {i: item for i, item in items.items() if np.isfinite(_size(item))}
         self._gaps = np.array([data.GetObjectLTGData(i)[0] for i in sized], dtype=int)
@@ -293,7 +286,20 @@ def _depth(item: dict[str, Any]) -> float:
     return float("inf") if "trianglePoints" in item else float(min(item["spheresRadii"]))
 
 
-def _check(item: dict[str, Any]) -> None:
+def refuse_other_states(mbs: exu.MainSystem) -> None:
+    """Refuse states that quasi-static steps do not solve: first-order ones, and those with a history but robots'."""
+    data = mbs.systemData
+    if data.ODE1Size():
+        raise ValueError(
+            "the scene has first-order (ODE1) states, which the quasi-static solver does not solve; "
+            "use mbs.SolveDynamic, or leave these items out"
+        )
+    for i in range(data.NumberOfObjects()):
+        if len(data.GetObjectLTGData(i)):
+            _refuse_history(mbs.GetObject(i))
+
+
+def _refuse_history(item: dict[str, Any]) -> None:
     """Refuse an object with states that are not functions of the present gap."""
     kind, name = item["objectType"], item["name"]
     if kind in TURNS or (kind in SOLVED and not item.get("contactPlasticityRatio", 0.0)):

@@ -52,9 +52,6 @@ class StaticKernel:
     ------
     RuntimeError
         Exudyn cannot initialise its solver.
-    ValueError
-        The scene has states that quasi-static steps do not solve: first-order states, or states with a history other
-        than those of the robots.
     """
 
     def __init__(self, mbs: exu.MainSystem, hooks: SceneHooks) -> None:
@@ -69,11 +66,6 @@ class StaticKernel:
         self.contact = ContactStates(mbs, own, settings)
         self.triangles = TriangleContact(mbs)
         self._kernel = _initialised(mbs, hooks, settings, self.contact)
-        if self._kernel.GetODE1size():
-            raise ValueError(
-                "the scene has first-order (ODE1) states, which the quasi-static solver does not solve; "
-                "use mbs.SolveDynamic, or leave these items out"
-            )
 
     @cached_property
     def _joints(self) -> list[exu.ObjectIndex]:

@@ -24,7 +24,7 @@ from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.solve.equations.band import BandFactors
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState, Target
-from tdcr_fe.solve.equations.contact import ContactStates
+from tdcr_fe.solve.equations.contact import ContactStates, refuse_other_states
 from tdcr_fe.solve.equations.kernel import ClampReactions, Residual, StaticKernel, residual_of_robot
 from tdcr_fe.solve.equations.layout import Numbering, SceneLayout, zero_bases
 from tdcr_fe.solve.equations.linearization import (
@@ -74,6 +74,7 @@ class SceneSystem:
             raise ValueError("no robot in this system; add one with CreateTDCR before solving")
         if not mbs.systemIsConsistent:
             raise ValueError("the system is not assembled; call mbs.Assemble() before solving")
+        refuse_other_states(mbs)
         self.point_loads: list[PointLoad] = self.hooks.point_loads
         self.kernel = StaticKernel(mbs, self.hooks)
         self._raw = self.kernel.residual
