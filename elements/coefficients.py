@@ -75,7 +75,7 @@ def evaluate_laws(
     constant
         Coefficients of holes that follow no law [1], shape (m, n-1).
     mask
-        Which holes follow the law of their tendon, if it has one, shape (m, n-1).
+        Which holes follow the law of their tendon, shape (m, n-1).
     normal, rate
         Normal forces [N] and slip rates [m/s], shape (m, n-1).
     """

@@ -55,9 +55,9 @@ class TendonParameters:
     compliance: Array  # (m,): ``1 / EA`` of the tendon, zero where inextensible [1/N]
     pretension: Array  # (m,): Tension in the unloaded state where the displacement at the base is zero [N]
     spring: Array  # (m,): Compliance of the spring between drive and tendon, zero where there is none [m/N]
-    # Law of each tendon's coefficients of friction, used instead of ``friction``; None, or an empty tuple,
-    # where the coefficients are constant
-    laws: tuple[CoefficientLaw | None, ...] = ()
+    follows: Flags  # (m, n-1): Which holes follow the law of their tendon instead of ``friction``
+    # Law of each tendon's coefficients of friction; None where they are constant
+    laws: tuple[CoefficientLaw | None, ...]
 
     @property
     def rigid(self) -> Flags:
@@ -150,14 +150,8 @@ class TendonLaw:
         self.slip_operator = law.slip_operator(n)
         self.hole_incidence = law.hole_incidence(n)
         self.groups = self.slip_operator.shape[0]
-        #: Laws of the coefficients, by tendon; empty where all are constant.
-        self._laws = parameters.laws if law.active and any(x is not None for x in parameters.laws) else ()
-        self.varies = bool(self._laws)
-        self._holes = parameters.mask[:, 1:]
-        acts = (self.coefficients > 0.0) | (adhesion > 0.0)
-        for i, coefficient in enumerate(self._laws):
-            if coefficient is not None:
-                acts[i] = self._holes[i]
+        self.varies = law.active and bool(np.any(parameters.follows))
+        acts = (self.coefficients > 0.0) | (adhesion > 0.0) | parameters.follows
         self.frictional: Flags = (acts.astype(float) @ np.abs(self.hole_incidence)) > 0.0
         self._material = parameters.material
         self.has_friction = bool(np.any(self.frictional))
@@ -269,9 +263,7 @@ class TendonLaw:
         elapsed = time - state.time
         at_holes = self.at_holes(mobilisation)
         half = 0.5 * angles
-        # A hole with a coefficient of its own does not follow the law of its tendon.
-        follows = self._holes & (self.coefficients == 0.0)
-        laws = partial(evaluate_laws, self._laws, self.coefficients, follows)
+        laws = partial(evaluate_laws, self.parameters.laws, self.coefficients, self.parameters.follows)
         # Derivatives of the slip rates at the holes by the released lengths of the segments [1/s].
         rate_by_released = (self.hole_incidence @ self.slip_operator) * (
             1.0 / elapsed if elapsed > 0.0 else 0.0

@@ -20,9 +20,10 @@ def tendon_law(
     compliance: float = 0.0,
     presliding: float = 1e-6,
     hysteresis: Any = ElasticPlastic,
-    coefficients: Any = (),
+    coefficients: Any = (None, None),
 ) -> TendonLaw:
     """The equations of both tendons: friction model, the same numbers at every hole, or a law of the coefficient."""
     of_holes, of_tendons = (mu * HOLES, adhesion * HOLES), (np.full(2, compliance), np.zeros(2), np.zeros(2))
-    parameters = TendonParameters(LENGTHS, MASK, *of_holes, *of_tendons, coefficients)
+    follows = HOLES & np.array([[law is not None] for law in coefficients])
+    parameters = TendonParameters(LENGTHS, MASK, *of_holes, *of_tendons, follows, coefficients)
     return TendonLaw(parameters, model, hysteresis(presliding))

@@ -112,6 +112,7 @@ def tendon_law(robot: Robot, friction: str, lengths: Array, mask: Flags, hystere
     laws = tuple(t.friction if c is None else None for t, c in zip(tendons, constant, strict=True))
     coefficients = [c.mu if c else t.friction_coefficient for t, c in zip(tendons, constant, strict=True)]
     coefficient = np.array(coefficients).reshape(m, 1) * inner
+    follows = np.array([law is not None for law in laws], dtype=bool).reshape(m, 1) & inner
     adhesion = np.array([t.adhesion for t in tendons]).reshape(m, 1) * inner
     for i, tendon in enumerate(tendons):
         # Without the base plate's hole, in which there is no friction, and the anchor.
@@ -121,14 +122,13 @@ def tendon_law(robot: Robot, friction: str, lengths: Array, mask: Flags, hystere
             if hole.drop is not None:
                 adhesion[at] = hole.drop
             if hole.friction_coefficient is not None:
-                # Zero would be that of the tendon's law.
-                least = np.finfo(float).tiny if laws[i] else 0.0
-                coefficient[at] = max(hole.friction_coefficient, least)
+                coefficient[at], follows[at] = hole.friction_coefficient, False
     compliance = np.array([0.0 if t.axial_stiffness is None else 1.0 / t.axial_stiffness for t in tendons])
     pretension = np.array([t.pretension for t in tendons])
     spools = [t.spool for t in tendons]
     spring = np.array([0.0 if s is None or s.stiffness is None else 1.0 / s.stiffness for s in spools])
-    parameters = TendonParameters(lengths, mask, coefficient, adhesion, compliance, pretension, spring, laws)
+    of_tendons = compliance, pretension, spring
+    parameters = TendonParameters(lengths, mask, coefficient, adhesion, *of_tendons, follows, laws)
     return TendonLaw(parameters, FRICTION_MODELS[friction], hysteresis)
 
 

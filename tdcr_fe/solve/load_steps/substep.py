@@ -47,7 +47,7 @@ ADVICE = {
 
 def has_rates(system: SceneSystem) -> bool:
     """Whether coefficients of friction follow laws, which may depend on slip rates."""
-    return any(law is not None for robot in system.robots for law in robot.law.parameters.laws)
+    return any(robot.law.varies for robot in system.robots)
 
 
 def _along(motion: Array, before: SolverState, after: SolverState) -> float:

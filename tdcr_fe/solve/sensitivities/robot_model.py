@@ -264,13 +264,13 @@ def _joined_law(laws: Sequence[TendonLaw], mobilised: FrictionModel) -> TendonLa
         for f in fields(TendonParameters)
         if f.name != "laws"
     }
-    of_coefficients = tuple(x for p in parameters for x in (p.laws or (None,) * first.shape[0]))
+    of_coefficients = tuple(x for p in parameters for x in p.laws)
     return TendonLaw(TendonParameters(**joined, laws=of_coefficients), mobilised, first.hysteresis)
 
 
 def _without_friction(parameters: TendonParameters) -> TendonParameters:
     none = np.zeros_like(parameters.friction)
-    return replace(parameters, friction=none, adhesion=none, laws=())
+    return replace(parameters, friction=none, adhesion=none, follows=none.astype(bool))
 
 
 #: Models at neighbouring values, by number of the parameter.
