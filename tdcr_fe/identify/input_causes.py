@@ -144,27 +144,21 @@ class _Inputs(NamedTuple):
         share, kind = number("share", "1", (-0.5, 0.9), 0.0, 0.01), Kind("input", ("the row before",))
         text = "the inputs stay behind their commands"
 
-        def behind(command: Mapping[str, float], before: Mapping[str, float], x: float) -> dict[str, float]:
-            return {n: u + x * (before.get(n, u) - u) for n, u in command.items()}
-
         def lagging(experiment: Experiment, values: Values) -> Experiment:
-            steps, last = [], LoadStep()
+            shares = [values["share"]] * len(experiment.whole_steps)
+            return _behind(experiment, shares, of_commands=False)
+
+        def coming_late(experiment: Experiment, values: Values) -> Experiment:
             pauses = _pauses([experiment.steps[k] for k in experiment.whole_steps])
-            shares = [values.get("share", min(values.get("late", 0.0) / p, 1.0)) for p in pauses]
-            for step, (k, factor) in zip(experiment.steps, experiment.step_ends, strict=True):
-                tensions = behind(step.tensions, last.tensions, shares[k])
-                displacements = behind(step.displacements, last.displacements, shares[k])
-                steps.append(replace(step, tensions=tensions, displacements=displacements))
-                if factor == 1.0:
-                    last = steps[-1] if "share" in values else step
-            return replace(experiment, steps=tuple(steps))
+            shares = [min(values["late"] / pause, 1.0) for pause in pauses]
+            return _behind(experiment, shares, of_commands=True)
 
         yield ChangedDescription("lag of the inputs", kind, (share,), lagging, text)
         pauses = _pauses(data.steps)
         typical = float(np.median(pauses))
         if np.all(pauses > 0.0) and np.ptp(pauses[1:]) > 0.01 * typical:
             late = number("late", "s", (-0.5 * typical, 0.9 * typical), 0.0, 0.01 * typical)
-            yield ChangedDescription("late inputs", kind, (late,), lagging, text)
+            yield ChangedDescription("late inputs", kind, (late,), coming_late, text)
 
     def jumps(self, data: MeasuredData) -> Iterator[Cause]:
         """Another zero of one input, or another gain of all, from a row on."""
@@ -194,6 +188,25 @@ class _Inputs(NamedTuple):
 def _pauses(steps: Sequence[LoadStep]) -> Array:
     """Times between every step and the one before [s], infinite for the first; nan where they are not known."""
     return np.diff([math.nan if s.time is None else s.time for s in steps], prepend=-math.inf)
+
+
+def _behind(experiment: Experiment, shares: Sequence[float], of_commands: bool) -> Experiment:
+    """Inputs that stay behind their commands by shares of the way from the row before, one of each row.
+
+    The way from what acted there, or ``of_commands`` from what was commanded.
+    """
+    steps, last = [], LoadStep()
+
+    def behind(command: Mapping[str, float], before: Mapping[str, float], share: float) -> dict[str, float]:
+        return {n: u + share * (before.get(n, u) - u) for n, u in command.items()}
+
+    for step, (k, factor) in zip(experiment.steps, experiment.step_ends, strict=True):
+        tensions = behind(step.tensions, last.tensions, shares[k])
+        displacements = behind(step.displacements, last.displacements, shares[k])
+        steps.append(replace(step, tensions=tensions, displacements=displacements))
+        if factor == 1.0:
+            last = step if of_commands else steps[-1]
+    return replace(experiment, steps=tuple(steps))
 
 
 def _with_inputs(shape: _InputLaw) -> Change:
