@@ -122,7 +122,7 @@ def simulate(
     further = [*instability_warnings(kept.unstable)]
     if kept is not last:
         further.append(_coarser_mesh_kept(kept, last))
-        kept.failed, kept.message = _outcome_on_coarser_mesh(kept, last)
+        kept.message = _message_on_coarser_mesh(kept, last)
     if (doubts := [*implausible, *remarks]) and kept.message not in (CONVERGED, INTERRUPTED):
         kept.message = f"{kept.message.partition(' Try smaller')[0]} Check the input first: {doubts[0]}"
     result = kept.result(model, time.perf_counter() - begun, implausible, remarks, further)
@@ -152,18 +152,17 @@ def _coarser_mesh_kept(kept: _Run, last: _Run) -> str:
     return (
         f"the results are those of a mesh of {sum(kept.elements_per_bay)} elements, on which {len(kept.solved)} "
         f"{'step was' if len(kept.solved) == 1 else 'steps were'} solved; the run on the refined mesh of "
-        f"{sum(last.elements_per_bay)} elements got to step {last.failed} and {what}"
+        f"{sum(last.elements_per_bay)} elements got to step {last.next_step} and {what}"
     )
 
 
-def _outcome_on_coarser_mesh(kept: _Run, last: _Run) -> tuple[int | None, str]:
-    """Number of the first step without a solution, and the message, where a coarser mesh's steps are kept."""
-    number = kept.next_step
+def _message_on_coarser_mesh(kept: _Run, last: _Run) -> str:
+    """Why the run ended, where a coarser mesh's steps are kept."""
     if last.message == INTERRUPTED:
-        return number, INTERRUPTED
-    if number is None:
-        return None, CONVERGED
-    return number, f"step {number} was not solved, since the refined mesh failed before it: {last.message}"
+        return INTERRUPTED
+    if kept.next_step is None:
+        return CONVERGED
+    return f"step {kept.next_step} was not solved, since the refined mesh failed before it: {last.message}"
 
 
 class MeshedRun(ABC):
@@ -185,9 +184,8 @@ class MeshedRun(ABC):
     monitor : MeshMonitor
     solved : list of StepResult
     warnings : list of str
-    failed : int or None
-        Number of the step that was not solved.
     message : str
+        Why it ended.
     pilots : list of MeshEstimate or None
         Estimates for steps to come; None until there is need of them.
     """
@@ -198,7 +196,6 @@ class MeshedRun(ABC):
         self.monitor = MeshMonitor(simulation, self.goal)
         self.solved: list[StepResult] = []
         self.warnings: list[str] = []
-        self.failed: int | None = None
         self.message = CONVERGED
         self.pilots: list[MeshEstimate] | None = []
 
@@ -211,14 +208,10 @@ class MeshedRun(ABC):
         """Number of the first step that is not solved."""
         return len(self.solved) + 1 if len(self.solved) < self.count else None
 
-    def end(self, message: str) -> None:
-        """Record why the next step was not solved."""
-        self.failed, self.message = self.next_step, message
-
     def end_at(self, step: LoadStep, failure: StepFailed) -> None:
         """Record that the next step, which is this one, has no solution."""
         label = f" ({step.label})" if step.label else ""
-        self.end(f"step {self.next_step}{label} did not converge: {failure}")
+        self.message = f"step {self.next_step}{label} did not converge: {failure}"
 
     @property
     def _estimates(self) -> tuple[MeshEstimate, ...]:
@@ -272,7 +265,7 @@ class MeshedRun(ABC):
             steps=steps,
             converged=self.message == CONVERGED,
             message=self.message,
-            failed_step=self.failed,
+            failed_step=self.next_step,
             wall_time=wall_time,
             warnings=(*implausible, *warnings),
             remarks=tuple(remarks),
@@ -314,7 +307,7 @@ def refined_runs(
         try:
             finer = run.take_steps(automatic and len(runs) < MOST_MESHES)
         except KeyboardInterrupt as stop:
-            run.end(INTERRUPTED)
+            run.message = INTERRUPTED
             return runs, stop
         if finer is None:
             return runs, None

@@ -259,7 +259,7 @@ class _FollowRun(MeshedRun):
         for number, target in enumerate(task.targets):
             found = self._reach(number, target)
             if found is None:
-                self.end(
+                self.message = (
                     f"target {number + 1} ({target.label or 'no label'}): no load step towards it has a solution; "
                     "try targets closer together, or a smaller pretension"
                 )
