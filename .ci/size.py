@@ -25,21 +25,21 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2708,
+    "elements": 2703,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 758,
     "tdcr_fe/effects": 1213,
     "tdcr_fe/estimate": 1005,
-    "tdcr_fe/identify": 6197,
+    "tdcr_fe/identify": 6202,
     "tdcr_fe/io": 1764,
     "tdcr_fe/live": 350,
     "tdcr_fe/model": 2460,
     "tdcr_fe/report": 1108,
-    "tdcr_fe/scene": 1260,
-    "tdcr_fe/solve": 6762,
+    "tdcr_fe/scene": 1261,
+    "tdcr_fe/solve": 6748,
     "tdcr_fe/sweeps": 1397,
     "validation": 6488,
-    "tests": 12734,
+    "tests": 12737,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
