@@ -88,7 +88,7 @@ def corrected_files(result: IdentificationResult) -> dict[str, str]:
     remarks += [f"{_MEASUREMENT_ONLY}{n} = {value_to_toml(result.effects_table[n])}" for n in skipped]
     if result.law is not None:
         remarks += [
-            f"# law found: {result.law.formula}",
+            f"# causes without a name: {result.law.formula}",
             "# on the loading below it gives the loads named law 1, law 2, ...; on another loading it gives others",
         ]
     steps, solver = _labelled(result, base), result.simulated.solver

@@ -490,6 +490,7 @@ class IdentificationResult:
     def to_json(self) -> dict[str, Any]:
         """As ``result.json`` has it; numbers that are not finite become null."""
         readings, log, law = self.data.readings, self.log, self.law
+        found = self.verdict is Verdict.LAW_FOUND
         document = {
             "dataset": self.data.name,
             "observations": len(readings),
@@ -520,11 +521,11 @@ class IdentificationResult:
             "versions": versions(),
             # where there are
             "datasets": self.by_set or None,
-            "law": None if self.names_nothing else law and {**law.to_json(), "after": self.after},
+            "law": law and {**law.to_json(), "after": self.after} if found else None,
             "ceiling": self.ceiling and {"held_out": self.ceiling},
             "next_experiment": self.next_experiment,
             "scatter": self.scatter,
             "searched_steps": log.rows and log.rows.numbers,
         }
-        found: dict[str, Any] = plain({name: value for name, value in document.items() if value is not None})
-        return found
+        written: dict[str, Any] = plain({n: value for n, value in document.items() if value is not None})
+        return written

@@ -218,6 +218,7 @@ def test_result_and_report_have_the_law(found):
     document = json.loads(json.dumps(result.to_json()))
     assert document["effects"] == [] and document["causes"][0]["perturbs"] == "precurvature"
     assert document["law"]["formula"].startswith("t e (x = ")
+    assert "law" not in replace(result, verdict="partly explained").to_json()
     assert headline(result) == f"Explained by an unlisted cause: {result.law.sentence}."
     assert result.law.sentence in summary(result) and result.law.formula in render(result)
 
