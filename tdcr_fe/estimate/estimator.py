@@ -166,7 +166,7 @@ class Estimator:
         state, history = found.point, self._problem.history
         for _ in range(STATES - found.states if read else 0):
             self._volume = self._volume.renewed(state, held)
-        response, likely = state.with_likely_holes(covariance)
+        response, likely = state.with_likely_states(covariance)
         self.simulation.return_to(Position(state.moved(found.unknowns)))
         self._mean, self._time, self._last = found.unknowns.copy(), frame.commands.time, state
         self._mean[history] = plastic_slips(self.simulation, self.simulation.state)

@@ -17,7 +17,14 @@ from scipy.linalg import block_diag
 
 from tdcr_fe.effects import Observation
 from tdcr_fe.estimate.most_probable import Found, linear_start, most_probable, posterior_covariance
-from tdcr_fe.estimate.response import Response, plastic_slips, sticking_within, with_plastic_slips
+from tdcr_fe.estimate.response import (
+    LEAST_INSIDE,
+    Response,
+    plastic_slips,
+    tensions_without_bounds,
+    with_plastic_slips,
+    within_bounds,
+)
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Actuation, Load
 from tdcr_fe.model.observed_step import ObservedStep
@@ -182,6 +189,7 @@ class Solved:
     position: Position
     observed: ObservedStep
     sticking: Array | None = None  # Shares of the slips that holes follow, see `Response.of`
+    giving: Array | None = None  # How much tendons give way at their base, see `Response.of`
 
     @classmethod
     def of(cls, frame: Frame, unknowns: Array, report: LoadStepReport) -> Solved:
@@ -202,7 +210,7 @@ class Solved:
     @cached_property
     def _by_node(self) -> Response:
         """Derivatives by inputs, loads on all nodes that may carry it, and plastic slips."""
-        return Response.of(self.simulation, self.frame.problem.loaded, self.sticking)
+        return Response.of(self.simulation, self.frame.problem.loaded, self.sticking, self.giving)
 
     @cached_property
     def response(self) -> Response:
@@ -261,12 +269,12 @@ class Solved:
         """See `tdcr_fe.estimate.most_probable.SolvedState`."""
         return self._of_frame[1] @ self._by_unknowns
 
-    def with_likely_holes(self, prior: Array) -> tuple[Response, Array]:
-        """Derivatives and covariance, given the readings, where holes stick or slip with their probability.
+    def with_likely_states(self, prior: Array) -> tuple[Response, Array]:
+        """Derivatives and covariance given the readings; holes stick and tendons are taut with their probability.
 
-        Within the uncertainty of the unknowns, a hole near stick and slip is linear in none of them: its mobilisation
-        is a line through all of its values and an error of this line (statistical linearisation; A. F. Garcia-Fernandez
-        et al., IEEE Trans. Signal Processing 63 (2015) 5561-5573).
+        Within the uncertainty of the unknowns, a hole near stick and slip, or a tendon near slack, is linear in none of
+        them: its mobilisation or tension is a line through all of its values and an error of this line (statistical
+        linearisation; A. F. Garcia-Fernandez et al., IEEE Trans. Signal Processing 63 (2015) 5561-5573).
 
         Parameters
         ----------
@@ -276,23 +284,43 @@ class Solved:
         Returns
         -------
         response : Response
-        covariance : ndarray, shape (n + k, n + k)
-            Of the unknowns, and of the errors of the holes in units of their standard deviation.
+        covariance : ndarray, shape (n + k + m, n + k + m)
+            Of the unknowns, and of the errors of holes and tendons in units of their standard deviation.
         """
-        simulation, history = self.frame.problem.simulation, self.frame.problem.history
+        problem, simulation, commands = self.frame.problem, self.simulation, self.frame.commands
+        history, inputs, by_node = problem.history, problem.inputs, self._by_node
+        by = self._by_unknowns.copy()
+        wound, scale, m = commands.by_displacement, commands.drives.scale, len(commands.values)
         law, covariance = simulation.handle.actuation.law, posterior_covariance(prior, self.jacobian)
+
+        def spread(by_node: Array) -> Array:
+            changes = by_node @ by
+            return np.sqrt(np.einsum("ki,ij,kj->k", changes, covariance, changes).clip(0.0))
+
+        by[:m, inputs] = np.diag(scale)  # without bounds
+        tensions, compliances = tensions_without_bounds(simulation)
+        tensions = np.where(wound, tensions, commands.values + scale * self.unknowns[inputs])
+        pulling = (wound & (tensions > 0.0))[:, None]
+        changes = np.where(pulling, by_node.base_tensions, -by_node.gaps / compliances[:, None])
+        taut, left = within_bounds(tensions, spread(changes), 0.0, np.inf)
+        # Such an error is that of the input which has the same effect.
+        as_input = compliances / scale * np.divide(left, taut, np.zeros(m), where=taut > 0.0)
+        giving = np.divide(compliances, taut, np.full(m, np.inf), where=taut > 0.0) - compliances
+        by[:m, inputs] = np.diag(scale * np.where(wound, 1.0, taut))
+
         presliding, slips = law.hysteresis.presliding, self.position.state.friction[0].slip[law.frictional]
-        changes = self.response.plastic_slips + presliding * self.response.mobilisations
-        changes[:, history] -= np.eye(len(slips))
-        spread = np.sqrt(np.einsum("ki,ij,kj->k", changes, covariance, changes).clip(0.0)) / presliding
-        sticking, left = sticking_within((slips - self.unknowns[history]) / presliding, spread)
-        likely = replace(self, sticking=sticking) if len(slips) else self
-        # Such an error is that of the plastic slip which has the same effect.
+        changes = by_node.plastic_slips + presliding * by_node.mobilisations
+        changes[:, m + 6 * len(problem.loaded) :] -= np.eye(len(slips))
+        trial = (slips - self.unknowns[history]) / presliding
+        sticking, left = within_bounds(trial, spread(changes) / presliding, -1.0, 1.0)
         as_slip = presliding * np.divide(left, sticking, np.zeros(len(slips)), where=sticking > 0.0)
-        by_unknowns = likely._by_unknowns
-        weights = np.hstack((by_unknowns, by_unknowns[:, history] * as_slip))
+
+        likely = self
+        if len(slips) or np.any((taut * (1.0 - taut))[wound] > LEAST_INSIDE):
+            likely = replace(self, sticking=sticking, giving=giving)
+        weights = np.hstack((by, by[:, history] * as_slip, by[:, inputs] * as_input))
         jacobian = likely._of_frame[1] @ weights
-        wider = posterior_covariance(block_diag(prior, np.eye(len(slips))), jacobian)
+        wider = posterior_covariance(block_diag(prior, np.eye(len(slips) + m)), jacobian)
         return likely._by_node.combined(weights), wider
 
     def _change_to(self, frame: Frame, unknowns: Array) -> Array:

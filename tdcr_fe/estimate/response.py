@@ -17,13 +17,14 @@ from scipy.special import ndtr
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.model.observed_step import ObservedChange
 from tdcr_fe.solve.equations.configuration import SolverState, Target
+from tdcr_fe.solve.equations.linearization import BorderedFactors
 from tdcr_fe.solve.sensitivities.linear_response import AT_BOUND, Disturbance, SolvedPoint
 from tdcr_fe.solve.simulation import Simulation
 
 Array = NDArray[np.float64]
 
-#: Holes that stick with a probability less than this slip [1].
-LEAST_STICKING = 1e-3
+#: Holes that stick, or tendons that are taut, with a probability less than this slip or are slack [1].
+LEAST_INSIDE = 1e-3
 
 
 def plastic_slips(simulation: Simulation, state: SolverState) -> Array:
@@ -40,32 +41,59 @@ def with_plastic_slips(simulation: Simulation, state: SolverState, change: Array
     return state._replace(friction=(replace(own, slip=slip),))
 
 
-def sticking_within(trial: Array, spread: Array) -> tuple[Array, Array]:
-    """Least-squares line through the mobilisation of holes as it follows an uncertain slip, which is normal.
+def within_bounds(trial: Array, spread: Array, low: float, high: float) -> tuple[Array, Array]:
+    """Least-squares line through what is cut off at bounds, as it follows an uncertain value, which is normal.
+
+    Mobilisations of holes are cut off at full friction, and tensions of tendons at zero.
 
     Parameters
     ----------
     trial
-        Mean of what the mobilisation would be if it had no bounds, shape (k,).
+        Mean of what it would be if it had no bounds, shape (k,).
     spread
         Its standard deviation, shape (k,).
+    low, high
+        Bounds; they may be infinite.
 
     Returns
     -------
     slope, left : ndarray, shape (k,)
-        Slope, which is the probability that the hole sticks, or zero where that is next to nothing, and standard
-        deviation of what the line misses [1].
+        Slope, which is the probability to be inside (the hole sticks, the tendon is taut), or zero where that is next
+        to nothing, and standard deviation of what the line misses.
     """
     spread = np.maximum(spread, 1e-9)
-    low, high = (-1.0 - trial) / spread, (1.0 - trial) / spread
-    below, above = ndtr(low), ndtr(-high)
-    at_low, at_high = (np.exp(-0.5 * x**2) / math.sqrt(2.0 * math.pi) for x in (low, high))
-    slope = ndtr(high) - below
-    mean = above - below + trial * slope + spread * (at_low - at_high)
-    square = above + below + (trial**2 + spread**2) * slope
-    square += 2.0 * trial * spread * (at_low - at_high) + spread**2 * (low * at_low - high * at_high)
-    left = np.sqrt(np.maximum(square - mean**2 - (slope * spread) ** 2, 0.0))
-    return np.where(slope > LEAST_STICKING, slope, 0.0), left
+    a, b = (((x - trial) / spread).clip(-40.0, 40.0) for x in (low, high))
+    below, above = ndtr(a), ndtr(-b)
+    at_a, at_b = (np.exp(-0.5 * x**2) / math.sqrt(2.0 * math.pi) for x in (a, b))
+    slope = ndtr(b) - below
+    # In standard deviations from the trial.
+    mean = a * below + b * above + at_a - at_b
+    square = a**2 * below + b**2 * above + slope + a * at_a - b * at_b
+    left = spread * np.sqrt(np.maximum(square - mean**2 - slope**2, 0.0))
+    return np.where(slope > LEAST_INSIDE, slope, 0.0), left
+
+
+def tensions_without_bounds(simulation: Simulation) -> tuple[Array, Array]:
+    """Tensions at the base of the last solved state if tendons that are wound could push, and their compliances.
+
+    The compliance is the change of a tendon's displacement by its tension, while the others stay taut or slack.
+
+    Returns
+    -------
+    tensions : ndarray, shape (m,)
+        [N].
+    compliances : ndarray, shape (m,)
+        [m/N]; where the tension is given, one of its inputs [1].
+    """
+    state, linear = simulation.state, simulation.linearization()
+    tensions, compliances = state.base_tension[0].copy(), np.ones(len(state.base_tension[0]))
+    if isinstance(linear.factorisation, BorderedFactors):
+        winds = simulation.handle.actuation.drives.winds
+        compliances[winds] = linear.factorisation.compliances()
+        gaps = simulation.system.forces(state, state.time)[0].field.base_slip - state.inputs[0]
+        slack = winds & (tensions <= 0.0)
+        tensions[slack] = -gaps[slack] / compliances[slack]
+    return tensions, compliances
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +106,18 @@ class Response(ObservedChange):
 
     plastic_slips: Array  # (k, P): At the end of the step [m]
     mobilisations: Array  # (k, P): as `plastic_slips` [1]
+    # (m, P): By how much more tendons reach than they are wound, zero where they are taut [m]; less tension [N] where
+    # that is given
+    gaps: Array
 
     @classmethod
-    def of(cls, simulation: Simulation, loaded: NDArray[np.int_], sticking: Array | None = None) -> Response:
+    def of(
+        cls,
+        simulation: Simulation,
+        loaded: NDArray[np.int_],
+        sticking: Array | None = None,
+        giving: Array | None = None,
+    ) -> Response:
         """Of the last solved state.
 
         Parameters
@@ -91,6 +128,9 @@ class Response(ObservedChange):
             Nodes on which loads may act, shape (q,).
         sticking
             How much of the slip of each hole its mobilisation follows, shape (k,) [1]; None is 1 where it sticks.
+        giving
+            How much each tendon that is wound gives way at its base, shape (m,) [m/N]: infinitely where it is slack;
+            None is nothing where it is taut.
         """
         system, state, law = simulation.system, simulation.state, simulation.handle.actuation.law
         target, mobilisation = Target(state.inputs, state.loads, state.time), state.mobilisation[0]
@@ -98,9 +138,10 @@ class Response(ObservedChange):
         if sticking is not None:
             share[law.frictional] = sticking
         sticks = share > 0.0
-        solved = SolvedPoint.of(
-            system, state, target, sticking=(sticks,), linearization=simulation.linearization()
-        )
+        linear, winds = simulation.linearization(), simulation.handle.actuation.drives.winds
+        if giving is not None and isinstance(linear.factorisation, BorderedFactors):
+            linear = linear._replace(factorisation=linear.factorisation.giving_way(giving[winds]))
+        solved = SolvedPoint.of(system, state, target, sticking=(sticks,), linearization=linear)
         flexibility = solved.flexibility[0] / np.where(sticks, share, 1.0)
         solved = replace(solved, flexibility=(flexibility,))
         changes = solved.respond((_disturbance(solved.forces[0], state, loaded),))
@@ -108,8 +149,9 @@ class Response(ObservedChange):
         moved = changes.unknowns[solved.numbering.robots[0].nodes].reshape(len(positions), 2, 3, -1)
         moved = rotations[:, None] @ moved
         displacements, m = tendons.released.sum(axis=1), len(law.frictional)
-        winds = simulation.handle.actuation.drives.winds
-        displacements[winds] = np.eye(m, displacements.shape[1])[winds]
+        wound = np.eye(m, displacements.shape[1])
+        gaps = np.where(winds[:, None], displacements, 0.0) - wound
+        displacements[winds] = wound[winds]
         ends = [len(x) - 1 for x in simulation.handle.tensions().values()]
         mobilisations = tendons.mobilisation[law.frictional]
         slips = (law.slip_operator @ tendons.released)[law.frictional]
@@ -122,6 +164,7 @@ class Response(ObservedChange):
             np.zeros((len(positions), displacements.shape[1])),  # nodes stay where they are on the backbone
             slips - law.hysteresis.presliding * mobilisations,
             mobilisations,
+            gaps,
         )
 
     def combined(self, weights: Array) -> Response:

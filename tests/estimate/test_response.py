@@ -5,7 +5,7 @@ import pytest
 
 import tdcr_fe as tdcr
 from tdcr_fe.elements.drives import DISPLACEMENT, TENSION, TendonDrives
-from tdcr_fe.estimate.response import Response, plastic_slips, sticking_within, with_plastic_slips
+from tdcr_fe.estimate.response import Response, plastic_slips, with_plastic_slips, within_bounds
 from tdcr_fe.model.loading import Actuation
 from tdcr_fe.validation.campaigns.estimate import LENGTH, model, rod
 
@@ -77,7 +77,7 @@ def test_a_hole_of_which_stick_or_slip_is_uncertain_is_a_line_and_what_it_misses
     z = np.linspace(-10.0, 10.0, 200001)
     weight = np.exp(-0.5 * z**2)
     weight /= weight.sum()
-    slope, left = sticking_within(trial, spread)
+    slope, left = within_bounds(trial, spread, -1.0, 1.0)
     for mean, sigma, of_line, missed in zip(trial, spread, slope, left, strict=True):
         cut = (mean + sigma * z).clip(-1.0, 1.0)
         expected = weight @ (cut * z) / sigma if sigma else 1.0

@@ -113,6 +113,20 @@ class BorderedFactors(NamedTuple):
             return self
         return self._replace(slack=slack, border=_border(self.schur, slack))
 
+    def giving_way(self, compliance: Array) -> BorderedFactors:
+        """The factors where each tendon gives way at its base [m/N], infinitely where it is slack, shape (k,)."""
+        slack = np.isinf(compliance)
+        border = _border(self.schur + np.diag(np.where(slack, 0.0, compliance)), slack)
+        return self._replace(slack=slack, border=border)
+
+    def compliances(self) -> Array:
+        """Change of each displacement by its tension, while other tendons stay taut or slack [m/N], shape (k,)."""
+        found = np.zeros(len(self.slack))
+        for i in range(len(found)):
+            slack = self.slack & (np.arange(len(found)) != i)
+            found[i] = 1.0 / _border(self.schur, slack).solve(np.eye(len(found))[i])[i]
+        return found
+
     def solve(self, right: Array) -> Array:
         """See `Factors.solve`."""
         n = self.rows.shape[1]
