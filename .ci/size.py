@@ -29,7 +29,7 @@ BUDGET = {
     "tdcr_fe": 242,
     "tdcr_fe/commands": 758,
     "tdcr_fe/effects": 1213,
-    "tdcr_fe/estimate": 1048,
+    "tdcr_fe/estimate": 1049,
     "tdcr_fe/identify": 6203,
     "tdcr_fe/io": 1764,
     "tdcr_fe/live": 350,
