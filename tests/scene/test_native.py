@@ -11,6 +11,7 @@ from native_solvers import damped, dynamic_settings, recommended, static_setting
 from robots import BACKBONE, DISKS, LENGTH, SEVEN, distance, pull, scene, seven, single, solve, solve_scene
 
 from tdcr_fe import Disks, LoadStep, ParallelRouting, Robot, SolveTDCR, StribeckFriction, Superelastic, Tendon
+from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.elements.native import hooks
 
 # ---------------------------------------------------------------- statics
@@ -150,6 +151,21 @@ def test_forces_are_those_of_the_configuration_after_an_iterate_that_diverged():
         before, lost, after = (robot.forces_on_coordinates(q, 1e-3) for q in (at, np.nan * at, at))
     assert np.isnan(lost).all()
     np.testing.assert_allclose(after, before, rtol=1e-9, atol=1e-9 * np.abs(before).max())
+
+
+def test_tensions_of_displacements_are_found_to_round_off_in_a_few_iterations(monkeypatch):
+    """Inextensible tendons: a tolerance below the round-off took 60, and six times the time of a dynamic run."""
+    _keep, mbs, handle = scene(seven(0.0))
+    handle.set_displacements([2e-3, -0.9e-3, -0.9e-3])
+    SolveTDCR(mbs)
+    robot, evaluated, after = handle.actuation, [], ForceModel.after
+    monkeypatch.setattr(
+        ForceModel, "after", lambda self, *given: evaluated.append(given) or after(self, *given)
+    )
+    at = np.array(mbs.systemData.GetODE2Coordinates())[robot.coordinates.ravel()]
+    for k in range(20):
+        robot.forces_on_coordinates(at * (1.0 - 1e-6 * k), 1e-3)
+    assert 40 <= len(evaluated) <= 100
 
 
 # ---------------------------------------------------------------- recommended settings
