@@ -26,6 +26,8 @@ TINY = 0.01
 MOST = 200
 #: Beyond this spectral radius of the generalized-alpha method constraint forces are hardly damped [1].
 LARGEST_RADIUS = 0.99
+#: Largest gap in a base joint with which a run may begin: the tip is thrown about as far as the gap [m, 1].
+LARGEST_GAP = 1e-4
 #: Key of the hooks in ``mbs.variables``.
 KEY = "tdcr_fe.hooks"
 
@@ -126,6 +128,20 @@ class RobotInScene:
         """Let a function see the end of every step [s]; in a data node it keeps what it has seen."""
         self.observers.append(observe)
         self.items = self.items.joined(RecordedItems.of(self.actuation.mbs, [], [node]))
+
+    def refuse_apart(self, mbs: exu.MainSystem, t: float) -> None:
+        """Refuse a dynamic run that begins at a time [s] with the base elsewhere than what carries it."""
+        solver, name = mbs.sys.get("dynamicSolver"), self.actuation.name
+        start = mbs.systemData.GetTime(exu.ConfigurationType.StartOfStep)
+        if start != t or solver is None or solver.it.currentTime != t:
+            return
+        joint = mbs.GetObjectNumber(f"{name}.baseJoint")
+        gap = np.abs(mbs.ComputeItem(joint, exu.ComputeItemType.AlgebraicEquations)).max()
+        if gap > LARGEST_GAP and mbs.GetObjectParameter(joint, "activeConnector"):
+            raise ValueError(
+                f"robot {name!r} does not begin at the marker that carries its base (gap {gap:.3g}): give that body "
+                "its pose as reference, not as initial displacement, or call mbs.SolveTDCR first"
+            )
 
 
 class SceneHooks:
@@ -294,6 +310,7 @@ class SceneHooks:
         self._check_counts()
         self._step_sizes.check(mbs, t, [robot.actuation.mesh for robot in self.robots])
         for robot in self.robots:
+            robot.refuse_apart(mbs, t)
             for observe in robot.observers:
                 observe(t)
             robot.actuation.commit_scene(t)

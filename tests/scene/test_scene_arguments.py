@@ -67,6 +67,26 @@ def test_a_robot_on_a_body_in_free_flight_moves_with_it():
     assert np.abs(rotation - turned).max() < 1e-6
 
 
+def test_a_robot_whose_body_begins_displaced_is_refused_in_dynamics_until_it_is_solved():
+    """The base joint closed within the first step: both were thrown about, or 200 tiny steps ended the run."""
+    _keep, mbs = system()
+    body = mbs.CreateRigidBody(inertia=InertiaCuboid(1e3, [0.05] * 3), initialDisplacement=[0.01, 0.0, 0.0])
+    marker = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=body))
+    ground = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.CreateGround()))
+    spring = {"stiffness": np.eye(6), "damping": np.zeros((6, 6)), "offset": [0.01, 0.0, 0.0, 0.0, 0.0, 0.0]}
+    mbs.AddObject(eii.RigidBodySpringDamper(markerNumbers=[ground, marker], **spring))
+    handle = CreateTDCR(mbs, single(), MODEL, baseMarker=marker)
+    mbs.Assemble()
+    settings = recommended(handle, 5e-3, 1e-3)
+    with pytest.raises(
+        (ValueError, RuntimeError), match="does not begin at the marker that carries its base"
+    ):
+        mbs.SolveDynamic(settings)
+    mbs.SolveTDCR()
+    assert mbs.SolveDynamic(settings)
+    assert distance(handle.tip_position, [0.01, 0.0, LENGTH]) < 1e-9
+
+
 # ---------------------------------------------------------------- inputs
 
 
