@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2705,
+    "elements": 2719,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 758,
     "tdcr_fe/effects": 1213,
@@ -39,7 +39,7 @@ BUDGET = {
     "tdcr_fe/solve": 6758,
     "tdcr_fe/sweeps": 1397,
     "validation": 6488,
-    "tests": 12771,
+    "tests": 12788,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
