@@ -6,7 +6,7 @@ import math
 import os
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -113,7 +113,9 @@ def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
     data, (load, inputs) = read_all(lambda: read_measured(folder), lambda: _read_priors(path))
     reporter = Reporter(str(path))
     try:
-        inputs.sigmas(data.robot.tendon_names)
+        names = data.robot.tendon_names
+        own = (inputs.sigmas(names) * data.input_scales).tolist()  # of the steps as they were read
+        inputs = replace(inputs, sigma=dict(zip(names, own, strict=True)))
         load.check(data.robot.backbone.length)
     except FieldError as error:
         reporter(error.field, error.value, error.allowed)

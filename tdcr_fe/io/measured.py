@@ -62,8 +62,11 @@ class MeasuredData:
         Declared effects on commands and on the measurement, by effect and parameter: the table ``[effects]`` of
         ``model.toml``. Those on robot and model are in ``robot`` and ``model`` already.
     input_sigma : tuple of float
-        Standard deviations of the errors of the inputs, by tendon [N, m or rad]: the table ``[inputs]`` of
-        ``model.toml``; empty where it has none.
+        Standard deviations of the errors of the inputs, by tendon [N or m]: the table ``[inputs]`` of ``model.toml``;
+        empty where it has none.
+    input_scales : tuple of float
+        From the inputs of the files to those of ``steps``, by tendon: where the angles of its motor were given, the
+        radius of its spool [m], else 1.
     """
 
     name: str
@@ -79,6 +82,7 @@ class MeasuredData:
     parts: tuple[tuple[str, int], ...] = ()
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     input_sigma: tuple[float, ...] = ()
+    input_scales: tuple[float, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         if not len(self.step_ids) == len(self.steps) == len(self.branches):
@@ -143,18 +147,20 @@ def read_measured(folder: StrPath) -> MeasuredData:
         lambda: read_rows(observed),
     )
     model, settings = declared["model"], declared["solver"]
-    loading = _read_steps(table, robot, model, str(of_loading))
+    loading, scales = _read_steps(table, robot, model, str(of_loading))
     readings, bad = read_observations(rows, robot, set(loading.step_ids), str(observed))
     digests = {path.name: digest(path) for path in files if path.exists()}
     reporter, inputs, sigmas = Reporter(str(of_model)), declared["inputs"], tuple[float, ...]()
     try:
         if inputs:
-            sigmas = tuple(by_tendon("inputs.sigma", inputs.sigma, robot.tendon_names).tolist())
+            given = by_tendon("inputs.sigma", inputs.sigma, robot.tendon_names)
+            sigmas = tuple((given * scales).tolist())
     except FieldError as error:
         reporter(error.field, error.value, error.allowed)
     read = tuple(readings), tuple(bad), digests
     name = folder.resolve().name
-    data = MeasuredData(name, robot, model, *loading, *read, settings, input_sigma=sigmas)
+    of_inputs: dict[str, Any] = {"input_sigma": sigmas, "input_scales": scales}
+    data = MeasuredData(name, robot, model, *loading, *read, settings, **of_inputs)
     if declared["effects"]:
         data = _with_declared_effects(data, declared["effects"], reporter)
     reporter.refuse()
@@ -172,12 +178,16 @@ def _read_declared(of_robot: Path, of_model: Path) -> tuple[Robot, dict[str, Any
     return found[0], tables
 
 
-def _read_steps(table: pd.DataFrame, robot: Robot, model: Model, file: str) -> Loading:
-    """The loading sequence, refused where the results would not fit into memory."""
+def _read_steps(
+    table: pd.DataFrame, robot: Robot, model: Model, file: str
+) -> tuple[Loading, tuple[float, ...]]:
+    """The loading sequence, refused where the results would not fit into memory; and `MeasuredData.input_scales`."""
     loading, reporter = read_loading(table, robot, file), Reporter(file)
     reporter.contradictions(size_contradictions(robot, model, len(loading.steps)))
     reporter.refuse()
-    return loading._replace(steps=with_displacements(robot, loading.steps))
+    drives = {n: drive for step in loading.steps for drive, given in step.inputs() for n in given}
+    scales = tuple(drives[t.name].scale(t) if t.name in drives else 1.0 for t in robot.tendons)
+    return loading._replace(steps=with_displacements(robot, loading.steps)), scales
 
 
 def _with_declared_effects(data: MeasuredData, table: object, reporter: Reporter) -> MeasuredData:

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -12,6 +13,7 @@ from rod import Truth
 from tdcr_fe import PlausibilityWarning, read_estimation, run_estimation
 from tdcr_fe.cli import main
 from tdcr_fe.io.measured import MeasuredData, write_measured
+from tdcr_fe.model.tendon import Spool
 from tdcr_fe.validation.campaigns.estimate import model
 
 COUNT = 4
@@ -128,3 +130,20 @@ def test_coordinates_of_the_other_sign_are_doubted(folder, wrong, tmp_path, caps
     table[table["step"] == 1].to_csv(wrong / "observations.csv", index=False)
     assert main(["estimate", str(wrong), "-o", str(tmp_path / "out")]) == 1
     assert "): wrong axes, signs or units?" in capsys.readouterr().err
+
+
+def test_errors_of_the_angle_of_a_motor_are_in_radians(folder, tmp_path):
+    """Of the length wound they are so many times the radius of the spool; one of a tension stays what it is."""
+    declared = read_estimation(folder).data
+    first, *others = declared.robot.tendons
+    robot = replace(declared.robot, tendons=(replace(first, spool=Spool(radius=0.01)), *others))
+    path = tmp_path / "motor"
+    write_measured(replace(declared, robot=robot), path)
+    table = pd.read_csv(path / "loading.csv").rename(columns={"tension_helix": "motor_angle_helix"})
+    table.to_csv(path / "loading.csv", index=False)
+    shutil.copy(folder / "estimate.toml", path)
+    with (path / "model.toml").open("a") as file:
+        file.write("\n[inputs]\nsigma = 0.02\n")
+    found = read_estimation(path)
+    assert found.data.input_sigma == pytest.approx((0.02 * 0.01, 0.02, 0.02, 0.02))
+    assert found.inputs.sigmas(robot.tendon_names) == pytest.approx([0.01 * 0.01, 0.01, 0.01, 0.01])
