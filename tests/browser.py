@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import os
 import select
 import shutil
 import subprocess
@@ -10,13 +9,18 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import IO, Any
 
 import pytest
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 CHROMIUM = next((path for path in map(shutil.which, NAMES) if path), None)
-needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+
+
+def in_chromium(test: Any) -> Any:
+    """Marks of a test that needs a browser."""
+    return pytest.mark.integration(pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")(test))
+
 
 #: Drawing in software, so that WebGL works without a graphics card.
 SOFTWARE_GL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
@@ -29,10 +33,10 @@ class Browser:
     Parameters
     ----------
     to_browser, from_browser
-        File descriptors of the pipe.
+        Ends of its pipes, without buffers.
     """
 
-    def __init__(self, to_browser: int, from_browser: int) -> None:
+    def __init__(self, to_browser: IO[bytes], from_browser: IO[bytes]) -> None:
         self._out, self._in = to_browser, from_browser
         self._rest, self._number, self._session = b"", 0, None
         self.events: list[dict[str, Any]] = []
@@ -43,7 +47,7 @@ class Browser:
         message: dict[str, Any] = {"id": self._number, "method": method, "params": params}
         if self._session:
             message["sessionId"] = self._session
-        os.write(self._out, json.dumps(message).encode() + b"\0")
+        self._out.write(json.dumps(message).encode() + b"\0")
         end = time.monotonic() + timeout
         while time.monotonic() < end:
             found = self._message(end)
@@ -58,7 +62,7 @@ class Browser:
             ready, _, _ = select.select([self._in], [], [], max(0.0, end - time.monotonic()))
             if not ready:
                 raise TimeoutError("the browser does not answer")
-            self._rest += os.read(self._in, 1 << 20)
+            self._rest += self._in.read(1 << 20)
         text, _, self._rest = self._rest.partition(b"\0")
         return json.loads(text)
 
@@ -102,6 +106,11 @@ class Browser:
             self.mouse("mouseMoved", x, y, button=button, buttons=bit, **rest)
         self.mouse("mouseReleased", *end, button=button, buttons=0, clickCount=1, **rest)
 
+    def click(self, x: float, y: float, count: int = 1) -> None:
+        """Press and release the left button; ``count``: the number of this click in a row."""
+        for kind in ("mousePressed", "mouseReleased"):
+            self.mouse(kind, x, y, button="left", clickCount=count)
+
     def key(self, key: str, modifiers: int = 0) -> None:
         """Press and release a key."""
         text = {"text": key} if len(key) == 1 else {}
@@ -126,45 +135,23 @@ class Browser:
         return found
 
 
-def check_on_a_phone(page: Path) -> None:
-    """In dark mode on 390 pixels nothing is wider than the window, folded parts included, and nothing fails."""
-    with browser() as b:
-        b.open(page, 390, 844, dark=True)
-        b.ask("document.querySelectorAll('details').forEach(d => { d.open = true; })")
-        assert b.ask("document.documentElement.scrollWidth") <= 390
-        ground = "getComputedStyle(document.body).backgroundColor"
-        assert b.ask(ground) == "rgb(20, 24, 29)"
-        b.ask("document.querySelector('button.theme').click()")
-        assert b.ask(ground) == "rgb(255, 255, 255)"
-        assert b.errors() == []
-
-
 @contextlib.contextmanager
 def browser(*flags: str) -> Iterator[Browser]:
     """A headless Chromium without network."""
     assert CHROMIUM is not None
-    (read_there, to_browser), (from_browser, write_there) = os.pipe(), os.pipe()
-
-    def wire() -> None:  # Chromium reads from descriptor 3 and writes to 4
-        a, b = os.dup(read_there), os.dup(write_there)
-        os.dup2(a, 3)
-        os.dup2(b, 4)
-
     with TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        command = [CHROMIUM, "--headless=new", "--no-sandbox", "--remote-debugging-pipe", "--hide-scrollbars",
-                   "--disable-background-networking", "--no-first-run", "--mute-audio", "--disable-dev-shm-usage",
-                   f"--user-data-dir={profile}", *(flags or SOFTWARE_GL)]  # fmt: skip
-        silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        process = subprocess.Popen(command, preexec_fn=wire, close_fds=False, **silent)
-        os.close(read_there)
-        os.close(write_there)
-        try:
-            yield Browser(to_browser, from_browser)
-        finally:
-            os.close(to_browser)
-            os.close(from_browser)
+        # Chromium reads from descriptor 3 and writes to 4.
+        command = ["sh", "-c", 'exec "$0" "$@" 3<&0 4>&1 >/dev/null', CHROMIUM, "--headless=new", "--no-sandbox",
+                   "--remote-debugging-pipe", "--hide-scrollbars", "--disable-background-networking",
+                   "--no-first-run", "--mute-audio", "--disable-dev-shm-usage", f"--user-data-dir={profile}",
+                   *(flags or SOFTWARE_GL)]  # fmt: skip
+        piped = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+        with subprocess.Popen(command, bufsize=0, **piped) as process:
             try:
-                process.wait(10)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+                yield Browser(process.stdin, process.stdout)
+            finally:
+                process.stdin.close()
+                try:
+                    process.wait(10)
+                except subprocess.TimeoutExpired:
+                    process.kill()

@@ -10,6 +10,7 @@ from robots import LENGTH, three
 from tdcr_fe import LoadStep, Model, cli, model_to_toml, robot_to_toml, simulate
 
 ROBOT, MODEL = three(0.2), Model(elements_per_bay=1)
+ONE = ["--largest", "1"]
 
 
 @pytest.fixture
@@ -19,8 +20,10 @@ def robot(tmp_path):
     return tmp_path / "robot.toml"
 
 
-def follow(robot, *options):
+def follow(robot, path, *options):
+    """The exit status of the command with this text as path.csv."""
     folder = robot.parent
+    (folder / "path.csv").write_text(path)
     paths = [str(robot), str(folder / "path.csv"), "-o", str(folder / "out")]
     return cli.main(["follow", *paths, "--model", str(folder / "model.toml"), "--no-pictures", *options])
 
@@ -30,9 +33,9 @@ def test_run_reproduces_the_path(tmp_path, robot, capsys, displacements):
     steps = [LoadStep(tensions={"t1": 0.5, "t2": 0.3, "t3": 0.2}), LoadStep(tensions={"t1": 0.3, "t2": 0.6})]
     tips = simulate(ROBOT, MODEL, steps).tips
     rows = [f"{k},{x!r},{y!r},{z!r}" for k, (x, y, z) in enumerate(tips.tolist(), start=1)]
-    (tmp_path / "path.csv").write_text("\n".join(["step,x,y,z", *rows]) + "\n")
     options = ["--tolerance", "2.5e-7", *(["--displacements"] if displacements else [])]
-    assert follow(robot, "--largest", "2", "--pretension", "0.1", *options) == 0
+    path = "\n".join(["step,x,y,z", *rows])
+    assert follow(robot, path, "--largest", "2", "--pretension", "0.1", *options) == 0
     assert "2 reached" in capsys.readouterr().out
     out = tmp_path / "out"
     table = pd.read_csv(out / "targets.csv")
@@ -53,8 +56,8 @@ def test_run_reproduces_the_path(tmp_path, robot, capsys, displacements):
 
 
 def test_a_target_out_of_reach_is_named_and_the_exit_status_is_0(tmp_path, robot, capsys):
-    (tmp_path / "path.csv").write_text("step;x;y;z;dx;dy;dz;label\n1;0,0;0,0;0,3;;;;above\n")
-    assert follow(robot, "--largest", "t1=2", "t2=2", "t3=1.5") == 0
+    path = "step;x;y;z;dx;dy;dz;label\n1;0,0;0,0;0,3;;;;above\n"
+    assert follow(robot, path, "--largest", "t1=2", "t2=2", "t3=1.5") == 0
     out, err = capsys.readouterr()
     assert "targets       1: 0 reached within 0.25 mm, 1 out of reach" in out
     assert "out of reach: 1 target (1), at most 50 mm away; see" in err and "targets.csv" in err
@@ -64,21 +67,19 @@ def test_a_target_out_of_reach_is_named_and_the_exit_status_is_0(tmp_path, robot
 
 
 def test_an_empty_cell_leaves_a_coordinate_open(tmp_path, robot, capsys):
-    (tmp_path / "path.csv").write_text("step,x,y,z\n1,0.05,0.0,\n")
-    assert follow(robot, "--largest", "2", "--pretension", "0.1") == 0
+    assert follow(robot, "step,x,y,z\n1,0.05,0.0,\n", "--largest", "2", "--pretension", "0.1") == 0
     table = pd.read_csv(tmp_path / "out" / "targets.csv")
     assert table["status"][0] == "reached" and np.isnan(table["z"][0])
     assert table["tip_x"][0] == pytest.approx(0.05, abs=1e-5) and table["tip_z"][0] < 0.25
     assert table["error"][0] == pytest.approx(np.hypot(table["tip_x"][0] - 0.05, table["tip_y"][0]))
-    (tmp_path / "path.csv").write_text("step,x,y,z\n1,,,\n")
-    assert follow(robot, "--largest", "2") == 2
+    assert follow(robot, "step,x,y,z\n1,,,\n", "--largest", "2") == 2
     assert "line 2, x = empty: must be a finite number where y and z are open" in capsys.readouterr().err
 
 
 def test_mistakes_of_all_inputs_are_reported_together(tmp_path, robot, capsys):
     rows = ["1,0,0,0.2,,,,", "1,0,0,x,,,,", "2,0,0,0.2,0,0,0,", "3,0,0,0.2,1,,0,5", "4,0,0,0.2,,,,1"]
-    (tmp_path / "path.csv").write_text("\n".join(["step,x,y,z,dx,dy,dz,time", *rows, ""]))
-    assert follow(robot, "--largest", "1", "--pretension", "t9=0.1") == 2
+    path = "\n".join(["step,x,y,z,dx,dy,dz,time", *rows])
+    assert follow(robot, path, "--largest", "1", "--pretension", "t9=0.1") == 2
     text = capsys.readouterr().err
     for expected in (
         "line 3, z = x: must be a finite number",
@@ -95,8 +96,7 @@ def test_mistakes_of_all_inputs_are_reported_together(tmp_path, robot, capsys):
 def test_targets_in_another_unit_are_refused_with_it(tmp_path, robot, capsys, unit, size):
     """Centimetres were taken for millimetres, once for every number of the file."""
     rows = "".join(f"{k},{size * x},0,{size * 0.24}\n" for k, x in enumerate((0.03, 0.05), 1))
-    (tmp_path / "path.csv").write_text("step,x,y,z\n" + rows)
-    assert follow(robot, "--largest", "1") == 2
+    assert follow(robot, "step,x,y,z\n" + rows, "--largest", "1") == 2
     text = capsys.readouterr().err
     distance = size * np.hypot(0.05, 0.24)
     for words in ("1 mistake", f"targets[1].position = {distance:g} m", f"was it meant in {unit}?"):
@@ -105,21 +105,17 @@ def test_targets_in_another_unit_are_refused_with_it(tmp_path, robot, capsys, un
 
 
 @pytest.mark.parametrize(
-    ("text", "expected"),
+    ("text", "options", "expected"),
     [
-        ("x,y,z\n0,0,0.2\n", "step: missing column"),
-        ("step,x,y,z,dx\n1,0,0,0.2,1\n", "all three or none"),
-        ("step,x,y,zz\n1,0,0,0.2\n", "did you mean z?"),
-        ("step,x,y,z\n", "has no rows"),
+        ("x,y,z\n0,0,0.2\n", ONE, "step: missing column"),
+        ("step,x,y,z,dx\n1,0,0,0.2,1\n", ONE, "all three or none"),
+        ("step,x,y,zz\n1,0,0,0.2\n", ONE, "did you mean z?"),
+        ("step,x,y,z\n", ONE, "has no rows"),
+        ("step,x,y,z\n1,0,0,0.2\n", ["--largest", "much"], "'much': must be one number"),
+        ("step,x,y,z\n1,0,0,0.2\n", [*ONE, "--displacements"], "needs a pretension above zero"),
     ],
 )
-def test_columns_are_checked(tmp_path, robot, capsys, text, expected):
-    (tmp_path / "path.csv").write_text(text)
-    assert follow(robot, "--largest", "1") == 2
+def test_columns_and_options_are_checked(tmp_path, robot, capsys, text, options, expected):
+    assert follow(robot, text, *options) == 2
     assert expected in capsys.readouterr().err
-    (tmp_path / "path.csv").write_text("step,x,y,z\n1,0,0,0.2\n")
-    assert follow(robot, "--largest", "much") == 2
-    assert "'much': must be one number" in capsys.readouterr().err
-    assert follow(robot, "--largest", "1", "--displacements") == 2
-    assert "needs a pretension above zero" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

@@ -12,8 +12,6 @@ from tdcr_fe import LoadStep, Model, Reading, simulate
 from tdcr_fe.effects import EFFECTS, ExcitationRange, Experiment, Observation, effect, with_effect
 from tdcr_fe.effects.by_tendon import segments
 from tdcr_fe.identify.run import Readings
-from tdcr_fe.model.channels import channel
-from tdcr_fe.model.observed_step import ObservedStep
 
 MODEL = Model(elements_per_bay=1)
 #: Two segments of two tendons each; their names are not in the order of their ends.
@@ -99,25 +97,16 @@ def read(setup, readings):
     return Readings.of(readings, [1, 2], setup.robot.tendon_names).read(simulated(setup), setup)
 
 
-def test_a_marker_offset_along_the_tangent_is_beyond_its_section():
-    """An unbent robot stands upright: a marker 3 mm beyond the tip is seen 3 mm higher."""
-    seen = with_effect(SETUP, "marker_offset", offset_x=1e-3, offset_y=0.0, offset_z=3e-3).observation
-    s, none = np.array([0.125, LENGTH]), np.zeros(2)
-    straight = np.column_stack((none, none, s)), np.tile(np.eye(3), (2, 1, 1))
-    step = ObservedStep(s, *straight, none, none, none, ("a", "b"), seen)
-    found = [channel(f"position_{axis}").predict(step, [LENGTH])[0] for axis in "xyz"]
-    np.testing.assert_allclose(found, (1e-3, 0.0, LENGTH + 3e-3), atol=1e-12)
-
-
 def test_each_marker_has_an_offset_of_its_own():
-    """In the axes of its section, which is bent: also along the tangent, beyond the tip."""
+    """On top of that of all, in the axes of its section, which is bent: also along the tangent, beyond the tip."""
     readings = [Reading(2, f"position_{a}", s, 0.0) for s in (0.125, LENGTH) for a in "xyz"]
     tip = simulate(TWO, MODEL, STEPS).steps[1]
-    own = with_effect(SETUP, "marker_offset", offset_x=1e-3, offset_y_marker_2=2e-3, offset_z_marker_2=-1e-3)
+    of_the_second = {"offset_y_marker_2": 2e-3, "offset_z_marker_2": -1e-3}
+    own = with_effect(SETUP, "marker_offset", offset_x=1e-3, offset_z=3e-3, **of_the_second)
     moved = read(own, readings) - read(SETUP, readings)
     node = int(np.argmin(np.abs(tip.s - 0.125)))
-    np.testing.assert_allclose(moved[:3], tip.rotations[node] @ [1e-3, 0.0, 0.0], atol=1e-12)
-    np.testing.assert_allclose(moved[3:], tip.rotations[-1] @ [1e-3, 2e-3, -1e-3], atol=1e-12)
+    np.testing.assert_allclose(moved[:3], tip.rotations[node] @ [1e-3, 0.0, 3e-3], atol=1e-12)
+    np.testing.assert_allclose(moved[3:], tip.rotations[-1] @ [1e-3, 2e-3, 2e-3], atol=1e-12)
     with pytest.raises(ValueError, match="no parameter 'offset_x_marker_3'"):
         with_effect(SETUP, "marker_offset", offset_x_marker_3=1e-3)
 

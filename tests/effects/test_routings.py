@@ -1,4 +1,4 @@
-"""Effects that are other routings: misplaced channels, and tilted disks as a user would write them."""
+"""Effects that are other routings: misplaced channels; and a routing of a user's own, through tilted disks."""
 
 import math
 from dataclasses import dataclass, replace
@@ -10,7 +10,6 @@ from robots import paper, scene
 
 from tdcr_fe import Backbone, Disks, LoadStep, Model, Robot, Tendon, simulate
 from tdcr_fe.effects import Experiment, effect, with_effect
-from tdcr_fe.effects.base import Effect, Parameter
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, Routing
 
 BODY = Backbone(0.3, 10e-3, 0.4e6, 0.45, density=1100.0)
@@ -75,27 +74,10 @@ class TiltedDisks(Routing):
         return np.where(np.asarray(s) > 0.0, self.tilt_x * y - self.tilt_y * x, 0.0)  # not the base plate
 
 
-class DiskTilt(Effect):
-    name = "disk_tilt"
-    parameters = tuple(Parameter(f"tilt_{x}", "rad", -0.5, 0.5, 0.0, 0.02, f"about {x}") for x in "xy")
-
-    def apply(self, experiment, values):
-        tilt = values["tilt_x"], values["tilt_y"]
-        tendons = (replace(t, routing=TiltedDisks(t.routing, *tilt)) for t in experiment.robot.tendons)
-        return experiment.with_robot(tendons=tuple(tendons))
-
-
-PULLS = tuple(LoadStep("", {"t1": x}) for x in (0.5, 1.5, 0.5))
-
-
-def tilted(tilt_x, tilt_y, model=None):
-    given = Experiment(paper(0.3, 30.0), model or Model(friction="per-hole", elements_per_bay=2), PULLS)
-    return DiskTilt().apply(given, {"tilt_x": tilt_x, "tilt_y": tilt_y})
-
-
 def test_holes_of_tilted_disks_lie_in_the_plane_of_the_disk():
     """The normal of a tilted disk is (tilt_y, -tilt_x, 1) to first order; the base plate stays upright."""
-    robot = tilted(0.1, -0.2).robot
+    robot = paper(0.3)
+    robot = robot.with_tendons(routing=TiltedDisks(ParallelRouting(4.5e-3, 30.0), 0.1, -0.2))
     points = robot.hole_points(robot.tendons[0])
     assert points[1:] @ [-0.2, -0.1, 1.0] == pytest.approx(0.0, abs=1e-15)
     assert points[0, 2] == 0.0 and np.all(np.abs(points[1:, 2]) > 1e-4)

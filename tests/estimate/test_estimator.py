@@ -101,14 +101,18 @@ def test_noise_of_the_inputs_does_not_let_holes_reverse():
     assert np.mean(wrong[5:]) < 0.05
 
 
-def test_without_readings_the_force_is_forgotten_with_its_correlation_time():
-    truth = Truth(2, 5)
-    own = estimator(load=tdcr.LoadPrior(sigma=0.05, correlation_time=0.5))
+@pytest.mark.parametrize(
+    ("prior", "kept", "added"),
+    [({"correlation_time": 0.5}, np.exp(-1.0), 1.0 - np.exp(-2.0)), ({"random_walk": 2.0}, 1.0, 0.5 * 2.0**2)],
+    ids=["correlation time", "random walk"],
+)  # fmt: skip
+def test_half_a_second_without_readings_forgets_the_force_or_keeps_it_and_spreads(prior, kept, added):
+    truth = Truth(1, 5)
+    own = estimator(load=tdcr.LoadPrior(sigma=0.05, **prior))
     first = own.step(truth.command(0), truth.positions(np.random.default_rng(1), 0))
-    later = own.step(tdcr.LoadStep(time=1.0))
-    kept = np.exp(-2.0)
+    later = own.step(tdcr.LoadStep(time=0.5))
     np.testing.assert_allclose(later.force, kept * first.force, rtol=1e-12)
-    expected = kept**2 * first.force_covariance + (1.0 - kept**2) * 0.05**2 * np.eye(3)
+    expected = kept**2 * first.force_covariance + added * 0.05**2 * np.eye(3)
     # The first counts its tendons as likely taut.
     np.testing.assert_allclose(later.force_covariance, expected, rtol=1e-6)
 
@@ -136,17 +140,6 @@ def test_a_reading_where_the_robot_is_not_is_refused(at):
     """A place in mm was taken for the tip; another tendon was "not in tuple"."""
     with pytest.raises(ValueError, match=f"step 1: reading of position_x: location = {at}: must be an arc"):
         estimator().step(tdcr.LoadStep(time=0.0), [tdcr.Reading(1, "position_x", at, 0.0, 1e-4)])
-
-
-def test_a_random_walk_keeps_the_mean_and_spreads():
-    truth = Truth(1, 5)
-    own = estimator(load=tdcr.LoadPrior(sigma=0.05, random_walk=2.0))
-    first = own.step(truth.command(0), truth.positions(np.random.default_rng(1), 0))
-    later = own.step(tdcr.LoadStep(time=0.25))
-    np.testing.assert_allclose(later.force, first.force, rtol=1e-12)
-    expected = first.force_covariance + 0.25 * (2.0 * 0.05) ** 2 * np.eye(3)
-    # The first counts its tendons as likely taut.
-    np.testing.assert_allclose(later.force_covariance, expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("place", [3, 6, 8])

@@ -1,6 +1,6 @@
 """The most probable unknowns: the Kalman filter where the model is linear, the least misfit where it is not."""
 
-from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,14 +10,13 @@ from tdcr_fe.estimate.frame import Volume
 from tdcr_fe.estimate.most_probable import most_probable
 
 
-@dataclass
-class At:
-    residual: np.ndarray
-    jacobian: np.ndarray
+def at(residual, jacobian, **rest):
+    """Residual and derivatives of a solved frame, as its readings see them."""
+    return SimpleNamespace(residual=residual, jacobian=jacobian, **rest)
 
 
 def linear(h, y):
-    return lambda x, near: At(y - h @ x, h)
+    return lambda x, near: at(y - h @ x, h)
 
 
 def test_a_linear_problem_has_mean_and_covariance_of_the_kalman_filter_also_with_a_singular_prior():
@@ -46,7 +45,7 @@ def test_a_strongly_curved_problem_ends_at_the_least_misfit():
 
     def solve(x, near=None):
         r = np.hypot(*x)
-        return At(np.array([(3.0 - r) / 0.01]), (x / r / 0.01)[None])
+        return at(np.array([(3.0 - r) / 0.01]), (x / r / 0.01)[None])
 
     found = most_probable(solve, mean, prior, np.zeros(2))
 
@@ -62,7 +61,7 @@ def test_steps_without_a_solution_are_shortened():
     def solve(x, near=None):
         if x[0] > 1.0:
             return None
-        return At(10.0 * (0.9 - x), 10.0 * (1.0 - 0.6 * x[None]))
+        return at(10.0 * (0.9 - x), 10.0 * (1.0 - 0.6 * x[None]))
 
     found = most_probable(solve, np.zeros(1), np.eye(1), np.zeros(1))
     assert abs(found.point.residual[0]) < 1.0
@@ -75,30 +74,15 @@ def test_steps_without_a_solution_are_shortened():
 NOISE, PRIOR, MEAN = 1e-3, np.diag([0.2**2, 0.4**2]), np.array([0.0, 1.0])
 
 
-@dataclass(frozen=True)
 class Product:
     """A frame with one reading, ``exp(a) f``."""
 
-    y: float
+    def __init__(self, y):
+        self.y = y
 
     def solved(self, x, near=None):
-        return Seen(self, x)
-
-
-@dataclass(frozen=True, eq=False)
-class Seen:
-    frame: Product
-    unknowns: np.ndarray
-
-    @property
-    def residual(self):
-        a, f = self.unknowns
-        return np.array([(self.frame.y - np.exp(a) * f) / NOISE])
-
-    @property
-    def jacobian(self):
-        a, f = self.unknowns
-        return np.exp(a) * np.array([[f, 1.0]]) / NOISE
+        residual = np.array([(self.y - np.exp(x[0]) * x[1]) / NOISE])
+        return at(residual, np.exp(x[0]) * np.array([[x[1], 1.0]]) / NOISE, frame=self, unknowns=x)
 
 
 @pytest.mark.parametrize("y", [0.7, 0.9, 1.2])

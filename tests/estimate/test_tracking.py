@@ -4,21 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from robots import seven
 
 import tdcr_fe as tdcr
 from tdcr_fe.model.tendon import Spool
 
-LENGTH, NAMES, DRUM = 0.25, ("a", "b", "c"), 8e-3
+NAMES, DRUM = ("t1", "t2", "t3"), 8e-3
 LIMITS = tdcr.TensionLimits(largest=4.0, pretension=0.3)
 #: There and back, so that slips reverse: 25 to 45 mm off the axis.
 PATH = [(x, 0.0, None) for x in (0.025, 0.03, 0.035, 0.04, 0.045, 0.04, 0.035, 0.03)]
 
 
-def robot(friction=0.3, **of_tendons):
-    routings = {n: tdcr.ParallelRouting(5e-3, 120.0 * k) for k, n in enumerate(NAMES)}
-    tendons = [tdcr.Tendon(n, r, friction_coefficient=friction, **of_tendons) for n, r in routings.items()]
-    backbone = tdcr.Backbone(LENGTH, 0.5e-3, 85e9, 0.3)
-    return tdcr.Robot(backbone, tdcr.Disks.equally_spaced(6, LENGTH), tuple(tendons))
+def robot(mu=0.3, **of_tendons):
+    return seven(mu, **of_tendons).with_backbone(radius=0.5e-3)
 
 
 def tracker(of, friction="per-hole", **options):
@@ -37,7 +35,7 @@ def tracked(own, of, begin):
     return samples, np.linalg.norm(tips[:, :2] - np.array(PATH, dtype=float)[:, :2], axis=1)
 
 
-BEGIN = tdcr.LoadStep(tensions=dict.fromkeys(NAMES, 0.3) | {"a": 0.8})
+BEGIN = tdcr.LoadStep(tensions=dict.fromkeys(NAMES, 0.3) | {"t1": 0.8})
 
 
 def test_friction_in_the_model_is_compensated_through_reversals():

@@ -52,7 +52,6 @@ def test_robot_is_read_as_written(tmp_path):
         Tendon("t3", PointsRouting((0.0, *robot.disks.positions), holes)),
         Tendon("t4", HelicalRouting(4.5e-3, -2.0, 0.0)),
     )
-    assert robot == Robot(robot.backbone, robot.disks, robot.tendons, robot.name)
 
 
 def test_scenario_is_read_as_written(tmp_path):
@@ -318,15 +317,6 @@ def test_every_field_of_a_robot_is_in_the_file_or_follows_from_it():
         assert {f.name for f in dataclasses.fields(cls)} - set(keys_of(cls)) == follows.get(cls, set())
         described = {n: x.get("description") for n, x in keys_of(cls).json_schema["properties"].items()}
         assert [n for n, text in described.items() if text is None or text.partition(" [")[0] == n] == []
-
-
-def test_effects_written_are_those_read(tmp_path):
-    """In 0.1 `read_scenario` refused ``[effects]`` from Python."""
-    plain = read_scenario(write(tmp_path))
-    effects = {"tip_payload": {"mass": 0.01}, "gravity": {"g_z": -9.0}}
-    text = scenario_to_toml(Model(), plain.steps, effects=effects)
-    read = read_scenario(write(tmp_path, scenario=text))
-    assert (read.robot.tip_mass, read.model.gravity) == (0.01, (0.0, 0.0, -9.0))
 
 
 def test_what_the_format_cannot_express_is_refused_and_named():

@@ -4,6 +4,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import sweep_files
 from inputs import REMOVED, ROBOT, SCENARIO, changed
 
 import tdcr_fe
@@ -39,23 +40,16 @@ def test_what_the_program_writes_fits_the_schema():
     assert errors(sweep_schema(), {"scenario": "scenario.toml", "vary": [pull]}) == []
 
 
-SWEEP = """
-scenario = "scenario.toml"
+SWEEP = f"""
+{sweep_files.SWEEP}
 [sampling]
 method = "latin-hypercube"
 samples = 4
-[[vary]]
-key = "backbone.youngs_modulus"
-mode = "factor"
-normal = { mean = 1.0, std = 0.03 }
-[[vary]]
-key = "steps.tensions.t1"
-values = [0.5, 1]
 [output]
 steps = [1, 2]
 quantities = ["tip_x"]
 [workspace]
-largest = { t1 = 2.0 }
+largest = {{ t1 = 2.0 }}
 """
 
 
@@ -72,7 +66,7 @@ WRONG = [
     ("scenario", {"effects": {"gravity": {"g_z": 100.0}}}),
     ("scenario", {"steps": []}),
     ("sweep", {"scenario": REMOVED}),
-    ("sweep", {"vary.0.normal": REMOVED}),
+    ("sweep", {"vary.0.values": REMOVED}),
     ("sweep", {"output.steps": [0]}),
     ("sweep", {"workspace.largest.t1": -2.0}),
 ]

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import pytest
-from browser import Browser, browser, needs_chromium
+from browser import Browser, browser, in_chromium
 from robots import three
 
 import tdcr_fe as tdcr
@@ -13,9 +13,9 @@ CONTROL = "document.querySelector('form.live').control"
 
 
 @pytest.fixture
-def opened(request: pytest.FixtureRequest) -> Iterator[tuple[Browser, LiveRobot]]:
+def opened() -> Iterator[tuple[Browser, LiveRobot]]:
     served = tdcr.live(three(), tdcr.Model(elements_per_bay=1))
-    with browser(*getattr(request, "param", ())) as page:
+    with browser() as page:
         page.open(served.url, 1366, 768)
         page.until(f"{CONTROL} !== undefined")
         yield page, served
@@ -44,8 +44,7 @@ def errors(page: Browser, served: LiveRobot) -> list[str]:
     return [e for e in page.errors() if not e.startswith(own)]
 
 
-@needs_chromium
-@pytest.mark.integration
+@in_chromium
 def test_sliders_mouse_and_switches_are_load_steps(opened):
     page, served = opened
     slide(page, 0, 1.5)
@@ -75,8 +74,7 @@ def test_sliders_mouse_and_switches_are_load_steps(opened):
     assert errors(page, served) == []
 
 
-@needs_chromium
-@pytest.mark.integration
+@in_chromium
 def test_the_page_says_that_its_server_has_ended(opened):
     page, served = opened
     served.close()
@@ -84,8 +82,7 @@ def test_the_page_says_that_its_server_has_ended(opened):
     assert page.ask(f"{CONTROL}.tendons[0].slider.disabled")
 
 
-@needs_chromium
-@pytest.mark.integration
+@in_chromium
 def test_the_page_on_a_phone(opened):
     page, served = opened
     page.open(served.url, 390, 844, dark=True)

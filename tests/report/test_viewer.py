@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from arcs import arc_result, arc_step, paper_robot
-from browser import NO_GL, browser, needs_chromium
+from browser import NO_GL, browser, in_chromium
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -164,8 +164,7 @@ def chromium(page):
         yield b
 
 
-@pytest.mark.integration
-@needs_chromium
+@in_chromium
 def test_the_robot_is_drawn_with_webgl_and_without_errors(chromium):
     assert chromium.ask(f"{PANEL}.surface !== null")
     count = chromium.ask(
@@ -178,8 +177,7 @@ def test_the_robot_is_drawn_with_webgl_and_without_errors(chromium):
     assert chromium.errors() == []
 
 
-@pytest.mark.integration
-@needs_chromium
+@in_chromium
 def test_positions_in_the_browser_are_those_of_the_result(chromium):
     result = loaded_result()
     nodes = np.isin(motion_of(result).s, result.steps[0].s)
@@ -196,16 +194,14 @@ def test_positions_in_the_browser_are_those_of_the_result(chromium):
     assert found == pytest.approx(middle, abs=5e-6)
 
 
-@pytest.mark.integration
-@needs_chromium
+@in_chromium
 def test_the_page_is_printed_on_one_sheet(chromium):
     """0.2 printed two, with one plot over another."""
     pdf = base64.b64decode(chromium.call("Page.printToPDF", paperWidth=8.27, paperHeight=11.69)["data"])
     assert len(re.findall(rb"/Type\s*/Page\b", pdf)) == 1
 
 
-@pytest.mark.integration
-@needs_chromium
+@in_chromium
 def test_keys_change_the_step_and_play(chromium):
     step = f"{PANEL}.motion.step"
     for key, expected in [("Home", 0), ("ArrowRight", 1), ("ArrowRight", 2), ("ArrowLeft", 1), ("End", 9),
@@ -224,8 +220,7 @@ def test_keys_change_the_step_and_play(chromium):
     assert chromium.ask(f"{PANEL}.motion.time === {step}")  # stopped on a load step
 
 
-@pytest.mark.integration
-@needs_chromium
+@in_chromium
 def test_the_mouse_turns_moves_zooms_and_resets(chromium):
     box = chromium.ask("(() => { const b = document.querySelector('.stage').getBoundingClientRect();"
                        " return [b.left + b.width / 2, b.top + b.height / 2]; })()")  # fmt: skip
@@ -245,14 +240,12 @@ def test_the_mouse_turns_moves_zooms_and_resets(chromium):
     chromium.mouse("mouseWheel", x, y, deltaX=0, deltaY=-200)
     chromium.until(f"{PANEL}.camera.distance < {0.9 * before}")
     for count in (1, 2):
-        for kind in ("mousePressed", "mouseReleased"):
-            chromium.mouse(kind, x, y, button="left", clickCount=count)
+        chromium.click(x, y, count)
     chromium.until(f"{PANEL}.camera.distance > {0.99 * start[2]}")
     assert chromium.ask(camera) == pytest.approx(start)
 
 
-@pytest.mark.integration
-@needs_chromium
+@in_chromium
 def test_pointing_at_a_hole_tells_its_tension_and_a_plot_leads_to_the_step(chromium):
     chromium.ask(f"{PANEL}.reset(), {PANEL}.go(5)")
     place = chromium.ask(
@@ -269,13 +262,11 @@ def test_pointing_at_a_hole_tells_its_tension_and_a_plot_leads_to_the_step(chrom
         "p = s.responsePoints[2];"
         "return [b.left + q.x(p[0]), b.top + q.y(p[1])]; })()"
     )
-    for kind in ("mousePressed", "mouseReleased"):
-        chromium.mouse(kind, *point, button="left", clickCount=1)
+    chromium.click(*point)
     assert chromium.ask(f"{PANEL}.motion.step") == 2
 
 
-@pytest.mark.integration
-@needs_chromium
+@in_chromium
 def test_without_webgl_a_sentence_and_a_still_picture(page):
     with browser(*NO_GL) as b:
         b.open(page)
@@ -288,8 +279,7 @@ def test_without_webgl_a_sentence_and_a_still_picture(page):
         assert b.errors() == []
 
 
-@pytest.mark.integration
-@needs_chromium
+@in_chromium
 @pytest.mark.parametrize(("width", "dark"), [(360, False), (1400, True)])
 def test_nothing_is_wider_than_the_window_and_controls_have_names(page, width, dark):
     with browser() as b:

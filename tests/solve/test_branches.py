@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import BACKBONE, LENGTH, paper
+from robots import BACKBONE, LENGTH, paper, single
 
-from tdcr_fe import Backbone, Disks, ParallelRouting, Robot, Simulation, Tendon, simulate
+from tdcr_fe import Backbone, Disks, Robot, Simulation, simulate
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.solve.load_steps.judges import is_continuous
 from tdcr_fe.solve.load_steps.load_path import Ramp
@@ -37,23 +37,20 @@ def test_driven_by_displacement_bays_do_not_jump_beyond_their_buckling_load(numb
 # ------------------------------------------------------------ continuity
 
 
-ROD_LENGTH = 0.2
-FOUR = Disks.equally_spaced(4, ROD_LENGTH, mass=0.0, radius=6e-3)
-ROBOT = Robot(Backbone(ROD_LENGTH, 0.5e-3, 60e9, 0.3), FOUR, (Tendon("t1", ParallelRouting(4e-3, 0.0), 0.3),))
-#: Load of a cantilever at which it buckles [N].
-EULER = np.pi**2 * ROBOT.backbone.EI / (2.0 * ROD_LENGTH) ** 2
+#: Load of the backbone as a cantilever at which it buckles [N].
+EULERS_LOAD = np.pi**2 * BACKBONE.EI / (4.0 * LENGTH**2)
 
 
 def pushed(across: float, along: float, tension: float = 0.01) -> LoadStep:
     """The tip pushed across the rod and along it; forces over the buckling load."""
-    force = (0.0, across * EULER, -along * EULER)
-    return LoadStep("", {"t1": tension}, loads={"tip": Load(ROD_LENGTH, force)})
+    force = (0.0, across * EULERS_LOAD, -along * EULERS_LOAD)
+    return LoadStep("", {"t1": tension}, loads={"tip": Load(LENGTH, force)})
 
 
 def continuous_from_rest(*steps: LoadStep) -> bool:
     """Whether the end of some load steps, taken as one from rest, is on the branch of rest."""
-    targets = resolve(ROBOT, steps)
-    simulation = Simulation(ROBOT, Model(elements_per_bay=2), targets)
+    targets = resolve(single(0.3), steps)
+    simulation = Simulation(single(0.3), Model(elements_per_bay=2), targets)
     rest = simulation.state
     for target in targets:
         simulation.advance(target)
@@ -75,7 +72,6 @@ def test_the_other_side_of_a_buckled_rod_is_a_jump():
 # ------------------------------------------------------------ instability
 
 
-EULERS_LOAD = np.pi**2 * BACKBONE.EI / (4.0 * LENGTH**2)
 COLUMN = Robot(BACKBONE, Disks.equally_spaced(13, LENGTH), ())
 UP = (0.0, 0.0, -9.81)
 

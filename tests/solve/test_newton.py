@@ -22,15 +22,6 @@ def target(*tensions):
     return Target((np.array(tensions, dtype=float),))
 
 
-def solved(robot, tensions, settings=None, **model):
-    """One solve from straight: container, handle, equations and result."""
-    keep, mbs, handle = scene(robot, **model)
-    system = SceneSystem(mbs)
-    result = newton(system, system.current_state(), target(*tensions), settings or SolverSettings())
-    assert result.converged, result.reason(settings or SolverSettings())
-    return keep, handle, system, result
-
-
 @pytest.mark.parametrize(
     ("robot", "tensions", "model"),
     [
@@ -60,7 +51,9 @@ def test_newton_converges_quadratically(robot, tensions, model):
 
 def test_a_stored_state_is_small_and_starts_another_run():
     """Pickled, it takes no more than its numbers; a solve that starts from it needs no iteration."""
-    _keep, _, system, first = solved(paper(0.3), [1.0])
+    _keep, mbs, _ = scene(paper(0.3))
+    system = SceneSystem(mbs)
+    first = newton(system, system.current_state(), target(1.0), SolverSettings())
     stored = pickle.loads(pickle.dumps(first.state.stored()))
     assert len(pickle.dumps(stored)) < 12_000
     warm = system.warm_start(system.current_state(), stored)

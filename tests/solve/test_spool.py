@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from inputs import ROBOT, SCENARIO, changed, write
 from native_solvers import static_settings
-from robots import BACKBONE, LENGTH, Robot, seven, system
+from robots import BACKBONE, LENGTH, Robot, scene, seven
 from scipy.optimize import brentq
 
 import tdcr_fe as tdcr
@@ -63,9 +63,7 @@ def test_a_stiff_spring_is_a_displacement(stiffness, tolerance):
 
 def test_scenes_and_exudyn_follow_the_angles():
     """`SolveTDCR` step by step, then ``mbs.SolveStatic``, against `simulate`."""
-    _keep, mbs = system()
-    arm = tdcr.CreateTDCR(mbs, wound(STIFFNESS), tdcr.Model(elements_per_bay=1))
-    mbs.Assemble()
+    _keep, mbs, arm = scene(wound(STIFFNESS))
     for step in steps()[:2]:
         arm.set_motor_angles(step.motor_angles)
         SolveTDCR(mbs)
