@@ -86,6 +86,13 @@ def problem_of(data, held=(), sigma=1e-4, forward=None):
     return FitProblem.of(data, np.full(held_out.size, sigma), held_out, forward or ForwardModel(), 5e-5)
 
 
+def read_as_predicted(problem, residual, sigma=1e-5):
+    """The data with predictions as readings, of which these are the residuals over sigma, known to ``sigma``."""
+    values = problem.readings.values - residual * problem.sigma
+    pairs = zip(problem.data.readings, values.tolist(), strict=True)
+    return replace(problem.data, readings=tuple(replace(r, value=x, sigma=sigma) for r, x in pairs))
+
+
 def causes_of(problem):
     """The run of the declared model, and all causes by name."""
     (run,) = problem.run([Job(problem.experiment, states=True)])

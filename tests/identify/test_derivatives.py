@@ -4,16 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import data_of, problem_of
+from identify_data import causes_of, data_of, problem_of
 from robots import BACKBONE, LENGTH, tendon
 
 from tdcr_fe import Disks, HelicalRouting, Load, LoadStep, Model, Reading, Robot, SolverSettings
 from tdcr_fe.effects import EFFECTS, Effect, Experiment, PlaceEffect, effect
 from tdcr_fe.effects.by_tendon import OfTendon
-from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
-from tdcr_fe.identify.dictionary import _friction_by_force, _loads_and_base
+from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.forward import ForwardModel, Job
-from tdcr_fe.identify.input_causes import input_causes
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.model.channels import CHANNELS
@@ -91,13 +89,9 @@ WITHOUT_NAME = [
 def known(about: FitProblem, name: str) -> Effect:
     """A listed effect, a form of one, or a cause without a name."""
     listed = name.split(" (")[0]
-    if listed in {e.name for e in EFFECTS}:
-        return next(f for f in (effect(listed), *effect(listed).forms(about.experiment)) if f.name == name)
-    unnamed = {e.name: e for e in (*_loads_and_base(about), *input_causes(about))}
-    if name in unnamed:
-        return unnamed[name]
-    (run,) = about.run([Job(about.experiment, states=True)])
-    return next(e for e in _friction_by_force(about, run.bays) if e.name == name)
+    if listed not in {e.name for e in EFFECTS}:
+        return causes_of(about)[1][name]
+    return next(f for f in (effect(listed), *effect(listed).forms(about.experiment)) if f.name == name)
 
 
 def problem(kind: str) -> FitProblem:
@@ -110,25 +104,11 @@ def problem(kind: str) -> FitProblem:
     return problem_of(data, sigma=1.0, forward=ForwardModel(settings=SolverSettings(tolerance=1e-11)))
 
 
-def completed(about: FitProblem, values: dict) -> tuple[tuple[Effect, ...], dict]:
-    """Effects by their names, and their values with those that are not given."""
-    effects = tuple(known(about, n) for n in values)
-    return effects, {e.name: {**e.null_values(about.experiment), **values[e.name]} for e in effects}
-
-
 def relative_error(about: FitProblem, found: np.ndarray, expected: np.ndarray, size: float) -> float:
     """The largest of all families of channels; what differs by no more than round-off counts as zero."""
     families, off = np.array([r.channel.family for r in about.data.readings]), np.abs(found - expected)
     own = [families == q for q in set(families)]
     return max(np.max(off[x]) / max(np.max(np.abs(expected[x])), 1e-7 / size) for x in own)
-
-
-def linear(about: FitProblem, values: dict, names: list[tuple[str, str]]) -> Linear:
-    """Linearised at values, by some of their parameters."""
-    effects, full = completed(about, values)
-    null = {e: known(about, e).null_values(about.experiment) for e, _ in names}
-    columns = tuple(Column(known(about, e), p, {**null, **full}[e], 1e-3) for e, p in names)
-    return linearize(about, [Request(effects, full, columns)])[0]
 
 
 def residual_along(about: FitProblem, experiment: Experiment, path) -> np.ndarray:
@@ -137,11 +117,12 @@ def residual_along(about: FitProblem, experiment: Experiment, path) -> np.ndarra
     return about.residual(experiment, run)
 
 
-def difference(about: FitProblem, values: dict, name: tuple[str, str], run, h: float) -> np.ndarray:
+def difference(
+    about: FitProblem, effects: tuple[Effect, ...], values: dict, name: tuple[str, str], run, h: float
+) -> np.ndarray:
     """Central difference of the predictions by a coordinate, along the substeps of a run."""
-    effects, full = completed(about, values)
-    (z,) = about.coordinates(effects, full, [name])
-    points = [about.point(effects, full, [name], np.array([x])) for x in (z + h, z - h)]
+    (z,) = about.coordinates(effects, values, [name])
+    points = [about.point(effects, values, [name], np.array([x])) for x in (z + h, z - h)]
     found = []
     for point in points:
         moved = about.with_effects(effects, point)
@@ -165,16 +146,18 @@ SLOW |= {"superelastic", "friction_coefficient (each)"}
 def test_derivatives_of_all_channels_are_those_of_whole_simulations(kind: str, values: dict) -> None:
     """By every parameter of every effect, of positions, angles, offsets, displacements, tensions and curvatures."""
     about = problem(kind)
-    names = [(e, p) for e, own in values.items() for p in own]
-    found = linear(about, values, names)
+    effects = tuple(known(about, n) for n in values)
+    full = {e.name: {**e.null_values(about.experiment), **values[e.name]} for e in effects}
+    columns = tuple(Column(e, p, full[e.name], 1e-3) for e in effects for p in values[e.name])
+    (found,) = linearize(about, [Request(effects, full, columns)])
     assert not found.differenced
-    for name, column in zip(names, found.matrix.T, strict=True):
-        parameter = next(p for p in known(about, name[0]).parameters if p.name == name[1])
-        coordinate = parameter.coordinate(values[name[0]][name[1]])
-        size = max(abs(coordinate), 0.1 * parameter.scale)
-        sides = [difference(about, values, name, found.run, h * size) for h in (1e-2, 1e-3, 1e-4)]
-        errors = [relative_error(about, column, x, size) for x in sides]
-        assert min(errors) < TOLERANCE, (name, errors)
+    for column, derivative in zip(columns, found.matrix.T, strict=True):
+        size = max(abs(column.coordinate), 0.1 * column.about.scale)
+        sides = [
+            difference(about, effects, full, column.key, found.run, h * size) for h in (1e-2, 1e-3, 1e-4)
+        ]
+        errors = [relative_error(about, derivative, x, size) for x in sides]
+        assert min(errors) < TOLERANCE, (column.key, errors)
 
 
 def test_every_effect_is_among_them() -> None:
@@ -191,33 +174,24 @@ def test_every_form_is_among_them() -> None:
     assert forms == {n for _, values in TOGETHER for n in values if " (" in n}
 
 
-def test_all_candidates_are_screened_in_one_run() -> None:
-    """Version 0.1 simulated the history once for every parameter. A compliant base adds a node: another run."""
-    about = problem("tension")
-    about = replace(about, sigma=np.full(about.count, 1e-4))
-    fit = evaluate(about, (), {})
-    before = about.forward.runs
-    scores, _ = screen(about, fit, EFFECTS)
-    assert about.forward.runs == before + 2
-    signatures = {x.effect.name for x in scores if x.signature.size}
-    assert {"gravity", "superelastic", "rigid_disks", "frame_misalignment", "actuator_loss"} <= signatures
-
-
 def at_places(about):
     """Effects at every place, by kind."""
     robot = about.experiment.robot
     return [[e.at(x) for x in e.places(robot)] for e in EFFECTS if isinstance(e, PlaceEffect)]
 
 
-def test_effects_at_places_are_screened_in_one_run() -> None:
-    """Version 0.1 simulated the history once for every place."""
+def test_all_candidates_are_screened_in_one_run() -> None:
+    """Version 0.1 simulated the history once for every parameter and place. A compliant base takes another run."""
     about = problem("tension")
+    about = replace(about, sigma=np.full(about.count, 1e-4))
     fit = evaluate(about, (), {})
-    causes = [e for family in at_places(about) for e in family]
+    places = [e for family in at_places(about) for e in family]
     before = about.forward.runs
-    scores, _ = screen(about, fit, causes)
-    assert len(scores) == len(causes) > 12
-    assert about.forward.runs == before + 1
+    scores, _ = screen(about, fit, [*EFFECTS, *places])
+    assert about.forward.runs == before + 2
+    signatures = {x.effect.name for x in scores if x.signature.size}
+    assert {"gravity", "superelastic", "rigid_disks", "frame_misalignment", "actuator_loss"} <= signatures
+    assert {e.name for e in places} <= {x.effect.name for x in scores} and len(places) > 12
 
 
 @pytest.mark.parametrize("name", ["soft_bay", "kink", "side_spring", "stuck_hole"])
@@ -249,11 +223,9 @@ def test_thin_disks_turn_every_bay_as_rigid_disks_do(load: float, error: float) 
     steps = tuple(LoadStep("", x, substeps=3) for x in tensions)
     at = replace(about.experiment, model=Model(elements_per_bay=4), steps=steps)
     about = replace(about, experiment=at)
-    found = linear(about, {}, [("rigid_disks", "thickness")])
-    assert found.differenced == {0: "the mesh has other nodes there"}
-    column = Column(disks.near_null(at), "thickness", disks.null_values(at), 1e-3)
-    (thin,) = linearize(about, [Request((), {}, (column,))])
-    assert not thin.differenced
+    columns = [Column(e, "thickness", disks.null_values(at), 1e-3) for e in (disks, disks.near_null(at))]
+    found, thin = (linearize(about, [Request((), {}, (column,))])[0] for column in columns)
+    assert found.differenced == {0: "the mesh has other nodes there"} and not thin.differenced
     families = np.array([r.channel.family for r in about.data.readings])
     angle, where = (families == f for f in ("bending_angle", "position"))
     ours, theirs = thin.matrix[:, 0], found.matrix[:, 0]
@@ -269,8 +241,8 @@ class Own(type(effect("actuator_gain"))):  # type: ignore[misc]
 
 def test_an_effect_without_exact_derivatives_is_differenced_and_named() -> None:
     about = problem("tension")
-    exact = linear(about, {"actuator_gain": {"gain": 1.0}}, [("actuator_gain", "gain")])
-    column = Column(Own(), "gain", {"gain": 1.0}, 1e-4)
-    (found,) = linearize(about, [Request((Own(),), {"actuator_gain": {"gain": 1.0}}, (column,))])
+    values, gains = {"actuator_gain": {"gain": 1.0}}, (effect("actuator_gain"), Own())
+    requests = [Request((e,), values, (Column(e, "gain", {"gain": 1.0}, 1e-4),)) for e in gains]
+    exact, found = linearize(about, requests)
     assert found.differenced == {0: "it declares no exact derivatives"}
     assert np.allclose(found.matrix, exact.matrix, rtol=0.0, atol=1e-2 * np.max(np.abs(exact.matrix)))

@@ -68,18 +68,11 @@ def test_the_command_refuses_a_pattern_that_matches_nothing(data, tmp_path, caps
 # ------------------------------------------------------------ parts of steps
 
 
-def timed(model):
-    """Both tendons, a second between steps."""
-    data = measured()
-    steps = tuple(replace(s, time=float(k)) for k, s in enumerate(data.steps))
-    return replace(data, model=model, steps=steps)
-
-
 def lagged(model):
     """Experiment of the identification with a lag of a quarter of a second, and the same with its steps in parts."""
-    data = timed(model)
-    e = effect("time_lag")
-    problem = problem_of(data)
+    data, e = measured(), effect("time_lag")
+    steps = tuple(replace(s, time=float(k)) for k, s in enumerate(data.steps))
+    problem = problem_of(replace(data, model=model, steps=steps))
     return problem.with_effects((e,), {"time_lag": {"lag": 0.25}}), e.apply(problem.experiment, {"lag": 0.25})
 
 

@@ -19,36 +19,17 @@ from tdcr_fe.identify.settings import OutOfTime, Part
 TWO = {**GRAVITY, "precurvature": {"kappa_x": 0.9, "kappa_y": -0.7}}
 
 
-class Watch:
-    """A clock that stands still, and jumps when a stage of the identification is reported.
-
-    ``jumps``: its reading, over the time limit, from the report of a stage on that begins so.
-    """
-
-    LIMIT = 1e6
-
-    def __init__(self, jumps):
-        self.jumps, self.now = jumps, 0.0
-
-    def __call__(self):
-        return self.now
-
-    def report(self, text, share):
-        later = [self.LIMIT * x for start, x in self.jumps.items() if text.startswith(start)]
-        self.now = max([self.now, *later])
-
-
-def identified(monkeypatch, data, jumps, **given):
-    """What is found where the clock jumps."""
-    watch = Watch(jumps)
-    monkeypatch.setattr(settings.time, "process_time", watch)
-    return identify(data, IdentifySettings(time_limit=watch.LIMIT, **given), watch.report)
-
-
 @pytest.mark.integration
 def test_search_without_time_ends_with_the_first_effect_and_says_what_is_not_tried(monkeypatch):
     """Two effects are missing; when the first is fitted the time is over. It used to go on for as long as it took."""
-    result = identified(monkeypatch, measured(TWO), {"fitting": 1.05}, candidates=2)
+    limit, readings = 1e6, [0.0]
+    monkeypatch.setattr(settings.time, "process_time", lambda: readings[-1])
+
+    def report(text, share):
+        if text.startswith("fitting"):
+            readings.append(1.05 * limit)
+
+    result = identify(measured(TWO), IdentifySettings(time_limit=limit, candidates=2), report)
     assert len(result.effects) == 1 and result.verdict == "unfinished" and not result.log.interrupted
     assert result.log.not_tried[0] == Part.FURTHER_EFFECTS
     assert result.to_json()["not_tried"] == list(result.log.not_tried)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import LENGTH, ROBOT, data_of, declared, measured, problem_of
+from identify_data import LENGTH, ROBOT, data_of, declared, measured, problem_of, read_as_predicted
 from identify_result import tips_of_run, write_corrected
 
 from tdcr_fe import Load, LoadStep, Reading, Robot
@@ -168,9 +168,7 @@ def test_a_force_towards_a_point_is_proposed_where_it_acts(kind, law, own):
     pull, other = kind(LENGTH, tip, run.bays, *law), kind(float(run.bays.edges[tip]), tip - 1, run.bays, *law)
     values = {"x": -0.15, "y": -0.1, "z": 0.2, **own}
     (true,) = linearize(problem, [Request((pull,), {pull.name: values}, ())])
-    read = zip(problem.data.readings, problem.readings.values - true.residual * problem.sigma, strict=True)
-    read = tuple(replace(r, value=float(v), sigma=1e-5) for r, v in read)
-    problem = problem_of(replace(problem.data, readings=read))
+    problem = problem_of(read_as_predicted(problem, true.residual))
     nothing = evaluate(problem, (), {})
     (at_tip, at_disk), _ = screen(problem, nothing, (pull, other))
     assert at_tip.effect is pull
@@ -195,15 +193,14 @@ def test_the_sign_of_the_last_command_stays_while_a_tendon_rests():
 def found():
     """What is found where a moment about an axis of the sections grows with time, which no listed effect has."""
     data = measured(sigma=1e-9)
-    data = replace(data, steps=tuple(replace(s, time=float(k)) for k, s in enumerate(data.steps, 1)))
-    true = problem_of(data)
+    true = problem_of(
+        replace(data, steps=tuple(replace(s, time=float(k)) for k, s in enumerate(data.steps, 1)))
+    )
     true = replace(true, experiment=with_elements(true.experiment, 4))
     load, drift = load_of(Term((TIME,), SECTION)), 0.01 * ROBOT.backbone.EI / LENGTH
     (linear,) = linearize(true, [Request((load,), {load.name: {"x": drift, "y": -0.5 * drift}}, ())])
-    values = true.readings.values - linear.residual * true.sigma
-    values = values + np.random.default_rng(0).normal(0.0, 1e-4, values.size)
-    read = tuple(replace(r, value=float(v), sigma=1e-4) for r, v in zip(data.readings, values, strict=True))
-    return identify(replace(data, readings=read)), drift
+    noise = np.random.default_rng(0).normal(size=true.count)
+    return identify(read_as_predicted(true, linear.residual - noise, 1e-4)), drift
 
 
 def test_result_and_report_have_the_law(found):

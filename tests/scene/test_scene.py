@@ -1,5 +1,6 @@
 """A robot in an Exudyn scene: its base, other bodies, several robots, user hooks, setting and reading, a rope."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -222,41 +223,34 @@ def test_a_body_that_spins_freely_on_its_joint_is_named():
 @pytest.mark.parametrize("when", ["before", "after"])
 def test_user_hooks_are_called_beside_those_of_the_robot(when):
     """A spring that the user sets from a hook, with its Jacobian, acts in `SolveTDCR` as a spring item does."""
-    k = 3.0
+    k, calls, made = 3.0, Counter(), []
     _keep, mbs = system()
-    calls = {"residual": 0, "post": 0, "jacobian": 0}
 
-    def user(handle_of, load_of):
-        def residual(mbs_, t, newton, discontinuous):
-            calls["residual"] += 1
-            handle, load = handle_of(), load_of()
-            load.set([-k * handle.tip_position[0], 0.0, 0.0])
+    def residual(mbs, t, newton, discontinuous):
+        calls["residual"] += 1
+        handle, load = made
+        load.set([-k * handle.tip_position[0], 0.0, 0.0])
 
-        def jacobian(mbs_, t, f2, f2t, f1):
-            calls["jacobian"] += 1
-            n = mbs_.systemData.ODE2Size() + mbs_.systemData.ODE1Size() + mbs_.systemData.AEsize()
-            m = np.zeros((n, n))
-            i = mbs_.GetNodeODE2Index(handle_of().nNodes[-1])
-            m[i, i] = -f2 * k  # derivative of the force
-            container = exu.MatrixContainer()
-            container.SetWithDenseMatrix(m, useDenseMatrix=False)
-            return container
+    def jacobian(mbs, t, f2, f2t, f1):
+        calls["jacobian"] += 1
+        n = mbs.systemData.ODE2Size() + mbs.systemData.ODE1Size() + mbs.systemData.AEsize()
+        m = np.zeros((n, n))
+        i = mbs.GetNodeODE2Index(made[0].nNodes[-1])
+        m[i, i] = -f2 * k  # derivative of the force
+        container = exu.MatrixContainer()
+        container.SetWithDenseMatrix(m, useDenseMatrix=False)
+        return container
 
-        def post(mbs_, t):
-            calls["post"] += 1
-            return True
-
+    def hook():
         mbs.SetPreNewtonResidualUserFunction(residual)
         mbs.SetSystemJacobianUserFunction(jacobian)
-        mbs.SetPostStepUserFunction(post)
 
-    made = {}
     if when == "before":
-        user(lambda: made["handle"], lambda: made["load"])
-    made["handle"] = handle = CreateTDCR(mbs, single(0.3), MODEL)
-    made["load"] = handle.add_load("user", LENGTH)
+        hook()
+    handle = CreateTDCR(mbs, single(0.3), MODEL)
+    made += [handle, handle.add_load("user", LENGTH)]
     if when == "after":
-        user(lambda: made["handle"], lambda: made["load"])
+        hook()
     mbs.Assemble()
     solve_scene(mbs, handle, [1.0])
     assert calls["residual"] > 0 and calls["jacobian"] > 0
