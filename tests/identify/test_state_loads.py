@@ -21,19 +21,10 @@ from tdcr_fe.identify.problem import evaluate, with_elements
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.sentences import headline, summary
-from tdcr_fe.identify.state_loads import (
-    BENDING,
-    CURVATURE,
-    ROW,
-    SECTION,
-    TIME,
-    Term,
-    free_loads,
-    library,
-    parts_of_rows,
-)
+from tdcr_fe.identify.state_loads import ROW, TIME, free_loads, library, parts_of_rows
 
-HARDENING = Term((CURVATURE,), BENDING)
+TERMS = {t.key: t for t in library(4, TIME)}
+HARDENING = TERMS["|kappa| kappa"]
 TOWARDS_A_POINT = pytest.mark.parametrize(
     ("kind", "law", "own"),
     [(Attraction, (2, 1e-3), {"k": 5e-5}), (Cord, (0.01,), {"k": 0.2, "slack": 0.19})],
@@ -197,7 +188,7 @@ def found():
         replace(data, steps=tuple(replace(s, time=float(k)) for k, s in enumerate(data.steps, 1)))
     )
     true = replace(true, experiment=with_elements(true.experiment, 4))
-    load, drift = load_of(Term((TIME,), SECTION)), 0.01 * ROBOT.backbone.EI / LENGTH
+    load, drift = load_of(TERMS["t e"]), 0.01 * ROBOT.backbone.EI / LENGTH
     (linear,) = linearize(true, [Request((load,), {load.name: {"x": drift, "y": -0.5 * drift}}, ())])
     noise = np.random.default_rng(0).normal(size=true.count)
     return identify(read_as_predicted(true, linear.residual - noise, 1e-4)), drift
@@ -273,7 +264,7 @@ def test_a_stiffness_that_settles_falls_exponentially_with_the_rows():
     cause = causes["kappa, settling"]
     assert cause.kind == ("stiffness", ("row",), "everywhere")
     values, rows = {"coefficient": 2.0, "rows": 3.0}, np.arange(len(run.positions))
-    bent = load_of(Term((), BENDING)).terms[0](run.bays)
+    bent = np.pad(run.bays.curvature[..., :2], ((0, 0), (0, 0), (0, 4)))
     grown = (1.0 - np.exp(-rows / 3.0))[:, None, None]
     np.testing.assert_allclose(cause.action(run.bays, values), 2.0 * grown * bent, rtol=1e-12)
     np.testing.assert_allclose(cause.by_value(run.bays, values, "coefficient"), grown * bent, rtol=1e-12)

@@ -215,17 +215,13 @@ ROWS = {name: ", ".join(f"{k} = {v}" for k, v in values.items()) for name, value
 TEXT = "\n".join(f"{name} = {{ {row} }}" for name, row in ROWS.items())
 
 
-def test_what_is_declared_is_part_of_the_declared_model(data, tmp_path):
+def test_what_is_declared_is_part_of_the_declared_model_and_goes_through_the_files(data, tmp_path):
     declared = read_measured(with_effects_in(data, tmp_path, TEXT))
     assert declared.robot.tendons[1].pretension == 0.4 and declared.model.gravity == (0.0, -9.81, 0.0)
     assert set(declared.effects) == {"actuator_backlash", "marker_offset", "frame_misalignment"}
     assert len(declared.steps) == 6 and len(declared.experiment.steps) > 6
     off = [np.max(np.abs(state_of(problem_of(x)).declared.residual)) for x in (declared, data)]
     assert off[0] < 0.05 and off[1] > 50.0
-
-
-def test_it_goes_through_the_files(data, tmp_path):
-    declared = read_measured(with_effects_in(data, tmp_path, TEXT))
     write_measured(declared, tmp_path / "again")
     assert contents(read_measured(tmp_path / "again")) == contents(declared)
 

@@ -4,15 +4,12 @@ import dataclasses
 from typing import Annotated
 
 import numpy as np
+from robots import BACKBONE, DISKS, LENGTH
 
 from tdcr_fe import Backbone, Disks, Model, ParallelRouting, Robot, Tendon
 from tdcr_fe.model.checks import size_contradictions
 from tdcr_fe.model.messages import allowed
 from tdcr_fe.model.schema import Keys, Quantity
-
-LENGTH = 0.25
-BACKBONE = Backbone(LENGTH, 0.4e-3, 85e9, 0.3)
-DISKS = Disks.equally_spaced(5, LENGTH)
 
 
 def test_numbers_of_numpy_lists_and_whole_numbers_are_taken_and_kept_as_floats_and_tuples():

@@ -158,24 +158,6 @@ def wrenches(mbs, handle, velocity):
 # ------------------------------------------------------------ energy sensor
 
 
-def columns(mbs, sensor) -> dict[str, np.ndarray]:
-    """Time and columns of the sensor."""
-    data = np.array(mbs.GetSensorStoredData(sensor))
-    return dict(zip(("time", *ENERGY_COLUMNS), data.T, strict=True))
-
-
-def present(mbs, sensor) -> dict[str, float]:
-    """Values of the sensor in the current configuration."""
-    return dict(zip(ENERGY_COLUMNS, mbs.GetSensorValues(sensor), strict=True))
-
-
-def run(mbs, handle, end, step=1e-3, rho=1.0):
-    settings = recommended(handle, end, step)
-    settings.timeIntegration.generalizedAlpha.spectralRadius = rho
-    settings.solution.sensors.writePeriod = step
-    assert mbs.SolveDynamic(settings)
-
-
 def load_and_sensor(mbs, handle):
     """A load at the tip, and the sensor."""
     return tip_load(mbs, handle), handle.add_energy_sensor()
@@ -219,8 +201,8 @@ def test_the_force_of_a_section_is_the_derivative_of_its_energy_and_its_stiffnes
 # ---------------------------------------------------------------- what goes in and out
 
 
-def random_run(seed: int, end: float, rho: float = 1.0, elements: int | str = 1) -> dict[str, np.ndarray]:
-    """Columns of a random robot under random tensions and a force at the tip, up to a time [s]."""
+def random_run(seed: int, end: float, elements: int | str = 1) -> dict[str, np.ndarray]:
+    """Columns of the sensor of a random robot under random tensions and a force at the tip, up to a time [s]."""
     rng = np.random.default_rng(seed)
     count, mu = int(rng.integers(1, 4)), float(rng.choice([0.0, rng.uniform(0.05, 0.4)]))
     elastic = {} if rng.random() < 0.6 else {"axial_stiffness": float(rng.uniform(300.0, 3000.0))}
@@ -240,25 +222,25 @@ def random_run(seed: int, end: float, rho: float = 1.0, elements: int | str = 1)
         return share * high * (1.0 + 0.5 * np.sin(2.0 * np.pi * rates * t + phases))
 
     handle.set_inputs_over_time(tensions)
-    run(mbs, handle, end, rho=rho)
-    return columns(mbs, sensor)
-
-
-def rest(found: dict[str, np.ndarray]) -> np.ndarray:
-    """Works less dissipations less what the stored energy has grown [J]: other items, and the integration in time."""
-    stored = sum(found[k] for k in ("kinetic", "elastic", "gravity"))
-    lost = found["friction_dissipation"] + found["material_dissipation"]
-    return found["tendon_work"] + found["load_work"] - lost - (stored - stored[0])
+    settings = recommended(handle, end, 1e-3)
+    settings.timeIntegration.generalizedAlpha.spectralRadius = 1.0
+    settings.solution.sensors.writePeriod = 1e-3
+    assert mbs.SolveDynamic(settings)
+    data = np.array(mbs.GetSensorStoredData(sensor))
+    return dict(zip(("time", *ENERGY_COLUMNS), data.T, strict=True))
 
 
 def check(found: dict[str, np.ndarray], tolerance: float) -> None:
-    """The rest is below this part of all exchanges with tendons and loads; dissipations grow."""
+    """Works less dissipations are what the stored energy grows, but for this part of all works; dissipations grow."""
     work = sum(np.abs(np.diff(found[k])).sum() for k in ("tendon_work", "load_work"))
     assert work > 1e-4
     for kind in ("friction_dissipation", "material_dissipation"):
         assert np.diff(found[kind]).min() > -1e-3 * work
         assert found[kind][-1] >= 0.0
-    assert np.abs(rest(found)).max() < tolerance * work
+    stored = sum(found[k] for k in ("kinetic", "elastic", "gravity"))
+    lost = found["friction_dissipation"] + found["material_dissipation"]
+    rest = found["tendon_work"] + found["load_work"] - lost - (stored - stored[0])
+    assert np.abs(rest).max() < tolerance * work
 
 
 def test_the_energy_of_a_random_motion_is_balanced():
@@ -281,7 +263,8 @@ def test_loads_and_weight_that_the_static_solver_ramps_do_the_work_of_the_ramp()
     _keep, mbs, handle, (load, sensor) = scene_with(load_and_sensor, seven(0.0), gravity=(0.5, 0.0, 0.0))
     load.set([2e-3, 0.0, 0.0])
     assert mbs.SolveStatic(static_settings(20))
-    found, away = present(mbs, sensor), handle.tip_position[0]
+    found = dict(zip(ENERGY_COLUMNS, mbs.GetSensorValues(sensor), strict=True))
+    away = handle.tip_position[0]
     # The ramp holds back half of the work of the weight.
     assert found["load_work"] - 0.5 * found["gravity"] == pytest.approx(0.5 * 2e-3 * away, rel=1e-3)
     assert found["elastic"] == pytest.approx(found["load_work"] - found["gravity"], rel=1e-3)

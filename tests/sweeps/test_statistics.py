@@ -19,12 +19,9 @@ FIRST = np.array([_V1, _V2, 0.0]) / (_V1 + _V2 + _V13)
 TOTAL = np.array([_V1 + _V13, _V2, _V13]) / (_V1 + _V2 + _V13)
 
 
-def ishigami(x):
-    return np.sin(x[:, 0]) + A * np.sin(x[:, 1]) ** 2 + B * x[:, 2] ** 4 * np.sin(x[:, 0])
-
-
-def ishigami_sample(n, seed=1):
-    return ishigami(np.pi * (2.0 * unit_points("saltelli", n, 3, seed) - 1.0))
+def ishigami_sample(n):
+    x, y, z = np.pi * (2.0 * unit_points("saltelli", n, 3, 1).T - 1.0)
+    return np.sin(x) + A * np.sin(y) ** 2 + B * z**4 * np.sin(x)
 
 
 def test_sobol_indices_of_ishigamis_function():

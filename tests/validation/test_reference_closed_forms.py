@@ -34,20 +34,22 @@ def test_the_base_carries_everything_at_large_bending():
     np.testing.assert_allclose(step.details["base_wrench"][3:], total, atol=1e-10)
 
 
-def test_precurvature_is_the_unloaded_shape():
-    step = solve(rod(precurvature=(3.0, -2.0), superelastic=Superelastic(0.001, 0.1)))
-    rotation, position = constant_strain(np.array([3.0, -2.0, 0.0, 0.0, 0.0, 1.0]), L)
-    np.testing.assert_allclose(step.tip, position, atol=CLOSE)
-    np.testing.assert_allclose(step.rotations[-1], rotation, atol=1e-8)
+LAW = Superelastic(threshold_strain=0.003, plateau_ratio=0.15)
+(MOMENT,), _ = bending_moment(np.array([15.0]), np.array([BACKBONE.EI]), LAW, BACKBONE.radius)
 
 
-def test_superelastic_moment_bends_to_the_arc_of_the_law():
-    law = Superelastic(threshold_strain=0.003, plateau_ratio=0.15)
-    curvature = np.array([15.0])
-    (moment,), _ = bending_moment(curvature, np.array([BACKBONE.EI]), law, BACKBONE.radius)
-    assert curvature[0] > 1.3 * moment / BACKBONE.EI
-    step = solve(rod(superelastic=law), Load(L, moment=(float(moment), 0.0, 0.0)))
-    rotation, position = constant_strain(np.array([curvature[0], 0.0, 0.0, 0.0, 0.0, 1.0]), L)
+@pytest.mark.parametrize(
+    ("changes", "moment", "curvature"),
+    [
+        ({"precurvature": (3.0, -2.0), "superelastic": Superelastic(0.001, 0.1)}, 0.0, (3.0, -2.0)),
+        ({"superelastic": LAW}, float(MOMENT), (15.0, 0.0)),
+    ],
+    ids=["precurvature", "superelastic"],
+)
+def test_precurvature_or_a_moment_gives_the_arc_of_the_law(changes, moment, curvature):
+    assert moment < BACKBONE.EI * curvature[0] / 1.3
+    step = solve(rod(**changes), Load(L, moment=(moment, 0.0, 0.0)))
+    rotation, position = constant_strain(np.array([*curvature, 0.0, 0.0, 0.0, 1.0]), L)
     np.testing.assert_allclose(step.tip, position, atol=CLOSE)
     np.testing.assert_allclose(step.rotations[-1], rotation, atol=1e-8)
 

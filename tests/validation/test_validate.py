@@ -94,14 +94,10 @@ def record():
     return solving.solve(few()[0])
 
 
-def judged(*records):
-    return report.judge(records, [], False, {"wall": 1.0, "processes": 1, "recalled": 0})
-
-
 def test_an_error_fails_its_case_and_nothing_else(record):
     failed = solving.solve(replace(few()[0], steps=None))
     assert failed["error"]
-    outcome = judged(failed, record)
+    outcome = report.judge([failed, record], [], False, {"wall": 1.0, "processes": 1, "recalled": 0})
     assert not outcome["passed"]
     assert outcome["counts"]["failing"] == 1
     page = report.to_html(outcome)
