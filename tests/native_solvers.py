@@ -7,31 +7,6 @@ from robots import scene_with
 from tdcr_fe import TDCR, Robot
 
 
-def static_settings(steps: int = 50) -> exu.SimulationSettings:
-    """As docs/scenes.md advises."""
-    s = exu.SimulationSettings()
-    s.staticSolver.numberOfLoadSteps = steps
-    s.staticSolver.newton.relativeTolerance = 1e-7
-    s.staticSolver.newton.absoluteTolerance = 1e-9
-    s.staticSolver.newton.maxIterations = 50
-    s.staticSolver.verboseMode = 0
-    s.solution.file.write = False
-    return s
-
-
-def dynamic_settings(end: float, step: float) -> exu.SimulationSettings:
-    """As docs/scenes.md advises."""
-    s = exu.SimulationSettings()
-    s.timeIntegration.endTime = end
-    s.timeIntegration.numberOfSteps = round(end / step)
-    s.timeIntegration.generalizedAlpha.spectralRadius = 0.8
-    s.timeIntegration.newton.relativeTolerance = 1e-6
-    s.timeIntegration.newton.absoluteTolerance = 1e-8
-    s.timeIntegration.verboseMode = 0
-    s.solution.file.write = False
-    return s
-
-
 def damped(robot: Robot, damping: float = 0.03) -> tuple[exu.SystemContainer, exu.MainSystem, TDCR]:
     """A robot whose tip is damped against ground [N s/m]; by default near critical damping."""
 
@@ -43,10 +18,9 @@ def damped(robot: Robot, damping: float = 0.03) -> tuple[exu.SystemContainer, ex
     return scene_with(damper, robot)[:3]
 
 
-def recommended(handle: TDCR, end: float, step: float, start: float = 0.0) -> exu.SimulationSettings:
-    """The robot's recommended settings from a start to an end [s], without output."""
-    s = handle.recommended_settings(end - start, step)
-    s.timeIntegration.startTime, s.timeIntegration.endTime = start, end
-    s.timeIntegration.verboseMode = 0
+def recommended(handle: TDCR, end: float, step: float) -> exu.SimulationSettings:
+    """The robot's recommended settings up to an end [s], without output."""
+    s = handle.recommended_settings(end, step)
+    s.timeIntegration.verboseMode = s.staticSolver.verboseMode = 0
     s.solution.file.write = False
     return s

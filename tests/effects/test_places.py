@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from native_solvers import static_settings
+from native_solvers import recommended
 from robots import BACKBONE, LENGTH, distance, scene, solve, solve_scene, three
 
 from tdcr_fe.effects import EFFECTS, Experiment, PlaceEffect, with_effect
@@ -72,7 +72,7 @@ def test_springs_in_a_rotated_scene_act_sideways_to_the_base():
         _keep, mbs, arm = scene(robot, friction="none", referenceRotationMatrix=pose)
         solve_scene(mbs, arm, {"t1": 1.0, "t2": 0.2})
         found.append(arm.tip_position)
-        mbs.SolveStatic(static_settings(20), updateInitialValues=True)
+        mbs.SolveStatic(recommended(arm, 1.0, 0.05), updateInitialValues=True)
         np.testing.assert_allclose(arm.tip_position, found[-1], atol=1e-5)
     np.testing.assert_allclose(turn @ found[0], found[1], atol=1e-9)
     assert np.hypot(*found[0][:2]) > 0.01

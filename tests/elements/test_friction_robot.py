@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from balance import cables
-from native_solvers import damped, dynamic_settings
+from native_solvers import damped, recommended
 from robots import BACKBONE, SEVEN, distance, solve, tendon
 
 from tdcr_fe import ConstantFriction, ForceDependentFriction, LoadStep, Robot, StribeckFriction
@@ -145,7 +145,7 @@ def sampled(law, end, step, tension):
         return True
 
     mbs.SetPostStepUserFunction(sample)
-    assert mbs.SolveDynamic(dynamic_settings(end, step))
+    assert mbs.SolveDynamic(recommended(handle, end, step))
     return tuple(np.array(x) for x in zip(*found, strict=True))
 
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from native_solvers import static_settings
+from native_solvers import recommended
 from robots import LENGTH, distance, paper, pull, scene, solve, solve_scene
 from two_tendons import ANGLES, LENGTHS, tendon_law
 
@@ -128,7 +128,7 @@ def test_exudyns_static_solver_has_dahls_history():
     expected = solve(paper(0.3), pull(1.2, 0.6), SolverSettings(presliding=2e-5), **kind).tips
     _keep, mbs, handle = scene(paper(0.3), presliding=2e-5, **kind)
     handle.set_inputs_over_time(lambda t: [2.4 * t if t < 0.5 else 1.2 - (2 * t - 1) * 0.6])
-    assert mbs.SolveStatic(static_settings(50))
+    assert mbs.SolveStatic(recommended(handle, 1.0, 0.02))
     assert distance(handle.tip_position, expected[-1]) < 5e-4
     _other, mbs, handle = scene(paper(0.3), presliding=2e-5, **kind)
     for tension, tip in zip((1.2, 0.6), expected, strict=True):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from contacts import CENTRE, CONTACTS, DISK, WALL, general_triangles, limit_stops, soft_wall, spheres, wall
-from native_solvers import static_settings
+from native_solvers import recommended
 from robots import LENGTH, distance, scene, scene_with, seven, solve_scene, three, tip_load
 
 
@@ -40,7 +40,7 @@ def test_every_contact_gives_the_shape_of_the_static_solver_of_exudyn(kind, mu):
     reference = soft_wall if kind == "GeneralContact, triangles" else CONTACTS[kind]
     _keep_other, other, compared = with_contact(reference, mu)
     compared.set_inputs_over_time(lambda t: [2.0 * t, 0.0, 0.0])
-    assert other.SolveStatic(static_settings(80))
+    assert other.SolveStatic(recommended(compared, 1.0, 1.0 / 80.0))
     assert distance(handle.shape()[0], compared.shape()[0]) < (1e-3 if mu else 1e-4)
     _keep_free, free_mbs, free = scene(seven(mu))
     assert distance(handle.shape()[0], solve_scene(free_mbs, free, {"t1": 2.0})) > 0.05

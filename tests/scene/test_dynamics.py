@@ -6,7 +6,7 @@ import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 import pytest
-from native_solvers import dynamic_settings, recommended, static_settings
+from native_solvers import recommended
 from robots import (
     BACKBONE,
     LENGTH,
@@ -113,7 +113,7 @@ def test_bending_modes_decay_as_those_of_a_viscoelastic_cantilever(mode, root, e
     shape = mbs.TDCREigenvalues(numberOfEigenvalues=2 * mode).shapes[:, 2 * mode - 1]
     mbs.systemData.SetODE2Coordinates((1e-4 * LENGTH * shape).tolist(), exu.ConfigurationType.Initial)
     period = 2.0 * np.pi / w
-    settings = dynamic_settings(3.0 * period, period / 100)
+    settings = recommended(handle, 3.0 * period, period / 100)
     settings.timeIntegration.generalizedAlpha.spectralRadius = 1.0
     settings.timeIntegration.newton.relativeTolerance = 1e-8
     settings.solution.sensors.writePeriod = period / 100
@@ -262,7 +262,7 @@ def test_loads_and_weight_that_the_static_solver_ramps_do_the_work_of_the_ramp()
     """``mbs.SolveStatic`` multiplies them by a factor from 0 to 1: a load does half its final value times the way."""
     _keep, mbs, handle, (load, sensor) = scene_with(load_and_sensor, seven(0.0), gravity=(0.5, 0.0, 0.0))
     load.set([2e-3, 0.0, 0.0])
-    assert mbs.SolveStatic(static_settings(20))
+    assert mbs.SolveStatic(recommended(handle, 1.0, 0.05))
     found = dict(zip(ENERGY_COLUMNS, mbs.GetSensorValues(sensor), strict=True))
     away = handle.tip_position[0]
     # The ramp holds back half of the work of the weight.

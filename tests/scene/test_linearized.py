@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from native_solvers import dynamic_settings
+from native_solvers import recommended
 from robots import BACKBONE, LENGTH, pendulum, scene, scene_with, seven, solve_scene, tip_load, tip_sensor
 from scipy.linalg import eig
 
@@ -42,13 +42,13 @@ def test_modes_without_tension_are_those_of_a_cantilever_and_a_finer_mesh_lowers
     assert errors[0][4:] / errors[1][4:] == pytest.approx([4.0, 4.0], rel=0.1)
 
 
-def swing(mbs, load, sensor, force, end: float = 1.5) -> float:
+def swing(mbs, handle, load, sensor, force, end: float) -> float:
     """Frequency of the swing of a tip under a sudden force [Hz].
 
     The spectrum is that of a time [s] in which modes that are near each other must come apart.
     """
     load.set(force)
-    settings = dynamic_settings(end, 2e-3)
+    settings = recommended(handle, end, 2e-3)
     settings.timeIntegration.generalizedAlpha.spectralRadius = 0.98
     settings.timeIntegration.newton.relativeTolerance = 1e-5
     settings.solution.sensors.writePeriod = 2e-3
@@ -87,7 +87,7 @@ def test_a_robot_swings_with_its_frequencies(mu, rest, force, mode, end):
     _keep, mbs, handle, (load, sensor) = scene_with(load_and_sensor, seven(mu, **rest), friction=friction)
     bend(mbs, handle, bool(rest))
     modes = mbs.TDCREigenvalues(holes="stuck")
-    assert modes.frequencies[mode] == pytest.approx(swing(mbs, load, sensor, force, end), rel=5e-3)
+    assert modes.frequencies[mode] == pytest.approx(swing(mbs, handle, load, sensor, force, end), rel=5e-3)
     if rest:
         assert modes.frequencies[1] > 1.4 * modes.frequencies[0]
         assert np.all(modes.growth < 1e-3 * modes.frequencies)

@@ -4,7 +4,7 @@ import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 import pytest
-from native_solvers import dynamic_settings, static_settings
+from native_solvers import recommended
 from robots import BACKBONE, LENGTH, distance, scene_with, seven, single, solve, solve_scene, tip_load
 
 from tdcr_fe import Load, LoadStep, SolverSettings, SolveTDCR, StepFailed
@@ -103,7 +103,7 @@ def test_a_load_solved_by_exudyn_counts_as_applied():
     """After mbs.SolveStatic the next ramp begins at that load, so nothing changes."""
     _keep, mbs, handle, load = scene_with(tip_load, single(0.0), friction="none")
     load.set([0.0, 0.02, 0.0])
-    assert mbs.SolveStatic(static_settings(10))
+    assert mbs.SolveStatic(recommended(handle, 1.0, 0.1))
     assert load.applied == pytest.approx([0.0, 0.02, 0.0, 0.0, 0.0, 0.0])
     before = handle.tip_position
     SolveTDCR(mbs)
@@ -114,7 +114,7 @@ def test_the_solution_is_at_rest():
     """After dynamics, statics leave no velocity behind, in the current and in the initial configuration."""
     _keep, mbs, handle, load = scene_with(tip_load, single(0.0), friction="none")
     load.set([0.0, 0.005, 0.0])
-    assert mbs.SolveDynamic(dynamic_settings(0.02, 1e-3))
+    assert mbs.SolveDynamic(recommended(handle, 0.02, 1e-3))
     data = mbs.systemData
     assert np.max(np.abs(data.GetODE2Coordinates_t())) > 1e-3
     SolveTDCR(mbs)

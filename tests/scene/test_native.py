@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import exudyn as exu
 import numpy as np
 import pytest
-from native_solvers import damped, dynamic_settings, recommended, static_settings
+from native_solvers import damped, recommended
 from robots import BACKBONE, DISKS, LENGTH, SEVEN, distance, pull, scene, seven, single, solve, solve_scene
 
 from tdcr_fe import Disks, LoadStep, ParallelRouting, Robot, SolveTDCR, StribeckFriction, Superelastic, Tendon
@@ -23,7 +23,7 @@ def test_static_solver_of_exudyn_finds_the_same_tip(friction):
     """To 2.5 N, within a millionth of the length."""
     _keep, mbs, handle = scene(single(0.3), friction=friction)
     handle.set_inputs_over_time(lambda t: [2.5 * t])
-    assert mbs.SolveStatic(static_settings())
+    assert mbs.SolveStatic(recommended(handle, 1.0, 0.02))
     expected = solve(single(0.3), pull(2.5), friction=friction).steps[-1]
     assert distance(handle.tip_position, expected.tip) < 1e-6
     assert handle.tensions()["t1"] == pytest.approx(expected.tensions[0], abs=1e-6)
@@ -36,7 +36,7 @@ def test_static_solver_with_prescribed_displacements_of_elastic_tendons():
     _keep, mbs, handle = scene(robot)
     handle.set_displacements([0.0, 0.0, 0.0])
     handle.set_inputs_over_time(lambda t: [3e-3 * t, -6e-3 * t, -6e-3 * t])
-    assert mbs.SolveStatic(static_settings())
+    assert mbs.SolveStatic(recommended(handle, 1.0, 0.02))
     step = solve(robot, [LoadStep("", displacements={"t1": 3e-3, "t2": -6e-3, "t3": -6e-3})]).steps[0]
     assert step.base_tensions[0] > 0.1
     assert distance(handle.tip_position, step.tip) < 5e-4
@@ -59,7 +59,7 @@ def test_dynamics_include_the_friction_history_and_statics_go_on_from_there():
         return [1.125 + 0.375 * np.cos(np.pi * min(t - 1.0, 1.0))]
 
     handle.set_inputs_over_time(tension)
-    assert mbs.SolveDynamic(dynamic_settings(3.0, 2e-2))
+    assert mbs.SolveDynamic(recommended(handle, 3.0, 2e-2))
     back, pulled = (solve(single(0.3), s).tips[-1] for s in (pull(1.5, 0.75), pull(0.75)))
     assert distance(handle.tip_position, back) < 2e-3
     assert distance(handle.tip_position, pulled) > 0.02
@@ -89,7 +89,7 @@ def test_dynamics_after_statics_begin_at_rest(drive):
     assert max(t[0] for t in tensions.values()) > 0.5
     moved = []
     mbs.SetPostStepUserFunction(lambda m, t: moved.append(distance(handle.shape()[0], start)) or True)
-    assert mbs.SolveDynamic(dynamic_settings(0.03, 1e-3))
+    assert mbs.SolveDynamic(recommended(handle, 0.03, 1e-3))
     assert max(moved) < 1e-6
     for name, before in tensions.items():
         assert np.abs(handle.tensions()[name] - before).max() < 1e-4 * max(1e-3, before[0])
@@ -103,7 +103,7 @@ def test_a_robot_without_mass_is_refused_in_dynamics_and_solved_at_rest():
     solve_scene(mbs, handle, [0.5, 0.0, 0.0])
     assert handle.tip_position[0] > 0.01
     with pytest.raises((ValueError, RuntimeError), match="robot 'three' has no mass"):
-        mbs.SolveDynamic(dynamic_settings(0.01, 1e-3))
+        mbs.SolveDynamic(recommended(handle, 0.01, 1e-3))
 
 
 # ---------------------------------------------------------------- sudden changes
@@ -256,7 +256,7 @@ def test_a_law_of_friction_that_no_tensions_satisfy_ends_a_run_with_a_message(mo
 def test_a_run_of_tiny_steps_ends_with_its_cause(monkeypatch):
     """Two runs with spectralRadius = 1 were not done after twenty times the time, and said nothing."""
     monkeypatch.setattr(hooks, "round_off", lambda mesh: 1e-6)
-    settings = dynamic_settings(1.0, 1e-3)
+    settings = exu.SimulationSettings()
     settings.timeIntegration.generalizedAlpha.spectralRadius = 1.0
     sizes = hooks.StepSizes()
     with pytest.raises(RuntimeError, match=r"take 0\.9"):

@@ -6,7 +6,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from exudyn.utilities import InertiaCuboid
-from native_solvers import dynamic_settings, recommended, static_settings
+from native_solvers import recommended
 from robots import LENGTH, distance, scene, seven, single, solve_scene, system
 from scipy.spatial.transform import Rotation
 
@@ -94,7 +94,7 @@ def test_a_tension_set_after_inputs_over_time_leaves_the_other_tendons_as_they_a
     """In version 0.1 the tensions of t2 and t3 were set to zero."""
     _keep, mbs, handle = scene(seven(0.0), friction="none")
     handle.set_inputs_over_time(lambda t: [0.2 * t, 0.5 * t, 0.1 * t])
-    assert mbs.SolveStatic(static_settings(20))
+    assert mbs.SolveStatic(recommended(handle, 1.0, 0.05))
     solve_scene(mbs, handle, {"t1": 0.3})
     assert [handle.tensions()[t][0] for t in ("t1", "t2", "t3")] == pytest.approx([0.3, 0.5, 0.1])
 
@@ -113,9 +113,9 @@ def test_wrong_inputs_over_time_are_refused_by_every_solver(solver, values, word
     """In version 0.1 one value acted on three tendons, and -0.5 N pushed."""
     _keep, mbs, handle = scene(seven(0.3))
     handle.set_inputs_over_time(lambda t: values)
-    settings = {"SolveStatic": [static_settings(5)], "SolveDynamic": [dynamic_settings(0.01, 1e-3)]}
+    settings = [] if solver == "SolveTDCR" else [recommended(handle, 0.01, 1e-3)]
     with pytest.raises((ValueError, RuntimeError), match=words):
-        getattr(mbs, solver)(*settings.get(solver, []))
+        getattr(mbs, solver)(*settings)
 
 
 def test_round_off_below_zero_tension_is_zero():
@@ -155,7 +155,7 @@ def test_a_system_is_built_again_after_a_reset_with_other_items_first():
     [
         lambda mbs, handle: handle.set_tensions(INPUTS),
         lambda mbs, handle: SolveTDCR(mbs),
-        lambda mbs, handle: mbs.SolveDynamic(dynamic_settings(2e-3, 1e-3)),
+        lambda mbs, handle: mbs.SolveDynamic(recommended(handle, 2e-3, 1e-3)),
     ],
 )
 def test_items_deleted_before_those_of_a_robot_are_refused(use):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from contacts import CONTACTS
 from exudyn.utilities import LoadSolutionFile, SetSolutionState
-from native_solvers import damped, dynamic_settings, recommended
+from native_solvers import damped, recommended
 from robots import LENGTH, distance, scene, scene_with, seven, solve_scene
 
 from tdcr_fe.solve.statics import SolveTDCR
@@ -38,7 +38,7 @@ def test_a_second_dynamic_run_is_the_first_one_again():
     handle.set_inputs_over_time(rise)
     shapes = []
     for _ in range(2):
-        assert mbs.SolveDynamic(dynamic_settings(0.15, 1e-3))
+        assert mbs.SolveDynamic(recommended(handle, 0.15, 1e-3))
         shapes.append(handle.shape()[0])
         assert np.any(handle.actuation.state.mobilisation == 1.0)
     assert distance(shapes[0][-1], [0.0, 0.0, LENGTH]) > 0.05

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from inputs import ROBOT, SCENARIO, changed, write
-from native_solvers import static_settings
+from native_solvers import recommended
 from robots import BACKBONE, LENGTH, Robot, scene, seven
 from scipy.optimize import brentq
 
@@ -69,7 +69,7 @@ def test_scenes_and_exudyn_follow_the_angles():
         SolveTDCR(mbs)
     assert arm.displacements()["t1"] == pytest.approx(RADIUS * ANGLES[1])
     arm.set_inputs_over_time(lambda t: [ANGLES[1] - 0.03 * t, -0.36, -0.36])
-    assert mbs.SolveStatic(static_settings(5))
+    assert mbs.SolveStatic(recommended(arm, 1.0, 0.2))
     more = [*steps()[:2], tdcr.LoadStep(motor_angles={"t1": ANGLES[1] - 0.03})]
     expected = tdcr.simulate(wound(STIFFNESS), tdcr.Model(elements_per_bay=1), more)
     assert np.abs(arm.tip_position - expected.steps[-1].positions[-1]).max() < 1e-6 * LENGTH
