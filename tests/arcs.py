@@ -2,10 +2,10 @@
 
 import numpy as np
 from robots import BACKBONE, DISKS, tendon
-from scipy.spatial.transform import Rotation
 
 from tdcr_fe import Robot, SequenceResult, StepResult
 from tdcr_fe.model.loading import LoadStep, Model, resolve
+from tdcr_fe.validation.reference.closed_forms import constant_strain
 
 
 def paper_robot(tendons: int = 1) -> Robot:
@@ -18,12 +18,8 @@ def arc_step(robot: Robot, number: int, angle: float, phi: float, tensions: np.n
     """A backbone bent by ``angle`` [rad] towards ``phi`` [rad]; tension falls by a tenth at every hole."""
     length = robot.backbone.length
     s = np.linspace(0.0, length, 27)
-    a = angle * s / length
-    # (1 - cos a) s / a and sin a s / a, also where the angle is zero.
-    x, z = s * np.sin(a / 2.0) * np.sinc(a / (2.0 * np.pi)), s * np.sinc(a / np.pi)
-    positions = np.column_stack((x * np.cos(phi), x * np.sin(phi), z))
-    axis = np.array([-np.sin(phi), np.cos(phi), 0.0])
-    rotations = Rotation.from_rotvec(a[:, None] * axis).as_matrix()
+    strain = np.array([-np.sin(phi) * angle / length, np.cos(phi) * angle / length, 0.0, 0.0, 0.0, 1.0])
+    rotations, positions = map(np.array, zip(*(constant_strain(strain, x) for x in s), strict=True))
     profiles, states = [], []
     for each, tension in zip(robot.tendons, tensions, strict=True):
         n = len(robot.hole_arc_lengths(each)) - 1

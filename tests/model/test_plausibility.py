@@ -58,6 +58,23 @@ def helical(turns):
     return wire(routing=lambda angle: HelicalRouting(6.5e-3, turns, angle))
 
 
+def backbone(**changes):
+    return WIRE.with_backbone(**changes), Model(), PULL
+
+
+def tendons(**changes):
+    return wire(**changes), Model(), PULL
+
+
+def body(radius=12e-3, modulus=0.4e6, length=0.3, routing=ParallelRouting(9e-3), **tendon):  # noqa: B008
+    """A body of silicone with a channel."""
+    return (
+        Robot(Backbone(length, radius, modulus, 0.45), tendons=(Tendon("t1", routing, **tendon),)),
+        Model(),
+        [],
+    )
+
+
 def soft(modulus):
     return WIRE.with_backbone(youngs_modulus=modulus), GRAVITY, at_tip(force=(0.3, 0.0, 0.0))
 
@@ -70,18 +87,15 @@ ROWS = {
     "the same hole twice": (wire((0.0, 0.0)), Model(), PULL, "tendons[1]: tendons[0] and this", ""),
     "displacement of the other sign": (
         WIRE, Model(), drawn(t1=-4e-3), "steps[1].displacements.t1 = -0.004 m: it is let out and slack", ""),
-    "friction in per cent": (
-        wire(friction_coefficient=15.0), Model(), PULL, "tendons[0].friction_coefficient = 15:", "in %?"),
+    "friction in per cent": (*tendons(friction_coefficient=15.0), "tendons[0].friction_coefficient = 15:", "in %?"),
     "static friction": (
-        wire(friction_coefficient=0.0, friction=StribeckFriction(40.0, 0.2, 1e-3)), Model(), PULL,
+        *tendons(friction_coefficient=0.0, friction=StribeckFriction(40.0, 0.2, 1e-3)),
         "tendons[0].friction.static = 40:", "in %?"),
     "EI in N mm^2": (
-        WIRE.with_backbone(bending_stiffness=9817.0), Model(), PULL,
-        "backbone.bending_stiffness = 9817 N m^2: radius, modulus and Poisson's ratio give EI = 0.00982",
-        "in N mm^2?"),
+        *backbone(bending_stiffness=9817.0),
+        "backbone.bending_stiffness = 9817 N m^2: radius, modulus and Poisson's ratio give EI = 0.00982", "in N mm^2?"),
     "plateau in per cent": (
-        WIRE.with_backbone(superelastic=Superelastic(1.0, 0.1)), Model(), PULL,
-        "backbone.superelastic.threshold_strain = 1:", "in %?"),
+        *backbone(superelastic=Superelastic(1.0, 0.1)), "backbone.superelastic.threshold_strain = 1:", "in %?"),
     "mass of disks in g": (WIRE.with_disks(mass=1.2), GRAVITY, PULL, "disks.mass = 1.2 kg: a weight of 118 N", "in g?"),
     "mass of the tip in g": (replace(WIRE, tip_mass=5.0), GRAVITY, PULL, "tip_mass = 5 kg: a weight of 49", "in g?"),
     "load in gf": (WIRE, Model(), at_tip(force=(20.0, 0.0, 0.0)), "steps[1].loads.tip.force = 20 N", "gf?"),
@@ -91,29 +105,19 @@ ROWS = {
     "E in MPa": (*soft(200e3), "backbone.youngs_modulus = 200000 Pa: as soft as rubber", "in MPa?"),
     "E in GPa": (*soft(200.0), "backbone.youngs_modulus = 200 Pa: outside", "in GPa?"),
     "tension in gf": (WIRE, Model(), pull(500.0), "steps[0].tensions.t1 = 500 N", "gf?"),
-    "moment in N mm": (
-        WIRE, Model(), at_tip(moment=(0.0, 2.0, 0.0)), "steps[1].loads.tip.moment = 2 N m", "in N mm?"),
-    "radius of curvature": (
-        WIRE.with_backbone(precurvature=(0.0, 500.0)), Model(), PULL, "backbone.precurvature = 500 1/m", "a radius"),
+    "moment in N mm": (WIRE, Model(), at_tip(moment=(0.0, 2.0, 0.0)), "steps[1].loads.tip.moment = 2 N m", "in N mm?"),
+    "radius of curvature": (*backbone(precurvature=(0.0, 500.0)), "backbone.precurvature = 500 1/m", "a radius"),
     "EI as EA": (
-        WIRE.with_backbone(axial_stiffness=0.0098), Model(), PULL, "backbone.axial_stiffness = 0.0098 N",
-        "is it the bending_stiffness?"),
-    "E as EA": (
-        WIRE.with_backbone(axial_stiffness=200e9), Model(), PULL, "backbone.axial_stiffness = 2e+11 N", "EA is 4 EI"),
+        *backbone(axial_stiffness=0.0098), "backbone.axial_stiffness = 0.0098 N", "is it the bending_stiffness?"),
+    "E as EA": (*backbone(axial_stiffness=200e9), "backbone.axial_stiffness = 2e+11 N", "EA is 4 EI"),
     "body that is wider than its channels": (
-        Robot(Backbone(0.3, 5e-3, 0.4e6, 0.45), tendons=(Tendon("t1", ConvergingRouting(4e-3, 6e-3)),)), Model(), [],
+        *body(5e-3, routing=ConvergingRouting(4e-3, 6e-3)),
         "tendons[0].end_offset = 0.006 m: outside of the backbone of radius 0.005 m at s = 0.3 m", ""),
-    "E of a body in kPa": (
-        Robot(Backbone(0.3, 12e-3, 400.0, 0.45), tendons=(Tendon("t1", ParallelRouting(9e-3)),)), Model(), [],
-        "backbone.youngs_modulus = 400 Pa: outside", "or kPa?"),
+    "E of a body in kPa": (*body(modulus=400.0), "backbone.youngs_modulus = 400 Pa: outside", "or kPa?"),
     # Others.
-    "radius in mm": (
-        WIRE.with_backbone(radius=0.5), Model(), PULL, "backbone.radius = 0.5 m: not thinner", "in mm or cm?"),
-    "radius in cm": (
-        Robot(Backbone(0.1, 0.025, 0.4e6, 0.45), tendons=(Tendon("t1", ParallelRouting(9e-3)),)), Model(), [],
-        "backbone.radius = 0.025 m: larger than a fifth of the length", "in cm?"),
-    "radius in m for mm": (
-        WIRE.with_backbone(radius=1.6e-6), Model(), PULL, "backbone.radius = 1.6e-06 m: the length is 125000", ""),
+    "radius in mm": (*backbone(radius=0.5), "backbone.radius = 0.5 m: not thinner", "in mm or cm?"),
+    "radius in cm": (*body(0.025, length=0.1), "backbone.radius = 0.025 m: larger than a fifth of the", "in cm?"),
+    "radius in m for mm": (*backbone(radius=1.6e-6), "backbone.radius = 1.6e-06 m: the length is 125000", ""),
     "disks wider than long": (
         WIRE.with_disks(radius=0.12), Model(), PULL, "disks.radius = 0.12 m: larger than half the", "in mm or cm?"),
     "all lengths in mm": (
@@ -122,13 +126,10 @@ ROWS = {
     "density of water": (WIRE.with_backbone(density=7.8), Model(), [], "backbone.density = 7.8 kg/m^3", "in g/cm^3?"),
     "no mass": (
         WIRE.with_backbone(density=0.0).with_disks(mass=0.0), GRAVITY, PULL, "model.gravity = 9.81 m/s^2: nothing", ""),
-    "gravity of no planet": (
-        WIRE, Model(gravity=(0.0, 0.0, -981.0)), PULL, "model.gravity = 981 m/s^2: 100 times", ""),
-    "EA of a tendon in kN": (
-        wire(axial_stiffness=6.0), Model(), PULL, "tendons[0].axial_stiffness = 6 N: below 10 N", "in kN?"),
+    "gravity of no planet": (WIRE, Model(gravity=(0.0, 0.0, -981.0)), PULL, "model.gravity = 981 m/s^2: 100 times", ""),
+    "EA of a tendon in kN": (*tendons(axial_stiffness=6.0), "tendons[0].axial_stiffness = 6 N: below 10 N", "in kN?"),
     "strain of a tendon": (
-        wire(axial_stiffness=60.0), Model(), pull(30.0),
-        "steps[0].tensions.t1 = 30 N: strains the tendon by 50 %", ""),
+        wire(axial_stiffness=60.0), Model(), pull(30.0), "steps[0].tensions.t1 = 30 N: strains the tendon by 50 %", ""),
     "displacement in mm": (WIRE, Model(), drawn(t1=2.0), "steps[1].displacements.t1 = 2 m", "in mm or cm?"),
     "motor angle in degrees": (
         wire(spool=Spool(8e-3)), Model(), [LoadStep(motor_angles={"t1": 60.0})], "steps[0].motor_angles.t1 = 60 rad",
@@ -139,14 +140,12 @@ ROWS = {
         "tendons[0].offset = 6.5e-06 m: inside", ""),
     "pretension in gf": (
         wire(pretension=200.0), Model(), drawn(t1=1e-3), "tendons[0].pretension = 200 N: strains", "gf?"),
-    "adhesion in mN": (wire(adhesion=10.0), Model(), PULL, "tendons[0].adhesion = 10 N: one hole", "gf?"),
+    "adhesion in mN": (*tendons(adhesion=10.0), "tendons[0].adhesion = 10 N: one hole", "gf?"),
     "E in GPa for MPa": (
         WIRE.with_backbone(youngs_modulus=4e11), Model(), pull(1e-3),
         "backbone.youngs_modulus = 4e+11 Pa: no usual material has this modulus and a density of 78", "steel"),
     "friction without holes": (
-        Robot(Backbone(0.3, 12e-3, 0.4e6, 0.45), tendons=(
-            Tendon("t1", ParallelRouting(9e-3), friction_coefficient=0.2),)), Model(),
-        pull(1.0), "tendons[0].friction_coefficient = 0.2: it has no effect", ""),
+        *body(friction_coefficient=0.2), "tendons[0].friction_coefficient = 0.2: it has no effect", ""),
     "tension ten times too large": (
         soft(2e9)[0].with_backbone(density=1200.0), Model(), [LoadStep(tensions={"t1": 2.0})],
         "steps[0].tensions: together", "circles"),

@@ -142,22 +142,14 @@ def test_a_process_that_dies_costs_its_own_case_only(tmp_path):
     assert result.cases["reason"][2] == "ZeroDivisionError: no luck"
 
 
-def test_chosen_steps_and_quantities(tmp_path):
-    text = SWEEP + '[output]\nsteps = "all"\nquantities = ["tip_x", "tension_t1"]\n'
-    scenario = SCENARIO + "[[steps]]\ntensions = { t2 = 0.5 }\n"
-    result = tdcr.sweep(write_files(tmp_path, text, scenario=scenario), executor=InProcess())
-    assert result.outputs == ("tension_t1_step1", "tip_x_step1", "tension_t1_step2", "tip_x_step2")
-    assert result.cases["tension_t1_step2"].tolist() == [0.5, 0.5, 1.0, 1.0, 1.5, 1.5]
-
-
-def test_columns_of_a_step_are_those_of_its_end_where_an_effect_divides_it(tmp_path):
+def test_chosen_columns_of_a_step_are_those_of_its_end_where_an_effect_divides_it(tmp_path):
     """What arrives of the first tendon stays, while the second is pulled, until it is a command over the efficiency."""
-    text = SWEEP + '[output]\nsteps = "all"\nquantities = ["tension_t1"]\n'
+    text = SWEEP + '[output]\nsteps = "all"\nquantities = ["tip_x", "tension_t1"]\n'
     more = "[[steps]]\ntensions = { t1 = 0.1, t2 = 0.5 }\n[effects]\nactuator_loss = { efficiency = 0.8 }\n"
     path = write_files(tmp_path, text, scenario=SCENARIO + more)
     assert tdcr.read_scenario(tmp_path / "scenario.toml").ends == (1, 3)
     result = tdcr.sweep(path, executor=InProcess())
-    assert result.outputs == ("tension_t1_step1", "tension_t1_step2")
+    assert result.outputs == ("tension_t1_step1", "tip_x_step1", "tension_t1_step2", "tip_x_step2")
     assert result.cases["tension_t1_step2"].tolist() == pytest.approx([0.1 / 0.8] * 6)
 
 
