@@ -170,6 +170,7 @@ def _solve(
         system.layout.user_loads
         or user_step is not None
         or system.hooks.user_function("PreNewtonResidual") is not None
+        or (end_time != start_time and _objects_have_functions(system))
     )
     parts, paths = system.independent(), []
     with one_thread():
@@ -181,6 +182,13 @@ def _solve(
                 if each.handle.actuation in part.robots:
                     each.advance(solved)
     return paths
+
+
+def _objects_have_functions(system: SceneSystem) -> bool:
+    """Whether the user's objects have functions, which may move joints or change forces over time."""
+    mbs, own = system.mbs, {int(robot.connectors.forces) for robot in system.robots}
+    others = (mbs.GetObject(i) for i in range(mbs.systemData.NumberOfObjects()) if i not in own)
+    return any(value for each in others for key, value in each.items() if key.endswith("UserFunction"))
 
 
 def track_sensitivities(arm: TDCR, names: Sequence[str | Parameter]) -> SensitivityHistory:

@@ -59,6 +59,30 @@ def test_a_load_that_fails_within_the_step_is_kept_as_set_and_resumed():
     assert distance(handle.shape()[0], start) < 0.05
 
 
+def test_a_force_over_time_ends_in_one_state_whether_a_load_or_a_spring_applies_it():
+    """It rises and falls again; that of the spring was taken as constant: 64 substeps, and tensions 9 % off."""
+    ends = []
+    for kind in ("load", "spring"):
+
+        def add(mbs, arm, kind=kind):
+            def force(t):
+                return [0.0, 0.08 * np.sin(2.0 * np.pi * t), 0.0]
+
+            if kind == "load":
+                push = {"loadVector": [0.0] * 3, "loadVectorUserFunction": lambda mbs, t, load: force(t)}
+                return mbs.AddLoad(eii.Force(markerNumber=arm.mTip, **push))
+            ground = mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=mbs.CreateGround()))
+            pull = {"springForceUserFunction": lambda mbs, t, *rest: [-f for f in force(t)]}
+            return mbs.AddObject(eii.CartesianSpringDamper(markerNumbers=[ground, arm.mTip], **pull))
+
+        _keep, mbs, handle, _ = scene_with(add, seven(0.3))
+        solve_scene(mbs, handle, [1.0, 0.4, 0.4])
+        assert mbs.SolveTDCR(endTime=0.35)["refinement_error"] == 0.0
+        ends.append((handle.shape()[0], np.concatenate(list(handle.tensions().values()))))
+    assert distance(ends[0][0], ends[1][0]) < 1e-8
+    assert ends[0][1] == pytest.approx(ends[1][1], abs=1e-8)
+
+
 def test_copies_of_the_state_have_the_load_that_acted_in_it():
     """Back to the state before a load, the ramp begins there again: the same path to the last digits.
 
