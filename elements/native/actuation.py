@@ -127,7 +127,6 @@ class TendonActuation:
         self._node_coordinates.forget()
         self._scene_forces.forget()
         self._solved = None
-        self.history_nodes.forget_coordinates()
 
     def scene_poses(self) -> tuple[Array, Array, Array]:
         """Current positions (N, 3), rotations (N, 3, 3) in beam axes and Euler parameters (N, 4) in the scene."""

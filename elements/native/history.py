@@ -18,7 +18,7 @@ import numpy as np
 from tdcr_fe.elements import Array
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.hysteresis import FrictionState
-from tdcr_fe.elements.native.items import SystemReference
+from tdcr_fe.elements.native.items import SystemReference, data_coordinates
 
 _CURRENT, _INITIAL = exu.ConfigurationType.Current, exu.ConfigurationType.Initial
 
@@ -72,7 +72,6 @@ class HistoryNodes:
         self._slip, self._mobilisation, self._rate, self._tension, self._stretch = (
             slice(int(a), int(b)) for a, b in pairwise(edges)
         )
-        self._first: int | None = None
         self._unloaded = RobotHistory.unloaded(law)
         self._slack, self._let_out = np.zeros((m, n)), law.released_unloaded().sum(axis=1)
         start = self._encode(self._unloaded, self._slack, self._let_out)
@@ -113,17 +112,10 @@ class HistoryNodes:
         data = self._system.mbs.systemData
         return [int(i) for node in self.nodes for i in data.GetNodeLTGData(node)]
 
-    def forget_coordinates(self) -> None:
-        """Read the numbers of the data coordinates from Exudyn again, after another `Assemble`."""
-        self._first = None
-
     def _coordinates(self, configuration: Any) -> Array:
         """The coordinates of all nodes in the memory of Exudyn, shape (m, size)."""
-        data = self._system.mbs.systemData
-        if self._first is None:
-            self._first = int(data.GetNodeLTGData(self.nodes[0])[0])
-        everything: Array = data.GetDataCoordinates(configuration, copy=False)
-        return everything[self._first : self._first + self.size].reshape(self._shape)
+        mbs, size = self._system.mbs, self.size
+        return data_coordinates(mbs, self.nodes[0], size, configuration).reshape(self._shape)
 
     @property
     def _present(self) -> bool:

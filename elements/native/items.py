@@ -98,6 +98,14 @@ def refuse_force_sensors(mbs: exu.MainSystem, drawn: Sequence[int]) -> None:
             )
 
 
+def data_coordinates(mbs: exu.MainSystem, first: Any, count: int, configuration: Any) -> Array:
+    """So many data coordinates in the memory of Exudyn, from those of a data node on, in one of its configurations."""
+    data = mbs.systemData
+    at = int(data.GetNodeLTGData(first)[0])
+    everything: Array = data.GetDataCoordinates(configuration, copy=False)
+    return everything[at : at + count]
+
+
 def _name(mbs: exu.MainSystem, kind: str, number: Any) -> str:
     read = getattr(mbs, f"Get{kind}Parameter")
     return str(read(number, "name"))

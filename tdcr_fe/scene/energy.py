@@ -23,6 +23,7 @@ from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.coordinates import NodeCoordinates, twists_by_coordinates
+from tdcr_fe.elements.native.items import data_coordinates
 from tdcr_fe.elements.native.material_damping import MaterialDamping
 from tdcr_fe.elements.poses import log_so3
 from tdcr_fe.model.loading import Vector
@@ -219,10 +220,7 @@ class EnergySums:
 
     def _sums(self) -> Array:
         """The coordinates of the data node, in the memory of Exudyn."""
-        data = self._system.mbs.systemData
-        first = int(data.GetNodeLTGData(self.node)[0])
-        everything: Array = data.GetDataCoordinates(_CURRENT, copy=False)
-        return everything[first : first + len(_SUMS)]
+        return data_coordinates(self._system.mbs, self.node, len(_SUMS), _CURRENT)
 
     def _forces(self, motion: NodeMotion, t: float, configuration: Any) -> tuple[TendonLaw, TendonForces]:
         """With the history at the beginning of the step, at a time [s]; motors are as in a configuration of Exudyn."""

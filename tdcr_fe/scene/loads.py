@@ -12,7 +12,7 @@ import numpy as np
 
 from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
-from tdcr_fe.elements.native.items import SystemReference
+from tdcr_fe.elements.native.items import SystemReference, data_coordinates
 
 Frame = Literal["world", "section"]
 
@@ -79,10 +79,7 @@ class PointLoad:
 
     def _coordinates(self, configuration: Any) -> Array:
         """Coordinates of the data node in the memory of Exudyn, shape (6,)."""
-        data = self.system.mbs.systemData
-        everything: Array = data.GetDataCoordinates(configuration, copy=False)
-        first = int(data.GetNodeLTGData(self.nApplied)[0])
-        return everything[first : first + 6]
+        return data_coordinates(self.system.mbs, self.nApplied, 6, configuration)
 
     @property
     def _turn(self) -> Array:

@@ -46,13 +46,7 @@ class ElementModel:
     @classmethod
     def of(cls, handle: TDCR) -> ElementModel:
         """The elements of a robot in a scene, with their current compliance."""
-        mesh, robot = handle.mesh, handle.robot
-        stiffness = mesh.stiffness.copy()
-        growth = handle.compliance_factor
-        if growth != 1.0:
-            add_residual_flexibility(stiffness, mesh.lengths, growth - 1.0)
-            stiffness[:, 3:] /= growth
-            stiffness[handle.rigid] = mesh.stiffness[handle.rigid]
+        mesh, robot = handle.actuation.mesh, handle.robot
         middle = 0.5 * (mesh.arc_lengths[1:] + mesh.arc_lengths[:-1])
         bays = np.searchsorted(np.asarray(robot.bay_ends, dtype=float), middle)
         free = np.bincount(bays, mesh.lengths * ~handle.rigid).astype(float)
@@ -62,7 +56,7 @@ class ElementModel:
             free[-1] *= 2.0
         return cls(
             mesh.lengths,
-            stiffness,
+            mesh.stiffness,
             mesh.reference_twists / mesh.lengths[:, None],
             ~handle.rigid,
             handle.actuation.model.section,

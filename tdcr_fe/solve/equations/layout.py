@@ -123,18 +123,12 @@ class RobotUnknowns(NamedTuple):
     tensions: slice  # Their tensions at the base
     frictional: Flags  # (m, g): Which of its mobilisations are unknowns
     mobilisations: slice  # Where these are
-    # (m,): Whose holes have adhesion, which may hold them under tension while they are slack at the base
-    adhesive: Flags
     clamped: bool  # Whether its base is clamped to ground
 
     @property
     def has_friction(self) -> bool:
         """Whether friction acts in this robot."""
         return self.mobilisations.stop > self.mobilisations.start
-
-    def may_be_tense(self, base_tension: Array) -> Flags:
-        """Which tendons are under tension somewhere, or may be, at tensions at the base [N], shape (m,)."""
-        return (base_tension > 0.0) | self.adhesive
 
 
 class Numbering(NamedTuple):
@@ -157,10 +151,7 @@ class Numbering(NamedTuple):
             tensions = slice(tension, tension + driven[i].size)
             holes = slice(hole, hole + (int(np.count_nonzero(frictional)) if robot.law.has_friction else 0))
             inside = slice(6 * own.start, 6 * own.stop)
-            adhesive = np.any(robot.law.parameters.adhesion > 0.0, axis=1)
-            unknowns = RobotUnknowns(
-                i, inside, driven[i], tensions, frictional, holes, adhesive, i in layout.clamps
-            )
+            unknowns = RobotUnknowns(i, inside, driven[i], tensions, frictional, holes, i in layout.clamps)
             parts.append(unknowns)
             tension, hole = tensions.stop, holes.stop
         return cls(tuple(parts), reduced, linear, hole)

@@ -191,9 +191,11 @@ def slips_steadily(before: SolverState, result: NewtonResult, linear: Linearizat
     after, numbering = result.state, linear.numbering
     pick, parts = numbering.at_frictional_holes, numbering.robots
     old, new = pick(before.mobilisation), pick(after.mobilisation)
+    # Adhesion may hold tendons under tension while they are slack at the base.
+    adhesive = [own.model.law.parameters.adhesion.any(axis=1) for own in result.forces]
     was_tense, tense = (
-        pick([p.frictional & p.may_be_tense(t)[:, None] for p, t in zip(parts, tension, strict=True)])
-        for tension in (before.base_tension, after.base_tension)
+        pick([p.frictional & (t | a)[:, None] for p, t, a in zip(parts, taut, adhesive, strict=True)])
+        for taut in ([t > 0.0 for t in state.base_tension] for state in (before, after))
     )
     # A hole that changes between stick and slip bends the slips of all others, so that they are no parabolas. Where a
     # tendon is pulled from zero, its friction grows with its tension, and such holes have no effect yet.
