@@ -17,7 +17,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from tdcr_fe.elements import Array
-from tdcr_fe.elements.backbone import BEAM_TO_SECTION, relative_twists
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, relative_twists
 from tdcr_fe.elements.disks import disk_inertia
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.friction import TendonLaw
@@ -73,9 +73,9 @@ class Masses:
     gravity: Array  # [m/s^2], shape (3,)
 
     @classmethod
-    def of(cls, robot: Robot, actuation: TendonActuation, gravity: Vector) -> Masses:
+    def of(cls, robot: Robot, mesh: BackboneMesh, gravity: Vector) -> Masses:
         """Of a robot and its mesh, with the acceleration of gravity."""
-        mesh, disks = actuation.mesh, robot.disks
+        disks = robot.disks
         masses = np.zeros(len(mesh.arc_lengths))
         inertia = np.zeros((len(masses), 3))
         for s in disks.positions:
@@ -86,6 +86,12 @@ class Masses:
         lengths = mesh.lengths
         rotary = mesh.rotary_inertia * lengths[:, None]
         return cls(mesh.mass_per_length * lengths, rotary, masses, inertia, np.array(gravity, dtype=float))
+
+    def weights(self) -> Array:
+        """Weight on every node, half of that of an element on each of its ends, world axes [N], shape (N, 3)."""
+        half = 0.5 * self.of_elements
+        lumped = self.of_nodes + np.append(half, 0.0) + np.append(0.0, half)
+        return lumped[:, None] * self.gravity
 
     def kinetic(self, motion: NodeMotion) -> float:
         """Kinetic energy [J]: velocities are linear between the nodes, as in Exudyn's beams."""

@@ -320,7 +320,7 @@ class TDCR(AssembledRobot):
         storeInternal
             Keep the values in memory.
         """
-        masses = Masses.of(self.robot, self.actuation, self.model.gravity)
+        masses = Masses.of(self.robot, self.mesh, self.model.gravity)
         sums = EnergySums(self.actuation, masses, self.damping, self.loads)
         SceneHooks.of(self.mbs).robot(self.actuation).add_observer(sums.observe, sums.node)
         maker = SensorMaker(self.mbs, self.name, fileName, storeInternal)

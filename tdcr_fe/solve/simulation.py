@@ -65,7 +65,7 @@ class Simulation:
     system : SceneSystem
         Its equations.
     state : SolverState
-        Last solved state, see `tdcr_fe.solve.stability.strain_tangent` for its tangent; the twists of the elements
+        Last solved state, see `tdcr_fe.solve.stability.scaled_tangent` for its tangent; the twists of the elements
         are ``state.configuration.twists[0]``.
     """
 

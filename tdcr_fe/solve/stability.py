@@ -37,8 +37,7 @@ from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.model.messages import steps_named
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.scene.energy import Masses
-from tdcr_fe.solve.equations.configuration import SolverState, Target
-from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.simulation import Simulation
 
 #: Compression over Euler's load from which stability is computed [1].
@@ -106,59 +105,22 @@ def scaled_tangent(simulation: Simulation) -> tuple[Array, Array]:
     to_nodes : ndarray, shape (6 (N-1), k)
         From these changes of shape to body-frame increments of the nodes 1 .. N-1.
     """
-    tangent, to_nodes = strain_tangent(simulation.system, simulation.state)
-    robot = simulation.handle.actuation
-    forces, mesh = robot.current_forces(), robot.mesh
-    weight = np.sqrt((mesh.lengths[:, None] / mesh.stiffness).ravel())
-    free = np.diag(weight)
-    taut = robot.drives.winds & (robot.base_tension > 0.0)
-    if np.any(taut):
-        # A tendon with prescribed displacement keeps its length: only changes of shape that leave it are free.
-        fixed = forces.base_slip_rows()[taut][:, 6:] @ to_nodes @ free
-        free = free @ null_space(fixed)
-    return free.T @ tangent @ free, to_nodes @ free
-
-
-def strain_tangent(system: SceneSystem, state: SolverState) -> tuple[Array, Array]:
-    """Tangent stiffness in the twists of the elements, base and mobilisations kept.
-
-    Parameters
-    ----------
-    system
-        The scene.
-    state
-        At an equilibrium; only there is the tangent the same in all coordinates.
-
-    Returns
-    -------
-    tangent : ndarray, shape (6 (N-1), 6 (N-1))
-        By the twists ``[v, w]`` of the elements, in beam axes [N/m, N, N m].
-    to_nodes : ndarray, shape (6 (N-1), 6 (N-1))
-        From changes of the elements' twists to body-frame increments of the nodes 1 .. N-1.
-
-    Raises
-    ------
-    ValueError
-        The scene has more than one robot clamped to ground: other moving parts would have to be eliminated.
-    """
-    if len(system.layout.reduction.other_coordinates) or len(system.robots) > 1:
-        raise ValueError(
-            "stability is given for one robot clamped to ground; this scene has other moving parts. "
-            "Take the robot alone through tdcr_fe.solve.simulate.Simulation"
-        )
+    system, state, robot = simulation.system, simulation.state, simulation.handle.actuation
     residual = system.residual(state, Target(state.inputs, state.loads, state.time), system.numbering())
     nodes = slice(6, 6 * system.layout.reduction.nodes)
     by_nodes = -system.tangent(residual)[nodes, nodes]
-    blocks = strain_matrices(state.configuration.twists[0])
-    count = len(blocks)
-    to_nodes = np.zeros((6 * count, 6 * count))
+    blocks, mesh = strain_matrices(state.configuration.twists[0]), robot.mesh
+    to_twists = np.zeros((6 * len(blocks), 6 * len(blocks) + 6))
     for e, block in enumerate(blocks):
-        rows = slice(6 * e, 6 * e + 6)
-        right = np.zeros((6, 6 * count))
-        right[:, rows] = np.eye(6)
-        if e:
-            right -= block[:, :6] @ to_nodes[rows.start - 6 : rows.start]
-        to_nodes[rows] = np.linalg.solve(block[:, 6:], right)
+        to_twists[6 * e : 6 * e + 6, 6 * e : 6 * e + 12] = block
+    # The base stays where it is.
+    to_nodes = np.linalg.inv(to_twists[:, 6:])
+    to_nodes = to_nodes * np.sqrt((mesh.lengths[:, None] / mesh.stiffness).ravel())
+    taut = robot.drives.winds & (robot.base_tension > 0.0)
+    if np.any(taut):
+        # A tendon with prescribed displacement keeps its length: only changes of shape that leave it are free.
+        fixed = residual.forces[0].base_slip_rows()[taut][:, 6:] @ to_nodes
+        to_nodes = to_nodes @ null_space(fixed)
     return to_nodes.T @ by_nodes @ to_nodes, to_nodes
 
 
@@ -177,7 +139,7 @@ class ExternalCompression:
         """Of the robot of a simulation and its mesh."""
         handle = simulation.handle
         backbone, mesh = handle.robot.backbone, handle.actuation.mesh
-        masses = Masses.of(handle.robot, handle.actuation, handle.model.gravity)
+        masses = Masses.of(handle.robot, mesh, handle.model.gravity)
         of_nodes = masses.of_nodes + np.append(0.0, masses.of_elements)
         middle = 0.5 * (mesh.arc_lengths[1:] + mesh.arc_lengths[:-1])
         bending = backbone.stiffness_factors(middle)[0] * backbone.taper_factors(mesh.arc_lengths)[0]

@@ -24,6 +24,7 @@ from tdcr_fe.elements.friction import FrictionModel, TendonLaw, TendonParameters
 from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
 from tdcr_fe.elements.section import SectionForces
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
+from tdcr_fe.scene.energy import Masses
 from tdcr_fe.scene.forces import force_model
 from tdcr_fe.scene.mesh import build_mesh, softened
 from tdcr_fe.scene.parts import BasePose
@@ -72,13 +73,7 @@ class RobotModel:
                 forces = replace(forces, geometry=old.geometry, law=old.law)
             if _same(forces.section, old.section):
                 forces = replace(forces, section=old.section)
-        mass = np.zeros(len(mesh.arc_lengths))
-        lumped = 0.5 * mesh.mass_per_length * mesh.lengths
-        mass[:-1] += lumped
-        mass[1:] += lumped
-        mass[forces.hole_nodes[1:]] += robot.disks.mass
-        mass[-1] += robot.tip_mass
-        weight = mass[:, None] * np.array(model.gravity)
+        weight = Masses.of(robot, mesh, model.gravity).weights()
         return cls(experiment, base, forces, rigid, weight)
 
     def beside(self, experiment: Experiment) -> RobotModel:
