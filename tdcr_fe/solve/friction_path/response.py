@@ -124,21 +124,13 @@ def _segments(
 
 
 class Equilibrium(NamedTuple):
-    """A solved state with its linearisation."""
+    """A solved state, linearised in this very state, or so near to it that it makes no difference."""
 
     state: SolverState
     forces: tuple[TendonForces, ...]  # By robot
     linearization: Linearization
     response: TensionResponse | None = None  # To the tensions of some tendons, where it was needed
-    exact: bool = False  # Whether it is linearised in this very state, or so near that it makes no difference
     balanced: bool = True  # Whether forces balance: not where weight acts on a robot that was never loaded
-
-    @classmethod
-    def of(
-        cls, state: SolverState, forces: tuple[TendonForces, ...], linearization: Linearization
-    ) -> Equilibrium:
-        """With a linearisation in this state, or near it."""
-        return cls(state, forces, linearization, exact=near_enough(state, linearization))
 
     @classmethod
     def at(cls, system: SceneSystem, state: SolverState, target: Target) -> Equilibrium:
@@ -146,7 +138,7 @@ class Equilibrium(NamedTuple):
         numbering = system.numbering()
         residual = system.residual(state, target, numbering)
         linearization = system.linearize(residual, numbering)
-        return cls(state, residual.forces, linearization, exact=True, balanced=residual.size < BALANCED)
+        return cls(state, residual.forces, linearization, balanced=residual.size < BALANCED)
 
     @property
     def numbering(self) -> Numbering:
@@ -309,23 +301,17 @@ class InterpolationPoint(NamedTuple):
     load: LoadResponse | None = None
 
 
-class Span(NamedTuple):
-    """Load factors of the load step at the ends of a substep [1]."""
-
-    start: float
-    end: float
-
-    def load_factor(self, fraction: float) -> float:
-        """Load factor of the load step at a fraction of the substep [1]."""
-        return self.start + fraction * (self.end - self.start)
-
-
 class KnownStates(NamedTuple):
     """States of a substep, from its start to its end."""
 
-    span: Span  # The substep
+    span: tuple[float, float]  # Load factors of the load step at its ends [1]
     taut: TautTendons  # The tendons under tension in any of the states
     points: tuple[InterpolationPoint, ...]  # The states, by load factor
+
+    def load_factor(self, fraction: float) -> float:
+        """Load factor of the load step at a fraction of the substep [1]."""
+        start, end = self.span
+        return start + fraction * (end - start)
 
     @property
     def start(self) -> Equilibrium:
@@ -340,9 +326,7 @@ class KnownStates(NamedTuple):
     @property
     def within(self) -> tuple[tuple[float, SolverState], ...]:
         """States within the substep with their load factors in the load step."""
-        return tuple(
-            [(self.span.load_factor(point.factor), point.state.state) for point in self.points[1:-1]]
-        )
+        return tuple([(self.load_factor(point.factor), point.state.state) for point in self.points[1:-1]])
 
 
 def twists(point: Equilibrium) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 
 from tdcr_fe.elements import Array
 from tdcr_fe.solve.equations.configuration import SolverState
-from tdcr_fe.solve.friction_path.response import Equilibrium, Span, twist_change, twists
+from tdcr_fe.solve.friction_path.response import Equilibrium, twist_change, twists
 from tdcr_fe.solve.load_steps.load_path import SolvedPath, StepFailed
 from tdcr_fe.solve.load_steps.loop import Instead, Judge, Proposal, Trial, take_substeps
 from tdcr_fe.solve.load_steps.solve_with_reversals import (
@@ -142,7 +142,7 @@ def is_continuous(solver: SubstepSolver, first: Point, last: Point) -> bool:
         here = Equilibrium.at(system, after, ramp.apply(system, end))
     except np.linalg.LinAlgError:
         return False
-    known = known_states(solver, [(0.0, there), (1.0, here)], Span(start, end))
+    known = known_states(solver, [(0.0, there), (1.0, here)], (start, end))
     tension = known.taut.tensions(here) - known.taut.tensions(there)
     if not (there.balanced and tension.size):
         return False

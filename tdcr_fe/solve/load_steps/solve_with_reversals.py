@@ -12,7 +12,7 @@ from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization, input_changes
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.friction_path.response import Equilibrium, KnownStates, Span, near_enough
+from tdcr_fe.solve.friction_path.response import Equilibrium, KnownStates, near_enough
 from tdcr_fe.solve.friction_path.reversals import Reversals, find_reversals
 from tdcr_fe.solve.load_steps.load_path import LocatedReversals
 from tdcr_fe.solve.load_steps.loop import Trial
@@ -68,7 +68,7 @@ def is_steady(trial: Trial, linear: Linearization | None) -> bool:
 def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:
     """A substep with exact linearisations at both ends: accepted, solved again with its reversals, or divided."""
     solver, allowed = trial.solver, allowed_error(trial)
-    known = known_states(solver, [(0.0, first), (1.0, final)], Span(trial.start, trial.end))
+    known = known_states(solver, [(0.0, first), (1.0, final)], (trial.start, trial.end))
     if not known.taut.holes.size:
         return trial
     found = _reversals(solver, known, allowed)
@@ -143,10 +143,10 @@ def _first(trial: Trial, numbering: Numbering) -> Equilibrium:
     """The state at the beginning of a substep, linearised exactly."""
     solver, first = trial.solver, trial.begin.end
     if first is not None and first.numbering.same_unknowns(numbering):
-        return first if first.exact else _linearised(solver, first.state, trial.start)
+        return first
     state, linear = trial.before, trial.begin.linearization
     if linear is not None and numbering.same_unknowns(linear.numbering) and near_enough(state, linear):
-        return Equilibrium.of(state, solver.system.forces(state, state.time), linear)
+        return Equilibrium(state, solver.system.forces(state, state.time), linear)
     return _linearised(solver, state, trial.start)
 
 
@@ -154,8 +154,9 @@ def _final(
     solver: SubstepSolver, result: NewtonResult, linear: Linearization, load_factor: float
 ) -> Equilibrium:
     """The end of a substep, linearised exactly: by a linearisation near it where that is as good."""
-    final = Equilibrium.of(result.state, result.forces, linear)
-    return final if final.exact else _linearised(solver, result.state, load_factor)
+    if near_enough(result.state, linear):
+        return Equilibrium(result.state, result.forces, linear)
+    return _linearised(solver, result.state, load_factor)
 
 
 def _linearised(solver: SubstepSolver, state: SolverState, load_factor: float) -> Equilibrium:
@@ -168,7 +169,8 @@ def _reversals(
 ) -> Reversals | None:
     """Slip reversals in a substep, see `find_reversals`."""
     system, ramp = solver.system, solver.ramp
-    targets = ramp.apply(system, known.span.start), ramp.apply(system, known.span.end)
+    start, end = known.span
+    targets = ramp.apply(system, start), ramp.apply(system, end)
     return find_reversals(known, targets, system.length, allowed, solved_with_reversals)
 
 

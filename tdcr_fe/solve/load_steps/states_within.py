@@ -17,9 +17,9 @@ from tdcr_fe.solve.friction_path.response import (
     InterpolationPoint,
     KnownStates,
     LoadResponse,
-    Span,
     TautTendons,
     interpolated,
+    near_enough,
     with_path_unknowns,
 )
 from tdcr_fe.solve.load_steps.load_path import SolvedSubstep, StepFailed
@@ -31,7 +31,7 @@ MOST_INTERVALS_AT_FIRST = 4
 
 
 def known_states(
-    solver: SubstepSolver, states: Sequence[tuple[float, Equilibrium]], span: Span
+    solver: SubstepSolver, states: Sequence[tuple[float, Equilibrium]], span: tuple[float, float]
 ) -> KnownStates:
     """States with their responses to tensions and loads.
 
@@ -42,7 +42,7 @@ def known_states(
     states
         With their fractions of the substep [1].
     span
-        The substep.
+        Load factors of the load step at the ends of the substep [1].
     """
     taut = TautTendons.of([state for _, state in states])
     ramp, system = solver.ramp, solver.system
@@ -50,9 +50,9 @@ def known_states(
     loads: list[LoadResponse | None] = [None] * len(ready)
     if ramp.changes_beyond_inputs:
         # What is left of the change of the loads, seen from every state; from the last one, back to the start.
-        closing = ramp.apply(system, span.end)
+        closing = ramp.apply(system, span[1])
         loads = [point.load_response(system, closing, 1.0 / (1.0 - x)) for x, point in ready[:-1]]
-        loads.append(ready[-1][1].load_response(system, ramp.apply(system, span.start), -1.0))
+        loads.append(ready[-1][1].load_response(system, ramp.apply(system, span[0]), -1.0))
     points = [InterpolationPoint(x, point, load) for (x, point), load in zip(ready, loads, strict=True)]
     return KnownStates(span, taut, tuple(points))
 
@@ -68,7 +68,7 @@ def solve_within(
     guess = interpolated(solver.system, known, path, factor, solver.settings.max_turn)
     if guess is None:
         return None
-    return _at_fixed_friction(solver, guess, known.span.load_factor(factor))
+    return _at_fixed_friction(solver, guess, known.load_factor(factor))
 
 
 def solve_from_end(
@@ -76,7 +76,7 @@ def solve_from_end(
 ) -> Equilibrium | None:
     """As `solve_within`, from the shape at the end of the substep."""
     guess = with_path_unknowns(known.end, known.taut, path.at(factor)[0])
-    return _at_fixed_friction(solver, guess, known.span.load_factor(factor))
+    return _at_fixed_friction(solver, guess, known.load_factor(factor))
 
 
 def _at_fixed_friction(solver: SubstepSolver, guess: SolverState, load_factor: float) -> Equilibrium | None:
@@ -88,9 +88,8 @@ def _at_fixed_friction(solver: SubstepSolver, guess: SolverState, load_factor: f
         return None
     if result.linearization is not None:
         linear = result.linearization._replace(numbering=system.numbering())
-        found = Equilibrium.of(result.state, result.forces, linear)
-        if found.exact:
-            return found
+        if near_enough(result.state, linear):
+            return Equilibrium(result.state, result.forces, linear)
     return Equilibrium.at(system, result.state, target)
 
 
@@ -169,7 +168,7 @@ def _point(solver: SubstepSolver, substep: SolvedSubstep, here: PathReversal) ->
     assert substep.located is not None
     known, path, _ = substep.located
     numbering, taut, k = known.end.numbering, known.taut, len(known.taut.holes)
-    load_factor = known.span.load_factor(here.factor)
+    load_factor = known.load_factor(here.factor)
     found = solve_within(solver, known, path, here.factor) or solve_from_end(solver, known, path, here.factor)
     if found is None:
         message = (
@@ -203,12 +202,12 @@ def _point(solver: SubstepSolver, substep: SolvedSubstep, here: PathReversal) ->
 
 
 def _rates(
-    solver: SubstepSolver, span: Span, point: Equilibrium, load_factor: float
+    solver: SubstepSolver, span: tuple[float, float], point: Equilibrium, load_factor: float
 ) -> tuple[tuple[Array, ...], Array | None]:
     """Derivatives of inputs and residual by the load factor, as differences to the ends of the substep."""
     ramp, system = solver.ramp, solver.system
     start, end = (ramp.apply(system, at) for at in span)
-    inputs = tuple([(b - a) / (span.end - span.start) for a, b in zip(start.inputs, end.inputs, strict=True)])
+    inputs = tuple([(b - a) / (span[1] - span[0]) for a, b in zip(start.inputs, end.inputs, strict=True)])
     if not ramp.changes_beyond_inputs:
         return inputs, None
     far = max(span, key=lambda end: abs(end - load_factor))
