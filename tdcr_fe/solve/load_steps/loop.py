@@ -41,8 +41,7 @@ class Trial(NamedTuple):
     rejected: int = 0  # Iterations of former solutions of the substep
     # Where it is to be divided because of its path, as a fraction of it; 0 where forces have to balance first
     division: float | None = None
-    first: Equilibrium | None = None  # The state at its beginning with its linearisation, where it was needed
-    final: Equilibrium | None = None  # The same at its end
+    final: Equilibrium | None = None  # The state at its end with its linearisation, where it was needed
     located: LocatedReversals | None = None  # With which `result` was solved, where it was
 
     @property
@@ -85,8 +84,7 @@ class Trial(NamedTuple):
     def divided(self, fraction: float = 0.5) -> Instead:
         """Proposes a first part of it, a fraction of it [1], and the rest; what is known of its start is kept."""
         spent = self.begin.rejected + self.rejected + self.result.iterations
-        end = self.begin.end if self.final is None else self.first
-        path = replace(self.begin, rejected=spent, end=end)
+        path = replace(self.begin, rejected=spent)
         return Instead(path, (Proposal(self.start + fraction * self.length), Proposal(self.end)))
 
 

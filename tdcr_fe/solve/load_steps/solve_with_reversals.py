@@ -6,6 +6,8 @@ docs/algorithms.md, section "Slip reversals within a substep".
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from tdcr_fe.solve.equations.configuration import SolverState
@@ -49,7 +51,7 @@ def with_reversals(trial: Trial) -> Trial:
     first, final = _first(trial, linear.numbering), _final(trial.solver, result, linear, trial.end)
     if not first.balanced:
         return trial._replace(division=0.0, final=final)
-    return _examined(trial._replace(first=first, final=final), first, final)
+    return _examined(trial, first, final)
 
 
 def follows_path(system: SceneSystem) -> bool:
@@ -69,10 +71,10 @@ def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:
     """A substep with exact linearisations at both ends: accepted, solved again with its reversals, or divided."""
     solver, allowed = trial.solver, allowed_error(trial)
     known = known_states(solver, [(0.0, first), (1.0, final)], (trial.start, trial.end))
+    trial = trial._replace(begin=replace(trial.begin, end=known.start), final=known.end)
     if not known.taut.holes.size:
         return trial
     found = _reversals(solver, known, allowed)
-    trial = trial._replace(first=known.start, final=known.end)
     if found is None:
         return trial
     trial = trial._replace(error=found.total, division=None if found.total <= allowed else 0.5)
@@ -106,7 +108,6 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
         located = LocatedReversals(known, found.history.path, found.history.of(trial.before).friction)
         corrected = trial._replace(
             result=result,
-            first=known.start,
             rejected=trial.rejected + trial.result.iterations,
             located=located,
         )
@@ -130,7 +131,6 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
         trial = corrected._replace(
             error=found.total,
             division=None if accepted else 0.5,
-            first=known.start,
             final=known.end,
             located=located._replace(known=known, path=found.history.path if found.history else located.path),
         )
