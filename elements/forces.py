@@ -44,9 +44,6 @@ class Measurement(NamedTuple):
 
     twists: Array  # (E, 6): Relative twists of the elements; empty where no section force acts
     shape: CableShape  # Lengths and angles of the tendons
-    # (m, n+1, 3): Where the tendons lie in their holes, in the frames of the disks [m]; None where they cannot
-    # shift
-    offsets: Array | None
     # Positions and rotations of all nodes; None where there are no springs to ground
     poses: tuple[Array, Array] | None = None
 
@@ -74,7 +71,7 @@ class ForceModel:
         """Backbone nodes through whose disks tendons run as cables, base plate first."""
         if self.geometry is None:
             return self.hole_nodes[:0]
-        return self.hole_nodes[: self.geometry.nodes.shape[1]]
+        return self.hole_nodes[: self.geometry.mask.shape[1] + 1]
 
     def measure(self, positions: Array, rotations: Array, twists: Array | None = None) -> Measurement:
         """Lengths and angles of the tendons in a configuration.
@@ -91,12 +88,10 @@ class ForceModel:
         if self.section is not None:
             strained = relative_twists(positions, rotations) if twists is None else twists
         if self.geometry is None:
-            return Measurement(strained, self._along_the_backbone(strained), None, poses)
+            return Measurement(strained, self._along_the_backbone(strained), poses)
         if self.columns is not None:
             positions, rotations = positions[self.hole_nodes], rotations[self.hole_nodes]
-        self.geometry.shift_in_holes(positions, rotations)
-        shifted = None if self.geometry.clearance is None else self.geometry.offsets
-        return Measurement(strained, self.geometry.evaluate(positions, rotations), shifted, poses)
+        return Measurement(strained, self.geometry.evaluate(positions, rotations), poses)
 
     def _along_the_backbone(self, twists: Array) -> CableShape:
         """Lengths of tendons that follow the backbone."""

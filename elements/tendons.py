@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tdcr_fe.elements import Array, Flags, Index
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.backbone import NodeStiffness
 from tdcr_fe.elements.poses import EYE9, ONES3, skew
 
@@ -184,57 +184,31 @@ class CableLines:
 class CableGeometry:
     """Straight segments between the holes of all tendons.
 
+    Hole ``k`` of a tendon is on the ``k``-th node that carries holes, base plate first, its anchor last.
+
     Parameters
     ----------
-    nodes
-        For every hole, the number of the node that carries it (counted among the ``node_count`` nodes with
-        holes): hole ``k`` is on node ``k``, base plate first, anchor last, padded by repeating the anchor; shape
-        (m, n+1).
     offsets
-        Position of every hole in the frame of its node [m], shape (m, n+1, 3).
+        Position of every hole in the frame of its node [m], shape (m, n+1, 3), padded by repeating the anchor.
     mask
         Which segments exist, shape (m, n).
     node_count
         Number of nodes that carry holes.
     clearance
         How far each tendon can shift sideways in its holes [m], shape (m,); None is not at all.
-
-    Raises
-    ------
-    ValueError
-        A tendon leaves out a node.
     """
 
     #: Turn of a tendon at which it has shifted by 0.7 of its clearance [rad].
     CLEARANCE_ANGLE = 0.01
 
-    def __init__(
-        self, nodes: Index, offsets: Array, mask: Flags, node_count: int, clearance: Array | None = None
-    ) -> None:
-        self.nodes = nodes
+    def __init__(self, offsets: Array, mask: Flags, node_count: int, clearance: Array | None = None) -> None:
         self.nominal = offsets
-        self.offsets = offsets
         self.clearance = clearance if clearance is not None and np.any(clearance > 0.0) else None
         self.mask = mask
         self.node_count = node_count
-        if not np.array_equal(nodes, np.minimum(np.arange(mask.shape[1] + 1), mask.sum(axis=1)[:, None])):
-            raise ValueError("every tendon must run through all nodes from the base plate to its anchor")
         self._exists = None if bool(np.all(mask)) else mask.astype(float)
         self._width = 6 * node_count
-        self._lever = self._levers()
-
-    def _levers(self) -> Array:
-        """From a force on a hole, in its node's frame, to the wrench on the node, by hole, shape (m, n+1, 6, 3)."""
-        lever = np.zeros((*self.nodes.shape, 6, 3))
-        lever[..., :3, :] = np.eye(3)
-        lever[..., 3:, :] = skew(self.offsets)
-        return lever
-
-    def shift_in_holes(self, positions: Array, rotations: Array) -> None:
-        """Shift the tendons sideways inside oversized holes, see `shifted`."""
-        if self.clearance is not None:
-            self.offsets = self.shifted(positions, rotations)
-            self._lever = self._levers()
+        self._lever = _levers(offsets)
 
     def shifted(self, positions: Array, rotations: Array) -> Array:
         """Where the tendons lie in oversized holes, shifted sideways in the direction of their pull [m].
@@ -253,8 +227,9 @@ class CableGeometry:
         ndarray, shape (..., m, n+1, 3)
         """
         assert self.clearance is not None
-        frames = rotations[..., self.nodes, :, :]
-        middle = positions[..., self.nodes, :] + (frames @ self.nominal[..., None])[..., 0]
+        nodes = np.minimum(np.arange(self.mask.shape[1] + 1), self.mask.sum(axis=1)[:, None])
+        frames = rotations[..., nodes, :, :]
+        middle = positions[..., nodes, :] + (frames @ self.nominal[..., None])[..., 0]
         d = np.diff(middle, axis=-2)
         length = np.linalg.norm(d, axis=-1, keepdims=True)
         d = d / np.where(length > 0.0, length, 1.0)
@@ -264,27 +239,38 @@ class CableGeometry:
         local = (pull[..., None, :] @ frames)[..., 0, :]
         local[..., 0] = 0.0
         size = np.sqrt(np.einsum("...i,...i->...", local, local) + self.CLEARANCE_ANGLE**2)
-        inner = np.ones(self.nodes.shape, dtype=bool)
+        inner = np.ones(nodes.shape, dtype=bool)
         inner[:, 1:-1], inner[:, -1] = self.mask[:, 1:], False
         return np.asarray(
             self.nominal + local * np.where(inner, self.clearance[:, None] / size, 0.0)[..., None]
         )
 
     def evaluate(self, positions: Array, rotations: Array) -> CableShape:
-        """Lengths and angles.
+        """Lengths and angles, with tendons shifted in oversized holes.
 
         Parameters
         ----------
         positions, rotations
             Of the nodes that carry holes [m], shapes (N, 3) and (N, 3, 3).
         """
-        count = self.nodes.shape[1]
+        count, offsets, lever = self.mask.shape[1] + 1, self.nominal, self._lever
+        if self.clearance is not None:
+            offsets = self.shifted(positions, rotations)
+            lever = _levers(offsets)
         frames = rotations[:count]
-        holes = (frames @ self.offsets[..., None])[..., 0]
+        holes = (frames @ offsets[..., None])[..., 0]
         holes += positions[:count]
         between = Segments.between(holes.swapaxes(0, 1), None if self._exists is None else self._exists.T)
-        lines = CableLines(frames, self.offsets, self._lever, between)
+        lines = CableLines(frames, offsets, lever, between)
         return CableShape(between.lengths.T, between.angles.T, lines, width=self._width)
+
+
+def _levers(offsets: Array) -> Array:
+    """From forces on holes, in the frames of their nodes, to wrenches on the nodes: (m, n+1, 3) to (m, n+1, 6, 3)."""
+    lever = np.zeros((*offsets.shape[:-1], 6, 3))
+    lever[..., :3, :] = np.eye(3)
+    lever[..., 3:, :] = skew(offsets)
+    return lever
 
 
 def along_nodes(rows: Array, width: int) -> Array:

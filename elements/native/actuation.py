@@ -347,7 +347,7 @@ class TendonActuation:
             np.where(driven[:, None], tendons.history.stretch, stretched),
         )
         self.history_nodes.write(history, tension, forces.field.base_slip)
-        self._show_shifts(forces.measured.offsets)
+        self._show_shifts(forces)
 
     def attach(self, force_function: Callable[..., Any], jacobian_function: Callable[..., Any]) -> None:
         """Give Exudyn's item its user functions."""
@@ -366,12 +366,13 @@ class TendonActuation:
         if not self.connected:
             self.connected = True
             self.mbs.SetObjectParameter(self.connectors.forces, "forceUserFunction", self._force_function)
-            self._show_shifts(self.current_forces().measured.offsets)
+            self._show_shifts(self.current_forces())
 
-    def _show_shifts(self, offsets: Array | None) -> None:
-        """Draw the tendons where they lie in their holes (m, n+1, 3); None where they cannot shift."""
-        if offsets is None:
+    def _show_shifts(self, forces: TendonForces) -> None:
+        """Draw the tendons where they lie in their holes, if they can shift there."""
+        if self.model.geometry is None or self.model.geometry.clearance is None:
             return
+        offsets = forces.measured.shape.lines.offsets
         half = 0.5 * float(self.mesh.lengths[0])
         for markers, of_tendon in zip(self.connectors.hole_markers, offsets, strict=True):
             for k, (marker, offset) in enumerate(zip(markers, of_tendon.tolist(), strict=False)):

@@ -73,21 +73,18 @@ def cable_geometry(robot: Robot) -> CableGeometry:
     counts = [len(robot.hole_arc_lengths(t)) - 1 for t in robot.tendons]
     m, n = len(counts), max(counts, default=1)
     offsets = np.zeros((m, n + 1, 3))
-    nodes = np.zeros((m, n + 1), dtype=int)
     mask = np.zeros((m, n), dtype=bool)
     for i, (tendon, count) in enumerate(zip(robot.tendons, counts, strict=True)):
         offsets[i, : count + 1] = robot.hole_points(tendon) @ BEAM_TO_SECTION
         offsets[i, count + 1 :] = offsets[i, count]
-        nodes[i] = np.minimum(np.arange(n + 1), count)
         mask[i, :count] = True
     clearance = np.array([t.clearance for t in robot.tendons])
-    return CableGeometry(nodes, offsets, mask, 1 + max(1, len(robot.disks.positions)), clearance)
+    return CableGeometry(offsets, mask, 1 + max(1, len(robot.disks.positions)), clearance)
 
 
 def cable_lengths(geometry: CableGeometry, mesh: BackboneMesh, hole_nodes: Index) -> Array:
     """Lengths of all segments of the unloaded robot [m], shape (m, n), with tendons shifted in their holes."""
     positions, rotations = reference_poses(mesh, np.zeros(3), BEAM_TO_SECTION)
-    geometry.shift_in_holes(positions[hole_nodes], rotations[hole_nodes])
     return geometry.evaluate(positions[hole_nodes], rotations[hole_nodes]).lengths
 
 

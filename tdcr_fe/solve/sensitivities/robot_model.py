@@ -183,7 +183,6 @@ class TendonStack:
         size, own = len(offsets), model.geometry
         assert own is not None
         geometry = CableGeometry(
-            np.tile(own.nodes, (size, 1)),
             offsets.reshape(-1, *offsets.shape[2:]),
             np.tile(own.mask, (size, 1)),
             own.node_count,
@@ -226,9 +225,7 @@ class TendonStack:
 
     def _shape(self, point: RobotPoint, nodes: Index) -> CableShape:
         if self.geometry is not None:
-            positions, rotations = point.positions[nodes], point.rotations[nodes]
-            self.geometry.shift_in_holes(positions, rotations)
-            return self.geometry.evaluate(positions, rotations)
+            return self.geometry.evaluate(point.positions[nodes], point.rotations[nodes])
         found = [
             s.tendons.evaluate(point.twists, s.lengths)[0]
             for s in self.sections
@@ -240,9 +237,8 @@ class TendonStack:
 
 def _joined_geometry(models: Sequence[CableGeometry]) -> CableGeometry:
     """The cables of all models as those of one."""
-    none = np.zeros(len(models[0].nodes))
+    none = np.zeros(len(models[0].mask))
     return CableGeometry(
-        np.concatenate([g.nodes for g in models]),
         np.concatenate([g.nominal for g in models]),
         np.concatenate([g.mask for g in models]),
         models[0].node_count,
