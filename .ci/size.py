@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2719,
+    "elements": 2709,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 758,
     "tdcr_fe/effects": 1213,
@@ -35,11 +35,11 @@ BUDGET = {
     "tdcr_fe/live": 350,
     "tdcr_fe/model": 2460,
     "tdcr_fe/report": 1108,
-    "tdcr_fe/scene": 1261,
-    "tdcr_fe/solve": 6763,
+    "tdcr_fe/scene": 1257,
+    "tdcr_fe/solve": 6714,
     "tdcr_fe/sweeps": 1397,
     "validation": 6488,
-    "tests": 12597,
+    "tests": 12595,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
