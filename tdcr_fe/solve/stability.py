@@ -114,8 +114,8 @@ def scaled_tangent(simulation: Simulation) -> tuple[Array, Array]:
     for e, block in enumerate(blocks):
         to_twists[6 * e : 6 * e + 6, 6 * e : 6 * e + 12] = block
     # The base stays where it is.
-    to_nodes = np.linalg.inv(to_twists[:, 6:])
-    to_nodes = to_nodes * np.sqrt((mesh.lengths[:, None] / mesh.stiffness).ravel())
+    weight = np.sqrt((mesh.lengths[:, None] / mesh.stiffness).ravel())
+    to_nodes: Array = np.linalg.solve(to_twists[:, 6:], np.diag(weight))
     taut = robot.drives.winds & (robot.base_tension > 0.0)
     if np.any(taut):
         # A tendon with prescribed displacement keeps its length: only changes of shape that leave it are free.
