@@ -215,6 +215,12 @@ def _matrices(mbs: exu.MainSystem, hooks: SceneHooks, holes: Holes) -> tuple[Arr
         # What was left out: turning loads, forces of joints, and contact with triangles.
         kernel, n2 = StaticKernel(mbs, hooks), data.ODE2Size()
         kernel.contact.follow()
+        # Multipliers of the dynamic solver have the other sign; at rest the right one leaves nothing unbalanced.
+        multipliers: Array = data.GetAECoordinates(exu.ConfigurationType.Current, copy=False)
+        unbalanced = np.linalg.norm(kernel.residual()[:n2])
+        multipliers *= -1.0
+        if np.linalg.norm(kernel.residual()[:n2]) > unbalanced:
+            multipliers *= -1.0
         left_out = (kernel.exudyns_jacobian() - kernel.jacobian(loads=True))[:n2, :n2]
         stiffness = stiffness + free @ left_out @ free.T
     finally:

@@ -190,12 +190,17 @@ def test_a_robot_ten_times_as_large_swings_at_a_tenth_of_the_frequency():
 
 
 def test_a_pendulum_that_carries_a_robot_has_the_frequency_of_its_weight():
-    """``omega^2 = m g l / J``; it had no stiffness, and 0.02 Hz. The stiff robot of 0.2 g changes it by 1e-3."""
+    """``omega^2 = m g l / J``; it had no stiffness, and 0.02 Hz. The stiff robot of 0.2 g changes it by 1e-3.
+
+    After a dynamic run, of which the forces of joints have another sign, the pendulum was unstable.
+    """
     robot = seven(0.0).with_backbone(radius=2e-3, density=10.0).with_disks(mass=1e-5)
-    _keep, mbs, _, _ = pendulum(robot)
+    _keep, mbs, handle, _ = pendulum(robot)
     SolveTDCR(mbs)
     expected = np.sqrt(9.81 * 0.1 / (0.1**2 + (0.2**2 + 0.02**2) / 12.0)) / (2.0 * np.pi)
-    assert mbs.TDCREigenvalues(numberOfEigenvalues=1).frequencies[0] == pytest.approx(expected, rel=2e-3)
+    for _ in range(2):
+        assert mbs.TDCREigenvalues(numberOfEigenvalues=1).frequencies[0] == pytest.approx(expected, rel=2e-3)
+        assert mbs.SolveDynamic(recommended(handle, 1e-2, 1e-3))
 
 
 def test_the_gain_has_forces_that_turn_with_their_section():
