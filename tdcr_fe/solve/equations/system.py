@@ -141,15 +141,25 @@ class SceneSystem:
         )
 
     def with_reactions(self, state: SolverState) -> SolverState:
-        """A state of a scene that was never solved, with multipliers of its joints: nothing else holds a pendulum.
+        """A state with multipliers of its joints as statics have them: nothing else holds a pendulum.
 
-        They are those of a step of Newton's method, where a little stiffness holds what moves freely without them.
+        Those of Exudyn's dynamic solver have the other sign. In a scene that was never solved, they are those of a step
+        of Newton's method, where a little stiffness holds what moves freely without them.
         """
         joints, old = self.layout.reduction.other_multipliers, state.configuration.unknowns
-        if not len(joints) or old.multipliers[joints].any():
+        if not len(joints):
             return state
+
+        def having(multipliers: Array) -> SolverState:
+            unknowns = old._replace(multipliers=multipliers)
+            return state._replace(configuration=state.configuration._replace(unknowns=unknowns))
+
         numbering, scales = self.numbering(), self.layout.scales
-        residual = self.residual(state, Target(state.inputs, state.loads, state.time), numbering)
+        target = Target(state.inputs, state.loads, state.time)
+        if old.multipliers[joints].any():
+            signs = state, having(-old.multipliers)
+            return min(signs, key=lambda each: self.residual(each, target, numbering).size)
+        residual = self.residual(state, target, numbering)
         k, forces = self.tangent(residual), np.arange(scales.forces)
         k[forces, forces] -= HELD * scales.elastic_force / scales.length
         hold(k, numbering.clamped)
@@ -159,8 +169,7 @@ class SceneSystem:
             return state
         multipliers = old.multipliers.copy()
         multipliers[joints] = step[scales.forces :]
-        unknowns = old._replace(multipliers=multipliers)
-        return state._replace(configuration=state.configuration._replace(unknowns=unknowns))
+        return having(multipliers)
 
     def warm_start(self, state: SolverState, stored: StoredState) -> SolverState:
         """A state with the unknowns of another run and its own history; unchanged where the meshes differ."""
