@@ -1,7 +1,6 @@
 """Robots that the tests of the finite-element model share."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import exudyn as exu
@@ -26,9 +25,11 @@ def tendon(name: str = "t1", angle_deg: float = 0.0, mu: float = 0.3, **rest: An
     return Tendon(name, ParallelRouting(4.5e-3, angle_deg), friction_coefficient=mu, **rest)
 
 
-def paper(mu: float = 0.0, angle_deg: float = 0.0, backbone: Backbone = BACKBONE, **rest: Any) -> Robot:
+def paper(
+    mu: float = 0.0, angle_deg: float = 0.0, backbone: Backbone = BACKBONE, disks: Disks = DISKS, **rest: Any
+) -> Robot:
     """The paper's single-segment robot with one tendon."""
-    return Robot(backbone, DISKS, (tendon("t1", angle_deg, mu, **rest),), name="paper")
+    return Robot(backbone, disks, (tendon("t1", angle_deg, mu, **rest),), name="paper")
 
 
 def three(mu: float = 0.3, backbone: Backbone = BACKBONE, disks: Disks = DISKS, **rest: Any) -> Robot:
@@ -44,7 +45,7 @@ def seven(mu: float = 0.3, backbone: Backbone = BACKBONE, disks: Disks = SEVEN, 
 
 def single(mu: float = 0.0, **rest: Any) -> Robot:
     """Seven disks and one tendon."""
-    return replace(paper(mu, **rest), disks=SEVEN)
+    return paper(mu, disks=SEVEN, **rest)
 
 
 def routed(*routings: Routing, disks: int = 13, mu: float = 0.0, **rest: Any) -> Robot:

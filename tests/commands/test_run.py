@@ -149,9 +149,8 @@ def test_random_scenarios_through_the_command(seed, tmp_path):
     case = draw(seed)
     if any(t.routing.kind == "twisted" for t in case.robot.tendons):
         pytest.skip("robot.toml has no such routing")
-    (tmp_path / "robot.toml").write_text(robot_to_toml(case.robot), encoding="utf-8")
-    path, out = tmp_path / "scenario.toml", tmp_path / "out"
-    path.write_text(scenario_to_toml(case.model, case.steps), encoding="utf-8")
+    path = write(tmp_path, robot_to_toml(case.robot), scenario_to_toml(case.model, case.steps))
+    out = tmp_path / "out"
     status = main(["run", str(path), "-o", str(out), "--no-pictures", "-q"])
     scenario = read_scenario(path)
     result = simulate(scenario.robot, scenario.model, scenario.steps, scenario.settings)

@@ -10,9 +10,8 @@ from robots import LENGTH, three
 from tdcr_fe.effects import ExcitationRange, Experiment, effect, with_effect, with_effects
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
 
-MODEL = Model(elements_per_bay=1)
 PULLS = ({"t1": 1.0}, {"t1": 0.5, "t2": 0.4}, {"t1": 0.0}, {"t2": 0.8})
-ALONE = Experiment(three(), MODEL, tuple(LoadStep(tensions=x) for x in PULLS))
+ALONE = Experiment(three(), Model(elements_per_bay=1), tuple(LoadStep(tensions=x) for x in PULLS))
 DRIVEN = replace(ALONE, steps=(LoadStep(tensions={"t1": 1.0}, displacements={"t2": 1e-3}),))
 #: The first three steps and the last one, of two folders.
 BOTH = replace(ALONE, restarts=(3,))

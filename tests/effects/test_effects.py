@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from inputs import write
 from robots import BACKBONE, LENGTH, paper, seven, single, three
 
 from tdcr_fe import Disks, InputError, Load, LoadStep, Model, Robot, Tendon, read_scenario, simulate
@@ -56,14 +57,13 @@ DECLARED = replace(
     .with_tendons(adhesion=1e-3, clearance=2e-4),
     tip_mass=1e-3,
 )
-TIMED = (LoadStep(tensions={"t1": 0.2}, time=10.0), LoadStep(tensions={"t1": 1.0}, time=60.0))
 
 
 @pytest.mark.parametrize("e", EFFECTS, ids=lambda e: e.name)
 def test_null_values_keep_what_is_declared(e):
     """With the null values the robot is the declared one, whether it declares much or little."""
     for s in (
-        Experiment(DECLARED, replace(MODEL, gravity=(0.0, 0.0, -9.81)), TIMED[:1]),
+        setup(robot=DECLARED, steps=(LoadStep(tensions={"t1": 0.2}, time=10.0),), gravity=(0.0, 0.0, -9.81)),
         setup(robot=single(0.2)),
     ):
         changed = e.apply(s, e.null_values(s))
@@ -222,10 +222,9 @@ BODY = Backbone(0.3, 10e-3, 0.4e6, 0.45, density=1100.0)
 SOFT = Robot(BODY, tendons=(Tendon("a", ParallelRouting(6e-3)),))
 SOFT_MODEL = Model("continuous", "none", gravity=(0.0, 0.0, 9.81), elements_per_bay=1)
 SOFT_SETUP = Experiment(SOFT, SOFT_MODEL, (LoadStep(tensions={"a": 2.0}),))
-NAMES = ["modulus_scale", "density_scale", "nonlinear_material"]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["modulus_scale", "density_scale", "nonlinear_material"])
 def test_they_are_tried_on_soft_bodies_alone(name):
     assert effect(name).forms(SOFT_SETUP) == (effect(name),)
     wire = Experiment(paper(0.3), Model(gravity=(0.0, 0.0, -9.81)), (LoadStep(tensions={"t1": 2.5}),))
@@ -251,11 +250,9 @@ def test_declared_stiffnesses_are_scaled_too():
 
 def test_effects_in_a_scenario_file_are_those_of_python(tmp_path):
     """Also where they are written from Python, which `read_scenario` refused in 0.1."""
-    (tmp_path / "robot.toml").write_text(robot_to_toml(paper(0.2)))
-    path = tmp_path / "scenario.toml"
     effects = {"gravity": {"g_z": -9.81}, "actuator_loss": {"dead_band": 0.1}}
     effects["kink"] = {"s": 0.1, "kappa_x": 1.0}
-    path.write_text(scenario_to_toml(MODEL, pulled(1.0), effects=effects))
+    path = write(tmp_path, robot_to_toml(paper(0.2)), scenario_to_toml(MODEL, pulled(1.0), effects=effects))
     s, by_hand = read_scenario(path), with_effects(Experiment(paper(0.2), MODEL, pulled(1.0)), effects)
     assert (s.robot, s.model, s.steps[0].tensions) == (by_hand.robot, by_hand.model, {"t1": 0.9})
     text = scenario_to_toml(MODEL, pulled(1.0))

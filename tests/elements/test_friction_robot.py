@@ -6,22 +6,13 @@ import numpy as np
 import pytest
 from balance import cables
 from native_solvers import damped, recommended
-from robots import BACKBONE, SEVEN, distance, solve, tendon
+from robots import SEVEN, distance, single, solve
 
-from tdcr_fe import ConstantFriction, ForceDependentFriction, LoadStep, Robot, StribeckFriction
+from tdcr_fe import ConstantFriction, ForceDependentFriction, LoadStep, StribeckFriction
 from tdcr_fe.elements.coefficients import normal_forces
 from tdcr_fe.model.tendon import TightHole
 
 STRIBECK = StribeckFriction(static=0.3, kinetic=0.15, stribeck_rate=5e-3, viscous=2.0)
-
-
-def with_law(law, **rest) -> Robot:
-    """A robot with one tendon and this law of the coefficient."""
-    return Robot(BACKBONE, SEVEN, (replace(tendon(mu=0.0, **rest), friction=law),), name="law")
-
-
-def constant(mu: float, **rest) -> Robot:
-    return Robot(BACKBONE, SEVEN, (tendon(mu=mu, **rest),), name="constant")
 
 
 def timed(tensions, duration):
@@ -53,8 +44,8 @@ def test_load_steps_have_static_friction_when_slow_and_kinetic_when_fast(duratio
     law = replace(STRIBECK, viscous=0.0)
     fast_and_elastic = duration == 1e-3 and axial_stiffness is not None
     steps = timed([1.0, 2.0] if fast_and_elastic else [1.0, 2.0, 1.0], duration)
-    tips = solve(with_law(law, axial_stiffness=axial_stiffness), steps).tips
-    static, kinetic = (solve(constant(mu, axial_stiffness=axial_stiffness), steps).tips for mu in (0.3, 0.15))
+    tips = solve(single(friction=law, axial_stiffness=axial_stiffness), steps).tips
+    static, kinetic = (solve(single(mu, axial_stiffness=axial_stiffness), steps).tips for mu in (0.3, 0.15))
     assert distance(tips, kinetic if duration == 1e-3 else static) < 1e-6
     assert distance(static, kinetic) > 1e-2
 
@@ -72,11 +63,11 @@ def test_a_law_without_dependence_is_a_coefficient_and_holes_may_have_their_own(
         TightHole(fifth, drop=0.1, friction_coefficient=0.0),
     )
     steps = timed([1.0, 2.0, 1.0], 1.0)
-    expected = solve(constant(0.2, tight_holes=holes), steps)
-    found = solve(with_law(law, tight_holes=holes), steps)
+    expected = solve(single(0.2, tight_holes=holes), steps)
+    found = solve(single(friction=law, tight_holes=holes), steps)
     assert distance(found.tips, expected.tips) < 1e-7
     assert found.steps[-1].tensions[0] == pytest.approx(expected.steps[-1].tensions[0], abs=1e-5)
-    assert distance(found.tips, solve(with_law(law), steps).tips) > 1e-3
+    assert distance(found.tips, solve(single(friction=law), steps).tips) > 1e-3
 
 
 @pytest.mark.parametrize("friction", ["per-hole", "per-tendon"])
@@ -84,7 +75,7 @@ def test_a_law_without_dependence_is_a_coefficient_and_holes_may_have_their_own(
 def test_a_load_step_has_the_coefficient_of_its_own_slip_rate(friction, tensions):
     """Recovered from the poses and tensions of two steps alone; viscous friction, so that every rate differs."""
     law = StribeckFriction(0.15, 0.15, 1e-3, viscous=20.0)
-    robot = with_law(law)
+    robot = single(friction=law)
     steps = [LoadStep("", {"t1": t}, time=k * 0.5, substeps=1) for k, t in enumerate(tensions, start=1)]
     result = solve(robot, steps, friction=friction)
     mu, force, rate = recovered(robot, *result.steps, duration=0.5)
@@ -113,7 +104,7 @@ def test_newton_converges_quadratically_with_laws(law, axial_stiffness, friction
     """
     tensions = [0.5, 1.0, 1.5, 2.0, 2.5] if law is STRIBECK else [0.5, 1.0, 1.5, 2.0, 2.5, 2.0, 1.0, 0.5]
     steps = [replace(s, substeps=1) for s in timed(tensions, 1.0)]
-    result = solve(with_law(law, axial_stiffness=axial_stiffness), steps, friction=friction)
+    result = solve(single(friction=law, axial_stiffness=axial_stiffness), steps, friction=friction)
     assert max(s.iterations for s in result.steps) <= 4
 
 
@@ -130,7 +121,7 @@ def sampled(law, end, step, tension):
     rate, mobilisation : ndarray
         Slip rates [m/s] and mobilisations.
     """
-    _keep, mbs, handle = damped(with_law(law), 0.3)
+    _keep, mbs, handle = damped(single(friction=law), 0.3)
     handle.set_inputs_over_time(lambda t: [tension(t)])
     found = []
 

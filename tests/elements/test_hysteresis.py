@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from native_solvers import recommended
-from robots import LENGTH, distance, paper, pull, scene, solve, solve_scene
+from robots import LENGTH, distance, paper, pull, routed, scene, solve, solve_scene
 from two_tendons import ANGLES, LENGTHS, tendon_law
 
 from tdcr_fe import Backbone, Disks, HelicalRouting, Load, LoadStep, ParallelRouting, Robot, Tendon
@@ -81,15 +81,13 @@ def test_slip_and_slope_belong_to_the_mobilisation(law):
 
 # ---------------------------------------------------------------- robots
 
-STEPS = pull(0.5, 2.0, 1.5, 0.5, 1.5)
-
 
 def test_dahl_tends_to_capstan_as_it_grows_stiffer():
     """Tips against those of the elastic-plastic law, over the length; the stiffness at rest grows a hundredfold."""
-    apart = []
+    apart, steps = [], pull(0.5, 2.0, 1.5, 0.5, 1.5)
     for delta in (1e-4, 1e-6, 1e-8):
         settings = SolverSettings(presliding=delta, path_tolerance=1e-6)
-        apart.append(distance(*(solve(paper(0.3), STEPS, settings, hysteresis=x).tips for x in HYSTERESES)))
+        apart.append(distance(*(solve(paper(0.3), steps, settings, hysteresis=x).tips for x in HYSTERESES)))
     assert apart[0] > 5e-4
     assert apart[1] < 0.05 * apart[0]
     assert apart[2] < 0.05 * apart[1]
@@ -141,16 +139,15 @@ def test_for_a_short_presliding_distance_both_laws_give_the_same():
 
     Of 24 random robots one had no solution, and all together took 4.5 times as long.
     """
-    tendons = tuple(Tendon(f"t{k}", HelicalRouting(4.5e-3, 0.3 * k, 120.0 * k), 0.2) for k in range(3))
-    bent = Backbone(LENGTH, 0.5e-3, 85e9, 0.3, density=5600.0, precurvature=(1.0, -2.0))
-    disks = Disks.equally_spaced(8, LENGTH, mass=0.3e-3)
-    robot = Robot(bent, disks, tendons, tip_mass=1e-3, name="helical")
+    helical = routed(*(HelicalRouting(4.5e-3, 0.3 * k, 120.0 * k) for k in range(3)), disks=8, mu=0.2)
+    bent = helical.with_backbone(radius=0.5e-3, precurvature=(1.0, -2.0)).with_disks(mass=0.3e-3)
+    robot = replace(bent, tip_mass=1e-3)
     loads = {
         "middle": Load(0.5 * LENGTH, (0.01, 0.02, 0.0), (0.0, 1e-3, 0.0), "section"),
         "tip": Load(LENGTH, (0.01, 0.0, 0.02), (1e-3, 0.0, 1e-3)),
     }
     rows = ((1.0, 0.3, 0.5), (0.6, 0.5, 0.9), (0.7, 0.2, 0.4))
-    steps = [LoadStep("", dict(zip(("t0", "t1", "t2"), row, strict=True))) for row in rows]
+    steps = [LoadStep("", dict(zip(robot.tendon_names, row, strict=True))) for row in rows]
     steps.append(replace(steps[-1], loads=loads))
     tips = [solve(robot, steps, gravity=(1.0, 2.0, -9.0), hysteresis=kind).tips for kind in HYSTERESES]
     assert len(tips[1]) == 4

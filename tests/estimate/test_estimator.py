@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from robots import routed
 from rod import Truth
 from scipy.stats import chi2
 
@@ -205,15 +206,13 @@ def test_a_known_load_acts_besides():
 
 def test_tendons_become_slack_and_the_robot_straight_while_its_bending_angle_is_read():
     """The angle has a kink where the robot is straight: slopes of the volume from there led astray for good."""
-    backbone = tdcr.Backbone(LENGTH, 0.45e-3, 75e9, 0.3)
-    disks = tdcr.Disks.equally_spaced(10, LENGTH, radius=6e-3)
-    tendons = (tdcr.Tendon(f"t{k}", tdcr.ParallelRouting(5e-3, 120.0 * k), 0.2) for k in range(3))
-    robot = tdcr.Robot(backbone, disks, tuple(tendons))
+    routings = (tdcr.ParallelRouting(5e-3, 120.0 * k) for k in range(3))
+    robot = routed(*routings, disks=10, mu=0.2).with_backbone(radius=0.45e-3, youngs_modulus=75e9)
     pulls = [(t, j) for j in range(3) for t in (0.5, 1.0, 1.6, 1.0, 0.5, 0.0, 0.0, 0.0)]
     steps = []
     for k, (t, j) in enumerate(pulls):
         load = tdcr.Load(LENGTH, (0.008, -0.014, 0.0) if k % 8 == 6 else (0.0, 0.0, 0.0))
-        tensions = {f"t{i}": t * (i == j) for i in range(3)}
+        tensions = {n: t * (i == j) for i, n in enumerate(robot.tendon_names)}
         steps.append(tdcr.LoadStep(tensions=tensions, loads={"known": load}, time=0.5 * k))
     truth = tdcr.simulate(robot, tdcr.Model(elements_per_bay=1), steps).steps
     rng, prior = np.random.default_rng(3), (tdcr.LoadPrior(sigma=0.05), tdcr.InputPrior(sigma=0.05))

@@ -14,10 +14,8 @@ from tdcr_fe.identify.causes import StateLoad
 from tdcr_fe.identify.corrected import corrected_motion, observation_effects
 from tdcr_fe.identify.report import render
 
-ROUGH = ROBOT.with_tendons(friction_coefficient=0.25)
 PRECURVATURE = {"precurvature": {"kappa_x": 0.6, "kappa_y": -0.4}}
 COMMANDS = {"actuator_loss": {"dead_band": 0.05, "efficiency": 0.9}}
-MISALIGNMENT = {"frame_misalignment": {"rot_x": 0.03, "rot_y": -0.02, "rot_z": 0.05}}
 
 
 def found(values, data=None):
@@ -27,7 +25,7 @@ def found(values, data=None):
 
 def rough():
     """Readings of a robot with friction."""
-    return measured(robot=ROUGH, model=FRICTIONAL)
+    return measured(robot=ROBOT.with_tendons(friction_coefficient=0.25), model=FRICTIONAL)
 
 
 @pytest.mark.parametrize(
@@ -54,7 +52,7 @@ def test_the_robot_file_has_what_a_robot_can_have_and_the_effects_file_the_rest(
 
 
 def test_effects_on_the_measurement_are_comments(tmp_path):
-    result = found(MISALIGNMENT)
+    result = found({"frame_misalignment": {"rot_x": 0.03, "rot_y": -0.02, "rot_z": 0.05}})
     write_corrected(result, tmp_path)
     assert "# acts on the measurement only: frame_misalignment" in (tmp_path / "effects.toml").read_text()
     assert read_scenario(tmp_path / "effects.toml").robot == result.data.robot

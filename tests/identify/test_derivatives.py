@@ -18,10 +18,9 @@ from tdcr_fe.model.channels import CHANNELS
 
 #: Relative error that derivatives must meet.
 TOLERANCE = 1e-5
-DISKS = Disks.equally_spaced(5, LENGTH, mass=2e-4, radius=5e-3)
 STRAIGHT = tendon("t1", 0.0, 0.25, axial_stiffness=400.0)
 WINDING = replace(STRAIGHT, name="t2", routing=HelicalRouting(4.5e-3, 0.3, 110.0))
-ROBOT = Robot(BACKBONE, DISKS, (STRAIGHT, WINDING))
+ROBOT = Robot(BACKBONE, Disks.equally_spaced(5, LENGTH, mass=2e-4, radius=5e-3), (STRAIGHT, WINDING))
 TIP = {"tip": Load(LENGTH, (0.01, 0.02, 0.0))}
 STEPS = {
     "tension": (

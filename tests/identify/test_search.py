@@ -377,27 +377,16 @@ def test_a_candidate_that_is_not_solved_is_not_improved():
     assert done.value.value is unsolved
 
 
-def hardening():
-    """A problem whose declared backbone hardens."""
-    law = NonlinearMaterial(cubic=5.0)
-    robot = replace(ROBOT, backbone=replace(ROBOT.backbone, nonlinear=law))
-    return problem_of(measured(robot=robot, model=replace(MODEL, gravity=(0.0, 0.0, -9.81))))
-
-
-def test_laws_of_the_material_that_exclude_each_other_are_not_tried_together():
+def test_laws_of_the_material_that_exclude_each_other_are_not_tried_together_and_not_solved():
     """A search on a soft robot ended with "backbone.nonlinear: cannot be combined with superelastic"."""
-    problem = hardening()
+    robot = ROBOT.with_backbone(nonlinear=NonlinearMaterial(cubic=5.0))
+    problem = problem_of(measured(robot=robot, model=replace(MODEL, gravity=(0.0, 0.0, -9.81))))
     declared = evaluate(problem, (), {})
     assert declared.solved
-    both = [effect("superelastic"), effect("actuator_gain")]
+    both = (effect("superelastic"), effect("actuator_gain"))
     scores = {s.effect.name: s for s in screen(problem, declared, both)[0]}
     assert scores["superelastic"].note == "the robot cannot be combined with it"
     assert scores["actuator_gain"].note == "" and scores["actuator_gain"].start.point
-
-
-def test_a_model_of_an_impossible_robot_counts_as_not_solved_with_the_reason():
-    problem = hardening()
-    both = (effect("superelastic"), effect("actuator_gain"))
     start = {"superelastic": {"threshold_strain": 0.01, "plateau_ratio": 0.2}, "actuator_gain": {"gain": 1.0}}
     fit = fitting.fit(problem, both, [start])
     assert not fit.solved

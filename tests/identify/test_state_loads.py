@@ -38,13 +38,6 @@ def load_of(term, most=1.0):
     return StateLoad(term.key, Kind(*term.kind), numbers, tuple(a for *_, a in term.actions), "")
 
 
-def started(problem, load):
-    """The declared model with loads at every disk, and its response."""
-    null = {p.name: 0.0 for p in load.parameters}
-    (linear,) = linearize(problem, [Request((), {}, (Column(load, load.parameters[0].name, null, 1.0),))])
-    return linear.run
-
-
 @pytest.mark.parametrize("when", ["from row 7 on", "before row 7"])
 def test_loads_begin_and_end_with_a_row(when):
     problem, run, causes = declared()
@@ -92,7 +85,8 @@ def test_stiffness_and_precurvature_from_a_row_on_act_in_these_rows():
 def test_the_response_to_an_action_is_exact():
     """Against central differences of whole runs: readings, curvatures and displacements."""
     problem = declared()[0]
-    run = started(problem, load_of(HARDENING))
+    column = Column(load_of(HARDENING), "coefficient", {"coefficient": 0.0}, 1.0)
+    run = linearize(problem, [Request((), {}, (column,))])[0].run
     rng = np.random.default_rng(0)
     step = rng.normal(size=run.acted.action.values.shape) * np.array([1e-5] * 3 + [1e-4] * 3)
     # The response is that of one step: only step 4 gets the action.

@@ -79,18 +79,13 @@ def wait_for_end(pids):
     return time.perf_counter() - begun
 
 
-def start(tmp_path):
-    script = tmp_path / "parent.py"
-    script.write_text(PARENT)
-    process = start_python(str(script))
-    return process, [int(p) for p in process.stdout.readline().split()]
-
-
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 @pytest.mark.parametrize("number", ["SIGKILL", "SIGTERM", "SIGINT"])
 def test_workers_end_with_their_parent(tmp_path, number):
     """e3bbe5d: after ``kill -9`` workers kept running without limit."""
-    process, workers = start(tmp_path)
+    (tmp_path / "parent.py").write_text(PARENT)
+    process = start_python(str(tmp_path / "parent.py"))
+    workers = [int(p) for p in process.stdout.readline().split()]
     try:
         assert workers and all(alive(p) for p in workers)
         process.send_signal(getattr(signal, number))

@@ -22,11 +22,6 @@ def opened() -> Iterator[tuple[Browser, LiveRobot]]:
     served.close()
 
 
-def slide(page: Browser, tendon: int, value: float) -> None:
-    slider = f"{CONTROL}.tendons[{tendon}].slider"
-    page.ask(f"{slider}.value = {value}; {slider}.dispatchEvent(new Event('input'))")
-
-
 def answered(page: Browser) -> None:
     page.until(f"!{CONTROL}.asking")
 
@@ -47,7 +42,8 @@ def errors(page: Browser, served: LiveRobot) -> list[str]:
 @in_chromium
 def test_sliders_mouse_and_switches_are_load_steps(opened):
     page, served = opened
-    slide(page, 0, 1.5)
+    slider = f"{CONTROL}.tendons[0].slider"
+    page.ask(f"{slider}.value = 1.5; {slider}.dispatchEvent(new Event('input'))")
     answered(page)
     assert served.steps[-1].tensions == {"t1": 1.5}
     x, y = tip(page)
@@ -65,7 +61,7 @@ def test_sliders_mouse_and_switches_are_load_steps(opened):
     page.ask("document.querySelector('[data-do=restart]').click()")
     answered(page)
     assert [s.label for s in served.steps] == ["unloaded"]
-    assert page.ask(f"{CONTROL}.tendons[0].slider.valueAsNumber") == 0.0
+    assert page.ask(f"{slider}.valueAsNumber") == 0.0
     page.ask(f"{CONTROL}.tendons[0].number.select()")
     for key in "10":
         page.key(key)

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
+from inputs import write
 from robots import three
 
 import tdcr_fe as tdcr
@@ -55,9 +56,7 @@ def test_page_changes_and_scenario(served, tmp_path):
     (expected,) = tdcr.simulate(three(), tdcr.Model(elements_per_bay=1), steps).steps
     assert motion["bending"][0] == pytest.approx(57.29578 * expected.bending_angle, abs=1e-3)
     status, scenario = ask(served, "GET", f"/scenario.toml?token={served.server.token}")
-    (tmp_path / "robot.toml").write_text(tdcr.robot_to_toml(three()))
-    (tmp_path / "scenario.toml").write_text(scenario)
-    read = tdcr.read_scenario(tmp_path / "scenario.toml")
+    read = tdcr.read_scenario(write(tmp_path, tdcr.robot_to_toml(three()), scenario))
     assert list(read.steps) == list(served.steps) and read.model == served._played.model
 
 

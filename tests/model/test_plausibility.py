@@ -323,12 +323,11 @@ def test_what_does_not_fit_together_gets_one_remark_and_no_warning(row):
 
 CATHETER = Backbone(0.1, 2.3e-3, 50e6, 0.45, 1050.0)
 CHANNELS = tuple(Tendon(f"t{k}", ParallelRouting(1.9e-3, 90.0 * k), 0.1) for k in range(1, 5))
-FEW = pull(0.4, 4.0, 0.4)
 RIGHT = {
     "guides in a body": (Robot(CATHETER, Disks.equally_spaced(40, 0.1), CHANNELS), Model(), RISE),
     "guides as wide as the body": (
         Robot(CATHETER, Disks.equally_spaced(40, 0.1, radius=2.3e-3), CHANNELS), Model(), RISE),
-    "a pull between two of a pretension": (WIRE, HELD, FEW),
+    "a pull between two of a pretension": (WIRE, HELD, pull(0.4, 4.0, 0.4)),
     "released, and pulled again": (WIRE, HELD, pull(0.5, 1.0, 2.0, 0.5, 0.0, 0.1, 1.0, 2.0)),
     "a thick body": (Robot(Backbone(0.1, 0.018, 0.4e6, 0.45, 1070.0)), Model(), []),
     "a thin wire": (Robot(Backbone(0.8, 1e-5, 200e9, 0.3)), Model(), []),

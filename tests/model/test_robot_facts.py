@@ -84,7 +84,6 @@ SAMPLES = [
     TwistedRouting(VaryingHelicalRouting(4e-3, 0.5, 2.0), 3.0),
     MisplacedRouting(VaryingHelicalRouting(4e-3, 0.5, 2.0), 1.2, 0.6, 0.3, -0.5),
 ]
-turns = st.floats(-5.0, 5.0)
 
 
 @pytest.mark.parametrize("routing", SAMPLES, ids=lambda r: r.kind)
@@ -104,7 +103,7 @@ def test_derivatives_are_those_of_the_position(routing):
         routing.position(s, LENGTH, 3)
 
 
-@given(turns, st.floats(-360.0, 360.0), st.sampled_from([0, 1, 2]))
+@given(st.floats(-5.0, 5.0), st.floats(-360.0, 360.0), st.sampled_from([0, 1, 2]))
 def test_varying_helix_with_equal_rates_is_the_helix(rate, angle, derivative):
     routings = VaryingHelicalRouting(4e-3, rate, rate, angle), HelicalRouting(4e-3, rate, angle)
     varying, helix = (r.position(S, LENGTH, derivative) for r in routings)

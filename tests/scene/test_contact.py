@@ -65,16 +65,14 @@ def test_a_thin_wall_is_not_jumped_over_in_one_large_step(substeps):
     assert WALL - DISK - 1e-3 < handle.tip_position[0] < WALL
 
 
-def beside_the_plane(mbs, handle):
-    """The fixed sphere, 1 mm beside the plane in which the robot bends."""
-    spheres(mbs, handle, (CENTRE[0], 1e-3, CENTRE[2]))
-
-
 def test_a_robot_slides_off_a_sphere_in_large_steps_as_in_small_ones():
-    """In two steps the solution beyond the stability limit was that of a robot balancing on the sphere, 0.08 m away."""
+    """In two steps the solution beyond the stability limit was that of a robot balancing on the sphere, 0.08 m away.
+
+    The sphere is 1 mm beside the plane in which the robot bends.
+    """
     tips = []
     for count in (2, 20):
-        _keep, mbs, handle = with_contact(beside_the_plane)
+        _keep, mbs, handle = with_contact(spheres, at=(CENTRE[0], 1e-3, CENTRE[2]))
         assert not pulled_in_steps(mbs, handle, count)[-1]["unstable"]
         tips.append(handle.tip_position)
     assert np.linalg.norm(tips[0] - tips[1]) < 1e-6 * LENGTH

@@ -12,6 +12,7 @@ from robots import (
     LENGTH,
     Robot,
     paper,
+    routed,
     scene,
     scene_with,
     seven,
@@ -23,7 +24,7 @@ from robots import (
 )
 from scipy.optimize import curve_fit
 
-from tdcr_fe import Disks, ParallelRouting, SolveTDCR, Tendon
+from tdcr_fe import Disks, ParallelRouting, SolveTDCR
 from tdcr_fe.elements.poses import euler_rate_matrix
 from tdcr_fe.elements.section import NonlinearSection, SuperelasticSection
 from tdcr_fe.scene.energy import ENERGY_COLUMNS
@@ -33,9 +34,7 @@ EA, INERTIA, RADIUS, TORQUE = 400.0, 1e-4, 0.01, 1e-3
 
 def test_a_motor_swings_on_its_elastic_tendon_as_a_single_oscillator():
     """A straight, stiff backbone: ``omega = r sqrt(EA / (L J))``, 6.37 Hz, about the angle where tension is torque."""
-    stiff = replace(BACKBONE, radius=4e-3)
-    straight = Tendon("t1", ParallelRouting(1e-4, 0.0), axial_stiffness=EA)
-    robot = Robot(stiff, Disks.equally_spaced(4, LENGTH, mass=1e-3), (straight,), name="stiff")
+    robot = routed(ParallelRouting(1e-4), disks=4, axial_stiffness=EA).with_backbone(radius=4e-3)
     _keep, mbs, handle = scene(robot, assemble=False, friction="none")
     motor = handle.add_motor("t1", INERTIA, RADIUS)
     marker = mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=motor, coordinate=0))
@@ -80,16 +79,6 @@ def test_a_tension_is_not_set_where_a_motor_winds():
 # ------------------------------------------------------------ material damping
 
 
-def viscous(robot: Robot, time: float, **rest) -> Robot:
-    """The robot with a retardation time [s]."""
-    return replace(robot, backbone=replace(robot.backbone, retardation_time=time, **rest))
-
-
-def rod(time: float) -> Robot:
-    """A backbone with five disks that have no mass, and no tendon."""
-    return viscous(Robot(BACKBONE, Disks.equally_spaced(5, LENGTH, radius=1e-3), (), name="rod"), time)
-
-
 # ---------------------------------------------------------------- closed form
 
 
@@ -109,7 +98,8 @@ def test_bending_modes_decay_as_those_of_a_viscoelastic_cantilever(mode, root, e
     """
     w = root**2 * np.sqrt(BACKBONE.EI / BACKBONE.mass_per_length) / LENGTH**2
     tau = 0.1 / w  # 5 % of critical damping
-    _keep, mbs, handle, sensor = scene_with(tip_sensor, rod(tau), elements_per_bay=elements)
+    rod = Robot(replace(BACKBONE, retardation_time=tau), Disks.equally_spaced(5, LENGTH, radius=1e-3))
+    _keep, mbs, handle, sensor = scene_with(tip_sensor, rod, elements_per_bay=elements)
     shape = mbs.TDCREigenvalues(numberOfEigenvalues=2 * mode).shapes[:, 2 * mode - 1]
     mbs.systemData.SetODE2Coordinates((1e-4 * LENGTH * shape).tolist(), exu.ConfigurationType.Initial)
     period = 2.0 * np.pi / w
@@ -133,7 +123,7 @@ def test_bending_modes_decay_as_those_of_a_viscoelastic_cantilever(mode, root, e
 
 def test_a_rigid_motion_of_a_bent_robot_is_not_damped():
     """Translation and rotation of the whole robot, against a bending of its last element at the same rates."""
-    _keep, mbs, handle = scene(viscous(three(0.0), 1e-2))
+    _keep, mbs, handle = scene(three(0.0).with_backbone(retardation_time=1e-2))
     solve_scene(mbs, handle, [1.5, 0.2, 0.0])
     positions, rotations, parameters = handle.actuation.scene_poses()
     spin, speed = np.array([3.0, -2.0, 5.0]), np.array([0.3, 0.1, -0.2])

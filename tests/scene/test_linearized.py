@@ -58,10 +58,6 @@ def swing(mbs, handle, load, sensor, force, end: float) -> float:
     return np.fft.rfftfreq(64 * len(data), 2e-3)[np.argmax(spectrum)]
 
 
-def load_and_sensor(mbs, handle):
-    return tip_load(mbs, handle), tip_sensor(mbs, handle)
-
-
 def bend(mbs, handle, by_displacement: bool) -> None:
     change = handle.set_displacements if by_displacement else handle.set_tensions
     change([4e-3, -1.9e-3, -1.9e-3] if by_displacement else [1.0, 0.2, 0.2])
@@ -84,7 +80,9 @@ def test_a_robot_swings_with_its_frequencies(mu, rest, force, mode, end):
     Version 0.1 left the tendons out: 38 % less with tendons driven by displacement, 46 % less with stuck holes.
     """
     friction = "per-hole" if mu else "none"
-    _keep, mbs, handle, (load, sensor) = scene_with(load_and_sensor, seven(mu, **rest), friction=friction)
+    _keep, mbs, handle, (load, sensor) = scene_with(
+        lambda *to: (tip_load(*to), tip_sensor(*to)), seven(mu, **rest), friction=friction
+    )
     bend(mbs, handle, bool(rest))
     modes = mbs.TDCREigenvalues(holes="stuck")
     assert modes.frequencies[mode] == pytest.approx(swing(mbs, handle, load, sensor, force, end), rel=5e-3)

@@ -8,9 +8,9 @@ import exudyn as exu
 import numpy as np
 import pytest
 from native_solvers import damped, recommended
-from robots import BACKBONE, DISKS, LENGTH, SEVEN, distance, pull, scene, seven, single, solve, solve_scene
+from robots import BACKBONE, DISKS, LENGTH, distance, pull, scene, seven, single, solve, solve_scene
 
-from tdcr_fe import Disks, LoadStep, ParallelRouting, Robot, SolveTDCR, StribeckFriction, Superelastic, Tendon
+from tdcr_fe import Disks, LoadStep, SolveTDCR, StribeckFriction, Superelastic
 from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.elements.native import hooks
 
@@ -245,8 +245,7 @@ def test_a_law_of_friction_that_no_tensions_satisfy_ends_a_run_with_a_message(mo
         return found if np.abs(slip_rate).max() < 1e-4 else (np.full_like(found[0], np.nan), *found[1:])
 
     monkeypatch.setattr(StribeckFriction, "coefficient", lost)
-    tendon = Tendon("t1", ParallelRouting(4.5e-3), friction=law, axial_stiffness=2000.0)
-    _keep, mbs, handle = scene(Robot(BACKBONE, SEVEN, (tendon,), name="paper"))
+    _keep, mbs, handle = scene(single(friction=law, axial_stiffness=2000.0))
     handle.set_displacements([0.0])
     handle.set_inputs_over_time(lambda t: [0.02 * t])
     with pytest.raises(exu.ModelError, match=r"robot 'paper': at .* no tensions satisfy the law of friction"):

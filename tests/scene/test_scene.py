@@ -57,10 +57,6 @@ def test_a_moved_base_moves_the_solution():
     assert handle.tip_rotation == pytest.approx(turn @ expected.rotations[-1], abs=1e-8)
 
 
-#: Elements per bay and friction of robots in one scene.
-KINDS = [(1, "per-hole"), (2, "per-hole"), (1, "per-tendon")]
-
-
 @pytest.mark.parametrize("lever", [0.0, 0.01])
 def test_robots_side_by_side_move_as_each_alone(lever):
     """Pulled, and released so that holes reverse, with weight, damping, loads of both kinds and unlike meshes.
@@ -70,7 +66,8 @@ def test_robots_side_by_side_move_as_each_alone(lever):
     """
     backbone = replace(BACKBONE, density=7800.0, retardation_time=1e-3)
     robots = [seven(0.2, backbone, replace(SEVEN, mass=1e-3)), seven(0.3, backbone), seven(0.1)]
-    models = [Model(elements_per_bay=n, friction=x, gravity=(0.0, 0.0, -9.81)) for n, x in KINDS]
+    kinds = [(1, "per-hole"), (2, "per-hole"), (1, "per-tendon")]
+    models = [Model(elements_per_bay=n, friction=x, gravity=(0.0, 0.0, -9.81)) for n, x in kinds]
     steps = [([1.0, 0.3, 0.2], [2e-3, -1e-3, -1e-3], [1.0, 0.0, 0.0])]
     steps += [([0.3, 0.6, 0.2], [1e-3, -4e-4, -5e-4], [0.4, 0.0, 0.0])]
 

@@ -94,8 +94,8 @@ def test_a_column_beyond_eulers_load_is_reported(fraction: float, expected: bool
 
 @pytest.mark.parametrize(("fraction", "expected"), [(0.9, False), (1.1, True)])
 def test_a_heavy_tip_on_an_upright_robot_is_reported(fraction: float, expected: bool) -> None:
-    robot = replace(paper(), tip_mass=fraction * EULERS_LOAD / 9.81, backbone=replace(BACKBONE, density=0.0))
-    robot = replace(robot, disks=replace(robot.disks, mass=0.0))
+    light = paper().with_backbone(density=0.0).with_disks(mass=0.0)
+    robot = replace(light, tip_mass=fraction * EULERS_LOAD / 9.81)
     assert unstable(robot, Model(friction="none", gravity=UP), [LoadStep()]) is expected
 
 

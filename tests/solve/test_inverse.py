@@ -11,14 +11,13 @@ from tdcr_fe.solve.inverse_statics.inverse import TOLERANCE, follow_path, reach
 
 FINE = 1e-6 * LENGTH
 LIMITS = TensionLimits(largest=2.5, pretension=0.1)
-DISKS = Disks.equally_spaced(10, LENGTH, radius=5e-3)
 
 
 def two_segments(mu: float) -> Robot:
     """Six tendons; three end in the middle, three at the tip, 60 degrees from the others."""
     near = [tendon(f"p{i}", 120.0 * i, mu, end=0.5 * LENGTH) for i in range(3)]
     far = [tendon(f"d{i}", 60.0 + 120.0 * i, mu) for i in range(3)]
-    return Robot(BACKBONE, DISKS, (*near, *far), "two segments")
+    return Robot(BACKBONE, Disks.equally_spaced(10, LENGTH, radius=5e-3), (*near, *far), "two segments")
 
 
 CASES = {
@@ -136,7 +135,6 @@ def test_out_of_reach_ends_at_the_nearest_point_and_says_so():
     assert found.error < others.min()
 
 
-CIRCLE = np.radians(np.arange(0, 361, 30))
 STEEL = Robot(
     Backbone(0.2, 0.5e-3, 200e9, 0.3),
     Disks.equally_spaced(10, 0.2, radius=8e-3, thickness=3e-3),
@@ -149,7 +147,7 @@ STEEL = Robot(
 @pytest.mark.parametrize("height", [0.191, None])
 def test_neighbours_on_a_circle_have_neighbouring_tensions(height):
     """A robot of one segment moves its tip on a surface; 20 N would bring it 0.1 mm nearer to points off it."""
-    circle = [(0.05 * np.cos(a), 0.05 * np.sin(a), height) for a in CIRCLE]
+    circle = [(0.05 * np.cos(a), 0.05 * np.sin(a), height) for a in np.radians(np.arange(0, 361, 30))]
     model, limits = Model(friction="none", elements_per_bay=1), TensionLimits(20.0, 0.2)
     found = follow_path(STEEL, model, circle, limits)
     # Targets that are turned by 120 degrees, or mirrored, have the same error and the same tensions.

@@ -5,17 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import BACKBONE, DISKS, LENGTH, paper, pull, scene, seven, simulation
+from robots import BACKBONE, LENGTH, paper, pull, routed, scene, seven, simulation
 
-from tdcr_fe import HelicalRouting, Robot, Simulation, Superelastic, Tendon
+from tdcr_fe import HelicalRouting, Simulation, Superelastic
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.linearization import input_changes
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.newton import newton
 from tdcr_fe.solve.newton.prediction import predict
-
-HELIX = Robot(BACKBONE, DISKS, (Tendon("t1", HelicalRouting(4.5e-3, 1.0), 0.3),), name="helix")
 
 
 def target(*tensions):
@@ -28,7 +26,7 @@ def target(*tensions):
         pytest.param(paper(), [1.0], {"friction": "none"}, id="no friction"),
         pytest.param(seven(0.3), [1.0, 0.4, 0.0], {"friction": "per-tendon"}, id="per-tendon"),
         pytest.param(seven(0.3), [0.5, 0.2, 0.0], {"friction": "per-hole"}, id="per-hole"),
-        pytest.param(HELIX, [1.0], {"friction": "per-hole"}, id="helical"),
+        pytest.param(routed(HelicalRouting(4.5e-3, 1.0), mu=0.3), [1.0], {"friction": "per-hole"}, id="helical"),
         pytest.param(paper(), [1.0], {"friction": "none", "tendon_path": "continuous"}, id="continuous"),
         pytest.param(paper(0.3, backbone=replace(BACKBONE, superelastic=Superelastic(0.002, 0.5))), [0.8], {},
             id="superelastic"),

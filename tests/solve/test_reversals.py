@@ -106,19 +106,16 @@ def test_a_pull_from_rest_and_a_release_take_few_solves_although_every_hole_chan
     assert distance(result.tips[-1], fine.tips[-1]) < 1e-6 * LENGTH
 
 
-def moved_across() -> list[LoadStep]:
-    """A force at the tip turns round while three tendons are pulled."""
-    return [
-        LoadStep("", {"t1": 1.5, "t2": 0.5}),
-        LoadStep("", {"t1": 0.3, "t2": 1.2}, loads={"tip": Load(LENGTH, (0.01, 0.02, 0.0))}),
-        LoadStep("", {"t1": 1.0, "t3": 0.8}, loads={"tip": Load(LENGTH, (-0.02, 0.01, 0.0))}),
-    ]
-
-
 @pytest.mark.integration
 def test_reversals_located_in_a_substep_are_solved_with_it():
-    """As with many small steps; and again along its recorded path, with fewer iterations."""
-    steps, model, path = moved_across(), Model(friction="per-hole", elements_per_bay=1), []
+    """As with many small steps; and again along its recorded path, with fewer iterations.
+
+    A force at the tip turns round while three tendons are pulled.
+    """
+    one, other = ({"tip": Load(LENGTH, force)} for force in ((0.01, 0.02, 0.0), (-0.02, 0.01, 0.0)))
+    steps = [LoadStep("", {"t1": 1.5, "t2": 0.5}), LoadStep("", {"t1": 0.3, "t2": 1.2}, loads=one)]
+    steps += [LoadStep("", {"t1": 1.0, "t3": 0.8}, loads=other)]
+    model, path = Model(friction="per-hole", elements_per_bay=1), []
     located = simulate(seven(0.3), model, steps, record_path=path)
     again = simulate(seven(0.3), model, steps, reference_path=path)
     fine = solve(seven(0.3), [replace(s, substeps=256) for s in steps])
@@ -182,16 +179,14 @@ def test_a_tendon_may_become_slack_and_taut_again():
     assert path.unknowns[1] == pytest.approx(0.5, rel=1e-6)
 
 
-def slack_until_late() -> list[LoadStep]:
-    """The third tendon of `three` is slack until shortly before the end of the second step."""
-    moved = (1e-3, -2.5531158e-3, -2.1764913e-3), (2e-3, -5.0532918e-3, -0.9379651e-3)
-    return [LoadStep("", displacements=dict(t1=a, t2=b, t3=c)) for a, b, c in moved]
-
-
 @pytest.mark.integration
 def test_slips_that_reverse_where_a_tendon_becomes_taut_are_found():
-    """Version 0.1 was 9.6e-4 of the length off, unsaid: holes let out until the tendon was taut, then pulled."""
-    steps = slack_until_late()
+    """Version 0.1 was 9.6e-4 of the length off, unsaid: holes let out until the tendon was taut, then pulled.
+
+    The third tendon is slack until shortly before the end of the second step.
+    """
+    moved = (1e-3, -2.5531158e-3, -2.1764913e-3), (2e-3, -5.0532918e-3, -0.9379651e-3)
+    steps = [LoadStep("", displacements=dict(t1=a, t2=b, t3=c)) for a, b, c in moved]
     found = solve(three(0.3), steps)
     fine = solve(three(0.3), [replace(s, substeps=512) for s in steps])
     assert found.steps[1].hole_states[2][:-1] == ("pull",) * 12

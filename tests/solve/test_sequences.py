@@ -1,14 +1,12 @@
 """Loading sequences with history: reversals, bounds, paths, driven tendons, pretension."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from balance import cables
-from robots import BACKBONE, DISKS, LENGTH, degrees, distance, paper, pull, seven, solve, tendon
+from robots import BACKBONE, LENGTH, degrees, distance, paper, pull, routed, seven, solve
 
+from tdcr_fe import ParallelRouting
 from tdcr_fe.model.loading import LoadStep, resolve
-from tdcr_fe.model.robot import Disks, Robot
 
 
 @pytest.mark.parametrize("friction", ["per-tendon", "per-hole"])
@@ -58,8 +56,8 @@ def test_elastic_tendon_needs_more_displacement_by_its_stretch():
 @pytest.mark.parametrize("stiffness", [None, 400.0], ids=["inextensible", "elastic"])
 def test_slack_tendon_has_no_tension_until_it_is_taut_again(stiffness):
     """Let out beyond taut, a tendon has tension zero; pulled in again, it acts as before."""
-    both = (tendon(n, angle, axial_stiffness=stiffness) for n, angle in (("t1", 0.0), ("t2", 180.0)))
-    robot = Robot(BACKBONE, DISKS, tuple(both))
+    both = (ParallelRouting(4.5e-3, angle) for angle in (0.0, 180.0))
+    robot = routed(*both, mu=0.3, axial_stiffness=stiffness)
     moved = {"t1": 3e-3, "t2": -6e-3}, {"t1": -4e-3, "t2": -6e-3}, {"t1": 3e-3}
     result = solve(robot, [LoadStep("", displacements=x) for x in moved])
     assert np.all(np.concatenate([t for s in result.steps for t in s.tensions]) >= 0.0)
@@ -85,7 +83,6 @@ def test_both_ways_of_driving_mixed_and_switched():
 
 
 EA, T0 = 400.0, 0.7
-HELD = {"t1": 0.0, "t2": 0.0, "t3": 0.0}
 
 
 #: Three elastic tendons around a straight backbone.
@@ -94,7 +91,9 @@ TIGHTENED = seven(0.0).with_tendons(axial_stiffness=EA, pretension=T0)
 
 def test_tension_at_displacement_zero_is_the_pretension_less_the_compression_of_the_backbone():
     """Strain e of backbone and tendons: T = T0 - EA_t e and EA_b e = 3 T, to first order in e."""
-    result = solve(TIGHTENED, [LoadStep(displacements=HELD)], friction="none")
+    result = solve(
+        TIGHTENED, [LoadStep(displacements=dict.fromkeys(("t1", "t2", "t3"), 0.0))], friction="none"
+    )
     expected = T0 / (1.0 + 3.0 * EA / BACKBONE.EA)
     np.testing.assert_allclose(result.steps[0].base_tensions, expected, rtol=2e-3)
     np.testing.assert_allclose(result.steps[0].displacements, 0.0, atol=1e-15)
@@ -102,8 +101,7 @@ def test_tension_at_displacement_zero_is_the_pretension_less_the_compression_of_
 
 def test_a_tendon_let_out_is_slack_only_beyond_its_stretch():
     """One tendon on a backbone too stiff to bend: T = T0 + EA d / (L - d), and zero beyond."""
-    elastic = tendon("t1", 0.0, 0.0, axial_stiffness=EA, pretension=T0)
-    stiff = Robot(replace(BACKBONE, radius=4e-3), Disks.equally_spaced(4, LENGTH), (elastic,))
+    stiff = routed(disks=4, axial_stiffness=EA, pretension=T0).with_backbone(radius=4e-3)
     stretch = LENGTH * (1.0 - 1.0 / (1.0 + T0 / EA))
     values = np.array([0.5, 0.0, -0.5, -0.9, -1.1, -3.0, 0.2]) * stretch
     found = solve(stiff, [LoadStep(displacements={"t1": float(d)}) for d in values], friction="none")

@@ -25,12 +25,6 @@ def robot(**tendon):
     return Robot(BACKBONE, Disks.equally_spaced(4, 0.2, mass=2e-4), (straight, winding))
 
 
-def solved():
-    push = {"side": Load(0.13, (0.01, 0.02, 0.0), (0.0, 1e-3, 0.0))}
-    steps = [LoadStep("", {"a": 0.8, "b": 0.3}), LoadStep("", {"a": 0.4}, loads=push)]
-    return simulate(robot(), Model(elements_per_bay=2, gravity=(0.0, 1.0, -9.81)), steps)
-
-
 @pytest.mark.integration
 @pytest.mark.parametrize("number", [1, 3, 8, 25, 41, 4649, 6565, 8115])
 def test_random_robots_hold_all_checks(number):
@@ -98,7 +92,9 @@ def with_actuation(step, **changes):
     ids=["position", "rotation", "tension", "load", "displacement", "input", "state", "rising"],
 )  # fmt: skip
 def test_the_checks_see_what_is_wrong(wrong, check):
-    result = solved()
+    push = {"side": Load(0.13, (0.01, 0.02, 0.0), (0.0, 1e-3, 0.0))}
+    steps = [LoadStep("", {"a": 0.8, "b": 0.3}), LoadStep("", {"a": 0.4}, loads=push)]
+    result = simulate(robot(), Model(elements_per_bay=2, gravity=(0.0, 1.0, -9.81)), steps)
     step = result.steps[1]
     good = check_step(result.robot, result.model, step)
     assert all(value <= TOLERANCES[name] for name, value in good.items())

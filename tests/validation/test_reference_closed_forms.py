@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
+from robots import BACKBONE, routed
+from robots import LENGTH as L
 
-from tdcr_fe import Backbone, Disks, Load, LoadStep, Model, ParallelRouting, Robot, Superelastic, Tendon
+from tdcr_fe import Disks, Load, LoadStep, Model, ParallelRouting, Robot, Superelastic
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 from tdcr_fe.validation.reference.closed_forms import constant_strain
 from tdcr_fe.validation.reference.rod import Rod
 from tdcr_fe.validation.reference.section import Section, bending_moment
 
-L = 0.25
-BACKBONE = Backbone(L, 0.4e-3, 85e9, 0.3, density=5600.0)
 CLOSE = 1e-8 * L
 
 
@@ -71,9 +71,8 @@ def test_integration_is_of_order_eight():
 
 @pytest.mark.integration
 def test_default_settings_err_by_less_than_1e_minus_8_of_the_length():
-    tendon = Tendon("t", ParallelRouting(4.5e-3, 20.0))
-    robot = Robot(BACKBONE, Disks.equally_spaced(3, L, mass=0.17e-3), (tendon,))
-    steps = [LoadStep(tensions={"t": 3.0}, loads={"tip": Load(L, (0.03, 0.05, 0.0))})]
+    robot = routed(ParallelRouting(4.5e-3, 20.0), disks=3)
+    steps = [LoadStep(tensions={"t1": 3.0}, loads={"tip": Load(L, (0.03, 0.05, 0.0))})]
     for path in ("straight", "continuous"):
         model = Model(path, "none", gravity=(0.0, -9.81, 0.0))
         coarse = solve_reference(robot, model, steps)
