@@ -243,7 +243,7 @@ class PointsRouting(Routing, Checked):
     """
 
     arc_lengths: Annotated[tuple[float, ...], Quantity(unit="m", ge=0.0, in_file=False)]
-    holes: Annotated[tuple[tuple[float, float], ...], Quantity(unit="m", allowed=_HOLES)]
+    holes: Annotated[tuple[tuple[float, float], ...], Quantity(unit="m", ge=-1e3, le=1e3, allowed=_HOLES)]
     kind: ClassVar[str] = "points"
 
     def __post_init__(self) -> None:
