@@ -35,20 +35,6 @@ def setup(mu=0.0, steps=None, robot=None, **model):
 # ----------------------------------------------------------------------------------------------- the contract
 
 
-#: Names that users' files and results have.
-PROMISED = (
-    "gravity stiffness_scale friction_coefficient actuator_loss hole_adhesion superelastic "
-    "precurvature rigid_disks routing_twist misplaced_channels hole_clearance tip_payload "
-    "frame_misalignment marker_offset tendon_stretch pretension base_compliance time_lag "
-    "soft_bay kink side_spring stuck_hole actuator_backlash actuator_gain idle_tension creep "
-    "modulus_scale density_scale nonlinear_material "
-)
-
-
-def test_the_list_has_every_effect_that_is_promised():
-    assert sorted(e.name for e in EFFECTS) == sorted(PROMISED.split())
-
-
 #: A robot whose builder has declared whatever an effect can say of it.
 DECLARED = replace(
     seven(0.1)

@@ -11,20 +11,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from inputs import REMOVED, ROBOT, SCENARIO, changed, write
 
+import tdcr_fe as tdcr
 from tdcr_fe import ConstantFriction, Disks, Load, LoadStep, Model, Robot, SolverSettings, Spool, Tendon
 from tdcr_fe.cli import main
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.toml import read_model, read_model_file, read_robot, read_scenario
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
 from tdcr_fe.model.backbone import Backbone, StiffnessPatch, Superelastic
-from tdcr_fe.model.routing import (
-    ROUTINGS,
-    ConvergingRouting,
-    HelicalRouting,
-    ParallelRouting,
-    PointsRouting,
-    TwistedRouting,
-)
+from tdcr_fe.model.routing import ROUTINGS
 from tdcr_fe.model.schema import keys_of
 from tdcr_fe.validation.fuzz.drawing import draw
 
@@ -47,10 +41,10 @@ def test_robot_is_read_as_written(tmp_path):
     assert robot.disks == Disks.equally_spaced(5, 0.25, mass=0.17e-3, radius=5e-3)
     holes = ((1e-3, 0.0), (1e-3, 1e-3), (0.0, 1e-3), (0.0, 0.0), (2e-3, 0.0), (3e-3, 1e-3))
     assert robot.tendons == (
-        Tendon("t1", ParallelRouting(4.5e-3, 0.0), 0.3),
-        Tendon("t2", ConvergingRouting(4.5e-3, 0.15e-3, 120.0), 0.0, 0.15, 400.0),
-        Tendon("t3", PointsRouting((0.0, *robot.disks.positions), holes)),
-        Tendon("t4", HelicalRouting(4.5e-3, -2.0, 0.0)),
+        Tendon("t1", tdcr.ParallelRouting(4.5e-3, 0.0), 0.3),
+        Tendon("t2", tdcr.ConvergingRouting(4.5e-3, 0.15e-3, 120.0), 0.0, 0.15, 400.0),
+        Tendon("t3", tdcr.PointsRouting((0.0, *robot.disks.positions), holes)),
+        Tendon("t4", tdcr.HelicalRouting(4.5e-3, -2.0, 0.0)),
     )
 
 
@@ -274,7 +268,7 @@ def described():
     # Zeros of keys that must be given are written, too.
     declared = {"axial_stiffness": 5e3, "shear_stiffness": 2e3, "retardation_time": 1e-3}
     backbone = Backbone(0.25, 0.4e-3, 85e9, 0.0, **declared)
-    wound = Tendon("t", ParallelRouting(0.0), spool=Spool(8e-3))
+    wound = Tendon("t", tdcr.ParallelRouting(0.0), spool=Spool(8e-3))
     robot = Robot(backbone, Disks.equally_spaced(5, 0.25), (wound,))
     steps = (LoadStep(motor_angles={"t": 0.1}),)
     found = [(robot, Model(hysteresis="dahl"), settings, steps)]
@@ -312,7 +306,7 @@ def test_every_field_of_a_robot_is_in_the_file_or_follows_from_it():
         Robot: {"tendons"},  # [[tendons]]
         Backbone: {"taper"},  # the key radius
         Tendon: {"routing"},  # the key routing, with the keys of that routing
-        PointsRouting: {"arc_lengths"},  # those of the holes
+        tdcr.PointsRouting: {"arc_lengths"},  # those of the holes
     }
     for cls in (Robot, Backbone, Superelastic, StiffnessPatch, Disks, Tendon, *ROUTINGS.values()):
         assert {f.name for f in dataclasses.fields(cls)} - set(keys_of(cls)) == follows.get(cls, set())
@@ -325,8 +319,8 @@ def test_what_the_format_cannot_express_is_refused_and_named():
     class OwnLaw(ConstantFriction):
         kind: str = "own"
 
-    course = ParallelRouting(1e-3)
-    tendons = (Tendon("t1", TwistedRouting(course, 0.1)), Tendon("t2", course, friction=OwnLaw(0.1)))
+    course = tdcr.ParallelRouting(1e-3)
+    tendons = (Tendon("t1", tdcr.TwistedRouting(course, 0.1)), Tendon("t2", course, friction=OwnLaw(0.1)))
     robot = Robot(Backbone(0.25, 0.4e-3, 85e9, 0.3), Disks.equally_spaced(5, 0.25), tendons)
     with pytest.raises(ValueError, match=r"robot\.toml cannot express") as caught:
         robot_to_toml(robot)

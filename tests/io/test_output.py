@@ -23,25 +23,20 @@ from tdcr_fe.report.motion import motion_of
 from tdcr_fe.report.viewer_data import STATES
 
 
-def test_columns_are_those_of_the_format(tmp_path):
-    write_results(arc_result(paper_robot(2)), tmp_path / "out", pictures=False)
-    head = {n: (tmp_path / "out" / n).read_text().splitlines()[0] for n in output.RESULT_FILES[:3]}
-    assert head["steps.csv"] == (
-        "step,label,converged,iterations,tension_t1,tension_t2,displacement_t1,displacement_t2,"
-        "tip_x,tip_y,tip_z,tangent_x,tangent_y,tangent_z,bending_angle_deg,chord_angle_deg,tip_offset"
-    )
-    assert head["shape.csv"] == "step,s,x,y,z,qw,qx,qy,qz"
-    assert head["tensions.csv"] == "step,tendon,segment,tension,hole_state"
-
-
-def test_columns_are_the_same_without_a_solved_step(tmp_path):
-    result = replace(arc_result(), steps=(), converged=False, failed_step=1, message="no")
-    written = write_results(result, tmp_path / "out")
-    assert {p.name for p in written} == set(output.RESULT_FILES)
-    full = tmp_path / "full"
-    write_results(arc_result(), full, pictures=False)
-    for name in output.RESULT_FILES[:3]:
-        assert (tmp_path / "out" / name).read_text() == (full / name).read_text().splitlines()[0] + "\n"
+def test_columns_are_those_of_the_format_also_without_a_solved_step(tmp_path):
+    full = arc_result(paper_robot(2))
+    none = replace(full, steps=(), converged=False, failed_step=1, message="no")
+    for result, pictures in ((full, False), (none, True)):
+        written = write_results(result, tmp_path / "out", pictures=pictures)
+        head = {p.name: p.read_text("utf-8").splitlines()[0] for p in written}
+        assert set(head) == set(output.RESULT_FILES)
+        assert head["steps.csv"] == (
+            "step,label,converged,iterations,tension_t1,tension_t2,displacement_t1,displacement_t2,"
+            "tip_x,tip_y,tip_z,tangent_x,tangent_y,tangent_z,bending_angle_deg,chord_angle_deg,tip_offset"
+        )
+        assert head["shape.csv"] == "step,s,x,y,z,qw,qx,qy,qz"
+        assert head["tensions.csv"] == "step,tendon,segment,tension,hole_state"
+    assert all((tmp_path / "out" / n).read_text().count("\n") == 1 for n in output.RESULT_FILES[:3])
 
 
 @given(st.lists(st.floats(-4.0, 4.0), min_size=3, max_size=3))
