@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.elements import Array
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.model.loading import Load, LoadStep, resolve
 from tdcr_fe.model.results import StepResult
 
@@ -45,6 +45,7 @@ class BayState:
     lever: Array  # bending moment of a unit tension about x and y [m], shape (n_bays, n_tendons, 2)
     direction: Array  # sign of the last change of every tendon's command [1], shape (K, n_tendons)
     time: Array  # [s], shape (K,)
+    begins: Flags  # whether a loading sequence begins with a step, shape (K,)
 
     @property
     def middles(self) -> Array:
@@ -78,7 +79,7 @@ class BayState:
     @classmethod
     def joined(cls, parts: Sequence[BayState]) -> BayState:
         """Of several loading sequences, one after another."""
-        by_step = ("curvature", "rotation", "moved", "tension", "direction", "time")
+        by_step = ("curvature", "rotation", "moved", "tension", "direction", "time", "begins")
         return replace(parts[0], **{n: np.concatenate([getattr(p, n) for p in parts]) for n in by_step})
 
 
@@ -173,7 +174,8 @@ def bay_state(experiment: Experiment, steps: Sequence[StepResult]) -> BayState:
     whole = list(actions.values())  # at the ends of the steps
     time = np.array([a.time for a in whole])
     direction = last_direction(np.array([a.values for a in whole]).reshape(count, m))
-    return BayState(edges, curvature, rotation, moved, tension, lever, direction, time)
+    begins = np.arange(count) == 0
+    return BayState(edges, curvature, rotation, moved, tension, lever, direction, time, begins)
 
 
 def last_direction(values: Array, least: float = 0.0) -> Array:

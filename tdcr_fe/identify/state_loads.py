@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tdcr_fe.effects import Parameter
-from tdcr_fe.effects.base import Kind
+from tdcr_fe.effects.base import Kind, Values
 from tdcr_fe.elements import Array
 from tdcr_fe.identify.balance import scale
 from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, last_direction
-from tdcr_fe.identify.causes import PER_FACTOR, Attraction, Cause, Cord, SettlingLoad, StateLoad
+from tdcr_fe.identify.causes import PER_FACTOR, Attraction, Cause, Cord, SettlingLoad, StateLoad, number
 from tdcr_fe.identify.criteria import OTHER_GRAVITY, UNNAMED
 from tdcr_fe.identify.load_steps import possible_starts
 
@@ -138,7 +138,7 @@ DISTANCE = Factor("the displacement", "d", (1, 0, 0), lambda b: _size(b.moved), 
 
 BENDING = Direction("along the curvature", "kappa", (-1, 0, 0), _one(lambda b: _moment(b.curvature[..., :2])))
 UNIT_BENDING = Direction(
-    "of one size along the curvature, as of friction within the backbone", "kappa/|kappa|", (0, 0, 0),
+    "of one size along the curvature", "kappa/|kappa|", (0, 0, 0),
     _one(lambda b: _moment(_unit_curvature(b))), "stiffness", "curvature",
 )  # fmt: skip
 _AXES = ("x", _constant(1.0, 0.0)), ("y", _constant(0.0, 1.0))
@@ -242,7 +242,7 @@ def library(bays: int, clock: Factor) -> list[Term]:
     products = [p for n in (0, 1, 2) for p in combinations_with_replacement(factors, n)]
     pairs = [(p, d) for d in _DIRECTIONS for p in products]
     terms = [Term(p, d) for p, d in pairs if (p, d) not in _LISTED and not _repeated_sign(p, d)]
-    terms += [Term(p, UNIT_BENDING) for p in ((), (LOADING,), (TENSION,), (clock,))]
+    terms += [Term(p, UNIT_BENDING) for p in ((), (TENSION,), (clock,))]
     for some in ranges(bays):
         terms += [Term((f,), BENDING, some) for f in (CURVATURE, TENSION, clock, LOADING)]
         terms += [Term((f,), SECTION, some) for f in (clock, TENSION)]
@@ -399,6 +399,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         ("bending stiffness by side", sides, "bending to one side and to the other"),
     ):
         found += load(name, kind, own, f"{text} {differs}", math.log(10.0))
+    found.append(DryBending(float(size[0]), length))
     spread = [(a, "N/m", _spread(i)) for i, a in enumerate("xyz")]
     kind = Kind("force", ("nothing",), "along the backbone")
     text = "a constant force along the whole backbone"
@@ -480,6 +481,43 @@ def free_loads(
             at_tip = direction is not fixed or (many and factor in parts)
             found.append(_FreeLoad(perturbs, f"{text}, {how}", depends, unit, load, at_tip, choices, when))
     return found
+
+
+class DryBending(StateLoad):
+    """Dry friction within the backbone: a moment along the last change, of one size beyond some change.
+
+    Parameters
+    ----------
+    size, length
+        A moment that bends the backbone by about its length [N m], and that [m].
+    """
+
+    def __init__(self, size: float, length: float) -> None:
+        step = TYPICAL * size
+        moment = number("moment", "N m", (-FARTHEST * step, FARTHEST * step), 0.0, step)
+        within = number("within", "1/m", (0.0, 10.0 / length), 0.0, 0.01 / length)
+        kind = Kind("stiffness", ("direction of loading",), "everywhere")
+        text = "a moment of dry friction within the backbone, along the last change of its curvature"
+        super().__init__("dry friction in bending", kind, (moment, within), (), text, math.log(10.0))
+        self.held = {"within": [x / length for x in (0.03, 0.1, 0.3)]}
+
+    def action(self, state: BayState, values: Values) -> Array:
+        """See `StateLoad.action`."""
+        within = max(values["within"], 1e-6 / float(state.edges[-1]))
+        direction = state.curvature[..., :2] / within
+        turned = np.diff(direction, axis=0)
+        for k, begins in enumerate(state.begins):
+            direction[k] = direction[k] if begins else direction[k - 1] + turned[k - 1]
+            direction[k] /= np.maximum(np.linalg.norm(direction[k], axis=-1, keepdims=True), 1.0)
+        return values["moment"] * _moment(direction)
+
+    def by_value(self, state: BayState, values: Values, name: str) -> Array:
+        """See `StateLoad.by_value`."""
+        if name == "moment":
+            return self.action(state, {**values, name: 1.0})
+        h = 1e-6 / float(state.edges[-1])
+        more = self.action(state, {**values, name: values[name] + h})
+        return (more - self.action(state, values)) / h
 
 
 def _by_curvature(state: BayState, axes: str) -> Array:

@@ -12,7 +12,7 @@ from tdcr_fe import Load, LoadStep, Reading, Robot
 from tdcr_fe.effects import Parameter, effect
 from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify import identify
-from tdcr_fe.identify.bay_state import FORCE, Action, last_direction, with_action
+from tdcr_fe.identify.bay_state import FORCE, Action, BayState, last_direction, with_action
 from tdcr_fe.identify.causes import Attraction, Cord, StateLoad
 from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.dictionary import dictionary
@@ -21,7 +21,7 @@ from tdcr_fe.identify.problem import evaluate, with_elements
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.sentences import headline, summary
-from tdcr_fe.identify.state_loads import ROW, TIME, free_loads, library, parts_of_rows
+from tdcr_fe.identify.state_loads import ROW, TIME, DryBending, free_loads, library, parts_of_rows
 
 TERMS = {t.key: t for t in library(4, TIME)}
 HARDENING = TERMS["|kappa| kappa"]
@@ -105,13 +105,36 @@ def test_the_response_to_an_action_is_exact():
     np.testing.assert_allclose(moved.ravel(), bays, atol=2e-3 * np.abs(bays).max())
 
 
+def bent_by(moments):
+    """A rod without tendons with moments at its tip, and readings there."""
+    rod = Robot(ROBOT.backbone, ROBOT.disks, ())
+    steps = tuple(LoadStep(loads={"tip": Load(LENGTH, moment=(0.0, m, 0.0))}) for m in moments)
+    readings = (Reading(k, "position_x", LENGTH, 0.0, 1e-4) for k in range(1, len(steps) + 1))
+    return rod, problem_of(data_of(steps, tuple(readings), rod))
+
+
+def test_dry_friction_holds_the_arc_back_by_one_moment():
+    """EI kappa + m = M, where m is within the friction, and follows a change of the curvature up to it."""
+    EI = ROBOT.backbone.EI
+    friction, within = 0.2 * EI, 0.5
+    moments = np.array([2.0, 4.0, 3.9, 1.0]) * EI
+    _, problem = bent_by(moments)
+    load = DryBending(EI / LENGTH, LENGTH)
+    values = {"moment": -friction, "within": within}
+    run = linearize(problem, [Request((load,), {load.name: values}, ())])[0].run
+    slid = (moments + friction * np.array([-1.0, -1.0, 0.0, 1.0])) / EI
+    slid[2] = slid[1] + (moments[2] - moments[1]) / (EI + friction / within)
+    for bay in run.bays.curvature[..., 1].T:
+        np.testing.assert_allclose(bay, slid, rtol=1e-4)
+    # the friction of one sequence is not that of the next
+    twice = load.action(BayState.joined([run.bays] * 2), values)
+    np.testing.assert_array_equal(twice, np.tile(load.action(run.bays, values), (2, 1, 1)))
+
+
 def test_a_hardening_law_holds_in_the_arc_that_a_moment_gives():
     """EI kappa + c kappa^2 = M in every bay: the closed form of the quadratic equation."""
-    rod = Robot(ROBOT.backbone, ROBOT.disks, ())
-    moment = 4.0 * rod.backbone.EI
-    steps = tuple(LoadStep(loads={"tip": Load(LENGTH, moment=(0.0, x * moment, 0.0))}) for x in (0.5, 1.0))
-    readings = (Reading(1, "position_x", LENGTH, 0.0, 1e-4), Reading(2, "position_x", LENGTH, 0.0, 1e-4))
-    problem = problem_of(data_of(steps, readings, rod))
+    moment = 4.0 * ROBOT.backbone.EI
+    rod, problem = bent_by((0.5 * moment, moment))
     load, c = load_of(HARDENING), 0.25 * rod.backbone.EI / 4.0
     values = {load.name: {"coefficient": -c}}
     run = linearize(problem, [Request((load,), values, ())])[0].run
