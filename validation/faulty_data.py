@@ -280,7 +280,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("half of the values are text", "tension", _text, ("rows would be left",)),
     Fault("rows twice, 10 mm apart", "tension", _contradicting_rows, ("were left out: too many",)),
     Fault("only unloaded steps", "tension", _unloaded, ("noise is larger", "too few")),
-    Fault("noise larger than the motion", "tension", _noisy(0.2), ("noise is larger", "values up to")),
+    Fault("noise larger than the motion", "tension", _noisy(0.2), ("noise is larger", "lies between")),
     Fault("noise thirty times its sigma", "tension", _noisy(0.006), ("times their sigma",)),
     Fault("readings rounded to 5 mm", "tension",
           _values("position_", lambda r, _: (r["value"] / 0.005).round() * 0.005), ("rounded",)),
