@@ -48,13 +48,17 @@ def _table(path: Path, numbers: Sequence[str], texts: Sequence[str] = ()) -> pd.
         return pd.read_csv(path, usecols=list(types), dtype=types, keep_default_na=False, na_values=empty)
 
 
-def _by_step(rows: pd.DataFrame, path: Path, steps: Sequence[int]) -> Array:
-    """The finite numbers of a table that has the same rows in every step, shape (n_steps, n_rows, n_columns)."""
+def _by_step(rows: pd.DataFrame, path: Path, steps: Sequence[int], may_miss: bool = False) -> Array:
+    """The finite numbers of a table that has the same rows in every step, shape (n_steps, n_rows, n_columns).
+
+    ``may_miss``: numbers may be missing, and are NaN.
+    """
     count = len(rows) // len(steps)
-    values: Array = rows.drop(columns="step").to_numpy(dtype=float).reshape(len(rows), -1)
-    if not np.array_equal(rows.step, np.repeat(steps, count)) or not np.isfinite(values).all():
+    values: Array = rows.drop(columns="step").to_numpy(dtype=float)
+    sound = np.isfinite(values) | (may_miss & np.isnan(values))
+    if not np.array_equal(rows.step, np.repeat(steps, count)) or not sound.all():
         raise refusal(path, "must have the same rows in every step of steps.csv, and finite numbers", "step")
-    return values.reshape(len(steps), count, -1)
+    return values.reshape(len(steps), count, values.shape[1])
 
 
 def _summary(path: Path) -> dict[str, Any]:
@@ -103,7 +107,7 @@ def _markers(folder: Path, steps: list[int]) -> Markers | None:
     if not (folder / MARKERS).is_file():
         return None
     columns, paths = ["step", "s", "x", "y", "z"], (folder / MARKERS, folder / DECLARED)
-    measured, declared = (_by_step(_table(path, columns)[columns], path, steps) for path in paths)
+    measured, declared = (_by_step(_table(path, columns)[columns], path, steps, True) for path in paths)
     return Markers(measured[0, :, 0], measured[:, :, 1:], declared[:, :, 1:])
 
 

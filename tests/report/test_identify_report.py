@@ -2,6 +2,7 @@
 
 import math
 import re
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from tdcr_fe.identify.corrected import corrected_motion, effects_block, markers,
 from tdcr_fe.identify.report import LEVELS, render
 from tdcr_fe.identify.result import Errors, Misfit, Parameters, Profile, Residuals, Simulated
 from tdcr_fe.identify.sentences import goodness, headline, remarks
-from tdcr_fe.io.result_folder import read_motion
+from tdcr_fe.io.result_folder import read_motion, write_markers
 from tdcr_fe.report.viewer import view_page
 
 
@@ -173,6 +174,19 @@ def test_the_folder_of_identify_can_be_viewed(folder):
     assert view_page(read) == view_page(motion)
     assert read.steps == tuple(range(1, 12))
     assert np.array_equal(read.markers.measured, result().shapes.measured)
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_markers_may_be_missing_where_the_folder_is_viewed(folder, tmp_path, count):
+    """Of some steps, or, where angles alone were measured, of all; view refused the tables of identify."""
+    read = read_motion(shutil.copytree(folder[0], tmp_path / "found"))
+    seen = read.markers.measured[:, :count].copy()
+    seen[2:5] = np.nan
+    markers = replace(read.markers, s=read.markers.s[:count], measured=seen)
+    write_markers(markers, read.steps, tmp_path / "found" / "corrected")
+    again = read_motion(tmp_path / "found")
+    assert np.array_equal(again.markers.measured, seen, equal_nan=True)
+    assert view_page(again) == view_page(replace(read, markers=markers))
 
 
 def _with(corrected, commanded, *effects):
