@@ -8,7 +8,7 @@ quasi-static solver evaluates the same `ForceModel` directly. Both commit to the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import exudyn as exu
@@ -31,27 +31,9 @@ from tdcr_fe.elements.native.scene_forces import Holes, Motor, SceneForces, woun
 Inputs = Array | Callable[[float], Array]
 
 
+@dataclass(eq=False, repr=False)
 class TendonActuation:
     """Actuation, friction history and items of one robot in a scene.
-
-    Parameters
-    ----------
-    name
-        Of the robot.
-    system
-        The system that contains the robot.
-    nodes
-        Exudyn's numbers of the backbone nodes, base first.
-    model
-        Computes its forces.
-    connectors
-        The items of the robot.
-    history
-        Where its history is kept.
-    has_mass
-        Whether anything of the robot has a mass.
-    clamp
-        The joint that fixes the base to ground; None where the base is free or on another body.
 
     Attributes
     ----------
@@ -59,42 +41,27 @@ class TendonActuation:
         How every tendon is driven.
     inputs : ndarray, shape (m,), or callable
         Tensions [N] and lengths wound [m] at the base, as set or over time.
-    connected : bool
-        Whether Exudyn's item applies the forces; see `disconnect`.
-    holes : "present", "stuck" or "sliding"
-        What the Jacobian of Exudyn's item assumes of holes with friction: the derivative of the forces, but that all
-        stick in linearised systems; or that all stick, or that all slide on.
-    motors : tuple of Motor
-        Wind tendons; see `add_motor`. Their angles follow the coordinates of the nodes in those of Exudyn's item.
     """
 
-    def __init__(
-        self,
-        name: str,
-        system: SystemReference,
-        nodes: Sequence[Any],
-        model: ForceModel,
-        connectors: Connectors,
-        history: HistoryNodes,
-        has_mass: bool,
-        clamp: Clamp | None = None,
-    ) -> None:
-        self.name = name
-        self.system = system
-        self.nodes = list(nodes)
-        self.model = model
-        self.connectors = connectors
-        self.has_mass = has_mass
-        self.clamp = clamp
-        m = model.law.shape[0]
-        self.count = m
-        self.drives = TendonDrives.by_tension(m)
-        self.inputs: Inputs = np.zeros(m)
-        self.history_nodes = history
-        self.connected = True
-        self.holes: Holes = "present"
-        self.motors: tuple[Motor, ...] = ()
-        self._node_coordinates = NodeCoordinates(system, self.nodes)
+    name: str  # Of the robot
+    system: SystemReference  # That contains the robot
+    nodes: list[Any]  # Exudyn's numbers of the backbone nodes, base first
+    model: ForceModel  # Computes its forces
+    connectors: Connectors  # The items of the robot
+    history_nodes: HistoryNodes  # Where its history is kept
+    has_mass: bool  # Whether anything of the robot has a mass
+    clamp: Clamp | None  # The joint that fixes the base to ground; None where it is free or on another body
+    connected: bool = True  # Whether Exudyn's item applies the forces; see `disconnect`
+    # What the Jacobian of Exudyn's item assumes of holes with friction: the derivative of the forces, but that all
+    # stick in linearised systems; or that all stick, or that all slide on
+    holes: Holes = "present"
+    # Wind tendons, see `add_motor`; their angles follow the coordinates of the nodes in those of Exudyn's item
+    motors: tuple[Motor, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.drives = TendonDrives.by_tension(self.count)
+        self.inputs: Inputs = np.zeros(self.count)
+        self._node_coordinates = NodeCoordinates(self.system, self.nodes)
         self._scene_forces = SceneForces(self._node_coordinates)
         self._solved: tuple[Array, RobotHistory, TendonForces] | None = None
         self._no_jacobian = _container(np.zeros((7 * len(self.nodes),) * 2))
@@ -104,6 +71,11 @@ class TendonActuation:
     def mbs(self) -> exu.MainSystem:
         """The system that contains the robot."""
         return self.system.mbs
+
+    @property
+    def count(self) -> int:
+        """Number of tendons."""
+        return self.model.law.shape[0]
 
     @property
     def mesh(self) -> BackboneMesh:

@@ -348,7 +348,6 @@ class Solved:
             configuration.unknowns._replace(twists=(configuration.twists[0] + twists,)),
             (np.maximum(state.base_tension[0] + response.base_tensions @ change, 0.0),),
             (mobilisation.clip(-1.0, 1.0),),
-            state.friction,
         )
 
     def moved(self, unknowns: Array) -> SolverState:

@@ -160,7 +160,7 @@ def CreateTDCR(
     has_mass = max(robot.backbone.density, robot.tip_mass, robot.disks.mass if disks else 0.0) > 0.0
     clamp = Clamp(joint, pose.position, pose.rotation @ BEAM_TO_SECTION) if on_ground else None
     acting = forces, connectors, history
-    actuation = TendonActuation(name, hooks.system, backbone.nodes, *acting, has_mass, clamp=clamp)
+    actuation = TendonActuation(name, hooks.system, backbone.nodes, *acting, has_mass, clamp)
     hooks.add(actuation)
     handle = TDCR(
         mbs=mbs, name=name, robot=robot, model=model, mesh=mesh, nNodes=backbone.nodes, oBeams=backbone.beams,

@@ -69,7 +69,7 @@ def compare(case: Case) -> Record:
         {
             **_shapes(a, b),
             "tension_percent": _tension_percent(a, b),
-            "holes_differing": _differing(case, a, b, increments[-1].state.friction[0].mobilisation),
+            "holes_differing": _differing(case, a, b, increments[-1].state.mobilisation[0]),
             "outside_bounds": max(f(State.of(case.robot, case.model, s)) for f in _BOUNDS for s in (a, b)),
         }
         for a, b, increments in zip(fe.steps, ref.steps, path, strict=True)

@@ -305,8 +305,8 @@ class SolverState(NamedTuple):
         )
 
     def stored(self) -> StoredState:
-        """The state as its unknowns alone, from which it can be restored."""
-        return StoredState(self.configuration.unknowns, self.base_tension, self.mobilisation, self.friction)
+        """The state as its unknowns alone."""
+        return StoredState(self.configuration.unknowns, self.base_tension, self.mobilisation)
 
 
 @dataclass(frozen=True)
@@ -316,7 +316,6 @@ class StoredState:
     unknowns: Unknowns  # Of the configuration
     base_tension: ByRobot  # As in `SolverState`
     mobilisation: ByRobot  # as `base_tension`
-    friction: tuple[FrictionState, ...]  # as `base_tension`
 
 
 @dataclass(frozen=True, eq=False)

@@ -195,38 +195,16 @@ class SearchResult:
     possible_gain: float  # By how much the linearised robot could lower it in the first trust region [1]
 
 
+@dataclass(eq=False)
 class TargetSearch:
-    """Searches for one target.
+    """Searches for one target."""
 
-    Parameters
-    ----------
-    trials
-        Solves trial steps.
-    start
-        State from which every trial begins.
-    objective
-        What is to be smallest.
-    label
-        Of the load step.
-    deadline
-        Of `time.perf_counter`, after which no further trial begins [s].
-
-    Attributes
-    ----------
-    count : int
-        Trial steps so far.
-    """
-
-    def __init__(
-        self,
-        trials: TrialSteps,
-        start: SolverState,
-        objective: Objective,
-        label: str = "",
-        deadline: float = math.inf,
-    ) -> None:
-        self._trials, self._start, self._objective, self._label = trials, start, objective, label
-        self.count, self.deadline = 0, deadline
+    trials: TrialSteps  # Solves trial steps
+    start: SolverState  # From which every trial begins
+    objective: Objective  # What is to be smallest
+    label: str = ""  # Of the load step
+    deadline: float = math.inf  # Of `time.perf_counter`, after which no further trial begins [s]
+    count: int = 0  # Trial steps so far
 
     def best(self, starts: Iterable[Array], friction: bool) -> tuple[SearchResult | None, int]:
         """The best of the searches from several tensions [N], and their number.
@@ -235,7 +213,7 @@ class TargetSearch:
         step out of account, costs a fraction, and is exact where no slip reverses in it. Where it ends there no nearer
         to the target than another one, it is not taken up with the path.
         """
-        objective = self._objective
+        objective = self.objective
         ended: list[SearchResult] = []
         values: list[float] = []
         count = 0
@@ -259,7 +237,7 @@ class TargetSearch:
         self, inputs: Array, *, by_displacement: bool = False, substeps: int | None = None
     ) -> SearchResult | None:
         """Search from tensions [N] or displacements [m]; None where the first trial has no solution."""
-        objective = self._objective
+        objective = self.objective
         best = self._solve(inputs, by_displacement, substeps)
         if best is None:
             return None
@@ -287,10 +265,10 @@ class TargetSearch:
 
     def _solve(self, inputs: Array, by_displacement: bool, substeps: int | None) -> Trial | None:
         self.count += 1
-        named = {n: float(x) for n, x in zip(self._trials.robot.tendon_names, inputs, strict=True)}
-        step = LoadStep(self._label, substeps=substeps, time=self._objective.target.time)
+        named = {n: float(x) for n, x in zip(self.trials.robot.tendon_names, inputs, strict=True)}
+        step = LoadStep(self.label, substeps=substeps, time=self.objective.target.time)
         step = replace(step, displacements=named) if by_displacement else replace(step, tensions=named)
-        return self._trials.solve(self._start, step)
+        return self.trials.solve(self.start, step)
 
     def _moved(self, trial: Trial, step: Array) -> Trial | None:
         """The trial with tensions changed by a step, to first order."""
@@ -298,5 +276,5 @@ class TargetSearch:
             return self._solve(
                 trial.actuation.values + trial.inputs_by_tension @ step, True, trial.step.substeps
             )
-        tensions = np.clip(trial.actuation.values + step, self._objective.lower, self._objective.upper)
+        tensions = np.clip(trial.actuation.values + step, self.objective.lower, self.objective.upper)
         return self._solve(tensions, False, trial.step.substeps)
