@@ -266,12 +266,8 @@ class SceneHooks:
         mbs.SetPostStepUserFunction(self._own_post_step)
 
     def user_function(self, kind: str) -> Callable[..., Any] | None:
-        """The user's own function of a kind ("PreStep", "PreNewtonResidual", "SystemJacobian", "PostStep"), or None."""
-        mbs = self.system.mbs
-        if kind == "PostStep":
-            self.adopt(mbs)
-            return self._users_post_step
-        return _function(getattr(mbs, f"Get{kind}UserFunction")())
+        """The user's own function of a kind ("PreStep", "PreNewtonResidual", "SystemJacobian"), or None."""
+        return _function(getattr(self.system.mbs, f"Get{kind}UserFunction")())
 
     @contextmanager
     def without_post_step(self) -> Iterator[None]:

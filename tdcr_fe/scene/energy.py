@@ -146,15 +146,9 @@ def elastic_energy(
 # ---------------------------------------------------------------- sums over the steps
 
 
+@dataclass(eq=False)
 class EnergySums:
     """Stored energy of one robot, and what goes in and out of it, step by step.
-
-    Parameters
-    ----------
-    actuation, masses, damping
-        Tendons, friction and section forces; inertia; damping by the material, or None.
-    loads
-        Concentrated loads by name; those added later count, too.
 
     Attributes
     ----------
@@ -162,20 +156,19 @@ class EnergySums:
         Data node of the sums, see `ENERGY_COLUMNS` [J].
     """
 
-    def __init__(
-        self,
-        actuation: TendonActuation,
-        masses: Masses,
-        damping: MaterialDamping | None,
-        loads: Mapping[str, PointLoad],
-    ) -> None:
-        self._actuation, self._masses, self._damping, self._loads = actuation, masses, damping, loads
-        self._system = actuation.system
-        self._coordinates = NodeCoordinates(self._system, actuation.nodes)
+    actuation: TendonActuation  # Tendons, friction and section forces
+    masses: Masses
+    damping: MaterialDamping | None  # By the material
+    loads: Mapping[str, PointLoad]  # Concentrated loads by name; those added later count, too
+
+    def __post_init__(self) -> None:
+        self._system = self.actuation.system
+        self._coordinates = NodeCoordinates(self._system, self.actuation.nodes)
         #: By which the static solver multiplied loads and weight at the end of the last step [1].
         self._load_factor = 1.0
         sums = {"numberOfDataCoordinates": len(_SUMS), "initialCoordinates": [0.0] * len(_SUMS)}
-        self.node = self._system.mbs.AddNode(eii.NodeGenericData(name=f"{actuation.name}.energy", **sums))
+        name = f"{self.actuation.name}.energy"
+        self.node = self._system.mbs.AddNode(eii.NodeGenericData(name=name, **sums))
 
     def measure(self, *arguments: Any) -> list[float]:
         """All columns, as a function of a sensor of Exudyn."""
@@ -184,10 +177,10 @@ class EnergySums:
     def values(self) -> Array:
         """All columns in the current configuration, see `ENERGY_COLUMNS` [J], shape (7,)."""
         motion = NodeMotion.of(self._system.mbs, self._coordinates, _CURRENT)
-        robot = self._actuation
+        robot = self.actuation
         tendons = robot.elastic_tendons(robot.base_tension, robot.state.time)
         elastic = elastic_energy(robot, motion, tendons.at_rest(self._measured(motion)), tendons.law())
-        stored = [self._masses.kinetic(motion), elastic, self._masses.potential(motion.positions)]
+        stored = [self.masses.kinetic(motion), elastic, self.masses.potential(motion.positions)]
         return np.concatenate((stored, self._sums()))
 
     def observe(self, t: float) -> None:
@@ -210,17 +203,17 @@ class EnergySums:
         statics = np.array_equal(begin.velocities, finish.velocities)
         factors = np.array([factor_before, self._load_factor])
         load_work = 0.0
-        for load in self._loads.values():
-            value, moved = load.value, _moved(self._actuation.nodes.index(load.node), begin, finish)
+        for load in self.loads.values():
+            value, moved = load.value, _moved(self.actuation.nodes.index(load.node), begin, finish)
             acting = 0.5 * (factors @ [load.applied, value]) if statics else value
             load_work += _load_work(load, acting, moved)
         if statics:  # the part of the weight that the static solver does not apply yet
-            risen = self._masses.potential(finish.positions) - self._masses.potential(begin.positions)
+            risen = self.masses.potential(finish.positions) - self.masses.potential(begin.positions)
             load_work += (1.0 - factors.mean()) * risen
         material = 0.0
-        if self._damping is not None:
+        if self.damping is not None:
             ends = ((m.positions, m.rotations, m.linear, m.angular) for m in (begin, finish))
-            material = self._damping.dissipated(self._actuation.mesh, *ends)
+            material = self.damping.dissipated(self.actuation.mesh, *ends)
         sums = self._sums()
         sums += [tendon_work, load_work, friction, material]
 
@@ -230,12 +223,12 @@ class EnergySums:
 
     def _forces(self, motion: NodeMotion, t: float, configuration: Any) -> tuple[TendonLaw, TendonForces]:
         """With the history at the beginning of the step, at a time [s]; motors are as in a configuration of Exudyn."""
-        robot = self._actuation
+        robot = self.actuation
         tendons = robot.elastic_tendons(robot.input_values(t, configuration), t)
         return tendons.law(), tendons.forces(self._measured(motion), robot.base_tension)
 
     def _measured(self, motion: NodeMotion) -> Any:
-        return self._actuation.model.measure(motion.positions, motion.rotations)
+        return self.actuation.model.measure(motion.positions, motion.rotations)
 
 
 def _moved(k: int, begin: NodeMotion, finish: NodeMotion) -> tuple[Array, Array, Array]:
