@@ -1,4 +1,4 @@
-"""The backbone: mesh, beam elements on Euler-parameter nodes, and their kinematics in strain space.
+"""The backbone: its mesh, and the kinematics of its elements in strain space.
 
 Exudyn's beams have their axis along the local x axis, so a node's frame is the section frame of the robot
 with the axes renamed: beam (x, y, z) = section (z, x, y).
@@ -11,10 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import exudyn as exu
-import exudyn.itemInterface as eii
 import numpy as np
 
 from tdcr_fe.elements import Array, Flags, Index
@@ -23,7 +21,6 @@ from tdcr_fe.elements.poses import (
     adjoint_powers,
     coefficients,
     euler_parameters_near,
-    euler_parameters_of_rotation,
     euler_rate_matrix,
     even_inverse_tangent,
     exp_matrix,
@@ -386,76 +383,3 @@ def _strain_matrices(powers: Array, c: Array) -> Array:
     np.subtract(odd, even, out=b[..., :6])
     np.add(odd, even, out=b[..., 6:])
     return b
-
-
-@dataclass(frozen=True)
-class BackboneItems:
-    """Exudyn's node and object numbers of the items created by `add_backbone`."""
-
-    nodes: list[Any]
-    beams: list[Any]
-
-
-def add_backbone(
-    mbs: exu.MainSystem,
-    mesh: BackboneMesh,
-    position: Array,
-    rotation: Array,
-    name: str,
-    draw_radius: float,
-    color: Sequence[float],
-) -> BackboneItems:
-    """Add nodes and beam elements to a system.
-
-    Parameters
-    ----------
-    mbs
-        The system.
-    mesh
-        The backbone.
-    position, rotation
-        Of the base, the rotation in section axes; shapes (3,) and (3, 3).
-    name
-        Prefix of the items' names.
-    draw_radius
-        Radius to draw [m].
-    color
-        RGBA.
-    """
-    positions, rotations = reference_poses(mesh, position, rotation @ BEAM_TO_SECTION)
-    parameters = euler_parameters_of_rotation(rotations)
-    nodes = [
-        mbs.AddNode(
-            eii.NodeRigidBodyEP(
-                name=f"{name}.node{k}",
-                referenceCoordinates=[*positions[k], *parameters[k]],
-                visualization={"show": False, "drawSize": -1.0, "color": list(color)},
-            )
-        )
-        for k in range(len(positions))
-    ]
-    angles = np.linspace(0.0, 2.0 * np.pi, 13)[:-1]
-    outline = exu.BeamSectionGeometry()
-    outline.crossSectionRadiusY = outline.crossSectionRadiusZ = draw_radius
-    points = exu.Vector2DList()
-    for a in angles:
-        points.Append([draw_radius * np.cos(a), draw_radius * np.sin(a)])
-    outline.polygonalPoints = points
-    beams = []
-    for k, length in enumerate(mesh.lengths):
-        section = exu.BeamSection()
-        section.stiffnessMatrix = np.diag(mesh.stiffness[k])
-        section.massPerLength = float(mesh.mass_per_length[k])
-        section.inertia = np.diag(mesh.rotary_inertia[k])
-        beams.append(
-            mbs.AddObject(
-                eii.ObjectBeamGeometricallyExact(
-                    name=f"{name}.beam{k}",
-                    nodeNumbers=[nodes[k], nodes[k + 1]],
-                    length=float(length),
-                    sectionData=section,
-                    visualization={"show": True, "sectionGeometry": outline, "color": list(color)},
-                )
-            )
-        )
-    return BackboneItems(nodes, beams)

@@ -11,7 +11,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from tdcr_fe.elements import Array
-from tdcr_fe.elements.backbone import BEAM_TO_SECTION, add_backbone
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.elements.hysteresis import HYSTERESES
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.history import HistoryNodes
@@ -27,8 +27,6 @@ from tdcr_fe.scene.forces import force_model
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.mesh import build_mesh
 
-#: Colour of the backbone (RGBA).
-BACKBONE_COLOR = (0.20, 0.25, 0.35, 1.0)
 _COLOR = Quantity(ge=0.0, le=1.0, allowed="four numbers from 0 to 1, such as [1, 0, 0, 1] for red")
 _GRAPHICS = Quantity(allowed="a list of graphics, such as [exudyn.graphics.Sphere(radius=0.01)]")
 #: Arguments of `CreateTDCR` that are checked as they stand.
@@ -134,36 +132,36 @@ def CreateTDCR(
     if name in (actuation.name for actuation in hooks.actuations):
         raise ValueError(f"the system has a robot {name!r} already; give another name")
     mesh, rigid = build_mesh(robot, model, loadPositions)
-    drawn = BACKBONE_COLOR if color is None else tuple(color)
-    backbone = add_backbone(mbs, mesh, pose.position, pose.rotation, name, robot.backbone.radius, drawn)
+    drawn = parts.BACKBONE_COLOR if color is None else color
+    nodes, beams = parts.add_backbone(mbs, robot, mesh, pose, name, drawn)
     if motion.any():
-        parts.set_moving(mbs, backbone.nodes, pose.position, motion)
-    disks = parts.add_disks(mbs, robot, mesh, backbone.nodes, name)
-    bodies = [*disks, *parts.add_tip_mass(mbs, robot, backbone.nodes[-1], name)]
-    with_mass = [*backbone.beams, *bodies] if robot.backbone.density > 0.0 else bodies
+        parts.set_moving(mbs, nodes, pose.position, motion)
+    disks = parts.add_disks(mbs, robot, mesh, nodes, name)
+    bodies = [*disks, *parts.add_tip_mass(mbs, robot, nodes[-1], name)]
+    with_mass = [*beams, *bodies] if robot.backbone.density > 0.0 else bodies
     weight = parts.add_gravity(mbs, with_mass, model.gravity, name)
-    base = parts.section_marker(mbs, backbone.nodes[0], f"{name}.mBase")
+    base = parts.section_marker(mbs, nodes[0], f"{name}.mBase")
     carrier = baseMarker
     if on_ground:
         carrier = parts.add_ground(mbs, pose, robot.plate_radius, name, graphicsDataList)
     joint = parts.add_base_joint(mbs, carrier, base, name)
-    holes, segments = parts.add_tendons(mbs, robot, mesh, [backbone.beams[0], *disks], name)
-    damping = parts.add_material_damping(mbs, robot, mesh, backbone.nodes, name)
+    holes, segments = parts.add_tendons(mbs, robot, mesh, [beams[0], *disks], name)
+    damping = parts.add_material_damping(mbs, robot, mesh, nodes, name)
     forces = force_model(robot, model, mesh, rigid, HYSTERESES[model.hysteresis](presliding), pose)
     # The item that applies the forces of tendons and section to the nodes; its functions follow.
     hidden = eii.VObjectGenericODE2(show=False)
-    applying = eii.ObjectGenericODE2(name=f"{name}.forces", nodeNumbers=backbone.nodes, visualization=hidden)
+    applying = eii.ObjectGenericODE2(name=f"{name}.forces", nodeNumbers=nodes, visualization=hidden)
     others = [*bodies, joint] if damping is None else [*bodies, joint, *damping.bodies, *damping.dampers]
-    connectors = Connectors(mbs.AddObject(applying), segments, holes, backbone.beams, others)
+    connectors = Connectors(mbs.AddObject(applying), segments, holes, beams, others)
     names = [f"{name}.{tendon}.history" for tendon in robot.tendon_names]
     history = HistoryNodes(hooks.system, forces.law, names)
     has_mass = max(robot.backbone.density, robot.tip_mass, robot.disks.mass if disks else 0.0) > 0.0
     clamp = Clamp(joint, pose.position, pose.rotation @ BEAM_TO_SECTION) if on_ground else None
     acting = forces, connectors, history
-    actuation = TendonActuation(name, hooks.system, backbone.nodes, *acting, has_mass, clamp)
+    actuation = TendonActuation(name, hooks.system, nodes, *acting, has_mass, clamp)
     hooks.add(actuation)
     handle = TDCR(
-        mbs=mbs, name=name, robot=robot, model=model, mesh=mesh, nNodes=backbone.nodes, oBeams=backbone.beams,
+        mbs=mbs, name=name, robot=robot, model=model, mesh=mesh, nNodes=nodes, oBeams=beams,
         bDisks=disks, mHoles=holes, oTendons=segments, oBaseJoint=joint, mBase=base,
         lGravity=weight, actuation=actuation, rigid=rigid, damping=damping,
     )  # fmt: skip

@@ -18,7 +18,6 @@ import numpy as np
 
 from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, relative_twists
-from tdcr_fe.elements.disks import disk_inertia
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.native.actuation import TendonActuation
@@ -29,6 +28,7 @@ from tdcr_fe.elements.poses import log_so3
 from tdcr_fe.model.loading import Vector
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.loads import PointLoad
+from tdcr_fe.scene.parts import disk_inertia
 
 _CURRENT, _START = exu.ConfigurationType.Current, exu.ConfigurationType.StartOfStep
 
@@ -81,7 +81,7 @@ class Masses:
         for s in disks.positions:
             k = mesh.node_at(s)
             masses[k] += disks.mass
-            inertia[k] += disk_inertia(disks.mass, disks.radius, disks.thickness)[:3]
+            inertia[k] += disk_inertia(disks)[:3]
         masses[-1] += robot.tip_mass
         lengths = mesh.lengths
         rotary = mesh.rotary_inertia * lengths[:, None]

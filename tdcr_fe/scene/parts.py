@@ -1,27 +1,30 @@
-"""Adds Exudyn's items of a robot: disks, tip mass, gravity, base joint, damping, markers, connectors of the tendons."""
+"""Adds Exudyn's items of a robot: backbone, disks, tip mass, gravity, base joint, damping, markers, tendons."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import exudyn as exu
+import exudyn.graphics as graphics
 import exudyn.itemInterface as eii
 import numpy as np
 from exudyn.rigidBodyUtilities import AngularVelocity2EulerParameters_t
 
 from tdcr_fe.elements import Array
-from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh
-from tdcr_fe.elements.disks import add_disk, base_plate
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, reference_poses
 from tdcr_fe.elements.native.material_damping import MaterialDamping
+from tdcr_fe.elements.poses import euler_parameters_of_rotation
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.loading import Vector
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.tendon import Tendon
 
-#: Colour of the disks (RGBA).
+#: Colours of backbone and disks (RGBA).
+BACKBONE_COLOR = (0.20, 0.25, 0.35, 1.0)
 DISK_COLOR = (0.55, 0.65, 0.80, 0.6)
 #: Smallest thickness of drawn disks, and radius and thickness of the drawn base plate [disk radius].
 DRAWN_DISK, DRAWN_PLATE_RADIUS, DRAWN_PLATE = 0.1, 1.2, 0.2
@@ -100,12 +103,12 @@ def set_moving(mbs: exu.MainSystem, nodes: Sequence[Any], at: Array, motion: Arr
 
 
 def add_ground(
-    mbs: exu.MainSystem, pose: BasePose, disk_radius: float, name: str, graphics: Sequence[Any] = ()
+    mbs: exu.MainSystem, pose: BasePose, disk_radius: float, name: str, further: Sequence[Any]
 ) -> Any:
-    """Add a base plate on ground and return the marker to which the robot is joined."""
-    radius, thickness = DRAWN_PLATE_RADIUS * disk_radius, DRAWN_PLATE * disk_radius
-    plate = base_plate(pose.position, pose.rotation, radius, thickness, DISK_COLOR)
-    drawn = eii.VObjectGround(graphicsData=[plate, *graphics])
+    """Add a base plate on ground, drawn with ``further``; return the marker to which the robot is joined."""
+    below = -DRAWN_PLATE * disk_radius * pose.rotation[:, 2]
+    plate = _cylinder(*map(tuple, (pose.position + below, -below)), DRAWN_PLATE_RADIUS * disk_radius)
+    drawn = eii.VObjectGround(graphicsData=[plate, *further])
     ground = mbs.AddObject(eii.ObjectGround(name=f"{name}.ground", visualization=drawn))
     frame = exu.HT(rotation=pose.rotation, translation=pose.position)
     return mbs.AddMarker(eii.MarkerBodyRigid(name=f"{name}.mGround", bodyNumber=ground, localHT=frame))
@@ -127,16 +130,78 @@ def section_marker(mbs: exu.MainSystem, node: Any, name: str) -> Any:
 # ---------------------------------------------------------------- bodies
 
 
+def add_backbone(
+    mbs: exu.MainSystem, robot: Robot, mesh: BackboneMesh, pose: BasePose, name: str, color: Sequence[float]
+) -> tuple[list[Any], list[Any]]:
+    """Add nodes and beam elements of the backbone, of a colour (RGBA), and return their numbers, base first."""
+    positions, rotations = reference_poses(mesh, pose.position, pose.rotation @ BEAM_TO_SECTION)
+    hidden = {"show": False, "drawSize": -1.0, "color": list(color)}
+    nodes = [
+        mbs.AddNode(
+            eii.NodeRigidBodyEP(
+                name=f"{name}.node{k}", referenceCoordinates=[*position, *parameters], visualization=hidden
+            )
+        )
+        for k, (position, parameters) in enumerate(
+            zip(positions, euler_parameters_of_rotation(rotations), strict=True)
+        )
+    ]
+    radius, angles = robot.backbone.radius, np.linspace(0.0, 2.0 * np.pi, 13)[:-1]
+    outline = exu.BeamSectionGeometry()
+    outline.crossSectionRadiusY = outline.crossSectionRadiusZ = radius
+    points = radius * np.column_stack((np.cos(angles), np.sin(angles)))
+    outline.polygonalPoints = exu.Vector2DList(points.tolist())
+    beams = []
+    for k, length in enumerate(mesh.lengths):
+        section = exu.BeamSection()
+        section.stiffnessMatrix = np.diag(mesh.stiffness[k])
+        section.massPerLength = float(mesh.mass_per_length[k])
+        section.inertia = np.diag(mesh.rotary_inertia[k])
+        beam = eii.ObjectBeamGeometricallyExact(
+            name=f"{name}.beam{k}",
+            nodeNumbers=nodes[k : k + 2],
+            length=float(length),
+            sectionData=section,
+            visualization={"show": True, "sectionGeometry": outline, "color": list(color)},
+        )
+        beams.append(mbs.AddObject(beam))
+    return nodes, beams
+
+
+def disk_inertia(disks: Disks) -> Array:
+    """Inertia of a disk, a solid cylinder, about its centre, in beam axes (axis first) [kg m^2], shape (6,).
+
+    Exudyn's order: Jxx, Jyy, Jzz, Jyz, Jxz, Jxy.
+    """
+    axial = 0.5 * disks.mass * disks.radius**2
+    across = disks.mass * (3.0 * disks.radius**2 + disks.thickness**2) / 12.0
+    return np.array([axial, across, across, 0.0, 0.0, 0.0])
+
+
 def add_disks(
     mbs: exu.MainSystem, robot: Robot, mesh: BackboneMesh, nodes: list[Any], name: str
 ) -> list[Any]:
     """Add a rigid body for every disk and return the body numbers, base first."""
-    disks = robot.disks
-    cylinder, drawn = (disks.mass, disks.radius, disks.thickness), DRAWN_DISK * disks.radius
-    return [
-        add_disk(mbs, nodes[mesh.node_at(s)], *cylinder, f"{name}.disk{k}", DISK_COLOR, drawn)
-        for k, s in enumerate(disks.positions, start=1)
-    ]
+    disks, bodies = robot.disks, []
+    thickness = max(disks.thickness, DRAWN_DISK * disks.radius)
+    for k, s in enumerate(disks.positions, start=1):
+        drawn = _cylinder((-0.5 * thickness, 0.0, 0.0), (thickness, 0.0, 0.0), disks.radius)
+        disk = eii.ObjectRigidBody(
+            name=f"{name}.disk{k}",
+            nodeNumber=nodes[mesh.node_at(s)],
+            mass=disks.mass,
+            inertia=disk_inertia(disks),
+            visualization=eii.VObjectRigidBody(graphicsData=[drawn]),
+        )
+        bodies.append(mbs.AddObject(disk))
+    return bodies
+
+
+@lru_cache(maxsize=64)
+def _cylinder(start: tuple[float, ...], axis: tuple[float, ...], radius: float) -> Any:
+    """Graphics of a disk or plate, cached: creating them takes as long as solving several steps."""
+    color = list(DISK_COLOR)
+    return graphics.Cylinder(pAxis=list(start), vAxis=list(axis), radius=radius, color=color, nTiles=32)
 
 
 def add_tip_mass(mbs: exu.MainSystem, robot: Robot, tip_node: Any, name: str) -> list[Any]:
