@@ -132,6 +132,45 @@ def test_weight_alone_holds_a_pendulum_that_carries_a_robot():
     assert of_bar < -1e-4
 
 
+def test_a_force_on_the_second_link_of_an_arm_turns_the_first_one_against_its_spring():
+    """Its moment grows as the first link turns; this was left out of the tangent, and no equilibrium was found."""
+    _keep, mbs = system()
+    k, length, force = 0.05, 0.2, (-1.0, 0.0, -0.5)
+    two = {"numberOfODE2Coordinates": 2, "referenceCoordinates": [0.0] * 2}
+    node = mbs.AddNode(
+        eii.NodeGenericODE2(**two, initialCoordinates=[0.0] * 2, initialCoordinates_t=[0.0] * 2)
+    )
+    link = InertiaCuboid(2e3, [length, 0.02, 0.02]).Translated([length / 2, 0.0, 0.0])
+    links = {
+        "jointTypes": [exu.JointType.RevoluteY] * 2,
+        "linkParents": [-1, 0],
+        "jointTransformations": exu.Matrix3DList([np.eye(3)] * 2),
+        "jointOffsets": exu.Vector3DList([[0.0] * 3, [length, 0.0, 0.0]]),
+        "linkInertiasCOM": exu.Matrix3DList([link.InertiaCOM()] * 2),
+        "linkCOMs": exu.Vector3DList([link.COM()] * 2),
+        "linkMasses": [link.mass] * 2,
+        "jointPositionOffsetVector": [0.0] * 2,
+        "jointVelocityOffsetVector": [0.0] * 2,
+        "jointPControlVector": [k] * 2,
+        "jointDControlVector": [0.0] * 2,
+    }
+    arm = mbs.AddObject(eii.ObjectKinematicTree(nodeNumber=node, **links))
+    ends = [
+        mbs.AddMarker(
+            eii.MarkerKinematicTreeRigid(objectNumber=arm, linkNumber=1, localPosition=[x, 0.0, 0.0])
+        )
+        for x in (0.0, length)
+    ]
+    mbs.AddLoad(eii.Force(markerNumber=ends[0], loadVector=force))
+    handle = CreateTDCR(mbs, single(0.3), MODEL, baseMarker=ends[1])
+    mbs.Assemble()
+    solve_scene(mbs, handle, [1.0])
+    first, second = mbs.GetNodeOutput(node, exu.OutputVariableType.Coordinates)
+    x, z = length * np.cos(first), -length * np.sin(first)
+    assert k * first == pytest.approx(z * force[0] - x * force[2], rel=1e-6)
+    assert abs(second) < 1e-6
+
+
 def test_a_pendulum_that_swings_in_a_dynamic_run_comes_to_rest_below_its_hinge():
     """From 43 degrees. The forces of joints have another sign there: it took 132 iterations, and a snap-through."""
     _keep, mbs, handle, bar = pendulum(seven(0.0).with_backbone(radius=2e-3))

@@ -356,9 +356,15 @@ def _nothing_but_robots(mbs: exu.MainSystem, robots: Sequence[TendonActuation]) 
 
 def _turns(mbs: exu.MainSystem, load: dict[str, Any]) -> bool:
     """Whether a load of Exudyn changes with the configuration of the node or body it acts on."""
+    marker = mbs.GetMarker(load["markerNumber"])
+    kind, body = "", {}
+    if "bodyNumber" in marker:
+        body = mbs.GetObject(marker["bodyNumber"])
+        kind = body["objectType"]
     if load["loadType"] == "MassProportional":
-        return False
+        return kind.startswith("FFRF") or bool(np.any(body.get("centerOfMass", 0.0)))
     if load["loadType"] != "ForceVector" or load["bodyFixed"]:
         return True
-    marker = mbs.GetMarker(load["markerNumber"])
+    if not (marker["markerType"].startswith("Node") or kind.startswith(("RigidBody", "MassPoint", "Ground"))):
+        return True
     return any((*marker.get("localPosition", ()), *marker.get("localHT", np.eye(4))[:3, 3]))
