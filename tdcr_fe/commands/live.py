@@ -11,14 +11,16 @@ from tdcr_fe.io.problems import refusal
 from tdcr_fe.io.toml import read_model_file, read_robot
 from tdcr_fe.live.notebook import LiveRobot
 from tdcr_fe.live.played import PlayedRobot
+from tdcr_fe.model.loading import SolverSettings
 
 
 def live(args: argparse.Namespace) -> int:
     """Serve the page until it is closed, or until Ctrl-C."""
     robot = read_robot(args.robot)
     model, settings = read_model_file(args.model, robot)
+    quick = None if settings == SolverSettings() else settings
     try:
-        page = LiveRobot(PlayedRobot(robot, model, settings), args.port, Path(args.robot).name)
+        page = LiveRobot(PlayedRobot(robot, model, quick), args.port, Path(args.robot).name)
     except OSError as error:
         raise refusal("--port", f"cannot be used: {error.strerror or error}", value=str(args.port)) from error
     say(args, f"{robot.name} is live at {page.url}\nClosing the page or Ctrl-C ends it.")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import secrets
+import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -67,6 +68,11 @@ class LiveServer(ThreadingHTTPServer):
         self.page = CLOSED
         self.shutdown()
         self.server_close()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Print what failed; a page that is closed before it is answered is no failure."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)
 
     def wait_until_closed(self) -> None:
         """Return when the page has been opened and closed again."""

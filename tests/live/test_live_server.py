@@ -3,6 +3,7 @@
 import http.client
 import json
 import socket
+import struct
 import threading
 import time
 from collections.abc import Iterator
@@ -13,8 +14,10 @@ from inputs import write
 from robots import three
 
 import tdcr_fe as tdcr
+from tdcr_fe.cli import main
 from tdcr_fe.live import LiveRobot
-from tdcr_fe.live.server import LARGEST_MESSAGE
+from tdcr_fe.live.played import SETTINGS
+from tdcr_fe.live.server import LARGEST_MESSAGE, LiveServer
 
 
 @pytest.fixture
@@ -156,3 +159,29 @@ def test_changes_from_many_threads_are_taken_one_by_one(served):
     for thread in threads:
         thread.join()
     assert statuses == [200] * 8 and len(served.steps) == before + 8
+
+
+def test_a_page_that_is_gone_before_it_is_answered_is_not_a_failure(served, capfd):
+    """Closed while its load step is solved, it left a traceback in the terminal."""
+    with served.server.solving, socket.create_connection(("127.0.0.1", served.server.server_port)) as page:
+        body = b'{"let_go": null}'
+        page.sendall(head(served, "POST /change", 0) + b"Content-Length: %d\r\n\r\n" % len(body) + body)
+        page.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        time.sleep(0.2)
+    change(served, {"let_go": None})  # the one before has ended
+    time.sleep(0.1)
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(("table", "expected"), [("", SETTINGS), ("[solver]\ntolerance = 1e-7\n", 1e-7)])
+def test_the_command_takes_the_numerics_of_a_picture_where_none_are_given(
+    table, expected, tmp_path, monkeypatch
+):
+    """It took those of `run`: while a robot was dragged by steps of 1 cm, half of its load steps ran out of time."""
+    (tmp_path / "robot.toml").write_text(tdcr.robot_to_toml(three()))
+    (tmp_path / "model.toml").write_text("[model]\nelements_per_bay = 1\n" + table)
+    taken = []
+    monkeypatch.setattr(LiveServer, "wait_until_closed", lambda self: taken.append(self.played.settings))
+    files = [str(tmp_path / "robot.toml"), "--model", str(tmp_path / "model.toml")]
+    assert main(["live", *files, "--no-browser", "-q"]) == 0
+    assert taken == [SETTINGS] if expected is SETTINGS else taken[0].tolerance == expected
