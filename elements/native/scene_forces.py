@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from tdcr_fe.elements import Array, Flags
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.condensation import ElasticTendons, add_condensed
@@ -44,48 +44,6 @@ def wound(motors: Sequence[Motor], values: Array, angles: Array) -> Array:
     for motor, angle in zip(motors, angles, strict=True):
         total[motor.tendon] += motor.radius * angle
     return total
-
-
-def with_motors(
-    motors: Sequence[Motor],
-    tangent: Array,
-    forces: TendonForces,
-    driven: Flags,
-    rotations: Array,
-    parameters: Array,
-    to_twist: Array,
-) -> Array:
-    """Tangent of the forces on nodes and motors by the coordinates of nodes and motors, shape (7 N + k, 7 N + k).
-
-    Parameters
-    ----------
-    motors
-        Of the robot.
-    tangent
-        By the coordinates of the nodes at fixed angles, shape (7 N, 7 N).
-    forces
-        In this configuration.
-    driven
-        Which tendons are driven by displacement, as all with motors are, shape (m,).
-    rotations, parameters, to_twist
-        Of the nodes, see `tdcr_fe.elements.native.coordinates.twists_by_coordinates`.
-    """
-    size, count = len(tangent), len(motors)
-    found = np.zeros((size + count, size + count))
-    found[:size, :size] = tangent
-    taut = driven & (forces.base_tension > 0.0)
-    # Tension at the base by the displacement there; it is zero where the tendon is slack.
-    slope = np.zeros(len(taut))
-    slope[taut] = 1.0 / forces.base_slip_by_base()[taut]
-    by_tension, slips = forces.base_tension_columns(), forces.base_slip_rows()
-    for j, motor in enumerate(motors):
-        stiffness = motor.radius * slope[motor.tendon]
-        pull = by_tension[:, motor.tendon].reshape(-1, 6) * stiffness
-        found[:size, size + j] = generalized_forces(pull, rotations, parameters)
-        slip = slips[motor.tendon].reshape(-1, 1, 6) @ to_twist
-        found[size + j, :size] = stiffness * slip.reshape(-1)
-        found[size + j, size + j] = -motor.radius * stiffness
-    return found
 
 
 #: What a linearisation assumes of holes with friction.
@@ -214,8 +172,36 @@ class SceneForces:
             add_condensed(k, forces, taut, holes == "stuck")
         to_twist = twists_by_coordinates(found.rotations, found.parameters)
         tangent = generalized_tangent(k, forces.nodal_wrenches()[:, 3:], to_twist)
-        if not motors:
-            return tangent
-        return with_motors(
-            motors, tangent, forces, tendons.driven, found.rotations, found.parameters, to_twist
-        )
+        return with_motors(motors, tangent, found, to_twist) if motors else tangent
+
+
+def with_motors(motors: Sequence[Motor], tangent: Array, found: Evaluation, to_twist: Array) -> Array:
+    """Tangent of the forces on nodes and motors by the coordinates of nodes and motors, shape (7 N + k, 7 N + k).
+
+    Parameters
+    ----------
+    motors
+        Of the robot; all tendons with motors are driven by displacement.
+    tangent
+        By the coordinates of the nodes at fixed angles, shape (7 N, 7 N).
+    found
+        Forces in this configuration.
+    to_twist
+        See `tdcr_fe.elements.native.coordinates.twists_by_coordinates`.
+    """
+    size, count, forces = len(tangent), len(motors), found.forces
+    both = np.zeros((size + count, size + count))
+    both[:size, :size] = tangent
+    taut = found.tendons.driven & (forces.base_tension > 0.0)
+    # Tension at the base by the displacement there; it is zero where the tendon is slack.
+    slope = np.zeros(len(taut))
+    slope[taut] = 1.0 / forces.base_slip_by_base()[taut]
+    by_tension, slips = forces.base_tension_columns(), forces.base_slip_rows()
+    for j, motor in enumerate(motors):
+        stiffness = motor.radius * slope[motor.tendon]
+        pull = by_tension[:, motor.tendon].reshape(-1, 6) * stiffness
+        both[:size, size + j] = generalized_forces(pull, found.rotations, found.parameters)
+        slip = slips[motor.tendon].reshape(-1, 1, 6) @ to_twist
+        both[size + j, :size] = stiffness * slip.reshape(-1)
+        both[size + j, size + j] = -motor.radius * stiffness
+    return both

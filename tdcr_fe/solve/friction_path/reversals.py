@@ -14,7 +14,7 @@ from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.friction_path.follow import FrictionPath, follow_friction
 from tdcr_fe.solve.friction_path.rates import columns_of, tension_columns
 from tdcr_fe.solve.friction_path.response import KnownStates
-from tdcr_fe.solve.friction_path.slips import InterpolatedSlips
+from tdcr_fe.solve.friction_path.slips import InterpolatedSlips, Intervals
 from tdcr_fe.solve.friction_path.transfer import tension_transfer
 
 #: The interpolation is too uncertain to locate reversals with an error above this fraction of the largest slip [1].
@@ -55,8 +55,9 @@ class SubstepSlips(NamedTuple):
         taut, start, end = known.taut, known.start, known.end
         holes, k = taut.holes, len(taut.holes)
         data = [taut.slip_data(point.state, targets, point.factor, point.load) for point in known.points]
-        transfer = tension_transfer(taut.tendons)
-        slips = InterpolatedSlips.between(data, transfer, taut.presliding, len(taut.driven))
+        transfer, intervals = tension_transfer(taut.tendons), Intervals.between(data)
+        elastic_slip = np.append(taut.presliding, np.zeros(len(taut.driven)))
+        slips = InterpolatedSlips(transfer, intervals, elastic_slip, np.eye(len(data[0].tension)))
         before, after = start.mobilisation[holes], end.mobilisation[holes]
         base = end.driven_tension[taut.driven]
         last = slips.at(1.0, np.append(after, base), data[-1].tension).derivatives

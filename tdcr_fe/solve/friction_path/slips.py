@@ -167,30 +167,6 @@ class InterpolatedSlips(NamedTuple):
     elastic_slip: Array
     identity: Array  # (q, q)
 
-    @classmethod
-    def between(
-        cls,
-        states: Sequence[SlipData],
-        transfer: CapstanTransfer | AdhesiveTransfer,
-        presliding: Array,
-        unknown: int,
-    ) -> InterpolatedSlips:
-        """Between solved states.
-
-        Parameters
-        ----------
-        states
-            Slips in both ends of the substep, and in states within it, by load factor.
-        transfer
-            How tension passes along the tendons.
-        presliding
-            Presliding distances of the frictional holes [m], shape (k,).
-        unknown
-            Number of unknown tensions at the base.
-        """
-        elastic_slip, identity = np.append(presliding, np.zeros(unknown)), np.eye(len(states[0].tension))
-        return cls(transfer, Intervals.between(states), elastic_slip, identity)
-
     @property
     def compilable(self) -> bool:
         """Whether compiled functions take them."""
