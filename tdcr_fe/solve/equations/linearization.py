@@ -168,29 +168,16 @@ class SolvedStep(NamedTuple):
 
     @classmethod
     def of(
-        cls,
-        before: SolverState,
-        after: SolverState,
-        changes: tuple[Array, ...],
-        numbering: Numbering,
-        slope: Array | None = None,
+        cls, before: SolverState, after: SolverState, numbering: Numbering, slope: Array | None
     ) -> SolvedStep | None:
-        """The step between two solutions under the same loads; None where friction changed in a tendon under tension.
+        """The step between two solutions, with the unknowns of a numbering; for the slope see `SolvedStep`.
 
-        Parameters
-        ----------
-        before, after
-            The solutions.
-        changes
-            By robot, changes of the inputs, see `input_changes`.
-        numbering
-            Of the unknowns.
-        slope
-            See `SolvedStep`.
+        None where loads changed, or the friction in a tendon under tension.
         """
-        if not _friction_kept(before, after):
+        if not (same_loads(before, after) and _friction_kept(before, after)):
             return None
-        return cls(np.concatenate(changes), unknowns(before, numbering), unknowns(after, numbering), slope)
+        loading = np.concatenate(input_changes(before, after))
+        return cls(loading, unknowns(before, numbering), unknowns(after, numbering), slope)
 
     def curvature(self, length: float, slope: Array) -> Array:
         """What a cubic polynomial adds to the linear change of the unknowns in a further step.
@@ -220,13 +207,13 @@ def unknowns(state: SolverState, numbering: Numbering) -> Array:
     return np.concatenate((*twists, numbering.at_driven(state.base_tension)))
 
 
-def input_changes(before: SolverState, target: Target) -> tuple[Array, ...]:
-    """By robot, changes of tensions [N] and displacements [m] from a state to a target."""
+def input_changes(before: SolverState, target: Target | SolverState) -> tuple[Array, ...]:
+    """By robot, changes of tensions [N] and displacements [m] from a state to a target, or a solution under it."""
     return tuple([new - old for old, new in zip(before.inputs, target.inputs, strict=True)])
 
 
-def same_loads(before: SolverState, target: Target) -> bool:
-    """Whether a target has the loads of a state."""
+def same_loads(before: SolverState, target: Target | SolverState) -> bool:
+    """Whether a target, or a solution under it, has the loads of a state."""
     return all(bool((a == b).all()) for a, b in zip(before.loads, target.loads, strict=True))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from tdcr_fe.elements import Array
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.configuration import SolverState, Target
-from tdcr_fe.solve.equations.linearization import Linearization, SolvedStep, input_changes, same_loads
+from tdcr_fe.solve.equations.linearization import Linearization, SolvedStep, input_changes
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.load_path import Ramp, SolvedPath, StepFailed, one_substep
 from tdcr_fe.solve.newton.contact_stability import freely_moving, unstable_motion
@@ -78,8 +78,8 @@ class SubstepSolver:
         linear = result.linearization
         if linear is not None:
             solved = None
-            if result.converged and same_loads(start, target):
-                solved = SolvedStep.of(start, result.state, changes, linear.numbering, slope)
+            if result.converged:
+                solved = SolvedStep.of(start, result.state, linear.numbering, slope)
             result = result._replace(linearization=linear._replace(solved=solved))
         return self._unless_wrong_in_contact(result, start)
 
