@@ -9,6 +9,7 @@ import exudyn as exu
 import numpy as np
 
 from tdcr_fe.elements import Array, Index
+from tdcr_fe.elements.backbone import node_frames
 from tdcr_fe.elements.native.items import SystemReference
 from tdcr_fe.elements.poses import euler_rate_matrix, rotation_of_euler_parameters
 
@@ -75,9 +76,8 @@ def twists_by_coordinates(rotations: Array, parameters: Array) -> Array:
     rotations, parameters
         Rotation matrices (N, 3, 3) and Euler parameters (N, 4) of the nodes.
     """
-    found = np.zeros((len(parameters), 6, 7))
-    found[:, :3, :3] = rotations.swapaxes(1, 2)
-    found[:, 3:, 3:] = 4.0 * euler_rate_matrix(parameters).swapaxes(1, 2)
+    found = node_frames(rotations, parameters).swapaxes(1, 2).copy()
+    found[:, 3:, 3:] *= 4.0
     return found
 
 

@@ -16,7 +16,7 @@ from scipy.special import ndtr
 
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.model.observed_step import ObservedChange
-from tdcr_fe.solve.equations.configuration import SolverState, Target
+from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.linearization import BorderedFactors
 from tdcr_fe.solve.sensitivities.linear_response import AT_BOUND, Disturbance, SolvedPoint
 from tdcr_fe.solve.simulation import Simulation
@@ -133,7 +133,7 @@ class Response(ObservedChange):
             None is nothing where it is taut.
         """
         system, state, law = simulation.system, simulation.state, simulation.handle.actuation.law
-        target, mobilisation = Target(state.inputs, state.loads, state.time), state.mobilisation[0]
+        target, mobilisation = state.target, state.mobilisation[0]
         share = np.where(np.abs(mobilisation) < 1.0 - AT_BOUND, 1.0, 0.0)
         if sticking is not None:
             share[law.frictional] = sticking

@@ -18,9 +18,10 @@ from tdcr_fe.model.loading import Actuation, Load, Model, SolverSettings
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene import TDCR, CreateTDCR, PointLoad
-from tdcr_fe.solve.equations.configuration import SolverState, Target
+from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
+from tdcr_fe.solve.friction_path.response import Equilibrium
 from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, Position, Ramp, StepFailed
 from tdcr_fe.solve.load_steps.stepping import SolvedLoadStep, solve_load_step
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
@@ -157,10 +158,7 @@ class Simulation:
         """Equilibrium at fixed friction, linearised in the last solved state or at most an iteration before."""
         found = self.position.linearization
         if found is None:
-            target = Target(self.state.inputs, self.state.loads, self.state.time)
-            numbering = self.system.numbering()
-            residual = self.system.residual(self.state, target, numbering)
-            found = self.system.linearize(residual, numbering)
+            found = Equilibrium.at(self.system, self.state, self.state.target).linearization
             self.position = self.position._replace(linearization=found)
         return found
 

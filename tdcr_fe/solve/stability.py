@@ -37,7 +37,6 @@ from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.model.messages import steps_named
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.scene.energy import Masses
-from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.simulation import Simulation
 
 #: Compression over Euler's load from which stability is computed [1].
@@ -106,7 +105,7 @@ def scaled_tangent(simulation: Simulation) -> tuple[Array, Array]:
         From these changes of shape to body-frame increments of the nodes 1 .. N-1.
     """
     system, state, robot = simulation.system, simulation.state, simulation.handle.actuation
-    residual = system.residual(state, Target(state.inputs, state.loads, state.time), system.numbering())
+    residual = system.residual(state, state.target, system.numbering())
     nodes = slice(6, 6 * system.layout.reduction.nodes)
     by_nodes = -system.tangent(residual)[nodes, nodes]
     blocks, mesh = strain_matrices(state.configuration.twists[0]), robot.mesh

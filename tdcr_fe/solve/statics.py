@@ -122,9 +122,7 @@ def _refuse_free_bases(system: SceneSystem, time: float) -> None:
         for robot in system.robots
         if not all(mbs.GetObject(i).get("activeConnector", True) for i in robot.connectors.others)
     ]
-    if not off:
-        return
-    free = freely_moving(system, system.current_state(time))
+    free = freely_moving(system, system.current_state(time)) if off else []
     for robot in off:
         if f"robot {robot.name!r}" in free:
             raise ValueError(

@@ -30,7 +30,6 @@ from robots import (
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe import CreateTDCR, Load, LoadStep, Model, SolverSettings, StepFailed
-from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.system import SceneSystem
 
 MODEL = Model(friction="per-hole", elements_per_bay=1)
@@ -94,7 +93,7 @@ def test_robots_side_by_side_move_as_each_alone(lever):
         assert distance(tip, solved_scene([k])[0][0]) < (1e-9 if lever == 0.0 else 1e-5) * LENGTH
     present = SceneSystem(mbs)
     state = present.current_state()
-    target = Target(state.inputs, state.loads, state.time)
+    target = state.target
     assert present.residual(state, target, present.numbering()).size < 1e-7
 
 

@@ -304,6 +304,11 @@ class SolverState(NamedTuple):
             for given, tension in zip(self.prescribed, self.base_tension, strict=True)
         )
 
+    @property
+    def target(self) -> Target:
+        """Inputs, loads and time with which it was solved."""
+        return Target(self.inputs, self.loads, self.time)
+
     def stored(self) -> StoredState:
         """The state as its unknowns alone."""
         return StoredState(self.configuration.unknowns, self.base_tension, self.mobilisation)

@@ -311,9 +311,9 @@ class SceneLayout:
         # A moment of zero does not turn.
         return not self.turning.any() or not np.array(loads)[self.turning].any()
 
-    def alone(self, mbs: exu.MainSystem, i: int) -> SceneLayout:
+    def alone(self, i: int) -> SceneLayout:
         """That of one robot, which nothing couples with the others and no load turns with; all else stays as it is."""
-        robots, joint = [self.space.robots[i]], self.clamps[i]
+        mbs, robots, joint = self.space.mbs, [self.space.robots[i]], self.clamps[i]
         reduction = BodyFrameReduction(mbs, robots[0].coordinates, np.arange(self.reduction.size))
         return replace(
             self,

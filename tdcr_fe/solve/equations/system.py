@@ -106,7 +106,7 @@ class SceneSystem:
         own = copy(self)
         own.robots, own.point_loads = [self.robots[i]], self.hooks.robots[i].point_loads
         own._raw = residual_of_robot(self.mbs, self.robots[i], own.point_loads, raw)
-        own.layout, own.reactions = self.layout.alone(self.mbs, i), self.reactions.alone(i)
+        own.layout, own.reactions = self.layout.alone(i), self.reactions.alone(i)
         return own
 
     @property
@@ -155,11 +155,10 @@ class SceneSystem:
             return state._replace(configuration=state.configuration._replace(unknowns=unknowns))
 
         numbering, scales = self.numbering(), self.layout.scales
-        target = Target(state.inputs, state.loads, state.time)
         if old.multipliers[joints].any():
             signs = state, having(-old.multipliers)
-            return min(signs, key=lambda each: self.residual(each, target, numbering).size)
-        residual = self.residual(state, target, numbering)
+            return min(signs, key=lambda each: self.residual(each, state.target, numbering).size)
+        residual = self.residual(state, state.target, numbering)
         k, forces = self.tangent(residual), np.arange(scales.forces)
         k[forces, forces] -= HELD * scales.elastic_force / scales.length
         hold(k, numbering.clamped)

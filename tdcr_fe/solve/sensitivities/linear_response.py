@@ -353,9 +353,8 @@ def response_at(
     actuation = system.robots[robot]
     mesh, m = actuation.mesh, actuation.count
     node = len(mesh.arc_lengths) - 1 if s is None else mesh.node_at(s, 1e-6)
-    target = Target(state.inputs, state.loads, state.time)
     numbering = system.numbering(by_tension=robot)
-    solved = SolvedPoint.of(system, state, target, numbering=numbering, all_stick=reversal)
+    solved = SolvedPoint.of(system, state, state.target, numbering=numbering, all_stick=reversal)
     disturbances = [Disturbance.none(own, 6 + m) for own in solved.forces]
     rotation = state.configuration.poses[robot][1][node]
     own = disturbances[robot]

@@ -66,11 +66,6 @@ def with_length(experiment: Experiment, length: float) -> Experiment:
     return with_arc_lengths(experiment, lambda s: s * ratio)
 
 
-def with_disk_at(experiment: Experiment, present: float, new: float) -> Experiment:
-    """The experiment with a disk at another arc length [m]; tendons anchored at it and loads on it move with it."""
-    return with_arc_lengths(experiment, lambda s: new if abs(s - present) < 1e-9 else s)
-
-
 def shortest_part(robot: Robot) -> float:
     """Shortest distance between disks and ends of patches [m], to which changes of arc lengths are small.
 
@@ -385,9 +380,10 @@ def _disk_position(robot: Robot, name: str, k: int) -> ModelParameter:
             f"sensitivities: {name!r}: the disk is at the tip and cannot move beyond it; backbone.length moves the tip"
         )
 
-    return ModelParameter(
-        name, present, shortest_part(robot), lambda experiment, new: with_disk_at(experiment, present, new)
-    )
+    def apply(experiment: Experiment, new: float) -> Experiment:
+        return with_arc_lengths(experiment, lambda s: new if abs(s - present) < 1e-9 else s)
+
+    return ModelParameter(name, present, shortest_part(robot), apply)
 
 
 # ---------------------------------------------------------------------- inputs of the current step
