@@ -34,12 +34,6 @@ class RobotHistory:
     # solvers, are longer than they are, so that nothing moves where a state is handed over to these solvers [m]
     stretch: Array
 
-    @classmethod
-    def unloaded(cls, law: TendonLaw) -> RobotHistory:
-        """History of a robot that was never loaded."""
-        m, n = law.shape
-        return cls(law.initial_state(), np.zeros(m), np.full(m, np.nan), np.zeros((m, n)))
-
 
 class HistoryNodes:
     """The data nodes of one robot.
@@ -72,7 +66,8 @@ class HistoryNodes:
         self._slip, self._mobilisation, self._rate, self._tension, self._stretch = (
             slice(int(a), int(b)) for a, b in pairwise(edges)
         )
-        self._unloaded = RobotHistory.unloaded(law)
+        #: That of a robot that was never loaded.
+        self._unloaded = RobotHistory(law.initial_state(), np.zeros(m), np.full(m, np.nan), np.zeros((m, n)))
         self._slack, self._let_out = np.zeros((m, n)), law.released_unloaded().sum(axis=1)
         start = self._encode(self._unloaded, self._slack, self._let_out)
         self._raw, self._decoded = start.tobytes(), self._unloaded

@@ -120,9 +120,9 @@ class PathReversal(NamedTuple):
     factor: float  # Load factor within the substep [1]
     reverses: Flags  # (k,): Whose slips reverse here
     side: Array  # (n,): Up to here, 1 or -1 where an unknown was at its bound, 0 where it was free
-    # Which unknown comes to a bound here, or leaves that at which its tendon was slack, so that rates jump; -1 where
-    # none does, and rates reverse through zero
-    arrives: int
+    # (n,): Which unknown comes to a bound here, or leaves that at which its tendon was slack, so that rates jump; at
+    # most one. None: rates reverse through zero
+    arrives: Flags
 
 
 class FrictionPath(NamedTuple):
@@ -171,8 +171,8 @@ class FrictionPath(NamedTuple):
                 before, after = side[i - 1], side[i]
                 changed = (before == 0.0) & (after != 0.0)
                 changed[k:] |= (before[k:] != 0.0) & (after[k:] == 0.0)
-                arrives = int(changed.argmax()) if changed.any() else -1
-                found.append(PathReversal(float(segments.start[i]), here, before, arrives))
+                first = changed & (changed.cumsum() == 1)
+                found.append(PathReversal(float(segments.start[i]), here, before, first))
                 counts = (counts & ~here) | (before[:k] == 0.0)
         return found[::-1]
 

@@ -181,11 +181,10 @@ def _point(solver: SubstepSolver, substep: SolvedSubstep, here: PathReversal) ->
     tension[taut.driven] = np.where(here.side[k:] == 0.0, pulled, 0.0)
     sticks = np.abs(found.mobilisation) < 1.0
     sticks[taut.holes] = here.side[:k] == 0.0
-    arrives = np.arange(len(here.side)) == here.arrives
     reverses, slipping = np.zeros_like(sticks), np.zeros_like(sticks)
-    reverses[taut.holes], slipping[taut.holes] = here.reverses, arrives[:k]
+    reverses[taut.holes], slipping[taut.holes] = here.reverses, here.arrives[:k]
     pulling = np.zeros(len(tension), dtype=bool)
-    pulling[taut.driven] = arrives[k:]
+    pulling[taut.driven] = here.arrives[k:]
     none = [np.zeros(own.shape, dtype=bool) for own in state.mobilisation]
     return ReversalPoint(
         load_factor,
