@@ -6,16 +6,13 @@ with the axes renamed: beam (x, y, z) = section (z, x, y).
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from tdcr_fe.elements import Array, Flags, Index
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.elements.poses import (
     EYE6,
     adjoint_powers,
@@ -32,10 +29,6 @@ from tdcr_fe.elements.poses import (
 
 #: Rotation from beam axes to section axes: its columns are the beam's axes in the section frame.
 BEAM_TO_SECTION = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-
-#: How much stiffer a rigid insert is than the backbone: axial and shear, torsion and bending. Stiff enough that
-#: the insert bends a hundred-thousandth as much, soft enough that round-off does not become force.
-INSERT_FACTORS = np.array([1e2, 1e2, 1e2, 1e5, 1e5, 1e5])
 
 #: ``w @ _PULL`` is, row by row, half of what the force of a wrench adds to a node's own 6 x 6 block as its frame turns.
 _PULL: Array = np.zeros((6, 6, 6))
@@ -102,65 +95,6 @@ def add_residual_flexibility(stiffness: Array, lengths: Array, share: float = 1.
     """
     residual = lengths[:, None] ** 2 / (12.0 * stiffness[:, 5:3:-1])
     stiffness[:, 1:3] = 1.0 / (1.0 / stiffness[:, 1:3] + share * residual)
-
-
-def subdivide(
-    length: float,
-    disks: Sequence[float],
-    elements_per_bay: int | Sequence[int],
-    thickness: float = 0.0,
-    extra: Sequence[float] = (),
-    tolerance: float = 1e-9,
-) -> tuple[Array, Flags]:
-    """Arc lengths of nodes, and which elements are rigid inserts.
-
-    Parameters
-    ----------
-    length
-        Of the backbone [m].
-    disks
-        Arc lengths of the disks [m].
-    elements_per_bay
-        Elements between neighbouring disks (between their faces where they are thick); one number, or one for every
-        bay, the stretch beyond the last disk included.
-    thickness
-        Of the rigid insert at every disk [m].
-    extra
-        Further arc lengths that need a node, such as those of loads [m].
-    tolerance
-        Nodes closer than this are one [m].
-
-    Returns
-    -------
-    arc_lengths : ndarray, shape (N,)
-    rigid : ndarray of bool, shape (N-1,)
-    """
-    bays = len(disks) + 1
-    counts = list(elements_per_bay) if isinstance(elements_per_bay, Sequence) else [elements_per_bay] * bays
-    faces = [0.0]
-    inserts: list[tuple[float, float]] = []
-    for s in disks:
-        low, high = max(s - thickness / 2.0, 0.0), min(s + thickness / 2.0, length)
-        faces += [low, s, high]
-        if thickness > 0.0:
-            inserts.append((low, high))
-    faces.append(length)
-    bounds = np.array(faces)
-    bounds = bounds[np.concatenate(([True], np.diff(bounds) > tolerance))]
-    nodes: list[float] = [0.0]
-    for a, b in pairwise(bounds):
-        rigid = any(lo - tolerance <= a and b <= hi + tolerance for lo, hi in inserts)
-        parts = 1 if rigid else counts[bisect_left(disks, 0.5 * (a + b))]
-        nodes += [float(a + (b - a) * i / parts) for i in range(1, parts + 1)]
-    for s in extra:
-        if min(abs(s - x) for x in nodes) > tolerance:
-            nodes.append(float(s))
-    arc = np.array(sorted(nodes))
-    middle = 0.5 * (arc[1:] + arc[:-1])
-    is_rigid = np.zeros(middle.size, dtype=bool)
-    for lo, hi in inserts:
-        is_rigid |= (middle > lo) & (middle < hi)
-    return arc, is_rigid
 
 
 def reference_poses(mesh: BackboneMesh, position: Array, rotation: Array) -> tuple[Array, Array]:

@@ -45,7 +45,7 @@ class Measurement(NamedTuple):
     twists: Array  # (E, 6): Relative twists of the elements; empty where no section force acts
     shape: CableShape  # Lengths and angles of the tendons
     # Positions and rotations of all nodes; None where there are no springs to ground
-    poses: tuple[Array, Array] | None = None
+    poses: tuple[Array, Array] | None
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import exudyn as exu
@@ -111,17 +111,17 @@ def _name(mbs: exu.MainSystem, kind: str, number: Any) -> str:
     return str(read(number, "name"))
 
 
-@dataclass
+@dataclass(frozen=True)
 class Connectors:
     """Exudyn's numbers of the objects of a robot."""
 
     forces: Any  # The object that applies the forces of tendons and inside the sections
     springs: list[list[Any]]  # By tendon, the spring-damper of every segment, which is only drawn
     # By tendon, markers of its holes, base plate first; they are moved where tendons shift inside their holes
-    hole_markers: list[list[Any]] = field(default_factory=list)
-    beams: list[Any] = field(default_factory=list)  # The beam elements, base first
+    hole_markers: list[list[Any]]
+    beams: list[Any]  # The beam elements, base first
     # All other objects of the robot, none of which resists a motion of the backbone: disks, masses, base joint
-    others: list[Any] = field(default_factory=list)
+    others: list[Any]
 
     @property
     def drawn(self) -> list[int]:

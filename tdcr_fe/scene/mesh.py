@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from bisect import bisect_left
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
-from tdcr_fe.elements import Flags
-from tdcr_fe.elements.backbone import (
-    BEAM_TO_SECTION,
-    INSERT_FACTORS,
-    BackboneMesh,
-    add_residual_flexibility,
-    subdivide,
-)
+from tdcr_fe.elements import Array, Flags
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, add_residual_flexibility
 from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.elements.section import SuperelasticSection
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
 
+#: How much stiffer a rigid insert is than the backbone: axial and shear, torsion and bending. Stiff enough that
+#: the insert bends a hundred-thousandth as much, soft enough that round-off does not become force.
+INSERT_FACTORS = np.array([1e2, 1e2, 1e2, 1e5, 1e5, 1e5])
 #: Elements along the backbone that ``elements_per_bay = "auto"`` starts from, and the most in one bay.
 STARTING_ELEMENTS, MOST_STARTING_PER_BAY = 20, 8
 #: Largest relative change of the radius within an element of it, and the most elements in a bay for its sake [1]. The
@@ -69,6 +68,47 @@ def of_backbone(mesh: BackboneMesh) -> Flags:
     return found
 
 
+def subdivide(robot: Robot, counts: Sequence[int], extra: Sequence[float]) -> tuple[Array, Flags]:
+    """Arc lengths of nodes [m], shape (N,), and which elements are rigid inserts, shape (N-1,).
+
+    Parameters
+    ----------
+    robot
+        Description.
+    counts
+        Elements between neighbouring disks (between their faces where they are thick), for every bay, the stretch
+        beyond the last disk included.
+    extra
+        Further arc lengths that need a node, such as those of loads [m].
+    """
+    length, thickness = robot.backbone.length, robot.disks.thickness
+    near = 1e-9  # nodes closer than this are one [m]
+    faces = [0.0]
+    inserts: list[tuple[float, float]] = []
+    for s in robot.bay_ends:
+        low, high = max(s - 0.5 * thickness, 0.0), min(s + 0.5 * thickness, length)
+        faces += [low, s, high]
+        if thickness > 0.0:
+            inserts.append((low, high))
+    faces.append(length)
+    bounds = np.array(faces)
+    bounds = bounds[np.concatenate(([True], np.diff(bounds) > near))]
+    nodes: list[float] = [0.0]
+    for a, b in pairwise(bounds):
+        rigid = any(lo - near <= a and b <= hi + near for lo, hi in inserts)
+        parts = 1 if rigid else counts[bisect_left(robot.bay_ends, 0.5 * (a + b))]
+        nodes += [float(a + (b - a) * i / parts) for i in range(1, parts + 1)]
+    for s in extra:
+        if min(abs(s - x) for x in nodes) > near:
+            nodes.append(float(s))
+    arc = np.array(sorted(nodes))
+    middle = 0.5 * (arc[1:] + arc[:-1])
+    is_rigid = np.zeros(middle.size, dtype=bool)
+    for lo, hi in inserts:
+        is_rigid |= (middle > lo) & (middle < hi)
+    return arc, is_rigid
+
+
 def build_mesh(robot: Robot, model: Model, extra: Iterable[float] = ()) -> tuple[BackboneMesh, Flags]:
     """Mesh of a robot's backbone, and which elements are rigid inserts.
 
@@ -85,14 +125,13 @@ def build_mesh(robot: Robot, model: Model, extra: Iterable[float] = ()) -> tuple
     rigid : ndarray of bool, shape (N-1,)
         Which elements are rigid inserts inside thick disks.
     """
-    b, d = robot.backbone, robot.disks
+    b = robot.backbone
     edges = [x for p in b.patches for x in (p.start, p.end) if 0.0 < x < b.length]
     edges += [s for s, _ in b.taper if 0.0 < s < b.length]
     edges += [spring.at for spring in robot.springs]
     if robot.without_disks:
         edges += [robot.end(t) for t in robot.tendons]
-    counts = elements_of_bays(robot, model)
-    arc, rigid = subdivide(b.length, robot.bay_ends, counts, d.thickness, [*extra, *edges])
+    arc, rigid = subdivide(robot, elements_of_bays(robot, model), [*extra, *edges])
     if robot.base_stiffness is not None:
         arc, rigid = np.insert(arc, 1, hinge_length(b.length)), np.insert(rigid, 0, False)
     middle = 0.5 * (arc[1:] + arc[:-1])

@@ -198,7 +198,7 @@ def _finite(moved: Array) -> Array:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def estimate(model: ElementModel, states: Sequence[SolvedState], goal: float = np.inf) -> list[MeshEstimate]:
+def estimate(model: ElementModel, states: Sequence[SolvedState], goal: float) -> list[MeshEstimate]:
     """Estimated discretisation error of solved states of one mesh.
 
     Parameters

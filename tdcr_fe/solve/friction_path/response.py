@@ -298,7 +298,7 @@ class InterpolationPoint(NamedTuple):
     # Linearised exactly, with the response to the tensions of all tendons under tension at any of the points
     state: Equilibrium
     # Response to the change of the loads in the whole substep; None where no load changes
-    load: LoadResponse | None = None
+    load: LoadResponse | None
 
 
 class KnownStates(NamedTuple):

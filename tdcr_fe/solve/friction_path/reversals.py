@@ -238,7 +238,7 @@ def find_reversals(
     targets: tuple[Target, Target],
     length: float,
     allowed: float,
-    solved_with_reversals: bool = False,
+    solved_with_reversals: bool,
 ) -> Reversals | None:
     """Reversals of slips between two solved states.
 

@@ -57,7 +57,7 @@ def slip_residual(
     forces: Sequence[TendonForces],
     state: SolverState,
     step: Array,
-    softening: float = 1.0,
+    softening: float,
 ) -> tuple[Array, Array]:
     """Excess of the slips over those of their mobilisations, after a step at fixed friction.
 
