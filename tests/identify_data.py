@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from tdcr_fe import Backbone, Disks, ParallelRouting, Reading, Robot, Tendon
+from tdcr_fe import Backbone, Disks, IdentifySettings, ParallelRouting, Reading, Robot, Tendon
 from tdcr_fe.effects import EFFECTS, Experiment, Observation, effect, with_effects
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.forward import ForwardModel, Job, run_settings, simulate_experiment
@@ -13,7 +13,6 @@ from tdcr_fe.identify.identification import declared_state, prepare
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.run import Readings
 from tdcr_fe.identify.search_state import Search, SearchState
-from tdcr_fe.identify.settings import IdentifySettings
 from tdcr_fe.identify.verdict import conclude
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings

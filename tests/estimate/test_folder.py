@@ -10,10 +10,9 @@ import pandas as pd
 import pytest
 from rod import Truth
 
-from tdcr_fe import PlausibilityWarning, read_estimation, run_estimation
+from tdcr_fe import PlausibilityWarning, Spool, read_estimation, run_estimation
 from tdcr_fe.cli import main
 from tdcr_fe.io.measured import MeasuredData, write_measured
-from tdcr_fe.model.tendon import Spool
 from tdcr_fe.validation.campaigns.estimate import model
 
 COUNT = 4

@@ -7,10 +7,9 @@ import pandas as pd
 import pytest
 from identify_data import LENGTH, measured, problem_of, searching, simulated, state_of
 
-from tdcr_fe import Experiment, Reading, effect, with_effects
+from tdcr_fe import Experiment, IdentificationResult, Reading, effect, with_effects
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.next_experiment import candidate_sequences, choose_next, leading_rivals
-from tdcr_fe.identify.result import IdentificationResult
 from tdcr_fe.identify.run import Readings
 from tdcr_fe.io.loading_table import read_loading
 

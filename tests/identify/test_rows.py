@@ -22,16 +22,7 @@ from tdcr_fe import Experiment, LoadStep, Reading, effect, with_effects
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.identification import fit_to_all_rows, problem_of_rows, with_friction, without_friction
-from tdcr_fe.identify.load_steps import (
-    IN_BRANCH,
-    LONG,
-    PER_INPUT,
-    SEARCHED,
-    _simplified,
-    blocks,
-    choose_rows,
-    inputs,
-)
+from tdcr_fe.identify.load_steps import IN_BRANCH, LONG, SEARCHED, _simplified, blocks, choose_rows, inputs
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.sentences import sentences
 from tdcr_fe.identify.settings import IdentifySettings, Part
@@ -87,7 +78,7 @@ def test_more_inputs_take_more_rows(chosen):
     data = replace(data, robot=replace(ROBOT, tendons=tendons), steps=steps)
     found = choose_rows(data, range(12 * 20, 24 * 20))
     pulled = {n for k in found.steps if k < 12 * 20 for n, v in steps[k].tensions.items() if v > 0.0}
-    assert SEARCHED < len(found.steps) <= PER_INPUT * 7 and pulled == set(names)
+    assert SEARCHED < len(found.steps) <= 13 * 7 and pulled == set(names)
 
 
 def test_the_turning_point_of_every_chosen_branch_stays(chosen):
@@ -132,16 +123,14 @@ def test_declared_friction_stays_where_the_model_is_better_with_it(true, kept):
 
 def test_friction_has_the_same_history_on_the_chosen_steps_of_a_branch():
     """All branches, of which each has 6 of 20 steps: within 2e-5 of the length of the run over all steps."""
-    model = FRICTIONAL
     robot = ROBOT.with_tendons(friction_coefficient=0.2)
-    data = replace(long_data(4), robot=robot, model=model)
-    table = inputs(data)
-    kept = [k for b in blocks(data) for k in _simplified(table, b)]
+    data = replace(long_data(4), robot=robot, model=FRICTIONAL)
+    kept = [k for b in blocks(data) for k in _simplified(inputs(data), b)]
     assert len(kept) == 4 * IN_BRANCH
 
     def tips(steps):
-        experiment = Experiment(robot, model, tuple(data.steps[k] for k in steps))
-        return simulated(experiment).positions[:, -1]
+        chosen = tuple(data.steps[k] for k in steps)
+        return simulated(Experiment(robot, FRICTIONAL, chosen)).positions[:, -1]
 
     every = tips(range(len(data.steps)))
     free = simulated(Experiment(robot, MODEL, data.steps))
