@@ -1,6 +1,6 @@
 """Small sweeps for tests, and executors that solve in this process."""
 
-from concurrent.futures import Executor, Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -39,19 +39,15 @@ def write_files(folder: Path, sweep: str = SWEEP, scenario: str = SCENARIO, robo
     return folder / "sweep.toml"
 
 
-class InProcess(Executor):
-    """Solves in this process, at once; ``stop_after`` calls it raises KeyboardInterrupt, as Ctrl-C does."""
+class InProcess(ThreadPoolExecutor):
+    """Solves in this process; ``stop_after`` calls it raises KeyboardInterrupt, as Ctrl-C does."""
 
     def __init__(self, stop_after: int | None = None) -> None:
+        super().__init__(1)
         self.stop_after, self.calls = stop_after, 0
 
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
         if self.calls == self.stop_after:
             raise KeyboardInterrupt
         self.calls += 1
-        future: Future[Any] = Future()
-        try:
-            future.set_result(fn(*args, **kwargs))
-        except Exception as error:
-            future.set_exception(error)
-        return future
+        return super().submit(fn, *args, **kwargs)

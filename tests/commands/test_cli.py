@@ -29,12 +29,8 @@ def calls(monkeypatch):
             progress(step)
         return result
 
-    install(monkeypatch, simulate)
-    return noted
-
-
-def install(monkeypatch, simulate):
     monkeypatch.setattr("tdcr_fe.commands.run.simulate", simulate)
+    return noted
 
 
 def stopping(message, failed_step):
@@ -72,7 +68,7 @@ def test_run_solves_and_writes_and_returns_0(tmp_path, calls, capsys):
 def test_what_is_solved_before_a_failure_is_kept(
     tmp_path, monkeypatch, capsys, message, failed, status, said
 ):
-    install(monkeypatch, stopping(message, failed))
+    monkeypatch.setattr("tdcr_fe.commands.run.simulate", stopping(message, failed))
     out, scenario = tmp_path / "out", changed(SCENARIO, {"steps.1.label": "far"})
     command = ["run", str(write(tmp_path, scenario=scenario)), "-o", str(out), "--no-pictures"]
     assert cli.main(command) == status
@@ -114,7 +110,7 @@ def test_contradiction_that_only_the_solver_knows_returns_2(tmp_path, monkeypatc
     def simulate(*args, **kwargs):
         raise ValueError("tendon t2: a displacement needs axial_stiffness")
 
-    install(monkeypatch, simulate)
+    monkeypatch.setattr("tdcr_fe.commands.run.simulate", simulate)
     assert cli.main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out")]) == 2
     assert "scenario.toml: tendon t2: a displacement needs axial_stiffness" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

@@ -19,10 +19,6 @@ LAWS = [law(2e-5) for law in HYSTERESES.values()]
 STARTS = np.array([-1.0, -0.7, 0.0, 0.4, 1.0])
 
 
-def each(law):
-    return law.kind
-
-
 @pytest.mark.parametrize("amplitude", [1.0, 4.0])
 def test_the_loop_of_dahl_is_its_closed_form(amplitude):
     """Between slips of ``+-A`` friction settles at ``+-tanh(A / delta)``; a loop encloses ``4 (A - delta tanh)``.
@@ -52,7 +48,7 @@ def test_the_loop_of_dahl_is_its_closed_form(amplitude):
     assert iterate.field.tension == pytest.approx(expected, rel=1e-12)
 
 
-@pytest.mark.parametrize("law", LAWS, ids=each)
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.kind)
 def test_a_slip_that_goes_one_way_may_be_divided_anywhere(law):
     """The law is a curve: no more is remembered than the slip and the mobilisation."""
     zero = np.zeros_like(STARTS)
@@ -63,7 +59,7 @@ def test_a_slip_that_goes_one_way_may_be_divided_anywhere(law):
         assert np.clip(later, -1.0, 1.0) == pytest.approx(direct, abs=1e-9)
 
 
-@pytest.mark.parametrize("law", LAWS, ids=each)
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.kind)
 def test_slip_and_slope_belong_to_the_mobilisation(law):
     """The line of the solver goes through a point of the curve, with the curve's slope, up to full friction."""
     zero, h = np.zeros(3), 1e-9

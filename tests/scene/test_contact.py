@@ -20,10 +20,9 @@ def pulled_in_steps(mbs, handle, count=10, most=2.0):
     return reports
 
 
-QUICK = [("CreateSphereSphereContact", 0.0), ("GeneralContact, triangles", 0.0)]
-FRICTION = {kind: 0.3 for kind, _ in QUICK}
-CASES = [pytest.param(kind, FRICTION.get(kind, 0.0), marks=pytest.mark.integration) for kind in CONTACTS]
-CASES = [*QUICK, *CASES]
+QUICK = ("CreateSphereSphereContact", "GeneralContact, triangles")
+CASES = [(kind, 0.0) for kind in QUICK]
+CASES += [pytest.param(kind, 0.3 * (kind in QUICK), marks=pytest.mark.integration) for kind in CONTACTS]
 
 
 @pytest.mark.parametrize(("kind", "mu"), CASES)

@@ -10,8 +10,6 @@ from scipy.linalg import eig
 
 from tdcr_fe import Disks, ParallelRouting, Robot, SolverSettings, SolveTDCR, Tendon
 
-#: So large that nothing slips beyond it at a pull of 0.02 N [m].
-PRESLIDING = 1e-3
 ELASTIC = {"axial_stiffness": 400.0}
 
 
@@ -123,36 +121,32 @@ def test_the_scene_is_left_as_it_was():
 # ---------------------------------------------------------------- linear system
 
 
-def at_rest(drive: str, mu: float = 0.0, **rest):
-    """A bent robot with a sensor at its tip."""
-    presliding = PRESLIDING if mu else 1e-6
-    keep, mbs, handle, sensor = scene_with(tip_sensor, seven(mu, **rest), presliding=presliding)
-    if mu:
-        handle.set_tensions([0.02, 0.005, 0.01])
-    elif drive == "tension":
-        handle.set_tensions([1.0, 0.3, 0.2])
-    else:
-        handle.set_displacements([4e-3, -1.5e-3, -1.9e-3])
-    SolveTDCR(mbs, SolverSettings(presliding=presliding))
-    return keep, mbs, handle, sensor
+@pytest.mark.parametrize(
+    ("mu", "presliding", "drive", "bent", "size"),
+    [
+        (0.0, 1e-6, "tensions", [1.0, 0.3, 0.2], 1e-3),
+        (0.0, 1e-6, "displacements", [4e-3, -1.5e-3, -1.9e-3], 1e-6),
+        (0.3, 1e-3, "tensions", [0.02, 0.005, 0.01], 1e-4),
+    ],
+)
+def test_the_static_gain_is_what_statics_give(mu, presliding, drive, bent, size):
+    """Change of the tip by a small change of each input: 1e-4 of the largest.
 
-
-@pytest.mark.parametrize(("drive", "mu"), [("tension", 0.0), ("displacement", 0.0), ("tension", 0.3)])
-def test_the_static_gain_is_what_statics_give(drive, mu):
-    """Change of the tip by a small change of each input: 1e-4 of the largest; with friction all holes stick."""
-    _keep, mbs, handle, sensor = at_rest(drive, mu, **({} if mu else ELASTIC))
-    settings = SolverSettings(presliding=PRESLIDING if mu else 1e-6)
+    With friction the presliding distance is so long that all holes stick.
+    """
+    robot, settings = seven(mu, **({} if mu else ELASTIC)), SolverSettings(presliding=presliding)
+    _keep, mbs, handle, sensor = scene_with(tip_sensor, robot, presliding=presliding)
+    change = getattr(handle, f"set_{drive}")
+    change(bent)
+    SolveTDCR(mbs, settings)
     linear = mbs.TDCRLinearized(holes="stuck", sensors=[sensor])
     gain, (a, b, c) = linear.static_gain(), linear.state_space()
     assert -c @ np.linalg.solve(a, b) == pytest.approx(gain, abs=1e-6 * np.abs(gain).max())
     assert linear.input_names == ("three.t1", "three.t2", "three.t3")
-    inputs = handle.actuation.input_values().copy()
-    size = 1e-6 if drive == "displacement" else 1e-4 if mu else 1e-3
-    change = handle.set_tensions if drive == "tension" else handle.set_displacements
     for k in range(3):
         sides = []
         for sign in (1.0, -1.0):
-            change((inputs + sign * size * np.eye(3)[k]).tolist())
+            change((bent + sign * size * np.eye(3)[k]).tolist())
             SolveTDCR(mbs, settings)
             sides.append(handle.tip_position)
         expected = (sides[0] - sides[1]) / (2.0 * size)

@@ -88,12 +88,9 @@ def test_bays_are_twentieths_and_every_end_of_a_tendon_has_a_node():
 
 
 NEO_HOOKEAN = NonlinearMaterial(-1.0, 4.0 / 3.0)
-LAWS = [NonlinearMaterial(0.0, 30.0), NEO_HOOKEAN, NonlinearMaterial(4.0, 12.0), NonlinearMaterial(0.0, -2.0)]
 ROD = Backbone(L, 10e-3, 0.4e6, 0.45, density=1100.0)
 
-
-def rod(law, **changes):
-    return Robot(replace(ROD, nonlinear=law, **changes))
+LAWS = [NonlinearMaterial(0.0, 30.0), NEO_HOOKEAN, NonlinearMaterial(4.0, 12.0), NonlinearMaterial(0.0, -2.0)]
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -101,7 +98,7 @@ def test_an_axial_force_stretches_the_rod_along_the_stress_strain_curve(law):
     """``F = EA (e + b e^2 + c e^3)``: the cubic solved by numpy."""
     force = 0.08 * ROD.EA
     steps = [LoadStep(loads={"tip": Load(L, (0.0, 0.0, force))})]
-    result = simulate(rod(law), Model(), steps).raise_if_failed()
+    result = simulate(Robot(replace(ROD, nonlinear=law)), Model(), steps).raise_if_failed()
     roots = np.roots([law.cubic, law.quadratic, 1.0, -0.08])
     stretch = min(float(r.real) for r in roots if abs(r.imag) < 1e-9 and r.real > 0.0)
     assert result.tips[0][2] == pytest.approx(L * (1.0 + stretch), rel=1e-9)
