@@ -55,6 +55,18 @@ def routed(*routings: Routing, disks: int = 13, mu: float = 0.0, **rest: Any) ->
     return Robot(BACKBONE, Disks.equally_spaced(disks, LENGTH, mass=0.17e-3), tuple(tendons))
 
 
+def wire(
+    angles: Sequence[float] = (0.0, 120.0, 240.0),
+    routing: Callable[[float], Routing] = lambda angle: ParallelRouting(6.5e-3, angle),
+    **rest: Any,
+) -> Robot:
+    """1 mm of steel wire, 200 mm long, with ten thick disks and three tendons."""
+    given = {"friction_coefficient": 0.15, "axial_stiffness": 5e3} | rest
+    tendons = tuple(Tendon(f"t{k}", routing(a), **given) for k, a in enumerate(angles, start=1))
+    disks = Disks.equally_spaced(10, 0.2, mass=0.9e-3, thickness=3e-3, radius=8e-3)
+    return Robot(Backbone(0.2, 0.5e-3, 200e9, 0.3, 7850.0), disks, tendons)
+
+
 def pull(*tensions: float, name: str = "t1", **rest: Any) -> list[LoadStep]:
     """One load step per tension of one tendon [N]."""
     return [LoadStep(f"{x:g} N", {name: x}, **rest) for x in tensions]

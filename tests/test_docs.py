@@ -24,13 +24,6 @@ LONG = {"tracking"}
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-@pytest.fixture
-def generate(monkeypatch):
-    """The module that writes what the pages take from the program."""
-    monkeypatch.syspath_prepend(str(DOCS))
-    return importlib.import_module("generate")
-
-
 def text_of(page: Path) -> str:
     return page.read_text(encoding="utf-8")
 
@@ -78,8 +71,9 @@ def test_every_list_on_the_page_architecture_is_in_its_file():
         assert re.search(rf"^{name}\b", text_of(ROOT / file), re.MULTILINE), (file, name)
 
 
-def test_the_api_page_has_every_public_name(generate):
-    shown = re.findall(r"auto\w+:: [\w.]+\.(\w+)", generate.api())
+def test_the_api_page_has_every_public_name(monkeypatch):
+    monkeypatch.syspath_prepend(str(DOCS))
+    shown = re.findall(r"auto\w+:: [\w.]+\.(\w+)", importlib.import_module("generate").api())
     assert set(tdcr_fe.__all__) - {"__version__"} <= set(shown)
     assert len(shown) == len(set(shown))
 

@@ -21,16 +21,6 @@ def timed(tensions, duration):
     return [LoadStep("", {"t1": t}, time=time) for t, time in zip(tensions, times, strict=True)]
 
 
-def recovered(robot, before, after, duration):
-    """Coefficient at each hole from the tensions, its normal force and its slip rate, from the poses of two steps."""
-    (first, _), (second, angles) = cables(robot, before)[0], cables(robot, after)[0]
-    tension = after.tensions[0]
-    released = first - second
-    slip = np.cumsum(released[::-1])[::-1][1:]
-    force = normal_forces(tension[None], angles[None])[0]
-    return np.abs(np.log(tension[1:] / tension[:-1])) / angles, force, slip / duration
-
-
 # ---------------------------------------------------------------- statics
 
 
@@ -78,10 +68,15 @@ def test_a_load_step_has_the_coefficient_of_its_own_slip_rate(friction, tensions
     robot = single(friction=law)
     steps = [LoadStep("", {"t1": t}, time=k * 0.5, substeps=1) for k, t in enumerate(tensions, start=1)]
     result = solve(robot, steps, friction=friction)
-    mu, force, rate = recovered(robot, *result.steps, duration=0.5)
+    (first, _), (second, angles) = (cables(robot, s)[0] for s in result.steps)
+    tension, released = result.steps[1].tensions[0], first - second
+    mu, force = (
+        np.abs(np.log(tension[1:] / tension[:-1])) / angles,
+        normal_forces(tension[None], angles[None])[0],
+    )
+    rate = np.cumsum(released[::-1])[::-1][1:] / 0.5
     if friction == "per-tendon":
-        (first, _), (second, _) = (cables(robot, s)[0] for s in result.steps)
-        rate = np.full_like(rate, (first - second).sum() / 0.5)
+        rate = np.full_like(rate, released.sum() / 0.5)
     assert np.all(rate * (tensions[1] - tensions[0]) > 0.0)
     assert mu == pytest.approx(law.coefficient(force, rate)[0], abs=1e-6)
     assert np.ptp(law.coefficient(force, rate)[0]) > 1e-3 or friction == "per-tendon"
@@ -111,44 +106,30 @@ def test_newton_converges_quadratically_with_laws(law, axial_stiffness, friction
 # ---------------------------------------------------------------- scenes
 
 
-def sampled(law, end, step, tension):
-    """Solve with a tension over time [N]; by time step, arrays of shape (steps, holes).
-
-    Returns
-    -------
-    mu, law : ndarray
-        Coefficient from the tensions, and the law's at the normal force and slip rate of the step.
-    rate, mobilisation : ndarray
-        Slip rates [m/s] and mobilisations.
-    """
+@pytest.mark.parametrize(("end", "step", "top"), [(2.0, 2e-2, 0.2), (0.1, 1e-3, 1.0)], ids=["slow", "fast"])
+def test_dynamics_have_the_coefficient_of_their_slip_rate(end, step, top):
+    """A slow pull in 2 s has nearly the static coefficient, a fast one in 0.1 s reaches the kinetic; all its own."""
+    law = StribeckFriction(static=0.3, kinetic=0.15, stribeck_rate=2e-3)
     _keep, mbs, handle = damped(single(friction=law), 0.3)
-    handle.set_inputs_over_time(lambda t: [tension(t)])
+    handle.set_inputs_over_time(lambda t: [top * (t / end) ** 2])
     found = []
 
-    def sample(mbs_, t):
+    def sample(mbs, t):
         if t > 0.0:
             now = handle.actuation.current_forces()
             field, angles = now.field, now.measured.shape.angles
             used = np.log(field.tension[0, :-1] / field.tension[0, 1:]) / angles[0]
-            force = normal_forces(field.tension, angles)[0]
-            rate = field.slip_rate[0]
+            force, rate = normal_forces(field.tension, angles)[0], field.slip_rate[0]
             found.append((used, law.coefficient(force, rate)[0], rate, field.mobilisation[0]))
         return True
 
     mbs.SetPostStepUserFunction(sample)
     assert mbs.SolveDynamic(recommended(handle, end, step))
-    return tuple(np.array(x) for x in zip(*found, strict=True))
-
-
-def test_dynamics_have_the_coefficient_of_their_slip_rate():
-    """A slow pull in 2 s has nearly the static coefficient, a fast one in 0.1 s reaches the kinetic; all its own."""
-    law = StribeckFriction(static=0.3, kinetic=0.15, stribeck_rate=2e-3)
-    for end, step, top in ((2.0, 2e-2, 0.2), (0.1, 1e-3, 1.0)):
-        mu, expected, rate, mobilisation = sampled(law, end, step, lambda t, c=top / end**2: c * t**2)
-        slips = np.all(mobilisation == 1.0, axis=1)
-        assert np.count_nonzero(slips) > 20
-        assert mu[slips] == pytest.approx(expected[slips], abs=1e-6)
-        if top < 0.5:
-            assert np.max(np.abs(rate)) < 0.6e-3 and np.min(mu[slips]) > 0.28
-        else:
-            assert np.max(rate) > 1e-2 and np.min(mu[slips]) < 0.151
+    mu, expected, rate, mobilisation = (np.array(x) for x in zip(*found, strict=True))
+    slips = np.all(mobilisation == 1.0, axis=1)
+    assert np.count_nonzero(slips) > 20
+    assert mu[slips] == pytest.approx(expected[slips], abs=1e-6)
+    if top < 0.5:
+        assert np.max(np.abs(rate)) < 0.6e-3 and np.min(mu[slips]) > 0.28
+    else:
+        assert np.max(rate) > 1e-2 and np.min(mu[slips]) < 0.151

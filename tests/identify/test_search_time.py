@@ -67,19 +67,12 @@ def problem(forward):
     return problem_of(measured(TWO), forward=forward)
 
 
-@pytest.fixture(scope="module")
-def forms():
-    """All candidates of the small robot."""
-    experiment = problem(ForwardModel()).experiment
-    return [form for e in EFFECTS for form in e.forms(experiment)]
-
-
 @pytest.mark.integration
-def test_two_processes_give_the_scores_and_derivatives_of_one(forms):
+def test_two_processes_give_the_scores_and_derivatives_of_one():
     """Several models are linearised in a process each."""
     one = problem(ForwardModel())
-    declared = evaluate(one, (), {})
-    gravity = effect("gravity")
+    declared, gravity = evaluate(one, (), {}), effect("gravity")
+    forms = [form for e in EFFECTS for form in e.forms(one.experiment)]
     columns = tuple(Column(gravity, n, TWO["gravity"], 0.1) for n in TWO["gravity"])
     values = [{"gravity": {**TWO["gravity"], "g_x": g}} for g in (1.0, 2.0)]
     requests = [Request((gravity,), x, columns, declared.run) for x in values]

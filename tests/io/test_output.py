@@ -97,28 +97,18 @@ def arrays(parent):
     return found
 
 
-@pytest.fixture(scope="module")
-def case(tmp_path_factory):
-    robot = paper_robot(2)
+def test_vtk_files_have_points_cells_and_values_of_every_load_step(tmp_path):
     loads = {"tip": Load(0.25, (0.0, 0.05, 0.0), moment=(0.0, 1e-3, 0.0))}
     steps = [LoadStep("", {"t1": 0.5 * k}, loads=loads if k == 2 else {}) for k in (1, 2)]
-    result = arc_result(robot, steps)
-    folder = tmp_path_factory.mktemp("vtk")
-    return result, folder, write_vtk(motion_of(result), folder)
-
-
-def test_the_list_names_a_file_for_every_load_step(case):
-    _, folder, written = case
+    result = arc_result(paper_robot(2), steps)
+    written = write_vtk(motion_of(result), tmp_path)
     assert sorted(p.name for p in written) == ["robot.pvd", "robot_0001.vtp", "robot_0002.vtp"]
-    rows = ElementTree.parse(folder / "robot.pvd").getroot().findall("Collection/DataSet")
+    rows = ElementTree.parse(tmp_path / "robot.pvd").getroot().findall("Collection/DataSet")
     files = {r.get("timestep"): r.get("file") for r in rows}
     assert files == {"1": "robot_0001.vtp", "2": "robot_0002.vtp"}
 
-
-def test_points_cells_and_values_are_those_of_the_result(case):
-    result, folder, _ = case
     step = result.steps[1]
-    piece = ElementTree.parse(folder / "robot_0002.vtp").getroot().find("PolyData/Piece")
+    piece = ElementTree.parse(tmp_path / "robot_0002.vtp").getroot().find("PolyData/Piece")
     points = arrays(piece.find("Points"))["Points"]
     cells = {kind: arrays(piece.find(kind)) for kind in ("Verts", "Lines", "Polys")}
     of_cells, of_points = arrays(piece.find("CellData")), arrays(piece.find("PointData"))

@@ -8,7 +8,7 @@ from pathlib import Path
 import exudyn as exu
 import numpy as np
 import pytest
-from robots import BACKBONE, LENGTH, paper, pull, solve
+from robots import BACKBONE, LENGTH, paper, pull, solve, wire
 
 import tdcr_fe
 from tdcr_fe import Backbone, Load, LoadStep, Model, Spool, StribeckFriction, Superelastic, Tendon
@@ -25,20 +25,7 @@ from tdcr_fe.validation.random_robots import draw
 DATA = Path(tdcr_fe.__file__).parent / "data" / "demo"
 PAPER = Path(paper_cases.__file__).parent / "data"
 GRAVITY = Model(gravity=(0.0, 0.0, -9.81))
-STEEL = Backbone(0.2, 0.5e-3, 200e9, 0.3, 7850.0)
-DISKS = Disks.equally_spaced(10, 0.2, mass=0.9e-3, thickness=3e-3, radius=8e-3)
-
-
-def wire(angles=(0.0, 120.0, 240.0), routing=lambda angle: ParallelRouting(6.5e-3, angle), **tendon):
-    """1 mm of steel wire, 200 mm long, with ten disks and three tendons."""
-    given = {"friction_coefficient": 0.15, "axial_stiffness": 5e3} | tendon
-    tendons = (Tendon(f"t{k}", routing(a), **given) for k, a in enumerate(angles, start=1))
-    return Robot(STEEL, DISKS, tuple(tendons))
-
-
 WIRE = wire()
-
-
 PULL = pull(3.0)
 
 
@@ -284,7 +271,7 @@ def test_the_turn_of_a_base_that_gives_way_is_no_strain_of_the_backbone():
 
 HELD = Model(gravity=(0.0, -9.81, 0.0))
 RISE = pull(2.0, 4.0, 6.0)
-SHIFTED = (*DISKS.positions[:4], 0.095, *DISKS.positions[5:])
+SHIFTED = (*WIRE.disks.positions[:4], 0.095, *WIRE.disks.positions[5:])
 
 
 REMARKS = {
@@ -394,7 +381,7 @@ def test_displacements_that_are_said_to_bend_do():
 
 def test_a_weight_that_is_said_to_sag_does():
     """A cantilever under its own weight sags by W L^3 / 8 EI (closed form)."""
-    described = Robot(STEEL, Disks.equally_spaced(10, 0.2))
+    described = replace(WIRE, tendons=()).with_disks(mass=0.0, thickness=0.0)
     (line,) = understood(described, HELD)
     sag = 1e-3 * float(line.split("sags by ")[1].split()[0])
     result = solve(described, [LoadStep()], friction="none", gravity=HELD.gravity)

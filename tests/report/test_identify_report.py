@@ -28,13 +28,8 @@ def plain(html):
     return re.sub(r"\s+", " ", text.replace("\N{NO-BREAK SPACE}", " "))
 
 
-@pytest.fixture(scope="module")
-def html():
-    """The report on a missing gravity."""
-    return render(result(GRAVITY))
-
-
-def test_the_first_screen_has_verdict_errors_effects_picture_and_next_step(html):
+def test_the_first_screen_has_verdict_errors_effects_picture_and_next_step():
+    html = render(result(GRAVITY))
     first = html[: html.index("<nav")]
     text = plain(first)
     assert '<header class="good">' in html

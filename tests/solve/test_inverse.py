@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from robots import BACKBONE, LENGTH, seven, tendon
+from robots import BACKBONE, LENGTH, seven, tendon, wire
 
-from tdcr_fe import Backbone, Disks, Interrupted, ParallelRouting, Robot, Tendon, simulate
+from tdcr_fe import Disks, Interrupted, Robot, simulate
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 from tdcr_fe.model.targets import ReachStatus, TensionLimits, TipTarget
 from tdcr_fe.solve.inverse_statics.inverse import TOLERANCE, follow_path, reach
@@ -135,21 +135,13 @@ def test_out_of_reach_ends_at_the_nearest_point_and_says_so():
     assert found.error < others.min()
 
 
-STEEL = Robot(
-    Backbone(0.2, 0.5e-3, 200e9, 0.3),
-    Disks.equally_spaced(10, 0.2, radius=8e-3, thickness=3e-3),
-    tuple(Tendon(f"t{k}", ParallelRouting(6.5e-3, 120.0 * k), 0.15, axial_stiffness=6e3) for k in range(3)),
-    "steel wire",
-)
-
-
 @pytest.mark.integration
 @pytest.mark.parametrize("height", [0.191, None])
 def test_neighbours_on_a_circle_have_neighbouring_tensions(height):
     """A robot of one segment moves its tip on a surface; 20 N would bring it 0.1 mm nearer to points off it."""
     circle = [(0.05 * np.cos(a), 0.05 * np.sin(a), height) for a in np.radians(np.arange(0, 361, 30))]
     model, limits = Model(friction="none", elements_per_bay=1), TensionLimits(20.0, 0.2)
-    found = follow_path(STEEL, model, circle, limits)
+    found = follow_path(wire(), model, circle, limits)
     # Targets that are turned by 120 degrees, or mirrored, have the same error and the same tensions.
     tensions, third = found.tensions, [1, 2, 0]
     assert found.errors[4:] == pytest.approx(found.errors[:-4], abs=1e-6)
@@ -159,7 +151,7 @@ def test_neighbours_on_a_circle_have_neighbouring_tensions(height):
     assert np.abs(np.diff(tensions, axis=0)).max() < 0.55 * tensions.max()
     assert tensions.max() < 6.0
     # From the other side as well: without friction it does not matter where the robot comes from.
-    back = follow_path(STEEL, model, circle[::-1], limits)
+    back = follow_path(wire(), model, circle[::-1], limits)
     assert back.tensions[::-1] == pytest.approx(tensions, abs=0.01)
     if height is None:
         assert all(x.reached for x in found.targets) and found.errors.max() < 1e-6

@@ -1,7 +1,6 @@
-"""Tendons that become slack and taut: complementarity problems against exhaustive search, and whole robots."""
+"""Tendons that become slack and taut: conditions of complementarity problems, and whole robots."""
 
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pytest
@@ -14,24 +13,6 @@ from tdcr_fe.validation.fuzz.checks import CHECKS, check_step
 from tdcr_fe.validation.fuzz.drawing import draw
 
 
-def by_trying(matrix, right, low, high):
-    """All active sets that satisfy every condition."""
-    found = []
-    for sides in product((-1, 0, 1), repeat=len(right)):
-        side = np.array(sides)
-        s, free = np.where(side == 1, high, low), side == 0
-        if not np.all(np.isfinite(s)):
-            continue
-        if free.any():
-            s[free] = np.linalg.solve(matrix[np.ix_(free, free)], (right - matrix[:, ~free] @ s[~free])[free])
-        w = right - matrix @ s
-        inside = np.all(s <= high + 1e-9) and np.all(s >= low - 1e-9)
-        if inside and np.all(w[side == 1] >= -1e-9) and np.all(w[side == -1] <= 1e-9):
-            found.append(s)
-    assert found
-    return found
-
-
 @settings(max_examples=150)
 @given(
     st.integers(1, 5),
@@ -39,16 +20,20 @@ def by_trying(matrix, right, low, high):
     st.sampled_from([0.0, 0.05, 0.3, 1.0]),
     st.sampled_from([(-1.0, 1.0), (0.0, np.inf)]),
 )
-def test_solution_is_that_of_exhaustive_search(k, seed, skewness, bounds):
-    """Positive definite, unsymmetric matrices (every such one is a P-matrix), any first guess; friction, and slack."""
+def test_the_solution_meets_all_conditions_which_only_one_does(k, seed, skewness, bounds):
+    """Positive definite, unsymmetric matrices (every such one is a P-matrix), any first guess; friction, and slack.
+
+    What is left of the right side is zero inside of the bounds, and pushes outwards at them.
+    """
     rng = np.random.default_rng(seed)
     a, b = rng.normal(size=(k, k)), rng.normal(size=(k, k))
     matrix = a @ a.T + 0.05 * np.eye(k) + skewness * (b - b.T)
     right = matrix @ rng.normal(size=k) * rng.choice([0.1, 1.0, 10.0])
     guess = np.clip(rng.choice([-1.0, 0.0, 0.4, 1.0], size=k), *bounds)
     s, solved = solve_box(matrix, right, guess, *bounds)
-    assert solved
-    assert min(np.max(np.abs(s - other)) for other in by_trying(matrix, right, *bounds)) < 1e-8
+    left, (low, high) = right - matrix @ s, bounds
+    assert solved and np.all(low <= s) and np.all(s <= high)
+    assert np.all(left[s < high] < 1e-8) and np.all(left[s > low] > -1e-8)
 
 
 def test_a_singular_block_is_reported():

@@ -88,14 +88,8 @@ def few():
     return [replace(BY_ID[n], steps=BY_ID[n].steps[:4], quick=True) for n in names]
 
 
-@pytest.fixture(scope="module")
-def record():
-    """One solved case."""
-    return solving.solve(few()[0])
-
-
-def test_an_error_fails_its_case_and_nothing_else(record):
-    failed = solving.solve(replace(few()[0], steps=None))
+def test_an_error_fails_its_case_and_nothing_else():
+    record, failed = (solving.solve(case) for case in (few()[0], replace(few()[0], steps=None)))
     assert failed["error"]
     outcome = report.judge([failed, record], [], False, {"wall": 1.0, "processes": 1, "recalled": 0})
     assert not outcome["passed"]
