@@ -197,9 +197,8 @@ def test_the_sign_of_the_last_command_stays_while_a_tendon_rests():
 # ----------------------------------------------------------------------------------------------- identification
 
 
-@pytest.fixture(scope="module")
-def found():
-    """What is found where a moment about an axis of the sections grows with time, which no listed effect has."""
+def test_a_moment_that_grows_with_time_is_found_reported_and_written_as_loads(tmp_path):
+    """About an axis of the sections; no listed effect has it."""
     data = measured(sigma=1e-9)
     true = problem_of(
         replace(data, steps=tuple(replace(s, time=float(k)) for k, s in enumerate(data.steps, 1)))
@@ -208,11 +207,7 @@ def found():
     load, drift = load_of(TERMS["t e"]), 0.01 * ROBOT.backbone.EI / LENGTH
     (linear,) = linearize(true, [Request((load,), {load.name: {"x": drift, "y": -0.5 * drift}}, ())])
     noise = np.random.default_rng(0).normal(size=true.count)
-    return identify(read_as_predicted(true, linear.residual - noise, 1e-4)), drift
-
-
-def test_result_and_report_have_the_law(found):
-    result, drift = found
+    result = identify(read_as_predicted(true, linear.residual - noise, 1e-4))
     assert result.verdict == "explained by a law found"
     (cause,) = result.effects
     assert (cause.form, *cause.kind[:2]) == ("t e", "precurvature", ("time",))
@@ -226,10 +221,6 @@ def test_result_and_report_have_the_law(found):
     assert "law" not in replace(result, verdict="partly explained").to_json()
     assert headline(result) == f"Explained by an unlisted cause: {result.law.sentence}."
     assert result.law.sentence in summary(result) and result.law.formula in render(result)
-
-
-def test_a_run_of_the_corrected_robot_has_the_law_as_loads(found, tmp_path):
-    result, _ = found
     write_corrected(result, tmp_path)
     run = tips_of_run(tmp_path / "effects.toml", tmp_path / "out")
     tips = run.loc[[str(n) for n in result.data.step_ids]].to_numpy()
