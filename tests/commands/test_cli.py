@@ -96,12 +96,8 @@ def test_wrong_input_returns_2_names_every_mistake_and_writes_nothing(tmp_path, 
     printed = capsys.readouterr()
     assert printed.out == ""
     assert printed.err.splitlines()[0] == "tdcr-fe: 3 mistakes in the input; nothing was written"
-    for words in (
-        "robot.toml: backbone.length = -1: must be a positive",
-        "model.fricton = 1: unknown",
-        "-o = ",
-    ):
-        assert words in printed.err
+    said = ("robot.toml: backbone.length = -1: must be a positive", "model.fricton = 1: unknown", "-o = ")
+    assert all(words in printed.err for words in said)
     assert calls == []
     assert not (tmp_path / "out").exists()
 

@@ -73,8 +73,8 @@ def test_a_folder_alone_with_its_own_values_is_that_folder_among_several(name):
 
 
 def timed(*values: float) -> Experiment:
-    """Displacements of one tendon [m], a second apart."""
-    moved = ({"t1": v, "t2": 0.0, "t3": 0.0} for v in values)
+    """Displacements of two tendons [m], a second apart; the second moves by a fifth of the first."""
+    moved = ({"t1": v, "t2": 0.2 * v, "t3": 0.0} for v in values)
     steps = (LoadStep(displacements=x, time=float(t)) for t, x in enumerate(moved, start=1))
     return Experiment(three(), Model(), tuple(steps))
 
@@ -97,11 +97,7 @@ def test_every_reading_sees_the_commands_of_an_earlier_time(lag):
 @pytest.mark.parametrize("lag", [0.05, 0.25, 1.6])
 def test_a_lag_beside_play_that_divides_steps_is_one_of_the_same_times(lag):
     """The first reading was that of the first part of its step, before anything had moved."""
-    steps = [
-        LoadStep(displacements={"t1": x, "t2": 0.2 * x, "t3": 0.0}, time=t)
-        for x, t in ((4e-3, 1.0), (6e-3, 2.0))
-    ]
-    setup = with_effect(Experiment(three(), Model(), tuple(steps)), "actuator_backlash", backlash=5e-4)
+    setup = with_effect(timed(4e-3, 6e-3), "actuator_backlash", backlash=5e-4)
     assert len(setup.steps) > 2
     actions, lagged = resolve(setup.robot, setup.steps), with_effect(setup, "time_lag", lag=lag)
     moved = np.interp(2.0 - lag, [a.time for a in actions], [a.values[0] for a in actions])

@@ -48,10 +48,7 @@ def test_load_steps_have_static_friction_when_slow_and_kinetic_when_fast(duratio
 def test_a_law_without_dependence_is_a_coefficient_and_holes_may_have_their_own(law):
     """A tight and a smooth hole, while the tendon is pulled and released."""
     third, fifth = SEVEN.positions[2], SEVEN.positions[4]
-    holes = (
-        TightHole(third, friction_coefficient=0.8),
-        TightHole(fifth, drop=0.1, friction_coefficient=0.0),
-    )
+    holes = (TightHole(third, friction_coefficient=0.8), TightHole(fifth, 0.1, friction_coefficient=0.0))
     steps = timed([1.0, 2.0, 1.0], 1.0)
     expected = solve(single(0.2, tight_holes=holes), steps)
     found = solve(single(friction=law, tight_holes=holes), steps)
@@ -70,10 +67,8 @@ def test_a_load_step_has_the_coefficient_of_its_own_slip_rate(friction, tensions
     result = solve(robot, steps, friction=friction)
     (first, _), (second, angles) = (cables(robot, s)[0] for s in result.steps)
     tension, released = result.steps[1].tensions[0], first - second
-    mu, force = (
-        np.abs(np.log(tension[1:] / tension[:-1])) / angles,
-        normal_forces(tension[None], angles[None])[0],
-    )
+    mu = np.abs(np.log(tension[1:] / tension[:-1])) / angles
+    force = normal_forces(tension[None], angles[None])[0]
     rate = np.cumsum(released[::-1])[::-1][1:] / 0.5
     if friction == "per-tendon":
         rate = np.full_like(rate, released.sum() / 0.5)

@@ -157,9 +157,8 @@ def test_clean_data_miss_nothing():
 
 def within_errors(found, truth, most=4.0):
     """Whether all parameters of an effect are within so many standard errors of the truth."""
-    return all(
-        abs(found.parameters[k].value - x) <= most * found.parameters[k].std_error for k, x in truth.items()
-    )
+    pairs = ((found.parameters[k], x) for k, x in truth.items())
+    return all(abs(estimate.value - x) <= most * estimate.std_error for estimate, x in pairs)
 
 
 @pytest.mark.integration

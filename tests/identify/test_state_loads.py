@@ -200,9 +200,8 @@ def test_the_sign_of_the_last_command_stays_while_a_tendon_rests():
 def test_a_moment_that_grows_with_time_is_found_reported_and_written_as_loads(tmp_path):
     """About an axis of the sections; no listed effect has it."""
     data = measured(sigma=1e-9)
-    true = problem_of(
-        replace(data, steps=tuple(replace(s, time=float(k)) for k, s in enumerate(data.steps, 1)))
-    )
+    steps = tuple(replace(s, time=float(k)) for k, s in enumerate(data.steps, 1))
+    true = problem_of(replace(data, steps=steps))
     true = replace(true, experiment=with_elements(true.experiment, 4))
     load, drift = load_of(TERMS["t e"]), 0.01 * ROBOT.backbone.EI / LENGTH
     (linear,) = linearize(true, [Request((load,), {load.name: {"x": drift, "y": -0.5 * drift}}, ())])

@@ -220,7 +220,7 @@ def test_every_mistake_of_both_files_is_reported_at_once(tmp_path):
     assert named == {*(("robot", key) for key in robot), *(("scenario", key) for key in scenario)}
 
 
-plain = st.one_of(st.booleans(), st.integers(), st.floats(), st.text(max_size=5))
+value = st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.sampled_from([[], {}, [[1.0]]])
 
 
 @settings(max_examples=50, suppress_health_check=[HealthCheck.too_slow])
@@ -233,9 +233,7 @@ def test_no_value_of_any_key_raises_an_unexpected_error(tmp_path_factory, data):
         places = list(paths(tomllib.loads(text)))
         chosen = data.draw(st.lists(st.sampled_from(places), max_size=2, unique=True))
         chosen = [c for c in chosen if not any(o != c and c.startswith(o) for o in chosen)]
-        texts.append(
-            changed(text, {place: data.draw(plain | st.sampled_from([[], {}, [[1.0]]])) for place in chosen})
-        )
+        texts.append(changed(text, {place: data.draw(value) for place in chosen}))
     path = write(folder, *texts)
     try:
         read_scenario(path)

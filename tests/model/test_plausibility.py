@@ -55,11 +55,8 @@ def tendons(**changes):
 
 def body(radius=12e-3, modulus=0.4e6, length=0.3, routing=ParallelRouting(9e-3), **tendon):  # noqa: B008
     """A body of silicone with a channel."""
-    return (
-        Robot(Backbone(length, radius, modulus, 0.45), tendons=(Tendon("t1", routing, **tendon),)),
-        Model(),
-        [],
-    )
+    robot = Robot(Backbone(length, radius, modulus, 0.45), tendons=(Tendon("t1", routing, **tendon),))
+    return robot, Model(), []
 
 
 def soft(modulus):

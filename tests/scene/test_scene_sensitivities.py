@@ -45,9 +45,8 @@ def test_the_platform_that_gives_way_is_in_the_derivative(field):
         """Shapes after two pulls, and their derivatives."""
         _keep, mbs, platform = hinged_platform(0.5)
         changed = robot.with_backbone(**{field: value * factor})
-        arm = CreateTDCR(
-            mbs, changed, Model(elements_per_bay=1, gravity=(9.81, 0.0, 0.0)), baseMarker=platform
-        )
+        model = Model(elements_per_bay=1, gravity=(9.81, 0.0, 0.0))
+        arm = CreateTDCR(mbs, changed, model, baseMarker=platform)
         mbs.Assemble()
         tracked, shapes = track_sensitivities(arm, [f"backbone.{field}"]), []
         for tension in (0.8, 0.5):

@@ -91,9 +91,8 @@ TIGHTENED = seven(0.0).with_tendons(axial_stiffness=EA, pretension=T0)
 
 def test_tension_at_displacement_zero_is_the_pretension_less_the_compression_of_the_backbone():
     """Strain e of backbone and tendons: T = T0 - EA_t e and EA_b e = 3 T, to first order in e."""
-    result = solve(
-        TIGHTENED, [LoadStep(displacements=dict.fromkeys(("t1", "t2", "t3"), 0.0))], friction="none"
-    )
+    held = dict.fromkeys(TIGHTENED.tendon_names, 0.0)
+    result = solve(TIGHTENED, [LoadStep(displacements=held)], friction="none")
     expected = T0 / (1.0 + 3.0 * EA / BACKBONE.EA)
     np.testing.assert_allclose(result.steps[0].base_tensions, expected, rtol=2e-3)
     np.testing.assert_allclose(result.steps[0].displacements, 0.0, atol=1e-15)
