@@ -51,9 +51,9 @@ def test_a_moved_tip_and_a_wrong_state_are_noticed(monkeypatch):
         moved = last.positions + np.array([1e-3 * 0.25, 0.0, 0.0])
         last = replace(last, positions=moved, hole_states=(states,))
         increment = kwargs["record_path"][-1][-1]
-        (friction,) = increment.state.friction
-        wrong = replace(friction, mobilisation=-friction.mobilisation)
-        kwargs["record_path"][-1][-1] = replace(increment, state=replace(increment.state, friction=(wrong,)))
+        (mobilisation,) = increment.state.mobilisation
+        wrong = replace(increment.state, mobilisation=(-mobilisation,))
+        kwargs["record_path"][-1][-1] = replace(increment, state=wrong)
         return replace(result, steps=(*result.steps[:-1], last))
 
     monkeypatch.setattr(compare, "simulate", wrong)
