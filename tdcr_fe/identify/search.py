@@ -16,6 +16,7 @@ import math
 from collections.abc import Callable, Sequence, Set
 from dataclasses import replace
 from functools import partial
+from statistics import fmean
 from typing import NamedTuple
 
 import numpy as np
@@ -455,22 +456,32 @@ def refitted(state: SearchState, parts: Sequence[tuple[Effect, ...]]) -> tuple[S
 
 
 def _carried_over(problem: FitProblem, best: Fit, e: Effect) -> dict[str, float]:
-    """Values of a cause of the best model, or of another form of it; null values of numbers that it does not have."""
+    """Values of a cause of the best model, or of another form of it; null values of numbers that it does not have.
+
+    A number of all is the mean of those of each, and one of each is that of all.
+    """
     same = next((x for x in best.effects if x.listed == e.listed), None)
     same = same or next(x for x in best.effects if isinstance(x, Cause) and x.everywhere == e.name)
-    return {n: best.values[same.name].get(n, null) for n, null in e.null_values(problem.experiment).items()}
+    own, null = best.values[same.name], e.null_values(problem.experiment)
+    alike = {
+        n: [x for m, x in own.items() if f"{m}_".startswith(f"{n}_") or n.startswith(f"{m}_")] for n in null
+    }
+    return {n: own.get(n, fmean(x) if x else null[n]) for n, x in alike.items()}
 
 
 def other_forms(state: SearchState) -> list[tuple[Effect, ...]]:
     """The best model with one cause in a form of more numbers, or in that form of fewer which promises most.
 
-    A cause without a name that acts somewhere may act everywhere.
+    Or with a number of all in place of those of each, and the other way. A cause without a name that acts somewhere may
+    act everywhere.
     """
     best, found = state.best, []
     for e in best.effects:
         names = {p.name for p in e.parameters}
         forms = {f: {p.name for p in f.parameters} for f in state.dictionary if f.listed == e.listed}
-        larger = [f for f, own in forms.items() if own > names]
+        larger = [
+            f for f, own in forms.items() if own > names or (not own & names and len(own) != len(names))
+        ]
         smaller = [f for f, own in forms.items() if own < names]
         if smaller:
             larger.append(min(smaller, key=lambda f: _cost_without(state.problem, best, e, names - forms[f])))
