@@ -30,7 +30,7 @@ BUDGET = {
     "tdcr_fe/commands": 760,
     "tdcr_fe/effects": 1213,
     "tdcr_fe/estimate": 1051,
-    "tdcr_fe/identify": 6230,
+    "tdcr_fe/identify": 6237,
     "tdcr_fe/io": 1772,
     "tdcr_fe/live": 354,
     "tdcr_fe/model": 2460,
