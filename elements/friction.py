@@ -115,8 +115,6 @@ class TendonLaw:
         Numbers of tendons and of segments of the longest one, (m, n).
     groups : int
         Mobilisations per tendon, g.
-    coefficients : ndarray, shape (m, n-1)
-        Constant coefficients of friction of the holes [1].
     slip_operator : ndarray, shape (g, n)
         From released segment lengths to the slip that drives each mobilisation [1].
     hole_incidence : ndarray, shape (n-1, g)
@@ -143,15 +141,13 @@ class TendonLaw:
         self.hysteresis = hysteresis or ElasticPlastic()
         m, n = parameters.lengths.shape
         self.shape = (m, n)
-        zero = np.zeros_like(parameters.friction)
-        self.coefficients = parameters.friction if law.active else zero
-        adhesion = parameters.adhesion if law.active else zero
-        self._adhesion = adhesion if np.any(adhesion > 0.0) else None
+        adhesion = parameters.adhesion
+        self._adhesion = adhesion if law.active and np.any(adhesion > 0.0) else None
         self.slip_operator = law.slip_operator(n)
         self.hole_incidence = law.hole_incidence(n)
         self.groups = self.slip_operator.shape[0]
         self.varies = law.active and bool(np.any(parameters.follows))
-        acts = (self.coefficients > 0.0) | (adhesion > 0.0) | parameters.follows
+        acts = (parameters.friction > 0.0) | (adhesion > 0.0) | parameters.follows
         self.frictional: Flags = (acts.astype(float) @ np.abs(self.hole_incidence)) > 0.0
         self._material = parameters.material
         self.has_friction = bool(np.any(self.frictional))
@@ -218,7 +214,7 @@ class TendonLaw:
             return self._field_with_laws(
                 base_tension, lengths, angles, mobilisation, state or self.initial_state(), time
             )
-        tension, slopes = capstan(base_tension, angles, at_holes, self.coefficients, self._adhesion)
+        tension, slopes = capstan(base_tension, angles, at_holes, self.parameters.friction, self._adhesion)
 
         def derive() -> TensionDerivatives:
             return slopes().derivatives(None if self.each_hole else self.hole_incidence)
@@ -263,7 +259,8 @@ class TendonLaw:
         elapsed = time - state.time
         at_holes = self.at_holes(mobilisation)
         half = 0.5 * angles
-        laws = partial(evaluate_laws, self.parameters.laws, self.coefficients, self.parameters.follows)
+        p = self.parameters
+        laws = partial(evaluate_laws, p.laws, p.friction, p.follows)
         # Derivatives of the slip rates at the holes by the released lengths of the segments [1/s].
         rate_by_released = (self.hole_incidence @ self.slip_operator) * (
             1.0 / elapsed if elapsed > 0.0 else 0.0
