@@ -323,11 +323,6 @@ class KnownStates(NamedTuple):
         """The state at its end."""
         return self.points[-1].state
 
-    @property
-    def within(self) -> tuple[tuple[float, SolverState], ...]:
-        """States within the substep with their load factors in the load step."""
-        return tuple([(self.load_factor(point.factor), point.state.state) for point in self.points[1:-1]])
-
 
 def twists(point: Equilibrium) -> Array:
     """Twists of all elements: translations [m] and rotations [rad], six values each."""

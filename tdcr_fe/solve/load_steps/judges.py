@@ -97,11 +97,16 @@ def did_not_jump(trial: Trial) -> Trial | Instead:
 
 
 def _jump_possible(solver: SubstepSolver, first: Point, last: Point) -> bool:
-    """Whether a substep may have jumped: its rotations are large, and neither sign nor slopes exclude it."""
+    """Whether a substep may have jumped: the tangent changed its sign, or slopes do not exclude it where it is suspect.
+
+    Suspect are a large rotation, and a bay beyond its buckling load.
+    """
     before, after = first[1], last[1]
-    if not solver.jump_suspected(before, after):
-        return False
-    return before.tangent_sign * after.tangent_sign < 0 or not is_continuous(solver, first, last)
+    if before.tangent_sign * after.tangent_sign < 0:
+        return True
+    turn = solver.system.layout.space.turn_between(before.configuration, after.configuration)
+    suspect = turn > solver.settings.max_substep_turn or solver.passes_buckling(before, after)
+    return suspect and not is_continuous(solver, first, last)
 
 
 def _distance_of_halves(

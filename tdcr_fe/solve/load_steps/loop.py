@@ -57,7 +57,10 @@ class Trial(NamedTuple):
     @property
     def within(self) -> tuple[tuple[float, SolverState], ...]:
         """Load factors and states that were solved within it."""
-        return () if self.located is None else self.located.known.within
+        if self.located is None:
+            return ()
+        known = self.located.known
+        return tuple([(known.load_factor(x.factor), x.state.state) for x in known.points[1:-1]])
 
     @property
     def length(self) -> float:

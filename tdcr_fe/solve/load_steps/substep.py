@@ -160,18 +160,6 @@ class SubstepSolver:
         moved = a.configuration.positions - b.configuration.positions
         return float(np.max(np.abs(moved))) / self.system.length
 
-    def jump_suspected(self, before: SolverState, after: SolverState) -> bool:
-        """Whether a substep may have jumped to another branch.
-
-        Signs of it are a large rotation, a change of the tangent's sign, and a bay beyond its buckling load.
-        """
-        turn = self.system.layout.space.turn_between(before.configuration, after.configuration)
-        return (
-            turn > self.settings.max_substep_turn
-            or before.tangent_sign * after.tangent_sign < 0
-            or self.passes_buckling(before, after)
-        )
-
     def passes_buckling(self, before: SolverState, after: SolverState) -> bool:
         """Whether a bay of a robot driven by displacement is beyond its buckling load after a substep, not before.
 

@@ -10,10 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tdcr_fe.elements import Array
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.kernel import Residual
-from tdcr_fe.solve.equations.layout import ResidualScales
 
 #: Largest allowed difference between a mobilisation and that of its trial state: slips below this fraction of the
 #: presliding distance are negligible [1].
@@ -72,7 +70,7 @@ def first_unmet(
     settings
         Of the solver.
     balance
-        Whether balance is among the conditions; it is not where an iteration has stalled, see `stalled`.
+        Whether balance is among the conditions; it is not where an iteration has stalled.
 
     Returns
     -------
@@ -96,22 +94,3 @@ def _friction_error(residual: Residual, softening: float) -> float:
             trial = law.hysteresis.softened(softening).trial(own.field.slip, before)
             worst = max(worst, float((np.abs(trial.clip(-1.0, 1.0) - s) * law.frictional).max()))
     return worst
-
-
-def stalled(
-    before: float, after: float, step: Array, scales: ResidualScales, settings: SolverSettings
-) -> bool:
-    """Whether a step is so small that the rest of the residual is round-off of very stiff parts.
-
-    Parameters
-    ----------
-    before, after
-        Relative residual before and after the step [1].
-    step
-        Change of the unknowns.
-    scales
-        Of the scene.
-    settings
-        Of the solver.
-    """
-    return max(before, after) < BALANCED and scales.step_size(step) <= settings.step_tolerance

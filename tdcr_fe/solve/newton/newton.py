@@ -14,7 +14,7 @@ from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.newton.convergence import NewtonStatus, Unmet, first_unmet, stalled
+from tdcr_fe.solve.newton.convergence import BALANCED, NewtonStatus, Unmet, first_unmet
 from tdcr_fe.solve.newton.steps import NewtonStep, advanced, damped_step, full_step
 
 
@@ -167,8 +167,10 @@ class _Solve(NamedTuple):
             trial = advanced(system, residual.state, step, numbering, settings.max_turn)
             # Newton's steps are taken with the contact of their start, a damped motion opens and closes it on its way.
             residual = system.residual(trial, residual.target, numbering, iterations, hold_contact=not damped)
-            last = stalled(before, residual.size, step.change, system.layout.scales, settings)
-            if last and first(balance=False) is None:
+            # Steps may be so small that the rest of the residual is round-off of very stiff parts.
+            stalled = max(before, residual.size) < BALANCED
+            stalled = stalled and system.layout.scales.step_size(step.change) <= settings.step_tolerance
+            if stalled and first(balance=False) is None:
                 return end(NewtonStatus.STALLED)
 
     def _committed(self, residual: Residual, linear: Linearization | None) -> SolverState:
