@@ -54,24 +54,6 @@ class Derivative:
     loads: Array  # (L, 6, P): Of the concentrated loads
     time: Array  # (P,): [s]
 
-    @classmethod
-    def unloaded(cls, released: Array, operator: Array, loads: int) -> Derivative:
-        """Of a robot that was never loaded.
-
-        Parameters
-        ----------
-        released
-            Derivatives of the released lengths, which are not zero where tendons have pretension, shape (m, n, P).
-        operator
-            From released lengths to slips, shape (g, n).
-        loads
-            Number of concentrated loads.
-        """
-        slip, base = operator @ released, released.sum(axis=1)
-        history, none = np.zeros_like(slip), np.zeros_like(base)
-        count = released.shape[2]
-        return cls(slip, history, history, none, base, none, np.zeros((loads, 6, count)), np.zeros(count))
-
     def without(self, which: Flags) -> Derivative:
         """Zero for some parameters, shape (P,)."""
         keep = (~which).astype(float)
@@ -96,8 +78,7 @@ class _Disturbed(NamedTuple):
     elapsed: float  # Time since the substep began [s]
 
 
-@dataclass(frozen=True, eq=False)
-class _StepValues:
+class _StepValues(NamedTuple):
     """Derivatives at the end of one substep, for the result, and what the next one begins with."""
 
     nodes: Array
@@ -184,10 +165,16 @@ class SensitivityHistory:
             return self.steps[-1].carried
         law = self.explicit.present.forces.law
         slip = law.released_unloaded() @ self.explicit.law.slip_operator(law.shape[1]).T
+        # Not zero where tendons have pretension.
         released = self.explicit.released_unloaded()
-        return _Carried(
-            Derivative.unloaded(released, law.slip_operator, len(self.loads)), np.zeros_like(slip), slip
+        by_slip, base, count = law.slip_operator @ released, released.sum(axis=1), released.shape[2]
+        history, none, loads = (
+            np.zeros_like(by_slip),
+            np.zeros_like(base),
+            np.zeros((len(self.loads), 6, count)),
         )
+        begin = Derivative(by_slip, history, history, none, base, none, loads, np.zeros(count))
+        return _Carried(begin, np.zeros_like(slip), slip)
 
     # ------------------------------------------------------------------ along the path
 
@@ -312,10 +299,8 @@ class SensitivityHistory:
             return Sensitivities()
         robot = self.handle.robot
         counts = [len(robot.hole_arc_lengths(t)) - 1 for t in robot.tendons]
-        names = ("nodes", "rotations", "tension", "base_tension", "displacements", "slips")
-        nodes, rotations, tension, base_tension, displacements, slips = (
-            np.array([getattr(step, name) for step in self.steps]) for name in names
-        )
+        *values, _ = zip(*self.steps, strict=True)
+        nodes, rotations, tension, base_tension, displacements, slips = map(np.array, values)
         if self.explicit.present.forces.geometry is None:
             # Tendons that follow the backbone have one tension.
             tension = np.repeat(tension[:, :, :1], max(counts, default=1), axis=2)
