@@ -368,11 +368,6 @@ class TendonForces(NamedTuple):
         for node, block in zip(springs.nodes, springs.blocks(poses[1]), strict=True):
             k[6 * node : 6 * node + 3, 6 * node : 6 * node + 3] -= block
 
-    @property
-    def has_hole_slopes(self) -> bool:
-        """Whether each tension depends on the one before its hole, the angle and the mobilisation there alone."""
-        return self.field.at_holes is not None and self.base_response is None
-
     def to_all_nodes(self, rows: Array) -> Array:
         """Rows by the nodes with holes as rows by all nodes, shape (k, W) to (k, 6 N)."""
         columns = self.model.columns

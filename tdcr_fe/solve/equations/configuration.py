@@ -108,6 +108,11 @@ class Configuration(NamedTuple):
         """By robot, relative twists of the elements, shape (E, 6)."""
         return self.unknowns.twists
 
+    def turn_to(self, other: Configuration) -> float:
+        """Largest rotation of any beam node to another configuration [rad]."""
+        cosine = np.abs((self.parameters * other.parameters) @ ONES4).min()
+        return 2.0 * acos(min(float(cosine), 1.0))
+
 
 class ConfigurationSpace:
     """All configurations of a scene.
@@ -273,12 +278,6 @@ class ConfigurationSpace:
         return [len(t) for t in unknowns.twists] == elements and (
             len(unknowns.coordinates) == self._beam.size + rest
         )
-
-    @staticmethod
-    def turn_between(a: Configuration, b: Configuration) -> float:
-        """Largest rotation of any beam node from one configuration to another [rad]."""
-        cosine = np.abs((a.parameters * b.parameters) @ ONES4).min()
-        return 2.0 * acos(min(float(cosine), 1.0))
 
 
 class SolverState(NamedTuple):

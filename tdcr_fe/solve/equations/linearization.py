@@ -310,11 +310,6 @@ class Linearization(NamedTuple):
             [chain.changes(step[part.nodes].reshape(-1, 6)).reshape(-1) for chain, part in parts]
         )
 
-    def turn_since(self, twists: tuple[Array, ...]) -> float:
-        """Largest change of the rotation of any element since, with the present twists by robot [rad]."""
-        pairs = zip(self.chains, twists, strict=True)
-        return max([float(np.abs(new[:, 3:] - chain.twists[:, 3:]).max()) for chain, new in pairs])
-
 
 def backbone_tangent(
     residual: Residual, robot: int, nodes: slice, damping: Array, mesh: BackboneMesh | None = None

@@ -380,7 +380,7 @@ class SceneSystem:
         if self.tangent_follows_from_elements(residual.target.loads):
             (own,), (band,) = residual.forces, self.layout.bands
             backbone = backbone_tangent(residual, 0, slices[0], damping, own.model.mesh)
-            if band is not None and own.has_hole_slopes:
+            if band is not None and own.field.at_holes is not None:
                 return BandFactors.of(band.assemble(backbone, own, numbering.robots[0].clamped), band)
             k = np.zeros((6 * slices[0].stop,) * 2)
             backbone.add_to(k, np.arange(slices[0].stop))

@@ -179,7 +179,8 @@ class Equilibrium(NamedTuple):
 
 def near_enough(state: SolverState, linearization: Linearization) -> bool:
     """Whether a linearisation is in a state, or so near to it that it makes no difference."""
-    return linearization.turn_since(state.configuration.twists) <= EXACT_TURN
+    pairs = zip(linearization.chains, state.configuration.twists, strict=True)
+    return all(float(np.abs(new[:, 3:] - old.twists[:, 3:]).max()) <= EXACT_TURN for old, new in pairs)
 
 
 class TautTendons(NamedTuple):

@@ -104,7 +104,7 @@ def _jump_possible(solver: SubstepSolver, first: Point, last: Point) -> bool:
     before, after = first[1], last[1]
     if before.tangent_sign * after.tangent_sign < 0:
         return True
-    turn = solver.system.layout.space.turn_between(before.configuration, after.configuration)
+    turn = before.configuration.turn_to(after.configuration)
     suspect = turn > solver.settings.max_substep_turn or solver.passes_buckling(before, after)
     return suspect and not is_continuous(solver, first, last)
 
