@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2546,
+    "elements": 2542,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 760,
     "tdcr_fe/effects": 1213,
@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2460,
     "tdcr_fe/report": 1108,
     "tdcr_fe/scene": 1331,
-    "tdcr_fe/solve": 6707,
+    "tdcr_fe/solve": 6690,
     "tdcr_fe/sweeps": 1397,
     "validation": 6488,
     "tests": 12473,
