@@ -112,6 +112,19 @@ def test_a_step_of_dahl_is_divided_though_its_halves_end_where_the_whole_does():
     assert distance(found, expected) < 5e-5
 
 
+def test_mobilisations_of_elastic_tendons_are_those_of_their_slips_after_any_reversal():
+    """Over 300 random tensions. Newton's method for the mobilisations left an error of 0.04, and of 2 in a robot."""
+    rng = np.random.default_rng(0)
+    law = tendon_law(FRICTION_MODELS["per-hole"], compliance=5e-4, hysteresis=Dahl)
+    state, worst = law.initial_state(), 0.0
+    for tension in rng.uniform(0.2, 3.0, (300, 2)):
+        field = law.evaluate(tension, LENGTHS, 3.0 * ANGLES, state)
+        there = np.clip(law.hysteresis.trial(field.slip, state), -1.0, 1.0)
+        worst = max(worst, np.abs(there - field.mobilisation).max())
+        state = law.commit(field)
+    assert worst < 1e-9
+
+
 # ---------------------------------------------------------------- scenes
 
 
