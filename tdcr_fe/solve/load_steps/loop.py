@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from tdcr_fe.solve.equations.configuration import SolverState
-from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.friction_path.response import Equilibrium
 from tdcr_fe.solve.load_steps.load_path import LocatedReversals, SolvedPath, StepFailed, one_substep
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
@@ -34,7 +33,6 @@ class Trial(NamedTuple):
     end: float  # Load factor at its end [1]
     substeps: int  # Of the load step, if it is accepted and nothing is divided further
     result: NewtonResult
-    linearization: Linearization | None  # With which its solution began
     # Whether Newton's method began at its start, and not at a state near the solution
     from_start: bool = True
     error: float = 0.0  # Largest displacement of a node that is not resolved of its path, over the length [1]
@@ -117,11 +115,10 @@ def solved(solver: SubstepSolver, path: SolvedPath, proposal: Proposal, ahead: i
     if proposal.warm_start is not None:
         result = solver.solve(with_unknowns_of(proposal.warm_start, before), proposal.end, None, before)
         if result.converged:
-            return Trial(solver, path, proposal.end, substeps, result, None, from_start=False)
+            return Trial(solver, path, proposal.end, substeps, result, from_start=False)
         spent = result.iterations
-    linear = path.linearization
-    result = solver.solve(before, proposal.end, linear, before)
-    return Trial(solver, path, proposal.end, substeps, result, linear, rejected=spent)
+    result = solver.solve(before, proposal.end, path.linearization, before)
+    return Trial(solver, path, proposal.end, substeps, result, rejected=spent)
 
 
 #: Returns the substep, perhaps solved better, or what is to be solved instead.

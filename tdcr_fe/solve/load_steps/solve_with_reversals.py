@@ -44,8 +44,7 @@ def with_reversals(trial: Trial) -> Trial:
     if trial.from_start and result.linearization is None:
         # Nothing changes.
         return trial
-    linear = result.linearization or trial.linearization
-    linear = linear or _linearised(trial.solver, result.state, trial.end).linearization
+    linear = result.linearization or _linearised(trial.solver, result.state, trial.end).linearization
     if is_steady(trial, linear):
         return trial
     first, final = _first(trial, linear.numbering), _final(trial.solver, result, linear, trial.end)

@@ -71,14 +71,6 @@ def solve_within(
     return _at_fixed_friction(solver, guess, known.load_factor(factor))
 
 
-def solve_from_end(
-    solver: SubstepSolver, known: KnownStates, path: FrictionPath, factor: float
-) -> Equilibrium | None:
-    """As `solve_within`, from the shape at the end of the substep."""
-    guess = with_path_unknowns(known.end, known.taut, path.at(factor)[0])
-    return _at_fixed_friction(solver, guess, known.load_factor(factor))
-
-
 def _at_fixed_friction(solver: SubstepSolver, guess: SolverState, load_factor: float) -> Equilibrium | None:
     """Solve at the mobilisations of a guess; None where that fails."""
     system = solver.system
@@ -169,7 +161,11 @@ def _point(solver: SubstepSolver, substep: SolvedSubstep, here: PathReversal) ->
     known, path, _ = substep.located
     numbering, taut, k = known.end.numbering, known.taut, len(known.taut.holes)
     load_factor = known.load_factor(here.factor)
-    found = solve_within(solver, known, path, here.factor) or solve_from_end(solver, known, path, here.factor)
+    found = solve_within(solver, known, path, here.factor)
+    if found is None:
+        # From the shape at the end of the substep.
+        guess = with_path_unknowns(known.end, taut, path.at(here.factor)[0])
+        found = _at_fixed_friction(solver, guess, load_factor)
     if found is None:
         message = (
             f"no equilibrium where slips reverse, at load factor {load_factor:.4f}, for the derivatives there"
