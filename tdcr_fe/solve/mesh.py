@@ -84,20 +84,13 @@ class SolvedState:
 class MeshEstimate:
     """Estimated discretisation error of one solved state."""
 
-    # (N-1, 3): Estimated displacement of the nodes 1 .. N-1 to their positions with exact elements, world axes
-    # [m].
-    nodes: Array
+    largest: float  # Largest estimated displacement of a node to its position with exact elements [m]
     # (B,): Largest displacement of a node that each bay's own defect causes [m]; None where the error is below
     # the goal. Infinite where the equations along an element have no finite solution under its wrench.
     by_bay: Array | None
     # (B,): Axial compression of each bay over its buckling load, see `bay_loads`; zero where it is not defined
     # [1]
     bay_loads: Array
-
-    @property
-    def largest(self) -> float:
-        """Largest displacement of a node [m]."""
-        return float(np.sqrt(np.max(np.einsum("ni,ni->n", self.nodes, self.nodes))))
 
 
 def _transposed(matrices: Array, vectors: Array) -> Array:
@@ -188,13 +181,9 @@ def displacements(states: Sequence[SolvedState], forces: Array, couples: Array |
 
 
 def _largest(moved: Array) -> Array:
-    """Largest length of vectors (..., E, 3) over E."""
+    """Largest length of vectors (..., E, 3) over E, infinite where any is not a number."""
+    moved = np.where(np.isfinite(moved), moved, np.inf)
     return np.asarray(np.sqrt(np.max(np.einsum("...i,...i->...", moved, moved), axis=-1)))
-
-
-def _finite(moved: Array) -> Array:
-    """The same displacements, infinite where they are not numbers."""
-    return np.where(np.isfinite(moved), moved, np.inf)
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -221,17 +210,16 @@ def estimate(model: ElementModel, states: Sequence[SolvedState], goal: float) ->
         np.stack([getattr(s, name) for s in states]) for name in ("twists", "rotations", "tensions")
     )
     forces, couples = defects(model, twists, rotations, tensions)
-    moved = _finite(displacements(states, forces, couples))
     loads = bay_loads(model, twists, tensions)
     found = []
-    for k, size in enumerate(_largest(moved)):
+    for k, size in enumerate(_largest(displacements(states, forces, couples)).tolist()):
         by_bay = None
         if not size <= goal:
             inside = (model.bays == np.arange(int(model.bays.max()) + 1)[:, None])[..., None]
             of_bays = np.where(inside, forces[k], 0.0)
             couples_of_bays = None if couples is None else np.where(inside, couples[k], 0.0)
-            by_bay = _largest(_finite(displacements([states[k]] * len(inside), of_bays, couples_of_bays)))
-        found.append(MeshEstimate(moved[k], by_bay, loads[k]))
+            by_bay = _largest(displacements([states[k]] * len(inside), of_bays, couples_of_bays))
+        found.append(MeshEstimate(size, by_bay, loads[k]))
     return found
 
 
