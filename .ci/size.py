@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2460,
     "tdcr_fe/report": 1108,
     "tdcr_fe/scene": 1331,
-    "tdcr_fe/solve": 6690,
+    "tdcr_fe/solve": 6679,
     "tdcr_fe/sweeps": 1397,
     "validation": 6488,
     "tests": 12483,
