@@ -131,22 +131,28 @@ class Frame:
 
         ``last``: the state of the frame before, where it is a guide.
         """
+        attempts: list[tuple[Frame, Array, Solved | None]] = [(self, np.zeros(len(mean)), None)]
+        if last is not None:
+            resolved = replace(self, substeps=None)  # takes long
+            start = last.start_of(self, mean, covariance)
+            attempts = [(self, start, last), *attempts, (resolved, np.zeros(len(mean)), None)]
+        found = None
+        for frame, begin, near in attempts:
+            found = frame._found_from(mean, covariance, begin, near)
+            if found is not None and found.converged:
+                break
+        return found
+
+    def _found_from(
+        self, mean: Array, covariance: Array, start: Array, near: Solved | None
+    ) -> Found[Solved] | None:
+        """As `most_probable`, from one ``v`` and a state nearby."""
         variance = covariance[PLACE, PLACE]
-        start = np.zeros(len(mean)) if last is None else last.start_of(self, mean, covariance)
         if variance == 0.0 or not self.readings:
-            attempts: list[tuple[Frame, Array, Solved | None]] = [(self, np.zeros(len(mean)), None)]
-            if last is not None:
-                resolved = replace(self, substeps=None)  # takes long
-                attempts = [(self, start, last), *attempts, (resolved, np.zeros(len(mean)), None)]
-            found = None
-            for frame, begin, near in attempts:
-                found = most_probable(frame.solved, mean, covariance, begin, near)
-                if found is not None and found.converged:
-                    break
-            return found
+            return most_probable(self.solved, mean, covariance, start, near)
         # Among given places, each with all other unknowns conditional on it.
         given, held = self.problem.at_given_place(covariance)
-        at, found, before = self.solved(mean + covariance @ start, last), None, np.inf
+        at, found, before = self.solved(mean + covariance @ start, near), None, np.inf
         for _ in range(MOST_CHOICES):
             if at is None:
                 return None
@@ -154,7 +160,7 @@ class Frame:
             if abs(s - before) < self.problem.s[-1] / PLACES:
                 break
             # At first the state is far off, and the linear model is no guide.
-            begin = np.zeros_like(towards) if found is None and last is None else towards
+            begin = np.zeros_like(towards) if found is None and near is None else towards
             before, shift = s, s - mean[PLACE]
             found = most_probable(self.solved, mean + given * shift, held, begin, at)
             if found is None:

@@ -11,6 +11,7 @@ from scipy.stats import chi2
 import tdcr_fe as tdcr
 from tdcr_fe import Spool, StepFailed
 from tdcr_fe.elements.drives import TendonDrives
+from tdcr_fe.estimate.frame import Frame
 from tdcr_fe.model.loading import Actuation
 from tdcr_fe.validation.campaigns.estimate import LENGTH, RATE, Drawn, model, read, readings_of, rod, squared
 
@@ -170,6 +171,26 @@ def test_the_place_of_a_force_is_found_where_markers_show_it(place):
     assert not frame.message
     assert abs(frame.at - at) < 0.05 * LENGTH
     assert abs(frame.at - at) < 4.0 * frame.sigma_at
+
+
+@pytest.mark.parametrize("at", ["tip", "unknown"])
+def test_a_frame_that_has_no_solution_near_the_last_one_begins_once_more(at, monkeypatch):
+    """Where the place was unknown it did not; one after 0.5 s with tendons that are wound was lost."""
+    truth, rng = Truth(2, 5, scale=0.2), np.random.default_rng(1)
+    own = estimator(load=tdcr.LoadPrior(at, sigma=0.05))
+    markers = LENGTH / 3.0 * np.arange(1, 4)
+    own.step(truth.command(0), truth.positions(rng, 0, markers))
+    solved = Frame.solved
+
+    def not_from_the_last(self, unknowns, near=None):
+        return (
+            None if near is not None and near.frame.start is not self.start else solved(self, unknowns, near)
+        )
+
+    monkeypatch.setattr(Frame, "solved", not_from_the_last)
+    frame = own.step(truth.command(1), truth.positions(rng, 1, markers))
+    assert not frame.message and frame.misfit < 40.0
+    assert np.linalg.norm(frame.tip - truth.nodes[1, -1]) < 5e-4
 
 
 def test_a_frame_without_solution_keeps_the_state_and_the_run_goes_on(monkeypatch):
