@@ -33,18 +33,6 @@ def calls(monkeypatch):
     return noted
 
 
-def stopping(message, failed_step):
-    def simulate(robot, model, steps, settings=None, progress=None, **beside):
-        full = arc_result(robot, list(steps))
-        ended = {"converged": False, "message": message, "failed_step": failed_step}
-        result = dataclasses.replace(full, steps=full.steps[: failed_step - 1], **ended)
-        if message == "interrupted":
-            raise Interrupted(result)
-        return result
-
-    return simulate
-
-
 def test_run_solves_and_writes_and_returns_0(tmp_path, calls, capsys):
     out = tmp_path / "out"
     assert cli.main(["run", str(write(tmp_path)), "-o", str(out)]) == 0
@@ -68,7 +56,15 @@ def test_run_solves_and_writes_and_returns_0(tmp_path, calls, capsys):
 def test_what_is_solved_before_a_failure_is_kept(
     tmp_path, monkeypatch, capsys, message, failed, status, said
 ):
-    monkeypatch.setattr("tdcr_fe.commands.run.simulate", stopping(message, failed))
+    def simulate(robot, model, steps, settings=None, progress=None, **beside):
+        full = arc_result(robot, list(steps))
+        ended = {"converged": False, "message": message, "failed_step": failed}
+        result = dataclasses.replace(full, steps=full.steps[: failed - 1], **ended)
+        if message == "interrupted":
+            raise Interrupted(result)
+        return result
+
+    monkeypatch.setattr("tdcr_fe.commands.run.simulate", simulate)
     out, scenario = tmp_path / "out", changed(SCENARIO, {"steps.1.label": "far"})
     command = ["run", str(write(tmp_path, scenario=scenario)), "-o", str(out), "--no-pictures"]
     assert cli.main(command) == status

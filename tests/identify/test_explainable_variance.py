@@ -11,23 +11,16 @@ from tdcr_fe.identify.problem import Fit
 from tdcr_fe.identify.result import Misfit
 from tdcr_fe.identify.sentences import sentences
 
-
-def cycles():
-    """Eight pulls and releases of two tendons to different tensions, as branches, with times."""
-    steps, branches = [], []
-    for n in range(8):
-        peak = 0.6 + 0.1 * n
-        levels = [*np.linspace(0.2, peak, 5), *np.linspace(peak, 0.1, 5)[1:]]
-        for j, t in enumerate(levels):
-            tensions = {"t1": float(t), "t2": 0.0} if n % 2 == 0 else {"t1": 0.0, "t2": float(t)}
-            steps.append(LoadStep(tensions=tensions, time=float(len(steps))))
-            branches.append(f"{'up' if j < 5 else 'down'} {n}")
-    ids = range(1, len(steps) + 1)
-    readings = tuple(Reading(n, f"position_{a}", 0.2, 0.0, 1e-4) for n in ids for a in "xyz")
-    return data_of(steps, readings, branches=branches)
-
-
-DATA = cycles()
+# Eight pulls and releases of two tendons to different tensions, as branches, with times.
+STEPS, BRANCHES = [], []
+for n in range(8):
+    peak = 0.6 + 0.1 * n
+    for j, t in enumerate([*np.linspace(0.2, peak, 5), *np.linspace(peak, 0.1, 5)[1:]]):
+        pulls = {"t1": float(t) * (n % 2 == 0), "t2": float(t) * (n % 2)}
+        STEPS.append(LoadStep(tensions=pulls, time=float(len(STEPS))))
+        BRANCHES.append(f"{'up' if j < 5 else 'down'} {n}")
+READ = [Reading(k, f"position_{a}", 0.2, 0.0, 1e-4) for k in range(1, len(STEPS) + 1) for a in "xyz"]
+DATA = data_of(STEPS, tuple(READ), branches=BRANCHES)
 PROBLEM = problem_of(DATA, [n for n, b in zip(DATA.step_ids, DATA.branches, strict=True) if b[-1] in "25"])
 HELD = PROBLEM.held_out
 NOISE = np.random.default_rng(0).normal(size=HELD.size)

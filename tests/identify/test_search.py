@@ -32,15 +32,11 @@ from tdcr_fe.identify.search import Proposal, backward_selection, exchange, scor
 from tdcr_fe.model.routing import MisplacedRouting
 
 
-def test_every_listed_effect_has_a_kind_and_names_are_unique():
+def test_listed_effects_have_a_kind_and_causes_change_nothing_at_their_null_values():
     problem, _, causes = declared()
     assert len(causes) > 100
     assert {e.kind.perturbs for e in problem.catalogue} <= PERTURBED
     assert effect("soft_bay").at({"s": 0.025}).kind.where == "s = 0.025 m"
-
-
-def test_causes_change_nothing_at_their_null_values():
-    problem, _, causes = declared()
     for e in (x for x in causes.values() if not is_named(x)):
         plain = problem.experiment
         same = problem.with_effects((e,), {e.name: e.null_values(plain)})
