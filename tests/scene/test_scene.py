@@ -8,6 +8,8 @@ import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 import pytest
+from exudyn.robotics import Robot as Arm
+from exudyn.robotics import RobotLink
 from exudyn.utilities import InertiaCuboid
 from native_solvers import recommended
 from robots import (
@@ -135,31 +137,16 @@ def test_a_force_on_the_second_link_of_an_arm_turns_the_first_one_against_its_sp
     """Its moment grows as the first link turns; this was left out of the tangent, and no equilibrium was found."""
     _keep, mbs = system()
     k, length, force = 0.05, 0.2, (-1.0, 0.0, -0.5)
-    two = {"numberOfODE2Coordinates": 2, "referenceCoordinates": [0.0] * 2}
-    node = mbs.AddNode(
-        eii.NodeGenericODE2(**two, initialCoordinates=[0.0] * 2, initialCoordinates_t=[0.0] * 2)
-    )
     link = InertiaCuboid(2e3, [length, 0.02, 0.02]).Translated([length / 2, 0.0, 0.0])
-    links = {
-        "jointTypes": [exu.JointType.RevoluteY] * 2,
-        "linkParents": [-1, 0],
-        "jointTransformations": exu.Matrix3DList([np.eye(3)] * 2),
-        "jointOffsets": exu.Vector3DList([[0.0] * 3, [length, 0.0, 0.0]]),
-        "linkInertiasCOM": exu.Matrix3DList([link.InertiaCOM()] * 2),
-        "linkCOMs": exu.Vector3DList([link.COM()] * 2),
-        "linkMasses": [link.mass] * 2,
-        "jointPositionOffsetVector": [0.0] * 2,
-        "jointVelocityOffsetVector": [0.0] * 2,
-        "jointPControlVector": [k] * 2,
-        "jointDControlVector": [0.0] * 2,
-    }
-    arm = mbs.AddObject(eii.ObjectKinematicTree(nodeNumber=node, **links))
-    ends = [
-        mbs.AddMarker(
-            eii.MarkerKinematicTreeRigid(objectNumber=arm, linkNumber=1, localPosition=[x, 0.0, 0.0])
-        )
-        for x in (0.0, length)
-    ]
+    arm = Arm(gravity=[0.0] * 3)
+    for at in (0.0, length):
+        there = exu.HT(rotation=np.eye(3), translation=[at, 0.0, 0.0])
+        given = {"jointType": "Ry", "preHT": there, "PDcontrol": (k, 0.0)}
+        arm.AddLink(RobotLink(link.mass, link.COM(), link.InertiaCOM(), **given))
+    items = arm.CreateKinematicTree(mbs)
+    node, of_arm = items["nodeGeneric"], {"objectNumber": items["objectKinematicTree"], "linkNumber": 1}
+    markers = (eii.MarkerKinematicTreeRigid(**of_arm, localPosition=[x, 0.0, 0.0]) for x in (0.0, length))
+    ends = [mbs.AddMarker(marker) for marker in markers]
     mbs.AddLoad(eii.Force(markerNumber=ends[0], loadVector=force))
     handle = CreateTDCR(mbs, single(0.3), MODEL, baseMarker=ends[1])
     mbs.Assemble()
