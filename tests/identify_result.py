@@ -13,6 +13,7 @@ from tdcr_fe.effects import EFFECTS
 from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify.corrected import corrected_files
 from tdcr_fe.identify.result import AddedEffect, Errors, Estimate, IdentificationResult, Misfit, Parameters
+from tdcr_fe.io.measured import write_measured
 
 ROBOT = identify_data.ROBOT.with_tendons(axial_stiffness=2474.0)
 STEPS = identify_data.sequence()
@@ -52,6 +53,12 @@ def write_corrected(result, folder):
     """The files of the corrected robot."""
     for name, text in corrected_files(result).items():
         (folder / name).write_text(text, encoding="utf-8")
+
+
+def identified(folder, data, *options):
+    """Exit status of ``tdcr-fe identify`` on a data set, with the results in ``out``."""
+    write_measured(data, folder / "set")
+    return main(["identify", str(folder / "set"), "-o", str(folder / "out"), *options])
 
 
 def tips_of_run(scenario, out, *options):

@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identify_data import GRAVITY, MODEL, measured, problem_of, simulated
+from identify_result import identified
 
 from tdcr_fe import Experiment, InputError, effect
-from tdcr_fe.cli import main
 from tdcr_fe.identify import IdentifySettings, identify
 from tdcr_fe.identify.load_steps import held_out_branches, join_steps
-from tdcr_fe.io.measured import write_measured
 
 NAMES = (*["one_up"] * 3, *["one_down"] * 2, *["two_up"] * 2, "two_down", *["pair_up"] * 2, "pair_down")
 
@@ -59,9 +58,7 @@ def test_without_branches_a_pattern_is_refused():
 
 
 def test_the_command_refuses_a_pattern_that_matches_nothing(data, tmp_path, capsys):
-    write_measured(data, tmp_path / "set")
-    command = ["identify", str(tmp_path / "set"), "-o", str(tmp_path / "out")]
-    assert main([*command, "--hold-out", "triple*"]) == 2
+    assert identified(tmp_path, data, "--hold-out", "triple*") == 2
     assert "one_up, one_down" in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import pytest
 from identify_data import LENGTH, measured
-from identify_result import tips_of_run
+from identify_result import identified, tips_of_run
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import EFFECTS
-from tdcr_fe.io.measured import write_measured
 from tdcr_fe.io.user_effects import read_own_effects
 
 PAGE = (Path(__file__).parents[2] / "docs" / "identify.md").read_text(encoding="utf-8")
@@ -31,10 +30,8 @@ def test_the_example_of_the_page_is_found_and_runs(example, tmp_path, capsys):
     """On readings with a force at the tip, ``identify`` names it, and ``run`` repeats the fit."""
     (own,) = read_own_effects([example])
     data = measured({"cable_pull": TRUTH}, catalogue=(*EFFECTS, own))
-    write_measured(data, tmp_path / "set")
-    out = tmp_path / "out"
-    option = ["--effects", str(example)]
-    assert main(["identify", str(tmp_path / "set"), "-o", str(out), *option]) == 0
+    out, option = tmp_path / "out", ["--effects", str(example)]
+    assert identified(tmp_path, data, *option) == 0
     assert "A camera cable pulls at the tip" in (out / "report.html").read_text(encoding="utf-8")
     document = json.loads((out / "result.json").read_text())
     (found,) = document["effects"]
@@ -71,8 +68,6 @@ def test_a_file_that_is_no_effect_is_refused_with_what_is_allowed(example, tmp_p
     changed = change(EXAMPLE)
     assert changed != EXAMPLE
     example.write_text(changed, encoding="utf-8")
-    write_measured(measured(), tmp_path / "set")
-    command = ["identify", str(tmp_path / "set"), "-o", str(tmp_path / "out"), "--effects", str(example)]
-    assert main(command) == 2
+    assert identified(tmp_path, measured(), "--effects", str(example)) == 2
     said = capsys.readouterr().err
     assert text in said and str(example) in said and not (tmp_path / "out").exists()

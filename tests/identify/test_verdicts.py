@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identify_data import GRAVITY, begun, concluded, measured, searching, with_model
+from identify_result import identified
 
-from tdcr_fe.cli import main
 from tdcr_fe.commands import identify as command
 from tdcr_fe.effects import EFFECTS, Experiment, effect
 from tdcr_fe.identify import identify
@@ -17,7 +17,6 @@ from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.search import worth_fitting
 from tdcr_fe.identify.sentences import headline, sentences
 from tdcr_fe.identify.verdict import separating_experiments
-from tdcr_fe.io.measured import write_measured
 
 
 @pytest.fixture(scope="module")
@@ -136,9 +135,8 @@ def test_implausible_declared_values_are_warned_of(tmp_path, capsys):
     """As ``tdcr-fe run`` does; before, tensions in grams only gave "did not converge"."""
     data = measured()
     robot = data.robot.with_backbone(density=5.6)
-    write_measured(replace(data, robot=robot, readings=data.readings[:1]), tmp_path / "set")
-    command = ["identify", str(tmp_path / "set"), "-o", str(tmp_path / "out")]
-    assert main([*command, "-q", "--processes", "1"]) == 0
+    thin = replace(data, robot=robot, readings=data.readings[:1])
+    assert identified(tmp_path, thin, "-q", "--processes", "1") == 0
     assert "warning: backbone.density = 5.6 kg/m^3: outside" in capsys.readouterr().err
 
 
@@ -146,13 +144,12 @@ def test_there_is_one_process_for_each_core_at_most(tmp_path, monkeypatch):
     """``--processes 99`` was taken as it was, on a machine with two cores."""
     asked = []
 
-    def identified(data, settings, progress):
+    def ask(data, settings, progress):
         asked.append(settings.processes)
         raise NotSolved("enough")
 
-    monkeypatch.setattr(command, "identify", identified)
+    monkeypatch.setattr(command, "identify", ask)
     monkeypatch.setattr(command.os, "sched_getaffinity", lambda process: {0, 1}, raising=False)
-    write_measured(measured(), tmp_path / "set")
     for number in ("99", "2", "1"):
-        main(["identify", str(tmp_path / "set"), "-o", str(tmp_path / "out"), "-q", "--processes", number])
+        identified(tmp_path, measured(), "-q", "--processes", number)
     assert asked == [2, 2, 1]
