@@ -41,23 +41,17 @@ def test_a_motor_swings_on_its_elastic_tendon_as_a_single_oscillator():
     assert handle.tensions()["t1"][0] == pytest.approx(moved[-1] * RADIUS * EA / LENGTH, rel=5e-3)
 
 
-def test_what_does_not_turn_motors_refuses_them():
+def test_what_does_not_turn_motors_and_a_tension_where_a_motor_winds_are_refused():
+    """A tension that was set before was taken for metres; one set later left the motor turning without its tendon."""
     _keep, mbs, handle = scene(seven(0.0), assemble=False)
+    handle.set_tensions([1.0, 0.0, 0.0])
     handle.add_motor("t1", INERTIA, RADIUS)
     with pytest.raises(ValueError, match="has a motor already"):
         handle.add_motor("t1", INERTIA, RADIUS)
     mbs.Assemble()
+    assert handle.actuation.input_values() == pytest.approx([0.0, 0.0, 0.0], abs=0.0)
     with pytest.raises(ValueError, match="SolveTDCR: a tendon of robot 'three' is wound by a motor"):
         SolveTDCR(mbs)
-
-
-def test_a_tension_is_not_set_where_a_motor_winds():
-    """One that was set before was taken for metres; one set later left the motor turning without its tendon."""
-    _keep, mbs, handle = scene(seven(0.0), assemble=False)
-    handle.set_tensions([1.0, 0.0, 0.0])
-    handle.add_motor("t1", INERTIA, RADIUS)
-    mbs.Assemble()
-    assert handle.actuation.input_values() == pytest.approx([0.0, 0.0, 0.0], abs=0.0)
     with pytest.raises(ValueError, match="tendon 't1' is wound by a motor"):
         handle.set_tensions({"t1": 1.0})
 
