@@ -70,14 +70,17 @@ class ElasticTendons(NamedTuple):
         soft = self.law()
         tension = np.where(driven, near, values)
         round_off = ROUND_OFF * soft.parameters.lengths.sum(axis=1)
+        low, high, before = (np.full(len(driven), x) for x in (-np.inf, np.inf, np.inf))
         for _ in range(60):
             forces = self.model.after(measured, tension, state, t, soft)
-            slope = forces.base_slip_by_base()
-            change = (values - forces.field.base_slip) / slope
-            new = np.where(driven, np.maximum(tension + change, 0.0), tension)
-            moved, tension = np.abs(new - tension), new
-            # Ends with nan, too.
-            if not np.any(moved > 1e-12 * (1.0 + np.max(new)) + round_off / np.abs(slope)):
+            slope, gap = forces.base_slip_by_base(), values - forces.field.base_slip
+            new = np.where(driven, np.maximum(tension + gap / slope, 0.0), tension)
+            moved = np.abs(new - tension) > 1e-12 * (1.0 + np.max(new)) + round_off / np.abs(slope)
+            low, high = np.where(gap > 0.0, tension, low), np.where(gap < 0.0, tension, high)
+            # Newton's method may go to and fro about a corner of the slip as a function of the tension.
+            halved = moved & (np.abs(gap) > 0.5 * before) & np.isfinite(high - low)
+            tension, before = np.where(halved, 0.5 * (low + high), new), np.abs(gap)
+            if not moved.any():  # ends with nan, too
                 break
         forces = self.model.after(measured, tension, state, t, soft)
         pulled = driven & (tension > 0.0)
