@@ -23,7 +23,7 @@ from identify_data import (
 from tdcr_fe import NonlinearMaterial, effect
 from tdcr_fe.identify import fitting, identify, search
 from tdcr_fe.identify.causes import PointForce, is_named
-from tdcr_fe.identify.criteria import UNNAMED, price
+from tdcr_fe.identify.criteria import BIC_DIFFERENCE, UNNAMED, price, rank
 from tdcr_fe.identify.derivatives import Request, linearize
 from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.problem import Fit, evaluate
@@ -88,6 +88,21 @@ def test_a_cause_has_as_many_numbers_as_the_data_support(hidden, number):
     assert found is {("gain",): whole, ("gain_t2",): second}.get(tuple(hidden), each)
     for name, value in hidden.items():
         assert last.best.values[found.name][name] == pytest.approx(value, abs=0.03)
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_a_marker_that_is_glued_askew_is_one_of_the_explanations(number):
+    """With nine numbers for three markers it lost to a kink below the tip, which alone was found, as certain."""
+    hidden = {f"offset_x_marker_{number}": 9e-4, f"offset_y_marker_{number}": -5e-4}
+    own = problem_of(measured({"marker_offset": hidden}), held=(3, 7, 9))
+    forms = effect("marker_offset").forms(own.experiment)
+    kinks = [e for n, e in causes_of(own)[1].items() if n.startswith("kink")]
+    *_, found = search.grow(searching(), replace(state_of(own), dictionary=(*kinks, *forms)))
+    fit = found.fits[frozenset({f"marker_offset (marker {number})"})]
+    assert fit.effects[0].choices(ROBOT) == len(own.experiment.observation.markers) == 2
+    assert rank(own, fit) < rank(own, found.best) + BIC_DIFFERENCE
+    for name, value in hidden.items():
+        assert fit.values[fit.names[0]][name] == pytest.approx(value, abs=1.5e-4)
 
 
 def test_a_cause_that_was_found_in_some_bays_acts_everywhere_where_the_data_say_so():
