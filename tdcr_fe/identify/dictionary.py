@@ -384,7 +384,7 @@ def _readings(problem: FitProblem) -> list[ReadingCause]:
 
 
 def _camera(length: float) -> list[ReadingCause]:
-    """Scale, perspective and distortion of the positions, along every axis."""
+    """Scale, perspective and distortion of the positions, along every axis; axes that are not at right angles."""
     kind, scale = Kind("reading", ("position",)), number("scale", "1", (-0.5, 0.5), 0.0, 0.01)
     slope = number("slope", "1/m", (-0.5 / length, 0.5 / length), 0.0, 0.01 / length)
     radial = number("radial", "1/m^2", (-2.0 / length**2, 2.0 / length**2), 0.0, 0.01 / length**2)
@@ -397,7 +397,19 @@ def _camera(length: float) -> list[ReadingCause]:
         text = f"a camera looks along {a}, and its lens distorts: what is farther from its axis is larger"
         shapes = (_scaled(axis, 0), _distorted(axis))
         found.append(ReadingCause(f"lens distortion along {a}", kind, (scale, radial), shapes, text))
+    for (into, a), (of, b) in itertools.product(enumerate("xyz"), repeat=2):
+        name, text = f"scale of {a}", f"positions along {a} are read too large or too small by a factor"
+        if a != b:
+            name, text = f"share of position {b} in {a}", f"the axes {a} and {b} are not at right angles"
+        shape, price = partial(_shared, into=into, of=of), math.log(9.0)
+        found.append(ReadingCause(name, kind, (scale,), (shape,), text, price))
     return found
+
+
+def _shared(problem: FitProblem, run: Run, into: int, of: int) -> Array:
+    """Positions along one axis, in the readings of one."""
+    r, (_, by_marker) = problem.readings, _predicted(problem, run)
+    return np.where(r.is_position & (r.axes == into), by_marker[r.markers, of], 0.0)
 
 
 def _shifted(problem: FitProblem, run: Run, axis: int, weight: Weight, marker: float | None) -> Array:

@@ -330,6 +330,10 @@ def test_loads_are_scaled_and_turned_and_a_camera_enlarges_and_distorts():
     shift = causes["lens distortion along z"].shift(problem, run, {"scale": 0.02, "radial": 3.0})
     square = np.sum(read[:, :2] ** 2, axis=1, keepdims=True)
     np.testing.assert_allclose(shift.reshape(-1, 3), read * (3.0 * square + 0.02) * [1, 1, 0], atol=1e-12)
+    shift = causes["share of position z in x"].shift(problem, run, {"scale": 0.03})
+    np.testing.assert_allclose(shift.reshape(-1, 3), 0.03 * read[:, 2:] * [1, 0, 0], atol=1e-12)
+    shift = causes["scale of y"].shift(problem, run, {"scale": 0.03})
+    np.testing.assert_allclose(shift.reshape(-1, 3), 0.03 * read * [0, 1, 0], atol=1e-12)
 
 
 @pytest.mark.parametrize(("first", "last"), [(0, 2), (1, 3), (2, len(ROBOT.bay_edges) - 1)])
