@@ -10,6 +10,7 @@ from robots import BACKBONE, LENGTH, tendon
 from tdcr_fe import Disks, HelicalRouting, Load, LoadStep, Model, Reading, Robot, SolverSettings
 from tdcr_fe.effects import EFFECTS, Effect, Experiment, PlaceEffect, effect
 from tdcr_fe.effects.by_tendon import OfTendon
+from tdcr_fe.effects.observation import OfMarker
 from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.forward import ForwardModel, Job
 from tdcr_fe.identify.problem import FitProblem, evaluate
@@ -166,10 +167,10 @@ def test_every_effect_is_among_them() -> None:
 
 
 def test_every_form_is_among_them() -> None:
-    """Forms by segment are those of each tendon, added up; those of single tendons are parts of them."""
+    """Forms by segment are those of each tendon, added up; those of single tendons and markers are parts of them."""
     about = problem("tension")
     every = [f for e in EFFECTS for f in e.forms(about.experiment) if f.name != e.name]
-    forms = {f.name for f in every if not isinstance(f, OfTendon)}
+    forms = {f.name for f in every if not isinstance(f, OfTendon | OfMarker)}
     assert forms == {n for _, values in TOGETHER for n in values if " (" in n}
 
 
