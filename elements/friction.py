@@ -42,6 +42,8 @@ from tdcr_fe.elements.hysteresis import ElasticPlastic, FrictionState, Hysteresi
 
 #: Largest error of the mobilisations of elastic tendons in a configuration [1].
 MOBILISATION_TOLERANCE = 1e-10
+#: Least part of a step in a line search [1]. With 0.2, 12 of 2400 random states found no mobilisations, with this none.
+LEAST_PART = 0.01
 
 
 @dataclass(frozen=True)
@@ -371,7 +373,10 @@ class TendonLaw:
             flexibility = np.where(np.abs(trial) < 1.0, self.hysteresis.flexibility(mobilisation, ahead), 1.0)
             step = flexibility * np.linalg.solve(self._matrix(field, flexibility), off[..., None])[..., 0]
             slip, way = np.where(worse[:, None], slip, at), np.where(worse[:, None], way, step)
-            part, size = np.where(worse, 0.5 * part, 1.0), np.where(worse, size, now)
+            # A step of which no part is better is taken as a whole: the curves have corners at no slip.
+            stuck = worse & (part < LEAST_PART)
+            part = np.where(worse & ~stuck, 0.5 * part, 1.0)
+            size = np.where(stuck, np.inf, np.where(worse, size, now))
         return self.with_slopes(field, lambda: np.abs(trial_there) < 1.0, trial_there, state)
 
     def _matrix(self, field: TensionField, flexibility: Array) -> Array:
