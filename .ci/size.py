@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2570,
+    "elements": 2573,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 760,
     "tdcr_fe/effects": 1223,
@@ -39,7 +39,7 @@ BUDGET = {
     "tdcr_fe/solve": 6679,
     "tdcr_fe/sweeps": 1397,
     "validation": 6488,
-    "tests": 12493,
+    "tests": 12494,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
