@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from tdcr_fe.effects import Observation
-from tdcr_fe.estimate.most_probable import Found, linear_start, most_probable, posterior_covariance
+from tdcr_fe.estimate.most_probable import (
+    PLAUSIBLE,
+    Found,
+    linear_start,
+    most_probable,
+    posterior_covariance,
+)
 from tdcr_fe.estimate.response import (
     LEAST_INSIDE,
     Response,
@@ -216,7 +222,14 @@ class Solved:
     @cached_property
     def _by_node(self) -> Response:
         """Derivatives by inputs, loads on all nodes that may carry it, and plastic slips."""
-        return Response.of(self.simulation, self.frame.problem.loaded, self.sticking, self.giving)
+        giving, observed = self.giving, self.observed
+        missed = [
+            (r.value - r.channel.predict(observed, [r.location])[0]) / r.sigma for r in self.frame.readings
+        ]
+        # Far from the readings slack tendons count as taut: else no reading could show that they are.
+        if giving is None and np.dot(missed, missed) > PLAUSIBLE * len(missed):
+            giving = np.zeros(len(self.frame.problem.input_sigmas))
+        return Response.of(self.simulation, self.frame.problem.loaded, self.sticking, giving)
 
     @cached_property
     def response(self) -> Response:
@@ -306,8 +319,8 @@ class Solved:
         by[:m, inputs] = np.diag(scale)  # without bounds
         tensions, compliances = tensions_without_bounds(simulation)
         tensions = np.where(wound, tensions, commands.values + scale * self.unknowns[inputs])
-        pulling = (wound & (tensions > 0.0))[:, None]
-        changes = np.where(pulling, by_node.base_tensions, -by_node.gaps / compliances[:, None])
+        counted = wound & (np.diagonal(by_node.gaps) > -0.5)  # as taut
+        changes = np.where(counted[:, None], by_node.base_tensions, -by_node.gaps / compliances[:, None])
         taut, left = within_bounds(tensions, spread(changes), 0.0, np.inf)
         # Such an error is that of the input which has the same effect.
         as_input = compliances / scale * np.divide(left, taut, np.zeros(m), where=taut > 0.0)
@@ -322,7 +335,7 @@ class Solved:
         as_slip = presliding * np.divide(left, sticking, np.zeros(len(slips)), where=sticking > 0.0)
 
         likely = self
-        if len(slips) or np.any((taut * (1.0 - taut))[wound] > LEAST_INSIDE):
+        if len(slips) or np.any(np.abs(taut - counted)[wound] > LEAST_INSIDE):
             likely = replace(self, sticking=sticking, giving=giving)
         weights = np.hstack((by, by[:, history] * as_slip, by[:, inputs] * as_input))
         jacobian = likely._of_frame[1] @ weights

@@ -273,3 +273,23 @@ def test_the_tension_of_a_tendon_that_may_be_slack_is_a_normal_one_cut_off_at_ze
     expected = np.sqrt(np.cov(tensions, aweights=np.exp(-0.5 * z**2), ddof=0))
     assert min(tensions) == 0.0 < expected
     assert abs(frame.sigma_tensions[0] - expected) < 0.02 * expected
+
+
+def test_a_load_cell_shows_that_a_wound_tendon_taken_to_be_slack_is_taut():
+    """Without a slope at zero tension the state stayed slack, far from the reading, and was taken."""
+    tendons = tuple(
+        tdcr.Tendon(n, tdcr.ParallelRouting(0.01, a), axial_stiffness=1000.0)
+        for n, a in (("a", 0.0), ("b", 120.0))
+    )
+    robot = replace(rod(), tendons=tendons)
+    acting = tdcr.LoadStep(displacements={"a": 2e-3, "b": -0.2e-3})
+    tensions = tdcr.simulate(robot, model(), [acting]).steps[-1].base_tensions
+    own = tdcr.Estimator(
+        robot, model(), tdcr.LoadPrior(sigma=1e-3), tdcr.InputPrior(sigma={"a": 1e-5, "b": 7e-4})
+    )
+    readings = [
+        tdcr.Reading(0, "base_tension", n, float(x), 0.01) for n, x in zip("ab", tensions, strict=True)
+    ]
+    frame = own.step(tdcr.LoadStep(displacements={"a": 2e-3, "b": -1.6e-3}, time=0.0), readings)
+    assert tensions[1] > 0.1 and frame.misfit < 20.0
+    np.testing.assert_allclose(frame.tensions, tensions, atol=0.03)
