@@ -8,9 +8,9 @@ import exudyn as exu
 import numpy as np
 import pytest
 from native_solvers import damped, recommended
-from robots import BACKBONE, DISKS, LENGTH, distance, pull, scene, seven, single, solve, solve_scene
+from robots import BACKBONE, DISKS, LENGTH, distance, pull, scene, seven, single, solve, solve_scene, system
 
-from tdcr_fe import Disks, LoadStep, SolveTDCR, StribeckFriction, Superelastic
+from tdcr_fe import CreateTDCR, Disks, LoadStep, Model, SolveTDCR, StribeckFriction, Superelastic
 from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.elements.native import hooks
 from tdcr_fe.elements.native.coordinates import NodeCoordinates
@@ -95,6 +95,16 @@ def test_dynamics_after_statics_begin_at_rest(drive):
     for name, before in tensions.items():
         assert np.abs(handle.tensions()[name] - before).max() < 1e-4 * max(1e-3, before[0])
     assert handle.actuation.state.mobilisation == pytest.approx(friction.mobilisation, abs=0.1)
+
+
+def test_a_function_after_every_step_that_was_there_before_the_robot_is_still_called():
+    _keep, mbs = system()
+    times = []
+    mbs.SetPostStepUserFunction(lambda m, t: times.append(t) or True)
+    handle = CreateTDCR(mbs, seven(0.3), Model(elements_per_bay=1))
+    mbs.Assemble()
+    assert mbs.SolveDynamic(recommended(handle, 4e-3, 1e-3))
+    assert times[-4:] == pytest.approx([1e-3, 2e-3, 3e-3, 4e-3])
 
 
 def test_a_robot_without_mass_is_refused_in_dynamics_and_solved_at_rest():
