@@ -134,8 +134,7 @@ def test_coordinates_of_the_other_sign_are_doubted(folder, wrong, tmp_path, caps
 def test_errors_of_the_angle_of_a_motor_are_in_radians(folder, tmp_path):
     """Of the length wound they are so many times the radius of the spool; one of a tension stays what it is."""
     declared = read_estimation(folder).data
-    first, *others = declared.robot.tendons
-    robot = replace(declared.robot, tendons=(replace(first, spool=Spool(radius=0.01)), *others))
+    robot = declared.robot.with_tendons(["helix"], spool=Spool(radius=0.01))
     path = tmp_path / "motor"
     write_measured(replace(declared, robot=robot), path)
     table = pd.read_csv(path / "loading.csv").rename(columns={"tension_helix": "motor_angle_helix"})
