@@ -14,7 +14,8 @@ from tdcr_fe.elements.native.history import RobotHistory
 
 #: EA of an inextensible tendon that Exudyn's own solvers drive by displacement, over EI / L^2 of the backbone [1].
 STIFFNESS = 2e6
-#: Round-off of the slip of a tendon at the base, over its length: 2.4e-16 was the largest in 0.1 s of a robot [1].
+#: Round-off of the tension of a driven tendon, over its EA: that of its slip over its length, of which 2.4e-16 was the
+#: largest in 0.1 s of a robot [1].
 ROUND_OFF = 4.0 * float(np.finfo(float).eps)
 
 
@@ -69,17 +70,19 @@ class ElasticTendons(NamedTuple):
             return self.model.after(measured, values, state, t)
         soft = self.law()
         tension = np.where(driven, near, values)
-        round_off = ROUND_OFF * soft.parameters.lengths.sum(axis=1)
+        # That of the tension of each: the slope may vanish far from the solution, and is no measure of it.
+        round_off = np.divide(ROUND_OFF, soft.parameters.compliance, np.zeros(len(driven)), where=driven)
         low, high, before = (np.full(len(driven), x) for x in (-np.inf, np.inf, np.inf))
         for _ in range(60):
             forces = self.model.after(measured, tension, state, t, soft)
             slope, gap = forces.base_slip_by_base(), values - forces.field.base_slip
             new = np.where(driven, np.maximum(tension + gap / slope, 0.0), tension)
-            moved = np.abs(new - tension) > 1e-12 * (1.0 + np.max(new)) + round_off / np.abs(slope)
+            moved = np.abs(new - tension) > 1e-12 * (1.0 + np.max(new)) + round_off
             low, high = np.where(gap > 0.0, tension, low), np.where(gap < 0.0, tension, high)
             # Newton's method may go to and fro about a corner of the slip as a function of the tension.
-            halved = moved & (np.abs(gap) > 0.5 * before) & np.isfinite(high - low)
-            tension, before = np.where(halved, 0.5 * (low + high), new), np.abs(gap)
+            width = np.where(np.isfinite(high - low), high - low, 0.0)
+            halved = moved & (np.abs(gap) > 0.5 * before) & (width > 0.0)
+            tension, before = np.where(halved, high - 0.5 * width, new), np.abs(gap)
             if not moved.any():  # ends with nan, too
                 break
         forces = self.model.after(measured, tension, state, t, soft)
