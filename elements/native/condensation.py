@@ -14,8 +14,7 @@ from tdcr_fe.elements.native.history import RobotHistory
 
 #: EA of an inextensible tendon that Exudyn's own solvers drive by displacement, over EI / L^2 of the backbone [1].
 STIFFNESS = 2e6
-#: Round-off of the tension of a driven tendon, over its EA: that of its slip over its length, of which 2.4e-16 was the
-#: largest in 0.1 s of a robot [1].
+#: Round-off of the slip of a tendon at the base, over its length: 2.4e-16 was the largest in 0.1 s of a robot [1].
 ROUND_OFF = 4.0 * float(np.finfo(float).eps)
 
 
@@ -71,7 +70,9 @@ class ElasticTendons(NamedTuple):
         soft = self.law()
         tension = np.where(driven, near, values)
         # That of the tension of each: the slope may vanish far from the solution, and is no measure of it.
-        round_off = np.divide(ROUND_OFF, soft.parameters.compliance, np.zeros(len(driven)), where=driven)
+        length = soft.parameters.lengths.sum(axis=1)
+        compliance = length * soft.parameters.compliance + soft.parameters.spring
+        round_off = np.divide(ROUND_OFF * length, compliance, np.zeros(len(driven)), where=driven)
         low, high, before = (np.full(len(driven), x) for x in (-np.inf, np.inf, np.inf))
         for _ in range(60):
             forces = self.model.after(measured, tension, state, t, soft)
