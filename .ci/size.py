@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2574,
+    "elements": 2576,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 760,
     "tdcr_fe/effects": 1223,
