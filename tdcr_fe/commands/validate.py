@@ -1,4 +1,4 @@
-"""The command ``tdcr-fe validate``: finite elements against the independent reference, as one report."""
+"""The command ``tdcr-fe validate``: finite elements against the reference; the cases are in ``validation/crosscheck``."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from tdcr_fe.effects import actuation, by_tendon, holes, material, observation, places, timing
 from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Observation, Parameter
 from tdcr_fe.effects.places import EffectAtPlace, PlaceEffect
-from tdcr_fe.model.loading import with_displacements
+from tdcr_fe.model.loading import in_newtons_and_metres
 
 #: Every effect, in the order in which several are applied: the command first, the measurement last.
 EFFECTS: tuple[Effect, ...] = (
@@ -74,7 +74,7 @@ def with_effects(
     for name in effects:
         effect(name, catalogue)
     if effects:
-        steps = with_displacements(experiment.robot, experiment.steps)
+        steps = in_newtons_and_metres(experiment.robot, experiment.steps)
         experiment = replace(experiment, steps=steps)
     for e in catalogue:
         if e.name in effects:

@@ -1,4 +1,4 @@
-"""Effects of the backbone, its material, weight, base and disks: stiffness, precurvature, creep, gravity, ..."""
+"""Effects of the backbone and its material, of weight and payload, and of the base: stiffness, creep, gravity, ..."""
 
 from __future__ import annotations
 

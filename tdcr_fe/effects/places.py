@@ -266,7 +266,7 @@ class StuckHole(PlaceEffect):
     )
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
-        """No hole: that of the base plate. One that is named holds fast: its drop is above all tensions."""
+        """No hole. One that is named holds its tendon fast where no drop is given, which is above all tensions."""
         return {"tendon": 1.0, "s": 0.0, "drop": HOLDS_FAST * _largest_tension(experiment)}
 
     def places(self, robot: Robot) -> list[Place]:

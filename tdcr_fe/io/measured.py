@@ -22,7 +22,7 @@ from tdcr_fe.io.toml import digest, read_model_tables, read_robot
 from tdcr_fe.io.user_effects import apply_effects
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, value_to_toml
 from tdcr_fe.model.checks import size_contradictions
-from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, with_displacements
+from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, in_newtons_and_metres
 from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, TDCRWarning
 from tdcr_fe.model.plausibility import plausibility
 from tdcr_fe.model.robot import Robot
@@ -187,7 +187,7 @@ def _read_steps(
     reporter.refuse()
     drives = {n: drive for step in loading.steps for drive, given in step.inputs() for n in given}
     scales = tuple(drives[t.name].scale(t) if t.name in drives else 1.0 for t in robot.tendons)
-    return loading._replace(steps=with_displacements(robot, loading.steps)), scales
+    return loading._replace(steps=in_newtons_and_metres(robot, loading.steps)), scales
 
 
 def _with_declared_effects(data: MeasuredData, table: object, reporter: Reporter) -> MeasuredData:

@@ -84,6 +84,11 @@ class LoadStep(Checked):
         for drive in DRIVES:
             yield drive, getattr(self, drive.inputs)
 
+    @property
+    def is_in_newtons_and_metres(self) -> bool:
+        """Whether all its inputs are tensions and displacements."""
+        return all(drive in (TENSION, DISPLACEMENT) for drive, given in self.inputs() if given)
+
     def after(self, before: LoadStep) -> LoadStep:
         """The step with all that it keeps of the step before it: both together as one step."""
         given = {name for _, own in self.inputs() for name in own}
@@ -168,15 +173,16 @@ class Actuation:
         return self.drives.winds
 
 
-def with_displacements(robot: Robot, steps: Iterable[LoadStep]) -> tuple[LoadStep, ...]:
-    """The steps with all lengths that drives wind as displacements, in place of angles of motors."""
+def in_newtons_and_metres(robot: Robot, steps: Iterable[LoadStep]) -> tuple[LoadStep, ...]:
+    """The steps with all inputs as tensions and displacements, in place of angles of motors and the like."""
     tendons = {t.name: t for t in robot.tendons}
     found = []
     for step in steps:
-        wound = {drive: given for drive, given in step.inputs() if drive.winds and given}
-        if set(wound) - {DISPLACEMENT}:
-            lengths = {n: d.scale(tendons[n]) * x for d, given in wound.items() for n, x in given.items()}
-            inputs: dict[str, Any] = {d.inputs: {} for d in wound} | {DISPLACEMENT.inputs: lengths}
+        if not step.is_in_newtons_and_metres:
+            inputs: dict[str, Any] = {drive.inputs: {} for drive in DRIVES}
+            for drive, given in step.inputs():
+                same = DISPLACEMENT if drive.winds else TENSION
+                inputs[same.inputs] |= {n: drive.scale(tendons[n]) * x for n, x in given.items()}
             step = replace(step, **inputs)
         found.append(step)
     return tuple(found)

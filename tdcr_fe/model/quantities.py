@@ -14,10 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from tdcr_fe.elements import Array
+from tdcr_fe.elements.drives import DISPLACEMENT, TENSION, Drive
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.limits import REMARK, Value, kind_of_material, limits, nearest_material
-from tdcr_fe.model.loading import LoadStep, Model, Vector, with_displacements
+from tdcr_fe.model.loading import LoadStep, Model, Vector, in_newtons_and_metres
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting
 from tdcr_fe.model.tendon import Tendon
@@ -38,7 +39,7 @@ class Course(NamedTuple):
 
 
 class Description(NamedTuple):
-    """A scenario, with displacements in place of motor angles, and the courses of its tendons by name."""
+    """A scenario, its inputs also in newtons and metres, and the courses of its tendons by name."""
 
     robot: Robot
     model: Model
@@ -65,7 +66,7 @@ class Description(NamedTuple):
             pressed = thinner**2 / b.material_factors(s)[0] * b.EI / b.EA
             by_displacement = np.sum(turn) / np.sum(turn * lever + pressed) * direction
             courses[tendon.name] = Course(holes, offset, end, by_tension, by_displacement)
-        return cls(robot, model, steps, with_displacements(robot, steps), courses)
+        return cls(robot, model, steps, in_newtons_and_metres(robot, steps), courses)
 
     def bends(self, kind: str) -> Array:
         """Angles by which inputs bend the robot, to first order [rad], by step, direction and tendon."""
@@ -88,6 +89,12 @@ class Description(NamedTuple):
         names = self.robot.tendon_names
         found = [[getattr(s, kind).get(n, 0.0) for n in names] for s in self.steps]
         return np.array(found).reshape(len(self.steps), len(names))
+
+    def drive(self, k: int, kind: str, name: str = "") -> Drive:
+        """That by which a step gives tensions or displacements to a tendon; without a name, to any."""
+        plain = TENSION if kind == "tensions" else DISPLACEMENT
+        used = (drive for drive, given in self.asked[k].inputs() if given and name in (*given, ""))
+        return next((drive for drive in used if drive.winds == plain.winds), plain)
 
 
 def robot_values(d: Description) -> Iterator[Value]:
@@ -303,7 +310,8 @@ def _pulls(d: Description) -> Iterator[Value]:
     for i, tendon in enumerate(d.robot.tendons if d.steps else ()):
         course = d.courses[tendon.name]
         k = int(np.argmax(tensions[:, i]))
-        force, key = float(tensions[k, i]), f"steps[{k}].tensions.{tendon.name}"
+        drive = d.drive(k, "tensions", tendon.name)
+        force, key = float(tensions[k, i]), f"steps[{k}].{drive.inputs}.{tendon.name}"
         if tendon.pretension > force:
             force, key = tendon.pretension, f"tendons[{i}].pretension"
         # A parallel tendon bends the backbone to the curvature T a / EI (pure moment).
@@ -311,12 +319,10 @@ def _pulls(d: Description) -> Iterator[Value]:
         if (ea := tendon.axial_stiffness or 0.0) >= limits()["tendon_stiffness"].low:
             yield Value("tendon_strain", key, force, "N", force / ea, f"{ea:g} N")
         k = int(np.argmax(np.abs(moved[:, i])))
-        far, unit, key = float(moved[k, i]), "m", f"steps[{k}].displacements.{tendon.name}"
-        ratio, detail = abs(far) / course.end, f"{course.end:g} m"
-        if tendon.name in d.asked[k].motor_angles:
-            far, unit = d.asked[k].motor_angles[tendon.name], "rad"
-            key = f"steps[{k}].motor_angles.{tendon.name}"
-        yield Value("displacement", key, far, unit, ratio, detail)
+        drive = d.drive(k, "displacements", tendon.name)
+        far, key = moved[k, i] / drive.scale(tendon), f"steps[{k}].{drive.inputs}.{tendon.name}"
+        ratio = abs(float(moved[k, i])) / course.end
+        yield Value("displacement", key, float(far), drive.unit, ratio, f"{course.end:g} m")
     if not any(d.model.gravity[:2]) and not tensions.any() and not any(s.loads for s in d.steps):
         yield from _let_out(d)
 
@@ -373,8 +379,7 @@ def _bends(d: Description) -> Iterator[Value]:
         if single.any():
             together = np.linalg.norm(d.bend(kind), axis=1)
             k = int(np.argmax(together))
-            asked = kind if getattr(d.asked[k], kind) else "motor_angles"
-            yield Value("wound", f"steps[{k}].{asked}", math.nan, "", float(together[k]))
+            yield Value("wound", f"steps[{k}].{d.drive(k, kind).inputs}", math.nan, "", float(together[k]))
             largest = max(largest, float(np.max(np.linalg.norm(single, axis=1))))
     if largest == 0.0:
         for tendon, course in zip(d.robot.tendons, d.courses.values(), strict=True):

@@ -151,7 +151,7 @@ class StepResult:
         By tendon, state of the hole at the distal end of every segment: "stick", "pull", "release", and
         "anchor" for the last.
     residual : float
-        Largest unbalanced force or moment over its tolerance's scale [1].
+        Largest unbalanced force or moment over the scale of the acting forces [1].
     actuation : Actuation or None
         Tendon inputs and loads that act at the end of the step; None where a result was made without a loading.
     discretisation_error : float or None
@@ -162,7 +162,7 @@ class StepResult:
     responses : tuple of LocalResponse
         Response of the tip to small changes, holes as they are and for reversal; empty where it was not asked for.
     details : mapping
-        Further values reported by the solver: smallest eigenvalue, trials of signs, energies ...
+        Further values reported by the solver: smallest eigenvalue, mobilisations, errors ...
     """
 
     step: int

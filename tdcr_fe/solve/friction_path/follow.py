@@ -1,4 +1,4 @@
-"""The friction path through a substep: rates are integrated from event to event.
+"""Where slips reverse within a substep: the friction path, whose rates are integrated from event to event.
 
 A mobilisation is an elastic-plastic function of the slip at its hole. A substep solved as a whole is exact where every
 slip is monotone: changes from stick to slip cost nothing. Only a slip that reverses within the substep makes the result

@@ -202,7 +202,7 @@ class InputDerivatives:
         derivatives = cls.of_inputs(len(experiment.robot.tendons), names, chosen)
         for number, each in found.items():
             same_inputs = all(e.steps == experiment.steps for e in each.experiments)
-            if same_inputs and not any(step.motor_angles for step in experiment.steps):
+            if same_inputs and all(step.is_in_newtons_and_metres for step in experiment.steps):
                 continue
             parameter = chosen[number]
             ordered = frictional and isinstance(parameter, ModelParameter) and not parameter.approximate
