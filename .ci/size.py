@@ -33,7 +33,7 @@ BUDGET = {
     "tdcr_fe/identify": 6246,
     "tdcr_fe/io": 1772,
     "tdcr_fe/live": 354,
-    "tdcr_fe/model": 2460,
+    "tdcr_fe/model": 2467,
     "tdcr_fe/report": 1108,
     "tdcr_fe/scene": 1331,
     "tdcr_fe/solve": 6679,
