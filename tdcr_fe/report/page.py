@@ -1,6 +1,7 @@
 """A report as one HTML page: a verdict, a few figures, and sections that give their template and their context.
 
-Which sections, and in which order: ``report.py`` in `identify`, `sweeps` and `estimate`, and ``validation/crosscheck/page.py``.
+Which sections, and in which order: ``report.py`` in `identify`, `sweeps` and `estimate`, and
+``validation/crosscheck/page.py``.
 """
 
 from __future__ import annotations
