@@ -1,4 +1,4 @@
-"""The command ``tdcr-fe validate``: finite elements against the reference; the cases are in ``validation/crosscheck``."""
+"""The command ``tdcr-fe validate``: finite elements and reference compared; the cases: ``validation/crosscheck``."""
 
 from __future__ import annotations
 
