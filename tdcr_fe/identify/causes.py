@@ -161,7 +161,9 @@ class StateLoad(Cause):
 
     def by_value(self, state: BayState, values: Values, name: str) -> Array:
         """Derivative of the action by a parameter, shape (K, n_bays, 6)."""
-        return self.terms[[p.name for p in self.parameters].index(name)](state)
+        h = 1e-7 * max(abs(values[name]), *(p.scale for p in self.parameters if p.name == name))
+        more = self.action(state, {**values, name: values[name] + h})
+        return (more - self.action(state, values)) / h
 
     def slope(self, state: BayState, values: Values) -> Array:
         """Derivative of the action by curvatures and displacements of the same bay, shape (K, n_bays, 6, 6)."""
@@ -204,14 +206,6 @@ class SettlingLoad(StateLoad):
         """See `StateLoad.action`."""
         share = 1.0 - np.exp(-self._elapsed(state) / values[self.span])
         return np.asarray(self.load.action(state, values) * share)
-
-    def by_value(self, state: BayState, values: Values, name: str) -> Array:
-        """See `StateLoad.by_value`."""
-        elapsed, span = self._elapsed(state), values[self.span]
-        left = np.exp(-elapsed / span)
-        if name != self.span:
-            return np.asarray(self.load.by_value(state, values, name) * (1.0 - left))
-        return np.asarray(-self.load.action(state, values) * left * elapsed / span**2)
 
     def _elapsed(self, state: BayState) -> Array:
         """Of the clock since the first row, shape (K, 1, 1)."""

@@ -504,20 +504,24 @@ class DryBending(StateLoad):
     def action(self, state: BayState, values: Values) -> Array:
         """See `StateLoad.action`."""
         within = max(values["within"], 1e-6 / float(state.edges[-1]))
-        direction = state.curvature[..., :2] / within
-        turned = np.diff(direction, axis=0)
+        path = state.curvature[..., :2] / within
+        direction, start = np.zeros(path.shape), np.zeros(path.shape[1:])
         for k, begins in enumerate(state.begins):
-            direction[k] = direction[k] if begins else direction[k - 1] + turned[k - 1]
-            direction[k] /= np.maximum(np.linalg.norm(direction[k], axis=-1, keepdims=True), 1.0)
+            last, change = (start, path[k]) if begins else (direction[k - 1], path[k] - path[k - 1])
+            direction[k] = _follows(last, change)
         return values["moment"] * _moment(direction)
 
-    def by_value(self, state: BayState, values: Values, name: str) -> Array:
-        """See `StateLoad.by_value`."""
-        if name == "moment":
-            return self.action(state, {**values, name: 1.0})
-        h = 1e-6 / float(state.edges[-1])
-        more = self.action(state, {**values, name: values[name] + h})
-        return (more - self.action(state, values)) / h
+
+def _follows(last: Array, change: Array) -> Array:
+    """A vector of length one at most that follows a straight way: its point is drawn as by a cord of length one."""
+    length = np.linalg.norm(change, axis=-1, keepdims=True)
+    along = change / np.maximum(length, 1e-300)
+    ahead = np.sum(last * along, axis=-1, keepdims=True)
+    across = last - ahead * along
+    taut = np.sqrt(np.maximum(1.0 - np.sum(across**2, axis=-1, keepdims=True), 0.0))
+    free = np.minimum(length, np.maximum(taut - ahead, 0.0))
+    turn, cosine = np.tanh(length - free), ahead + free
+    return np.asarray(((cosine + turn) * along + np.sqrt(1.0 - turn**2) * across) / (1.0 + cosine * turn))
 
 
 def _by_curvature(state: BayState, axes: str) -> Array:
