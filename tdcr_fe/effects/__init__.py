@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from tdcr_fe.effects import actuation, by_tendon, holes, material, observation, places, timing
+from tdcr_fe.effects import actuation, by_tendon, disks, holes, material, observation, places, timing
 from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Observation, Parameter
 from tdcr_fe.effects.places import EffectAtPlace, PlaceEffect
 from tdcr_fe.model.loading import in_newtons_and_metres
@@ -26,12 +26,12 @@ EFFECTS: tuple[Effect, ...] = (
     material.NonlinearBackbone(),
     material.Precurvature(),
     material.BaseCompliance(),
-    material.RigidDisks(),
+    disks.RigidDisks(),
     material.Creep(),
     holes.HoleFriction(),
     holes.HoleAdhesion(),
-    holes.RoutingTwist(),
-    holes.MisplacedChannels(),
+    disks.RoutingTwist(),
+    disks.MisplacedChannels(),
     holes.HoleClearance(),
     by_tendon.TendonStretch(),
     by_tendon.Pretension(),

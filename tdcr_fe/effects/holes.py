@@ -1,15 +1,11 @@
-"""Effects of holes and channels and of their places: friction, adhesion, twisted routing, clearance."""
+"""Effects of holes and what passes through them: friction, adhesion, clearance."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import ClassVar
 
 from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Kind, Parameter, Points, Values
-from tdcr_fe.effects.by_tendon import TendonNumber, for_each
-from tdcr_fe.model.routing import MisplacedRouting, TwistedRouting
+from tdcr_fe.effects.by_tendon import TendonNumber
 from tdcr_fe.model.tendon import Tendon
 
 
@@ -83,28 +79,6 @@ class HoleAdhesion(TendonNumber):
         return super().apply(experiment, values).with_friction()
 
 
-class RoutingTwist(Effect):
-    """Holes rotated about the backbone, growing linearly with arc length.
-
-    Disks were mounted turned against each other, or the backbone was twisted when they were fixed.
-
-    Distinguished by: look along the straight robot and measure the angle of the tip disk against the base.
-    """
-
-    name = "routing_twist"
-    kind = Kind("routing", ("place",))
-    parameters = (Parameter("angle_tip", "rad", -6.3, 6.3, 0.0, 0.03, "rotation of the holes at the tip"),)
-
-    def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`."""
-        angle = values["angle_tip"]
-        if angle == 0.0:
-            return experiment
-        rate = angle / experiment.robot.backbone.length
-        tendons = tuple(replace(t, routing=TwistedRouting(t.routing, rate)) for t in experiment.robot.tendons)
-        return experiment.with_robot(tendons=tendons)
-
-
 class HoleClearance(TendonNumber):
     """The tendon shifts inside an oversized hole.
 
@@ -135,68 +109,3 @@ class HoleClearance(TendonNumber):
         upper = self.bounds(experiment)["clearance"][1]
         declared = self.null_values(experiment)["clearance"]
         return [[{"clearance": declared + share * (upper - declared)}] for share in (0.04, 0.16)]
-
-
-#: Numbers of a channel and what they are where it runs as declared; the names are those of `MisplacedRouting`.
-AS_DECLARED = {"factor_base": 1.0, "factor_end": 1.0, "angle_base": 0.0, "angle_end": 0.0}
-
-
-def _parameter(name: str) -> Parameter:
-    kind, where = name.split("_")
-    at = "at the base plate" if where == "base" else "at the tendon's end"
-    if kind == "factor":
-        return Parameter(name, "1", 0.1, 5.0, 1.0, 0.02, f"factor on the distance from the axis {at}")
-    return Parameter(name, "rad", -1.6, 1.6, 0.0, 0.03, f"angle about the axis {at}")
-
-
-class MisplacedChannels(Effect):
-    """Channels run farther from the axis or nearer to it, or at another angle, linearly from base to end.
-
-    The channels of the tendons run elsewhere in the body than declared: the pins that leave them free bend or
-    shift in the mould when it is filled.
-
-    Distinguished by: cut a casting of the same mould across, and measure where the channels are.
-
-    A number holds for all tendons, and ``NAME_TENDON`` for one of them.
-    """
-
-    name = "misplaced_channels"
-    kind = Kind("routing", ("place",))
-    parameters = (_parameter("factor_end"),)
-    _further = tuple(_parameter(n) for n in AS_DECLARED if n != "factor_end")
-    further: ClassVar[Mapping[str, Parameter]] = {
-        "^factor_(base|end)(_.+)?$": parameters[0],
-        "^angle_(base|end)(_.+)?$": _parameter("angle_base"),
-    }
-
-    def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
-        """The offset at the end, an angle for each tendon, both, or all for each; none where disks hold the holes."""
-        tendons = experiment.robot.tendon_names
-        if not experiment.robot.without_disks or not tendons:
-            return ()
-        angles = [f"angle_{where}_{t}" for where in ("base", "end") for t in tendons]
-        each = [f"factor_end_{t}" for t in tendons]
-        return (
-            self,
-            self.form("angles", angles, experiment),
-            self.form("offset and angles", ["factor_end", *angles], experiment),
-            self.form("each", [*each, *angles], experiment),
-        )
-
-    def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
-        """Of all tendons, and of each."""
-        common = (*self.parameters, *self._further)
-        return (*common, *for_each(common, {t: t for t in experiment.robot.tendon_names}))
-
-    def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`."""
-        tendons = tuple(_moved(t, values) for t in experiment.robot.tendons)
-        return experiment.with_robot(tendons=tendons)
-
-
-def _moved(tendon: Tendon, values: Values) -> Tendon:
-    """A tendon whose channel runs elsewhere."""
-    numbers = {n: values.get(f"{n}_{tendon.name}", values.get(n, x)) for n, x in AS_DECLARED.items()}
-    if numbers == AS_DECLARED:
-        return tendon
-    return replace(tendon, routing=MisplacedRouting(tendon.routing, **numbers))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import replace
 
-from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Kind, Parameter, Points, Values
-from tdcr_fe.model.backbone import NonlinearMaterial, StiffnessPatch, Superelastic
+from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Kind, Parameter, Points, Values
+from tdcr_fe.model.backbone import NonlinearMaterial, Superelastic
 
 
 class StiffnessScale(Effect):
@@ -132,65 +131,6 @@ class BaseCompliance(Effect):
         """See `Effect.apply`."""
         stiffness = values["stiffness"]
         return experiment.with_robot(base_stiffness=None if math.isinf(stiffness) else stiffness)
-
-
-class RigidDisks(Effect):
-    """Disks stiffen the length they occupy.
-
-    Glued or clamped disks keep the backbone straight over the length they occupy; less of it bends.
-
-    Distinguished by: measure positions on both sides of a disk closely, or compare a robot with thinner disks.
-    """
-
-    name = "rigid_disks"
-    kind = Kind("stiffness", ("place",), "disks")
-    needs_disks = True
-    parameters = (
-        Parameter("thickness", "m", 0.0, 0.1, 0.0, 1e-3, "length of backbone that each disk makes rigid"),
-    )
-
-    def null_values(self, experiment: Experiment) -> dict[str, float]:
-        """The declared values."""
-        return {"thickness": experiment.robot.disks.thickness}
-
-    def bounds(self, experiment: Experiment) -> Bounds:
-        """Largest thickness that leaves a flexible part of the shortest bay."""
-        s = (0.0, *experiment.robot.disks.positions)
-        first = 2.0 * s[1]
-        return {"thickness": (0.0, 0.95 * min([first, *(b - a for a, b in itertools.pairwise(s))]))}
-
-    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
-        """A tenth of a bay."""
-        upper = self.bounds(experiment)["thickness"][1]
-        here = self.null_values(experiment)["thickness"]
-        return [[{"thickness": here + 0.1 * (upper - here)}]]
-
-    def near_null(self, experiment: Experiment) -> Effect:
-        """See `Effect.near_null`."""
-        return ThinDisks() if experiment.robot.disks.thickness == 0.0 else self
-
-    def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`."""
-        return experiment.with_robot(disks=replace(experiment.robot.disks, thickness=values["thickness"]))
-
-
-class ThinDisks(RigidDisks):
-    """Disks so thin that they add no element: every bay is stiffer by the share of it that they make rigid.
-
-    At small bends every bay then turns as with `RigidDisks`, to first order in the thickness. Where bays bend by half
-    a radian, the derivative is up to twice as large, in nearly the same direction: enough to order candidates.
-    """
-
-    def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`."""
-        edges = (0.0, *experiment.robot.disks.positions)
-        backbone, thickness = experiment.robot.backbone, values["thickness"]
-        bays = []
-        for k, (start, end) in enumerate(itertools.pairwise(edges)):
-            rigid = (0.5 if k == 0 else 1.0) * thickness
-            factor = (end - start) / (end - start - rigid)
-            bays.append(StiffnessPatch(start, end, factor, factor))
-        return experiment.with_backbone(patches=(*backbone.patches, *bays))
 
 
 class Creep(Effect):

@@ -23,6 +23,7 @@ from tdcr_fe.model.plausibility import plausibility
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import Keys, Quantity, check_arguments, check_instance
 from tdcr_fe.scene import parts
+from tdcr_fe.scene.base import add_base_joint, add_ground, base_pose, set_moving
 from tdcr_fe.scene.forces import force_model
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.mesh import build_mesh
@@ -127,7 +128,7 @@ def CreateTDCR(
     length = robot.backbone.length
     if outside := [s for s in loadPositions if not -1e-9 <= s <= length + 1e-9]:
         raise ValueError(f"loadPositions: {outside[0]:g} m; the backbone spans 0 to {length:g} m")
-    pose = parts.base_pose(mbs, referencePosition, referenceRotationMatrix, baseMarker)
+    pose = base_pose(mbs, referencePosition, referenceRotationMatrix, baseMarker)
     name, hooks = name or robot.name, SceneHooks.of(mbs)
     if name in (actuation.name for actuation in hooks.actuations):
         raise ValueError(f"the system has a robot {name!r} already; give another name")
@@ -135,7 +136,7 @@ def CreateTDCR(
     drawn = parts.BACKBONE_COLOR if color is None else color
     nodes, beams = parts.add_backbone(mbs, robot, mesh, pose, name, drawn)
     if motion.any():
-        parts.set_moving(mbs, nodes, pose.position, motion)
+        set_moving(mbs, nodes, pose.position, motion)
     disks = parts.add_disks(mbs, robot, mesh, nodes, name)
     bodies = [*disks, *parts.add_tip_mass(mbs, robot, nodes[-1], name)]
     with_mass = [*beams, *bodies] if robot.backbone.density > 0.0 else bodies
@@ -143,8 +144,9 @@ def CreateTDCR(
     base = parts.section_marker(mbs, nodes[0], f"{name}.mBase")
     carrier = baseMarker
     if on_ground:
-        carrier = parts.add_ground(mbs, pose, robot.plate_radius, name, graphicsDataList)
-    joint = parts.add_base_joint(mbs, carrier, base, name)
+        below = [parts.base_plate(pose, robot.plate_radius), *graphicsDataList]
+        carrier = add_ground(mbs, pose, below, name)
+    joint = add_base_joint(mbs, carrier, base, name)
     holes, segments = parts.add_tendons(mbs, robot, mesh, [beams[0], *disks], name)
     damping = parts.add_material_damping(mbs, robot, mesh, nodes, name)
     forces = force_model(robot, model, mesh, rigid, HYSTERESES[model.hysteresis](presliding), pose)

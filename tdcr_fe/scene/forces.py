@@ -21,7 +21,7 @@ from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.friction import ConstantFriction
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.scene.parts import BasePose
+from tdcr_fe.scene.base import BasePose
 
 
 def force_model(

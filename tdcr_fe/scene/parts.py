@@ -1,10 +1,9 @@
-"""Adds Exudyn's items of a robot: backbone, disks, tip mass, gravity, base joint, damping, markers, tendons."""
+"""Adds Exudyn's items of a robot: backbone, disks, tip mass, gravity, damping, markers, tendons."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -12,7 +11,6 @@ import exudyn as exu
 import exudyn.graphics as graphics
 import exudyn.itemInterface as eii
 import numpy as np
-from exudyn.rigidBodyUtilities import AngularVelocity2EulerParameters_t
 
 from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, reference_poses
@@ -22,6 +20,7 @@ from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.loading import Vector
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.scene.base import BasePose
 
 #: Colours of backbone and disks (RGBA).
 BACKBONE_COLOR = (0.20, 0.25, 0.35, 1.0)
@@ -35,90 +34,6 @@ TENDON_COLORS = (
     (0.00, 0.60, 0.45, 1.0),
     (0.80, 0.47, 0.65, 1.0),
 )
-
-
-# ---------------------------------------------------------------- base
-
-
-@dataclass(frozen=True)
-class BasePose:
-    """Pose of the base plate in the world."""
-
-    position: Array  # [m], shape (3,)
-    rotation: Array  # the robot points along the third column, shape (3, 3)
-
-
-def base_pose(mbs: exu.MainSystem, position: Any, rotation: Any, marker: Any) -> BasePose:
-    """Pose of the base plate: as given by the user, else that of the marker which carries it.
-
-    Parameters
-    ----------
-    mbs
-        The system.
-    position, rotation
-        As given by the user; None is the origin and the identity, or the marker's.
-    marker
-        Rigid marker that carries the base plate, or None.
-
-    Raises
-    ------
-    ValueError
-        Position or rotation are not valid, or differ from those of the marker in the reference configuration.
-    """
-    p = np.zeros(3) if position is None else np.array(position, dtype=float)
-    r = np.eye(3) if rotation is None else np.array(rotation, dtype=float)
-    if r.shape != (3, 3) or not np.allclose(r @ r.T, np.eye(3), atol=1e-9) or np.linalg.det(r) < 0.0:
-        text = "must be a rotation matrix of shape (3, 3), and not a reflection"
-        raise ValueError(f"referenceRotationMatrix {text}")
-    if marker is None:
-        return BasePose(p, r)
-    variable, reference = exu.OutputVariableType, exu.ConfigurationType.Reference
-    try:
-        at = np.array(mbs.GetMarkerOutput(marker, variable.Position, reference), dtype=float)
-        axes = np.array(mbs.GetMarkerOutput(marker, variable.RotationMatrix, reference), dtype=float)
-    except Exception as unknown:
-        text = "has no position and rotation; must be a rigid marker"
-        raise ValueError(f"baseMarker {marker!r} {text}") from unknown
-    axes = axes.reshape(3, 3)
-    size = max(1.0, float(np.abs(at).max()))
-    for name, given, of_marker, scale in (
-        ("referencePosition", position, at, size),
-        ("referenceRotationMatrix", rotation, axes, 1.0),
-    ):
-        if given is not None and not np.allclose(given, of_marker, rtol=0.0, atol=1e-6 * scale):
-            raise ValueError(
-                f"{name} {np.array(given).tolist()} differs from that of baseMarker {marker}, {of_marker.tolist()}, in "
-                "the reference configuration; leave it out to take that of the marker"
-            )
-    return BasePose(at, axes)
-
-
-def set_moving(mbs: exu.MainSystem, nodes: Sequence[Any], at: Array, motion: Array) -> None:
-    """Give nodes initial velocities as of a rigid body, of velocity and angular velocity at a place, shape (2, 3)."""
-    for node in nodes:
-        reference = np.array(mbs.GetNodeParameter(node, "referenceCoordinates"))
-        velocity = motion[0] + np.cross(motion[1], reference[:3] - at)
-        rates = AngularVelocity2EulerParameters_t(motion[1], reference[3:])
-        mbs.SetNodeParameter(node, "initialVelocities", [*velocity, *rates])
-
-
-def add_ground(
-    mbs: exu.MainSystem, pose: BasePose, disk_radius: float, name: str, further: Sequence[Any]
-) -> Any:
-    """Add a base plate on ground, drawn with ``further``; return the marker to which the robot is joined."""
-    below = -DRAWN_PLATE * disk_radius * pose.rotation[:, 2]
-    plate = _cylinder(*map(tuple, (pose.position + below, -below)), DRAWN_PLATE_RADIUS * disk_radius)
-    drawn = eii.VObjectGround(graphicsData=[plate, *further])
-    ground = mbs.AddObject(eii.ObjectGround(name=f"{name}.ground", visualization=drawn))
-    frame = exu.HT(rotation=pose.rotation, translation=pose.position)
-    return mbs.AddMarker(eii.MarkerBodyRigid(name=f"{name}.mGround", bodyNumber=ground, localHT=frame))
-
-
-def add_base_joint(mbs: exu.MainSystem, carrier: Any, base: Any, name: str) -> Any:
-    """Join the base marker to the marker that carries it, in all six motions; return the joint."""
-    fixed = {"constrainedAxes": [1] * 6, "visualization": eii.VObjectJointGeneric(show=False)}
-    joint = eii.GenericJoint(name=f"{name}.baseJoint", markerNumbers=[carrier, base], **fixed)
-    return mbs.AddObject(joint)
 
 
 def section_marker(mbs: exu.MainSystem, node: Any, name: str) -> Any:
@@ -195,6 +110,12 @@ def add_disks(
         )
         bodies.append(mbs.AddObject(disk))
     return bodies
+
+
+def base_plate(pose: BasePose, disk_radius: float) -> Any:
+    """Graphics of the base plate."""
+    below = -DRAWN_PLATE * disk_radius * pose.rotation[:, 2]
+    return _cylinder(*map(tuple, (pose.position + below, -below)), DRAWN_PLATE_RADIUS * disk_radius)
 
 
 @lru_cache(maxsize=64)

@@ -24,10 +24,10 @@ from tdcr_fe.elements.friction import FrictionModel, TendonLaw, TendonParameters
 from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
 from tdcr_fe.elements.section import SectionForces
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
+from tdcr_fe.scene.base import BasePose
 from tdcr_fe.scene.energy import Masses
 from tdcr_fe.scene.forces import force_model
 from tdcr_fe.scene.mesh import build_mesh, softened
-from tdcr_fe.scene.parts import BasePose
 from tdcr_fe.solve.sensitivities.differences import Stencil, StructureChanged, stencil
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter
 

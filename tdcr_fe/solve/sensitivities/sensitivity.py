@@ -21,9 +21,9 @@ from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.results import Sensitivities, Sensitivity
+from tdcr_fe.scene.base import BasePose
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.mesh import elements_of_bays
-from tdcr_fe.scene.parts import BasePose
 from tdcr_fe.solve.load_steps.states_within import ReversalPoint, reversal_points
 from tdcr_fe.solve.load_steps.stepping import SolvedLoadStep
 from tdcr_fe.solve.sensitivities.differences import InputDerivatives, InputValues
