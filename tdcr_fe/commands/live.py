@@ -12,6 +12,7 @@ from tdcr_fe.io.toml import read_model_file, read_robot
 from tdcr_fe.live.notebook import LiveRobot
 from tdcr_fe.live.played import PlayedRobot
 from tdcr_fe.model.loading import SolverSettings
+from tdcr_fe.solve.load_steps.load_path import StepFailed
 
 
 def live(args: argparse.Namespace) -> int:
@@ -23,6 +24,9 @@ def live(args: argparse.Namespace) -> int:
         page = LiveRobot(PlayedRobot(robot, model, quick), args.port, Path(args.robot).name)
     except OSError as error:
         raise refusal("--port", f"cannot be used: {error.strerror or error}", value=str(args.port)) from error
+    except StepFailed as failure:
+        complain(f"the unloaded robot is not solved: {failure}")
+        return Exit.FAILED
     say(args, f"{robot.name} is live at {page.url}\nClosing the page or Ctrl-C ends it.")
     if not args.no_browser:
         webbrowser.open(page.url)

@@ -41,6 +41,8 @@ def live(
     ------
     OSError
         The port is in use.
+    StepFailed
+        The unloaded robot is not solved.
     """
     return LiveRobot(PlayedRobot(robot, model or Model.default_for(robot), settings), port)
 

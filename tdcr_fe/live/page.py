@@ -19,12 +19,13 @@ LARGEST_BEND = 2.5
 
 
 def step_data(answer: Answer) -> dict[str, Any]:
-    """A load step as the page reads it: what the panel draws of it, time, message, and whether a pull ends with it."""
+    """A load step as the page reads it: picture, time, message, whether a pull ends, and whether it was made."""
     return {
         "motion": panel_data(motion_of(answer.result)),
         "milliseconds": round(1e3 * answer.seconds, 2),
         "message": answer.message,
         "settled": answer.settled,
+        "made": answer.made,
     }
 
 

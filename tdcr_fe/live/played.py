@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -92,6 +93,11 @@ class PlayedRobot:
         With the mesh in use.
     last : Answer
         To the last change.
+
+    Raises
+    ------
+    StepFailed
+        The unloaded robot is not solved.
     """
 
     def __init__(self, robot: Robot, model: Model, settings: SolverSettings | None = None) -> None:
@@ -104,7 +110,7 @@ class PlayedRobot:
         self.model = replace(model, elements_per_bay=self._mesh)
         self._kind_of_friction = "per-hole" if model.friction == "none" else model.friction
         self._sequence = self._new_sequence()
-        self.last = self._take(UNLOADED)
+        self.last = self._solved(UNLOADED)
 
     def restart(self) -> Answer:
         """Begin again with the robot as it is when nothing but gravity acts."""
@@ -210,21 +216,24 @@ class PlayedRobot:
 
     def _take(self, step: LoadStep) -> Answer:
         """Solve one load step; where that fails, the robot stays where it was."""
-        begun = time.perf_counter()
-        acting = step.after(self._sequence.acting)
-        (target,) = resolve(self.robot, [acting])
-        before = self._sequence.simulation.position
+        begun, before = time.perf_counter(), self._sequence.simulation.position
         try:
-            report = self._sequence.simulation.advance(target, deadline=begun + LONGEST_STEP)
+            self.last = self._solved(step)
         except StepFailed as failure:
             self._sequence.simulation.return_to(before)
             message = f"This change was not made, since its load step was not solved: {failure}"
             self.last = replace(self.last, seconds=time.perf_counter() - begun, message=message, made=False)
-            return self.last
+        return self.last
+
+    def _solved(self, step: LoadStep) -> Answer:
+        """Solve one load step; the unloaded robot, without which there is none to show, has all the time it needs."""
+        begun = time.perf_counter()
+        acting = step.after(self._sequence.acting)
+        (target,) = resolve(self.robot, [acting])
+        deadline = math.inf if step is UNLOADED else begun + LONGEST_STEP
+        report = self._sequence.simulation.advance(target, deadline=deadline)
         self._sequence.acting, number = acting, len(self.steps) + 1
         self.steps.append(step)
         solved = self._sequence.simulation.result(number, step.label, report, target)
         result = SequenceResult(self.robot, self.model, (solved,), elements_per_bay=self._mesh)
-        message = " ".join(step_warnings(number, report))
-        self.last = Answer(result, time.perf_counter() - begun, message)
-        return self.last
+        return Answer(result, time.perf_counter() - begun, " ".join(step_warnings(number, report)))

@@ -129,7 +129,7 @@ class _Handler(BaseHTTPRequestHandler):
             with self.server.solving:
                 answer = answer_to(json.loads(body), self.server.played)
                 text = json.dumps(step_data(answer), allow_nan=False)
-        except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+        except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError) as error:
             return self._refuse(HTTPStatus.BAD_REQUEST, f"not a change of this robot: {error}")
         return self._send(text, "application/json")
 
@@ -204,7 +204,7 @@ def answer_to(message: Mapping[str, Any], played: PlayedRobot) -> Answer:
 
     Raises
     ------
-    ValueError, TypeError, LookupError, AttributeError
+    ValueError, TypeError, LookupError, AttributeError, ArithmeticError
         It is none of them, or a value is not allowed.
     """
     ((kind, value),) = message.items()

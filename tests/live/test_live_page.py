@@ -71,6 +71,43 @@ def test_sliders_mouse_and_switches_are_load_steps(opened):
 
 
 @in_chromium
+def test_changes_that_wait_for_an_answer(opened):
+    """They are sent as what they were asked for, newest last, and not in the unit that was chosen since."""
+    page, served = opened
+    moves = [f"{CONTROL}.tendons[{j}].slider" for j in range(2)]
+    drive = "document.querySelector('[data-choice=drive]')"
+    with served.server.solving:
+        for value in (1.0, 1.5):
+            page.ask(f"{moves[0]}.value = {value}; {moves[0]}.dispatchEvent(new Event('input'))")
+        page.ask(f"{drive}.value = 'displacement'; {drive}.dispatchEvent(new Event('change'))")
+        page.ask(f"{moves[1]}.value = 2; {moves[1]}.dispatchEvent(new Event('input'))")
+        assert page.ask(f"{moves[0]}.valueAsNumber") == 0.0, "zero is among the values of a slider"
+    answered(page)
+    assert [s.tensions for s in served.steps] == [{}, {"t1": 1.0}, {"t1": 1.5}, {}]
+    assert served.steps[-1].displacements == {"t2": 2e-3}
+    with served.server.solving:
+        for value in (1.0, 3.0):
+            page.ask(f"{moves[1]}.value = {value}; {moves[1]}.dispatchEvent(new Event('input'))")
+        page.ask("document.querySelector('[data-do=restart]').click()")
+    answered(page)
+    assert [s.label for s in served.steps] == ["unloaded"], (
+        "a restart is the end of what was asked for before"
+    )
+    assert errors(page, served) == []
+
+
+@in_chromium
+def test_a_change_that_is_not_made_is_no_step_of_the_page(opened, monkeypatch):
+    page, _ = opened
+    monkeypatch.setattr("tdcr_fe.live.played.LONGEST_STEP", 0.0)
+    friction = "document.querySelector('[data-do=friction]')"
+    page.ask(f"{friction}.click()")
+    answered(page)
+    assert "not made" in page.ask("document.querySelector('[data-say=message]').textContent")
+    assert page.ask(f"{friction}.checked") and page.ask(f"{CONTROL}.panel.motion.count") == 1
+
+
+@in_chromium
 def test_the_page_says_that_its_server_has_ended(opened):
     page, served = opened
     served.close()

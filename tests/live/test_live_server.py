@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import pytest
 from inputs import write
@@ -99,7 +100,7 @@ def test_broken_messages_are_named_and_change_nothing(served):
     both = {"tensions": {"t1": 1.0}, "displacements": {"t1": 1e-3}}
     drives = [None, True, 1e999, "t1", [1, 2], {"tensions": 3}, both]
     drives += [{"tensions": {name: x}} for name, x in (("t1", "much"), ("t1", -2.0), ("t9", 1.0))]
-    pulls = [None, {}, {"to": [0, 0]}, {"place": 99, "to": [0, 0, 1]}]
+    pulls = [None, {}, {"to": [0, 0]}, {"place": 99, "to": [0, 0, 1]}, {"place": 1e999, "to": [0, 0, 1]}]
     pulls += [{"place": 1, "to": [x, 0, 0]} for x in ("a", 1e999)]
     wrong = [("drive", x) for x in drives] + [("pull", x) for x in pulls]
     wrong += [(kind, 1.0) for kind in ("friction", "", "quit", "__class__")]
@@ -171,6 +172,20 @@ def test_a_page_that_is_gone_before_it_is_answered_is_not_a_failure(served, capf
     change(served, {"let_go": None})  # the one before has ended
     time.sleep(0.1)
     assert capfd.readouterr().err == ""
+
+
+def test_an_unloaded_robot_that_is_not_solved_ends_the_command(tmp_path, capsys):
+    """Heavy disks, and a single iteration; it ended with a traceback."""
+    heavy = replace(three(), disks=replace(three().disks, mass=1e-3))
+    (tmp_path / "robot.toml").write_text(tdcr.robot_to_toml(heavy))
+    model, settings = (
+        tdcr.Model(gravity=(0.0, 9.81, 0.0)),
+        tdcr.SolverSettings(max_iterations=1, min_substep=1.0),
+    )
+    (tmp_path / "model.toml").write_text(tdcr.model_to_toml(model, settings))
+    files = [str(tmp_path / "robot.toml"), "--model", str(tmp_path / "model.toml")]
+    assert main(["live", *files, "--no-browser", "-q"]) == 1
+    assert "the unloaded robot is not solved" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("table", "expected"), [("", SETTINGS), ("[solver]\ntolerance = 1e-7\n", 1e-7)])

@@ -85,6 +85,13 @@ def test_a_step_that_fails_leaves_the_robot_where_it_was(monkeypatch, why):
     assert np.allclose(robot.last.result.steps[-1].tip, tip, atol=1e-7)
 
 
+def test_the_unloaded_robot_has_the_time_it_needs(monkeypatch):
+    """A hundred heavy disks take longer than a load step may; the command ended with a traceback."""
+    monkeypatch.setattr("tdcr_fe.live.played.LONGEST_STEP", 0.0)
+    robot = PlayedRobot(three(), tdcr.Model(elements_per_bay=1, gravity=(0.0, 9.81, 0.0)))
+    assert robot.last.made and [s.label for s in robot.steps] == ["unloaded"]
+
+
 def test_robots_without_disks_or_tendons_are_pulled_too():
     rod = tdcr.Robot(tdcr.Backbone(0.2, 0.5e-3, 60e9, 0.3))
     robot = PlayedRobot(rod, tdcr.Model.default_for(rod))

@@ -30,45 +30,43 @@ class Live {
 
   // ---------------------------------------------------------------------------------------------------- asking
 
-  // One change at a time: while one is solved, the newest of each kind waits.
+  // One change at a time: while one is solved, the newest of each kind waits, in the order in which they were asked for.
   async want(kind, value) {
-    this.wish[kind] = kind === "drive" ? { ...this.wish.drive, ...value } : value;
+    const before = kind === "restart" ? (this.wish = {}) : this.wish[kind];
+    delete this.wish[kind];
+    this.wish[kind] = typeof value === "object" ? { ...before, ...value } : value;
     if (this.asking) return;
     this.asking = true;
     try {
-      for (let next; (next = this.next());) await this.ask(...next);
+      for (let next; (next = Object.entries(this.wish)[0]);) {
+        delete this.wish[next[0]];
+        await this.ask(...next);
+      }
     } finally {
       this.asking = false;
     }
   }
 
-  next() {
-    const kind = ["restart", "friction", "let_go", "drive", "pull"].find(name => name in this.wish);
-    if (!kind) return null;
-    const value = this.wish[kind];
-    delete this.wish[kind];
-    return [kind, kind === "drive" ? { [`${this.drive}s`]: value } : value];
-  }
-
   async ask(kind, value) {
+    const driven = ["tensions", "displacements"].includes(kind), message = driven ? { drive: { [kind]: value } } : { [kind]: value };
     let reply;
     try {
-      reply = await fetch(`/change?${this.query}`, { method: "POST", body: JSON.stringify({ [kind]: value }) });
+      reply = await fetch(`/change?${this.query}`, { method: "POST", body: JSON.stringify(message) });
     } catch {
       return this.end("The program has ended. What is shown stays.");
     }
     if (reply.status === 409) return this.end(await reply.text());
-    if (!reply.ok) return this.say(await reply.text());
-    const answer = await reply.json();
+    const answer = reply.ok ? await reply.json() : { message: await reply.text(), made: false };
     this.say(answer.message);
+    if (kind === "friction") this.find("[data-do=friction]").checked = answer.made === value;
+    if (!answer.made) return;
     this.find("[data-say=time]").textContent = `load step solved in ${answer.milliseconds.toPrecision(2)} ms`;
     const step = new Motion(answer.motion), { panel } = this, { motion, plots } = panel;
     if (kind === "restart") motion.clear();
     else step.steps = [motion.steps.at(-1) + 1]; // also where the friction was switched, and the sequence has begun anew
     motion.append(step, STEPS_SHOWN);
     // The response that is looked for first: over the tendon that was moved first.
-    const moved = kind === "drive" ? this.tendons.findIndex(t => t.name in value[`${this.drive}s`]) : -1;
-    if (moved >= 0 && plots.input.value === "step") plots.input.value = `${this.drive} ${moved}`;
+    if (driven && plots.input.value === "step") plots.input.value = `${kind.slice(0, -1)} ${this.tendons.findIndex(t => t.name in value)}`;
     panel.grown();
     if (kind === "restart") this.show();
     if (this.pulled && !answer.settled && !this.wish.pull) this.wish.pull = this.pulled;
@@ -108,7 +106,7 @@ class Live {
         input.addEventListener("input", () => {
           if (!Number.isFinite(input.valueAsNumber)) return;
           other.value = input.value;
-          this.want("drive", { [tendon.name]: input.valueAsNumber / this.scale });
+          this.want(`${this.drive}s`, { [tendon.name]: input.valueAsNumber / this.scale });
         });
       }
       row.append(name, tendon.slider, tendon.number, tendon.unit);
@@ -128,10 +126,10 @@ class Live {
     const values = byTension ? motion.baseTension : motion.displacement;
     this.scale = byTension ? 1 : plots.unit.factor;
     this.tendons.forEach((tendon, j) => {
-      const high = this.scale * tendon[this.drive], low = byTension ? 0 : -0.25 * high;
+      const high = this.scale * tendon[this.drive], step = round125(high / 1000), low = byTension ? 0 : -250 * step; // so that zero is among its values
       const value = +(this.scale * values[this.tendons.length * k + j]).toPrecision(4);
       for (const input of [tendon.slider, tendon.number]) {
-        Object.assign(input, { min: input === tendon.slider || byTension ? low : "", step: input === tendon.slider ? round125(high / 1000) : "any" });
+        Object.assign(input, { min: input === tendon.slider || byTension ? low : "", step: input === tendon.slider ? step : "any" });
         if (input === tendon.slider) input.max = high;
         input.value = value;
       }
