@@ -15,7 +15,7 @@ from tdcr_fe.elements.backbone import node_frames
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.hooks import SceneHooks
-from tdcr_fe.elements.native.joints import joint_stiffness, joints_of
+from tdcr_fe.elements.section import DIFFERENCE
 from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.solve.equations.configuration import Configuration, SolverState, Target
 from tdcr_fe.solve.equations.contact import ContactStates, TriangleContact
@@ -70,7 +70,8 @@ class StaticKernel:
     @cached_property
     def _joints(self) -> list[exu.ObjectIndex]:
         """Numbers of all joints."""
-        return joints_of(self._mbs)
+        objects = [exu.ObjectIndex(i) for i in range(self._mbs.systemData.NumberOfObjects())]
+        return [i for i in objects if exu.ComputeItemType.ReactionForces in self._mbs.ComputeItem(i)]
 
     @_interruptions_kept()
     def residual(self) -> Array:
@@ -97,7 +98,7 @@ class StaticKernel:
         else:
             found = self.exudyns_jacobian(loads, constraints)
         if constraints and self._joints:
-            found[:n2, :n2] += joint_stiffness(self._mbs, self._joints)
+            found[:n2, :n2] += _joint_stiffness(self._mbs, self._joints)
         return found
 
     @_interruptions_kept()
@@ -108,6 +109,26 @@ class StaticKernel:
             self._kernel.ComputeJacobianAE(self._mbs)
         found: Array = self._kernel.GetSystemJacobian()
         return found
+
+
+def _joint_stiffness(mbs: exu.MainSystem, joints: Sequence[exu.ObjectIndex]) -> Array:
+    """Derivative of the forces of joints at the present multipliers by the ODE2 coordinates, shape (n2, n2).
+
+    Exudyn's Jacobian leaves it out. A joint that moves with its bodies turns its force, or the lever of it: this is
+    what holds a pendulum upright.
+    """
+    data = mbs.systemData
+    current: Array = data.GetODE2Coordinates(exu.ConfigurationType.Current, copy=False)
+    found = np.zeros((len(current), len(current)))
+    for joint in joints:
+        moving = data.GetObjectLTGODE2(joint)
+        for k in moving:
+            start = current[k]
+            for step in (DIFFERENCE, -DIFFERENCE):
+                current[k] = start + step
+                found[moving, k] += mbs.ComputeItem(joint, exu.ComputeItemType.ReactionForces) / (2.0 * step)
+            current[k] = start
+    return found
 
 
 def residual_of_robot(
