@@ -166,7 +166,7 @@ class BandLayout:
 
 
 class BandFactors(NamedTuple):
-    """LU factors of a banded tangent; see `tdcr_fe.solve.equations.linearization.Factors`."""
+    """LU factors of a banded tangent; as `tdcr_fe.solve.equations.linearization.DenseFactors`."""
 
     lu: Array
     pivots: Index

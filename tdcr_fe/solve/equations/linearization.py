@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import isfinite
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetrs
@@ -14,22 +14,10 @@ from tdcr_fe.elements.backbone import BackboneMesh, ElementChain, NodeStiffness
 from tdcr_fe.elements.complementarity import positive_definite_near, solve_box
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.poses import EYE6
+from tdcr_fe.solve.equations.band import BandFactors
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import Numbering, zero_bases
-
-
-class Factors(Protocol):
-    """What a factorised matrix can do."""
-
-    def solve(self, right: Array) -> Array:
-        """Solution for one or several right sides, shape (n,) or (n, k)."""
-        ...
-
-    @property
-    def sign(self) -> int:
-        """Sign of the determinant; it changes where an equilibrium loses its stability."""
-        ...
 
 
 class DenseFactors(NamedTuple):
@@ -53,13 +41,13 @@ class DenseFactors(NamedTuple):
         return cls(lu, pivots)
 
     def solve(self, right: Array) -> Array:
-        """See `Factors.solve`."""
+        """Solution for one or several right sides, shape (n,) or (n, k)."""
         solution: Array = dgetrs(self.lu, self.pivots, right, trans=1)[0]
         return solution
 
     @property
     def sign(self) -> int:
-        """See `Factors.sign`."""
+        """Sign of the determinant; it changes where an equilibrium loses its stability."""
         # The parity of row exchanges and negative pivots.
         turned = np.count_nonzero((self.pivots != np.arange(len(self.pivots))) ^ (self.lu.diagonal() < 0.0))
         return 1 if turned % 2 == 0 else -1
@@ -128,7 +116,7 @@ class BorderedFactors(NamedTuple):
         return found
 
     def solve(self, right: Array) -> Array:
-        """See `Factors.solve`."""
+        """See `DenseFactors.solve`."""
         n = self.rows.shape[1]
         start = self.inner.solve(right[:n])
         given = right[n:][self.slack]
@@ -149,13 +137,17 @@ class BorderedFactors(NamedTuple):
 
     @property
     def sign(self) -> int:
-        """See `Factors.sign`."""
+        """See `DenseFactors.sign`."""
         return self.inner.sign * self.border.sign
 
 
 def _border(schur: Array, slack: Flags) -> DenseFactors:
     """Factors of a small matrix with rows of the identity for slack tendons."""
     return DenseFactors.of(np.where(slack[:, None], np.eye(len(slack)), schur))
+
+
+#: A factorised matrix.
+Factors = DenseFactors | BandFactors | BorderedFactors
 
 
 class SolvedStep(NamedTuple):
