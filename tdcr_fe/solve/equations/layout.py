@@ -140,27 +140,31 @@ class Numbering(NamedTuple):
     total: int  # All, mobilisations included
 
     @classmethod
-    def of(cls, layout: SceneLayout, winds: Sequence[Flags]) -> Numbering:
-        """Number the unknowns of a scene; ``winds``: by robot, whose displacement is prescribed, shape (m,)."""
+    def of(cls, layout: SceneLayout, winds: Sequence[Flags], with_friction: bool) -> Numbering:
+        """Number the unknowns of a scene.
+
+        Parameters
+        ----------
+        layout
+            Of the scene.
+        winds
+            By robot, whose displacement is prescribed, shape (m,).
+        with_friction
+            Whether mobilisations are among them.
+        """
         robots, nodes, reduced = layout.space.robots, layout.space.slices, layout.reduction.count
         driven = [np.flatnonzero(own) for own in winds]
         linear = reduced + sum(d.size for d in driven)
         parts, tension, hole = [], reduced, linear
         for i, (robot, own) in enumerate(zip(robots, nodes, strict=True)):
-            frictional = robot.law.frictional
+            frictional = robot.law.frictional & with_friction
             tensions = slice(tension, tension + driven[i].size)
-            holes = slice(hole, hole + (int(np.count_nonzero(frictional)) if robot.law.has_friction else 0))
+            holes = slice(hole, hole + int(np.count_nonzero(frictional)))
             inside = slice(6 * own.start, 6 * own.stop)
             unknowns = RobotUnknowns(i, inside, driven[i], tensions, frictional, holes, i in layout.clamps)
             parts.append(unknowns)
             tension, hole = tensions.stop, holes.stop
         return cls(tuple(parts), reduced, linear, hole)
-
-    def without_friction(self) -> Numbering:
-        """The same with no mobilisation among the unknowns."""
-        none = slice(self.linear, self.linear)
-        robots = tuple([part._replace(mobilisations=none) for part in self.robots])
-        return Numbering(robots, self.reduced, self.linear, self.linear)
 
     @property
     def has_friction(self) -> bool:
@@ -175,8 +179,7 @@ class Numbering(NamedTuple):
         by_robot
             At all holes, shape (m, g).
         """
-        parts = [by_robot[p.robot][p.frictional] for p in self.robots if p.has_friction]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        return _picked(by_robot, [part.frictional for part in self.robots])
 
     def with_frictional_holes(
         self, by_robot: Sequence[NDArray[Any]], values: NDArray[Any]
@@ -190,27 +193,15 @@ class Numbering(NamedTuple):
         values
             At the frictional ones, of all robots one after the other, shape (k,).
         """
-        found, first = list(by_robot), 0
-        for part in self.robots:
-            if not part.has_friction:
-                continue
-            last = first + int(np.count_nonzero(part.frictional))
-            new = by_robot[part.robot].copy()
-            new[part.frictional] = values[first:last]
-            found[part.robot], first = new, last
-        return tuple(found)
+        return _replaced(by_robot, [part.frictional for part in self.robots], values)
 
     def at_driven(self, by_robot: Sequence[Array]) -> Array:
         """Values (m,) of the tendons with prescribed displacement, of all robots one after the other."""
-        return np.concatenate([by_robot[p.robot][p.driven] for p in self.robots])
+        return _picked(by_robot, [part.driven for part in self.robots])
 
     def with_driven(self, by_robot: Sequence[Array], values: Array) -> tuple[Array, ...]:
         """The inverse of `at_driven`: values of all tendons with those of the driven ones replaced."""
-        found, first = [x.copy() for x in by_robot], 0
-        for part in self.robots:
-            found[part.robot][part.driven] = values[first : first + part.driven.size]
-            first += part.driven.size
-        return tuple(found)
+        return _replaced(by_robot, [part.driven for part in self.robots], values)
 
     @property
     def clamped(self) -> tuple[slice, ...]:
@@ -227,6 +218,23 @@ class Numbering(NamedTuple):
         return (self.reduced, self.linear, self.total) == (other.reduced, other.linear, other.total) and all(
             np.array_equal(a.driven, b.driven) for a, b in zip(self.robots, other.robots, strict=True)
         )
+
+
+def _picked(by_robot: Sequence[NDArray[Any]], which: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Some values of every robot, of all robots one after the other."""
+    parts = [own[places] for own, places in zip(by_robot, which, strict=True)]
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def _replaced(
+    by_robot: Sequence[NDArray[Any]], which: Sequence[NDArray[Any]], values: NDArray[Any]
+) -> tuple[NDArray[Any], ...]:
+    """The inverse of `_picked`: values of every robot with some replaced; those given are unchanged."""
+    found, first = tuple([own.copy() for own in by_robot]), 0
+    for new, places in zip(found, which, strict=True):
+        last = first + new[places].size
+        new[places], first = values[first:last], last
+    return found
 
 
 def zero_bases(rows: Array, clamped: Sequence[slice]) -> None:
@@ -262,8 +270,8 @@ class SceneLayout:
     bands: tuple[BandLayout | None, ...]
     # (E,): By robot, shortening of every element at which its bay buckles [m]
     buckling: tuple[Array, ...]
-    # Those computed so far, by which tendons are driven by displacement
-    numberings: dict[tuple[bytes, ...], Numbering] = field(default_factory=dict)
+    # Those computed so far, by whether there is friction, and which tendons are driven by displacement
+    numberings: dict[tuple[bool | bytes, ...], Numbering] = field(default_factory=dict)
 
     @classmethod
     def of(

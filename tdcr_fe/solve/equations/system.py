@@ -120,11 +120,11 @@ class SceneSystem:
         For the current driving of the tendons; ``by_tension``: number of a robot whose tensions are taken as given.
         """
         winds = [robot.drives.winds & (i != by_tension) for i, robot in enumerate(self.robots)]
-        driven = tuple(own.tobytes() for own in winds)
-        if driven not in self.layout.numberings:
-            self.layout.numberings[driven] = Numbering.of(self.layout, winds)
-        numbering = self.layout.numberings[driven]
-        return numbering if with_friction else numbering.without_friction()
+        known = self.layout.numberings
+        key: tuple[bool | bytes, ...] = (with_friction, *(own.tobytes() for own in winds))
+        if key not in known:
+            known[key] = Numbering.of(self.layout, winds, with_friction)
+        return known[key]
 
     # ------------------------------------------------------------------ states
 

@@ -209,15 +209,11 @@ class TautTendons(NamedTuple):
             which = np.flatnonzero(taut[-1])
             law = states[-1].forces[part.robot].model.law
             tension = np.array([states[i].state.base_tension[part.robot][which] for i in (0, -1)])
-            frictional = part.frictional[which] & part.has_friction
+            frictional = part.frictional[which]
             driven = np.flatnonzero(np.isin(which, part.driven))
             tendons.append(TendonsInSubstep(law, which, frictional, driven, tension))
-        holes = np.zeros(0, dtype=int)
-        if numbering.has_friction:
-            by_hole = [
-                own[:, None] & part.frictional for own, part in zip(taut, numbering.robots, strict=True)
-            ]
-            holes = np.flatnonzero(numbering.at_frictional_holes(by_hole))
+        by_hole = [own[:, None] & part.frictional for own, part in zip(taut, numbering.robots, strict=True)]
+        holes = np.flatnonzero(numbering.at_frictional_holes(by_hole))
         return cls(tuple(tendons), holes, np.flatnonzero(numbering.at_driven(taut)))
 
     @property
