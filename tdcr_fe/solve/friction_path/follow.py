@@ -23,11 +23,9 @@ from tdcr_fe.compiled import compilable, compiled_as, is_compiled, run_compiled
 from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.complementarity import ROUND_OFF, largest, largest_magnitude, smallest
 from tdcr_fe.solve.friction_path.rates import (
-    Bounds,
     PathUnknowns,
     Rates,
     SlipState,
-    bounded,
     columns_of,
     distance_to_bound,
     distance_to_tautness,
@@ -90,7 +88,9 @@ def empty_path(count: int, unknowns: int, segments: int) -> PathSegments:
 
 
 @compilable
-def along_segment(path: PathSegments, i: int, length: float, bounds: Bounds) -> tuple[float, Array, Array]:
+def along_segment(
+    path: PathSegments, i: int, length: float, bounds: PathUnknowns
+) -> tuple[float, Array, Array]:
     """What is reached on a path segment after a change of the load factor.
 
     Parameters
@@ -110,7 +110,8 @@ def along_segment(path: PathSegments, i: int, length: float, bounds: Bounds) -> 
     tension : ndarray, shape (q,)
         Of the segments [N].
     """
-    unknowns = bounded(bounds, path.unknowns[i] + length * path.rate[i])
+    moved = path.unknowns[i] + length * path.rate[i]
+    unknowns = np.minimum(np.maximum(moved, bounds.lower), bounds.upper)
     return path.start[i] + length, unknowns, path.tension[i] + length * path.tension_rate[i]
 
 
@@ -137,7 +138,7 @@ class FrictionPath(NamedTuple):
     reversal_factor: Array
     complete: bool  # Whether the end of the substep was reached
     segments: PathSegments
-    bounds: Bounds  # Of the unknowns
+    bounds: PathUnknowns  # Of the unknowns
 
     @property
     def reversed(self) -> Flags:
@@ -215,7 +216,7 @@ class Constraints(NamedTuple):
 
 
 @compilable
-def fraction_inside(unclipped: Array, start: Array, bounds: Bounds) -> float:
+def fraction_inside(unclipped: Array, start: Array, bounds: PathUnknowns) -> float:
     """Fraction of a path segment over which unknowns that begin it at given values are inside their bounds [1]."""
     moved = unclipped - start
     room = np.where(moved > 0.0, bounds.upper, bounds.lower) - start
@@ -265,16 +266,16 @@ def projected(
     free = constraints.free.nonzero()[0]
     if not free.size:
         return z, state, z
-    here, bounds = z[free], unknowns.bounds
+    here = z[free]
     drift = state.slip[free] - state.derivatives.elastic_slip[free] * here - constraints.complement[free]
     columns = columns_of(state.derivatives, free)
     change = solved_transposed(factorised(some_columns(columns, free)), drift)
     unclipped, new = z.copy(), z.copy()
     unclipped[free] = here + change
-    at_bound = sides(bounds, z)[free] != 0.0
+    at_bound = sides(unknowns, z)[free] != 0.0
     change = np.where(at_bound & constraints.at_bound[free], 0.0, change)
     constraints.at_bound[free] = at_bound
-    moved = np.minimum(np.maximum(here + change, bounds.lower[free]), bounds.upper[free])
+    moved = np.minimum(np.maximum(here + change, unknowns.lower[free]), unknowns.upper[free])
     new[free] = moved
     return new, with_changed(state, free, columns, moved - here), unclipped
 
@@ -345,9 +346,9 @@ def _integrated(
             tension, current = state.tension, True
             evaluation = _Evaluation(factor, tension, largest(tension))
             z, state, unclipped = projected(constraints, z, state, unknowns)
-        side, slack = sides(unknowns.bounds, z), np.maximum(-state.slip[holes:], 0.0)
+        side, slack = sides(unknowns, z), np.maximum(-state.slip[holes:], 0.0)
         fixed = fixed_by_slack(unknowns, slack)
-        rates = solve_rates(state.derivatives, side, fixed, unknowns.scale, unknowns.tolerance)
+        rates = solve_rates(state.derivatives, side, fixed, unknowns)
         if not (rates.found and isfinite(rates.complement.dot(rates.complement))):
             break
         reversing = ((rates.side == 0.0) & (side != 0.0))[:holes].nonzero()[0]
@@ -359,7 +360,7 @@ def _integrated(
             fraction = _fraction_before_reversal(state, path, count - 1, reversing, side, unclipped, unknowns)
             if fraction < 1.0:
                 path.length[count - 1] *= fraction
-                factor, z, tension = along_segment(path, count - 1, path.length[count - 1], unknowns.bounds)
+                factor, z, tension = along_segment(path, count - 1, path.length[count - 1], unknowns)
                 current, shortenings = False, shortenings + 1
                 continue
         if reversing.size:
@@ -375,7 +376,7 @@ def _integrated(
                 break
         here, left = _Here(factor, z, state, rates, slack), breakpoints[passed] - factor
         length = _add_segment(path, count, slips, unknowns, here, min(left, LONGEST_SEGMENT))
-        factor, z, tension = along_segment(path, count, length, unknowns.bounds)
+        factor, z, tension = along_segment(path, count, length, unknowns)
         count += 1
         current = factor < breakpoints[passed] - ROUND_OFF and _is_near(evaluation, factor, tension, 1.0)
         current = current and not left_branch(state.derivatives, branches_at(slips.transfer, z, tension))
@@ -383,7 +384,7 @@ def _integrated(
             state = extrapolated(state, length, tension, rates.rate, rates.complement)
             unclipped = z
     reversals = reversal_slip, reversal_mobilisation, reversal_factor
-    return FrictionPath(z, *reversals, complete, path, unknowns.bounds), count
+    return FrictionPath(z, *reversals, complete, path, unknowns), count
 
 
 @compilable
@@ -409,7 +410,7 @@ def _add_segment(
     tension_rate = state.derivatives.tension_by_load
     if free.size:
         tension_rate = tension_rate + rates.rate[free].dot(tension_columns(state.derivatives, free))
-    event = distance_to_bound(rates, z, unknowns.bounds)
+    event = distance_to_bound(rates, z, unknowns)
     if slack.size:
         event = min(event, distance_to_tautness(rates, slack, unknowns.holes))
     branch = distance_to_branch_change(slips.transfer, z, rates.rate, state.tension, tension_rate)
@@ -451,7 +452,7 @@ def _fraction_before_reversal(
     # Unknowns that only came to their bound at the end have no rate before it.
     matters = (0.5 * after * passed * length > negligible) & (path.side[i][turned] != 0.0)
     fraction = 1.0 - largest(np.where(matters, passed, 0.0))
-    inside = fraction_inside(unclipped, path.unknowns[i], unknowns.bounds)
+    inside = fraction_inside(unclipped, path.unknowns[i], unknowns)
     if (1.0 - inside) * length * largest_magnitude(complement) > negligible:
         fraction = min(fraction, inside)
     return max(fraction, 1.0 - MOST_SHORTENED)

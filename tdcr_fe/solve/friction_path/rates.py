@@ -78,38 +78,6 @@ def some_columns(matrix: Array, which: Index) -> Array:
     return matrix.take(which, axis=1)
 
 
-class Bounds(NamedTuple):
-    """Bounds of the unknowns."""
-
-    lower: Array  # (n,): -1 and 1 of mobilisations [1]; 0 and infinity of tensions [N]
-    upper: Array  # as `lower`
-    near_lower: Array  # (n,): Values beyond which an unknown counts as at its bound: round-off away from it
-    near_upper: Array  # as `near_lower`
-
-    @classmethod
-    def of(cls, holes: int, base_tension: Array) -> Bounds:
-        """Bounds of so many mobilisations, then of the tensions (c,), which begin with these."""
-        one, largest_tension = np.ones(holes), float(base_tension.max(initial=1.0))
-        lower = np.append(-one, np.zeros_like(base_tension))
-        upper = np.append(one, np.full_like(base_tension, np.inf))
-        round_off = ROUND_OFF * np.append(one, np.full_like(base_tension, largest_tension))
-        return cls(lower, upper, lower + round_off, upper - round_off)
-
-
-@compilable
-def sides(bounds: Bounds, z: Array) -> Array:
-    """1 at the upper bounds, -1 at the lower ones, 0 inside, shape (n,)."""
-    at_upper = (z >= bounds.near_upper).astype(np.float64)
-    at_upper -= z <= bounds.near_lower
-    return at_upper
-
-
-@compilable
-def bounded(bounds: Bounds, z: Array) -> Array:
-    """The nearest unknowns within the bounds, shape (n,)."""
-    return np.minimum(np.maximum(z, bounds.lower), bounds.upper)
-
-
 class PathUnknowns(NamedTuple):
     """The unknowns of a path: mobilisations of holes, then tensions at the base of tendons driven by displacement."""
 
@@ -117,8 +85,11 @@ class PathUnknowns(NamedTuple):
     # Slips below it are negligible: rates that lead to less in a substep are zero, and what was slipped beyond a
     # reversal that was not foreseen is left as it is [m]
     tolerance: float
-    bounds: Bounds
     scale: Array  # (n,): From the unknowns to lengths [m, m/N]
+    lower: Array  # (n,): Bounds: -1 and 1 of mobilisations [1]; 0 and infinity of tensions [N]
+    upper: Array  # as `lower`
+    near_lower: Array  # (n,): Values beyond which an unknown counts as at its bound: round-off away from it
+    near_upper: Array  # as `near_lower`
 
     @classmethod
     def of(cls, presliding: Array, base_tension: Array, tension: Array) -> PathUnknowns:
@@ -133,10 +104,28 @@ class PathUnknowns(NamedTuple):
         tension
             Of the segments there [N], shape (q,).
         """
-        holes, least = len(presliding), float(presliding.min())
-        at_base = np.full(len(base_tension), least / max(ROUND_OFF, float(tension.max())))
-        scale = np.append(presliding, at_base)
-        return cls(holes, FRICTION_TOLERANCE * least, Bounds.of(holes, base_tension), scale)
+        one, least = np.ones_like(presliding), float(presliding.min())
+        size = np.append(one, np.full_like(base_tension, base_tension.max(initial=1.0)))
+        at_base = np.full_like(base_tension, least / max(ROUND_OFF, float(tension.max())))
+        lower = np.append(-one, np.zeros_like(base_tension))
+        upper = np.append(one, np.full_like(base_tension, np.inf))
+        return cls(
+            len(presliding),
+            FRICTION_TOLERANCE * least,
+            np.append(presliding, at_base),
+            lower,
+            upper,
+            lower + ROUND_OFF * size,
+            upper - ROUND_OFF * size,
+        )
+
+
+@compilable
+def sides(unknowns: PathUnknowns, z: Array) -> Array:
+    """1 at the upper bounds, -1 at the lower ones, 0 inside, shape (n,)."""
+    at_upper = (z >= unknowns.near_upper).astype(np.float64)
+    at_upper -= z <= unknowns.near_lower
+    return at_upper
 
 
 @compilable
@@ -271,9 +260,7 @@ class Rates(NamedTuple):
 
 
 @compilable
-def solve_rates(
-    derivatives: SlipDerivatives, side: Array, fixed: Flags, scale: Array, tolerance: float
-) -> Rates:
+def solve_rates(derivatives: SlipDerivatives, side: Array, fixed: Flags, unknowns: PathUnknowns) -> Rates:
     """Rates at a load factor.
 
     A complementarity problem: an unknown at its bound stays there while its complement moves in the direction of the
@@ -287,10 +274,8 @@ def solve_rates(
         At which bounds the unknowns are, see `sides`, shape (n,).
     fixed
         Which unknowns stay at their bounds in any case, because the tendon has slack, shape (n,), or (0,) for none.
-    scale
-        From the unknowns to lengths [m, m/N], shape (n,).
-    tolerance
-        Rates of the complements, and of the unknowns as lengths, below it are zero [m].
+    unknowns
+        Of the path.
     """
     count, load = len(side), derivatives.by_load
     active, back, pivoted = side, np.zeros(count), False
@@ -306,12 +291,12 @@ def solve_rates(
             of_free = solved_transposed(factors, load[free])
             rate[free] = of_free
             complement = load - of_free.dot(columns)
-        violated = active * complement < -tolerance
+        violated = active * complement < -unknowns.tolerance
         if fixed.size:
             violated &= ~fixed
         if pivoted:
             # Those that left their bounds must move inward.
-            outward = side * scale * rate > tolerance
+            outward = side * unknowns.scale * rate > unknowns.tolerance
             violated |= outward
             back = np.where(outward, side, 0.0)
         number = int(np.count_nonzero(violated))
@@ -323,13 +308,13 @@ def solve_rates(
 
 
 @compilable
-def distance_to_bound(rates: Rates, z: Array, bounds: Bounds) -> float:
+def distance_to_bound(rates: Rates, z: Array, unknowns: PathUnknowns) -> float:
     """Load factor from here to where a free unknown reaches a bound, at constant rates [1]; infinite if none does."""
     free = rates.free
     if not free.size:
         return np.inf
     rate = rates.rate[free]
-    bound = np.where(rate > 0.0, bounds.upper[free], bounds.lower[free])
+    bound = np.where(rate > 0.0, unknowns.upper[free], unknowns.lower[free])
     return smallest(np.abs((bound - z[free]) / rate))
 
 
