@@ -80,7 +80,7 @@ class Trajectory:
         for increments in self.waypoints:
             if any(x.state.unknowns.coordinates.size != _NODE * self.s.size for x in increments):
                 return None
-            moved.append([_on_mesh(x, self.s, s) for x in increments])
+            moved.append([replace(x, state=x.state.on_mesh(self.s, s)) for x in increments])
         return Trajectory(moved, self.ends, s)
 
 
@@ -96,20 +96,6 @@ def mesh_nodes(experiment: Experiment) -> Array:
     loads = {load.at for step in experiment.steps for load in step.loads.values()}
     mesh, _ = build_mesh(experiment.robot, experiment.model, sorted(loads))
     return np.asarray(mesh.arc_lengths)
-
-
-def _on_mesh(increment: Increment, before: Array, s: Array) -> Increment:
-    """An increment with the twists of the elements of one mesh on another; both have one robot."""
-    state = increment.state
-    old = state.unknowns
-    turned = np.concatenate((np.zeros((1, 6)), np.cumsum(old.twists[0], axis=0)))
-    at = np.stack([np.interp(s, before, column) for column in turned.T], axis=1)
-    nearest = np.argmin(np.abs(s[:, None] - before), axis=1)  # for the signs of the Euler parameters
-    coordinates = old.coordinates.reshape(-1, _NODE)[nearest].ravel()
-    # One for the Euler parameters of every node; their values follow from the others.
-    multipliers = np.zeros(old.multipliers.size + s.size - before.size)
-    unknowns = old._replace(coordinates=coordinates, multipliers=multipliers, twists=(np.diff(at, axis=0),))
-    return replace(increment, state=replace(state, unknowns=unknowns))
 
 
 #: Fields of `Run` and `RunDerivatives` with one entry for every step, in their order.

@@ -334,26 +334,6 @@ def refined(
     return tuple(int(x) for x in wanted)
 
 
-def on_mesh(state: StoredState, old: Array, new: Array, there: SolverState) -> StoredState:
-    """A state of a robot alone in its scene on another mesh, with the same strains.
-
-    Parameters
-    ----------
-    state
-        On the old mesh.
-    old, new
-        Arc lengths of the nodes of both [m].
-    there
-        Any state on the new mesh.
-    """
-    before, unknowns = state.unknowns.twists[0], there.configuration.unknowns
-    # The sum of the twists from the base on is linear in the arc length within each element.
-    summed = np.concatenate((np.zeros((1, 6)), before.cumsum(axis=0)))
-    twists = np.diff(np.stack([np.interp(new, old, column) for column in summed.T], axis=1), axis=0)
-    moved = unknowns._replace(twists=(twists,), bases=state.unknowns.bases)
-    return replace(state, unknowns=moved)
-
-
 def mesh_warnings(
     handle: TDCR, model: Model, estimates: Sequence[MeshEstimate], tolerance: float
 ) -> list[str]:

@@ -28,7 +28,6 @@ from tdcr_fe.solve.mesh import (
     MeshMonitor,
     error_order,
     mesh_warnings,
-    on_mesh,
     refined,
 )
 from tdcr_fe.solve.sensitivities.linear_response import local_response
@@ -419,7 +418,7 @@ class _Run(MeshedRun):
     def warm_starts_on(self, finer: Simulation) -> dict[int, StoredState]:
         """The states of the steps as far as they are known, on a finer mesh."""
         old, new = (run.handle.mesh.arc_lengths for run in (self.simulation, finer))
-        return {n: on_mesh(state, old, new, finer.state) for n, state in self.warm_starts.items()}
+        return {n: state.on_mesh(old, new) for n, state in self.warm_starts.items()}
 
     def _result(self, number: int, step: LoadStep, report: LoadStepReport, target: Actuation) -> StepResult:
         """The present state as a result, with the responses of the tip where they are asked for."""

@@ -9,7 +9,7 @@ A `Configuration` is a value; `ConfigurationSpace` builds, moves and compares th
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import acos
 from typing import NamedTuple
 
@@ -320,6 +320,24 @@ class StoredState:
     unknowns: Unknowns  # Of the configuration
     base_tension: ByRobot  # As in `SolverState`
     mobilisation: ByRobot  # as `base_tension`
+
+    def on_mesh(self, before: Array, arc_lengths: Array) -> StoredState:
+        """The state of a robot alone in its scene on another mesh, with the same strains.
+
+        Parameters
+        ----------
+        before, arc_lengths
+            Of the nodes of its own and of the other mesh [m], shapes (N,) and (N',).
+        """
+        old = self.unknowns
+        # The sum of the twists from the base on is linear in the arc length within each element.
+        summed = np.concatenate((np.zeros((1, 6)), old.twists[0].cumsum(axis=0)))
+        twists = np.diff(np.stack([np.interp(arc_lengths, before, c) for c in summed.T], axis=1), axis=0)
+        # Positions and Euler parameters of the nodes, and a multiplier for each, follow from the twists.
+        coordinates = np.zeros(7 * arc_lengths.size)
+        multipliers = np.zeros(old.multipliers.size + arc_lengths.size - before.size)
+        moved = old._replace(coordinates=coordinates, multipliers=multipliers, twists=(twists,))
+        return replace(self, unknowns=moved)
 
 
 @dataclass(frozen=True, eq=False)
