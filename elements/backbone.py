@@ -69,6 +69,10 @@ class BackboneMesh:
         twists[:, 3:] = self.lengths[:, None] * self.precurvature
         return twists
 
+    def gradient(self, twists: Array) -> Array:
+        """Gradient of the elastic energy by the twists of the elements, shape (..., E, 6)."""
+        return self.twist_stiffness * (twists - self.reference_twists)
+
     def node_at(self, s: float, tolerance: float = 1e-9) -> int:
         """Number of the node at an arc length [m]; `KeyError` where there is none."""
         k = int(np.argmin(np.abs(self.arc_lengths - s)))
@@ -167,23 +171,19 @@ class ElementChain:
         self.steps = exp_matrix(twists, self._coefficients)
         self._turns = self.steps[:, :3, :3]
 
-    @classmethod
-    def with_poses(cls, twists: Array, base: Array, near: Array) -> tuple[ElementChain, NodePoses]:
-        """The elements, and the poses of their nodes.
+    def nodes(self, base: Array, near: Array) -> NodePoses:
+        """Poses of the nodes.
 
         Parameters
         ----------
-        twists
-            Of the elements, shape (E, 6).
         base
             Pose of the base, shape (4, 4).
         near
             Euler parameters that have the signs to take, shape (N, 4).
         """
-        chain = cls(twists)
-        positions, rotations = chain.poses(base)
+        positions, rotations = self.poses(base)
         parameters = euler_parameters_near(rotations, near)
-        return chain, NodePoses(positions, rotations, parameters, node_frames(rotations, parameters))
+        return NodePoses(positions, rotations, parameters, node_frames(rotations, parameters))
 
     @cached_property
     def _lever(self) -> Array:
@@ -254,8 +254,7 @@ class ElementChain:
         beyond = self._distal_sum(wrenches.reshape(-1, 2, 3), positions, rotations)
         others = wrenches.reshape(-1, 6)
         if mesh is not None:
-            stiffness = mesh.twist_stiffness
-            internal = ((stiffness * (self.twists - mesh.reference_twists))[:, None] @ b)[:, 0]
+            internal = (mesh.gradient(self.twists)[:, None] @ b)[:, 0]
             # Everything but the elastic wrenches: beyond an element it is what it transmits, and the unbalanced.
             others = others.copy()
             others[:-1] += internal[:, :6]
@@ -263,7 +262,7 @@ class ElementChain:
             beyond[1:] += internal[:, 6:].reshape(-1, 2, 3)
         inner = exponential_curvature(self.twists, powers, beyond[1:].reshape(-1, 6))
         if mesh is not None:
-            inner -= stiffness[:, :, None] * EYE6
+            inner -= mesh.twist_stiffness[:, :, None] * EYE6
         return self._pose_terms(others, beyond, b, inner)
 
     @cached_property

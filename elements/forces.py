@@ -73,6 +73,19 @@ class ForceModel:
             return self.hole_nodes[:0]
         return self.hole_nodes[: self.geometry.mask.shape[1] + 1]
 
+    def gradient(self, twists: Array, base_tension: Array) -> Array:
+        """Gradient of the energy of elements and section forces by the twists, shape (..., E, 6).
+
+        Parameters
+        ----------
+        twists
+            Of the elements, shape (..., E, 6).
+        base_tension
+            Of tendons that follow the backbone [N], shape (..., m).
+        """
+        found = self.mesh.gradient(twists)
+        return found if self.section is None else found + self.section.gradient(twists, base_tension)
+
     def measure(self, positions: Array, rotations: Array, twists: Array | None = None) -> Measurement:
         """Lengths and angles of the tendons in a configuration.
 

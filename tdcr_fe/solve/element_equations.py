@@ -8,8 +8,9 @@ import numpy as np
 
 from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.backbone import add_residual_flexibility
+from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.elements.poses import TWIST_MATRIX, coefficients, cross, exp_matrix, skew
-from tdcr_fe.elements.section import POINTS, WEIGHTS, Material, SectionForces
+from tdcr_fe.elements.section import POINTS, WEIGHTS, Material
 from tdcr_fe.scene import TDCR
 
 
@@ -32,13 +33,10 @@ SWEEPS = 8
 
 @dataclass(frozen=True)
 class ElementModel:
-    """Stiffness, weight and bays of the elements of one backbone."""
+    """Forces, weight and bays of the elements of one backbone."""
 
-    lengths: Array  # (E,): Of the elements [m]
-    element_stiffness: Array  # (E, 6): Of the finite elements, in beam axes, as in `BackboneMesh.stiffness`
-    reference_strain: Array  # (E, 6): Of the unloaded elements, in beam axes [1, 1/m]
+    forces: ForceModel  # Mesh, tendons that follow the backbone, and nonlinear material
     flexible: Flags  # (E,): False in rigid inserts, which have no error
-    section: SectionForces | None  # Tendons that follow the backbone, and nonlinear material
     weight: Array  # (E, 3): Own weight of the elements per length, world axes [N/m]
     bays: Index  # (E,): Number of the bay that an element lies in, from 0
     buckling_lengths: Array  # (B,): Length ``a`` of the load ``pi^2 EI / a^2`` at which a bay buckles [m]
@@ -55,11 +53,8 @@ class ElementModel:
         elif robot.disks.positions[-1] < mesh.arc_lengths[-1] - 1e-9:
             free[-1] *= 2.0
         return cls(
-            mesh.lengths,
-            mesh.stiffness,
-            mesh.reference_twists / mesh.lengths[:, None],
+            handle.actuation.model,
             ~handle.rigid,
-            handle.actuation.model.section,
             mesh.mass_per_length[:, None] * np.asarray(handle.model.gravity, dtype=float),
             bays,
             free,
@@ -76,20 +71,12 @@ def _strain_under(law: Material, wrench: Array, strain: Array, unloaded: Array, 
     return known + np.linalg.solve(slope, missing[..., None])[..., 0]
 
 
-def force_gradient(model: ElementModel, twists: Array, tensions: Array) -> Array:
-    """Derivative of the elements' energy by their twists, shape (S, E, 6)."""
-    h = model.lengths[:, None]
-    gradient = model.element_stiffness * (twists / h - model.reference_strain)
-    return gradient if model.section is None else gradient + model.section.gradient(twists, tensions)
-
-
-def stiffness_times(model: ElementModel, twists: Array, strain: Array) -> Array:
+def stiffness_times(forces: ForceModel, twists: Array, strain: Array) -> Array:
     """Stiffness of the elements times changes of their twists, shape (S, E, 6)."""
-    h = model.lengths[:, None]
-    force = model.element_stiffness / h * strain
-    if model.section is not None and model.section.material is not None:
-        material = model.section.material
-        slope = material.stiffness(*material.strain(twists, model.lengths)) / h[..., None]
+    force = forces.mesh.twist_stiffness * strain
+    if forces.section is not None and forces.section.material is not None:
+        material, h = forces.section.material, forces.mesh.lengths
+        slope = material.stiffness(*material.strain(twists, h)) / h[:, None, None]
         force[..., _FIBRES] += (slope @ strain[..., _FIBRES, None])[..., 0]
     return force
 
@@ -119,18 +106,18 @@ def exact_elements(
     moments : ndarray, shape (S, E, 3)
         First moment of the curve: integral of its position over the element [m^2].
     """
-    section, stiffness = model.section, model.element_stiffness.copy()
+    section, mesh, h = model.forces.section, model.forces.mesh, model.forces.mesh.lengths[:, None]
+    stiffness = mesh.stiffness.copy()
     # Of the section itself: without the residual flexibility of bending in the shear.
-    add_residual_flexibility(stiffness, model.lengths, -1.0)
+    add_residual_flexibility(stiffness, mesh.lengths, -1.0)
     compliance = (1.0 / stiffness)[:, None, :]
-    unloaded = model.reference_strain[:, None, :]
-    h = model.lengths[:, None]
+    unloaded = (mesh.reference_twists / h)[:, None, :]
     start = twists[..., None, :] * POINTS[:, None]
     poses = exp_matrix(start, coefficients(start[..., 3:]))[..., :3, :]
     strain = np.broadcast_to((twists / h)[..., None, :], start.shape)
     force, moment = wrenches[..., None, :3], wrenches[..., None, 3:]
-    along = (model.lengths[:, None] * POINTS)[..., None]
-    integrals = _INTEGRALS * model.lengths[:, None, None]
+    along = (h * POINTS)[..., None]
+    integrals = _INTEGRALS * h[..., None]
     heavy = bool(np.any(model.weight))
     both = np.empty((*start.shape[:-1], 2, 3))
     both[..., 0, :] = force - weight[..., None, :] * along

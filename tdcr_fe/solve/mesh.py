@@ -17,7 +17,7 @@ buckling as it must be (docs/algorithms.md, section "Error of the mesh").
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,8 +28,7 @@ from tdcr_fe.elements.section import nodal_sum
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.messages import steps_named
 from tdcr_fe.scene import TDCR
-from tdcr_fe.solve.element_equations import ElementModel, exact_elements, force_gradient, stiffness_times
-from tdcr_fe.solve.equations.configuration import SolverState, StoredState
+from tdcr_fe.solve.element_equations import ElementModel, exact_elements, stiffness_times
 from tdcr_fe.solve.equations.layout import zero_bases
 from tdcr_fe.solve.simulation import Simulation
 
@@ -117,12 +116,12 @@ def defects(
     couples : ndarray, shape (S, E, 3), or None
         ``r_w`` on the last node of every element, world axes [N m]; None without own weight.
     """
-    weight = _transposed(rotations, model.weight)
-    gradient = force_gradient(model, twists, tensions)
+    weight, lengths = _transposed(rotations, model.weight), model.forces.mesh.lengths[:, None]
+    gradient = model.forces.gradient(twists, tensions)
     to_first = inverse_tangent_se3(-twists)
     own_wrenches = _transposed(to_first, gradient)
     wrenches = own_wrenches.copy()
-    wrenches[..., :3] += 0.5 * weight * model.lengths[:, None]
+    wrenches[..., :3] += 0.5 * weight * lengths
     ends, moments = exact_elements(model, twists, wrenches, weight, tensions)
     own = exp_matrix(twists, coefficients(twists[..., 3:]))
     back = np.swapaxes(own[..., :3, :3], -1, -2)
@@ -132,7 +131,7 @@ def defects(
     change[..., 3:] = 0.5 * (turn[..., (2, 0, 1), (1, 2, 0)] - turn[..., (1, 2, 0), (2, 0, 1)])
     tangent = inverse_tangent_se3(twists)
     eigenstrain = (tangent @ change[..., None])[..., 0]
-    force = stiffness_times(model, twists, eigenstrain)
+    force = stiffness_times(model.forces, twists, eigenstrain)
     # The wrench belongs to the exact pose; its generalised force differs where the pose differs.
     moved = _transposed(inverse_tangent_se3(-twists - eigenstrain), gradient) - own_wrenches
     from_first: Array = np.linalg.inv(to_first).astype(np.float64)
@@ -140,7 +139,7 @@ def defects(
     force[:, ~model.flexible] = 0.0
     if not np.any(model.weight):
         return force, None
-    lumped = 0.5 * model.lengths[:, None] * own[..., :3, 3]
+    lumped = 0.5 * lengths * own[..., :3, 3]
     return force, (rotations @ cross(moments - lumped, weight)[..., None])[..., 0]
 
 
@@ -239,14 +238,14 @@ def bay_loads(model: ElementModel, twists: Array, tensions: Array) -> Array:
     twists, tensions
         Of the states, shapes (S, E, 6) and (S, m).
     """
-    found = np.zeros((len(twists), int(model.bays.max()) + 1))
-    if model.section is not None and model.section.tendons is not None:
+    forces, found = model.forces, np.zeros((len(twists), int(model.bays.max()) + 1))
+    if forces.section is not None and forces.section.tendons is not None:
         return found
-    compression = -force_gradient(model, twists, tensions)[..., 0]
-    bending = np.min(model.element_stiffness[:, 4:], axis=1)
-    if model.section is not None and model.section.material is not None:
-        material = model.section.material
-        slope = material.stiffness(*material.strain(twists, model.lengths))[..., 1:, 1:]
+    compression = -forces.gradient(twists, tensions)[..., 0]
+    bending = np.min(forces.mesh.stiffness[:, 4:], axis=1)
+    if forces.section is not None and forces.section.material is not None:
+        material = forces.section.material
+        slope = material.stiffness(*material.strain(twists, forces.mesh.lengths))[..., 1:, 1:]
         bending = np.maximum(bending + np.linalg.eigvalsh(slope)[..., 0], 1e-3 * bending)
     share = np.where(model.flexible, compression / bending, 0.0)
     np.maximum.at(found.T, model.bays, share.T)

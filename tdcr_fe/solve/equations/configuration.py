@@ -192,11 +192,9 @@ class ConfigurationSpace:
         if near is None:
             near = (unknowns.coordinates[self._beam] + self._reference)[:, 3:]
         # Both signs of Euler parameters are the same rotation; Exudyn's own solvers continue from the nearer one.
-        found = [
-            ElementChain.with_poses(twists, base, near[own])
-            for twists, base, own in zip(unknowns.twists, unknowns.bases, self.slices, strict=True)
-        ]
-        chains, every = tuple([chain for chain, _ in found]), [poses for _, poses in found]
+        chains = tuple([ElementChain(twists) for twists in unknowns.twists])
+        by_robot = zip(chains, unknowns.bases, self.slices, strict=True)
+        every = [chain.nodes(base, near[own]) for chain, base, own in by_robot]
         whole = every[0] if len(every) == 1 else NodePoses(*map(np.concatenate, zip(*every, strict=True)))
         coordinates = unknowns.coordinates.copy()
         coordinates[self._beam] = (

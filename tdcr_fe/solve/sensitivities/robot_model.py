@@ -90,8 +90,7 @@ class RobotModel:
         forces, backbone = self.forces, self.experiment.robot.backbone
         if backbone.creep_rate != 0.0:
             forces = softened(forces, forces.mesh, self.rigid, backbone.compliance_factor(time))
-        found = forces.mesh.twist_stiffness * (twists - forces.mesh.reference_twists)
-        return found if forces.section is None else found + forces.section.gradient(twists, base_tension)
+        return forces.gradient(twists, base_tension)
 
 
 def load_positions(experiment: Experiment) -> list[float]:
