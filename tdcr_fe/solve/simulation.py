@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict
 from functools import lru_cache
 
 import exudyn as exu
@@ -187,7 +186,7 @@ class Simulation:
         handle = self.handle
         states, tensions = handle.hole_states(), handle.tensions()
         positions, rotations = self.state.configuration.poses[0]
-        details = asdict(report)
+        details = dict(vars(report))
         return StepResult(
             step=number,
             label=label,
