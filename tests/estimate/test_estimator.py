@@ -71,18 +71,23 @@ def test_with_friction_in_the_model_the_force_is_found_and_without_it_is_not():
 
 
 def test_curvatures_that_show_single_holes_slip_do_not_make_it_too_certain():
-    """Where each hole only sticks or only slips, it is 6.2 in place of 3, and 75 % are inside."""
-    drawn = Drawn.of(0.2, 0.01, 25, 3)
-    truth = tdcr.simulate(drawn.robot, model(0.2), drawn.steps()).steps
-    rng, own, squares = np.random.default_rng(1003), estimator(friction=0.2), []
-    for k, solved in enumerate(truth):
-        readings = readings_of("curvatures", solved, drawn.robot.tendon_names, rng)
-        frame = own.step(drawn.step(drawn.commands, k), readings)
-        assert not frame.message
-        error = frame.force - drawn.forces[k]
-        squares.append(error @ np.linalg.solve(frame.force_covariance, error))
-    assert np.mean(squares[5:]) < 5.0
-    assert np.mean(np.array(squares[5:]) < chi2.ppf(0.95, 3)) >= 0.9
+    """Where each hole only sticks or only slips, it is 5.5 in place of 3, and 78 % are inside."""
+    squares = []
+    for seed in (2, 3, 4):
+        drawn, rng, own = (
+            Drawn.of(0.2, 0.01, 25, seed),
+            np.random.default_rng(1000 + seed),
+            estimator(friction=0.2),
+        )
+        truth = tdcr.simulate(drawn.robot, model(0.2), drawn.steps()).steps
+        for k, solved in enumerate(truth):
+            readings = readings_of("curvatures", solved, drawn.robot.tendon_names, rng)
+            frame = own.step(drawn.step(drawn.commands, k), readings)
+            assert not frame.message
+            error = frame.force - drawn.forces[k]
+            squares += [error @ np.linalg.solve(frame.force_covariance, error)] * (k >= 5)
+    assert np.mean(squares) < 4.5
+    assert np.mean(np.array(squares) < chi2.ppf(0.95, 3)) > 0.8
 
 
 def test_the_order_of_the_readings_of_a_frame_is_nothing():
