@@ -4,15 +4,18 @@ import re
 
 import numpy as np
 import pytest
-from robots import distance, paper, pull, scene, solve, solve_scene
+from robots import distance, paper, pull, scene, solve, solve_scene, three
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from tdcr_fe import Interrupted, Load, LoadStep, Model, SolverSettings, SolveTDCR, simulate
 from tdcr_fe.elements.native.actuation import TendonActuation
+from tdcr_fe.model.loading import resolve
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.load_steps import substep
+from tdcr_fe.solve.load_steps.load_path import StepFailed
 from tdcr_fe.solve.newton.convergence import NewtonStatus, Unmet
 from tdcr_fe.solve.newton.newton import NewtonResult, newton
+from tdcr_fe.solve.simulation import Simulation
 
 TOLERANCES = {NewtonStatus.NO_BALANCE: 1e-8, NewtonStatus.NO_FRICTION_STATE: 1e-4}
 UNMET = {status: Unmet(status, "something is", 1e-3, tolerance) for status, tolerance in TOLERANCES.items()}
@@ -110,3 +113,17 @@ def test_solves_use_one_thread_and_leave_the_limit_as_it_was():
         simulate(paper(0.3), Model(elements_per_bay=1), pull(1.0), progress=lambda step: seen.append(count()))
         assert count() == before
     assert seen and all(n == 1 for n in seen[0])
+
+
+def test_a_step_whose_jump_could_not_be_examined_in_time_is_not_solved(monkeypatch):
+    """It was taken, with a warning that a node may be off by "inf %": the time was over between its halves."""
+    steps = [LoadStep(displacements={"t1": 8e-3}), LoadStep(loads={"push": Load(0.25, (0.0, 0.0, -1.0))})]
+    bent, pushed = resolve(three(), steps)
+    model, calls = Model(elements_per_bay=1), iter([False, True])
+    simulation = Simulation(
+        three(), model, [bent, pushed], SolverSettings(max_substeps=1, path_tolerance=1e-3)
+    )
+    simulation.advance(bent)
+    monkeypatch.setattr(substep.SubstepSolver, "is_late", property(lambda _: next(calls, True)))
+    with pytest.raises(StepFailed, match="time limit"):
+        simulation.advance(pushed)

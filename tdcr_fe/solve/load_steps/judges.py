@@ -121,6 +121,8 @@ def _distance_of_halves(
     try:
         path = take_substeps(solver, SolvedPath(before, start), halves, judges)
     except StepFailed as failure:
+        if solver.is_late:
+            raise
         return np.inf, failure.iterations
     return solver.distance(path.state, after), path.iterations_total
 
