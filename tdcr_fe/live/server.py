@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 from tdcr_fe.live.page import live_page, step_data
 from tdcr_fe.live.played import Answer, PlayedRobot
@@ -135,8 +135,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _checked(self) -> tuple[str | None, dict[str, str]]:
         """Path and query of a request that may be answered; None where it was rejected."""
-        parts = urlsplit(self.path)
-        query = {k: v[-1] for k, v in parse_qs(parts.query).items()}
+        path, _, text = self.path.partition("?")
+        query = {k: v[-1] for k, v in parse_qs(text).items()}
         hosts = {f"{name}:{self.server.server_port}" for name in ("127.0.0.1", "localhost")}
         origin = self.headers.get("Origin")
         if self.headers.get("Host") not in hosts:
@@ -148,7 +148,7 @@ class _Handler(BaseHTTPRequestHandler):
                 HTTPStatus.FORBIDDEN, "the token is missing or wrong; use the address that was printed"
             )
         else:
-            return parts.path, query
+            return path, query
         return None, query
 
     def _stay(self, page: str) -> None:

@@ -81,6 +81,7 @@ def test_strangers_are_rejected(served):
         (ask(served, "GET", f"/%2e%2e/robot.toml?token={token}"), 404),
         (ask(served, "POST", f"/?token={token}", message), 404),
         (ask(served, "PUT", good, message), 501),
+        (ask(served, "GET", f"HTTP://[{good}"), 404),
     ]:
         assert status == wanted and text
     assert served.steps == steps
