@@ -202,13 +202,13 @@ def descend(
     for _ in range(max_iterations if now.free else 0):
         if race.out_of_time:
             break
-        z, step, promised = _proposal(problem, now, damping)
+        step, promised = _proposal(problem, now, damping)
         if promised < 0.02 + 2e-4 * now.cost:
             break
         reach = reachable_cost(problem, now)
         if np.sqrt(reach) - error > np.sqrt(race.limit):
             return replace(now, pruned=True)
-        point = problem.point(now.effects, now.values, now.free, z)
+        point = problem.moved(now.effects, now.values, now.free, step)
         try:
             trial = yield from evaluated(problem, now.effects, point, now.free, now)
         except OutOfTime:
@@ -235,15 +235,15 @@ def linear_optimum(problem: FitProblem, now: Fit) -> tuple[Point, Array]:
     """The best values that the linear model of a fit knows, and the residual over sigma there, by that model."""
     if not now.free or not np.isfinite(now.cost):
         return now.values, now.residual
-    z, step, _ = _proposal(problem, now, 0.0)
-    return problem.point(now.effects, now.values, now.free, z), now.residual - now.jacobian @ step
+    step, _ = _proposal(problem, now, 0.0)
+    return problem.moved(now.effects, now.values, now.free, step), now.residual - now.jacobian @ step
 
 
 def reachable_cost(problem: FitProblem, now: Fit) -> float:
     """Cost of a fit at the best values that its linear model knows."""
     if not now.free or not np.isfinite(now.cost):
         return now.cost
-    return max(0.0, now.cost - _proposal(problem, now, 0.0)[2])
+    return max(0.0, now.cost - _proposal(problem, now, 0.0)[1])
 
 
 def distance(problem: FitProblem, a: Array, b: Array) -> float:
@@ -283,14 +283,13 @@ def _scales(problem: FitProblem, effects: Sequence[Effect], free: Free) -> Array
     return np.array([problem.scales.get(k, natural[k]) for k in free])
 
 
-def _proposal(problem: FitProblem, now: Fit, damping: float) -> tuple[Array, Array, float]:
-    """The next coordinates, within their bounds, the step to them, and the fall of the cost by the linear model."""
+def _proposal(problem: FitProblem, now: Fit, damping: float) -> tuple[Array, float]:
+    """The step to the next coordinates, and the fall of the cost by the linear model."""
     z = problem.coordinates(now.effects, now.values, now.free)
     limits = problem.limits(now.effects, now.free)
     jw, rw = _weighted(problem, now)
     move = _bounded_step(jw, rw, damping, limits[:, 0] - z, limits[:, 1] - z)
-    there = np.clip(z + move, limits[:, 0], limits[:, 1])
-    return there, move, float(np.sum(rw**2) - np.sum((rw - jw @ move) ** 2))
+    return move, float(np.sum(rw**2) - np.sum((rw - jw @ move) ** 2))
 
 
 def _weighted(problem: FitProblem, fit: Fit) -> tuple[Array, Array]:
@@ -346,9 +345,9 @@ def profiles(problem: FitProblem, fit: Fit) -> tuple[Profile, ...]:
         if not deviation[i] > 0.0 or isinstance(by_name[key[0]], ReadingCause):  # the latter are linear
             continue
         step = spread[:, i] / deviation[i]
-        ridge = z + PROFILED[:, None] * step
-        inside = np.all((ridge >= limits[:, 0]) & (ridge <= limits[:, 1]), axis=1)
-        points = [problem.point(fit.effects, fit.values, fit.free, x) for x in ridge[inside]]
+        along = PROFILED[:, None] * step
+        inside = np.all((z + along >= limits[:, 0]) & (z + along <= limits[:, 1]), axis=1)
+        points = [problem.moved(fit.effects, fit.values, fit.free, x) for x in along[inside]]
         fits = [evaluated(problem, fit.effects, p, (), fit) for p in points]
         try:
             cost = np.array([x.cost for x in run_fits(problem, fits)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -23,7 +23,7 @@ from tdcr_fe.identify.result import IdentificationResult
 from tdcr_fe.identify.run import Run
 from tdcr_fe.identify.scatter import errors_of_inputs, with_input_sigma
 from tdcr_fe.identify.search import search_causes, with_scatter
-from tdcr_fe.identify.search_state import Progress, Search, SearchState, cut_short
+from tdcr_fe.identify.search_state import Progress, Search, SearchState, cut_short, in_time
 from tdcr_fe.identify.settings import IdentifySettings, OutOfTime, Part, Schedule, clock
 from tdcr_fe.identify.verdict import conclude
 from tdcr_fe.io.measured import MeasuredData, first_checks, with_columns, without_unread_steps
@@ -88,13 +88,16 @@ def _identified(data: MeasuredData, settings: IdentifySettings, search: Search) 
     try:
         with ForwardModel(settings.processes, data.settings) as forward:
             prepared = prepare(without_unread_steps(data), settings, forward)
-            state = declared_state(prepared)
+            state = search.keep(declared_state(prepared))
             some_rows, frictionless = prepared.rows is not None, prepared.frictional is not None
             schedule = Schedule.of(begun, settings.time_limit, some_rows, frictionless)
             state = _search(search, state, prepared, schedule)
             search.report("conclusions", 0.97)
-    except _Interrupted as interruption:  # the workers have ended
-        state = interruption.state
+    except KeyboardInterrupt:  # the workers have ended
+        if search.kept.state is None:
+            raise
+        state = search.kept.state.with_history("interrupted; what was found until then is reported")
+        state = replace(state, interrupted=True)
     return conclude(replace(search, deadline=begun + settings.time_limit), state, started)
 
 
@@ -110,56 +113,44 @@ class Prepared(NamedTuple):
     sigma_estimated: bool  # whether any sigma was not given
 
 
-class _Interrupted(KeyboardInterrupt):
-    """The search was interrupted; carries its last complete state out of the block that owns the workers."""
-
-    def __init__(self, state: SearchState) -> None:
-        super().__init__()
-        self.state = state
-
-
 def _search(search: Search, state: SearchState, prepared: Prepared, schedule: Schedule) -> SearchState:
-    """Run the search to its end, with a law where effects do not suffice; an interruption carries the last state.
+    """Run the search to its end, with a law where effects do not suffice.
 
     A search on some of the load steps ends with a fit to all of them.
     """
     latest = schedule.end + schedule.grace
-    try:
-        if unusable_data(state.problem, state.declared):
-            return state
-        state = _in_time(_with_fault, state.ending_at(latest), Part.FAULTS)
-        if state.data_fault:
-            return state
-        state = state.ending_at(schedule.search + schedule.grace)
-        listed = replace(search, deadline=schedule.search, long_data=prepared.rows is not None)
-        for latest_state in search_causes(listed, state):
-            state = latest_state
-        state = cut_short(listed, state, Part.FURTHER_EFFECTS)
-        whole = replace(search, deadline=schedule.end)
-        end = latest if prepared.rows is None else schedule.friction + schedule.grace
-        state = _in_time(partial(_with_next, whole), state.ending_at(end), Part.NEXT_EXPERIMENT)
-        if prepared.rows is not None:
-            if prepared.frictional is not None:
-                frictional = replace(prepared.frictional, deadline=end)
-                state = _in_time(partial(with_friction, search, frictional), state, Part.FRICTION)
-            state = fit_to_all_rows(whole, state, replace(prepared.problem, deadline=latest))
-        if not whole.explained(state):  # parameters of a model that leaves more than noise have no profiles
-            return _in_time(_scattered, state, Part.SCATTER)
-        if whole.out_of_time:
-            return state.without_trying(Part.PROFILES) if state.best.free else state
-        return replace(state, profiles=fitting.profiles(state.problem, state.best))
-    except KeyboardInterrupt:
-        state = state.with_history("interrupted; what was found until then is reported")
-        raise _Interrupted(replace(state, interrupted=True)) from None
+    if unusable_data(state.problem, state.declared):
+        return state
+    state = in_time(search, state.ending_at(latest), _with_fault, Part.FAULTS)
+    if state.data_fault:
+        return state
+    state = state.ending_at(schedule.search + schedule.grace)
+    listed = replace(search, deadline=schedule.search, long_data=prepared.rows is not None)
+    state = in_time(listed, state, search_causes, Part.FURTHER_EFFECTS)
+    state = cut_short(listed, state, Part.FURTHER_EFFECTS)
+    whole = replace(search, deadline=schedule.end)
+    end = latest if prepared.rows is None else schedule.friction + schedule.grace
+    state = in_time(whole, state.ending_at(end), _with_next, Part.NEXT_EXPERIMENT)
+    if prepared.rows is not None:
+        if prepared.frictional is not None:
+            frictional = replace(prepared.frictional, deadline=end)
+            state = in_time(whole, state, partial(with_friction, frictional), Part.FRICTION)
+        problem = replace(prepared.problem, deadline=latest)
+        state = search.keep(fit_to_all_rows(whole, state, problem))
+    if not whole.explained(state):  # parameters of a model that leaves more than noise have no profiles
+        return in_time(whole, state, _scattered, Part.SCATTER)
+    if whole.out_of_time:
+        return state.without_trying(Part.PROFILES) if state.best.free else state
+    return replace(state, profiles=fitting.profiles(state.problem, state.best))
 
 
-def _scattered(state: SearchState) -> SearchState:
+def _scattered(search: Search, state: SearchState) -> SearchState:
     """With what is different in every step, where that explains all, or errors of the inputs that explain much."""
     state = with_scatter(state)
     return state if state.scatter else replace(state, scatter=errors_of_inputs(state.problem, state.best))
 
 
-def _with_fault(state: SearchState) -> SearchState:
+def _with_fault(search: Search, state: SearchState) -> SearchState:
     """With the fault of the data, where there is one."""
     return replace(state, data_fault=data_fault(state.problem, state.declared))
 
@@ -167,14 +158,6 @@ def _with_fault(state: SearchState) -> SearchState:
 def _with_next(search: Search, state: SearchState) -> SearchState:
     """With the next experiment, where one helps."""
     return replace(state, next_experiment=choose_next(search, state))
-
-
-def _in_time(part: Callable[[SearchState], SearchState], state: SearchState, what: str) -> SearchState:
-    """The state after a part; the same, with that part noted as not tried, where the time does not suffice."""
-    try:
-        return part(state)
-    except OutOfTime:
-        return state.without_trying(what)
 
 
 def prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardModel) -> Prepared:
@@ -331,8 +314,7 @@ def _with_smaller_models(search: Search, searched: SearchState, state: SearchSta
 def _within(problem: FitProblem, effects: Sequence[Effect], values: Point) -> Point:
     """Values within the bounds of a problem, which may depend on its load steps."""
     free = [(e.name, p.name) for e in effects for p in e.parameters]
-    z = problem.coordinates(effects, values, free)
-    return problem.point(effects, values, free, np.clip(z, *problem.limits(effects, free).T))
+    return problem.moved(effects, values, free, np.zeros(len(free)))
 
 
 #: Friction is left out where the misfit of the declared model grows by no more than this share.
@@ -367,15 +349,15 @@ def friction_explains_little(problem: FitProblem) -> bool:
     return not frictional.solved or cost <= (1.0 + WORSE) * other
 
 
-def with_friction(search: Search, problem: FitProblem, state: SearchState) -> SearchState:
+def with_friction(problem: FitProblem, search: Search, state: SearchState) -> SearchState:
     """The best model of a search without friction: with friction where it then fits better, its parameters fitted anew.
 
     Parameters
     ----------
-    search
-        The search.
     problem
         With friction.
+    search
+        The search.
     state
         The last one of the search, without friction.
     """

@@ -209,11 +209,12 @@ class FitProblem:
         parameter = {(e.name, p.name): p for e in effects for p in e.parameters}
         return np.array([parameter[k].coordinate(values[k[0]][k[1]]) for k in free])
 
-    def point(self, effects: Sequence[Effect], values: Point, free: Free, z: Array) -> Point:
-        """Values with the free parameters at these coordinates."""
+    def moved(self, effects: Sequence[Effect], values: Point, free: Free, change: Array) -> Point:
+        """Values with the coordinates of the free parameters changed, within their bounds."""
         parameter = {(e.name, p.name): p for e in effects for p in e.parameters}
         new = {k: dict(v) for k, v in values.items()}
-        for k, x in zip(free, z, strict=True):
+        z = self.coordinates(effects, values, free) + change
+        for k, x in zip(free, np.clip(z, *self.limits(effects, free).T), strict=True):
             new[k[0]][k[1]] = parameter[k].value(float(x))
         return new
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from tdcr_fe.effects import Effect, Experiment
-from tdcr_fe.effects.base import Form, Values
+from tdcr_fe.effects.base import Form
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.identify.balance import best_point
 from tdcr_fe.identify.causes import PointForce, ReadingCause, StateLoad
@@ -66,8 +66,7 @@ class Score:
         if not self.signature.size or self.probe is None:
             return len(self.effect.parameters)
         size = np.linalg.norm(self.signature, axis=0)
-        held = sum(self.probe.start[name] != null for name, null in self.probe.null.items())
-        return int(np.count_nonzero(size > SEEN * np.max(size))) + held
+        return int(np.count_nonzero(size > SEEN * np.max(size))) + len(self.probe.held)
 
 
 def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> tuple[list[Score], Fit]:
@@ -126,8 +125,11 @@ def _possible(problem: FitProblem, fit: Fit, e: Effect, points: Sequence[dict[st
     return True
 
 
-#: Of a column: names of effect and parameter, and the parameters that are held at other than their null values.
-_Key = tuple[str, str, tuple[tuple[str, float], ...]]
+#: Parameters that are held at other than their null values.
+_Held = tuple[tuple[str, float], ...]
+
+#: Of a column: names of effect and parameter, and what is held.
+_Key = tuple[str, str, _Held]
 
 
 @dataclass(frozen=True)
@@ -135,11 +137,11 @@ class _ProbeSet:
     """One of the alternatives of `Effect.probe_points`."""
 
     effect: Effect
-    points: list[dict[str, float]]
-    # Null values; the same with those parameters that are held at the values of the points
-    null: dict[str, float]
-    start: dict[str, float]
-    directions: list[dict[str, float]]  # changes of the coordinates from the start to each point
+    start: dict[str, float]  # null values, but for those parameters that are held at the values of the points
+    held: _Held
+    directions: list[
+        dict[str, float]
+    ]  # changes of the coordinates from the start to each point, other than zero
     differentiated: Effect  # whose derivatives are taken, see `Effect.near_null`
 
     @classmethod
@@ -147,8 +149,13 @@ class _ProbeSet:
         """Beside a fitted model."""
         null, fixed = e.null_values(experiment), e.unidentifiable_at_null(experiment)
         start = {**null, **{name: points[0][name] for name in fixed}}
-        directions = [_direction(e, fixed, null, p) for p in points]
-        return cls(e, points, null, start, directions, e.near_null(experiment))
+        held = tuple((n, x) for n, x in start.items() if x != null[n])
+        moving = [p for p in e.parameters if p.name not in fixed]
+        changes = [
+            {p.name: p.coordinate(x[p.name]) - p.coordinate(null[p.name]) for p in moving} for x in points
+        ]
+        directions = [{n: change for n, change in own.items() if change != 0.0} for own in changes]
+        return cls(e, start, held, directions, e.near_null(experiment))
 
     @property
     def columns(self) -> dict[str, Column]:
@@ -156,25 +163,35 @@ class _ProbeSet:
         found: dict[str, Column] = {}
         for d in self.directions:
             for name, change in d.items():
-                if change != 0.0:
-                    found.setdefault(name, Column(self.differentiated, name, self.start, change))
+                found.setdefault(name, Column(self.differentiated, name, self.start, change))
         return found
 
     def limits(self, problem: FitProblem) -> tuple[Array, Array]:
         """Least and largest amplitudes within the bounds of the parameters, shape (k,) both."""
-        ranges = [_amplitude_range(problem, self.effect, self.null, d) for d in self.directions]
+        e, ranges = self.effect, []
+        for d in self.directions:
+            free = [(e.name, n) for n in d]
+            room = problem.limits([e], free) - problem.coordinates([e], {e.name: self.start}, free)[:, None]
+            ends = np.sort(room / np.array(list(d.values()))[:, None], axis=1)
+            ranges.append((np.max(ends[:, 0], initial=-np.inf), np.min(ends[:, 1], initial=np.inf)))
         low, high = np.array(ranges).T
         return low, high
+
+    def mixed(self, problem: FitProblem, amplitudes: Array) -> dict[str, float]:
+        """Values at the sum of amplitudes times directions, within bounds."""
+        e, each = self.effect, zip(amplitudes, self.directions, strict=True)
+        change = sum(a * np.array([d.get(n, 0.0) for n in self.columns]) for a, d in each)
+        free = [(e.name, n) for n in self.columns]
+        return problem.moved([e], {e.name: self.start}, free, np.asarray(change))[e.name]
 
     def key(self, name: str) -> _Key:
         """Of the column of a parameter; the same where the derivative is the same, as in other forms of an effect."""
         e = self.effect
-        moved = tuple((n, x) for n, x in self.start.items() if x != self.null[n])
-        return e.listed if isinstance(e, Form) else e.name, name, moved
+        return e.listed if isinstance(e, Form) else e.name, name, self.held
 
     def signature(self, derivatives: Mapping[str, Array], count: int) -> Array:
         """Change of the predictions towards every point, from the derivatives by parameter, shape (count, k)."""
-        moves = [[derivatives[n] * x for n, x in d.items() if x != 0.0] for d in self.directions]
+        moves = [[derivatives[n] * x for n, x in d.items()] for d in self.directions]
         return np.stack([sum(parts, np.zeros(count)) for parts in moves], axis=1)
 
 
@@ -239,10 +256,7 @@ class _Space:
             return fit.values, left
         known = fit.jacobian * w[:, None]
         own = np.linalg.lstsq(known[self.which], (left * w)[self.which], rcond=1e-10)[0]
-        by_name = {e.name: e for e in fit.effects}
-        limits = np.array([problem.bounds(by_name[e], name) for e, name in fit.free])
-        z = np.clip(problem.coordinates(fit.effects, fit.values, fit.free) + own, *limits.T)
-        return problem.point(fit.effects, fit.values, fit.free, z), np.asarray(left - fit.jacobian @ own)
+        return problem.moved(fit.effects, fit.values, fit.free, own), np.asarray(left - fit.jacobian @ own)
 
 
 def _score(space: _Space, sets: Sequence[tuple[_ProbeSet, Array]]) -> Score:
@@ -253,7 +267,7 @@ def _score(space: _Space, sets: Sequence[tuple[_ProbeSet, Array]]) -> Score:
         low, high = limits = one.limits(space.problem)
         if np.any(can_be_seen(signature, np.maximum(np.abs(low), np.abs(high)))):
             found.append(_beside(space, one, signature, limits))
-            scales |= {(e.name, n): abs(j) for d in one.directions for n, j in d.items() if j != 0.0}
+            scales |= {(e.name, n): abs(j) for d in one.directions for n, j in d.items()}
     if not found:
         return Score.refused(e, fit, "it changes nothing on these data")
     if isinstance(e, PointForce):
@@ -266,7 +280,7 @@ def _beside(space: _Space, one: _ProbeSet, signature: Array, limits: tuple[Array
     name, amplitude, drop = one.effect.name, *space.amplitudes(signature, *limits)
 
     def begin() -> Start:
-        points = [_mix(space.problem, one, factor * amplitude) for factor in (1.0, 0.5)]
+        points = [one.mixed(space.problem, factor * amplitude) for factor in (1.0, 0.5)]
         values, predicted = space.adapted(signature @ amplitude)
         fallback = tuple({**space.fit.values, name: point} for point in points)
         return Start({**values, name: points[0]}, predicted, fallback)
@@ -323,39 +337,3 @@ def apart(problem: FitProblem, fit: Fit, change: Array, score: Score) -> tuple[f
     x = x / np.maximum(np.linalg.norm(x, axis=0), 1e-300)
     left = goal - x @ np.linalg.lstsq(x, goal, rcond=1e-10)[0]
     return float(left @ left), float(goal @ goal)
-
-
-def _direction(e: Effect, fixed: Sequence[str], null: Values, point: Values) -> dict[str, float]:
-    """Change of the coordinates from the null values to a point; fixed parameters do not move."""
-    return {
-        p.name: 0.0 if p.name in fixed else p.coordinate(point[p.name]) - p.coordinate(null[p.name])
-        for p in e.parameters
-    }
-
-
-def _amplitude_range(problem: FitProblem, e: Effect, null: Values, direction: Values) -> tuple[float, float]:
-    """Range of an amplitude within the bounds of the parameters."""
-    low, high = -np.inf, np.inf
-    for p in e.parameters:
-        d = direction[p.name]
-        if d == 0.0:
-            continue
-        a, b = problem.bounds(e, p.name)
-        here = p.coordinate(null[p.name])
-        ends = sorted(((a - here) / d, (b - here) / d))
-        low, high = max(low, ends[0]), min(high, ends[1])
-    return low, high
-
-
-def _mix(problem: FitProblem, one: _ProbeSet, amplitudes: Array) -> dict[str, float]:
-    """Values at the sum of amplitudes times directions, within bounds."""
-    values = {}
-    for p in one.effect.parameters:
-        if all(d[p.name] == 0.0 for d in one.directions):
-            values[p.name] = one.points[0][p.name]
-            continue
-        z = p.coordinate(one.null[p.name])
-        z += sum(a * d[p.name] for a, d in zip(amplitudes, one.directions, strict=True))
-        low, high = problem.bounds(one.effect, p.name)
-        values[p.name] = p.value(float(np.clip(z, low, high)))
-    return values

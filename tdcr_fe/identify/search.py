@@ -5,8 +5,8 @@ evidence that they promise; the first are fitted. In every round the best model 
 first order hardly shows is tried. Where several causes leave more than noise, and at the end, causes of the best model
 are exchanged for others, and those dropped that the others make unnecessary.
 
-Stages (`search_causes`, `grow`, `backward_selection`, `exchange`) are generators of states, so that an interruption
-keeps the last one that was complete.
+Stages (`search_causes`, `grow`, `backward_selection`, `exchange`) keep every complete state (`Search.keep`), with which
+the search ends where it is interrupted or its time is over.
 """
 
 from __future__ import annotations
@@ -47,7 +47,6 @@ from tdcr_fe.identify.screening import FIRST_ORDER, Score, Start, apart, rescore
 from tdcr_fe.identify.search_state import (
     Search,
     SearchState,
-    Stage,
     as_good,
     in_time,
     listed_names,
@@ -79,7 +78,7 @@ STRONG = 10
 STRENGTHS = (1.0, 8.0, 64.0)
 
 
-def search_causes(search: Search, state: SearchState) -> Stage:
+def search_causes(search: Search, state: SearchState) -> SearchState:
     """The whole search."""
     problem = state.problem
     search.report("the dictionary of causes", 0.03)
@@ -88,19 +87,17 @@ def search_causes(search: Search, state: SearchState) -> Stage:
     every = dictionary(problem, run.bays)
     if search.long_data:
         state = replace(state, dictionary=tuple(filter(is_named, every)))
-        state = yield from in_time(state, grow(search, state), Part.FURTHER_EFFECTS)
+        state = in_time(search, state, grow, Part.FURTHER_EFFECTS)
         state = replace(state, extended=frozenset())
     state = replace(state, dictionary=every)
     for _ in range(3):
-        state = yield from in_time(state, grow(search, state), Part.FURTHER_EFFECTS)
+        state = in_time(search, state, grow, Part.FURTHER_EFFECTS)
         grown = state.best
         if not state.scatter:
-            state = yield from in_time(state, exchange(search, state), Part.EXCHANGES)
+            state = in_time(search, state, exchange, Part.EXCHANGES)
         if state.best is grown or state.scatter:
             break
-    state = with_rivals(search, state)
-    yield state
-    return state
+    return with_rivals(search, state)
 
 
 # -------------------------------------------------------------------------------------------------- candidates
@@ -424,10 +421,10 @@ def _begun(problem: FitProblem, found: Sequence[Proposal]) -> list[Fit]:
 
 def _fitted(problem: FitProblem, now: Fit, predicted: Array, race: fitting.Race) -> fitting.Fitting:
     """A model with candidates fitted, to the end where it comes near the best; `predicted` as in `fitting.descend`."""
-    now = yield from fitting.descend(problem, now, race, 8, predicted)
+    now = fitting.descend(problem, now, race, 8, predicted)
     race.reached(now.cost)
     if now.cost <= race.limit:
-        now = yield from fitting.finish(problem, replace(now, pruned=False), race)
+        now = fitting.finish(problem, replace(now, pruned=False), race)
     return now
 
 
@@ -517,7 +514,7 @@ def _cost_without(problem: FitProblem, fit: Fit, e: Effect, names: Set[str]) -> 
 # --------------------------------------------------------------------------------------------------- selection
 
 
-def grow(search: Search, state: SearchState) -> Stage:
+def grow(search: Search, state: SearchState) -> SearchState:
     """Extend the best model by a cause as long as the evidence grows.
 
     Where several leave more than noise, they are exchanged. What first order hardly shows is tried where nothing helps.
@@ -538,7 +535,7 @@ def grow(search: Search, state: SearchState) -> Stage:
         anew = (names, exchange.__name__) not in state.extended and not search.long_data
         if anew and len(state.best.effects) > 1 and not search.explained(state):
             state = replace(state, extended=state.extended | {(names, exchange.__name__)})
-            state = yield from exchange(search, state, progress, costly=False)
+            state = exchange(search, state, progress, costly=False)
             if state.best is not before:
                 continue
         if not tries:
@@ -560,8 +557,7 @@ def grow(search: Search, state: SearchState) -> Stage:
             state, fits = fit_proposals(search, state, new, ahead)
             better = _accepted(search, state, fits)
             if better:
-                state = replace(state, best=better[0])
-                yield state
+                state = search.keep(replace(state, best=better[0]))
             if better and (search.explained(state) or not more):
                 break
         entries = [_entry(state, number, x) for x in pool[:SHOWN]]
@@ -572,12 +568,11 @@ def grow(search: Search, state: SearchState) -> Stage:
             state = state.with_history(f"round {number}: no candidate {reason}")
             continue
         state = refined(state)
-        state = yield from backward_selection(search, state)
+        state = backward_selection(search, state)
         best = state.best
         fitted, held_out = _mean_costs(state.problem, best)
         left = f"misfit per reading {fitted:.3g} on fitted and {held_out:.3g} on held-out steps"
-        state = state.with_history(f"round {number}: {listed_names(best.names)}, {left}")
-        yield state
+        state = search.keep(state.with_history(f"round {number}: {listed_names(best.names)}, {left}"))
     return state
 
 
@@ -707,12 +702,9 @@ def pairs(search: Search, state: SearchState, parent: Fit) -> tuple[SearchState,
 
 def _strong_values(problem: FitProblem, score: Score, strength: float) -> dict[str, float]:
     """Parameters of a candidate so many typical steps from their null values."""
-    e, values = score.effect, {}
-    null = e.null_values(problem.experiment)
-    for p in e.parameters:
-        z = p.coordinate(null[p.name]) + strength * score.scales[(e.name, p.name)]
-        values[p.name] = p.value(float(np.clip(z, *problem.bounds(e, p.name))))
-    return values
+    e = score.effect
+    null, free = {e.name: e.null_values(problem.experiment)}, [(e.name, p.name) for p in e.parameters]
+    return problem.moved([e], null, free, strength * np.array([score.scales[k] for k in free]))[e.name]
 
 
 def _saturates(effect: Effect) -> bool:
@@ -754,10 +746,9 @@ def at_full_strength(search: Search, state: SearchState, parent: Fit) -> tuple[S
     return replace(state, fits=kept), found
 
 
-def backward_selection(search: Search, state: SearchState) -> Stage:
+def backward_selection(search: Search, state: SearchState) -> SearchState:
     """Give causes the form that the data support, and drop those that the others make unnecessary."""
-    state = _in_best_forms(search, state)
-    yield state
+    state = search.keep(_in_best_forms(search, state))
     while len(state.best.effects) > 1:
         problem, best = state.problem, state.best
         parts = [tuple(x for x in best.effects if x is not e) for e in best.effects]
@@ -767,8 +758,7 @@ def backward_selection(search: Search, state: SearchState) -> Stage:
         if not unnecessary:
             break
         e, best = min(unnecessary, key=lambda p: bic(problem, p[1]))
-        state = replace(state, best=best).with_history(f"{e.name} dropped: the others suffice")
-        yield state
+        state = search.keep(replace(state, best=best).with_history(f"{e.name} dropped: the others suffice"))
     return state
 
 
@@ -778,7 +768,7 @@ def _falls_behind(search: Search, problem: FitProblem, smaller: Fit, best: Fit) 
     return improves and bic(problem, smaller) > bic(problem, best)
 
 
-def exchange(search: Search, state: SearchState, progress: float = 0.75, costly: bool = True) -> Stage:
+def exchange(search: Search, state: SearchState, progress: float = 0.75, costly: bool = True) -> SearchState:
     """Exchange every cause, and every two, of the best model for one other; the best of all is taken.
 
     What a cause explains is the difference of the models with and without it. Which others may explain it follows from
@@ -816,10 +806,8 @@ def exchange(search: Search, state: SearchState, progress: float = 0.75, costly:
     if better:
         new = min(better, key=lambda f: rank(problem, f))
         text = f"{listed_names(new.names)} in place of {listed_names(best.names)}: it explains more"
-        state = replace(state, best=new).with_history(text)
-        state = refined(state)
-        yield state
-        state = yield from backward_selection(search, state)
+        state = search.keep(refined(replace(state, best=new).with_history(text)))
+        state = backward_selection(search, state)
     return state
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,16 +23,20 @@ Names = frozenset[str]
 #: Called with a sentence on what is done, and about which fraction of the work is done [1].
 Progress = Callable[[str, float], None]
 
-#: A stage of the search: yields every complete state, and returns the last one.
-Stage = Generator["SearchState", None, "SearchState"]
-
 #: Repetitions of refining the discretisation, at most.
 REPETITIONS = 3
 
 
+@dataclass
+class Kept:
+    """The last complete state of a search, which remains where the search is interrupted or its time is over."""
+
+    state: SearchState | None = None  # none before the declared model is solved
+
+
 @dataclass(frozen=True)
 class Search:
-    """What does not change during a search."""
+    """What does not change during a search, and what it keeps."""
 
     settings: IdentifySettings
     report: Progress
@@ -42,6 +46,12 @@ class Search:
     # whether, to be faster, causes without a name are tried only once no listed effect improves the model, and
     # exchanges only at the end
     long_data: bool = False
+    kept: Kept = field(default_factory=Kept)
+
+    def keep(self, state: SearchState) -> SearchState:
+        """A complete state, which remains until the next one."""
+        self.kept.state = state
+        return state
 
     @property
     def out_of_time(self) -> bool:
@@ -122,29 +132,20 @@ class SearchState:
         return replace(self, history=(*self.history, sentence))
 
 
-def in_time(state: SearchState, stage: Stage, what: str) -> Stage:
-    """A stage that ends with its last complete state where the time limit passes within a simulation.
+#: A part of an identification: from the state before it to that after it.
+Stage = Callable[[Search, SearchState], SearchState]
 
-    Parameters
-    ----------
-    state
-        With which the stage begins.
-    stage
-        The stage.
-    what
-        The part of the identification that is then noted as not tried.
+
+def in_time(search: Search, state: SearchState, stage: Stage, what: str) -> SearchState:
+    """The state after a part; where the time passes within a simulation, the last complete one, with that part noted.
+
+    ``what``: the part of the identification that is then noted as not tried.
     """
-    while True:
-        try:
-            state = next(stage)
-        except StopIteration as end:
-            last: SearchState = end.value
-            return last
-        except OutOfTime:
-            state = state.without_trying(what)
-            yield state
-            return state
-        yield state
+    search.keep(state)
+    try:
+        return search.keep(stage(search, state))
+    except OutOfTime:
+        return search.keep((search.kept.state or state).without_trying(what))
 
 
 def cut_short(search: Search, state: SearchState, part: str) -> SearchState:

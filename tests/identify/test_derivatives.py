@@ -121,8 +121,7 @@ def difference(
     about: FitProblem, effects: tuple[Effect, ...], values: dict, name: tuple[str, str], run, h: float
 ) -> np.ndarray:
     """Central difference of the predictions by a coordinate, along the substeps of a run."""
-    (z,) = about.coordinates(effects, values, [name])
-    points = [about.point(effects, values, [name], np.array([x])) for x in (z + h, z - h)]
+    points = [about.moved(effects, values, [name], np.array([x])) for x in (h, -h)]
     found = []
     for point in points:
         moved = about.with_effects(effects, point)

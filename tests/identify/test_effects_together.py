@@ -63,8 +63,7 @@ def test_search_finds_stretch_and_pretension(opposed, declared):
     """Beside tendons that are declared stiff, pretension hardly acts either: a clearance was found in its place."""
     robot = opposed.robot.with_tendons(axial_stiffness=declared)
     state, pair = opposed_search(replace(opposed, robot=robot))
-    for latest in grow(searching(candidates=3), state):
-        state = latest
+    state = grow(searching(candidates=3), state)
     assert {e.listed for e in state.best.effects} >= pair
     assert leaves_noise(state, state.best)
 

@@ -185,7 +185,7 @@ def test_a_soft_bay_is_found_with_place_and_size():
 
 def test_an_interruption_keeps_what_was_found(monkeypatch):
     def stopped(search, state):
-        yield with_model(state, GRAVITY)
+        search.keep(with_model(state, GRAVITY))
         raise KeyboardInterrupt
 
     monkeypatch.setattr(identification, "search_causes", stopped)

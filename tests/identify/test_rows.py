@@ -115,7 +115,7 @@ def test_declared_friction_stays_where_the_model_is_better_with_it(true, kept):
     problem = problem_of_rows(problem, choose_rows(data, range(60)))
     search, free = searching(), state_of(without_friction(problem))
     best = fit(free.problem, (effect("precurvature"),), [bend])
-    state = with_friction(search, problem, replace(free.with_fit(best), best=best))
+    state = with_friction(problem, search, replace(free.with_fit(best), best=best))
     assert (state.problem.experiment.model.friction == "per-hole") is kept
     assert state.best.names == ("precurvature",) and state.best.cost < 1.5 * np.count_nonzero(problem.fitted)
     assert ("left out" in state.history[-1]) is not kept

@@ -56,7 +56,7 @@ def test_a_cause_at_a_place_and_one_without_a_name_have_a_price():
 def test_a_hole_that_holds_fast_is_found_although_its_derivative_is_that_of_a_small_drop():
     """A blind set with a stuck hole, 170 sigma from the declared robot, ended with `gravity`, partly explained."""
     own = problem_of(measured({"stuck_hole": {"tendon": 2.0, "s": 0.05}}, robot=ROBOT, model=FRICTIONAL))
-    *_, state = search_causes(searching(), state_of(own))
+    state = search_causes(searching(), state_of(own))
     assert state.best.names == ("stuck_hole (tendon = 2, s = 0.05)",)
     assert state.history[0].startswith("round 1: stuck_hole")
     assert state.best.cost < 2.0 * own.count < 0.1 * state.declared.cost
@@ -70,7 +70,7 @@ def test_causes_that_an_exchange_makes_unnecessary_are_dropped():
     wrong = fitting.fit(own, effects, [start])
     named = tuple(filter(is_named, causes_of(own)[1].values()))
     state = replace(state_of(own).with_fit(wrong), best=wrong, dictionary=named)
-    *_, last = exchange(searching(), state)
+    last = exchange(searching(), state)
     assert last.best.names == ("precurvature",)
 
 
@@ -83,7 +83,7 @@ def test_a_cause_has_as_many_numbers_as_the_data_support(hidden, number):
     whole, *_, each, first, second = effect("actuator_gain").forms(own.experiment)
     begun = fitting.fit(own, (e := second if number else each,), [{e.name: e.null_values(own.experiment)}])
     state = replace(state_of(own).with_fit(begun), best=begun, dictionary=(whole, each, first, second))
-    *_, last = backward_selection(searching(), state)
+    last = backward_selection(searching(), state)
     (found,) = last.best.effects
     assert found is {("gain",): whole, ("gain_t2",): second}.get(tuple(hidden), each)
     for name, value in hidden.items():
@@ -97,7 +97,7 @@ def test_a_marker_that_is_glued_askew_is_one_of_the_explanations(number):
     own = problem_of(measured({"marker_offset": hidden}), held=(3, 7, 9))
     forms = effect("marker_offset").forms(own.experiment)
     kinks = [e for n, e in causes_of(own)[1].items() if n.startswith("kink")]
-    *_, found = search.grow(searching(), replace(state_of(own), dictionary=(*kinks, *forms)))
+    found = search.grow(searching(), replace(state_of(own), dictionary=(*kinks, *forms)))
     fit = found.fits[frozenset({f"marker_offset (marker {number})"})]
     assert fit.effects[0].choices(ROBOT) == len(own.experiment.observation.markers) == 2
     assert rank(own, fit) < rank(own, found.best) + BIC_DIFFERENCE
@@ -114,7 +114,7 @@ def test_a_cause_that_was_found_in_some_bays_acts_everywhere_where_the_data_say_
     own = problem_of(read_as_predicted(problem, true.residual))
     begun = fitting.fit(own, (part,), [{part.name: part.null_values(own.experiment)}])
     state = replace(state_of(own).with_fit(begun), best=begun, dictionary=(whole, part))
-    *_, last = backward_selection(searching(), state)
+    last = backward_selection(searching(), state)
     assert last.best.names == ("row kappa",)
     assert last.best.values == {whole.name: pytest.approx(values[whole.name], rel=1e-2)}
 
@@ -218,8 +218,7 @@ def test_a_search_that_is_late_keeps_its_model_and_notes_what_it_has_not_tried(m
     state = begun(measured({**GRAVITY, "precurvature": {"kappa_x": 0.9, "kappa_y": -0.7}}))
     few = tuple(effect(name) for name in ("gravity", "precurvature", "actuator_gain"))
     monkeypatch.setattr(search, "dictionary", lambda problem, bays: few)
-    for latest in search_causes(searching(deadline=0.0), state):
-        state = latest
+    state = search_causes(searching(deadline=0.0), state)
     assert len(state.best.effects) >= 1 and state.not_tried
 
 
