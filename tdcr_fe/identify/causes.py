@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -124,25 +124,27 @@ class ChangedDescription(Cause):
         return self.change(experiment, values)
 
 
-#: From the state of the bays to an action, one for each coefficient.
-Terms = tuple[Callable[[BayState], Array], ...]
-
-
-class StateLoad(Cause):
-    """Moments on the bays, or forces on the disks, that depend on the solved state; linear in its parameters.
+class BesideDescription(Cause):
+    """A cause that no description has: what it adds is linear in its parameters.
 
     Parameters
     ----------
     name, kind, sentence, price
         See `Cause`.
     parameters
-        Coefficients, zero where nothing acts.
+        Coefficients, zero where nothing is added.
     terms
-        One for each parameter: from the state of the bays to the action of a coefficient of one, shape (K, n_bays, 6).
+        One for each parameter: what a coefficient of one adds.
     """
 
     def __init__(
-        self, name: str, kind: Kind, parameters: Numbers, terms: Terms, sentence: str, price: float = 0.0
+        self,
+        name: str,
+        kind: Kind,
+        parameters: Numbers,
+        terms: Sequence[Callable[..., Array]],
+        sentence: str,
+        price: float = 0.0,
     ) -> None:
         super().__init__(name, kind, parameters, sentence, price)
         self.terms = terms
@@ -151,13 +153,24 @@ class StateLoad(Cause):
         """The description stays as it is."""
         return experiment
 
-    def action(self, state: BayState, values: Values) -> Array:
-        """What acts, shape (K, n_bays, 6)."""
-        total = np.zeros((*state.shape, COMPONENTS))
+    def added(self, values: Values, shape: tuple[int, ...], *of: Any) -> Array:
+        """The sum of all terms, of what these depend on."""
+        total = np.zeros(shape)
         for p, term in zip(self.parameters, self.terms, strict=True):
             if values[p.name] != 0.0:
-                total += values[p.name] * term(state)
+                total += values[p.name] * term(*of)
         return total
+
+
+class StateLoad(BesideDescription):
+    """Moments on the bays, or forces on the disks, that depend on the solved state.
+
+    Its terms are actions of the state of the bays, shape (K, n_bays, 6).
+    """
+
+    def action(self, state: BayState, values: Values) -> Array:
+        """What acts, shape (K, n_bays, 6)."""
+        return self.added(values, (*state.shape, COMPONENTS), state)
 
     def by_value(self, state: BayState, values: Values, name: str) -> Array:
         """Derivative of the action by a parameter, shape (K, n_bays, 6)."""
@@ -220,8 +233,8 @@ class PointForce(StateLoad):
     ----------
     name, sentence
         Of the cause.
-    at, bay
-        Arc length where it acts [m], and the number of the bay that ends there, from 0.
+    bay
+        Number of the bay at whose end it acts, from 0.
     state
         Of the declared model.
     law
@@ -229,9 +242,9 @@ class PointForce(StateLoad):
     """
 
     def __init__(
-        self, name: str, sentence: str, at: float, bay: int, state: BayState, law: tuple[Parameter, ...]
+        self, name: str, sentence: str, bay: int, state: BayState, law: tuple[Parameter, ...]
     ) -> None:
-        self.at, self.bay, self.reach = at, bay, 0.5 * float(state.edges[-1])
+        self.at, self.bay, self.reach = float(state.edges[bay + 1]), bay, 0.5 * float(state.edges[-1])
         where, far = state.place(bay), 20.0 * self.reach
         point = (Parameter(a, "m", -far, far, 0.0, 0.05 * self.reach, f"{a} of the point") for a in "xyz")
         kind, price = Kind("force", ("position",), where), math.log(state.choices(bay))
@@ -319,7 +332,7 @@ class Attraction(PointForce):
 
     Parameters
     ----------
-    at, bay, state
+    bay, state
         See `PointForce`.
     power
         Of the distance.
@@ -327,12 +340,12 @@ class Attraction(PointForce):
         A typical force [N].
     """
 
-    def __init__(self, at: float, bay: int, state: BayState, power: int, strength: float) -> None:
+    def __init__(self, bay: int, state: BayState, power: int, strength: float) -> None:
         scale = strength * (0.5 * float(state.edges[-1])) ** power
         most, meaning = 1e3 * scale, "force times distance to that power"
         k = Parameter("k", f"N m^{power}", -most, most, 0.0, 0.1 * scale, meaning)
         sentence = "a force towards a fixed point that falls with the distance"
-        super().__init__(f"attraction to a point, power {power}", sentence, at, bay, state, (k,))
+        super().__init__(f"attraction to a point, power {power}", sentence, bay, state, (k,))
         self.power = power
 
     def pull(self, distance: Array, values: Values) -> Array:
@@ -349,7 +362,7 @@ class Cord(PointForce):
 
     Parameters
     ----------
-    at, bay, state
+    bay, state
         See `PointForce`.
     stiffness
         A typical one [N/m].
@@ -357,12 +370,12 @@ class Cord(PointForce):
 
     distances = (0.4, 1.5, 6.0)
 
-    def __init__(self, at: float, bay: int, state: BayState, stiffness: float) -> None:
+    def __init__(self, bay: int, state: BayState, stiffness: float) -> None:
         length = float(state.edges[-1])
         k = Parameter("k", "N/m", 0.0, 1e4 * stiffness, 0.0, stiffness, "force per distance beyond the slack")
         slack = Parameter("slack", "m", 0.0, 20.0 * length, 0.0, 0.02 * length, "distance where it begins")
         sentence = "a force towards a fixed point that begins at some distance from it"
-        super().__init__("cord or wall", f"{sentence}: a slack cord, or a wall", at, bay, state, (k, slack))
+        super().__init__("cord or wall", f"{sentence}: a slack cord, or a wall", bay, state, (k, slack))
 
     def pull(self, distance: Array, values: Values) -> Array:
         """See `PointForce.pull`."""
@@ -387,38 +400,12 @@ def _sphere() -> Array:
 _DIRECTIONS = _sphere()
 
 
-#: From the problem and a run to a shift of the readings, one for each coefficient.
-Shapes = tuple[Callable[["FitProblem", "Run"], Array], ...]
+class ReadingCause(BesideDescription):
+    """A shift of the readings themselves.
 
-
-class ReadingCause(Cause):
-    """A shift of the readings themselves, linear in its parameters.
-
-    Parameters
-    ----------
-    name, kind, sentence, price
-        See `Cause`.
-    parameters
-        Coefficients, zero where nothing is shifted.
-    shapes
-        One for each parameter: from the problem and a run to the shift of a coefficient of one, in the readings' units,
-        (n,).
+    Its terms are shifts by the problem and a run, in the readings' units, shape (n,).
     """
-
-    def __init__(
-        self, name: str, kind: Kind, parameters: Numbers, shapes: Shapes, sentence: str, price: float = 0.0
-    ) -> None:
-        super().__init__(name, kind, parameters, sentence, price)
-        self.shapes = shapes
-
-    def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """The robot stays as it is."""
-        return experiment
 
     def shift(self, problem: FitProblem, run: Run, values: Values) -> Array:
         """Of the readings, in their units, shape (n,)."""
-        total = np.zeros(problem.count)
-        for p, shape in zip(self.parameters, self.shapes, strict=True):
-            if values[p.name] != 0.0:
-                total += values[p.name] * shape(problem, run)
-        return total
+        return self.added(values, (problem.count,), problem, run)

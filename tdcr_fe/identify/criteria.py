@@ -67,18 +67,22 @@ def price(effects: Sequence[Effect], robot: Robot) -> float:
 def bic(problem: FitProblem, fit: Fit) -> float:
     """Bayesian information criterion over all readings; smaller is better.
 
-    The sum of squares plus log(n) per parameter, and the prior of the causes.
+    The sum of squares, and what the causes cost.
     """
-    own = price(fit.effects, problem.data.robot) + price_of_gravity(problem, fit.values)
-    return fit.cost + fit.held_cost + len(fit.free) * math.log(problem.count) + own
+    return fit.cost + fit.held_cost + complexity(problem, fit.effects, fit.values, len(fit.free))
 
 
-def price_of_gravity(problem: FitProblem, values: Point) -> float:
-    """What a fitted gravity costs beside `price` and its parameters: on Earth only its direction is fitted."""
-    if "gravity" not in values:
-        return 0.0
-    size = math.sqrt(sum(x * x for x in values["gravity"].values()))
-    return -math.log(problem.count) if abs(size - EARTH) <= EARTH_TOLERANCE else OTHER_GRAVITY
+def complexity(problem: FitProblem, effects: Sequence[Effect], values: Point, count: int) -> float:
+    """What causes cost in the criterion: their prior, and log(n) for each of so many numbers.
+
+    On Earth only the direction of a gravity is fitted.
+    """
+    found = price(effects, problem.data.robot) + count * math.log(problem.count)
+    if "gravity" in values:
+        size = math.sqrt(sum(x * x for x in values["gravity"].values()))
+        on_earth = abs(size - EARTH) <= EARTH_TOLERANCE
+        found += -math.log(problem.count) if on_earth else OTHER_GRAVITY
+    return found
 
 
 def probability_of_unlisted(fit: Fit) -> float:

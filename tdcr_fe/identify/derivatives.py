@@ -32,7 +32,7 @@ from tdcr_fe.identify.bay_state import (
     state_change,
     with_action,
 )
-from tdcr_fe.identify.causes import ReadingCause, StateLoad
+from tdcr_fe.identify.causes import BesideDescription, ReadingCause, StateLoad
 from tdcr_fe.identify.forward import Job, advance
 from tdcr_fe.identify.problem import FitProblem, Point
 from tdcr_fe.identify.run import Acted, Run, RunDerivatives, Trajectories
@@ -176,7 +176,7 @@ class _Part:
         self.beside: dict[int, Experiment] = {}
         tables = []
         for number, column in enumerate(request.columns):
-            if isinstance(column.effect, StateLoad | ReadingCause):
+            if isinstance(column.effect, BesideDescription):
                 continue
             if not column.effect.exact_derivatives:
                 self.differenced[number] = "it declares no exact derivatives"
@@ -219,7 +219,7 @@ class _Part:
         plain = self.problem.with_effects(effects, values)
         tried: set[str] = set()
         for e, _, at, _ in self.request.columns:
-            if e.name in values or e.name in tried or isinstance(e, StateLoad | ReadingCause):
+            if e.name in values or e.name in tried or isinstance(e, BesideDescription):
                 continue
             tried.add(e.name)
             more = {**values, e.name: dict(at)}

@@ -46,15 +46,13 @@ def comparison(result: IdentificationResult) -> Figure:
         fills = {"measured": MEASURED, "measured, held out": "white"}
         if not result.held_out_steps:
             del fills["measured, held out"]
+        drawn = _drawn(result, result.shapes.before, result.shapes.after)
         handles = [
             *(Line2D([], [], color=MEASURED, marker="o", ms=4, mfc=c, ls="none", label=t) for t, c in fills.items()),
-            *(Line2D([], [], color=c, lw=1.5, label=t) for _, c, t in _drawn(result, _NONE, _NONE)),
+            *(Line2D([], [], color=c, lw=1.5, label=t) for _, c, t in drawn),
         ]  # fmt: skip
         figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
-
-
-_NONE = np.zeros(0)
 
 
 def _tip(result: IdentificationResult) -> tuple[Array, Array, Array]:
@@ -117,9 +115,8 @@ def _shape_lines(axes: Axes, result: IdentificationResult) -> bool:
                       xytext=(0, 7), textcoords="offset points", ha="center", fontsize=8)  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(y=0.1)
-    axes.set_title("Shape, in the plane of the tip")
-    axes.set_xlabel("distance from the z axis [mm]" if len(steps) == 1 else "distance, to either side [mm]")
-    axes.set_ylabel("z [mm]")
+    sides = "distance from the z axis [mm]" if len(steps) == 1 else "distance, to either side [mm]"
+    axes.set(title="Shape, in the plane of the tip", xlabel=sides, ylabel="z [mm]")
     return True
 
 

@@ -255,8 +255,7 @@ def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> 
         return state.without_trying(Part.ALL_STEPS)
     unsolved = [f for f in found if not f.solved]
     if unsolved:
-        model = " + ".join(unsolved[0].names) or "the declared model"
-        return state.with_history(f"no fit to all load steps: {model}: {unsolved[0].run.message}")
+        return state.with_history(f"no fit to all load steps: {unsolved[0].title}: {unsolved[0].run.message}")
     duration = clock() - begun
     declared, best = found[0], found[-1]
     if best.effects:

@@ -11,38 +11,32 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from tdcr_fe.elements import Array
-from tdcr_fe.identify.causes import ReadingCause, StateLoad
+from tdcr_fe.identify.causes import BesideDescription
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize_each
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.load_steps import whole_steps
+from tdcr_fe.identify.noise import series
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import NextExperiment
 from tdcr_fe.identify.search_state import Search, SearchState, as_good
 from tdcr_fe.identify.settings import OutOfTime
-from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Load, LoadStep, resolve
 
 #: Rivals, and tip forces, at most; and candidates.
 MOST, CANDIDATES = 3, 10
 
 
-@dataclass(frozen=True)
-class _Model:
+class _Model(NamedTuple):
     """A fitted explanation, and the covariance of its free numbers in their coordinates."""
 
     fit: Fit
     spread: Array
-
-    @property
-    def name(self) -> str:
-        """Names of its effects."""
-        return " + ".join(self.fit.names) or "the declared model"
 
 
 def choose_next(search: Search, state: SearchState) -> NextExperiment | None:
@@ -85,7 +79,7 @@ def leading_rivals(search: Search, state: SearchState) -> list[Fit]:
 
 def _described(fit: Fit) -> bool:
     """Whether all causes of a model are in its description."""
-    return not any(isinstance(e, StateLoad | ReadingCause) for e in fit.effects)
+    return not any(isinstance(e, BesideDescription) for e in fit.effects)
 
 
 # ------------------------------------------------------------------------------------------------ candidates
@@ -136,11 +130,9 @@ def _distinct(values: Sequence[Array]) -> list[Array]:
 def _planned(problem: FitProblem, steps: tuple[LoadStep, ...]) -> FitProblem:
     """The problem with a loading sequence in place of its own: in every step, all that was measured would be read."""
     data = problem.data
-    series: dict[tuple[str, float | str | None], list[float]] = {}
-    for r, sigma in zip(data.readings, problem.sigma, strict=True):
-        series.setdefault((r.quantity, r.location), []).append(float(sigma))
-    each = itertools.product(range(len(steps)), series.items())
-    readings = tuple(Reading(k + 1, *key, 0.0, float(np.median(sigma))) for k, (key, sigma) in each)
+    typical = [(data.readings[i[0]], float(np.median(problem.sigma[i]))) for i in series(data.readings)]
+    each = itertools.product(range(len(steps)), typical)
+    readings = tuple(replace(r, step=k + 1, value=0.0, sigma=sigma) for k, (r, sigma) in each)
     ids, branches = tuple(range(1, len(steps) + 1)), ("next",) * len(steps)
     fresh = replace(data, step_ids=ids, steps=steps, branches=branches, readings=readings, parts=())
     sigma, fitted = np.array([r.sigma for r in readings]), np.zeros(len(readings), dtype=bool)
@@ -184,10 +176,10 @@ def _parting(models: Sequence[_Model], planned: Sequence[FitProblem]) -> dict[in
             d, total = other.residual - best.residual, np.eye(best.residual.size)
             for linear, spread in ((best, models[0].spread), (other, model.spread)):
                 total += linear.matrix @ spread @ linear.matrix.T
-            apart[model.name] = float(np.sqrt(max(float(d @ np.linalg.solve(total, d)), 0.0)))
+            apart[model.fit.title] = float(np.sqrt(max(float(d @ np.linalg.solve(total, d)), 0.0)))
         listed = ", ".join(f"{name} ({v:.1f} sigma)" for name, v in apart.items())
         if min(apart.values()) > 0.0:
-            purpose = f"separates {models[0].name} from {listed}"
+            purpose = f"separates {models[0].fit.title} from {listed}"
             experiment = NextExperiment(planned[i].data.steps, purpose, apart)
             found[i] = _Judged(min(apart.values()), experiment)
     return found

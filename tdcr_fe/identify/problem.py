@@ -36,10 +36,6 @@ MESH = 0.1
 #: Elements per bay, at most.
 FINEST = 6
 
-#: Applications of an effect that are kept: derivatives by other effects begin with the same ones. Actuator loss alone
-#: took a tenth of the time of an identification with it.
-APPLIED = 64
-
 #: Assumed order of the discretisation error; four where bending is small.
 ORDER = 3.2
 
@@ -96,6 +92,11 @@ class FitProblem:
         for e in sorted(effects, key=lambda e: order.get(e.listed, len(order))):
             found = _applied(found, e, tuple(values[e.name].items()))
         return found.experiment.with_sequences(join_steps)
+
+    def acted(self, fit: Fit) -> Experiment:
+        """The experiment with a fitted model, and the action that its run carries as loads."""
+        found = self.with_effects(fit.effects, fit.values)
+        return found if fit.run.acted is None else with_action(found, fit.run.acted.action)
 
     @cached_property
     def _without_effects(self) -> _Kept:
@@ -158,9 +159,9 @@ class FitProblem:
         """Square roots of the weights that make squares of the residual robust, shape (n,)."""
         return np.sqrt(np.minimum(1.0, self.robust_threshold / np.maximum(np.abs(r), 1e-300)))
 
-    def misfit(self, r: Array, which: Flags, parameters: int = 0) -> Misfit:
-        """Misfit of residuals over sigma on some readings."""
-        raw = self.lengths(r)
+    def misfit(self, r: Array, which: Flags | None = None, parameters: int = 0) -> Misfit:
+        """Misfit of residuals over sigma on some readings; None: on all."""
+        raw, which = self.lengths(r), np.full(self.count, True) if which is None else which
         angles = raw[which & self.readings.is_angle]
         p = which & self.readings.is_position
         marker = np.unique(self.readings.markers[p], return_inverse=True)[1]
@@ -226,9 +227,12 @@ class _Kept:
     experiment: Experiment
 
 
-@lru_cache(maxsize=APPLIED)
+@lru_cache
 def _applied(before: _Kept, e: Effect, values: tuple[tuple[str, float], ...]) -> _Kept:
-    """An experiment with another effect."""
+    """An experiment with another effect; kept, since derivatives by other effects begin with the same ones.
+
+    Actuator loss alone took a tenth of the time of an identification with it.
+    """
     return _Kept(before.experiment.with_sequences(lambda part: e.apply(part, dict(values))))
 
 
@@ -258,6 +262,11 @@ class Fit:
     def names(self) -> tuple[str, ...]:
         """Names of the effects."""
         return tuple(e.name for e in self.effects)
+
+    @property
+    def title(self) -> str:
+        """Its effects in one line."""
+        return " + ".join(self.names) or "the declared model"
 
     @property
     def solved(self) -> bool:

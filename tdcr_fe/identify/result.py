@@ -98,7 +98,7 @@ class Errors(NamedTuple):
 
 
 #: Of a model that was not evaluated, for want of time.
-NOT_EVALUATED = Errors(*[Misfit(None, None, None, math.nan)] * 2)
+NOT_EVALUATED = Errors(Misfit(None, None, None, math.nan), Misfit(None, None, None, math.nan))
 
 
 @dataclass(frozen=True)

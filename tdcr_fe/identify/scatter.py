@@ -167,8 +167,7 @@ def _scatter(problem: FitProblem, before: Array, found: _Likeliest) -> Scatter:
     """As it is reported; ``before``: residual over sigma without it, shape (n,)."""
     source = found.source
     place = "" if source.bay is None else end_of_bay(problem.experiment.robot.bay_edges, source.bay)
-    every = np.ones(problem.count, dtype=bool)
-    left = problem.misfit(before, every), problem.misfit(found.left, every)
+    left = problem.misfit(before), problem.misfit(found.left)
     rows = tuple(problem.data.step_ids[k] for k in found.beyond)
     few = rows if 2 * len(rows) < len(problem.data.step_ids) else ()
     return Scatter(source.what, place, found.size, source.unit, *left, few)
@@ -192,9 +191,7 @@ def _errors(problem: FitProblem, fit: Fit, unit: str = "", near: Array | None = 
     """
     if problem.roots:  # they are in the covariance
         return []
-    experiment = problem.with_effects(fit.effects, fit.values)
-    if fit.run.acted is not None:
-        experiment = with_action(experiment, fit.run.acted.action)
+    experiment = problem.acted(fit)
     inputs, displaced = _inputs(experiment)
     driven, sizes = np.any(inputs != 0.0, axis=0), {"1": inputs}
     if len(set(displaced[driven].tolist())) == 1:

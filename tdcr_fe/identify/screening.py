@@ -14,7 +14,7 @@ from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.effects.base import Form
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.identify.balance import best_point
-from tdcr_fe.identify.causes import PointForce, ReadingCause, StateLoad
+from tdcr_fe.identify.causes import BesideDescription, PointForce
 from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.fitting import can_be_seen
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
@@ -115,7 +115,7 @@ def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> tuple[li
 
 def _possible(problem: FitProblem, fit: Fit, e: Effect, points: Sequence[dict[str, float]]) -> bool:
     """Whether the model can have the effect at all points: some laws of the material exclude each other."""
-    if isinstance(e, StateLoad | ReadingCause):  # the description stays as it is
+    if isinstance(e, BesideDescription):  # the description stays as it is
         return True
     try:
         for point in points:
@@ -256,7 +256,9 @@ class _Space:
             return fit.values, left
         known = fit.jacobian * w[:, None]
         own = np.linalg.lstsq(known[self.which], (left * w)[self.which], rcond=1e-10)[0]
-        return problem.moved(fit.effects, fit.values, fit.free, own), np.asarray(left - fit.jacobian @ own)
+        return problem.moved(fit.effects, fit.values, fit.free, np.asarray(own)), np.asarray(
+            left - fit.jacobian @ own
+        )
 
 
 def _score(space: _Space, sets: Sequence[tuple[_ProbeSet, Array]]) -> Score:

@@ -29,10 +29,9 @@ from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
     at_bound,
     bic,
+    complexity,
     is_improvement,
     lacks_test,
-    price,
-    price_of_gravity,
     rank,
     reduced_chi_square,
     required_drop,
@@ -49,7 +48,6 @@ from tdcr_fe.identify.search_state import (
     SearchState,
     as_good,
     in_time,
-    listed_names,
     parent_of,
     refined,
 )
@@ -130,9 +128,9 @@ def scores_beside(state: SearchState, fit: Fit, costly: bool = False) -> tuple[S
 
 
 def own_price(problem: FitProblem, score: Score) -> float:
-    """What a candidate costs by itself: its parameters and its prior, as in the criterion."""
-    gravity = price_of_gravity(problem, score.start.point) if score.effect.name == "gravity" else 0.0
-    return score.count * math.log(problem.count) + price((score.effect,), problem.data.robot) + gravity
+    """What a candidate costs by itself, in the criterion."""
+    values = score.start.point if score.effect.name == "gravity" else {}
+    return complexity(problem, (score.effect,), values, score.count)
 
 
 class Proposal(NamedTuple):
@@ -153,19 +151,9 @@ class Proposal(NamedTuple):
         return frozenset({*self.parent.names, self.score.effect.name})
 
     @property
-    def listed(self) -> frozenset[str]:
-        """Names of the listed effects of which its causes are forms."""
-        return frozenset(e.listed for e in self.effects)
-
-    @property
     def laws(self) -> frozenset[str]:
         """Of its causes."""
         return _laws(self.effects)
-
-    @property
-    def perturbs(self) -> set[str]:
-        """What its causes perturb."""
-        return {e.kind.perturbs for e in self.effects}
 
     @property
     def named(self) -> bool:
@@ -382,8 +370,9 @@ def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal) -> bool:
     of the same effects always may, and listed effects that perturb the same: how far first order is off is not known.
     """
     parent, x, criterion = proposal
-    forms = proposal.listed == {e.listed for e in ahead.effects}
-    forms |= proposal.named and proposal.perturbs == {e.kind.perturbs for e in ahead.effects}
+    mine, theirs = proposal.effects, ahead.effects
+    forms = {e.listed for e in mine} == {e.listed for e in theirs}
+    forms |= proposal.named and {e.kind.perturbs for e in mine} == {e.kind.perturbs for e in theirs}
     limit = criterion_of(problem, ahead) + BIC_DIFFERENCE
     if forms or not x.signature.size or criterion < limit:
         return True
@@ -401,7 +390,7 @@ def _may_reach(problem: FitProblem, ahead: Fit, now: Fit, proposal: Proposal) ->
 
 def parent_price(problem: FitProblem, fit: Fit) -> float:
     """What the causes of a model cost by themselves, in the criterion."""
-    return bic(problem, fit) - fit.cost - fit.held_cost
+    return complexity(problem, fit.effects, fit.values, len(fit.free))
 
 
 def _begun(problem: FitProblem, found: Sequence[Proposal]) -> list[Fit]:
@@ -421,10 +410,10 @@ def _begun(problem: FitProblem, found: Sequence[Proposal]) -> list[Fit]:
 
 def _fitted(problem: FitProblem, now: Fit, predicted: Array, race: fitting.Race) -> fitting.Fitting:
     """A model with candidates fitted, to the end where it comes near the best; `predicted` as in `fitting.descend`."""
-    now = fitting.descend(problem, now, race, 8, predicted)
+    now = yield from fitting.descend(problem, now, race, 8, predicted)
     race.reached(now.cost)
     if now.cost <= race.limit:
-        now = fitting.finish(problem, replace(now, pruned=False), race)
+        now = yield from fitting.finish(problem, replace(now, pruned=False), race)
     return now
 
 
@@ -496,7 +485,7 @@ def _in_best_forms(search: Search, state: SearchState) -> SearchState:
         lowest, new = min(ranks, key=lambda x: x[0], default=(math.inf, state.best))
         if not lowest < rank(state.problem, state.best):
             return state
-        text = f"{listed_names(new.names)} in place of {listed_names(state.best.names)}: as many numbers as needed"
+        text = f"{new.title} in place of {state.best.title}: as many numbers as needed"
         state = replace(state, best=new).with_history(text)
 
 
@@ -545,14 +534,13 @@ def grow(search: Search, state: SearchState) -> SearchState:
             break
         pool: list[Proposal] = []
         for propose, parent in tries:
-            beside = listed_names(parent.names) or "the declared model"
-            search.report(f"round {number}: candidates in addition to {beside}", progress)
+            search.report(f"round {number}: candidates in addition to {parent.title}", progress)
             tried = (frozenset(parent.names), propose.__name__)
             state = replace(state, extended=state.extended | {tried})
             state, new = propose(search, state, parent)
             new = [x for x in new if len(x.names) <= most_effects]
             pool += new
-            search.report(f"fitting {listed_names([x.score.effect.name for x in new[:5]])}", progress)
+            search.report(f"fitting {' + '.join(x.score.effect.name for x in new[:5])}", progress)
             ahead = state.best if search.explained(state) else None
             state, fits = fit_proposals(search, state, new, ahead)
             better = _accepted(search, state, fits)
@@ -572,7 +560,7 @@ def grow(search: Search, state: SearchState) -> SearchState:
         best = state.best
         fitted, held_out = _mean_costs(state.problem, best)
         left = f"misfit per reading {fitted:.3g} on fitted and {held_out:.3g} on held-out steps"
-        state = search.keep(state.with_history(f"round {number}: {listed_names(best.names)}, {left}"))
+        state = search.keep(state.with_history(f"round {number}: {best.title}, {left}"))
     return state
 
 
@@ -589,8 +577,7 @@ def with_scatter(state: SearchState) -> SearchState:
         state = replace(state, extended=state.extended | {tried})
         scatter = find_scatter(state.problem, fit)
         if scatter:
-            beside = listed_names(fit.names) or "the declared model"
-            text = f"what is different in every step explains all beside {beside}"
+            text = f"what is different in every step explains all beside {fit.title}"
             state = replace(state, best=fit, scatter=scatter).with_history(text)
     return state
 
@@ -785,7 +772,7 @@ def exchange(search: Search, state: SearchState, progress: float = 0.75, costly:
     for gone, rest in zip(every, left, strict=True):
         if search.out_of_time:
             return state.without_trying(Part.EXCHANGES)
-        search.report(f"other causes in place of {listed_names([e.name for e in gone])}", progress)
+        search.report(f"other causes in place of {' + '.join(e.name for e in gone)}", progress)
         if len(gone) == 1:
             base = bases.pop(0)
         elif not rest:
@@ -805,7 +792,7 @@ def exchange(search: Search, state: SearchState, progress: float = 0.75, costly:
     better = [f for f in fits if rank(problem, f) < rank(problem, best) and _admissible(search, state, f)]
     if better:
         new = min(better, key=lambda f: rank(problem, f))
-        text = f"{listed_names(new.names)} in place of {listed_names(best.names)}: it explains more"
+        text = f"{new.title} in place of {best.title}: it explains more"
         state = search.keep(refined(replace(state, best=new).with_history(text)))
         state = backward_selection(search, state)
     return state

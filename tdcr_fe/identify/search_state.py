@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,9 +22,6 @@ Names = frozenset[str]
 
 #: Called with a sentence on what is done, and about which fraction of the work is done [1].
 Progress = Callable[[str, float], None]
-
-#: Repetitions of refining the discretisation, at most.
-REPETITIONS = 3
 
 
 @dataclass
@@ -171,7 +168,7 @@ def refined(state: SearchState) -> SearchState:
     problem = replace(state.problem, robust_threshold=threshold)
     (before,) = fitting.run_fits(problem, [fitting.finish(problem, state.best, fitting.Race())])
     correction, run = problem.correction, before.run
-    for _ in range(REPETITIONS):
+    while True:
         problem, refined_run = refine(problem, before.effects, before.values, run)
         if refined_run is run:
             break
@@ -224,11 +221,6 @@ def _shifted(problem: FitProblem, fit: Fit, shift: Array) -> Fit:
     r = fit.residual + shift
     cost, held_cost = problem.cost(r)
     return replace(fit, residual=r, cost=cost, held_cost=held_cost, path_residual=fit.path_residual + shift)
-
-
-def listed_names(names: Sequence[str]) -> str:
-    """Names of effects, joined by plus signs."""
-    return " + ".join(names)
 
 
 def as_good(search: Search, state: SearchState) -> list[Fit]:

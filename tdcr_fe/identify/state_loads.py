@@ -6,7 +6,9 @@ A term is a product of factors that the robot knows in a bay, times a direction,
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations_with_replacement, product
@@ -45,7 +47,7 @@ class Factor:
 
     name: str  # in sentences
     symbol: str  # in formulas
-    powers: tuple[int, int, int]  # of metre, newton and second
+    unit: str  # such as "N m^-1"
     value: Callable[[BayState], Array]  # from a `BayState` to shape (K, n_bays)
     kind: str  # what a cause with this factor depends on
     choices: int = 1  # among how many of its kind it is chosen
@@ -57,18 +59,17 @@ class Factor:
         return "in a part of the rows" if self.when else f"in proportion to {self.name}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Direction:
     """What a moment or force points along."""
 
     name: str
     symbol: str
-    powers: tuple[int, int, int]  # of metre, newton and second
+    unit: str
     # by name of a coefficient, from a `BayState` to the action of a coefficient of one, shape (K, n_bays, 6)
-    values: tuple[tuple[str, Callable[[BayState], Array]], ...]
+    values: Mapping[str, Callable[[BayState], Array]]
     perturbs: str = "stiffness"  # what a cause with this direction perturbs
     depends_on: str = ""  # what that depends on by the direction alone; empty where on nothing
-    is_force: bool = False
 
 
 def _moment(across: Array) -> Array:
@@ -78,31 +79,24 @@ def _moment(across: Array) -> Array:
     return full
 
 
-def _one(value: Callable[[BayState], Array]) -> tuple[tuple[str, Callable[[BayState], Array]]]:
-    """One coefficient."""
-    return (("coefficient", value),)
-
-
-def _force(x: Array) -> Array:
-    full = np.zeros((*x.shape[:2], COMPONENTS))
-    full[..., FORCE] = x
-    return full
-
-
-def _constant(x: float, y: float) -> Callable[[BayState], Array]:
-    return lambda b: _moment(np.broadcast_to((x, y), (*b.shape, 2)))
+def _constant(b: BayState, axis: int) -> Array:
+    return _moment(np.broadcast_to(np.eye(2)[axis], (*b.shape, 2)))
 
 
 def _tendon(b: BayState, weight: Array) -> Array:
     return _moment(np.einsum("kbt,btc->kbc", weight, b.lever))
 
 
-def _across(b: BayState) -> Array:
-    return b.moved * np.array([1.0, 1.0, 0.0])
+def _bending(b: BayState) -> Array:
+    return b.curvature[..., :2]
 
 
 def _size(vectors: Array) -> Array:
     return np.asarray(np.linalg.norm(vectors, axis=2))
+
+
+def _row(b: BayState) -> Array:
+    return _in_all(b, np.arange(1.0, len(b.time) + 1.0)[:, None])
 
 
 def _in_all(b: BayState, values: Array) -> Array:
@@ -118,41 +112,36 @@ def _last_command(b: BayState) -> Array:
 
 def _unit_curvature(b: BayState) -> Array:
     """Direction of the curvature, which fades where the backbone turns by less than `STRAIGHT` over its length."""
-    curvature = b.curvature[..., :2]
-    size = np.hypot(np.linalg.norm(curvature, axis=-1), STRAIGHT / b.edges[-1])
-    return np.asarray(curvature / size[..., None])
+    size = np.hypot(_size(_bending(b)), STRAIGHT / b.edges[-1])
+    return np.asarray(_bending(b) / size[..., None])
 
 
-CURVATURE = Factor("the curvature", "|kappa|", (-1, 0, 0), lambda b: _size(b.curvature[..., :2]), "curvature")
-POSITION = Factor("the position along the backbone", "s", (1, 0, 0), lambda b: _in_all(b, b.middles), "place")
-TENSION = Factor("the sum of the tensions", "T", (0, 1, 0), lambda b: b.tension.sum(axis=2), "tension")
-TIME = Factor("time", "t", (0, 0, 1), lambda b: _in_all(b, b.time[:, None]), "time")
-ROW = Factor(
-    "the number of the row", "row", (0, 0, 0), lambda b: _in_all(b, np.arange(1.0, len(b.time) + 1.0)[:, None]), "row"
-)  # fmt: skip
-LOADING = Factor(
-    "the direction of the last command", "sign", (0, 0, 0), _last_command, "direction of loading"
-)
-DEFLECTION = Factor("the displacement", "|u|", (1, 0, 0), lambda b: _size(_across(b)), "position")
-DISTANCE = Factor("the displacement", "d", (1, 0, 0), lambda b: _size(b.moved), "position")
+CURVATURE = Factor("the curvature", "|kappa|", "m^-1", lambda b: _size(_bending(b)), "curvature")
+POSITION = Factor("the position along the backbone", "s", "m", lambda b: _in_all(b, b.middles), "place")
+TENSION = Factor("the sum of the tensions", "T", "N", lambda b: b.tension.sum(axis=-1), "tension")
+TIME = Factor("time", "t", "s", lambda b: _in_all(b, b.time[:, None]), "time")
+ROW = Factor("the number of the row", "row", "", _row, "row")
+LOADING = Factor("the direction of the last command", "sign", "", _last_command, "direction of loading")
+DISTANCE = Factor("the displacement", "d", "m", lambda b: _size(b.moved), "position")
 
-BENDING = Direction("along the curvature", "kappa", (-1, 0, 0), _one(lambda b: _moment(b.curvature[..., :2])))
+BENDING = Direction("along the curvature", "kappa", "m^-1", {"coefficient": lambda b: _moment(_bending(b))})
 UNIT_BENDING = Direction(
-    "of one size along the curvature", "kappa/|kappa|", (0, 0, 0),
-    _one(lambda b: _moment(_unit_curvature(b))), "stiffness", "curvature",
+    "of one size along the curvature", "kappa/|kappa|", "",
+    {"coefficient": lambda b: _moment(_unit_curvature(b))}, "stiffness", "curvature",
 )  # fmt: skip
-_AXES = ("x", _constant(1.0, 0.0)), ("y", _constant(0.0, 1.0))
-SECTION = Direction("about an axis of the section", "e", (0, 0, 0), _AXES, "precurvature")
+_AXES = {axis: partial(_constant, axis=i) for i, axis in enumerate("xy")}
+SECTION = Direction("about an axis of the section", "e", "", _AXES, "precurvature")
 TENDONS = Direction(
-    "along the moment of the tendons", "m_T", (1, 1, 0), _one(lambda b: _tendon(b, b.tension)), "routing"
+    "along the moment of the tendons",
+    "m_T",
+    "N m",
+    {"coefficient": lambda b: _tendon(b, b.tension)},
+    "routing",
 )
 TENDON_SIGN = Direction(
-    "along the moment of each tendon, by the sign of its last motion", "sum(sign_i m_Ti)", (1, 1, 0),
-    _one(lambda b: _tendon(b, b.tension * b.direction[:, None, :])), "transmission", "direction of loading",
-)  # fmt: skip
-DISPLACED = Direction(
-    "along the displacement across the axis", "u", (1, 0, 0), _one(lambda b: _force(_across(b))),
-    "force", "position", is_force=True,
+    "along the moment of each tendon, by the sign of its last motion", "sum(sign_i m_Ti)", "N m",
+    {"coefficient": lambda b: _tendon(b, b.tension * b.direction[:, None, :])},
+    "transmission", "direction of loading",
 )  # fmt: skip
 
 #: Directions with which products of up to two factors are formed.
@@ -162,12 +151,14 @@ _DIRECTIONS = (BENDING, SECTION, TENDONS, TENDON_SIGN)
 _LISTED = {((), BENDING), ((), SECTION), ((), TENDONS)}
 
 
-def _unit(target: tuple[int, int, int], given: Sequence[tuple[int, int, int]]) -> str:
-    """Of a coefficient that takes factors to a target, by their powers of metre, newton and second."""
-    left = [t - sum(p[i] for p in given) for i, t in enumerate(target)]
-    names = {1: "N", 0: "m", 2: "s"}
-    text = [names[i] if left[i] == 1 else f"{names[i]}^{left[i]}" for i in (1, 0, 2) if left[i] != 0]
-    return " ".join(text) or "1"
+def _unit(target: str, given: Iterable[str]) -> str:
+    """Of a coefficient that takes factors of these units to a target."""
+    powers: Counter[str] = Counter()
+    for sign, unit in ((1, target), *((-1, x) for x in given)):
+        for name, power in re.findall(r"(\w)(?:\^(\S+))?", unit):
+            powers[name] += sign * int(power or 1)
+    left = [(name, powers[name]) for name in ("N", "m", "s") if powers[name]]
+    return " ".join(name if power == 1 else f"{name}^{power}" for name, power in left) or "1"
 
 
 @dataclass(frozen=True)
@@ -195,13 +186,12 @@ class Term:
     @property
     def unit(self) -> str:
         """Of its coefficients."""
-        target = (0, 1, 0) if self.direction.is_force else (1, 1, 0)
-        return _unit(target, [*(f.powers for f in self.factors), self.direction.powers])
+        return _unit("N m", [self.direction.unit, *(f.unit for f in self.factors)])
 
     @property
     def actions(self) -> list[tuple[str, str, Callable[[BayState], Array]]]:
         """Name and unit of every coefficient, and the action of a coefficient of one, shape (K, n_bays, 6)."""
-        return [(n, self.unit, partial(self._action, value)) for n, value in self.direction.values]
+        return [(n, self.unit, partial(self._action, value)) for n, value in self.direction.values.items()]
 
     def _action(self, direction: Callable[[BayState], Array], state: BayState) -> Array:
         value = direction(state)
@@ -221,15 +211,14 @@ class Term:
         perturbs = self.direction.perturbs
         if self.direction is TENDONS and not {"place", "curvature"} & set(depends):
             perturbs = "input"  # the same factor on the tension of every tendon, in all bays
-        local = self.bays is not None and not self.direction.is_force and "place" not in depends
+        local = self.bays is not None and "place" not in depends
         return perturbs, (*depends, "place") if local else depends
 
 
 def library(bays: int, clock: Factor) -> list[Term]:
     """Candidate terms: products of up to two factors along every direction in all bays; of one factor in some of them.
 
-    And forces on single disks that grow with the second or third power of the displacement. Products that a listed
-    effect has are left out.
+    Products that a listed effect has are left out.
 
     Parameters
     ----------
@@ -246,8 +235,6 @@ def library(bays: int, clock: Factor) -> list[Term]:
     for some in ranges(bays):
         terms += [Term((f,), BENDING, some) for f in (CURVATURE, TENSION, clock, LOADING)]
         terms += [Term((f,), SECTION, some) for f in (clock, TENSION)]
-    for b in range(bays):
-        terms += [Term((DEFLECTION,) * n, DISPLACED, (b, b)) for n in (1, 2)]
     return terms
 
 
@@ -272,7 +259,7 @@ def parts_of_rows(clock: Factor, starts: Mapping[int, float]) -> list[Factor]:
         symbol, when = (f"row >= {n}", f"from row {n} on") if after else (f"row < {n}", f"before row {n}")
         value = partial(part, start=x, after=after)
         name, choices = f"a step in row {n}", 2 * len(starts)
-        found.append(Factor(name, f"step({symbol})", (0, 0, 0), value, "row", choices, when))
+        found.append(Factor(name, f"step({symbol})", "", value, "row", choices, when))
     return found
 
 
@@ -285,7 +272,7 @@ def tensions_of(names: Sequence[str]) -> list[Factor]:
     found, choices = [], len(names)
     for i, n in enumerate(names if choices > 1 else ()):
         value = partial(tension, number=i)
-        found.append(Factor(f"the tension of tendon {n}", f"T_{n}", (0, 1, 0), value, "tension", choices))
+        found.append(Factor(f"the tension of tendon {n}", f"T_{n}", "N", value, "tension", choices))
     return found
 
 
@@ -300,19 +287,14 @@ def where(term: Term, edges: Array) -> str:
     if term.bays is None:
         return "everywhere"
     first, last = term.bays
-    if term.direction.is_force:
-        return f"disk at s = {edges[last + 1]:.4g} m"
     return f"{_bays(first, last)} (s = {edges[first]:.4g} to {edges[last + 1]:.4g} m)"
 
-
-_POWERS = {1: "", 2: "the square of ", 3: "the third power of "}
 
 #: What the size of a direction is, in words.
 _SIZES = {
     "kappa": CURVATURE.name,
     "m_T": "the moment of the tendons",
     "sum(sign_i m_Ti)": "the moment of each tendon",
-    "u": "the displacement",
 }
 
 
@@ -321,13 +303,10 @@ def sentence(term: Term) -> str:
     names = [f.name for f in term.factors]
     own = _SIZES.get(term.direction.symbol)
     names += [own] if own else []
-    parts = []
-    for name in dict.fromkeys(names):
-        power = names.count(name)
-        parts.append(f"{_POWERS.get(power, f'power {power} of ')}{name}")
+    powers = ("", "the square of ", "the third power of ")
+    parts = [f"{powers[names.count(name) - 1]}{name}" for name in dict.fromkeys(names)]
     size = " times ".join(parts) or "a constant"
-    what = "a force" if term.direction.is_force else "a bending moment"
-    return f"{what} {term.direction.name}, proportional to {size}"
+    return f"a bending moment {term.direction.name}, proportional to {size}"
 
 
 # ------------------------------------------------------------------------------------------------------- loads
@@ -368,8 +347,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         if not progress and ROW in term.factors:
             continue
         perturbs, depends = term.kind
-        places = bays if term.direction.is_force else parts_of_backbone
-        choices = (1 if term.bays is None else places) * math.prod(f.choices for f in term.factors)
+        choices = (1 if term.bays is None else parts_of_backbone) * math.prod(f.choices for f in term.factors)
         price = math.log(10.0) + PER_FACTOR * len(term.factors) + math.log(choices)
         kind = Kind(perturbs, depends, where(term, state.edges))
         found += load(term.key, kind, term.actions, sentence(term), price)
@@ -388,6 +366,15 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
             kind = Kind(free.perturbs, free.depends_on, at)
             what, when = f"{free.perturbs} {free.text}", f", {free.when}" if free.when else ""
             found += load(f"{what} ({at}{when})", kind, terms, f"a {what}{when}", price)
+    powers = (1, "|u| u", "the square"), (2, "|u|^2 u", "the third power")
+    for bay, (power, symbol, size_of) in product(range(bays), powers):
+        kind = Kind("force", ("position",), f"disk at s = {state.edges[bay + 1]:.4g} m")
+        own = [("coefficient", _unit("N", ["m"] * (power + 1)), partial(_displaced, bay=bay, power=power))]
+        text = (
+            f"a force along the displacement across the axis, proportional to {size_of} of the displacement"
+        )
+        price = math.log(10.0) + PER_FACTOR * power + math.log(bays)
+        found += load(f"{symbol} ({_bays(bay, bay)})", kind, own, text, price)
     axes = {"xx": "x", "yy": "y", "xy": "xy"}
     tensor = [(n, "N m^2", partial(_by_curvature, axes=a)) for n, a in axes.items()]
     signed = product(enumerate("xy"), (("plus", 1.0), ("minus", -1.0)))
@@ -405,10 +392,10 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
     text = "a constant force along the whole backbone"
     found += load("force along the backbone", kind, spread, text, 0.5 * OTHER_GRAVITY - UNNAMED)
     strength = TYPICAL * float(size[-1])
-    for bay, at in enumerate(state.edges[1:].tolist()):
-        powers = (2, 1, 3) if bay == bays - 1 else (2,)
-        found += [Attraction(at, bay, state, power, strength) for power in powers]
-        found.append(Cord(at, bay, state, strength / length))
+    for bay in range(bays):
+        falls = (2, 1, 3) if bay == bays - 1 else (2,)
+        found += [Attraction(bay, state, power, strength) for power in falls]
+        found.append(Cord(bay, state, strength / length))
     return found
 
 
@@ -476,7 +463,7 @@ def free_loads(
         for factor in factors:
             how, when = ("constant", "") if factor is None else (factor.how, factor.when)
             depends = tuple(filter(None, (by, factor.kind if factor else ""))) or ("nothing",)
-            unit = _unit((0 if perturbs == "force" else 1, 1, 0), [factor.powers] if factor else [])
+            unit = _unit("N" if perturbs == "force" else "N m", [factor.unit] if factor else [])
             load, choices = partial(vector, direction, factor), factor.choices if factor else 1
             at_tip = direction is not fixed or (many and factor in parts)
             found.append(_FreeLoad(perturbs, f"{text}, {how}", depends, unit, load, at_tip, choices, when))
@@ -540,6 +527,13 @@ def _by_side(state: BayState, axis: int, sign: float) -> Array:
     """A moment in all bays about an axis against the curvature about it, where that has a sign."""
     found = np.zeros((*state.shape, COMPONENTS))
     found[..., axis] = -sign * np.maximum(sign * state.curvature[..., axis], 0.0)
+    return found
+
+
+def _displaced(state: BayState, bay: int, power: int) -> Array:
+    """A force on the end of a bay along its displacement across the axis, times a power of that."""
+    found, across = np.zeros((*state.shape, COMPONENTS)), state.moved[:, bay] * np.array([1.0, 1.0, 0.0])
+    found[:, bay, FORCE] = across * np.linalg.norm(across, axis=1, keepdims=True) ** power
     return found
 
 

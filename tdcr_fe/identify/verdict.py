@@ -12,7 +12,6 @@ import numpy as np
 from tdcr_fe.effects import Effect, EffectAtPlace
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.identify import criteria
-from tdcr_fe.identify.bay_state import with_action
 from tdcr_fe.identify.causes import Cause, is_named
 from tdcr_fe.identify.data_faults import gross_errors, wrong_sigma
 from tdcr_fe.identify.fitting import covariance
@@ -64,11 +63,8 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
     spread = covariance(problem, best)
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
     held = {data.readings[i].step for i in np.flatnonzero(problem.held_out)}
-    corrected = problem.with_effects(best.effects, best.values)
+    corrected = problem.acted(best)
     declared_mesh = replace(corrected.model, elements_per_bay=data.model.elements_per_bay)
-    if best.run.acted is not None:
-        corrected = with_action(corrected, best.run.acted.action)
-    everything = np.ones(problem.count, dtype=bool)
     left = problem.lengths(declared.residual), problem.lengths(best.residual), problem.whole_sigma
     correlation = spread / np.maximum(np.outer(deviation, deviation), 1e-300)
     tried = state.candidates, dict(state.refused), state.history, problem.forward.runs, wall_time
@@ -79,9 +75,9 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
         data=data,
         verdict=_verdict(state, undecided, explained, unlisted),
         effects=added_effects(search, state, deviation, explained),
-        before=_errors(problem, declared, everything),
-        after=_errors(problem, best, everything, len(best.free)),
-        noise=problem.misfit(problem.whitened(problem.whole_sigma / problem.sigma), everything),
+        before=_errors(problem, declared),
+        after=_errors(problem, best, parameters=len(best.free)),
+        noise=problem.misfit(problem.whitened(problem.whole_sigma / problem.sigma)),
         held_out_steps=tuple(n for n in data.step_ids if n in held),
         remaining=undecided or _remaining(explained, tests),
         shapes=_shapes(problem, declared, best, held),
@@ -97,7 +93,7 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
     )
 
 
-def _errors(problem: FitProblem, fit: Fit, which: Flags, parameters: int = 0) -> Errors:
+def _errors(problem: FitProblem, fit: Fit, which: Flags | bool = True, parameters: int = 0) -> Errors:
     """Of a model, on some readings; ``parameters``: how many were fitted."""
     r, fitted = fit.residual, which & problem.fitted
     return Errors(problem.misfit(r, fitted, parameters), problem.misfit(r, which & problem.held_out))
@@ -191,7 +187,6 @@ def added_effects(
     problem, best, weights = state.problem, state.best, posterior(search, state)
     # one cause in place of several of one kind is of that kind
     another = criteria.probability_of_unlisted(best) if len({e.kind for e in best.effects}) == 1 else 0.0
-    everything = np.ones(problem.count, dtype=bool)
     added = []
     before: Fit | None = state.declared
     for i, e in enumerate(best.effects):
@@ -200,7 +195,7 @@ def added_effects(
         rivals = tuple(state.rivals.get(e.name, ()))
         probability = sum(w for f, w in weights if any(x.listed == e.listed for x in f.effects))
         alike = another + sum(w for f, w in weights if any(x.kind == kind for x in f.effects))
-        errors = NOT_EVALUATED if after is None else _errors(problem, after, everything, len(after.free))
+        errors = NOT_EVALUATED if after is None else _errors(problem, after, parameters=len(after.free))
         evidence: dict[str, float] = {}
         if before is not None and after is not None:
             threshold = criteria.chi_square_threshold(len(e.parameters), search.significance)

@@ -155,7 +155,7 @@ def test_a_hardening_law_holds_in_the_arc_that_a_moment_gives():
 def test_derivatives_with_a_load_that_depends_on_the_state_are_those_of_differences(kind, law, own):
     """A pull of the tip towards a point, and the stiffness of the backbone beside it."""
     problem, run, _ = declared()
-    pull, stiffness = kind(LENGTH, run.bays.shape[1] - 1, run.bays, *law), effect("stiffness_scale")
+    pull, stiffness = kind(run.bays.shape[1] - 1, run.bays, *law), effect("stiffness_scale")
     values = {pull.name: {"x": -0.15, "y": -0.1, "z": 0.2, **own}}
     values[stiffness.name] = {"bending": 1.0, "torsion": 1.0}
     free = [(pull, "k", 1e-6), (pull, "x", 1e-3), (stiffness, "bending", 1e-3)]
@@ -179,7 +179,7 @@ def test_a_force_towards_a_point_is_proposed_where_it_acts(kind, law, own):
     """From the declared model alone, where it explains all; at another disk it explains less."""
     problem, run, _ = declared()
     tip = run.bays.shape[1] - 1
-    pull, other = kind(LENGTH, tip, run.bays, *law), kind(float(run.bays.edges[tip]), tip - 1, run.bays, *law)
+    pull, other = kind(tip, run.bays, *law), kind(tip - 1, run.bays, *law)
     values = {"x": -0.15, "y": -0.1, "z": 0.2, **own}
     (true,) = linearize(problem, [Request((pull,), {pull.name: values}, ())])
     problem = problem_of(read_as_predicted(problem, true.residual))
