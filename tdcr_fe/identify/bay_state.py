@@ -95,8 +95,9 @@ class Action(NamedTuple):
     rotation: Array  # of the middle sections, to which the moments belong, shape (K, n_bays, 3, 3)
 
     @classmethod
-    def none(cls, steps: int, bays: int) -> Action:
+    def none(cls, experiment: Experiment) -> Action:
         """No action."""
+        steps, bays = len(experiment.whole_steps), len(experiment.robot.bay_edges) - 1
         upright = np.broadcast_to(np.eye(3), (steps, bays, 3, 3))
         return cls(np.zeros((steps, bays, COMPONENTS)), upright)
 
@@ -138,11 +139,11 @@ def _triple(x: Array) -> tuple[float, float, float]:
     return float(x[0]), float(x[1]), float(x[2])
 
 
-def action_inputs(bays: int) -> tuple[StepInput, ...]:
+def action_inputs(experiment: Experiment) -> tuple[StepInput, ...]:
     """Inputs by which a run with an action is differentiated."""
     from tdcr_fe.solve.sensitivities.parameters import LOAD_COMPONENTS, StepInput
 
-    names = [(f"{LOAD} {j + 1}", c) for j in range(bays) for c in range(6)]
+    names = [(f"{LOAD} {j + 1}", c) for j in range(len(experiment.robot.bay_edges) - 1) for c in range(6)]
     return tuple(StepInput(f"{name} {LOAD_COMPONENTS[c]}", load=name, component=c) for name, c in names)
 
 
@@ -170,8 +171,8 @@ def bay_state(experiment: Experiment, steps: Sequence[StepResult]) -> BayState:
         end = robot.end(tendon)
         hole = tendon.routing.position(np.minimum(middles, end), end)
         lever[:, i] = np.stack((-hole[:, 1], hole[:, 0]), axis=1)
-    actions = {k: a for (k, _), a in zip(experiment.step_ends, resolve(robot, experiment.steps), strict=True)}
-    whole = list(actions.values())  # at the ends of the steps
+    actions = resolve(robot, experiment.steps)
+    whole = [actions[j] for j in experiment.whole_steps]
     time = np.array([a.time for a in whole])
     direction = last_direction(np.array([a.values for a in whole]).reshape(count, m))
     begins = np.arange(count) == 0

@@ -152,8 +152,7 @@ def first_action(problem: FitProblem, request: Request) -> Action | None:
     reference = request.reference
     if loads and reference is not None and reference.acted is not None:
         return agreed(loads, request.values, reference, problem.experiment.robot).action
-    experiment = problem.experiment
-    return Action.none(experiment.step_ends[-1][0] + 1, len(experiment.robot.bay_edges) - 1)
+    return Action.none(problem.experiment)
 
 
 def _loads(effects: Sequence[Effect]) -> list[StateLoad]:
@@ -193,7 +192,7 @@ class _Part:
             if not all(_same_robot(self.experiment, e) for e in neighbours):
                 self.exact[parameter.name] = number
                 tables.append(parameter)
-        inputs = () if action is None else action_inputs(action.values.shape[1])
+        inputs = () if action is None else action_inputs(self.experiment)
         job = Job(self.experiment, request.trajectories, request.record, (*tables, *inputs))
         self.job = job._replace(states=action is not None)
 

@@ -105,7 +105,7 @@ def simulate_experiment(job: Job, settings: SolverSettings, deadline: float = ma
     # A run that cannot follow its reference path counts as not solved: it is too far away, and costly.
     if len(result.steps) < len(experiment.steps):
         return Run.unsolved(result.message)
-    last = last_parts(experiment)
+    last = experiment.whole_steps
     commanded = [result.steps[j] for j in last]
     run = Run.of(commanded)
     if job.states:
@@ -137,12 +137,6 @@ def _of_sequence(parameter: Parameter, number: int) -> Parameter:
     return replace(parameter, apply=replace(table, experiments=own))
 
 
-def last_parts(experiment: Experiment) -> list[int]:
-    """Where effects divide a step, its parts are simulated and the end of the last one is kept: their indices."""
-    ends = experiment.step_ends
-    return [j for j, (k, _) in enumerate(ends) if j + 1 == len(ends) or ends[j + 1][0] != k]
-
-
 def solve_commanded_steps(
     experiment: Experiment, settings: SolverSettings, deadline: float, reference: Trajectories | None
 ) -> SequenceResult:
@@ -170,7 +164,7 @@ def solve_commanded_steps(
     except IndexError:  # the path does not have all steps
         result, _ = _differentiated(Job(experiment), settings, deadline, None, None)
     solved = len(result.steps)
-    return replace(result, steps=tuple(result.steps[j] for j in last_parts(experiment) if j < solved))
+    return replace(result, steps=tuple(result.steps[j] for j in experiment.whole_steps if j < solved))
 
 
 def _differentiated(

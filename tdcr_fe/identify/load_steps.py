@@ -320,16 +320,11 @@ def join_steps(experiment: Experiment) -> Experiment:
         return experiment
     steps: list[LoadStep] = []
     passed: LoadStep | None = None
-    for j, (step, (k, _)) in enumerate(zip(experiment.steps, experiment.ends, strict=True)):
+    for step, (_, factor) in zip(experiment.steps, experiment.ends, strict=True):
         passed = step if passed is None else step.after(passed)
-        if j + 1 == len(experiment.ends) or experiment.ends[j + 1][0] != k:
+        if factor == 1.0:
             steps.append(passed)
             passed = None
     if len(steps) == len(experiment.steps):
         return experiment
     return replace(experiment, steps=tuple(steps), ends=None)
-
-
-def whole_steps(experiment: Experiment) -> Experiment:
-    """With each step solved as a whole, whatever its friction path, which suffices to order candidates."""
-    return replace(experiment, steps=tuple(replace(step, substeps=1) for step in experiment.steps))

@@ -20,7 +20,6 @@ from tdcr_fe.elements import Array
 from tdcr_fe.identify.causes import BesideDescription
 from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize_each
 from tdcr_fe.identify.fitting import covariance
-from tdcr_fe.identify.load_steps import whole_steps
 from tdcr_fe.identify.noise import series
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import NextExperiment
@@ -62,7 +61,7 @@ def choose_next(search: Search, state: SearchState) -> NextExperiment | None:
     candidates = candidate_sequences(problem)
     judge = _parting if len(models) > 1 else _shrinking
     planned = [_planned(problem, steps) for steps in candidates]
-    rough = judge(models, [replace(p, experiment=whole_steps(p.experiment)) for p in planned])
+    rough = judge(models, [p.rough for p in planned])
     for i in sorted(rough, key=lambda i: -rough[i].value):
         exact = judge(models, [planned[i]])
         if exact:

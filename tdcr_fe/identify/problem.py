@@ -102,6 +102,12 @@ class FitProblem:
     def _without_effects(self) -> _Kept:
         return _Kept(self.experiment)
 
+    @property
+    def rough(self) -> FitProblem:
+        """With each step solved as a whole, whatever its friction path, which suffices to order candidates."""
+        steps = tuple(replace(step, substeps=1) for step in self.experiment.steps)
+        return replace(self, experiment=replace(self.experiment, steps=steps))
+
     def run(self, jobs: Sequence[Job]) -> list[Run]:
         """Simulate jobs; see `ForwardModel.run`."""
         return self.forward.run(jobs, self.path_tolerance, self.deadline)

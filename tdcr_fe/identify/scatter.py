@@ -27,7 +27,7 @@ from tdcr_fe.identify.bay_state import (
     with_action,
 )
 from tdcr_fe.identify.criteria import NOISE_Z_SCORE
-from tdcr_fe.identify.forward import Job, last_parts
+from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.noise import SIGNIFICANCE, chi_square_z_score
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.result import Scatter
@@ -239,12 +239,11 @@ def _shift(problem: FitProblem, fit: Fit) -> _Source:
 def _forces(problem: FitProblem, fit: Fit, bays: Sequence[int], near: Array | None = None) -> list[_Source]:
     """A force on the ends of some bays, from 0; or on the end of one, beside a run with such forces, shape (K, 3)."""
     experiment = problem.with_effects(fit.effects, fit.values)
-    steps, count = experiment.step_ends[-1][0] + 1, len(experiment.robot.bay_edges) - 1
-    own = Action.none(steps, count) if fit.run.acted is None else fit.run.acted.action
+    own = Action.none(experiment) if fit.run.acted is None else fit.run.acted.action
     action = Action(own.values.copy(), own.rotation)
     if near is not None:
         action.values[:, bays[0], FORCE] += near
-    acted, every = with_action(experiment, action), action_inputs(count)
+    acted, every = with_action(experiment, action), action_inputs(experiment)
     asked = tuple(every[COMPONENTS * j + c] for j in bays for c in range(3))
     (run,) = problem.run([Job(acted, fit.run.trajectories, False, asked)])
     parts = np.split(_derivatives(problem, acted, run, len(asked)), len(bays), axis=1)
@@ -366,7 +365,7 @@ def _log_likelihood(blocks: Sequence[_Block], ratio: float) -> float:
 def _inputs(experiment: Experiment) -> tuple[Array, Flags]:
     """Inputs of all commanded steps, shape (K, n_tendons), and which tendons are driven by displacement."""
     actions = resolve(experiment.robot, experiment.steps)
-    chosen = [actions[j] for j in last_parts(experiment)]
+    chosen = [actions[j] for j in experiment.whole_steps]
     return np.array([a.values for a in chosen]), np.any([a.by_displacement for a in chosen], axis=0)
 
 

@@ -38,7 +38,6 @@ from tdcr_fe.identify.criteria import (
 )
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.forward import Job
-from tdcr_fe.identify.load_steps import whole_steps
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.result import Candidate
 from tdcr_fe.identify.scatter import find_scatter
@@ -202,7 +201,7 @@ def singles(
 
 def _in_whole_steps(problem: FitProblem, fit: Fit) -> FitProblem:
     """The problem with each load step solved as a whole, corrected for what that does to a model."""
-    rough = replace(problem, experiment=whole_steps(problem.experiment))
+    rough = problem.rough
     (base,) = fitting.run_fits(rough, [fitting.evaluated(rough, fit.effects, fit.values, ())])
     return replace(rough, correction=rough.correction + fit.residual - base.residual)
 
