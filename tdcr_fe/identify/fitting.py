@@ -87,7 +87,7 @@ def run_fits(problem: FitProblem, fittings: Sequence[Fitting]) -> list[Fit]:
 def fit(
     problem: FitProblem,
     effects: Sequence[Effect],
-    starts: Sequence[Point],
+    start: Point,
     max_iterations: int = 12,
     race: Race | None = None,
 ) -> Fit:
@@ -99,8 +99,8 @@ def fit(
         Readings and forward model.
     effects
         Whose parameters are fitted.
-    starts
-        Points to begin from; the best is taken.
+    start
+        Where it begins.
     max_iterations
         Steps.
     race
@@ -113,7 +113,7 @@ def fit(
     """
 
     def fitting() -> Fitting:
-        now = yield from begin(problem, effects, starts)
+        now = yield from begin(problem, effects, start)
         if not np.isfinite(now.cost):
             return now
         return (yield from finish(problem, now, race or Race(), max_iterations))
@@ -121,23 +121,11 @@ def fit(
     return run_fits(problem, [fitting()])[0]
 
 
-def begin(
-    problem: FitProblem, effects: Sequence[Effect], starts: Sequence[Point], along: Fit | None = None
-) -> Fitting:
-    """The best of several points, on the path of another model, with all parameters free that change anything there."""
-    every = tuple((e.name, p.name) for e in effects for p in e.parameters)
-    best: Fit | None = None
-    for point in starts:
-        try:
-            new = yield from evaluated(problem, effects, point, every, along)
-        except OutOfTime:
-            if best is None:
-                raise
-            break
-        if best is None or new.cost < best.cost:
-            best = new
-    assert best is not None
-    return best
+def begin(problem: FitProblem, effects: Sequence[Effect], start: Point, along: Fit | None = None) -> Fitting:
+    """A model at a point, on the path of another one, with all parameters free that change anything there."""
+    return evaluated(
+        problem, effects, start, [(e.name, p.name) for e in effects for p in e.parameters], along
+    )
 
 
 def evaluated(
@@ -270,7 +258,7 @@ def finish(problem: FitProblem, now: Fit, race: Race, max_iterations: int = 12) 
 
 def smaller(problem: FitProblem, effects: Sequence[Effect], start: Point, best: Fit) -> Fitting:
     """Fit a model beside the best one, on its path, unless that leaves it behind; to the end where it is as good."""
-    now = yield from begin(problem, effects, [start], best)
+    now = yield from begin(problem, effects, start, best)
     now = yield from descend(problem, now, Race(best.cost))
     if now.cost <= Race(best.cost).limit:
         now = yield from finish(problem, now, Race())

@@ -278,7 +278,7 @@ def _evaluated(problem: FitProblem, best: Fit) -> tuple[FitProblem, list[Fit]]:
     fits = [fitting.evaluated(problem, (), {}, ())]
     if best.effects:
         start = _within(problem, best.effects, best.values)
-        fits.append(fitting.begin(problem, best.effects, [start]))
+        fits.append(fitting.begin(problem, best.effects, start))
     found = fitting.run_fits(problem, fits)
     if found[0].solved:
         problem = replace(problem, robust_threshold=robust_threshold(found[0].residual))
@@ -364,7 +364,7 @@ def with_friction(problem: FitProblem, search: Search, state: SearchState) -> Se
     threshold = state.problem.robust_threshold
     problem = replace(_on_mesh_of(state.problem, problem), robust_threshold=threshold)
     without = evaluate(without_friction(problem), state.best.effects, state.best.values)
-    best = fitting.fit(problem, state.best.effects, [state.best.values], ITERATIONS)
+    best = fitting.fit(problem, state.best.effects, state.best.values, ITERATIONS)
     costs = [(f.cost + f.held_cost) / problem.count for f in (best, without)]
     both = f"the misfit per reading is {costs[0]:.3g}, without {costs[1]:.3g}"
     if not costs[0] < costs[1]:

@@ -174,7 +174,7 @@ def _fitted(
             if all(name in known for name in names):
                 effects = [known[name] for name in names]
                 start = {e.name: {p.name: point[e.name][p.name] for p in e.parameters} for e in effects}
-                fit = fitting.fit(problem, effects, [start])
+                fit = fitting.fit(problem, effects, start)
                 deviation = np.sqrt(np.maximum(np.diag(fitting.covariance(problem, fit)), 0.0))
                 each = {e.name: estimates(problem, fit, e, deviation) for e in effects}
                 numbers = {f"{e}.{n}": p for e, own in each.items() for n, p in own.items()}

@@ -32,7 +32,6 @@ class Start(NamedTuple):
 
     point: Point  # empty where it is refused
     predicted: Array  # residual over sigma that it would leave, to first order, shape (n,)
-    fallback: tuple[Point, ...] = ()  # where it begins if the points are worse than the model without
 
 
 @dataclass(frozen=True)
@@ -279,13 +278,11 @@ def _score(space: _Space, sets: Sequence[tuple[_ProbeSet, Array]]) -> Score:
 
 def _beside(space: _Space, one: _ProbeSet, signature: Array, limits: tuple[Array, Array]) -> Score:
     """One of the alternatives of a candidate, with its best amplitudes within limits."""
-    name, amplitude, drop = one.effect.name, *space.amplitudes(signature, *limits)
+    amplitude, drop = space.amplitudes(signature, *limits)
 
     def begin() -> Start:
-        points = [one.mixed(space.problem, factor * amplitude) for factor in (1.0, 0.5)]
         values, predicted = space.adapted(signature @ amplitude)
-        fallback = tuple({**space.fit.values, name: point} for point in points)
-        return Start({**values, name: points[0]}, predicted, fallback)
+        return Start({**values, one.effect.name: one.mixed(space.problem, amplitude)}, predicted)
 
     return Score(one.effect, drop, signature, begin, probe=one)
 

@@ -38,7 +38,7 @@ from tdcr_fe.identify.criteria import (
 )
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.forward import Job
-from tdcr_fe.identify.problem import Fit, FitProblem, Point
+from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import Candidate
 from tdcr_fe.identify.scatter import find_scatter
 from tdcr_fe.identify.screening import FIRST_ORDER, Score, Start, apart, rescored, screen
@@ -217,9 +217,9 @@ def _roughly_fitted(problem: FitProblem, parent: Fit, scores: Sequence[Score]) -
         if is_named(x.effect) and x.start.point:
             best.setdefault(x.effect.listed, x)
     for x in best.values():
-        fit = fitting.fit(rough, (*parent.effects, x.effect), [x.start.point], ROUGH_ITERATIONS, race)
+        fit = fitting.fit(rough, (*parent.effects, x.effect), x.start.point, ROUGH_ITERATIONS, race)
         if parent.cost - fit.cost > x.drop:
-            begin = partial(Start, fit.values, fit.residual, x.start.fallback)
+            begin = partial(Start, fit.values, fit.residual)
             found[x.effect.name] = replace(x, drop=parent.cost - fit.cost, begin=begin)
     return sorted(found.values(), key=lambda x: -x.drop)
 
@@ -393,18 +393,9 @@ def parent_price(problem: FitProblem, fit: Fit) -> float:
 
 
 def _begun(problem: FitProblem, found: Sequence[Proposal]) -> list[Fit]:
-    """Models with candidates at their predicted values; at other starts where these are worse than without."""
-
-    def evaluated(x: Proposal, starts: Sequence[Point]) -> fitting.Fitting:
-        return fitting.begin(problem, x.effects, starts, x.parent)
-
-    fits = fitting.run_fits(problem, [evaluated(x, [x.score.start.point]) for x in found])
-    worse = [not now.cost < x.parent.cost for x, now in zip(found, fits, strict=True)]
-    again = [k for k, x in enumerate(found) if worse[k] and x.score.start.fallback]
-    more = fitting.run_fits(problem, [evaluated(found[k], found[k].score.start.fallback) for k in again])
-    for k, other in zip(again, more, strict=True):
-        fits[k] = min(fits[k], other, key=lambda f: f.cost)
-    return fits
+    """Models with candidates at their predicted values."""
+    starts = [fitting.begin(problem, x.effects, x.score.start.point, x.parent) for x in found]
+    return fitting.run_fits(problem, starts)
 
 
 def _fitted(problem: FitProblem, now: Fit, predicted: Array, race: fitting.Race) -> fitting.Fitting:
@@ -721,11 +712,8 @@ def at_full_strength(search: Search, state: SearchState, parent: Fit) -> tuple[S
     for e, new in zip(best, simulated(problem, best, parent), strict=True):
         if new.solved:
             start, left = fitting.linear_optimum(problem, new)
-            drop = parent.cost - problem.cost(left)[0]
-            fallback = (new.values,) if new.free else ()
-            nothing = np.zeros((problem.count, 0))
-            given = Start(start, left, fallback)
-            scores.append(Score(e, drop, nothing, partial(Start, *given)))
+            drop, nothing = parent.cost - problem.cost(left)[0], np.zeros((problem.count, 0))
+            scores.append(Score(e, drop, nothing, partial(Start, start, left)))
     found = worth_fitting(search, problem, parent, scores)
     # those that were fitted from small values begin anew
     kept = {k: f for k, f in state.fits.items() if k not in {x.names for x in found}}

@@ -99,16 +99,16 @@ def test_held_out_readings_do_not_act_on_a_fit():
     off = [replace(r, value=r.value + 0.01 * (r.step in held)) for r in data.readings]
     start = {"gravity": {"g_x": 0.0, "g_y": 0.0, "g_z": 0.0}}
     both = (data, replace(data, readings=tuple(off)))
-    values = [fitting.fit(problem_of(x, held), (effect("gravity"),), [start]).values for x in both]
+    values = [fitting.fit(problem_of(x, held), (effect("gravity"),), start).values for x in both]
     assert values[0]["gravity"] == pytest.approx(values[1]["gravity"], abs=1e-6)
 
 
 def test_a_parameter_that_changes_nothing_is_not_fitted():
     problem = problem_of(measured())
     start = {"stiffness_scale": {"bending": 1.1, "torsion": 1.0}}
-    fit = fitting.fit(problem, (effect("stiffness_scale"),), [start])
+    fit = fitting.fit(problem, (effect("stiffness_scale"),), start)
     assert ("stiffness_scale", "bending") in fit.free
-    fit = fitting.fit(problem, (effect("tip_payload"),), [{"tip_payload": {"mass": 1e-3}}])
+    fit = fitting.fit(problem, (effect("tip_payload"),), {"tip_payload": {"mass": 1e-3}})
     assert fit.free == ()
 
 
@@ -120,7 +120,7 @@ def test_the_offset_of_one_marker_is_found_below_a_noise_of_fifty_typical_steps(
     (each,) = [f for f in effect("marker_offset").forms(noisy.experiment) if f.name.endswith("(each)")]
     (score,), _ = screen(noisy, declared, [each])
     assert score.note == "" and score.drop > 50.0
-    found = fitting.fit(noisy, [each], [score.start.point])
+    found = fitting.fit(noisy, [each], score.start.point)
     value = found.values[each.name]["offset_x_marker_2"]
     # Eleven readings of x determine it; the section turns, and shares it with the others.
     assert value == pytest.approx(offset, abs=4.0 * sigma / np.sqrt(11.0)) and len(found.free) == 6

@@ -29,7 +29,7 @@ def ambiguous():
     for name in ("actuator_gain", "stiffness_scale"):
         e = effect(name)
         start = {name: e.null_values(problem.experiment)}
-        fit = fitting.fit(problem, (e,), [start])
+        fit = fitting.fit(problem, (e,), start)
         state = replace(state, best=fit, fits={**state.fits, frozenset({name}): fit})
     return state
 

@@ -114,7 +114,7 @@ def test_declared_friction_stays_where_the_model_is_better_with_it(true, kept):
     problem = problem_of(data, range(1, 61), SIGMA)
     problem = problem_of_rows(problem, choose_rows(data, range(60)))
     search, free = searching(), state_of(without_friction(problem))
-    best = fit(free.problem, (effect("precurvature"),), [bend])
+    best = fit(free.problem, (effect("precurvature"),), bend)
     state = with_friction(problem, search, replace(free.with_fit(best), best=best))
     assert (state.problem.experiment.model.friction == "per-hole") is kept
     assert state.best.names == ("precurvature",) and state.best.cost < 1.5 * np.count_nonzero(problem.fitted)
@@ -169,7 +169,7 @@ def searched():
     state = state_of(problem_of_rows(problem, chosen))
     effects = tuple(effect(name) for name in truth)
     for some in (effects[:1], effects):
-        best = fit(state.problem, some, [{e.name: truth[e.name] for e in some}])
+        best = fit(state.problem, some, {e.name: truth[e.name] for e in some})
         state = state.with_fit(best)
     return problem, chosen, replace(state, best=best)
 

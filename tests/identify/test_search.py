@@ -67,7 +67,7 @@ def test_causes_that_an_exchange_makes_unnecessary_are_dropped():
     own = problem_of(measured({"precurvature": {"kappa_x": 0.8, "kappa_y": -0.5}}), held=(3, 7, 9))
     effects = tuple(effect(n) for n in ("gravity", "marker_offset"))
     start = {e.name: dict(e.null_values(own.experiment)) for e in effects}
-    wrong = fitting.fit(own, effects, [start])
+    wrong = fitting.fit(own, effects, start)
     named = tuple(filter(is_named, causes_of(own)[1].values()))
     state = replace(state_of(own).with_fit(wrong), best=wrong, dictionary=named)
     last = exchange(searching(), state)
@@ -81,7 +81,7 @@ def test_a_cause_has_as_many_numbers_as_the_data_support(hidden, number):
     sigma = 5e-4  # above the error of the mesh
     own = problem_of(measured({"actuator_gain": hidden}, sigma=sigma), sigma=sigma)
     whole, *_, each, first, second = effect("actuator_gain").forms(own.experiment)
-    begun = fitting.fit(own, (e := second if number else each,), [{e.name: e.null_values(own.experiment)}])
+    begun = fitting.fit(own, (e := second if number else each,), {e.name: e.null_values(own.experiment)})
     state = replace(state_of(own).with_fit(begun), best=begun, dictionary=(whole, each, first, second))
     last = backward_selection(searching(), state)
     (found,) = last.best.effects
@@ -112,7 +112,7 @@ def test_a_cause_that_was_found_in_some_bays_acts_everywhere_where_the_data_say_
     values = {whole.name: {"coefficient": 10.0 * whole.parameters[0].scale}}
     (true,) = linearize(problem, [Request((whole,), values, ())])
     own = problem_of(read_as_predicted(problem, true.residual))
-    begun = fitting.fit(own, (part,), [{part.name: part.null_values(own.experiment)}])
+    begun = fitting.fit(own, (part,), {part.name: part.null_values(own.experiment)})
     state = replace(state_of(own).with_fit(begun), best=begun, dictionary=(whole, part))
     last = backward_selection(searching(), state)
     assert last.best.names == ("row kappa",)
@@ -402,6 +402,6 @@ def test_laws_of_the_material_that_exclude_each_other_are_not_tried_together_and
     assert scores["superelastic"].note == "the robot cannot be combined with it"
     assert scores["actuator_gain"].note == "" and scores["actuator_gain"].start.point
     start = {"superelastic": {"threshold_strain": 0.01, "plateau_ratio": 0.2}, "actuator_gain": {"gain": 1.0}}
-    fit = fitting.fit(problem, both, [start])
+    fit = fitting.fit(problem, both, start)
     assert not fit.solved
     assert "backbone.nonlinear: given; cannot be combined with superelastic" in fit.run.message

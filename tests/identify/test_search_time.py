@@ -54,7 +54,7 @@ def test_a_fit_ends_where_it_is_when_the_time_is_over():
 
     def fitted(deadline):
         race = fitting.Race(deadline=deadline)
-        now = yield from fitting.begin(own, (gravity,), [start])
+        now = yield from fitting.begin(own, (gravity,), start)
         return (yield from fitting.descend(own, now, race))
 
     (ended,) = fitting.run_fits(own, [fitted(0.0)])

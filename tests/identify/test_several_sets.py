@@ -155,7 +155,7 @@ def test_a_gain_of_the_second_folder_is_fitted_beside_a_shared_effect():
     forms = {f.name: f for f in effect("actuator_gain").forms(problem.experiment)}
     gain = forms["actuator_gain (each tendon, each later folder)"]
     start = {**GRAVITY, gain.name: gain.null_values(problem.experiment)}
-    found = fit(problem, [effect("gravity"), gain], [start])
+    found = fit(problem, [effect("gravity"), gain], start)
     true = {"gain_t1_folder_2": 1.06, "gain_t2_folder_2": 0.96}
     assert found.values[gain.name] == pytest.approx(true, abs=5e-3)
     assert found.cost < 1.3 * problem.count
