@@ -15,9 +15,8 @@ from scipy.special import gammaln
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array, Index
 from tdcr_fe.identify.forward import Job
-from tdcr_fe.identify.load_steps import join_steps
 from tdcr_fe.identify.noise import is_noise, outliers, robust_scatter, series, structure
-from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber
+from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber, join_steps
 from tdcr_fe.io.measured import MeasuredData, impossible_place
 from tdcr_fe.io.spreadsheet import number
 from tdcr_fe.model.channels import CHANNELS, arc_lengths

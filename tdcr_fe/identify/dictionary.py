@@ -22,7 +22,7 @@ from tdcr_fe.elements import Array
 from tdcr_fe.identify.bay_state import BayState
 from tdcr_fe.identify.causes import Cause, Change, ChangedDescription, ReadingCause, number
 from tdcr_fe.identify.input_causes import input_causes
-from tdcr_fe.identify.load_steps import clock_of, possible_starts, progress_along
+from tdcr_fe.identify.rows import clock_of, possible_starts, progress_along
 from tdcr_fe.identify.state_loads import ranges, state_loads
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.backbone import StiffnessPatch

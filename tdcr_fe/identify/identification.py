@@ -15,11 +15,11 @@ from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import robust_threshold, unusable_data
 from tdcr_fe.identify.data_faults import data_fault, other_sign_solves
 from tdcr_fe.identify.forward import ForwardModel
-from tdcr_fe.identify.load_steps import RowChoice, choose_held_out, choose_rows, held_out_branches
 from tdcr_fe.identify.next_experiment import choose_next
 from tdcr_fe.identify.noise import estimate_sigma
 from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate, fit_of_run, refine, with_elements
 from tdcr_fe.identify.result import IdentificationResult
+from tdcr_fe.identify.rows import RowChoice, choose_held_out, choose_rows, held_out_branches
 from tdcr_fe.identify.run import Run
 from tdcr_fe.identify.scatter import errors_of_inputs, with_input_sigma
 from tdcr_fe.identify.search import search_causes, with_scatter

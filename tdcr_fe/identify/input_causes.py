@@ -14,7 +14,7 @@ from tdcr_fe.effects import Experiment, Parameter
 from tdcr_fe.effects.base import Kind, Values
 from tdcr_fe.elements import Array
 from tdcr_fe.identify.causes import PER_FACTOR, Cause, Change, ChangedDescription, number
-from tdcr_fe.identify.load_steps import clock_of, possible_starts, progress_along
+from tdcr_fe.identify.rows import clock_of, possible_starts, progress_along
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.loading import LoadStep, resolve
 

@@ -11,9 +11,9 @@ from scipy.spatial.distance import cdist
 from scipy.special import chdtrc, ndtr, ndtri
 
 from tdcr_fe.elements import Array, Index
-from tdcr_fe.identify.load_steps import blocks, directions, inputs
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem
 from tdcr_fe.identify.result import Misfit, Structure
+from tdcr_fe.identify.rows import blocks, directions, inputs
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 

@@ -14,10 +14,10 @@ from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.identify.bay_state import with_action
 from tdcr_fe.identify.causes import ReadingCause
 from tdcr_fe.identify.forward import ForwardModel, Job
-from tdcr_fe.identify.load_steps import join_steps
 from tdcr_fe.identify.result import Misfit
 from tdcr_fe.identify.run import Readings, Run
 from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.model.loading import LoadStep
 
 #: Values of parameters, by effect and parameter name.
 Point = dict[str, dict[str, float]]
@@ -348,6 +348,36 @@ def refine(
     (again,) = problem.run([Job(with_model(more), run.trajectories, True, states=action is not None)])
     problem = replace(problem, mesh_error=mesh_error * (n / more) ** ORDER, experiment=experiment)
     return problem, replace(again, acted=run.acted)
+
+
+def join_steps(experiment: Experiment) -> Experiment:
+    """Join the parts into which effects have divided commanded steps, where no state depends on those before.
+
+    Without friction the robot has no history: what counts is the end of a commanded step. Effects that have a history
+    of their own, such as backlash, have acted already.
+
+    Parameters
+    ----------
+    experiment
+        Of one loading sequence, with all its effects.
+
+    Returns
+    -------
+    Experiment
+        The same one where there is friction, or nothing is divided.
+    """
+    if experiment.model.friction != "none" or experiment.ends is None:
+        return experiment
+    steps: list[LoadStep] = []
+    passed: LoadStep | None = None
+    for step, (_, factor) in zip(experiment.steps, experiment.ends, strict=True):
+        passed = step if passed is None else step.after(passed)
+        if factor == 1.0:
+            steps.append(passed)
+            passed = None
+    if len(steps) == len(experiment.steps):
+        return experiment
+    return replace(experiment, steps=tuple(steps), ends=None)
 
 
 def with_elements(experiment: Experiment, count: int) -> Experiment:

@@ -13,7 +13,7 @@ import numpy as np
 from tdcr_fe.effects import EFFECTS, Effect, Experiment
 from tdcr_fe.effects.base import Kind
 from tdcr_fe.elements import Array, Flags
-from tdcr_fe.identify.load_steps import RowChoice
+from tdcr_fe.identify.rows import RowChoice
 from tdcr_fe.identify.run import Trajectories
 from tdcr_fe.io.atomic import plain
 from tdcr_fe.io.loading_table import loading_text

@@ -11,9 +11,9 @@ import numpy as np
 from tdcr_fe.effects import Effect
 from tdcr_fe.elements import Array
 from tdcr_fe.identify import criteria, fitting
-from tdcr_fe.identify.load_steps import RowChoice
 from tdcr_fe.identify.problem import SAME, Fit, FitProblem, fit_of_run, refine
 from tdcr_fe.identify.result import Candidate, NextExperiment, Profile, Scatter
+from tdcr_fe.identify.rows import RowChoice
 from tdcr_fe.identify.scatter import with_input_sigma
 from tdcr_fe.identify.screening import Score
 from tdcr_fe.identify.settings import MAY_EXPLAIN, IdentifySettings, OutOfTime, clock

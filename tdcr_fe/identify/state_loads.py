@@ -23,7 +23,7 @@ from tdcr_fe.identify.balance import scale
 from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, last_direction
 from tdcr_fe.identify.causes import PER_FACTOR, Attraction, Cause, Cord, SettlingLoad, StateLoad, number
 from tdcr_fe.identify.criteria import OTHER_GRAVITY, UNNAMED
-from tdcr_fe.identify.load_steps import possible_starts
+from tdcr_fe.identify.rows import possible_starts
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.problem import FitProblem

@@ -25,11 +25,11 @@ from tdcr_fe.cli import main
 from tdcr_fe.identify import NotSolved, fitting, identification, identify
 from tdcr_fe.identify.criteria import residual_is_noise
 from tdcr_fe.identify.forward import ForwardModel, Job
-from tdcr_fe.identify.load_steps import blocks, choose_held_out
 from tdcr_fe.identify.noise import chi_square_z_score, estimate_sigma, is_noise, outliers, structure
 from tdcr_fe.identify.problem import Fit, evaluate
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.result import Profile
+from tdcr_fe.identify.rows import blocks, choose_held_out
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.sentences import summary
 from tdcr_fe.io.measured import write_measured

@@ -22,8 +22,8 @@ from tdcr_fe import Experiment, LoadStep, Reading, effect, with_effects
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.identification import fit_to_all_rows, problem_of_rows, with_friction, without_friction
-from tdcr_fe.identify.load_steps import IN_BRANCH, LONG, SEARCHED, _simplified, blocks, choose_rows, inputs
 from tdcr_fe.identify.report import render
+from tdcr_fe.identify.rows import IN_BRANCH, LONG, SEARCHED, _simplified, blocks, choose_rows, inputs
 from tdcr_fe.identify.sentences import sentences
 from tdcr_fe.identify.settings import IdentifySettings, Part
 

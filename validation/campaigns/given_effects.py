@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 
 from tdcr_fe.effects import EFFECTS, Effect, Experiment, effect
 from tdcr_fe.identify.forward import Job, run_settings, simulate_experiment
-from tdcr_fe.identify.load_steps import held_out_branches
+from tdcr_fe.identify.rows import held_out_branches
 from tdcr_fe.identify.run import Readings
 from tdcr_fe.io.measured import MeasuredData, join_measured, read_measured
 from tdcr_fe.validation.runner import Campaign

@@ -1,4 +1,4 @@
-"""Load steps: which are held out, which a search uses of long data, and how parts of commanded steps are joined."""
+"""Rows of the loading sequence: which branches they form, which are held out, which a search uses of long data."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 
-from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array, Index
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.problems import InputError, Problem
@@ -295,36 +294,3 @@ def _spread(table: Array, branches: Sequence[Sequence[int]], most: int) -> list[
         count += len(branches[nearest])
         distance = np.minimum(distance, np.max(np.abs(far - far[nearest]), axis=1))
     return [k for i in chosen for k in branches[i]]
-
-
-# ------------------------------------------------------------------------------------------- joined, and whole
-
-
-def join_steps(experiment: Experiment) -> Experiment:
-    """Join the parts into which effects have divided commanded steps, where no state depends on those before.
-
-    Without friction the robot has no history: what counts is the end of a commanded step. Effects that have a history
-    of their own, such as backlash, have acted already.
-
-    Parameters
-    ----------
-    experiment
-        Of one loading sequence, with all its effects.
-
-    Returns
-    -------
-    Experiment
-        The same one where there is friction, or nothing is divided.
-    """
-    if experiment.model.friction != "none" or experiment.ends is None:
-        return experiment
-    steps: list[LoadStep] = []
-    passed: LoadStep | None = None
-    for step, (_, factor) in zip(experiment.steps, experiment.ends, strict=True):
-        passed = step if passed is None else step.after(passed)
-        if factor == 1.0:
-            steps.append(passed)
-            passed = None
-    if len(steps) == len(experiment.steps):
-        return experiment
-    return replace(experiment, steps=tuple(steps), ends=None)

@@ -9,7 +9,8 @@ from identify_result import identified
 
 from tdcr_fe import Experiment, InputError, effect
 from tdcr_fe.identify import IdentifySettings, identify
-from tdcr_fe.identify.load_steps import held_out_branches, join_steps
+from tdcr_fe.identify.problem import join_steps
+from tdcr_fe.identify.rows import held_out_branches
 
 NAMES = (*["one_up"] * 3, *["one_down"] * 2, *["two_up"] * 2, "two_down", *["pair_up"] * 2, "pair_down")
 
