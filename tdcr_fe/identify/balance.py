@@ -20,9 +20,6 @@ from tdcr_fe.identify.problem import FitProblem, Point
 from tdcr_fe.identify.run import Run
 from tdcr_fe.model.robot import Robot
 
-#: Newton's iterations at most; they end where what is missing does not fall to this share of it [1].
-ITERATIONS, FALLS = 10, 0.5
-
 #: Steps at most by which the numbers of a force towards a point are fitted to first order.
 EVALUATIONS = 40
 
@@ -54,7 +51,7 @@ def scale(robot: Robot) -> Array:
 
 
 def agreed(loads: Sequence[StateLoad], values: Point, run: Run, robot: Robot) -> Agreement:
-    """Loads and state near a run that carries an action."""
+    """Loads and state near a run that carries an action, by Newton's method, while what is missing falls by half."""
     assert run.bays is not None and run.acted is not None
     response, start = run.acted.response, run.acted.action.in_frames(run.bays.rotation)
     shape, size = start.values.shape, scale(robot)
@@ -64,7 +61,7 @@ def agreed(loads: Sequence[StateLoad], values: Point, run: Run, robot: Robot) ->
         action = start.values + change.reshape(shape)
         gap = sum((e.action(state, values[e.name]) for e in loads), -action)
         sizes.append(float(np.max(np.abs(gap) / size)))
-        if len(sizes) > ITERATIONS or (len(sizes) > 2 and not sizes[-1] < FALLS * sizes[-2]):
+        if len(sizes) > 2 and not sizes[-1] < 0.5 * sizes[-2]:
             return Agreement(Action(action, start.rotation), change, state, sizes[0])
         matrix = coupling(loads, values, state, response)
         change = change + np.linalg.solve(matrix, gap.reshape(change.shape))

@@ -84,6 +84,12 @@ def number(name: str, unit: str, span: tuple[float, float], null: float, scale: 
     return Parameter(name, unit, span[0], span[1], null, scale, name.replace("_", " "))
 
 
+def settling_span(name: str, unit: str, duration: float) -> tuple[Parameter, dict[str, list[float]]]:
+    """The span in which something settles that lasts so long in all, and values at which it is tried."""
+    span = number(name, unit, (1e-3 * duration, 10.0 * duration), 0.2 * duration, 0.02 * duration)
+    return span, {name: [x * duration for x in (0.05, 0.2, 0.6)]}
+
+
 #: Price of everything that a law depends on, see `Cause.price`.
 PER_FACTOR = 1.5
 
@@ -208,12 +214,10 @@ class SettlingLoad(StateLoad):
     def __init__(
         self, load: StateLoad, clock: Callable[[BayState], Array], span: tuple[str, str], state: BayState
     ) -> None:
-        duration = float(np.ptp(clock(state)))
-        last = number(*span, (1e-3 * duration, 10.0 * duration), 0.2 * duration, 0.02 * duration)
+        last, held = settling_span(*span, float(np.ptp(clock(state))))
         name, sentence = f"{load.name}, settling", f"{load.sentence}, which settles"
         super().__init__(name, load.kind, (*load.parameters, last), load.terms, sentence, load.price)
-        self.load, self.clock, self.span = load, clock, last.name
-        self.held = {self.span: [x * duration for x in (0.05, 0.2, 0.6)]}
+        self.load, self.clock, self.span, self.held = load, clock, last.name, held
 
     def action(self, state: BayState, values: Values) -> Array:
         """See `StateLoad.action`."""

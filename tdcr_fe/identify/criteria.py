@@ -21,6 +21,7 @@ from tdcr_fe.identify.noise import (
 )
 from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, Point
 from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.model.quantities import EARTH
 from tdcr_fe.model.robot import Robot
 
 #: A cause without a name is a priori by this factor less probable than one of the list, as a logarithm.
@@ -35,7 +36,7 @@ CHOICE = math.log(len(EFFECTS))
 
 #: Price of a gravity of another magnitude than on Earth: the declared masses would have to be wrong, too [1]. From this
 #: deviation on [m/s^2].
-OTHER_GRAVITY, EARTH, EARTH_TOLERANCE = 8.0, 9.81, 0.3
+OTHER_GRAVITY, EARTH_TOLERANCE = 8.0, 0.3
 
 #: Smallest difference of BIC that separates two models (odds of about 20 to 1).
 BIC_DIFFERENCE = 6.0
@@ -144,21 +145,6 @@ def residual_is_noise(problem: FitProblem, fit: Fit, significance: float) -> boo
 def chi_square_threshold(parameters: int, significance: float) -> float:
     """Fall of the sum of squares that so many parameters reach by chance, with Bonferroni's correction over effects."""
     return float(chdtri(max(1, parameters), significance / len(EFFECTS)))
-
-
-def required_drop(parameters: int, significance: float, level: float) -> float:
-    """Fall of the sum of squares to first order that makes a candidate worth a fit.
-
-    Parameters
-    ----------
-    parameters
-        That the candidate adds.
-    significance
-        See `chi_square_threshold`.
-    level
-        Reduced chi-square of the model beside which it is tried: far above noise a fiftieth of it counts as noise.
-    """
-    return chi_square_threshold(parameters, significance) * max(1.0, 0.02 * level)
 
 
 def is_improvement(problem: FitProblem, new: Fit, old: Fit, significance: float) -> bool:

@@ -28,8 +28,6 @@ from tdcr_fe.model.units import mistaken
 #: of `MISFIT`: displacements of the other sign, with errors of 30 and 100 um, leave a 190th to a 29th, wrong faults
 #: beside them an eighth.
 EXPLAINED, MISFIT = 1.5, 4.0
-#: Price of a fitted number or a chosen step, in the sum of squares, over the logarithm of the number of readings [1].
-PRICE = 2.0
 #: Equal readings in so many successive steps are a fault where the model moves by so many sigma meanwhile. Of gross
 #: errors, half are as far off: a wall along the backbone, taken for one at the tip, left one outlier just above five.
 EQUAL_STEPS, FAR = 4, 10.0
@@ -42,8 +40,6 @@ WRONG_SIGMA = 3.0
 MOST_GROSS = 0.1
 #: A location beyond the declared length, up to so many times that length, is that of a marker, not of another unit [1].
 FARTHEST = 2.0
-#: Largest number of load steps that are simulated to try exchanged tendons.
-MOST_STEPS = 1500
 
 #: How the sentence of a fault begins, and the sign of displacements.
 _FIT_IF, _PULLED_IN = "the readings fit if {since}", "they are positive where a tendon is pulled in"
@@ -114,7 +110,8 @@ class _Grid:
     def judged(self, fault: _Fault) -> tuple[float, str, int]:
         """Robust mean square over sigma with a fault mended from some row on, its sentence, and that row from 0.
 
-        With a price for every number that was chosen; infinite where few readings are left.
+        With a price for every number that was chosen, and for the row: twice the logarithm of how many there are.
+        Infinite where few readings are left.
         """
         now = (self.measured - self.predicted) / self.sigma
         squares, counts = [], []
@@ -128,7 +125,7 @@ class _Grid:
             return before + np.cumsum(values[1][::-1])[::-1]
 
         left, total = since(counts), float(counts[0].sum())
-        price = PRICE * np.log(total) / total * (fault.chosen + (np.arange(len(left)) > 0))
+        price = 2.0 * np.log(total) / total * (fault.chosen + (np.arange(len(left)) > 0))
         cost = np.where(left < 0.8 * total, np.inf, since(squares) / np.maximum(left, 1.0) + price)
         k = int(np.argmin(cost))
         text = f"from step {self.steps[k]} on " if k else ""
@@ -390,7 +387,6 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
         changes.append((_Drive({}, displacements=-1.0), "displacements have the opposite sign"))
     if any(step.loads for step in declared_drive.steps):
         changes.append((_Drive({}, forces=-1.0), "forces at the tip have the opposite sign"))
-    changes = changes[: MOST_STEPS // max(1, len(declared_drive.steps))]
     drives = [declared_drive, *(_driven(declared_drive, change) for change, _ in changes)]
     free = [join_steps(replace(d, model=replace(d.model, friction="none"))) for d in drives]
     runs = problem.run([Job(e) for e in free])

@@ -26,10 +26,7 @@ if TYPE_CHECKING:
     from tdcr_fe.solve.sensitivities.parameters import Parameter
     from tdcr_fe.solve.simulate import PathRecord
 
-#: Smallest fraction of a load step that is tried along a reference path.
-SMALLEST_ON_REFERENCE = 1.0 / 16.0
-
-#: Maximum substeps used to resolve path dependence.
+#: A load step is divided into so many parts at most: to resolve its friction path, or to follow a reference path.
 DIVISIONS = 16
 
 
@@ -92,7 +89,7 @@ def simulate_experiment(job: Job, settings: SolverSettings, deadline: float = ma
                 return runs[-1]
         return Run.joined(runs)
     reference = None if job.reference is None else _on_own_mesh(job.reference, experiment)
-    least = settings.min_substep if reference is None else max(settings.min_substep, SMALLEST_ON_REFERENCE)
+    least = settings.min_substep if reference is None else max(settings.min_substep, 1.0 / DIVISIONS)
     path: PathRecord | None = [] if job.record else None
     try:
         bounded = replace(settings, min_substep=least)

@@ -13,7 +13,7 @@ import numpy as np
 from tdcr_fe.effects import Experiment, Parameter
 from tdcr_fe.effects.base import Kind, Values
 from tdcr_fe.elements import Array
-from tdcr_fe.identify.causes import PER_FACTOR, Cause, Change, ChangedDescription, number
+from tdcr_fe.identify.causes import PER_FACTOR, Cause, Change, ChangedDescription, number, settling_span
 from tdcr_fe.identify.rows import clock_of, possible_starts, progress_along
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.loading import LoadStep, resolve
@@ -34,10 +34,6 @@ def input_causes(problem: FitProblem) -> list[Cause]:
 #: What a change of an input is in proportion to: from all inputs of a step, the tendon's name, progress along the rows,
 #: and values of the cause.
 _InputLaw = Callable[[Mapping[str, float], str, float, Values], float]
-
-#: Of a change that settles as ``1 - exp(-progress / span)``, and values at which it is tried.
-SPAN = number("span", "1", (0.01, 10.0), 0.2, 0.02)
-SPANS = {"span": (0.05, 0.2, 0.6)}
 
 
 class _Inputs(NamedTuple):
@@ -62,7 +58,7 @@ class _Inputs(NamedTuple):
     def by_law(self, clock: str) -> Iterator[Cause]:
         """Off by a constant, by a part that grows with them, or that changes along the rows: all, each or one."""
         most, grows = self.most, "the gain of the inputs depends on their size"
-        gain_settles = "the gain of the inputs settles"
+        gain_settles, (span, spans) = "the gain of the inputs settles", settling_span("span", "1", 1.0)
 
         def settled(p: float, values: Values) -> float:
             return 1.0 - math.exp(-p / values["span"])
@@ -81,7 +77,7 @@ class _Inputs(NamedTuple):
             is_gain = name.startswith("gain")
             size, unit = (1.0, "1") if is_gain else (most, self.unit)
             change = _with_inputs(shape)
-            law, held = ((SPAN,), SPANS) if name.endswith("settles") else ((), Cause.held)
+            law, held = ((span,), spans) if name.endswith("settles") else ((), Cause.held)
             one = number("all", unit, (-0.9 * size, 3.0 * size), 0.0, 0.01 * size)
             each = tuple(replace(one, name=n) for n in self.names)
             forms: dict[str, tuple[Parameter, ...]] = {"all": (one,)} if is_gain else {}

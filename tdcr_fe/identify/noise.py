@@ -161,9 +161,9 @@ SIGNIFICANCE = 1e-4
 
 # ---------------------------------------------------------------------------------- what a regression explains
 
-#: Fitted steps from which the regression is tried, those on which its kernel is chosen at most, and the folds of the
-#: cross-validation over branches.
-FEWEST_STEPS, MOST_STEPS, FOLDS = 8, 400, 4
+#: Steps on which the kernel of the regression is chosen at most, and the folds of its cross-validation over branches.
+#: It is tried where each fold has two fitted steps.
+MOST_STEPS, FOLDS = 400, 4
 #: Length scales that are tried: inputs (over their largest value), inputs of the step before, directions, time (over
 #: the duration); infinity leaves a group out. And ratios of noise to signal variance [1].
 SCALES = tuple(itertools.product((0.3, 1.0, 3.0), (1.0, 3.0, np.inf), (1.0, np.inf), (0.3, 1.0, np.inf)))
@@ -180,7 +180,7 @@ def held_out_ceiling(problem: FitProblem, declared: Fit, best: Fit) -> Misfit | 
     residual, with and without regression, that which is smallest; None where no steps are held out, or too few fitted.
     """
     fitted = np.unique(problem.readings.step[problem.fitted])
-    if not np.any(problem.held_out) or fitted.size < FEWEST_STEPS or not (declared.solved and best.solved):
+    if not np.any(problem.held_out) or fitted.size < 2 * FOLDS or not (declared.solved and best.solved):
         return None
     residuals = [declared.residual, best.residual]
     predicted = predicted_residuals(problem, residuals)

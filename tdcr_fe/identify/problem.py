@@ -27,9 +27,6 @@ Free = Sequence[tuple[str, str]]
 #: Robust threshold of a residual in sigma (of the present misfit, where that is larger) [1].
 ROBUST = 4.0
 
-#: Predictions that differ by less than this in all readings together, as a sum of squares over sigma, are the same [1].
-SAME = 1.0
-
 #: Tolerated discretisation error, rms over sigma: too small to become significant with hundreds of readings.
 MESH = 0.1
 

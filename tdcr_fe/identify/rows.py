@@ -164,12 +164,9 @@ def held_out_branches(data: MeasuredData, patterns: Sequence[str]) -> tuple[int,
 STRAIGHT = 0.02
 
 #: Data with more steps than this are long; about how many steps a search then takes, and in a branch at most. Branches
-#: of fewer steps on average are joined to pieces of twice as many.
+#: of fewer steps on average are joined to pieces of twice as many. Where that is more, a search takes two branches of
+#: each input and a step, so that one parameter per tendon can be determined.
 LONG, SEARCHED, IN_BRANCH = 200, 72, 6
-
-#: Steps that a search takes for each input, where that is more: with two branches of each, one parameter per tendon can
-#: be determined.
-PER_INPUT = 13
 
 #: Share of the chosen steps that are held out, where there are enough of them.
 HELD_OUT = 0.33
@@ -220,7 +217,7 @@ def choose_rows(data: MeasuredData, held_out: Sequence[int], history: bool = Tru
     else:
         branches = [_simplified(table, b) for b in branches]
     groups = ([b for b in branches if b[0] in held], [b for b in branches if b[0] not in held])
-    total = max(SEARCHED, PER_INPUT * int(np.count_nonzero(np.ptp(table, axis=0))))
+    total = max(SEARCHED, (2 * IN_BRANCH + 1) * int(np.count_nonzero(np.ptp(table, axis=0))))
     total *= 1 if history else 2
     share = round(HELD_OUT * total)
     shares = zip(groups, (share, total - share), strict=True)

@@ -29,12 +29,12 @@ from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
     at_bound,
     bic,
+    chi_square_threshold,
     complexity,
     is_improvement,
     lacks_test,
     rank,
     reduced_chi_square,
-    required_drop,
 )
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.forward import Job
@@ -165,14 +165,15 @@ def worth_fitting(
 ) -> list[Proposal]:
     """Candidates beside a model that promise more than chance and leave degrees of freedom, the most promising first.
 
-    A predicted misfit below the noise and the error of first order counts as that limit, so that simpler candidates
-    come first. ``reference``: the model with another run, from which fits begin.
+    Far above noise, the error of first order counts as noise. A predicted misfit below the noise and that error counts
+    as that limit, so that simpler candidates come first. ``reference``: the model with another run, from which fits
+    begin.
     """
-    noise, found = reduced_chi_square(problem, parent), []
+    noise, found = max(1.0, FIRST_ORDER * reduced_chi_square(problem, parent)), []
     fitted = int(np.count_nonzero(problem.fitted))
     for x in scores:
-        drop = required_drop(x.count, search.significance, noise)
-        if x.count < fitted - len(parent.free) and x.drop > drop:
+        needed = noise * chi_square_threshold(x.count, search.significance)
+        if x.count < fitted - len(parent.free) and x.drop > needed:
             cost = max(parent.cost - x.drop, fitted + FIRST_ORDER * parent.cost)
             criterion = cost + own_price(problem, x) + parent_price(problem, parent)
             found.append(Proposal(reference or parent, x, criterion))

@@ -11,7 +11,7 @@ import numpy as np
 from tdcr_fe.effects import Effect
 from tdcr_fe.elements import Array
 from tdcr_fe.identify import criteria, fitting
-from tdcr_fe.identify.problem import SAME, Fit, FitProblem, fit_of_run, refine
+from tdcr_fe.identify.problem import Fit, FitProblem, fit_of_run, refine
 from tdcr_fe.identify.result import Candidate, NextExperiment, Profile, Scatter
 from tdcr_fe.identify.rows import RowChoice
 from tdcr_fe.identify.scatter import with_input_sigma
@@ -235,8 +235,9 @@ def as_good(search: Search, state: SearchState) -> list[Fit]:
 def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
     """Probabilities of all models that were fitted, from their evidence; those below one in a million are left out.
 
-    Models that make the same predictions as the best one are the same explanation: their weight counts for it. Where
-    the best model has several causes, the rest up to 1 is the probability of one cause that is not in the dictionary.
+    Models that predict the same as the best one, but for less than sigma in all readings together, are the same
+    explanation: their weight counts for it. Where the best model has several causes, the rest up to 1 is the
+    probability of one cause that is not in the dictionary.
     """
     problem = state.problem
     noise = criteria.effective_noise(problem, state.best, search.significance)
@@ -244,6 +245,6 @@ def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
     logarithms = np.array([-0.5 * criteria.rank(problem, f) / noise for f in solved])
     weights = np.exp(logarithms - np.max(logarithms))
     weights *= (1.0 - criteria.probability_of_unlisted(state.best)) / np.sum(weights)
-    same = [float(np.sum((f.residual - state.best.residual) ** 2)) < SAME for f in solved]
+    same = [float(np.sum((f.residual - state.best.residual) ** 2)) < 1.0 for f in solved]
     every = zip(solved, weights.tolist(), same, strict=True)
     return [(state.best if alike else f, w) for f, w, alike in every if w > 1e-6]

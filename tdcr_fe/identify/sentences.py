@@ -10,9 +10,10 @@ from typing import NamedTuple
 
 from tdcr_fe.effects import effect
 from tdcr_fe.effects.places import PlaceEffect
-from tdcr_fe.identify.criteria import EARTH, EARTH_TOLERANCE
+from tdcr_fe.identify.criteria import EARTH_TOLERANCE
 from tdcr_fe.identify.result import AddedEffect, IdentificationResult, Misfit, NextExperiment, Verdict
 from tdcr_fe.model.messages import count
+from tdcr_fe.model.quantities import EARTH
 from tdcr_fe.report.environment import DASH, SPACE, environment, estimate, fixed, quantity, significant, words
 
 #: Least strain at which a backbone softens: nickel-titanium transforms near 1 %, polymers yield above it [1].

@@ -18,7 +18,7 @@ from tdcr_fe.model.checks import Contradiction
 from tdcr_fe.model.limits import REMARK, Value, kind_of_material, limits, nearest_material, sentences
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, issue
-from tdcr_fe.model.quantities import Description, loading_values, masses, robot_values, sag, strain
+from tdcr_fe.model.quantities import EARTH, Description, loading_values, masses, robot_values, sag, strain
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.units import mistaken
@@ -140,7 +140,7 @@ def understood(robot: Robot, model: Model, steps: Sequence[LoadStep] = ()) -> li
     name, factor = nearest_material(b.youngs_modulus, b.density)
     like = f", like {name}" if b.density > 0.0 and factor <= limits()["material" + REMARK].high else ""
     lines = [f"bending stiffness {b.EI:.3g} N m^2{like}"]
-    weight, sags = 9.81 * sum(mass for _, _, mass in masses(robot).values()), sag(robot, 9.81)
+    weight, sags = EARTH * sum(mass for _, _, mass in masses(robot).values()), sag(robot, EARTH)
     if weight > 0.0:
         is_small = sags < limits()["sag" + REMARK].high
         far = f"{1e3 * sags * b.length:.3g} mm" if is_small else "much of the length"

@@ -23,6 +23,8 @@ from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.model.routing import ConvergingRouting
 from tdcr_fe.model.tendon import Tendon
 
+#: Gravity on Earth [m/s^2].
+EARTH = 9.81
 #: Relative difference up to which values are alike, and part of the others that must be alike.
 ALIKE, MOST = 1e-3, 2 / 3
 
@@ -278,9 +280,9 @@ def _weights(d: Description) -> Iterator[Value]:
     g, b, given = math.hypot(x, y, z), robot.backbone, masses(robot)
     total = sum(mass for _, _, mass in given.values())
     if g == 0.0:
-        yield Value("no_gravity", key, g, "m/s^2", sag(robot, 9.81), f"{9.81 * total:.3g} N")
+        yield Value("no_gravity", key, g, "m/s^2", sag(robot, EARTH), f"{EARTH * total:.3g} N")
         return
-    yield Value("gravity", key, g, "m/s^2", g, f"{g / 9.81:.4g}")
+    yield Value("gravity", key, g, "m/s^2", g, f"{g / EARTH:.4g}")
     yield Value("direction", key, g, "m/s^2", abs(g - 1.0))
     yield Value("no_mass", key, g, "m/s^2", total)
     yield from weight_values(d)
