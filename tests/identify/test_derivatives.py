@@ -49,7 +49,7 @@ TOGETHER = [
     ("tension", {
         "stiffness_scale": dict(bending=0.9, torsion=1.2),
         "superelastic": dict(threshold_strain=8e-4, plateau_ratio=0.4)}),
-    ("tension", {"modulus_scale": dict(factor=0.9), "nonlinear_material": dict(quadratic=3.0, cubic=400.0)}),
+    ("tension", {"modulus_scale": dict(factor=0.9), "nonlinear_material": dict(quadratic=3.0, cubic=300.0)}),
     ("tension", {"density_scale": dict(factor=0.8), "gravity": dict(g_x=3.0, g_y=1.0, g_z=-9.0)}),
     ("tension", {"friction_coefficient": dict(mu=0.2), "hole_adhesion": dict(drop=0.01)}),
     ("tension", {"routing_twist": dict(angle_tip=0.2), "hole_clearance": dict(clearance=2e-4)}),
