@@ -19,7 +19,7 @@ from tdcr_fe.identify.noise import (
     series,
     structure,
 )
-from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, Point
+from tdcr_fe.identify.problem import NOISE_REACHES, Fit, FitProblem, Point
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.quantities import EARTH
 from tdcr_fe.model.robot import Robot
@@ -46,9 +46,6 @@ BOUND_PENALTY = 0.3
 
 #: The sum of squares of the held-out readings must fall by this much, in units of the reduced chi-square.
 HELD_OUT_DROP = 4.0
-
-#: A sum of squares is that of noise up to this z-score.
-NOISE_Z_SCORE = 4.0
 
 
 def price(effects: Sequence[Effect], robot: Robot) -> float:
@@ -135,9 +132,9 @@ def residual_is_noise(problem: FitProblem, fit: Fit, significance: float) -> boo
     if not fit.solved:
         return False
     r, held_out = fit.residual, problem.held_out
-    if chi_square_z_score(r[~held_out], len(fit.free)) > NOISE_Z_SCORE:
+    if chi_square_z_score(r[~held_out], len(fit.free)) > NOISE_REACHES:
         return False
-    if np.any(held_out) and chi_square_z_score(r[held_out]) > NOISE_Z_SCORE:
+    if np.any(held_out) and chi_square_z_score(r[held_out]) > NOISE_REACHES:
         return False
     return is_noise(structure(problem.data, r, len(fit.free)), significance)
 
@@ -171,7 +168,7 @@ def is_improvement(problem: FitProblem, new: Fit, old: Fit, significance: float)
 
 def robust_threshold(residual: Array) -> float:
     """Residual over sigma up to which a reading counts in full: four sigma, or four robust scatters if larger."""
-    return ROBUST * max(1.0, robust_scatter(residual))
+    return NOISE_REACHES * max(1.0, robust_scatter(residual))
 
 
 #: Smallest number of readings from which models are compared, and of steps with readings with which nothing may be

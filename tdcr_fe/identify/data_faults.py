@@ -16,18 +16,19 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array, Index
 from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.noise import is_noise, outliers, robust_scatter, series, structure
-from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem, huber, join_steps
+from tdcr_fe.identify.problem import NOISE_REACHES, Fit, FitProblem, huber, join_steps
+from tdcr_fe.identify.result import MOST_NOISE
 from tdcr_fe.io.measured import MeasuredData, impossible_place
 from tdcr_fe.io.spreadsheet import number
 from tdcr_fe.model.channels import CHANNELS, arc_lengths
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.units import mistaken
 
-#: A fault explains the data where their mean square over sigma falls to this, from `MISFIT` times as much or more [1].
-#: A residual of pure noise has 1; a robust sum is a little less. It also does where the mean square falls by the square
-#: of `MISFIT`: displacements of the other sign, with errors of 30 and 100 um, leave a 190th to a 29th, wrong faults
-#: beside them an eighth.
-EXPLAINED, MISFIT = 1.5, 4.0
+#: A fault explains the data where their mean square over sigma falls to that of noise, from so many times that of noise
+#: or more, by this factor or more [1]. It also does where the mean square falls by the square of the factor:
+#: displacements of the other sign, with errors of 30 and 100 um, leave a 190th to a 29th, wrong faults beside them an
+#: eighth.
+MISFIT = 4.0
 #: Equal readings in so many successive steps are a fault where the model moves by so many sigma meanwhile. Of gross
 #: errors, half are as far off: a wall along the backbone, taken for one at the tip, left one outlier just above five.
 EQUAL_STEPS, FAR = 4, 10.0
@@ -117,7 +118,7 @@ class _Grid:
         squares, counts = [], []
         for r in (now, fault.residual):
             known = np.isfinite(r)
-            squares.append(np.sum(huber(np.where(known, r, 0.0), ROBUST), axis=(1, 2)))
+            squares.append(np.sum(huber(np.where(known, r, 0.0), NOISE_REACHES), axis=(1, 2)))
             counts.append(np.sum(known, axis=(1, 2)))
 
         def since(values: list[Array]) -> Array:
@@ -161,7 +162,7 @@ def _mended(problem: FitProblem, declared: Fit, grid: _Grid) -> str:
     now = _mean_square(declared.residual[grid.which])
     if seen or now < MISFIT:
         return seen
-    limit = max(min(EXPLAINED, now / MISFIT), now / MISFIT**2)
+    limit = max(min(MOST_NOISE, now / MISFIT), now / MISFIT**2)
     length = problem.data.robot.backbone.length
     faults = (*_axes(grid), *_heights(grid, length), *_markers(grid), *_steps(grid))
     cost, text, _ = min(map(grid.judged, faults))
@@ -173,7 +174,7 @@ def _mended(problem: FitProblem, declared: Fit, grid: _Grid) -> str:
         text += f", or if {drives.partition(' if ')[2]}" if other <= limit else ""
     if cost > limit:
         return impossible_place(problem.data)
-    how = "fit" if cost <= EXPLAINED else "fit far better, though not to their noise,"
+    how = "fit" if cost <= MOST_NOISE else "fit far better, though not to their noise,"
     return text.replace("fit", how, 1)
 
 
@@ -197,7 +198,7 @@ def _tendon_readings(problem: FitProblem, declared: Fit) -> str:
 
 def _mean_square(r: Array) -> float:
     """Robust mean square of residuals over sigma; infinite where one is missing."""
-    return float(np.mean(huber(r, ROBUST))) if np.all(np.isfinite(r)) else float("inf")
+    return float(np.mean(huber(r, NOISE_REACHES))) if np.all(np.isfinite(r)) else float("inf")
 
 
 def wrong_sigma(problem: FitProblem, best: Fit) -> str:
@@ -357,7 +358,9 @@ def _steps(grid: _Grid) -> Iterator[_Fault]:
         yield grid.mended(moved, text)
     r = (grid.measured[:, None] - grid.predicted[None, :]) / grid.sigma[:, None]
     both = np.isfinite(r)
-    cost = np.sum(huber(np.where(both, r, 0.0), ROBUST) + np.where(both, 0.0, ROBUST), axis=(2, 3))
+    cost = np.sum(
+        huber(np.where(both, r, 0.0), NOISE_REACHES) + np.where(both, 0.0, NOISE_REACHES), axis=(2, 3)
+    )
     rows, columns = linear_sum_assignment(cost)
     others = int(np.count_nonzero(columns != rows))
     if others:

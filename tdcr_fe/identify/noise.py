@@ -11,7 +11,7 @@ from scipy.spatial.distance import cdist
 from scipy.special import chdtrc, ndtr, ndtri
 
 from tdcr_fe.elements import Array, Index
-from tdcr_fe.identify.problem import ROBUST, Fit, FitProblem
+from tdcr_fe.identify.problem import NOISE_REACHES, Fit, FitProblem
 from tdcr_fe.identify.result import Misfit, Structure
 from tdcr_fe.identify.rows import blocks, directions, inputs
 from tdcr_fe.io.measured import MeasuredData
@@ -74,7 +74,7 @@ def robust_scatter(values: Array) -> float:
 
 def clipped(r: Array) -> Array:
     """Residuals clipped to the range of noise, so that a few outliers do not dominate its tests."""
-    return np.clip(r, -ROBUST, ROBUST)
+    return np.clip(r, -NOISE_REACHES, NOISE_REACHES)
 
 
 def chi_square_z_score(r: Array, parameters: int = 0) -> float:

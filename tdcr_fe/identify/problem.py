@@ -24,8 +24,9 @@ Point = dict[str, dict[str, float]]
 #: Free parameters: names of effect and parameter.
 Free = Sequence[tuple[str, str]]
 
-#: Robust threshold of a residual in sigma (of the present misfit, where that is larger) [1].
-ROBUST = 4.0
+#: Noise reaches so many standard deviations: residuals beyond it count less than by their squares, and statistics of
+#: residuals beyond it are none of noise [1].
+NOISE_REACHES = 4.0
 
 #: Tolerated discretisation error, rms over sigma: too small to become significant with hundreds of readings.
 MESH = 0.1
@@ -68,7 +69,7 @@ class FitProblem:
         readings = Readings.of(data.readings, data.step_ids, data.robot.tendon_names)
         experiment, correction = with_elements(data.experiment, 1), np.zeros(len(data.readings))
         given = data, readings, forward, sigma, held_out, experiment, path_tolerance
-        return cls(*given, robust_threshold=ROBUST, correction=correction)
+        return cls(*given, robust_threshold=NOISE_REACHES, correction=correction)
 
     @property
     def count(self) -> int:

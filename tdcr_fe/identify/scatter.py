@@ -26,19 +26,12 @@ from tdcr_fe.identify.bay_state import (
     end_of_bay,
     with_action,
 )
-from tdcr_fe.identify.criteria import NOISE_Z_SCORE
 from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.noise import SIGNIFICANCE, chi_square_z_score
-from tdcr_fe.identify.problem import Fit, FitProblem, Point
+from tdcr_fe.identify.problem import NOISE_REACHES, Fit, FitProblem, Point
 from tdcr_fe.identify.result import Scatter
 from tdcr_fe.identify.run import Run, Trajectories
 from tdcr_fe.model.loading import resolve
-
-#: Chance of calling errors systematic that follow nothing [1].
-FOLLOWS = 1e-3
-
-#: So many standard errors beyond that of normal errors, the kurtosis tells that errors are rare and large [1].
-KURTOSIS = 5.0
 
 #: Errors of inputs must let the rms residual over sigma fall at least to this share, and be at most so large over the
 #: input; beyond, something else is wrong [1].
@@ -132,7 +125,7 @@ def find_scatter(problem: FitProblem, fit: Fit) -> Scatter | None:
     found = _judged(problem, fit, sources)
     best = sorted(found, key=lambda x: -x.gain)[:SIMULATED]
     found += _judged(problem, fit, [_near(problem, fit, x.source, x.values) for x in best])
-    noise = [x for x in found if chi_square_z_score(x.left, x.values.size) <= NOISE_Z_SCORE]
+    noise = [x for x in found if chi_square_z_score(x.left, x.values.size) <= NOISE_REACHES]
     return _most_likely(problem, fit, [x for x in noise if not x.followed])
 
 
@@ -325,14 +318,14 @@ def _depends(rows: Array, goal: Array) -> bool:
         return True
     left = float(np.sum((goal - rows @ np.linalg.lstsq(rows, goal, rcond=None)[0]) ** 2))
     ratio = (float(goal @ goal) - left) / rank / max(left / spare, 1e-300)
-    return bool(fdtrc(rank, spare, ratio) < FOLLOWS)
+    return bool(fdtrc(rank, spare, ratio) < SIGNIFICANCE)
 
 
 def _are_rare(blocks: Sequence[_Block], ratio: float) -> bool:
     """Whether some steps have large errors and most have none, by the kurtosis: then something acts there alone."""
     z = np.concatenate([b.along / np.sqrt(1.0 + ratio * b.strength**2) for b in blocks])
     kurtosis = float(np.mean(z**4) / max(float(np.mean(z**2)) ** 2, 1e-300))
-    return kurtosis - 3.0 > KURTOSIS * math.sqrt(24.0 / z.size)
+    return kurtosis - 3.0 > NOISE_REACHES * math.sqrt(24.0 / z.size)
 
 
 def _blocks(problem: FitProblem, residual: Array, derivatives: Array) -> list[_Block]:
