@@ -67,7 +67,12 @@ def bic(problem: FitProblem, fit: Fit) -> float:
 
     The sum of squares, and what the causes cost.
     """
-    return fit.cost + fit.held_cost + complexity(problem, fit.effects, fit.values, len(fit.free))
+    return fit.cost + fit.held_cost + price_of(problem, fit)
+
+
+def price_of(problem: FitProblem, fit: Fit) -> float:
+    """What the causes of a model cost in the criterion."""
+    return complexity(problem, fit.effects, fit.values, len(fit.free))
 
 
 def complexity(problem: FitProblem, effects: Sequence[Effect], values: Point, count: int) -> float:

@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence, Set
 from dataclasses import replace
 from functools import partial
 from statistics import fmean
-from typing import NamedTuple
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from tdcr_fe.identify.criteria import (
     complexity,
     is_improvement,
     lacks_test,
+    price_of,
     rank,
     reduced_chi_square,
 )
@@ -175,7 +176,7 @@ def worth_fitting(
         needed = noise * chi_square_threshold(x.count, search.significance)
         if x.count < fitted - len(parent.free) and x.drop > needed:
             cost = max(parent.cost - x.drop, fitted + FIRST_ORDER * parent.cost)
-            criterion = cost + own_price(problem, x) + parent_price(problem, parent)
+            criterion = cost + own_price(problem, x) + price_of(problem, parent)
             found.append(Proposal(reference or parent, x, criterion))
     return sorted(found, key=lambda x: x.criterion)
 
@@ -331,11 +332,12 @@ def _evaluated(state: SearchState, proposals: Sequence[Proposal]) -> list[_Evalu
 
 def _each_evaluated(problem: FitProblem, proposals: Sequence[Proposal]) -> list[_Evaluated]:
     """Models at their predicted values, where these can be solved."""
+    starts = [fitting.begin(problem, x.effects, x.score.start.point, x.parent) for x in proposals]
     found = []
-    for x, now in zip(proposals, _begun(problem, proposals), strict=True):
+    for x, now in zip(proposals, fitting.run_fits(problem, starts), strict=True):
         if now.solved:
             cost = fitting.reachable_cost(problem, now)
-            found.append(_Evaluated(x, now, cost, cost + parent_price(problem, now)))
+            found.append(_Evaluated(x, now, cost, cost + price_of(problem, now)))
     return found
 
 
@@ -360,7 +362,7 @@ def _reached(problem: FitProblem, fit: Fit) -> float:
 
 def criterion_of(problem: FitProblem, fit: Fit) -> float:
     """Of a model over the fitted readings, as candidates promise it."""
-    return fit.cost + parent_price(problem, fit)
+    return fit.cost + price_of(problem, fit)
 
 
 def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal) -> bool:
@@ -377,26 +379,15 @@ def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal) -> bool:
     if forms or not x.signature.size or criterion < limit:
         return True
     left, whole = apart(problem, parent, parent.residual - ahead.residual, x)
-    own = parent_price(problem, parent) + own_price(problem, x)
+    own = price_of(problem, parent) + own_price(problem, x)
     return ahead.cost + max(0.0, left - FIRST_ORDER * whole) + own < limit
 
 
 def _may_reach(problem: FitProblem, ahead: Fit, now: Fit, proposal: Proposal) -> bool:
     """Whether an evaluated model may become about as probable as another one, by the error of its prediction."""
     error = fitting.distance(problem, now.residual, proposal.score.start.predicted)
-    limit = criterion_of(problem, ahead) + BIC_DIFFERENCE - parent_price(problem, now)
+    limit = criterion_of(problem, ahead) + BIC_DIFFERENCE - price_of(problem, now)
     return math.sqrt(fitting.reachable_cost(problem, now)) - error <= math.sqrt(max(limit, 0.0))
-
-
-def parent_price(problem: FitProblem, fit: Fit) -> float:
-    """What the causes of a model cost by themselves, in the criterion."""
-    return complexity(problem, fit.effects, fit.values, len(fit.free))
-
-
-def _begun(problem: FitProblem, found: Sequence[Proposal]) -> list[Fit]:
-    """Models with candidates at their predicted values."""
-    starts = [fitting.begin(problem, x.effects, x.score.start.point, x.parent) for x in found]
-    return fitting.run_fits(problem, starts)
 
 
 def _fitted(problem: FitProblem, now: Fit, predicted: Array, race: fitting.Race) -> fitting.Fitting:
@@ -685,7 +676,7 @@ def _strong_values(problem: FitProblem, score: Score, strength: float) -> dict[s
     return problem.moved([e], null, free, strength * np.array([score.scales[k] for k in free]))[e.name]
 
 
-def _saturates(effect: Effect) -> bool:
+def _saturates(effect: Effect) -> TypeGuard[EffectAtPlace]:
     return isinstance(effect, EffectAtPlace) and effect.general.saturates
 
 
@@ -697,8 +688,7 @@ def at_full_strength(search: Search, state: SearchState, parent: Fit) -> tuple[S
     """
     state, scores, _ = scores_beside(state, parent)
     problem = state.problem
-    places = ((x.effect, x.drop) for x in scores if isinstance(x.effect, EffectAtPlace))
-    causes = [e for e, drop in places if e.general.saturates and drop > 0.0][:STRONG]
+    causes = [x.effect for x in scores if x.drop > 0.0 and _saturates(x.effect)][:STRONG]
 
     def simulated(at: FitProblem, chosen: Sequence[EffectAtPlace], along: Fit | None) -> list[Fit]:
         points = [{**parent.values, e.name: e.full_strength(problem.experiment)} for e in chosen]
