@@ -23,9 +23,6 @@ from tdcr_fe.identify.run import Run
 #: Relative error of predictions by first-order columns, as a sum of squares [1].
 FIRST_ORDER = 0.02
 
-#: A direction of a candidate whose change is smaller than this share of its largest one does not count.
-SEEN = 1e-6
-
 
 class Start(NamedTuple):
     """Where the fit of a candidate may begin."""
@@ -61,11 +58,10 @@ class Score:
 
     @cached_property
     def count(self) -> int:
-        """Parameters of the candidate that change anything: the rank of the signature, and those that it holds."""
+        """Parameters of the candidate that change anything, and those that it holds."""
         if not self.signature.size or self.probe is None:
             return len(self.effect.parameters)
-        size = np.linalg.norm(self.signature, axis=0)
-        return int(np.count_nonzero(size > SEEN * np.max(size))) + len(self.probe.held)
+        return int(np.count_nonzero(np.any(self.signature, axis=0))) + len(self.probe.held)
 
 
 def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> tuple[list[Score], Fit]:

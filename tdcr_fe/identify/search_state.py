@@ -168,7 +168,7 @@ def refined(state: SearchState) -> SearchState:
     problem = replace(state.problem, robust_threshold=threshold)
     (before,) = fitting.run_fits(problem, [fitting.finish(problem, state.best, fitting.Race())])
     correction, run = problem.correction, before.run
-    while True:
+    for _ in range(3):
         problem, refined_run = refine(problem, before.effects, before.values, run)
         if refined_run is run:
             break
