@@ -332,9 +332,8 @@ def _evaluated(state: SearchState, proposals: Sequence[Proposal]) -> list[_Evalu
 
 def _each_evaluated(problem: FitProblem, proposals: Sequence[Proposal]) -> list[_Evaluated]:
     """Models at their predicted values, where these can be solved."""
-    starts = [fitting.begin(problem, x.effects, x.score.start.point, x.parent) for x in proposals]
     found = []
-    for x, now in zip(proposals, fitting.run_fits(problem, starts), strict=True):
+    for x, now in zip(proposals, _begun(problem, proposals), strict=True):
         if now.solved:
             cost = fitting.reachable_cost(problem, now)
             found.append(_Evaluated(x, now, cost, cost + price_of(problem, now)))
@@ -388,6 +387,12 @@ def _may_reach(problem: FitProblem, ahead: Fit, now: Fit, proposal: Proposal) ->
     error = fitting.distance(problem, now.residual, proposal.score.start.predicted)
     limit = criterion_of(problem, ahead) + BIC_DIFFERENCE - price_of(problem, now)
     return math.sqrt(fitting.reachable_cost(problem, now)) - error <= math.sqrt(max(limit, 0.0))
+
+
+def _begun(problem: FitProblem, found: Sequence[Proposal]) -> list[Fit]:
+    """Models with candidates at their predicted values."""
+    starts = [fitting.begin(problem, x.effects, x.score.start.point, x.parent) for x in found]
+    return fitting.run_fits(problem, starts)
 
 
 def _fitted(problem: FitProblem, now: Fit, predicted: Array, race: fitting.Race) -> fitting.Fitting:
