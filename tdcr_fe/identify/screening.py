@@ -29,6 +29,7 @@ class Start(NamedTuple):
 
     point: Point  # empty where it is refused
     predicted: Array  # residual over sigma that it would leave, to first order, shape (n,)
+    half: Point | None = None  # the half of the way there from the model without
 
 
 @dataclass(frozen=True)
@@ -278,7 +279,9 @@ def _beside(space: _Space, one: _ProbeSet, signature: Array, limits: tuple[Array
 
     def begin() -> Start:
         values, predicted = space.adapted(signature @ amplitude)
-        return Start({**values, one.effect.name: one.mixed(space.problem, amplitude)}, predicted)
+        point, half = (one.mixed(space.problem, share * amplitude) for share in (1.0, 0.5))
+        name, without = one.effect.name, space.fit.values
+        return Start({**values, name: point}, predicted, {**without, name: half})
 
     return Score(one.effect, drop, signature, begin, probe=one)
 
