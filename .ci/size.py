@@ -30,16 +30,16 @@ BUDGET = {
     "tdcr_fe/commands": 764,
     "tdcr_fe/effects": 1228,
     "tdcr_fe/estimate": 1067,
-    "tdcr_fe/identify": 6235,
+    "tdcr_fe/identify": 6137,
     "tdcr_fe/io": 1772,
     "tdcr_fe/live": 357,
-    "tdcr_fe/model": 2467,
+    "tdcr_fe/model": 2468,
     "tdcr_fe/report": 1108,
     "tdcr_fe/scene": 1342,
     "tdcr_fe/solve": 6664,
     "tdcr_fe/sweeps": 1397,
     "validation": 6488,
-    "tests": 12591,
+    "tests": 12589,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
