@@ -133,8 +133,11 @@ def _search(search: Search, state: SearchState, prepared: Prepared, schedule: Sc
     state = in_time(whole, state.ending_at(end), _with_next, Part.NEXT_EXPERIMENT)
     if prepared.rows is not None:
         if prepared.frictional is not None:
-            frictional = replace(prepared.frictional, deadline=end)
-            state = in_time(whole, state, partial(with_friction, frictional), Part.FRICTION)
+            frictional, timed = (
+                replace(prepared.frictional, deadline=end),
+                replace(search, deadline=schedule.friction),
+            )
+            state = in_time(timed, state, partial(with_friction, frictional), Part.FRICTION)
         problem = replace(prepared.problem, deadline=latest)
         state = search.keep(fit_to_all_rows(whole, state, problem))
     if not whole.explained(state):  # parameters of a model that leaves more than noise have no profiles
@@ -319,9 +322,6 @@ def _within(problem: FitProblem, effects: Sequence[Effect], values: Point) -> Po
 #: Friction is left out where the misfit of the declared model grows by no more than this share.
 WORSE = 0.1
 
-#: Steps of the fit with friction, from the parameters found without.
-ITERATIONS = 2
-
 
 def without_friction(problem: FitProblem) -> FitProblem:
     """The same problem for a model without friction; effects that act through friction are no candidates."""
@@ -356,7 +356,7 @@ def with_friction(problem: FitProblem, search: Search, state: SearchState) -> Se
     problem
         With friction.
     search
-        The search.
+        The search, with the deadline of this part.
     state
         The last one of the search, without friction.
     """
@@ -364,7 +364,8 @@ def with_friction(problem: FitProblem, search: Search, state: SearchState) -> Se
     threshold = state.problem.robust_threshold
     problem = replace(_on_mesh_of(state.problem, problem), robust_threshold=threshold)
     without = evaluate(without_friction(problem), state.best.effects, state.best.values)
-    best = fitting.fit(problem, state.best.effects, state.best.values, ITERATIONS)
+    race = fitting.Race(deadline=search.deadline)
+    best = fitting.fit(problem, state.best.effects, state.best.values, race)
     costs = [(f.cost + f.held_cost) / problem.count for f in (best, without)]
     both = f"the misfit per reading is {costs[0]:.3g}, without {costs[1]:.3g}"
     if not costs[0] < costs[1]:

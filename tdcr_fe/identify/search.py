@@ -64,9 +64,9 @@ LITTLE = 0.5
 SHOWN = 40
 
 #: Misfit per fitted reading from which on, if the most promising cause leaves it to first order, listed effects are
-#: fitted before they are compared, and iterations at most. An adhesion that held back most of the tension was the 30th
-#: of all, the first would have left 3000, and the adhesion left 1.
-FAR, ROUGH_ITERATIONS = 1000.0, 8
+#: fitted before they are compared. An adhesion that held back most of the tension was the 30th of all, the first would
+#: have left 3000, and the adhesion left 1.
+FAR = 1000.0
 
 #: Causes that saturate, simulated at full strength beside a model: the right one was the first or the sixth by its fall
 #: to first order in 3 blind sets.
@@ -219,7 +219,7 @@ def _roughly_fitted(problem: FitProblem, parent: Fit, scores: Sequence[Score]) -
         if is_named(x.effect) and x.start.point:
             best.setdefault(x.effect.listed, x)
     for x in best.values():
-        fit = fitting.fit(rough, (*parent.effects, x.effect), x.start.point, ROUGH_ITERATIONS, race)
+        fit = fitting.fit(rough, (*parent.effects, x.effect), x.start.point, race)
         if parent.cost - fit.cost > x.drop:
             begin = partial(Start, fit.values, fit.residual)
             found[x.effect.name] = replace(x, drop=parent.cost - fit.cost, begin=begin)
@@ -410,7 +410,7 @@ def _at(problem: FitProblem, found: Sequence[Proposal], points: Sequence[Point])
 
 def _fitted(problem: FitProblem, now: Fit, predicted: Array, race: fitting.Race) -> fitting.Fitting:
     """A model with candidates fitted, to the end where it comes near the best; `predicted` as in `fitting.descend`."""
-    now = yield from fitting.descend(problem, now, race, 8, predicted)
+    now = yield from fitting.descend(problem, now, race, predicted)
     race.reached(now.cost)
     if now.cost <= race.limit:
         now = yield from fitting.finish(problem, replace(now, pruned=False), race)
