@@ -312,7 +312,7 @@ class PointForce(StateLoad):
         return tuple(p.name for p in self.parameters if p.name != "k")
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
-        """The first point of `tries`; `tdcr_fe.identify.balance.best_point` tries all."""
+        """The first point of `tries`; `tdcr_fe.identify.screening` tries all."""
         return [[next(self.tries(self.declared))]]
 
     def tries(self, moved: Array) -> Iterator[dict[str, float]]:

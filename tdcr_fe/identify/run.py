@@ -78,7 +78,7 @@ class Trajectory:
             return self
         moved: PathRecord = []
         for increments in self.waypoints:
-            if any(x.state.unknowns.coordinates.size != _NODE * self.s.size for x in increments):
+            if any(x.state.unknowns.coordinates.size != 7 * self.s.size for x in increments):
                 return None
             moved.append([replace(x, state=x.state.on_mesh(self.s, s)) for x in increments])
         return Trajectory(moved, self.ends, s)
@@ -86,9 +86,6 @@ class Trajectory:
 
 #: Those of a run: one for each loading sequence.
 Trajectories = tuple[Trajectory, ...]
-
-#: Coordinates of a node in Exudyn: position and Euler parameters.
-_NODE = 7
 
 
 def mesh_nodes(experiment: Experiment) -> Array:

@@ -12,12 +12,11 @@ from tdcr_fe.effects import effect
 from tdcr_fe.effects.places import PlaceEffect
 from tdcr_fe.identify.criteria import EARTH_TOLERANCE
 from tdcr_fe.identify.result import AddedEffect, IdentificationResult, Misfit, NextExperiment, Verdict
+from tdcr_fe.model.limits import REMARK, limits
 from tdcr_fe.model.messages import count
 from tdcr_fe.model.quantities import EARTH
 from tdcr_fe.report.environment import DASH, SPACE, environment, estimate, fixed, quantity, significant, words
 
-#: Least strain at which a backbone softens: nickel-titanium transforms near 1 %, polymers yield above it [1].
-LEAST_THRESHOLD = 3e-3
 #: Correlations of a smaller size are not listed, and of the others so many: 24 parameters had 176.
 LEAST_CORRELATION, MOST_CORRELATIONS = 0.1, 12
 
@@ -157,7 +156,7 @@ def _contradictions(e: AddedEffect, result: IdentificationResult) -> list[str]:
 def _implausible(e: AddedEffect) -> list[str]:
     """Values that no robot has."""
     value = {name: p.value for name, p in e.parameters.items()}
-    if e.name == "superelastic" and value["threshold_strain"] < LEAST_THRESHOLD:
+    if e.name == "superelastic" and value["threshold_strain"] < limits()["threshold_strain" + REMARK].low:
         return [
             "A superelastic backbone is not plausible here: the fitted threshold is a strain of "
             f"{significant(100.0 * value['threshold_strain'], 2)} %. Nickel-titanium transforms near 1 %, polymers "
