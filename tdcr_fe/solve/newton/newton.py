@@ -11,11 +11,10 @@ from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.kernel import Residual
-from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.convergence import BALANCED, NewtonStatus, Unmet, first_unmet
-from tdcr_fe.solve.newton.steps import NewtonStep, advanced, damped_step, full_step
+from tdcr_fe.solve.newton.steps import NewtonProblem, NewtonStep, advanced, damped_step, full_step
 
 
 class NewtonResult(NamedTuple):
@@ -75,13 +74,13 @@ def newton(
     friction_fixed
         Keep the mobilisations of the initial state, whatever their history.
     """
-    solve = _Solve(system, system.numbering(with_friction=not friction_fixed), settings, softening, damped)
-    trial = under_inputs(system, state, target)
-    residual = system.residual(trial, target, solve.numbering)
+    numbering, trial = system.numbering(not friction_fixed), under_inputs(system, state, target)
+    residual = system.residual(trial, target, numbering)
     if not system.clamps_are_closed(residual.raw):
         system.release_clamps()
-        solve = solve._replace(numbering=system.numbering(with_friction=not friction_fixed))
-        residual = system.residual(trial, target, solve.numbering)
+        numbering = system.numbering(not friction_fixed)
+        residual = system.residual(trial, target, numbering)
+    solve = _Solve(NewtonProblem(system, numbering, settings, softening), damped)
     # Iterates far off may overflow; the residual is then not a number, which ends the solve by name.
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         result = solve.iterate(residual)
@@ -109,22 +108,20 @@ def with_unknowns_of(state: SolverState, start: SolverState) -> SolverState:
 
 
 class _Solve(NamedTuple):
-    """What stays the same in one Newton solve."""
+    """One Newton solve."""
 
-    system: SceneSystem
-    numbering: Numbering
-    settings: SolverSettings
-    softening: float  # Factor on the presliding distance [1]
+    problem: NewtonProblem
     damped: bool
 
     def with_contact(self, start: SolverState, result: NewtonResult) -> NewtonResult:
         """Solve again where contact opens or closes in a solution, until it has the contact with which it was found."""
-        for _ in range(self.settings.max_iterations):
+        system, numbering, settings, _ = self.problem
+        for _ in range(settings.max_iterations):
             if not result.converged:
                 return result
             again = with_unknowns_of(result.state, start)
-            residual = self.system.residual(again, result.target, self.numbering)
-            if residual.size <= max(self.settings.tolerance, 2.0 * result.residual):
+            residual = system.residual(again, result.target, numbering)
+            if residual.size <= max(settings.tolerance, 2.0 * result.residual):
                 return result
             later = self.iterate(residual)
             result = later._replace(iterations=result.iterations + later.iterations)
@@ -132,7 +129,8 @@ class _Solve(NamedTuple):
 
     def iterate(self, residual: Residual) -> NewtonResult:
         """Newton's iteration from a first residual."""
-        system, numbering, settings, damped = self.system, self.numbering, self.settings, self.damped
+        problem, damped = self
+        system, numbering, settings, softening = problem
         limit = 10 * settings.max_iterations if damped else settings.max_iterations
         iterations = 0
         step: NewtonStep | None = None
@@ -145,7 +143,7 @@ class _Solve(NamedTuple):
             return NewtonResult(*found, linear, residual.target)
 
         def first(balance: bool = True) -> Unmet | None:
-            return first_unmet(residual, self.softening, not numbering.has_friction, settings, balance)
+            return first_unmet(residual, softening, not numbering.has_friction, settings, balance)
 
         while True:
             if not isfinite(residual.size):
@@ -157,14 +155,14 @@ class _Solve(NamedTuple):
                 return end(unmet.status, unmet)
             try:
                 if damping is None:
-                    step = full_step(system, residual, numbering, self.softening)
+                    step = full_step(problem, residual)
                 else:
-                    step = damped_step(system, residual, numbering, self.softening, damping)
+                    step = damped_step(problem, residual, damping)
                     damping = step.damping
             except np.linalg.LinAlgError:
                 return end(NewtonStatus.SINGULAR)
             before, iterations = residual.size, iterations + 1
-            trial = advanced(system, residual.state, step, numbering, settings.max_turn)
+            trial = advanced(problem, residual.state, step)
             # Newton's steps are taken with the contact of their start, a damped motion opens and closes it on its way.
             residual = system.residual(trial, residual.target, numbering, iterations, hold_contact=not damped)
             # Steps may be so small that the rest of the residual is round-off of very stiff parts.
@@ -177,10 +175,10 @@ class _Solve(NamedTuple):
         """A solution with its history committed and the reactions of its clamps recovered."""
         state, sign = residual.state, residual.state.tangent_sign
         # With prescribed displacements the sign also changes where a tendon goes slack, so it is not used.
-        if linear is not None and not self.numbering.any_driven:
+        if linear is not None and not self.problem.numbering.any_driven:
             sign = linear.factorisation.sign
         return state._replace(
-            configuration=self.system.reactions.balance(residual),
+            configuration=self.problem.system.reactions.balance(residual),
             friction=tuple(own.model.law.commit(own.field) for own in residual.forces),
             loads=residual.target.loads,
             time=residual.target.time,

@@ -16,20 +16,25 @@ from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.coefficients import MAX_ITERATIONS
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.friction import LEAST_PART, MOBILISATION_TOLERANCE
+from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import Numbering, zero_bases
 from tdcr_fe.solve.equations.linearization import BorderedFactors, Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 
-#: Error of a slip that is negligible, over the presliding distance [1].
-SLIP_TOLERANCE = 1e-8
-#: Parts of a step that are tried one after the other [1].
-HALVES = 0.5 ** np.arange(10)
-#: A damped step turns no section by more than this; below a fifth of it the damping is reduced [rad].
-DAMPED_TURN = 0.5
 #: Largest damping, over the elastic force times the length: nothing moves any more [1].
 MOST_DAMPING = 1e9
+
+
+class NewtonProblem(NamedTuple):
+    """What stays the same in one Newton solve."""
+
+    system: SceneSystem
+    numbering: Numbering
+    settings: SolverSettings
+    softening: float  # Factor on the presliding distance [1]
 
 
 def slip_changes(
@@ -40,7 +45,7 @@ def slip_changes(
     Parameters
     ----------
     numbering, forces, step
-        As in `slip_residual`.
+        Of the unknowns; by robot, in the present configuration; at fixed friction, shape (linear,).
     inputs
         By robot, changes of the inputs in the step, shape (m,); None where there are none.
     """
@@ -53,26 +58,20 @@ def slip_changes(
 
 
 def slip_residual(
-    numbering: Numbering,
-    forces: Sequence[TendonForces],
-    state: SolverState,
-    step: Array,
-    softening: float,
+    problem: NewtonProblem, forces: Sequence[TendonForces], state: SolverState, step: Array
 ) -> tuple[Array, Array]:
     """Excess of the slips over those of their mobilisations, after a step at fixed friction.
 
     Parameters
     ----------
-    numbering
-        Of the unknowns.
+    problem
+        Of the solve.
     forces
         By robot, in the present configuration.
     state
         Present mobilisations, and the history.
     step
         At fixed friction, shape (linear,).
-    softening
-        Factor on the presliding distance [1].
 
     Returns
     -------
@@ -82,12 +81,13 @@ def slip_residual(
         Derivatives of the slips of the mobilisations by these [m].
     """
     excess, flexibility = [], []
+    numbering = problem.numbering
     changes = slip_changes(numbering, forces, step)
     for own, change, before, mobilisation in zip(
         forces, changes, state.friction, state.mobilisation, strict=True
     ):
         slip = own.field.slip + change
-        hysteresis = own.model.law.hysteresis.softened(softening)
+        hysteresis = own.model.law.hysteresis.softened(problem.softening)
         on_line, slope = hysteresis.line(own.field.slip, mobilisation, before, slip)
         excess.append(slip - before.slip - on_line)
         flexibility.append(slope)
@@ -115,7 +115,7 @@ class FrictionCoupling(NamedTuple):
         Parameters
         ----------
         numbering, forces
-            As in `slip_residual`.
+            As in `slip_changes`.
         slack
             By robot, which of the tendons with prescribed displacement are slack.
         """
@@ -175,17 +175,16 @@ class NewtonStep(NamedTuple):
     damping: float = 0.0  # Damping used [N m]
 
 
-def full_step(
-    system: SceneSystem, residual: Residual, numbering: Numbering, softening: float, damping: float = 0.0
-) -> NewtonStep:
+def full_step(problem: NewtonProblem, residual: Residual, damping: float = 0.0) -> NewtonStep:
     """A step with a new tangent: at fixed friction where every hole keeps slipping, else a complementarity step."""
-    linear = system.linearize(residual, numbering, damping)
+    numbering = problem.numbering
+    linear = problem.system.linearize(residual, numbering, damping)
     linear, fixed = linear.complementarity_step(residual.unbalanced, residual.forces, residual.target.inputs)
     if not numbering.has_friction:
         return NewtonStep(fixed, linear, damping)
     state, forces = residual.state, residual.forces
     mobilised = numbering.at_frictional_holes(state.mobilisation)
-    excess, flexibility = slip_residual(numbering, forces, state, fixed, softening)
+    excess, flexibility = slip_residual(problem, forces, state, fixed)
     if all_keep_slipping(mobilised, excess):
         unchanged = np.zeros(numbering.total - numbering.linear)
         return NewtonStep(np.append(fixed, unchanged), linear, damping)
@@ -194,18 +193,17 @@ def full_step(
     if all(own.model.law.hysteresis.linear for own in forces):
         new, _ = solve_box(matrix, excess + matrix @ mobilised, mobilised)
     else:
-        new = on_curves(numbering, forces, state, fixed, np.diag(flexibility) - matrix, softening)
+        new = on_curves(problem, forces, state, fixed, np.diag(flexibility) - matrix)
     change = new - mobilised
     return NewtonStep(np.concatenate((fixed + columns @ change, change)), linear, damping)
 
 
 def on_curves(
-    numbering: Numbering,
+    problem: NewtonProblem,
     forces: Sequence[TendonForces],
     state: SolverState,
     step: Array,
     by_mobilisation: Array,
-    softening: float,
 ) -> Array:
     """Mobilisations on their curves, where the slips change linearly with them, shape (k,).
 
@@ -214,12 +212,13 @@ def on_curves(
 
     Parameters
     ----------
-    numbering, forces, state, step, softening
+    problem, forces, state, step
         As in `slip_residual`.
     by_mobilisation
         Derivatives of the slips by the mobilisations with everything else in equilibrium [m], shape (k, k).
     """
-    laws = [own.model.law.hysteresis.softened(softening) for own in forces]
+    numbering = problem.numbering
+    laws = [own.model.law.hysteresis.softened(problem.softening) for own in forces]
 
     def curve(slips: Array) -> tuple[Array, Array, Array]:
         """Mobilisations of slips, their slopes [1/m], and by how much the slips with these differ [m]."""
@@ -239,43 +238,44 @@ def on_curves(
     fixed = slips = numbering.at_frictional_holes(
         [f.field.slip + x for f, x in zip(forces, changes, strict=True)]
     )
-    smallest = SLIP_TOLERANCE * min(law.presliding for law in laws)
+    smallest = MOBILISATION_TOLERANCE * min(law.presliding for law in laws)
     mobilised, slopes, error = curve(slips)
     for _ in range(MAX_ITERATIONS):
         size = np.linalg.norm(error)
         if not size > smallest:  # ends with nan, too
             break
         change = np.linalg.solve(np.eye(len(slips)) - by_mobilisation * slopes, error)
-        for factor in HALVES:
-            trial = slips - factor * change
+        part = 1.0
+        while True:
+            trial = slips - part * change
             mobilised, slopes, error = curve(trial)
-            if np.linalg.norm(error) < size:
+            if np.linalg.norm(error) < size or part < LEAST_PART:
                 break
+            part *= 0.5
         slips = trial
     return mobilised
 
 
-def damped_step(
-    system: SceneSystem, residual: Residual, numbering: Numbering, softening: float, damping: float
-) -> NewtonStep:
+def damped_step(problem: NewtonProblem, residual: Residual, damping: float) -> NewtonStep:
     """A step of the damped motion, limited in rotation, never towards a saddle point, nor over a contact.
 
-    The damping it returns is that for the next step.
+    The damping it returns is that for the next step: less, where no section turned by a fifth of what it may.
     """
+    system, max_turn = problem.system, problem.settings.max_turn
     nodes = 6 * system.layout.reduction.nodes
     scale = system.layout.scales.elastic_force * system.length
     least, most = 1e-6 * scale, MOST_DAMPING * scale
     limit = system.contact_at(residual.state).motion_limit()
     for _ in range(20):
-        step = full_step(system, residual, numbering, softening, damping)
+        step = full_step(problem, residual, damping)
         change = step.change[:nodes].reshape(-1, 6)
         turn = float(np.max(np.abs(change[:, 3:])))
         moved = float(np.max(np.linalg.norm(change[:, :3], axis=1)))
         climbs = _climbs(system, step.linearization, residual.state)
-        if (turn <= DAMPED_TURN and moved <= limit and not climbs) or damping >= most:
+        if (turn <= max_turn and moved <= limit and not climbs) or damping >= most:
             break
         damping = min(max(4.0 * damping, least), most)
-    return step._replace(damping=0.2 * damping if turn < 0.2 * DAMPED_TURN else damping)
+    return step._replace(damping=0.2 * damping if turn < 0.2 * max_turn else damping)
 
 
 def _climbs(system: SceneSystem, linear: Linearization, state: SolverState) -> bool:
@@ -290,12 +290,11 @@ def _climbs(system: SceneSystem, linear: Linearization, state: SolverState) -> b
     return factors.sign * state.tangent_sign < 0
 
 
-def advanced(
-    system: SceneSystem, state: SolverState, step: NewtonStep, numbering: Numbering, max_turn: float
-) -> SolverState:
+def advanced(problem: NewtonProblem, state: SolverState, step: NewtonStep) -> SolverState:
     """The state after a step, no element turning more than allowed."""
+    numbering, space, most = problem.numbering, problem.system.layout.space, problem.settings.max_turn
     chains, change = step.linearization.chains, step.change
-    configuration, fraction = system.layout.space.move(state.configuration, change, chains, max_turn)
+    configuration, fraction = space.move(state.configuration, change, chains, most)
     tension, mobilisation = state.base_tension, state.mobilisation
     if numbering.any_driven:
         pulled = numbering.at_driven(tension) + fraction * change[numbering.reduced : numbering.linear]
