@@ -37,9 +37,6 @@ from tdcr_fe.solve.equations.linearization import (
     hold,
 )
 
-#: Stiffness that holds what moves freely where forces of joints are unknown, over EI / L^3 of the softest robot [1].
-HELD = 1e-3
-
 
 class SceneSystem:
     """Equations of equilibrium of a scene with all its robots.
@@ -143,8 +140,8 @@ class SceneSystem:
     def with_reactions(self, state: SolverState) -> SolverState:
         """A state with multipliers of its joints as statics have them: nothing else holds a pendulum.
 
-        Those of Exudyn's dynamic solver have the other sign. In a scene that was never solved, they are those of a step
-        of Newton's method, where a little stiffness holds what moves freely without them.
+        Those of Exudyn's dynamic solver have the other sign. In a scene that was never solved, they are those of the
+        smallest step of Newton's method, since without them something may move freely.
         """
         joints, old = self.layout.reduction.other_multipliers, state.configuration.unknowns
         if not len(joints):
@@ -154,20 +151,16 @@ class SceneSystem:
             unknowns = old._replace(multipliers=multipliers)
             return state._replace(configuration=state.configuration._replace(unknowns=unknowns))
 
-        numbering, scales = self.numbering(), self.layout.scales
+        numbering = self.numbering()
         if old.multipliers[joints].any():
             signs = state, having(-old.multipliers)
             return min(signs, key=lambda each: self.residual(each, state.target, numbering).size)
         residual = self.residual(state, state.target, numbering)
-        k, forces = self.tangent(residual), np.arange(scales.forces)
-        k[forces, forces] -= HELD * scales.elastic_force / scales.length
+        k = self.tangent(residual)
         hold(k, numbering.clamped)
-        try:
-            step = DenseFactors.of(k).solve(-residual.unbalanced)
-        except np.linalg.LinAlgError:  # joints of which one does what others do
-            return state
+        step = np.linalg.lstsq(k, -residual.unbalanced)[0]
         multipliers = old.multipliers.copy()
-        multipliers[joints] = step[scales.forces :]
+        multipliers[joints] = step[self.layout.scales.forces :]
         return having(multipliers)
 
     def warm_start(self, state: SolverState, stored: StoredState) -> SolverState:
