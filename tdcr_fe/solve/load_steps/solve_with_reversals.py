@@ -23,9 +23,9 @@ from tdcr_fe.solve.load_steps.substep import SubstepSolver, has_rates
 from tdcr_fe.solve.newton.newton import NewtonResult, with_unknowns_of
 from tdcr_fe.solve.newton.steps import slip_changes
 
-#: Largest error of a substep as a fraction of what is left of the path tolerance; and of all of it, where little is
-#: left [1].
-SHARE, LEAST_SHARE = 0.6, 0.03
+#: Largest error of a substep as a fraction of what is left of the path tolerance, or of all of it where nothing is
+#: left and the load step will be reported [1].
+SHARE = 0.6
 #: Most intervals of a substep, between solved states, through which slips are interpolated.
 MOST_INTERVALS = 16
 
@@ -87,7 +87,8 @@ def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:
 def allowed_error(trial: Trial) -> float:
     """Displacement of a node that what is not resolved of a substep may cause, over the length [1]."""
     tolerance = trial.solver.settings.path_tolerance
-    return max(SHARE * (tolerance - trial.begin.refinement_error), LEAST_SHARE * tolerance)
+    left = tolerance - trial.begin.refinement_error
+    return SHARE * (left if left > 0.0 else tolerance)
 
 
 def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float) -> Trial:
