@@ -35,8 +35,6 @@ _PULL: Array = np.zeros((6, 6, 6))
 _PULL[:3, :3, 3:] = 0.5 * skew(np.eye(3))
 _PULL[:3, 3:, :3] = -0.5 * skew(np.eye(3))
 _PULL = _PULL.reshape(6, 36)
-#: ``v @ _HALF_SKEW`` is, row by row, half the matrix of the cross product with ``v``.
-_HALF_SKEW = 0.5 * skew(np.eye(3)).reshape(3, 9)
 
 
 @dataclass(frozen=True)
@@ -276,7 +274,7 @@ class ElementChain:
 
     def _pose_terms(self, wrenches: Array, beyond: Array, b: Array, inner: Array) -> NodeStiffness:
         """Wrenches times second derivatives of the poses."""
-        half = beyond.reshape(-1, 3).dot(_HALF_SKEW).reshape(-1, 2, 3, 3)
+        half = skew(0.5 * beyond.reshape(-1, 2, 3))
         # Half the coadjoint map, from the change of a twist to that of the wrench beyond it, is [[0, f], [f, m]]; here
         # after the transposed map that takes twists of an element's first node to its second.
         half[1:] = self._turns[:, None] @ half[1:]

@@ -17,7 +17,8 @@ from tdcr_fe.solve.friction_path.response import KnownStates
 from tdcr_fe.solve.friction_path.slips import InterpolatedSlips, Intervals
 from tdcr_fe.solve.friction_path.transfer import tension_transfer
 
-#: The interpolation is too uncertain to locate reversals with an error above this fraction of the largest slip [1].
+#: Part of a change that the mean of the slopes at both ends may leave unexplained [1]: with more, reversals are not
+#: located by interpolated slips, and a substep may have jumped to another branch.
 ROUGH = 0.1
 #: Error of reversals located through twice as many states within the substep as before, over what they changed [1].
 #: With a quarter of it, one of twenty random robots ended 2.2e-5 of the length off.

@@ -13,6 +13,7 @@ import numpy as np
 from tdcr_fe.elements import Array
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.friction_path.response import Equilibrium, twist_change, twists
+from tdcr_fe.solve.friction_path.reversals import ROUGH
 from tdcr_fe.solve.load_steps.load_path import SolvedPath, StepFailed
 from tdcr_fe.solve.load_steps.loop import Instead, Judge, Proposal, Trial, take_substeps
 from tdcr_fe.solve.load_steps.solve_with_reversals import (
@@ -23,9 +24,6 @@ from tdcr_fe.solve.load_steps.solve_with_reversals import (
 )
 from tdcr_fe.solve.load_steps.states_within import known_states
 from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver
-
-#: Largest rotation of an element that the mean of both slopes leaves unexplained, over the largest rotation [1].
-UNEXPLAINED = 0.1
 
 #: A load factor of the load step, and the state that was solved there.
 Point = tuple[float, SolverState]
@@ -155,7 +153,7 @@ def is_continuous(solver: SubstepSolver, first: Point, last: Point) -> bool:
         return False
     slopes = [twist_change(point, tension, 1.0) for point in known.points]
     change = twists(here) - twists(there)
-    return _rotation(change - 0.5 * (slopes[0] + slopes[1])) <= UNEXPLAINED * _rotation(change)
+    return _rotation(change - 0.5 * (slopes[0] + slopes[1])) <= ROUGH * _rotation(change)
 
 
 def _rotation(change: Array) -> float:
