@@ -16,8 +16,8 @@ from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.capstan import Slopes, TensionDerivatives
 from tdcr_fe.elements.complementarity import ROUND_OFF
 
-#: The iteration has failed where coefficients still change by more than this [1].
-ACCEPTED = 1e-8
+#: Largest error of mobilisations, and of coefficients of friction, that are iterated in a configuration [1].
+ACCEPTED = 1e-10
 #: Largest change of a coefficient in one iteration [1].
 MAX_STEP = 0.5
 #: Most iterations, also for mobilisations of elastic tendons, and for tensions that agree with turning angles; the

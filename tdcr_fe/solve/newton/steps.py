@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from tdcr_fe.elements import Array, Flags, Index
-from tdcr_fe.elements.coefficients import MAX_ITERATIONS
+from tdcr_fe.elements.coefficients import ACCEPTED, MAX_ITERATIONS
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.elements.forces import TendonForces
-from tdcr_fe.elements.friction import LEAST_PART, MOBILISATION_TOLERANCE
+from tdcr_fe.elements.friction import LEAST_PART
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.kernel import Residual
@@ -238,7 +238,7 @@ def on_curves(
     fixed = slips = numbering.at_frictional_holes(
         [f.field.slip + x for f, x in zip(forces, changes, strict=True)]
     )
-    smallest = MOBILISATION_TOLERANCE * min(law.presliding for law in laws)
+    smallest = ACCEPTED * min(law.presliding for law in laws)
     mobilised, slopes, error = curve(slips)
     for _ in range(MAX_ITERATIONS):
         size = np.linalg.norm(error)
