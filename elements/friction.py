@@ -338,8 +338,8 @@ class TendonLaw:
             if not np.max(error, initial=0.0) > ACCEPTED:  # ends with nan, too
                 break
             # A step of Newton's method: a complementarity problem by tendon.
-            slip, flexibility = hysteresis.line(field.slip, mobilisation, state, field.slip)
-            matrix = self._matrix(field, flexibility)
+            slip = hysteresis.slip_of(mobilisation, state)
+            matrix = self._matrix(field, hysteresis.flexibility(mobilisation, mobilisation))
             right = field.slip - state.slip - slip + (matrix @ mobilisation[..., None])[..., 0]
             by_tendon = zip(matrix, right, mobilisation, strict=True)
             mobilisation = np.stack([solve_box(*x)[0] for x in by_tendon])

@@ -25,8 +25,6 @@ HysteresisKind = Literal["elastic-plastic", "dahl"]
 
 #: Dahl's friction tends to this much more than full friction, which it thus reaches: after 21 presliding distances [1].
 BEYOND_FULL = 1e-9
-#: Mobilisations nearer to each other than this have the slope of the curve between them, farther ones its chord [1].
-NEAR = 1e-6
 
 
 @dataclass(frozen=True)
@@ -64,25 +62,8 @@ class Hysteresis(ABC):
         """The mobilisation at a slip [m] that goes one way from a history, without its limits -1 and 1 [1]."""
 
     @abstractmethod
-    def line(
-        self, slip: Array, mobilisation: Array, before: FrictionState, ahead: Array
-    ) -> tuple[Array, Array]:
-        """A straight line in place of the curve near a slip and a mobilisation that do not agree yet.
-
-        Parameters
-        ----------
-        slip, mobilisation
-            [m], [1].
-        before
-            History.
-        ahead
-            Slip that is expected [m]; its direction counts where the hole has not slipped yet.
-
-        Returns
-        -------
-        slip, flexibility : ndarray
-            On the line at this mobilisation, since the history [m], and its slope by the mobilisation [m].
-        """
+    def slip_of(self, mobilisation: Array, before: FrictionState) -> Array:
+        """Slip since the history at which a mobilisation is reached [m]: the inverse of `trial`."""
 
     @abstractmethod
     def flexibility(self, mobilisation: Array, direction: Array) -> Array:
@@ -104,12 +85,9 @@ class ElasticPlastic(Hysteresis):
         """See `Hysteresis.trial`."""
         return before.mobilisation + (slip - before.slip) / self.presliding
 
-    def line(
-        self, slip: Array, mobilisation: Array, before: FrictionState, ahead: Array
-    ) -> tuple[Array, Array]:
-        """See `Hysteresis.line`."""
-        flexibility = np.full_like(mobilisation, self.presliding)
-        return self.presliding * (mobilisation - before.mobilisation), flexibility
+    def slip_of(self, mobilisation: Array, before: FrictionState) -> Array:
+        """See `Hysteresis.slip_of`."""
+        return self.presliding * (mobilisation - before.mobilisation)
 
     def flexibility(self, mobilisation: Array, direction: Array) -> Array:
         """See `Hysteresis.flexibility`."""
@@ -129,25 +107,11 @@ class Dahl(Hysteresis):
         found: Array = limit - (limit - before.mobilisation) * np.exp(-np.abs(travel))
         return found
 
-    def _slip_of(self, mobilisation: Array, before: FrictionState) -> Array:
-        """Slip since the history at which a mobilisation is reached [m]: the inverse of `trial`."""
+    def slip_of(self, mobilisation: Array, before: FrictionState) -> Array:
+        """See `Hysteresis.slip_of`."""
         side = np.where(mobilisation >= before.mobilisation, 1.0, -1.0)
         limit = side * (1.0 + BEYOND_FULL)
         return side * self.presliding * np.log((limit - before.mobilisation) / (limit - mobilisation))
-
-    def line(
-        self, slip: Array, mobilisation: Array, before: FrictionState, ahead: Array
-    ) -> tuple[Array, Array]:
-        """See `Hysteresis.line`: between the points of the curve at the slip and at the mobilisation."""
-        there = np.clip(self.trial(slip, before), -1.0, 1.0)
-        travel, own = self._slip_of(there, before), self._slip_of(mobilisation, before)
-        direction = np.sign(mobilisation - before.mobilisation)
-        direction = np.where(direction == 0.0, np.sign(ahead - before.slip), direction)
-        # At full friction a hole slips, or comes back.
-        direction = np.where(np.abs(mobilisation) == 1.0, -mobilisation, direction)
-        slope, apart = self.flexibility(mobilisation, direction), mobilisation - there
-        np.divide(own - travel, apart, out=slope, where=np.abs(apart) > NEAR)
-        return own, slope
 
     def flexibility(self, mobilisation: Array, direction: Array) -> Array:
         """See `Hysteresis.flexibility`; the mean is that of the stiffness."""

@@ -61,12 +61,12 @@ def test_a_slip_that_goes_one_way_may_be_divided_anywhere(law):
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.kind)
 def test_slip_and_slope_belong_to_the_mobilisation(law):
-    """The line of the solver goes through a point of the curve, with the curve's slope, up to full friction."""
+    """Both follow from a point of the curve, up to full friction."""
     zero, h = np.zeros(3), 1e-9
     before = FrictionState(zero, np.array([-0.7, 0.0, 0.4]))
     for travel in (5e-6, -8e-6):
         s = law.trial(zero + travel, before)
-        slip, slope = law.line(zero + travel, s, before, zero)
+        slip, slope = law.slip_of(s, before), law.flexibility(s, np.sign(zero + travel))
         assert slip == pytest.approx(zero + travel, abs=1e-15)
         ahead, back = (law.trial(zero + travel + x, before) for x in (h, -h))
         assert 1.0 / slope == pytest.approx((ahead - back) / (2.0 * h), rel=1e-5)

@@ -17,6 +17,7 @@ from tdcr_fe.elements.coefficients import ACCEPTED, MAX_ITERATIONS
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.friction import LEAST_PART
+from tdcr_fe.elements.hysteresis import Hysteresis
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.kernel import Residual
@@ -44,8 +45,12 @@ def slip_changes(
 
     Parameters
     ----------
-    numbering, forces, step
-        Of the unknowns; by robot, in the present configuration; at fixed friction, shape (linear,).
+    numbering
+        Of the unknowns.
+    forces
+        By robot, in the present configuration.
+    step
+        At fixed friction, shape (linear,).
     inputs
         By robot, changes of the inputs in the step, shape (m,); None where there are none.
     """
@@ -55,43 +60,6 @@ def slip_changes(
         base[part.driven] = step[part.tensions]
         found.append(forces[part.robot].slip_change(step[part.nodes], base))
     return found
-
-
-def slip_residual(
-    problem: NewtonProblem, forces: Sequence[TendonForces], state: SolverState, step: Array
-) -> tuple[Array, Array]:
-    """Excess of the slips over those of their mobilisations, after a step at fixed friction.
-
-    Parameters
-    ----------
-    problem
-        Of the solve.
-    forces
-        By robot, in the present configuration.
-    state
-        Present mobilisations, and the history.
-    step
-        At fixed friction, shape (linear,).
-
-    Returns
-    -------
-    excess : ndarray, shape (k,)
-        [m].
-    flexibility : ndarray, shape (k,)
-        Derivatives of the slips of the mobilisations by these [m].
-    """
-    excess, flexibility = [], []
-    numbering = problem.numbering
-    changes = slip_changes(numbering, forces, step)
-    for own, change, before, mobilisation in zip(
-        forces, changes, state.friction, state.mobilisation, strict=True
-    ):
-        slip = own.field.slip + change
-        hysteresis = own.model.law.hysteresis.softened(problem.softening)
-        on_line, slope = hysteresis.line(own.field.slip, mobilisation, before, slip)
-        excess.append(slip - before.slip - on_line)
-        flexibility.append(slope)
-    return numbering.at_frictional_holes(excess), numbering.at_frictional_holes(flexibility)
 
 
 def all_keep_slipping(mobilisation: Array, residual: Array) -> bool:
@@ -152,7 +120,7 @@ class FrictionCoupling(NamedTuple):
         which
             Numbers of the mobilisations, shape (k',).
         flexibility
-            See `slip_residual`.
+            Slopes of the slips by these mobilisations [m], shape (k,).
 
         Returns
         -------
@@ -182,27 +150,32 @@ def full_step(problem: NewtonProblem, residual: Residual, damping: float = 0.0) 
     linear, fixed = linear.complementarity_step(residual.unbalanced, residual.forces, residual.target.inputs)
     if not numbering.has_friction:
         return NewtonStep(fixed, linear, damping)
-    state, forces = residual.state, residual.forces
-    mobilised = numbering.at_frictional_holes(state.mobilisation)
-    excess, flexibility = slip_residual(problem, forces, state, fixed)
+    state, forces, pick = residual.state, residual.forces, numbering.at_frictional_holes
+    laws = [own.model.law.hysteresis.softened(problem.softening) for own in forces]
+    mobilised, changes = pick(state.mobilisation), slip_changes(numbering, forces, fixed)
+    slips = pick([own.field.slip + change for own, change in zip(forces, changes, strict=True)])
+    by_robot = list(zip(laws, state.mobilisation, state.friction, strict=True))
+    travelled = pick([law.slip_of(s, before) for law, s, before in by_robot])
+    excess = slips - pick([before.slip for before in state.friction]) - travelled
     if all_keep_slipping(mobilised, excess):
         unchanged = np.zeros(numbering.total - numbering.linear)
         return NewtonStep(np.append(fixed, unchanged), linear, damping)
     coupling = FrictionCoupling.of(numbering, forces, linear.slack)
+    flexibility = pick([law.flexibility(s, np.zeros_like(s)) for law, s, _ in by_robot])
     columns, matrix = coupling.response(linear.factorisation.solve, np.arange(len(mobilised)), flexibility)
-    if all(own.model.law.hysteresis.linear for own in forces):
+    if all(law.linear for law in laws):
         new, _ = solve_box(matrix, excess + matrix @ mobilised, mobilised)
     else:
-        new = on_curves(problem, forces, state, fixed, np.diag(flexibility) - matrix)
+        new = on_curves(numbering, laws, state, slips, np.diag(flexibility) - matrix)
     change = new - mobilised
     return NewtonStep(np.concatenate((fixed + columns @ change, change)), linear, damping)
 
 
 def on_curves(
-    problem: NewtonProblem,
-    forces: Sequence[TendonForces],
+    numbering: Numbering,
+    laws: Sequence[Hysteresis],
     state: SolverState,
-    step: Array,
+    fixed: Array,
     by_mobilisation: Array,
 ) -> Array:
     """Mobilisations on their curves, where the slips change linearly with them, shape (k,).
@@ -212,13 +185,17 @@ def on_curves(
 
     Parameters
     ----------
-    problem, forces, state, step
-        As in `slip_residual`.
+    numbering
+        Of the unknowns.
+    laws
+        By robot, softened.
+    state
+        Present mobilisations, and the history.
+    fixed
+        Slips at the present mobilisations [m], shape (k,).
     by_mobilisation
         Derivatives of the slips by the mobilisations with everything else in equilibrium [m], shape (k, k).
     """
-    numbering = problem.numbering
-    laws = [own.model.law.hysteresis.softened(problem.softening) for own in forces]
 
     def curve(slips: Array) -> tuple[Array, Array, Array]:
         """Mobilisations of slips, their slopes [1/m], and by how much the slips with these differ [m]."""
@@ -234,10 +211,7 @@ def on_curves(
         return mobilised, numbering.at_frictional_holes(slopes), error
 
     present = numbering.at_frictional_holes(state.mobilisation)
-    changes = slip_changes(numbering, forces, step)
-    fixed = slips = numbering.at_frictional_holes(
-        [f.field.slip + x for f, x in zip(forces, changes, strict=True)]
-    )
+    slips = fixed
     smallest = ACCEPTED * min(law.presliding for law in laws)
     mobilised, slopes, error = curve(slips)
     for _ in range(MAX_ITERATIONS):
