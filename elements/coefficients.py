@@ -18,10 +18,7 @@ from tdcr_fe.elements.complementarity import ROUND_OFF
 
 #: Largest error of mobilisations, and of coefficients of friction, that are iterated in a configuration [1].
 ACCEPTED = 1e-10
-#: Largest change of a coefficient in one iteration [1].
-MAX_STEP = 0.5
-#: Most iterations, also for mobilisations of elastic tendons, and for tensions that agree with turning angles; the
-#: bounded steps need two from end to end of the range, Newton's last ones a few more.
+#: Most iterations, also for mobilisations of elastic tendons, and for tensions that agree with turning angles.
 MAX_ITERATIONS = 30
 
 
@@ -130,13 +127,12 @@ def solve_coefficients(linearise: Callable[[Array], Linearisation], start: Array
             step = np.linalg.solve(now.matrix, (now.law.value - mu)[..., None])[..., 0]
         except np.linalg.LinAlgError:
             step = now.law.value - mu
-        factor = min(1.0, MAX_STEP / max(float(np.max(np.abs(step))), 1e-300))
-        smallest = factor / 16.0
+        factor = 1.0
         while True:
             trial = np.maximum(mu + factor * step, 0.0)
             there = linearise(trial)
             new = float(np.max(np.abs(there.law.value - trial)))
-            if new < error or factor <= smallest:
+            if new < error or factor <= 1.0 / 16.0:
                 break
             factor *= 0.5
         if new >= error and error <= ACCEPTED:
