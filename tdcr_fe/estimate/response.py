@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from tdcr_fe.elements.coefficients import ACCEPTED
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.model.observed_step import ObservedChange
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.linearization import BorderedFactors
-from tdcr_fe.solve.sensitivities.linear_response import AT_BOUND, Disturbance, SolvedPoint
+from tdcr_fe.solve.sensitivities.linear_response import Disturbance, SolvedPoint
 from tdcr_fe.solve.simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -134,7 +135,7 @@ class Response(ObservedChange):
         """
         system, state, law = simulation.system, simulation.state, simulation.handle.actuation.law
         target, mobilisation = state.target, state.mobilisation[0]
-        share = np.where(np.abs(mobilisation) < 1.0 - AT_BOUND, 1.0, 0.0)
+        share = np.where(np.abs(mobilisation) < 1.0 - ACCEPTED, 1.0, 0.0)
         if sticking is not None:
             share[law.frictional] = sticking
         sticks = share > 0.0

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tdcr_fe.elements import Array, Flags
+from tdcr_fe.elements.coefficients import ACCEPTED
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
 from tdcr_fe.elements.poses import skew
@@ -27,10 +28,6 @@ from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.steps import FrictionCoupling
 from tdcr_fe.solve.sensitivities.robot_model import RobotPoint, TendonStack, Values, with_rates
 from tdcr_fe.solve.simulation import Simulation, one_thread
-
-#: Mobilisations this near to their bounds are at them [1]. Dahl's come near without slipping: with 1e-4 the derivatives
-#: of tensions were 6e-5 off.
-AT_BOUND = 1e-7
 
 
 class TendonChange(NamedTuple):
@@ -306,7 +303,7 @@ def _flexibility(
 def _slips(own: TendonForces, mobilisation: Array, history: FrictionState, softening: float) -> Flags:
     """Which holes slip: full friction acts, and so it follows from the slip since the history, shape (m, g)."""
     trial = own.model.law.hysteresis.softened(softening).trial(own.field.slip, history)
-    return np.asarray(np.minimum(np.abs(mobilisation), np.abs(trial)) >= 1.0 - AT_BOUND)
+    return np.asarray(np.minimum(np.abs(mobilisation), np.abs(trial)) >= 1.0 - ACCEPTED)
 
 
 def local_response(where: Simulation | TDCR, s: float | None = None, reversal: bool = False) -> LocalResponse:
