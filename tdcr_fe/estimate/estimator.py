@@ -7,6 +7,7 @@ inputs that has let a hole slip too far lets it slip back with it, instead of le
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -123,20 +124,27 @@ class Estimator:
         Raises
         ------
         ValueError
-            There is no time, or it runs backwards, or a reading has no standard deviation or no place.
+            There is no time, or it runs backwards, a reading is not finite, has no standard deviation or no place, or a
+            load is none of those that were named.
         """
         begun = time.perf_counter()
         self._number += 1
         where = f"step {self._number}"
         if step.time is None or step.time < (self._time or 0.0):
             raise ValueError(f"{where}: time = {step.time}: must be given and not run backwards [s]")
-        if wrong := [r.quantity for r in readings if r.sigma is None]:
-            raise ValueError(f"{where}: reading of {wrong[0]}: needs a standard deviation")
         length, names = self.robot.backbone.length, self.robot.tendon_names
-        for at, quantity in ((r.location, r.quantity) for r in readings):
-            if not (at in names if isinstance(at, str) else 0.0 <= (at or 0.0) <= length):
+        for r in readings:
+            of, at = f"{where}: reading of {r.quantity}", r.location
+            if not (math.isfinite(r.value) and 0.0 < (r.sigma or 0.0) < math.inf):
+                allowed = "must be a finite number with a standard deviation above zero"
+                raise ValueError(f"{of}: {r.value} with sigma = {r.sigma}: {allowed}")
+            inside = not isinstance(at, str) and 0.0 <= (at or 0.0) <= length
+            if not (at in names if r.channel.location == "tendon" else inside):
                 allowed = f"an arc length from 0 to {length:g} m, or one of {', '.join(names)}"
-                raise ValueError(f"{where}: reading of {quantity}: location = {at}: must be {allowed}")
+                raise ValueError(f"{of}: location = {at}: must be {allowed}")
+        for name, load in step.loads.items():
+            if Simulation.load_key(name, load) not in self.simulation.loads:
+                raise ValueError(f"{where}: loads.{name}: must be named by the steps given to Estimator")
         self._commands = resolve(self.robot, [step], self._commands)[0]
         substeps = step.substeps or (None if self._time is None else SUBSTEPS)
         # On their order depend the signs of the eigenvectors in `Volume`, and on these, where holes slip, the force.

@@ -120,7 +120,7 @@ class Tracker:
         ValueError
             See `Estimator.step`.
         """
-        begun = time.perf_counter()
+        begun, goal = time.perf_counter(), tip_targets(target)[0]
         elapsed = 0.0 if self._time is None else (measured.time or 0.0) - self._time
         self._time = measured.time
         estimate = self.estimator.step(measured, readings)
@@ -128,7 +128,7 @@ class Tracker:
         if self._command is None:
             self._command = replace(measured, loads={}, time=None)
         if acting is not None and not message:
-            found = self._nearest(tip_targets(target)[0], acting, begun + self.deadline)
+            found = self._nearest(goal, acting, begun + self.deadline)
             if found is None:
                 message = "no load step towards the target was solved in time"
             else:

@@ -161,6 +161,26 @@ def test_a_reading_where_the_robot_is_not_is_refused(at):
         estimator().step(tdcr.LoadStep(time=0.0), [tdcr.Reading(1, "position_x", at, 0.0, 1e-4)])
 
 
+@pytest.mark.parametrize(
+    ("reading", "loads"),
+    [
+        (("position_x", LENGTH, float("nan"), 1e-4), {}),
+        (("position_x", LENGTH, 0.0, 0.0), {}),
+        (("position_x", "helix", 0.0, 1e-4), {}),
+        (("base_tension", LENGTH, 0.3, 1e-2), {}),
+        (("position_x", LENGTH, 0.0, 1e-4), {"push": tdcr.Load(LENGTH, (0.01, 0.0, 0.0))}),
+    ],
+)
+def test_what_is_refused_leaves_the_estimator_as_it_was(reading, loads):
+    """After one NaN of a sensor, or a load that was not named, all frames were lost."""
+    own, other = estimator(), estimator()
+    good = [tdcr.Reading(1, "position_x", LENGTH, 1e-3, 1e-4)]
+    with pytest.raises(ValueError, match="step 1"):
+        own.step(tdcr.LoadStep(time=0.0, loads=loads), [tdcr.Reading(1, *reading)])
+    frames = [e.step(tdcr.LoadStep(time=0.0), good) for e in (own, other)]
+    assert frames[0].message == "" and np.array_equal(frames[0].force, frames[1].force)
+
+
 @pytest.mark.parametrize("place", [3, 6, 8])
 def test_the_place_of_a_force_is_found_where_markers_show_it(place):
     """A force at a disk; nine markers and tensions known well."""
