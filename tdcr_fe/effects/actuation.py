@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -44,9 +44,8 @@ def tension_play(dead_band: float, efficiency: float) -> Play:
     )
 
 
-def displacement_play(backlash: float, first: float) -> Play:
-    """Lost motion [m]: at the start, whichever way the ``first`` travel beyond it goes, and at every reversal."""
-    low, high = (-backlash, 0.0) if first > 0.0 else (0.0, backlash)
+def displacement_play(low: float, high: float) -> Play:
+    """Lost motion [m]: the output stays between the command plus ``low`` and plus ``high``."""
     return Play(lambda d: d + low, lambda d: d + high, lambda a: a - low, lambda a: a - high)
 
 
@@ -148,7 +147,8 @@ def pass_through(
 class ActuatorBacklash(Effect):
     """Displacement lost before the tendon follows.
 
-    Gears, couplings and slack tendons lose some travel at the start and at every reversal.
+    Gears, couplings and slack tendons lose some travel at the start and at every reversal. Where the play begins in its
+    middle, half of it is lost at the start.
 
     Distinguished by: command small cycles about one position and measure travel at the base plate.
     """
@@ -156,6 +156,18 @@ class ActuatorBacklash(Effect):
     name = "actuator_backlash"
     kind = Kind("input", ("direction of loading",))
     parameters = (Parameter("backlash", "m", 0.0, 0.05, 0.0, 1e-4, "travel that is lost"),)
+    _middle = replace(
+        parameters[0], name="from_middle", meaning="travel that is lost, half of it at the start"
+    )
+    further: ClassVar[Mapping[str, Parameter]] = {"^from_middle$": _middle}
+
+    def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
+        """All of it is lost at the start, or half of it."""
+        return self, NumberForm(self, "from the middle", ["from_middle"], experiment)
+
+    def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
+        """Of both forms."""
+        return *self.parameters, self._middle
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """A twentieth and a fifth of the largest displacement; nothing on data driven by tension."""
@@ -170,12 +182,13 @@ class ActuatorBacklash(Effect):
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
-        backlash = values["backlash"]
-        if backlash == 0.0:
+        backlash, half = values.get("backlash", 0.0), 0.5 * values.get("from_middle", 0.0)
+        if backlash == half == 0.0:
             return experiment
 
         def play(commands: list[float]) -> Play:
-            return displacement_play(backlash, first_travel(commands, backlash))
+            low = -backlash if first_travel(commands, backlash) > 0.0 else 0.0
+            return displacement_play(low - half, low + backlash + half)
 
         return pass_through(experiment, displacement=play, slack=backlash)
 

@@ -1,5 +1,6 @@
 """Effects against exact or independent answers."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -111,12 +112,13 @@ def test_the_tension_that_arrives_stays_within_its_bounds_and_moves_only_at_them
 
 
 def test_backlash_in_a_worked_example():
-    """Lost at the start, whichever way it goes, and at every reversal."""
+    """Lost at the start, whichever way it goes, and at every reversal; from the middle, half of it at the start."""
     commands = np.array([0.5, 2.0, 3.0, 2.5, 1.0, 1.5, 3.0]) * 1e-3
     expected = np.array([0.0, 1.0, 2.0, 2.0, 1.0, 1.0, 2.0]) * 1e-3
-    for sign in (1.0, -1.0):
-        found = arrived((sign * commands).tolist(), "actuator_backlash", backlash=1e-3)
-        assert found == pytest.approx(sign * expected, abs=1e-18)
+    for sign, (name, lost) in itertools.product((1.0, -1.0), {"backlash": 1.0, "from_middle": 0.5}.items()):
+        found = arrived((sign * commands).tolist(), "actuator_backlash", **{name: 1e-3})
+        moved = sign * np.where(expected > 0.0, expected + (1.0 - lost) * 1e-3, 0.0)
+        assert found == pytest.approx(moved, abs=1e-18)
 
 
 def test_a_step_is_divided_where_one_of_two_tensions_begins_to_move():

@@ -60,7 +60,7 @@ TOGETHER = [
         "marker_offset": dict(offset_x=1e-3, offset_y=-2e-3)}),
     ("displacement", {"actuator_backlash": dict(backlash=2e-4), "actuator_gain": dict(gain=1.03)}),
     ("displacement", {"tendon_stretch": dict(axial_stiffness=500.0), "gravity": dict(g_x=3.0)}),
-    ("displacement", {"pretension": dict(tension=0.3)}),
+    ("displacement", {"actuator_backlash (from the middle)": dict(from_middle=2e-4), "pretension": dict(tension=0.3)}),
     ("displacement", {
         "tendon_stretch (each)": dict(axial_stiffness_t1=400.0, axial_stiffness_t2=700.0),
         "pretension (each)": dict(tension_t1=0.3, tension_t2=0.5),
