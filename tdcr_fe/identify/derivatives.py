@@ -112,30 +112,29 @@ def linearize_each(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear]:
 
 
 #: A load agrees with the state that it depends on where what is missing is less than this: moments over EI/L, forces
-#: over EI/L^2; it is then added to first order. So many runs are made for it at most [1].
-BALANCED, ITERATIONS = 1e-2, 12
+#: over EI/L^2; it is then added to first order [1].
+BALANCED = 1e-2
 
 
 def _linearized(problem: FitProblem, request: Request) -> Generator[list[Job], list[Run], Linear]:
     """Linearise one model; yields what has to be simulated.
 
-    Loads that depend on the state are made to agree with it, run by run, see `tdcr_fe.identify.balance`.
+    Loads that depend on the state are made to agree with it, run by run as long as less is missing, see
+    `tdcr_fe.identify.balance`.
     """
     smallest = math.inf
     try:
         action = first_action(problem, request)
-        for _ in range(ITERATIONS):
+        while True:
             part = _Part(problem, request, action)
             (plain,) = yield [part.job]
             run, missing = part.balanced(plain)
             if missing <= BALANCED:
                 beside = yield part.differences(plain)
                 return part.linear(run, plain, beside)
-            if not missing < 4.0 * smallest or run.acted is None:
-                break
-            smallest = min(missing, smallest)
-            action, request = run.acted.action, request._replace(reference=run)
-        raise ValueError("the load does not balance with the state it depends on")
+            if not missing < smallest or run.acted is None:
+                raise ValueError("the load does not balance with the state it depends on")
+            smallest, action, request = missing, run.acted.action, request._replace(reference=run)
     except ValueError as error:
         nothing = np.full(problem.count, np.nan)
         return Linear(nothing, np.zeros((problem.count, len(request.columns))), Run.unsolved(str(error)), {})
