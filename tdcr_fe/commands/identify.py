@@ -15,7 +15,7 @@ from tdcr_fe.identify.report import write_result
 from tdcr_fe.identify.robots import identify_robots
 from tdcr_fe.identify.search_state import Progress
 from tdcr_fe.identify.sentences import summary
-from tdcr_fe.identify.settings import GRACE_OF_TABLES, IdentifySettings, clock
+from tdcr_fe.identify.settings import GRACE, IdentifySettings, clock
 from tdcr_fe.io.atomic import check_output_folder, write_json
 from tdcr_fe.io.measured import MeasuredData, join_measured, read_measured
 from tdcr_fe.io.problems import refusal
@@ -63,7 +63,7 @@ Outcome = tuple[str, dict[str, Any], list[str], bool]
 
 def _robot(args: argparse.Namespace, sets: Sequence[MeasuredData], settings: IdentifySettings) -> Outcome:
     """Identify one robot and write the result."""
-    data, deadline = join_measured(sets), clock() + (1.0 + GRACE_OF_TABLES) * settings.time_limit
+    data, deadline = join_measured(sets), clock() + (1.0 + 2.0 * GRACE) * settings.time_limit
     print_understood(args, data.robot, data.model, data.steps)
     result = _with_progress(args, lambda progress: identify(data, settings, progress))
     with warnings_to():  # the same were issued for the measured data

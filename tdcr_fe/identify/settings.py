@@ -79,9 +79,9 @@ class Part(StrEnum):
 #: Parts that may explain what is left: where one was not tried, and more than noise is left, the verdict is open.
 MAY_EXPLAIN = frozenset({Part.FURTHER_EFFECTS, Part.EXCHANGES, Part.FRICTION})
 
-#: From the first deadline of a part to the second, and from the time limit to the end of the simulation that the tables
-#: of the corrected robot take, over the time limit [1].
-GRACE, GRACE_OF_TABLES = 0.1, 0.15
+#: From the first deadline of a part to the second, over the time limit [1]. The simulation that the tables of the
+#: corrected robot take may begin until the second one of all others, and then has as long again.
+GRACE = 0.1
 
 #: Shares of the time limit that are kept for the final fit to all load steps, and for the model with friction where the
 #: search runs without [1].
