@@ -15,7 +15,7 @@ from scipy.special import gammaln
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array, Index
 from tdcr_fe.identify.forward import Job
-from tdcr_fe.identify.noise import is_noise, outliers, robust_scatter, series, structure
+from tdcr_fe.identify.noise import OUTLIER, is_noise, outliers, robust_scatter, series, structure
 from tdcr_fe.identify.problem import NOISE_REACHES, Fit, FitProblem, huber, join_steps
 from tdcr_fe.identify.result import MOST_NOISE
 from tdcr_fe.io.measured import MeasuredData, impossible_place
@@ -29,8 +29,7 @@ from tdcr_fe.model.units import mistaken
 #: displacements of the other sign, with errors of 30 and 100 um, leave a 190th to a 29th, wrong faults beside them an
 #: eighth.
 MISFIT = 4.0
-#: Equal readings in so many successive steps are a fault where the model moves by so many sigma meanwhile. Of gross
-#: errors, half are as far off: a wall along the backbone, taken for one at the tip, left one outlier just above five.
+#: Equal readings in so many successive steps are a fault where the model moves by so many sigma meanwhile.
 EQUAL_STEPS, FAR = 4, 10.0
 #: A noise of sigma changes every reading where the readings differ by less than this share of sigma [1].
 RESOLVED = 0.2
@@ -227,13 +226,18 @@ def wrong_sigma(problem: FitProblem, best: Fit) -> str:
 def gross_errors(problem: FitProblem, best: Fit, significance: float) -> str:
     """Whether a few readings alone contradict the best model, as a sentence; empty where they do not.
 
-    A marker is left out in a step with all its readings where one is an outlier; what is left has to be noise.
+    A marker is left out in a step with all its readings where one is an outlier; what is left has to be noise. Half of
+    them are twice as far off as an outlier: a wall along the backbone, taken for one at the tip, left one just above.
     """
     data, r = problem.data, best.residual
     where = [(x.step, x.location) for x in data.readings]
     found = outliers(r)
     wrong, count = {where[i] for i, _ in found}, len(set(where))
-    if not wrong or len(wrong) > MOST_GROSS * count or np.median(np.abs([x for _, x in found])) < FAR:
+    if (
+        not wrong
+        or len(wrong) > MOST_GROSS * count
+        or np.median(np.abs([x for _, x in found])) < 2.0 * OUTLIER
+    ):
         return ""
     kept = np.array([at not in wrong for at in where])
     rest = replace(data, readings=tuple(itertools.compress(data.readings, kept)))
