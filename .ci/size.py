@@ -30,7 +30,7 @@ BUDGET = {
     "tdcr_fe/commands": 764,
     "tdcr_fe/effects": 1236,
     "tdcr_fe/estimate": 1075,
-    "tdcr_fe/identify": 6120,
+    "tdcr_fe/identify": 6122,
     "tdcr_fe/io": 1772,
     "tdcr_fe/live": 357,
     "tdcr_fe/model": 2468,
