@@ -13,6 +13,7 @@ from matplotlib.patches import Patch
 
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.identify.result import Estimate, IdentificationResult
+from tdcr_fe.identify.sentences import of_markers
 from tdcr_fe.report.environment import shown_unit, words
 from tdcr_fe.report.style import CORRECTED, DECLARED, HELD_OUT, MEASURED, logarithmic, styled
 
@@ -248,7 +249,7 @@ def where_error_is(result: IdentificationResult) -> Figure:
             logarithmic(ax)
             ax.set_xlabel(label)
         _step_axis(axes[0], result)
-        axes[0].set_ylabel(f"rms {'distance in space' if space else 'error'} [{symbol}]")
+        axes[0].set_ylabel(f"rms {of_markers(result) or 'error'} [{symbol}]")
         handles, labels = axes[0].get_legend_handles_labels()
         if result.held_out_steps:
             handles, labels = [*handles, Patch(color=HELD_OUT)], [*labels, "held out"]

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from tdcr_fe.effects import effect
 from tdcr_fe.identify import corrected, figures, sentences
 from tdcr_fe.identify.result import IdentificationResult, Misfit
-from tdcr_fe.identify.sentences import measure, size
+from tdcr_fe.identify.sentences import measure, of_markers, size
 from tdcr_fe.identify.settings import OutOfTime, Part
 from tdcr_fe.io.atomic import write_json, write_text
 from tdcr_fe.io.processes import interruption_deferred
@@ -93,8 +93,8 @@ def _cards(result: IdentificationResult) -> tuple[Card, ...]:
     cards = [Card(both(before.fit, after.fit), "error on fitted steps (rms)")]
     if held:
         cards.append(Card(both(before.held_out, after.held_out), "error on held-out steps (rms)"))
-    space = ", distance in space" if result.noise.rms_position is not None else ""
-    cards.append(Card(size(result.noise), f"noise of the measurement alone (rms{space})"))
+    what = ", ".join(filter(None, ("rms", of_markers(result))))
+    cards.append(Card(size(result.noise), f"noise of the measurement alone ({what})"))
     count = f"{len(result.data.steps)} / {len(result.data.readings)}"
     cards.append(Card(count, f"load steps / readings; {held} step{'' if held == 1 else 's'} held out"))
     return tuple(cards)

@@ -109,10 +109,16 @@ def _commands(planned: NextExperiment) -> str:
 def measure(result: IdentificationResult) -> str:
     """Measure of the errors on the first screen, in words."""
     if result.before.fit.rms_position is not None:
-        return "rms distance in space between measured and predicted markers"
+        return f"rms {of_markers(result)} between measured and predicted markers"
     if result.before.fit.rms_angle is not None:
         return "rms error of the angles"
     return "rms error over the standard uncertainty"
+
+
+def of_markers(result: IdentificationResult) -> str:
+    """What is meant by the error of a marker, which is along the coordinates that were measured; empty without any."""
+    axes = sorted({r.quantity[-1] for r in result.data.readings if r.quantity.startswith("position_")})
+    return f"distance {'in space' if len(axes) == 3 else 'along ' + ' and '.join(axes)}" if axes else ""
 
 
 def size(misfit: Misfit) -> str:

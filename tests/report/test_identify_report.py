@@ -18,7 +18,7 @@ from tdcr_fe.identify import figures
 from tdcr_fe.identify.corrected import corrected_motion, effects_block, markers, replay
 from tdcr_fe.identify.report import LEVELS, render
 from tdcr_fe.identify.result import Errors, Misfit, Parameters, Profile, Residuals, Simulated
-from tdcr_fe.identify.sentences import goodness, headline, remarks
+from tdcr_fe.identify.sentences import goodness, headline, measure, remarks
 from tdcr_fe.io.result_folder import read_motion, write_markers
 from tdcr_fe.report.viewer import view_page
 
@@ -44,6 +44,13 @@ def test_the_first_screen_has_verdict_errors_effects_picture_and_next_step():
         assert words in text
     assert first.count("<figure>") == 1 and first.count("data:image/svg+xml") == 4  # three panels, the legend
     assert "average" not in plain(html)
+
+
+def test_the_error_of_a_marker_is_a_distance_along_what_was_measured():
+    whole = result(GRAVITY)
+    seen = tuple(r for r in whole.data.readings if r.quantity in ("position_x", "position_z"))
+    words = measure(replace(whole, data=replace(whole.data, readings=seen)))
+    assert words == "rms distance along x and z between measured and predicted markers"
 
 
 SMALL, VAGUE = 0.01, 3.0
