@@ -22,6 +22,7 @@ from tdcr_fe.estimate.response import Response, plastic_slips
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.schema import check_instance
 from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Position
 from tdcr_fe.solve.simulation import Simulation, one_thread
 
@@ -73,6 +74,9 @@ class Estimator:
         observation: Observation | None = None,
         settings: SolverSettings | None = None,
     ) -> None:
+        check_instance(
+            "Estimator", "robot", robot, Robot, "a Robot. read_robot(path) reads one from robot.toml"
+        )
         if model.elements_per_bay == "auto":
             model = replace(model, elements_per_bay=1)
         if model.hysteresis != "elastic-plastic":

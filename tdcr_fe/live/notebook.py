@@ -9,6 +9,7 @@ from tdcr_fe.live.played import PlayedRobot
 from tdcr_fe.live.server import LiveServer
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.schema import check_instance
 
 #: Height of the page in a notebook [pixels].
 HEIGHT = 860
@@ -44,6 +45,7 @@ def live(
     StepFailed
         The unloaded robot is not solved.
     """
+    check_instance("live", "robot", robot, Robot, "a Robot. read_robot(path) reads one from robot.toml")
     return LiveRobot(PlayedRobot(robot, model or Model.default_for(robot), settings), port)
 
 
