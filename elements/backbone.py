@@ -37,6 +37,17 @@ _PULL[:3, 3:, :3] = -0.5 * skew(np.eye(3))
 _PULL = _PULL.reshape(6, 36)
 
 
+_GAUSS = np.polynomial.legendre.leggauss(4)
+#: Gauss points on [0, 1] along an element, and their weights.
+POINTS: Array = 0.5 * (_GAUSS[0] + 1.0)
+WEIGHTS: Array = 0.5 * _GAUSS[1]
+
+
+def gauss_arc_lengths(nodes: Array) -> Array:
+    """Arc lengths of the integration points of every element [m], shape (E, 4)."""
+    return nodes[:-1, None] + np.diff(nodes)[:, None] * POINTS
+
+
 @dataclass(frozen=True)
 class BackboneMesh:
     """Nodes and elements along the backbone."""

@@ -16,7 +16,7 @@ from tdcr_fe.elements.backbone import BackboneMesh, NodeStiffness, relative_twis
 from tdcr_fe.elements.capstan import TensionField
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.hysteresis import FrictionState
-from tdcr_fe.elements.section import SectionForces, add_element_tangent, nodal_sum
+from tdcr_fe.elements.section_forces import SectionForces, add_element_tangent, nodal_sum
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
 
 

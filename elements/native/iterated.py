@@ -30,7 +30,7 @@ from tdcr_fe.elements.capstan import TensionField
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_tangent, twists_by_coordinates
-from tdcr_fe.elements.section import DIFFERENCE, add_element_tangent, nodal_sum, wrench_tangent
+from tdcr_fe.elements.section_forces import DIFFERENCE, add_element_tangent, nodal_sum, wrench_tangent
 from tdcr_fe.elements.tendons import CableShape
 
 

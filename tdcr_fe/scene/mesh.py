@@ -12,7 +12,7 @@ import numpy as np
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, add_residual_flexibility
 from tdcr_fe.elements.forces import ForceModel
-from tdcr_fe.elements.section import SuperelasticSection
+from tdcr_fe.elements.material import SuperelasticSection
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tdcr_fe.elements import Array, Flags, Index
-from tdcr_fe.elements.backbone import add_residual_flexibility
+from tdcr_fe.elements.backbone import POINTS, WEIGHTS, add_residual_flexibility
 from tdcr_fe.elements.forces import ForceModel
+from tdcr_fe.elements.material import Material
 from tdcr_fe.elements.poses import TWIST_MATRIX, coefficients, cross, exp_matrix, skew
-from tdcr_fe.elements.section import POINTS, WEIGHTS, Material
 from tdcr_fe.scene import TDCR
 
 

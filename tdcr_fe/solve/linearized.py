@@ -13,7 +13,7 @@ from scipy.linalg import eig
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.elements.native.scene_forces import Holes
-from tdcr_fe.elements.section import DIFFERENCE
+from tdcr_fe.elements.section_forces import DIFFERENCE
 from tdcr_fe.model.schema import Keys, Quantity, check_arguments
 from tdcr_fe.scene.builder import check_system
 from tdcr_fe.solve.equations.kernel import StaticKernel

@@ -24,7 +24,7 @@ import numpy as np
 from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.elements.poses import coefficients, cross, exp_matrix, inverse_tangent_se3
-from tdcr_fe.elements.section import nodal_sum
+from tdcr_fe.elements.section_forces import nodal_sum
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.messages import steps_named
 from tdcr_fe.scene import TDCR

@@ -7,7 +7,8 @@ import pytest
 from robots import BACKBONE, DISKS, LENGTH, distance, paper, pull, solve
 
 from tdcr_fe import Backbone, Disks, Load, LoadStep, Model, NonlinearMaterial, Robot, Superelastic
-from tdcr_fe.elements.section import NonlinearSection, SectionForces
+from tdcr_fe.elements.material import NonlinearSection
+from tdcr_fe.elements.section_forces import SectionForces
 from tdcr_fe.scene.mesh import build_mesh
 from tdcr_fe.validation.reference.closed_forms import elastica_tip
 from tdcr_fe.validation.reference.section import bending_moment

@@ -11,8 +11,8 @@ from robots import BACKBONE, LENGTH, routed, scene, scene_with, seven, solve_sce
 from scipy.optimize import curve_fit
 
 from tdcr_fe import Disks, ParallelRouting, Robot, SolveTDCR
+from tdcr_fe.elements.material import NonlinearSection, SuperelasticSection
 from tdcr_fe.elements.poses import euler_rate_matrix
-from tdcr_fe.elements.section import NonlinearSection, SuperelasticSection
 from tdcr_fe.scene.energy import ENERGY_COLUMNS
 
 EA, INERTIA, RADIUS, TORQUE = 400.0, 1e-4, 0.01, 1e-3

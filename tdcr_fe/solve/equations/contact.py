@@ -24,7 +24,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from tdcr_fe.elements import Array, Flags, Index
-from tdcr_fe.elements.section import DIFFERENCE
+from tdcr_fe.elements.section_forces import DIFFERENCE
 
 #: Objects whose states are functions of the present gap alone. Friction of these depends on the slip rate, and is zero
 #: at rest.

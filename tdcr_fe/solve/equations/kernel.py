@@ -15,7 +15,7 @@ from tdcr_fe.elements.backbone import node_frames
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.hooks import SceneHooks
-from tdcr_fe.elements.section import DIFFERENCE
+from tdcr_fe.elements.section_forces import DIFFERENCE
 from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.solve.equations.configuration import Configuration, SolverState, Target
 from tdcr_fe.solve.equations.contact import ContactStates, TriangleContact

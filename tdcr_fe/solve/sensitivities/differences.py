@@ -10,7 +10,7 @@ import numpy as np
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array, Flags
-from tdcr_fe.elements.section import DIFFERENCE
+from tdcr_fe.elements.section_forces import DIFFERENCE
 from tdcr_fe.model.loading import Actuation, LoadStep, resolve
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, StepInput
 from tdcr_fe.solve.simulation import Simulation

@@ -18,7 +18,7 @@ from tdcr_fe.elements.coefficients import ACCEPTED
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
 from tdcr_fe.elements.poses import skew
-from tdcr_fe.elements.section import DIFFERENCE
+from tdcr_fe.elements.section_forces import DIFFERENCE
 from tdcr_fe.model.results import LocalResponse
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.solve.equations.configuration import SolverState, Target

@@ -22,7 +22,7 @@ from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.elements.forces import ForceModel, TendonForces
 from tdcr_fe.elements.friction import FrictionModel, TendonLaw, TendonParameters
 from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
-from tdcr_fe.elements.section import SectionForces
+from tdcr_fe.elements.section_forces import SectionForces
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
 from tdcr_fe.scene.base import BasePose
 from tdcr_fe.scene.energy import Masses
