@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2536,
+    "elements": 2549,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 764,
     "tdcr_fe/effects": 1236,
@@ -35,11 +35,11 @@ BUDGET = {
     "tdcr_fe/live": 359,
     "tdcr_fe/model": 2468,
     "tdcr_fe/report": 1108,
-    "tdcr_fe/scene": 1342,
+    "tdcr_fe/scene": 1338,
     "tdcr_fe/solve": 6644,
     "tdcr_fe/sweeps": 1397,
     "validation": 6488,
-    "tests": 12629,
+    "tests": 12630,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
