@@ -214,15 +214,15 @@ class ElementChain:
         Parameters
         ----------
         increments
-            Twists ``[v, w]`` of the nodes in their own frames, shape (N, 6).
+            Twists ``[v, w]`` of the nodes in their own frames, shape (N, 6), or (N, 6, P) for several.
 
         Returns
         -------
-        ndarray, shape (E, 6)
+        ndarray, shape (E, 6) or (E, 6, P)
         """
         _, b = self._maps
         both = np.concatenate((increments[:-1], increments[1:]), axis=1)
-        return np.asarray((b @ both[:, :, None])[:, :, 0])
+        return np.asarray((b @ both.reshape(*both.shape[:2], -1)).reshape(len(b), *increments.shape[1:]))
 
     @staticmethod
     def _distal_sum(wrenches: Array, positions: Array, rotations: Array) -> Array:

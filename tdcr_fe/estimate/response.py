@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.elements.coefficients import ACCEPTED
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.model.observed_step import ObservedChange
@@ -147,8 +148,11 @@ class Response(ObservedChange):
         solved = replace(solved, flexibility=(flexibility,))
         changes = solved.respond((_disturbance(solved.forces[0], state, loaded),))
         tendons, (positions, rotations) = changes.tendons[0], state.configuration.poses[0]
-        moved = changes.unknowns[solved.numbering.robots[0].nodes].reshape(len(positions), 2, 3, -1)
-        moved = rotations[:, None] @ moved
+        in_sections = changes.unknowns[solved.numbering.robots[0].nodes].reshape(len(positions), 2, 3, -1)
+        moved = rotations[:, None] @ in_sections
+        chain, size = state.configuration.chains[0], changes.unknowns.shape[-1]
+        moving = chain.changes(in_sections.reshape(len(positions), 6, size)), tendons.base_tension
+        rates = solved.forces[0].model.curvature_rates_change(chain.twists, state.base_tension[0], *moving)
         displacements, m = tendons.released.sum(axis=1), len(law.frictional)
         wound = np.eye(m, displacements.shape[1])
         gaps = np.where(winds[:, None], displacements, 0.0) - wound
@@ -159,6 +163,7 @@ class Response(ObservedChange):
         return cls(
             moved[:, 0],
             moved[:, 1],
+            BEAM_TO_SECTION @ rates,
             displacements,
             tendons.base_tension,
             tendons.tension[np.arange(m), ends],

@@ -96,7 +96,7 @@ def mesh_nodes(experiment: Experiment) -> Array:
 
 
 #: Fields of `Run` and `RunDerivatives` with one entry for every step, in their order.
-_BY_STEP = ("positions", "rotations", "displacements", "base_tensions", "distal_tensions")
+_BY_STEP = ("positions", "rotations", "curvature_rates", "displacements", "base_tensions", "distal_tensions")
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +106,7 @@ class RunDerivatives:
     # As in `tdcr_fe.model.results.Sensitivity`, shape (n_steps, n, 3, P)
     positions: Array
     rotations: Array
+    curvature_rates: Array
     # shape (n_steps, n_tendons, P)
     displacements: Array
     base_tensions: Array
@@ -127,7 +128,7 @@ class RunDerivatives:
             """Tensions of the first or the last segments, shape (n_steps, n_tendons)."""
             return np.array([t[:, k] for t in by.tensions]).T.reshape(by.displacements.shape)
 
-        moved = (stacked([getattr(x, name) for x in every]) for name in _BY_STEP[:3])
+        moved = (stacked([getattr(x, name) for x in every]) for name in _BY_STEP[:4])
         tensions = (stacked([ends(x, k) for x in every]) for k in (0, -1))
         tables: dict[str, Any] = dict(zip(_BY_STEP, (*moved, *tensions), strict=True))
         lengths = np.stack([x.arc_lengths for x in every], axis=1) if every else np.zeros((0, 0))
@@ -174,6 +175,7 @@ class Run:
     s: Array  # arc lengths of the nodes [m], shape (n,)
     positions: Array  # [m], shape (n_steps, n, 3)
     rotations: Array  # shape (n_steps, n, 3, 3)
+    curvature_rates: Array  # as of `StepResult`, shape (n_steps, n - 1, 2, 3)
     # [m, N, N], shape (n_steps, n_tendons)
     displacements: Array
     base_tensions: Array
@@ -196,7 +198,8 @@ class Run:
     def unsolved(cls, message: str) -> Run:
         """Of an experiment that is not solved to its end."""
         nothing, positions, rotations = np.zeros((0, 0)), np.zeros((0, 0, 3)), np.zeros((0, 0, 3, 3))
-        return cls(np.zeros(0), positions, rotations, nothing, nothing, nothing, message)
+        rates = np.zeros((0, 0, 2, 3))
+        return cls(np.zeros(0), positions, rotations, rates, nothing, nothing, nothing, message)
 
     @classmethod
     def joined(cls, runs: Sequence[Run]) -> Run:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.elements import Array
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.model.interpolation import elements_at, within_elements
 from tdcr_fe.model.results import StepResult
 
@@ -75,6 +75,7 @@ class ObservedChange:
         Of the nodes in the world.
     rotations : ndarray, shape (n, 3, P)
         Of the sections, as world rotation vectors.
+    curvature_rates : ndarray, shape (n - 1, 2, 3, P)
     displacements, base_tensions, distal_tensions : ndarray, shape (n_tendons, P)
     s : ndarray, shape (n, P)
         Of the arc lengths of the nodes, which move along the backbone where disks do.
@@ -82,6 +83,7 @@ class ObservedChange:
 
     positions: Array
     rotations: Array
+    curvature_rates: Array
     displacements: Array
     base_tensions: Array
     distal_tensions: Array
@@ -111,6 +113,8 @@ class ObservedStep:
         Pulled in at the base [m]; tensions above the base plate and at the anchor [N].
     tendon_names : tuple of str
     observation : Observation
+    curvature_rates : ndarray, shape (..., n - 1, 2, 3), or None
+        As of `StepResult`.
     """
 
     s: Array
@@ -121,13 +125,15 @@ class ObservedStep:
     distal_tensions: Array
     tendon_names: tuple[str, ...]
     observation: Observation = field(default_factory=Observation)
+    curvature_rates: Array | None = None
 
     @classmethod
     def of(cls, step: StepResult, names: tuple[str, ...], observation: Observation) -> ObservedStep:
         """A solved step of a robot with tendons of these names."""
         distal = np.array([t[-1] for t in step.tensions])
         tensions = step.displacements, step.base_tensions, distal
-        return cls(step.s, step.positions, step.rotations, *tensions, names, observation)
+        more = names, observation, step.curvature_rates
+        return cls(step.s, step.positions, step.rotations, *tensions, *more)
 
     @property
     def nodes(self) -> Array:
@@ -177,14 +183,25 @@ class ObservedStep:
     def curvature(self, s: Array) -> Array:
         """Turning rates of the section about its own axes [1/m], shape (..., n, 3).
 
-        The mean over the element at ``s``, from the relative rotation of its ends; at a node the mean of both
-        elements. Exact where the curvature is constant.
+        The mean over the element at ``s``, from the relative rotation of its ends, with the change of the curvature
+        along it where that is known; at a node the mean of both sides. Of straight tendons the curvature is largest in
+        the middle of a bay.
         """
         back = np.swapaxes(self.rotations[..., :-1, :, :], -1, -2)
         turn = Rotation.from_matrix((back @ self.rotations[..., 1:, :, :]).reshape(-1, 3, 3)).as_rotvec()
         rate = turn.reshape(*self.s.shape[:-1], -1, 3) / np.diff(self.s)[..., None]
-        before, after = (elements_at(self.nodes, s + d) for d in (-AT_NODE, AT_NODE))
-        return np.asarray(0.5 * (rate[..., before, :] + rate[..., after, :]))
+        before, after = (self._within(rate, elements_at(self.nodes, s + d), s) for d in (-AT_NODE, AT_NODE))
+        return 0.5 * (before + after)
+
+    def _within(self, mean: Array, k: Index, s: Array) -> Array:
+        """Curvature in elements ``k`` at arc lengths [1/m], shape (..., n, 3), from the mean of every element."""
+        if self.curvature_rates is None:
+            return np.asarray(mean[..., k, :])
+        start, end = self.s[..., k], self.s[..., k + 1]
+        along, length = s - 0.5 * (start + end), end - start
+        first, second = np.moveaxis(self.curvature_rates[..., k, :, :], -2, 0)
+        square = 0.5 * along**2 - length**2 / 24.0  # its mean is zero
+        return np.asarray(mean[..., k, :] + first * along[..., None] + second * square[..., None])
 
     def moved(self, change: ObservedChange, h: Array) -> ObservedStep:
         """1 + 2 P steps: this one, and with each parameter changed by ``h`` and by ``-h``, to first order."""
@@ -193,12 +210,16 @@ class ObservedStep:
             each = np.moveaxis(by * h, -1, 0)
             return np.concatenate((np.zeros((1, *each.shape[1:])), each, -each))
 
+        rates = self.curvature_rates
+        if rates is not None:
+            rates = rates + changes(change.curvature_rates)
         turn = Rotation.from_rotvec(changes(change.rotations).reshape(-1, 3)).as_matrix()
         return replace(
             self,
             s=self.s + changes(change.s),
             positions=self.positions + changes(change.positions),
             rotations=turn.reshape(1 + 2 * h.size, -1, 3, 3) @ self.rotations,
+            curvature_rates=rates,
             displacements=self.displacements + changes(change.displacements),
             base_tensions=self.base_tensions + changes(change.base_tensions),
             distal_tensions=self.distal_tensions + changes(change.distal_tensions),

@@ -48,6 +48,8 @@ class Sensitivity:
     rotations : ndarray, shape (n_steps, n, 3)
         Of the sections' rotations as world rotation vectors [rad]: the derivative of a rotation matrix ``R`` is
         ``skew(rotations) R``.
+    curvature_rates : ndarray, shape (n_steps, n-1, 2, 3)
+        Of those of `StepResult`.
     base_tensions : ndarray, shape (n_steps, n_tendons)
         [N].
     displacements : ndarray, shape (n_steps, n_tendons)
@@ -64,6 +66,7 @@ class Sensitivity:
     value: float
     positions: Array
     rotations: Array
+    curvature_rates: Array
     base_tensions: Array
     displacements: Array
     tensions: tuple[Array, ...]
@@ -161,6 +164,9 @@ class StepResult:
         Largest axial compression of a bay over its buckling load ``pi^2 EI / a^2`` [1].
     responses : tuple of LocalResponse
         Response of the tip to small changes, holes as they are and for reversal; empty where it was not asked for.
+    curvature_rates : ndarray, shape (n-1, 2, 3), or None
+        First and second derivative by arc length of the curvature about the section's axes, in the middle of an element
+        [1/m^2, 1/m^3]. None where they are not known.
     details : mapping
         Further values reported by the solver: smallest eigenvalue, mobilisations, errors ...
     """
@@ -182,6 +188,7 @@ class StepResult:
     discretisation_error: float | None = None
     buckling_load_fraction: float | None = None
     responses: tuple[LocalResponse, ...] = ()
+    curvature_rates: Array | None = None
     details: Mapping[str, Any] = field(default_factory=dict)
 
     @property

@@ -185,7 +185,9 @@ class Simulation:
         """The present state as a result."""
         handle = self.handle
         states, tensions = handle.hole_states(), handle.tensions()
-        positions, rotations = self.state.configuration.poses[0]
+        configuration, model = self.state.configuration, handle.actuation.model
+        positions, rotations = configuration.poses[0]
+        rates = model.curvature_rates(configuration.twists[0], handle.actuation.base_tension)
         details = dict(vars(report))
         return StepResult(
             step=number,
@@ -202,6 +204,7 @@ class Simulation:
             tensions=tuple(tensions[n] for n in handle.robot.tendon_names),
             hole_states=tuple(states[n] for n in handle.robot.tendon_names),
             actuation=target,
+            curvature_rates=rates @ BEAM_TO_SECTION.T,
             details=details,
         )
 

@@ -14,6 +14,8 @@ from tdcr_fe.model.observed_step import Observation, ObservedChange, ObservedSte
 KAPPA = 6.0
 #: Arc lengths of nodes [m].
 NODES = np.linspace(0.0, LENGTH, 9)
+#: Of a change by two parameters.
+NO_RATES = np.zeros((8, 2, 3, 2))
 
 
 def arc(kappa=KAPPA, s=NODES, **more):
@@ -83,7 +85,7 @@ def test_derivatives_of_an_arc_are_those_of_whole_arcs(quantity: str) -> None:
     positions[:, :, 1] = step.rotations[:, :, 2] * along[:, None]
     rotations[:, 1, 1] = KAPPA * along
     of_tendons = np.array([[[0.3, 0.0]], [[0.9, 0.0]], [[0.6, 0.0]]])
-    change = ObservedChange(positions, rotations, *of_tendons, np.stack((0.0 * s, along), axis=1))
+    change = ObservedChange(positions, rotations, NO_RATES, *of_tendons, np.stack((0.0 * s, along), axis=1))
     locations = {"arc length": (0.033, s[3], s[-1]), "tendon": ("t1",), "": (None,)}[known.location]
     found = known.derivatives(step, change, locations)
     ahead, behind = (known.predict(arc(k, s, **turned), locations) for k in (KAPPA + h, KAPPA - h))
@@ -100,7 +102,7 @@ def test_derivatives_of_angles_on_the_axis_are_to_one_side() -> None:
     rotations[2, 0, 0], rotations[2, 1, 1] = 0.3, -0.4
     positions = np.zeros((3, 3, 2))
     positions[2, 1, 0], positions[2, 0, 1] = -0.02, 0.03
-    change = ObservedChange(positions, rotations, *np.zeros((3, 1, 2)), np.zeros((3, 2)))
+    change = ObservedChange(positions, rotations, NO_RATES, *np.zeros((3, 1, 2)), np.zeros((3, 2)))
     slopes = {"bending_angle": (0.3, 0.4), "tip_offset": (0.02, 0.03), "chord_angle": (0.2, 0.3)}
     for quantity, expected in slopes.items():
         found = channel(quantity).derivatives(straight(0.1), change, [None])

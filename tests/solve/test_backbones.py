@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import DISKS, LENGTH, routed, seven, three
+from robots import BACKBONE, DISKS, LENGTH, routed, seven, single, three
 
 from tdcr_fe import Disks, ForceDependentFriction, Load, LoadStep, Model, Robot, Tendon, simulate
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.model.backbone import Backbone, NonlinearMaterial, StiffnessPatch, Superelastic
+from tdcr_fe.model.observed_step import Observation, ObservedStep
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, VaryingHelicalRouting
 from tdcr_fe.validation.reference import solve_reference
 
@@ -25,6 +26,22 @@ def converging(name, angle, end=0.25):
 TENTACLE = Robot(CONE, tendons=(converging("a", -60.0), converging("b", 60.0, 0.18)))
 WINDING = Robot(SOFT, tendons=(Tendon("a", HelicalRouting(8e-3, 0.7, 20.0)),))
 STEPS = [LoadStep(tensions={"a": 1.0}), LoadStep(tensions={"a": 3.0, "b": 1.5})]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_the_curvature_within_a_bay_is_the_moment_of_its_straight_tendon(count):
+    """The lever of the tendon is longest in the middle of the bay. The mean over an element is up to 12 % off."""
+    tension, bay = 1.5, LENGTH / 7
+    model = Model(friction="none", elements_per_bay=count)
+    (step,) = simulate(single(), model, [LoadStep(tensions={"t1": tension})]).steps
+    seen = ObservedStep.of(step, ("t1",), Observation())
+    nodes = [int(np.argmin(np.abs(step.s - k * bay))) for k in (3, 4)]
+    base, end = (step.positions[k] + step.rotations[k] @ [4.5e-3, 0.0, 0.0] for k in nodes)
+    s = bay * np.array([3.05, 3.25, 3.5, 3.8])
+    levers = np.linalg.norm(
+        np.cross(seen.markers(s) - base, (end - base) / np.linalg.norm(end - base)), axis=1
+    )
+    np.testing.assert_allclose(seen.curvature(s)[:, 1], tension * levers / BACKBONE.EI, rtol=4e-3 / count**2)
 
 
 def test_a_parallel_tendon_bends_the_bare_rod_to_a_circular_arc():

@@ -87,10 +87,14 @@ class RobotModel:
 
     def gradient(self, twists: Array, base_tension: Array, time: float) -> Array:
         """Gradient of the energy of elements and section forces by the twists at a time [s], shape (E, 6)."""
+        return self.forces_at(time).gradient(twists, base_tension)
+
+    def forces_at(self, time: float) -> ForceModel:
+        """Mesh, tendons and laws at a time [s]."""
         forces, backbone = self.forces, self.experiment.robot.backbone
         if backbone.creep_rate != 0.0:
             forces = softened(forces, forces.mesh, self.rigid, backbone.compliance_factor(time))
-        return forces.gradient(twists, base_tension)
+        return forces
 
 
 def load_positions(experiment: Experiment) -> list[float]:
@@ -390,6 +394,31 @@ class ExplicitDerivatives:
         shape, count = values.shape[1:], self._weights.shape[0]
         change = (values - values[0]).reshape(len(values), math.prod(shape))
         return np.ascontiguousarray((self._weights @ change).T).reshape(*shape, count)
+
+    def curvature_rates(
+        self, twists: Array, base_tension: Array, by_twists: Array, by_tension: Array, time: float
+    ) -> Array:
+        """Derivatives of `ForceModel.curvature_rates`, whose twists and tensions at the base change, too.
+
+        Parameters
+        ----------
+        twists, base_tension
+            In the state, shapes (E, 6) and (m,).
+        by_twists, by_tension
+            Their derivatives, shapes (E, 6, P) and (m, P).
+        time
+            [s].
+        """
+        # Most models have the mesh and the section of the present one.
+        parts = [
+            (id(m.forces.mesh), id(m.forces.section), m.experiment.robot.backbone.creep_rate)
+            for m in self._models
+        ]
+        unlike = {part: m.forces_at(time) for part, m in zip(parts, self._models, strict=True)}
+        found = {part: forces.curvature_rates(twists, base_tension) for part, forces in unlike.items()}
+        explicit = self._derivative(np.stack([found[part] for part in parts]))
+        present = unlike[parts[0]]
+        return explicit + present.curvature_rates_change(twists, base_tension, by_twists, by_tension)
 
     def released_unloaded(self) -> Array:
         """Derivatives of the released lengths in the unloaded shape without tension, shape (m, n, P)."""

@@ -83,6 +83,7 @@ class _StepValues(NamedTuple):
 
     nodes: Array
     rotations: Array
+    curvature_rates: Array
     tension: Array
     base_tension: Array
     displacements: Array
@@ -263,8 +264,21 @@ class SensitivityHistory:
         displacements[part.driven] = inputs.tendons[part.driven]
         slips = holes @ change.released
         carried = _Carried(after, disturbed.mobilisation, disturbed.slip)
+        chain = solved.state.configuration.chains[robot]
+        by_twists = chain.changes(moved.reshape(len(moved), 6, len(self.parameters)))
+        time = own.field.time
+        rates = self.explicit.curvature_rates(
+            chain.twists, own.base_tension, by_twists, change.base_tension, time
+        )
         return _StepValues(
-            world[:, 0], world[:, 1], change.tension, change.base_tension, displacements, slips, carried
+            world[:, 0],
+            world[:, 1],
+            BEAM_TO_SECTION @ rates,
+            change.tension,
+            change.base_tension,
+            displacements,
+            slips,
+            carried,
         )
 
     def _mobilisation(self, solved: SolvedPoint, robot: int, carried: _Carried) -> tuple[Array, Array]:
@@ -300,7 +314,7 @@ class SensitivityHistory:
         robot = self.handle.robot
         counts = [len(robot.hole_arc_lengths(t)) - 1 for t in robot.tendons]
         *values, _ = zip(*self.steps, strict=True)
-        nodes, rotations, tension, base_tension, displacements, slips = map(np.array, values)
+        nodes, rotations, curvature_rates, tension, base_tension, displacements, slips = map(np.array, values)
         if self.explicit.present.forces.geometry is None:
             # Tendons that follow the backbone have one tension.
             tension = np.repeat(tension[:, :, :1], max(counts, default=1), axis=2)
@@ -310,6 +324,7 @@ class SensitivityHistory:
                 parameter.value if isinstance(parameter, ModelParameter) else np.nan,
                 nodes[..., k],
                 rotations[..., k],
+                curvature_rates[..., k],
                 base_tension[..., k],
                 displacements[..., k],
                 tuple(tension[:, i, :n, k] for i, n in enumerate(counts)),
