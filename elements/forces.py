@@ -16,7 +16,7 @@ from tdcr_fe.elements.backbone import BackboneMesh, NodeStiffness, relative_twis
 from tdcr_fe.elements.capstan import TensionField
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.hysteresis import FrictionState
-from tdcr_fe.elements.poses import cross
+from tdcr_fe.elements.poses import skew
 from tdcr_fe.elements.section_forces import DIFFERENCE, SectionForces, add_element_tangent, nodal_sum
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
 
@@ -47,6 +47,33 @@ class Measurement(NamedTuple):
     shape: CableShape  # Lengths and angles of the tendons
     # Positions and rotations of all nodes; None where there are no springs to ground
     poses: tuple[Array, Array] | None
+
+
+class StrainState(NamedTuple):
+    """Strains and wrenches in the elements, each constant along an element."""
+
+    strain: Array  # (..., E, 6): Twists by the lengths of the elements, in beam axes
+    wrench: Array  # (..., E, 6): Gradient of the energy by the twists [N, N m]
+    stiffness: Array  # (..., E, 3, 3): Of torsion and bending [N m^2]
+
+    def curvature_rates(self) -> Array:
+        """First and second derivative of the curvature by arc length in the middle of every element, in beam axes.
+
+        An element has the mean of the strains along it. In the section's frame the wrench obeys ``n' = -K x n`` and
+        ``m' = -K x m - G x n``, and its mean is the gradient of the energy by the twist. The weight of the element
+        itself is left out.
+
+        Returns
+        -------
+        ndarray, shape (..., E, 2, 3)
+            [1/m^2], [1/m^3].
+        """
+        stretch, bend = skew(self.strain[..., :3]), skew(self.strain[..., 3:])
+        turning, moment = bend @ self.wrench[..., :3, None], bend @ self.wrench[..., 3:, None]
+        first = -moment - stretch @ self.wrench[..., :3, None]
+        second = stretch @ turning - bend @ first
+        rates = np.linalg.solve(self.stiffness, np.concatenate((first, second), axis=-1))
+        return np.asarray(np.swapaxes(rates, -1, -2))
 
 
 @dataclass(frozen=True)
@@ -87,46 +114,30 @@ class ForceModel:
         found = self.mesh.gradient(twists)
         return found if self.section is None else found + self.section.gradient(twists, base_tension)
 
-    def curvature_rates(self, twists: Array, base_tension: Array) -> Array:
-        """First and second derivative of the curvature by arc length in the middle of every element, in beam axes.
-
-        An element has the mean of the strains along it. In the section's frame the wrench obeys ``n' = -K x n`` and
-        ``m' = -K x m - G x n``, and its mean is the gradient of the energy by the twist. The weight of the element
-        itself is left out.
-
-        Parameters
-        ----------
-        twists, base_tension
-            As of `gradient`, shapes (..., E, 6) and (..., m).
-
-        Returns
-        -------
-        ndarray, shape (..., E, 2, 3)
-            [1/m^2], [1/m^3].
-        """
-        lengths = self.mesh.lengths
-        strain, gradient = twists / lengths[:, None], self.gradient(twists, base_tension)
-        stretch, bend, force = strain[..., :3], strain[..., 3:], gradient[..., :3]
-        first = -cross(bend, gradient[..., 3:]) - cross(stretch, force)
-        second = -cross(bend, first) + cross(stretch, cross(bend, force))
-        moments = np.stack((first, second), axis=-2)
-        stiffness = self.mesh.stiffness[:, 3:]
-        if self.section is None or self.section.material is None:
-            return np.asarray(moments / stiffness[:, None])
-        material, whole = self.section.material, stiffness[..., None] * np.eye(3)
-        whole = np.broadcast_to(whole, (*twists.shape[:-1], 3, 3)).copy()
-        whole[..., 1:, 1:] += material.stiffness(*material.strain(twists, lengths))[..., 1:, 1:]
-        return np.asarray(np.linalg.solve(whole[..., None, :, :], moments[..., None])[..., 0])
+    def strain_state(self, twists: Array, base_tension: Array) -> StrainState:
+        """Strains, wrenches and stiffness in a configuration; arguments as of `gradient`."""
+        lengths, section = self.mesh.lengths, self.section
+        stiffness = self.mesh.stiffness[:, 3:, None] * np.eye(3)
+        if section is not None and section.material is not None:
+            stiffness = np.broadcast_to(stiffness, (*twists.shape[:-1], 3, 3)).copy()
+            stiffness[..., 1:, 1:] += section.material.stiffness(*section.material.strain(twists, lengths))[
+                ..., 1:, 1:
+            ]
+        return StrainState(twists / lengths[:, None], self.gradient(twists, base_tension), stiffness)
 
     def curvature_rates_change(
         self, twists: Array, base_tension: Array, by_twists: Array, by_tension: Array
     ) -> Array:
-        """Derivatives of `curvature_rates`, shape (E, 2, 3, P), from those of its arguments, (E, 6, P) and (m, P)."""
+        """Derivatives of `StrainState.curvature_rates`, shape (E, 2, 3, P).
+
+        From those of the arguments of `strain_state`, shapes (E, 6, P) and (m, P).
+        """
         size = np.abs(by_twists).max(axis=(0, 1), initial=0.0)
         h = DIFFERENCE / np.where(size > 0.0, size, 1.0)
         steps = np.concatenate((h, -h))
         moved = twists + np.moveaxis(np.tile(by_twists, 2) * steps, -1, 0)
-        rates = self.curvature_rates(moved, base_tension + (np.tile(by_tension, 2) * steps).T)
+        tensions = base_tension + (np.tile(by_tension, 2) * steps).T
+        rates = self.strain_state(moved, tensions).curvature_rates()
         return np.asarray(np.moveaxis(rates[: len(h)] - rates[len(h) :], 0, -1) / (2.0 * h))
 
     def measure(self, positions: Array, rotations: Array, twists: Array | None = None) -> Measurement:

@@ -229,7 +229,8 @@ class Solved:
         # Far from the readings slack tendons count as taut: else no reading could show that they are.
         if giving is None and np.dot(missed, missed) > PLAUSIBLE * len(missed):
             giving = np.zeros(len(self.frame.problem.input_sigmas))
-        return Response.of(self.simulation, self.frame.problem.loaded, self.sticking, giving)
+        curvatures = any(r.channel.family == "curvature" for r in self.frame.readings)
+        return Response.of(self.simulation, self.frame.problem.loaded, self.sticking, giving, curvatures)
 
     @cached_property
     def response(self) -> Response:

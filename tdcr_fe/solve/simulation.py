@@ -187,7 +187,7 @@ class Simulation:
         states, tensions = handle.hole_states(), handle.tensions()
         configuration, model = self.state.configuration, handle.actuation.model
         positions, rotations = configuration.poses[0]
-        rates = model.curvature_rates(configuration.twists[0], handle.actuation.base_tension)
+        strained = model.strain_state(configuration.twists[0], handle.actuation.base_tension)
         details = dict(vars(report))
         return StepResult(
             step=number,
@@ -204,7 +204,7 @@ class Simulation:
             tensions=tuple(tensions[n] for n in handle.robot.tendon_names),
             hole_states=tuple(states[n] for n in handle.robot.tendon_names),
             actuation=target,
-            curvature_rates=rates @ BEAM_TO_SECTION.T,
+            curvature_rates=strained.curvature_rates() @ BEAM_TO_SECTION.T,
             details=details,
         )
 

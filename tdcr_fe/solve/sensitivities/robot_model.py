@@ -19,7 +19,7 @@ from scipy import sparse
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.backbone import strain_matrices
-from tdcr_fe.elements.forces import ForceModel, TendonForces
+from tdcr_fe.elements.forces import ForceModel, StrainState, TendonForces
 from tdcr_fe.elements.friction import FrictionModel, TendonLaw, TendonParameters
 from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
 from tdcr_fe.elements.section_forces import SectionForces
@@ -398,7 +398,7 @@ class ExplicitDerivatives:
     def curvature_rates(
         self, twists: Array, base_tension: Array, by_twists: Array, by_tension: Array, time: float
     ) -> Array:
-        """Derivatives of `ForceModel.curvature_rates`, whose twists and tensions at the base change, too.
+        """Derivatives of `StrainState.curvature_rates`, whose twists and tensions at the base change, too.
 
         Parameters
         ----------
@@ -415,10 +415,12 @@ class ExplicitDerivatives:
             for m in self._models
         ]
         unlike = {part: m.forces_at(time) for part, m in zip(parts, self._models, strict=True)}
-        found = {part: forces.curvature_rates(twists, base_tension) for part, forces in unlike.items()}
-        explicit = self._derivative(np.stack([found[part] for part in parts]))
-        present = unlike[parts[0]]
-        return explicit + present.curvature_rates_change(twists, base_tension, by_twists, by_tension)
+        states = [forces.strain_state(twists, base_tension) for forces in unlike.values()]
+        rates = dict(
+            zip(unlike, StrainState(*map(np.stack, zip(*states, strict=True))).curvature_rates(), strict=True)
+        )
+        explicit = self._derivative(np.stack([rates[part] for part in parts]))
+        return explicit + unlike[parts[0]].curvature_rates_change(twists, base_tension, by_twists, by_tension)
 
     def released_unloaded(self) -> Array:
         """Derivatives of the released lengths in the unloaded shape without tension, shape (m, n, P)."""
