@@ -25,21 +25,21 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2549,
+    "elements": 2580,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 764,
     "tdcr_fe/effects": 1236,
-    "tdcr_fe/estimate": 1079,
-    "tdcr_fe/identify": 6126,
+    "tdcr_fe/estimate": 1091,
+    "tdcr_fe/identify": 6129,
     "tdcr_fe/io": 1772,
     "tdcr_fe/live": 359,
-    "tdcr_fe/model": 2468,
+    "tdcr_fe/model": 2485,
     "tdcr_fe/report": 1108,
     "tdcr_fe/scene": 1338,
-    "tdcr_fe/solve": 6644,
+    "tdcr_fe/solve": 6678,
     "tdcr_fe/sweeps": 1397,
     "validation": 6488,
-    "tests": 12630,
+    "tests": 12646,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
