@@ -101,8 +101,8 @@ class Estimate:
         Where the load acts and its standard deviation, zero where it is known [m].
     force, moment : ndarray, shape (3,)
         The estimated load [N, N m]; what ``loading.csv`` names acts besides.
-    force_covariance : ndarray, shape (3, 3)
-        [N^2].
+    force_covariance, moment_covariance : ndarray, shape (3, 3)
+        [N^2, N^2 m^2].
     input_errors : ndarray, shape (n_tendons,)
         Inputs that act less those that were given [N, m or rad].
     tensions, sigma_tensions : ndarray, shape (n_tendons,)
@@ -127,6 +127,7 @@ class Estimate:
     force: Array
     moment: Array
     force_covariance: Array
+    moment_covariance: Array
     input_errors: Array
     tensions: Array
     tension_covariance: Array

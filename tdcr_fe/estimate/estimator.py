@@ -219,6 +219,7 @@ class Estimator:
             x[:3],
             x[3:6],
             covariance[:3, :3],
+            covariance[3:6, 3:6],
             x[problem.inputs],
             result.base_tensions,
             response.base_tensions @ covariance @ response.base_tensions.T,

@@ -42,9 +42,10 @@ _BAND = "The bands are 95 % intervals."
 def estimates_frame(result: EstimateResult) -> pd.DataFrame:
     """One row per step, with the columns of `estimates.csv`."""
     data = result.estimation.data
-    return pd.DataFrame(
-        [_row(n, f, data.robot.tendon_names) for n, f in zip(data.step_ids, result.frames, strict=False)]
-    )
+    rows = [_row(n, f, data.robot.tendon_names) for n, f in zip(data.step_ids, result.frames, strict=False)]
+    if result.estimation.load.sigma_moment > 0.0:
+        rows = [row | _moment(frame) for row, frame in zip(rows, result.frames, strict=True)]
+    return pd.DataFrame(rows)
 
 
 def _row(step: int, frame: Estimate, tendons: Sequence[str]) -> dict[str, float]:
@@ -57,6 +58,13 @@ def _row(step: int, frame: Estimate, tendons: Sequence[str]) -> dict[str, float]
     found |= {f"tip_{a}": float(x) for a, x in zip("xyz", frame.tip, strict=True)}
     found |= {f"sigma_tip_{a}": float(x) for a, x in zip("xyz", frame.sigma_tip, strict=True)}
     return {**found, "milliseconds": frame.milliseconds}
+
+
+def _moment(frame: Estimate) -> dict[str, float]:
+    """The estimated moment and its standard deviations [N m]."""
+    sigmas = np.sqrt(np.diagonal(frame.moment_covariance))
+    found = {f"moment_{a}": float(x) for a, x in zip("xyz", frame.moment, strict=True)}
+    return found | {f"sigma_moment_{a}": float(x) for a, x in zip("xyz", sigmas, strict=True)}
 
 
 def sequence(result: EstimateResult) -> SequenceResult:
@@ -103,6 +111,10 @@ def _page(result: EstimateResult) -> Page:
     sigma_tensions = np.array([f.sigma_tensions for f in frames])
     at = np.array([[f.at, f.sigma_at] for f in frames])
     pictures = [Picture(_bands(frames, force, sigma, "xyz", "force [N]"), "Force over time", _BAND)]
+    if result.estimation.load.sigma_moment > 0.0:
+        moment = pd.DataFrame([_moment(f) for f in frames]).to_numpy()
+        drawn = _bands(frames, moment[:, :3], moment[:, 3:], "xyz", "moment [N m]")
+        pictures.append(Picture(drawn, "Moment over time", _BAND))
     if unknown := result.estimation.load.at == "unknown":
         place = _bands(frames, at[:, :1], at[:, 1:], ["place of the force"], "arc length [m]")
         pictures.append(Picture(place, "Place over time", _BAND))

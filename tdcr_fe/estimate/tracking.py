@@ -78,6 +78,11 @@ class Tracker:
     tolerance
         Of the error of the tip [m]; None is 0.1 % of the length. Where coming nearer by it would need much higher
         tensions, the tip stays away.
+
+    Raises
+    ------
+    ValueError
+        A number is not positive.
     """
 
     def __init__(
@@ -89,6 +94,10 @@ class Tracker:
         deadline: float = math.inf,
         tolerance: float | None = None,
     ) -> None:
+        given = {"largest_change": largest_change, "deadline": deadline, "tolerance": tolerance}
+        for name, value in given.items():
+            if value is not None and not value > 0.0:
+                raise ValueError(f"Tracker: {name} = {value}; must be positive")
         robot = estimator.robot
         self.estimator, self.deadline = estimator, deadline
         self._bounds = limits.bounds(robot.tendon_names)

@@ -90,6 +90,21 @@ def test_curvatures_that_show_single_holes_slip_do_not_make_it_too_certain():
     assert np.mean(np.array(squares) < chi2.ppf(0.95, 3)) > 0.8
 
 
+def test_a_moment_at_the_tip_is_found_where_it_is_asked_for():
+    """Five millinewton metres about y, without a force; three markers are read."""
+    robot, moment = rod(), (0.0, 5e-3, 0.0)
+    step = tdcr.LoadStep(tensions=dict.fromkeys(robot.tendon_names, 0.5), time=0.0)
+    acting = tdcr.LoadStep(step.label, step.tensions, loads={"m": tdcr.Load(LENGTH, moment=moment)}, time=0.0)
+    (solved,) = tdcr.simulate(robot, model(), [acting]).steps
+    own = tdcr.Estimator(
+        robot, model(), tdcr.LoadPrior("tip", sigma=0.05, sigma_moment=0.01), tdcr.InputPrior(sigma=1e-3)
+    )
+    found = own.step(step, readings_of("markers", solved, robot.tendon_names, np.random.default_rng(0)))
+    sigmas = np.sqrt(np.diagonal(found.moment_covariance))
+    assert sigmas[1] < 2e-3
+    assert np.all(np.abs(found.moment - moment) < 3.0 * sigmas)
+
+
 def test_the_order_of_the_readings_of_a_frame_is_nothing():
     """Through the signs of eigenvectors forces were off by 0.9 standard deviations, and by 4 with curvatures."""
     truth, found = Truth(6, 1, friction=0.2), []

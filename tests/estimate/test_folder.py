@@ -66,6 +66,18 @@ def test_the_command_writes_tables_and_a_page(folder, tmp_path, capsys):
         np.testing.assert_allclose(axes.T @ axes, 7.8147 * covariance, rtol=1e-3, atol=1e-10)
 
 
+def test_a_moment_is_written_where_it_is_estimated(wrong):
+    """Step 3 has no readings: what is known of it is what step 2 says, and the prior."""
+    text = (wrong / "estimate.toml").read_text().replace("0.05", "0.05\nsigma_moment = 1e-3")
+    (wrong / "estimate.toml").write_text(text)
+    assert main(["estimate", str(wrong), "-o", str(wrong / "out")]) == 0
+    found = pd.read_csv(wrong / "out" / "estimates.csv")
+    assert list(found.columns[-6:]) == [f"{p}moment_{a}" for p in ("", "sigma_") for a in "xyz"]
+    sigma = found["sigma_moment_x"]
+    assert (sigma[:2] < 1e-3).all() and sigma[1] < sigma[2] < 1e-3
+    assert "Moment over time" in (wrong / "out" / "report.html").read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize(
     ("file", "old", "new", "said"),
     [

@@ -93,3 +93,9 @@ def test_a_sample_whose_target_is_refused_is_not_estimated():
         t.step(replace(BEGIN, time=0.0), [reading], PATH[0]).estimate.tension_covariance for t in trackers
     ]
     np.testing.assert_array_equal(*covariances)
+
+
+@pytest.mark.parametrize("wrong", [{"deadline": -1.0}, {"largest_change": 0.0}, {"tolerance": np.nan}])
+def test_numbers_of_a_tracker_are_positive(wrong):
+    with pytest.raises(ValueError, match="must be positive"):
+        tracker(robot(), **wrong)
