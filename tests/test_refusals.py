@@ -124,7 +124,7 @@ SOLVES = [
     (lambda: estimator(load=LoadPrior(at=0.3)), "at most the length"),
     (lambda: estimator(inputs=InputPrior(sigma={"t1": 0.1})), "tendon t2 is missing; the robot has t1, t2, t3"),
     (lambda: estimator().step(LoadStep(), ()), "time = None: must be given"),
-    (lambda: estimator().step(LoadStep(time=0.0), (tdcr.Reading(1, "position_x", 0.25, 0.0),)), "needs a standard"),
+    (lambda: estimator().step(LoadStep(time=0.0), (tdcr.Reading(1, "position_x", 0.25, 0.0),)), "deviation above zero"),
 ]  # fmt: skip
 
 
