@@ -62,3 +62,9 @@ def test_the_command_ends_with_status_1_where_a_stored_number_is_another(tmp_pat
         arguments = ["--stored", str(tmp_path / name), "-o", str(tmp_path / name)]
         assert main(["net", "--parts", "robots", *arguments]) == status
     assert "robots | 0, step 3 | positions" in capsys.readouterr().out
+
+
+def test_outside_a_checkout_it_says_where_the_net_is_looked_for(tmp_path: Path, capsys) -> None:
+    command = ["net", "--quick", "--stored", str(tmp_path / "nowhere"), "-o", str(tmp_path / "out")]
+    assert main(command) == 2
+    assert "nowhere: the net is not there" in capsys.readouterr().err

@@ -53,7 +53,12 @@ class Outcome:
 
 @cache
 def _stored(part: str, folder: Path) -> dict[str, Record]:
-    return read_part(part, folder)
+    try:
+        return read_part(part, folder)
+    except FileNotFoundError as error:
+        raise ValueError(
+            f"--stored {folder}: the net is not there; run in a checkout of the project"
+        ) from error
 
 
 class Net(Campaign):
