@@ -120,9 +120,8 @@ class ForceModel:
         stiffness = self.mesh.stiffness[:, 3:, None] * np.eye(3)
         if section is not None and section.material is not None:
             stiffness = np.broadcast_to(stiffness, (*twists.shape[:-1], 3, 3)).copy()
-            stiffness[..., 1:, 1:] += section.material.stiffness(*section.material.strain(twists, lengths))[
-                ..., 1:, 1:
-            ]
+            slopes = section.material.stiffness(*section.material.strain(twists, lengths))
+            stiffness[..., 1:, 1:] += slopes[..., 1:, 1:]
         return StrainState(twists / lengths[:, None], self.gradient(twists, base_tension), stiffness)
 
     def curvature_rates_change(

@@ -85,10 +85,6 @@ class RobotModel:
             return self
         return RobotModel.of(experiment, self.forces.law.hysteresis, self.base, self)
 
-    def gradient(self, twists: Array, base_tension: Array, time: float) -> Array:
-        """Gradient of the energy of elements and section forces by the twists at a time [s], shape (E, 6)."""
-        return self.forces_at(time).gradient(twists, base_tension)
-
     def forces_at(self, time: float) -> ForceModel:
         """Mesh, tendons and laws at a time [s]."""
         forces, backbone = self.forces, self.experiment.robot.backbone
@@ -409,18 +405,25 @@ class ExplicitDerivatives:
         time
             [s].
         """
-        # Most models have the mesh and the section of the present one.
-        parts = [
-            (id(m.forces.mesh), id(m.forces.section), m.experiment.robot.backbone.creep_rate)
-            for m in self._models
-        ]
-        unlike = {part: m.forces_at(time) for part, m in zip(parts, self._models, strict=True)}
-        states = [forces.strain_state(twists, base_tension) for forces in unlike.values()]
-        rates = dict(
-            zip(unlike, StrainState(*map(np.stack, zip(*states, strict=True))).curvature_rates(), strict=True)
-        )
-        explicit = self._derivative(np.stack([rates[part] for part in parts]))
-        return explicit + unlike[parts[0]].curvature_rates_change(twists, base_tension, by_twists, by_tension)
+        backbones, which = self._backbones([time] * len(self._models))
+        states = [forces.strain_state(twists, base_tension) for forces in backbones]
+        rates = StrainState(*map(np.stack, zip(*states, strict=True))).curvature_rates()
+        change = backbones[0].curvature_rates_change(twists, base_tension, by_twists, by_tension)
+        return self._derivative(rates[which]) + change
+
+    def _backbones(self, times: Sequence[float]) -> tuple[list[ForceModel], list[int]]:
+        """Forces that differ inside the backbone, and which of them each model has; its own time each [s]."""
+        # Most parameters leave the backbone as it is.
+        numbers: dict[Any, int] = {}
+        found: list[ForceModel] = []
+        which: list[int] = []
+        for model, time in zip(self._models, times, strict=True):
+            key = id(model.forces.mesh), id(model.forces.section), time
+            if key not in numbers:
+                numbers[key] = len(found)
+                found.append(model.forces_at(time))
+            which.append(numbers[key])
+        return found, which
 
     def released_unloaded(self) -> Array:
         """Derivatives of the released lengths in the unloaded shape without tension, shape (m, n, P)."""
@@ -473,14 +476,9 @@ class ExplicitDerivatives:
         ``rates``: of the slips [m/s], shape (S, m, g); ``times``: up to which the backbones creep [s], shape (S,).
         """
         twists, positions, rotations = point.twists, point.positions, point.rotations
-        gradient = np.empty((len(twists), len(self._models), 6))
-        # Most parameters leave the backbone as it is.
-        different: dict[Any, Array] = {}
-        for k, (model, time) in enumerate(zip(self._models, times.tolist(), strict=True)):
-            key = id(model.forces.mesh), id(model.forces.section), time
-            if key not in different:
-                different[key] = model.gradient(twists, point.base_tension, time)
-            gradient[:, k] = different[key]
+        backbones, which = self._backbones(times.tolist())
+        gradients = [forces.gradient(twists, point.base_tension) for forces in backbones]
+        gradient = np.stack(gradients, axis=1)[:, which]
         ends = gradient @ strain_matrices(twists)
         # By node first: the same matrices apply to all models.
         wrenches = np.zeros((len(positions), len(self._models), 6))

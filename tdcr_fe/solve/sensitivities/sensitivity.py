@@ -83,7 +83,6 @@ class _StepValues(NamedTuple):
 
     nodes: Array
     rotations: Array
-    curvature_rates: Array
     tension: Array
     base_tension: Array
     displacements: Array
@@ -101,8 +100,8 @@ class SensitivityHistory:
     inputs: InputDerivatives
     # Of all concentrated loads of the scene, the node, -1 where it is on another robot, and the frame
     loads: tuple[tuple[int, str], ...]
-    # What has been computed, by load step. Cleared, the history begins anew.
-    steps: list[_StepValues] = field(default_factory=list)
+    # What has been computed, by load step, with the curvature rates (E, 2, 3, P). Cleared, the history begins anew.
+    steps: list[tuple[_StepValues, Array]] = field(default_factory=list)
 
     @classmethod
     def of(
@@ -163,7 +162,7 @@ class SensitivityHistory:
     def carried(self) -> _Carried:
         """What the next load step begins with."""
         if self.steps:
-            return self.steps[-1].carried
+            return self.steps[-1][0].carried
         law = self.explicit.present.forces.law
         slip = law.released_unloaded() @ self.explicit.law.slip_operator(law.shape[1]).T
         # Not zero where tendons have pretension.
@@ -208,7 +207,7 @@ class SensitivityHistory:
             values = self._values(own, solved, inputs, carried)
             carried = values.carried
         assert values is not None
-        self.steps.append(values)
+        self.steps.append((values, self._curvature_rates(values, solved)))
         ramp.apply(system, 1.0)
         system.store(step.path.state)
 
@@ -264,21 +263,20 @@ class SensitivityHistory:
         displacements[part.driven] = inputs.tendons[part.driven]
         slips = holes @ change.released
         carried = _Carried(after, disturbed.mobilisation, disturbed.slip)
-        chain = solved.state.configuration.chains[robot]
-        by_twists = chain.changes(moved.reshape(len(moved), 6, len(self.parameters)))
-        time = own.field.time
-        rates = self.explicit.curvature_rates(
-            chain.twists, own.base_tension, by_twists, change.base_tension, time
-        )
         return _StepValues(
-            world[:, 0],
-            world[:, 1],
-            BEAM_TO_SECTION @ rates,
-            change.tension,
-            change.base_tension,
-            displacements,
-            slips,
-            carried,
+            world[:, 0], world[:, 1], change.tension, change.base_tension, displacements, slips, carried
+        )
+
+    def _curvature_rates(self, values: _StepValues, solved: SolvedPoint) -> Array:
+        """Derivatives of the curvature rates at the end of a step, in section axes, shape (E, 2, 3, P)."""
+        robot = solved.system.robots.index(self.handle.actuation)
+        configuration, own = solved.state.configuration, solved.forces[robot]
+        chain, rotations = configuration.chains[robot], configuration.poses[robot][1]
+        moved = rotations.swapaxes(1, 2)[:, None] @ np.stack((values.nodes, values.rotations), axis=1)
+        by_twists = chain.changes(moved.reshape(len(moved), 6, -1))
+        change = by_twists, values.base_tension
+        return BEAM_TO_SECTION @ self.explicit.curvature_rates(
+            chain.twists, own.base_tension, *change, own.field.time
         )
 
     def _mobilisation(self, solved: SolvedPoint, robot: int, carried: _Carried) -> tuple[Array, Array]:
@@ -313,8 +311,10 @@ class SensitivityHistory:
             return Sensitivities()
         robot = self.handle.robot
         counts = [len(robot.hole_arc_lengths(t)) - 1 for t in robot.tendons]
-        *values, _ = zip(*self.steps, strict=True)
-        nodes, rotations, curvature_rates, tension, base_tension, displacements, slips = map(np.array, values)
+        steps, rates = zip(*self.steps, strict=True)
+        *values, _ = zip(*steps, strict=True)
+        nodes, rotations, tension, base_tension, displacements, slips = map(np.array, values)
+        curvature_rates = np.array(rates)
         if self.explicit.present.forces.geometry is None:
             # Tendons that follow the backbone have one tension.
             tension = np.repeat(tension[:, :, :1], max(counts, default=1), axis=2)
