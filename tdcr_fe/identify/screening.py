@@ -138,9 +138,8 @@ class _ProbeSet:
     effect: Effect
     start: dict[str, float]  # null values, but for those parameters that are held at the values of the points
     held: _Held
-    directions: list[
-        dict[str, float]
-    ]  # changes of the coordinates from the start to each point, other than zero
+    # Changes of the coordinates from the start to each point, other than zero
+    directions: list[dict[str, float]]
     differentiated: Effect  # whose derivatives are taken, see `Effect.near_null`
 
     @classmethod
@@ -255,9 +254,8 @@ class _Space:
             return fit.values, left
         known = fit.jacobian * w[:, None]
         own = np.linalg.lstsq(known[self.which], (left * w)[self.which], rcond=1e-10)[0]
-        return problem.moved(fit.effects, fit.values, fit.free, np.asarray(own)), np.asarray(
-            left - fit.jacobian @ own
-        )
+        values = problem.moved(fit.effects, fit.values, fit.free, np.asarray(own))
+        return values, np.asarray(left - fit.jacobian @ own)
 
 
 def _score(space: _Space, sets: Sequence[tuple[_ProbeSet, Array]]) -> Score:
