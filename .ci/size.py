@@ -30,7 +30,7 @@ BUDGET = {
     "tdcr_fe/commands": 764,
     "tdcr_fe/effects": 1236,
     "tdcr_fe/estimate": 1106,
-    "tdcr_fe/identify": 6129,
+    "tdcr_fe/identify": 6126,
     "tdcr_fe/io": 1772,
     "tdcr_fe/live": 359,
     "tdcr_fe/model": 2485,
