@@ -3,9 +3,9 @@
 Every drive prescribes one of two quantities, in a unit of its own:
 
 - the tension ``T`` at the base. Nothing is unknown;
-- the length ``d = r x`` that it winds, of which its input ``x`` is a multiple. The tension is unknown, and with the
-  material ``u`` that the tendon gives off, a spring of compliance ``c`` between drive and tendon, and the tension
-  ``T0`` in the unloaded robot where ``d`` is zero,
+- the length ``d = r x`` that it winds, a multiple of its input ``x``. The tension is unknown. With the material ``u``
+  that the tendon gives off, a spring of compliance ``c`` between drive and tendon, and the tension ``T0`` in the
+  unloaded robot where ``d`` is zero,
 
       u + c (T - T0) = d   with   T >= 0 ,   or   T = 0   and   u - c T0 >= d ,
 

@@ -176,8 +176,8 @@ def robust_threshold(residual: Array) -> float:
     return NOISE_REACHES * max(1.0, robust_scatter(residual))
 
 
-#: Smallest number of readings from which models are compared, and of steps with readings with which nothing may be
-#: missing; largest share of faulty readings with which that may be so.
+#: Models are compared from this many readings on, and "nothing missing" needs as many steps with readings. With a
+#: larger share of faulty readings than the second number, "nothing missing" is not said either.
 FEWEST, MOST_FAULTY = 4, 0.3
 
 #: Degrees of freedom needed for a verdict where no steps could be held out.

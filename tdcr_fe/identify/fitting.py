@@ -31,10 +31,10 @@ from tdcr_fe.identify.settings import OutOfTime, clock
 #: A fit under way: yields what has to be simulated, is sent what came out, and returns the fit.
 Fitting = Generator[Request, Linear, Fit]
 
-#: A parameter is not fitted whose typical step changes the readings by less than the first, rms over sigma, and whose
-#: largest change, by at most so many typical steps as the third, changes all of them together by less than the second,
-#: root of the sum of squares over sigma: its value could not be distinguished from null. One marker among many, read
-#: with much noise, is within the first and beyond the second.
+#: A parameter is not fitted where its value could not be told from zero: its typical step changes the readings by less
+#: than NOTHING (rms over sigma), and FURTHEST such steps, or as many as its bounds allow, change all readings together
+#: by less than VISIBLE (root of the sum of squares over sigma). A marker among many that is read with much noise may
+#: change less than NOTHING, but more than VISIBLE.
 NOTHING, VISIBLE, FURTHEST = 0.02, 3.0, 100.0
 
 #: Share of the extrapolated discretisation error that may be wrong.

@@ -56,16 +56,16 @@ from tdcr_fe.identify.settings import OutOfTime, Part
 #: Number of causes from which on a further one has to remove at least this part of the misfit on held-out steps [1].
 MANY, WORTHWHILE = 4, 0.1
 
-#: Share of the misfit that a round leaves at least before what is different in every step is looked for. Pretension
-#: left a seventh of that of practice set 10; the rest was friction, and errors of the inputs would have explained it.
+#: What differs in every step is looked for once a round has left more than this share of the misfit. Pretension left a
+#: seventh of that of practice set 10. The rest was friction, and errors of the inputs would have explained it.
 LITTLE = 0.5
 
 #: Candidates of a round that the report shows.
 SHOWN = 40
 
-#: Misfit per fitted reading from which on, if the most promising cause leaves it to first order, listed effects are
-#: fitted before they are compared. An adhesion that held back most of the tension was the 30th of all, the first would
-#: have left 3000, and the adhesion left 1.
+#: Where the most promising cause would still leave this misfit per fitted reading, to first order, listed effects are
+#: fitted before they are compared. An adhesion that held back most of the tension came 30th to first order, behind one
+#: that would have left 3000. Fitted, it left 1.
 FAR = 1000.0
 
 #: Causes that saturate, simulated at full strength beside a model: the right one was the first or the sixth by its fall

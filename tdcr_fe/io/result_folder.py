@@ -148,7 +148,7 @@ def read_motion(folder: StrPath) -> Motion:
             tensions=tensions,
             hole_states=states,
             base_tensions=table[columns[:m]].to_numpy(dtype=float),
-            displacements=table[columns[m:]].to_numpy(dtype=float),
+            displacements=table[columns[m : 2 * m]].to_numpy(dtype=float),
             driven_by_displacement=np.array(
                 [[n in s.get("displacement_controlled", ()) for n in names] for s in inputs], dtype=bool
             ).reshape(len(steps), m),

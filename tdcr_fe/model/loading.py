@@ -261,7 +261,7 @@ class SolverSettings(Checked):
         Smallest substep where Newton does not converge, over the load step [1].
     max_substep_turn : float
         Turn of a section above which a substep is compared with its halves [rad]. A long step may converge to an
-        equilibrium that the robot does not reach along its path; the slopes at the section's ends do not explain it.
+        equilibrium that the robot does not reach along its path; the slopes at the ends of the step do not explain it.
     presliding : float
         Tendon travel through a hole from rest to full friction [m].
     mesh_tolerance : float

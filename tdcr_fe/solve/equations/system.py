@@ -239,7 +239,7 @@ class SceneSystem:
         iteration
             Number of the iteration, passed to the user's ``PreNewtonResidual`` function.
         hold_contact
-            Whether contact goes on acting where it did in the residual before, in place of where the state has it.
+            Whether contact acts where it acted in the last residual, not where this state would have it.
         """
         layout = self.layout
         self._write(state, target, iteration, hold_contact)

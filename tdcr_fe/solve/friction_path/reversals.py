@@ -147,7 +147,7 @@ class SubstepSlips(NamedTuple):
         possible.
 
         Where the error may be larger than allowed to first order, and the other path shows nothing of it, states within
-        the substep have to decide: that path has one error of many.
+        the substep have to decide, since the other path shows only one of many possible errors.
 
         Parameters
         ----------
@@ -166,8 +166,8 @@ class SubstepSlips(NamedTuple):
             return None
         moved = self.displacement(mobilisation - self.at_end(other))
         if moved <= allowed < first_order:
-            # More than is allowed, whatever: it asks for a state within the substep. Once in 700 load steps of random
-            # robots 1e-3 of the length was missing.
+            # Any value above `allowed` asks for a state within the substep. Without it, 1e-3 of the length was missing
+            # once in 700 load steps of random robots.
             return 2.0 * allowed, True
         return moved, bool(other.reversed.any())
 
