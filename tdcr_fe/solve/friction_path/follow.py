@@ -5,11 +5,11 @@ slip is monotone: changes from stick to slip cost nothing. Only a slip that reve
 depend on how it was reached: the mobilisation then counts from the slip where it reversed, not from that at the start.
 
 The slips are known as functions of load factor, mobilisations and tensions at the base (`InterpolatedSlips`). Their
-rates are integrated segment by segment, over which they are constant. A path segment ends at an event: a hole begins to
-slip, or a tendon driven by displacement becomes slack or taut. Complements should be constant, but they drift, because
-the rates do change. Wherever the slips are evaluated anew, one Newton step on the free unknowns takes the drift away (the
-projection of a constrained integration; E. Hairer, G. Wanner, Solving Ordinary Differential Equations II (1996), sec.
-VII.2). Documentation: docs/algorithms.md, section "Slip reversals within a substep".
+rates are integrated segment by segment, over which they are constant. A path segment ends at an event: a hole begins
+to slip, or a tendon driven by displacement becomes slack or taut. Complements should be constant, but they drift,
+because the rates do change. Wherever the slips are evaluated anew, one Newton step on the free unknowns takes the
+drift away (the projection of a constrained integration; E. Hairer, G. Wanner, Solving Ordinary Differential Equations
+II (1996), sec. VII.2). Documentation: docs/algorithms.md, section "Slip reversals within a substep".
 """
 
 from __future__ import annotations
