@@ -58,7 +58,7 @@ def elements_of_bays(robot: Robot, model: Model) -> tuple[int, ...]:
 
 def hinge_length(length: float) -> float:
     """Length of the element that stands for a base that gives way, on a backbone of a length [m]."""
-    return max(1e-5 * length, 5e-6)
+    return 1e-5 * length
 
 
 def of_backbone(mesh: BackboneMesh) -> Flags:

@@ -63,6 +63,17 @@ def test_a_parallel_tendon_bends_the_bare_rod_to_a_circular_arc():
 TWO_MATERIALS = replace(CONE, patches=(StiffnessPatch(0.2, L, modulus=0.4, density=2.0),))
 
 
+@pytest.mark.parametrize("length", [2e-3, 0.25])
+def test_a_base_that_gives_way_turns_by_the_moment_over_its_stiffness(length):
+    """The element that stands for it was 5 micrometres long at least, and the rod of 2 mm shorter by as much."""
+    backbone = Backbone(length=length, radius=1.6e-3 * length, youngs_modulus=85e9, poisson_ratio=0.3)
+    stiffness = 2.0 * backbone.EI / length
+    robot = Robot(backbone, Disks.equally_spaced(4, length, radius=0.02 * length), base_stiffness=stiffness)
+    step = LoadStep(loads={"tip": Load(at=length, moment=(0.0, stiffness, 0.0))})
+    (solved,) = simulate(robot, Model(), [step]).steps
+    assert solved.bending_angle == pytest.approx(1.0 + 2.0, rel=2e-5)
+
+
 @pytest.mark.parametrize("backbone", [SOFT, CONE, TWO_MATERIALS], ids=["even", "cone", "two materials"])
 def test_a_hanging_rod_without_tendons_stretches_by_its_weight(backbone):
     """Every section by its own modulus and area, under the weight of what is below it."""
