@@ -202,3 +202,12 @@ def test_a_robot_whose_base_joint_is_switched_off_is_refused_unless_something_el
         SolveTDCR(mbs)
     mbs.SetObjectParameter(handle.oBaseJoint, "activeConnector", True)
     assert distance(solved(mbs, handle), expected) < 1e-9
+
+
+def test_a_robot_without_its_base_joint_is_refused_however_many_elements_it_has():
+    """Each of 1700 coordinates has a small part in the motion that nothing resists."""
+    _keep, mbs, handle = scene(single(0.3), assemble=False, elements_per_bay=30)
+    mbs.SetObjectParameter(handle.oBaseJoint, "activeConnector", False)
+    mbs.Assemble()
+    with pytest.raises(ValueError, match="its base joint is switched off"):
+        SolveTDCR(mbs)

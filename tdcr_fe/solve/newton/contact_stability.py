@@ -13,7 +13,7 @@ makes the compliance unsymmetric, its eigenvalues decide (R. Hill, J. Mech. Phys
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import LinAlgError, cholesky, eig
+from scipy.linalg import LinAlgError, cholesky, eig, qr, solve_triangular
 
 from tdcr_fe.elements import Array, Index
 from tdcr_fe.solve.equations.configuration import SolverState
@@ -22,14 +22,10 @@ from tdcr_fe.solve.equations.linearization import Linearization, damping_of_node
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.steps import FrictionCoupling
 
-#: Part of the largest compliance below which a negative one is round-off [1].
+#: Round-off: part of the largest compliance that a negative one may have, and of a motion that a coordinate may [1].
 ROUND_OFF = 1e-6
-#: Singular value of the tangent, its rows and columns of length 1, below which a motion meets no resistance [1].
+#: Pivot of the tangent, its rows and columns of length 1, below which a motion meets no resistance [1].
 NO_RESISTANCE = 1e-10
-#: Part of a free motion above which a coordinate belongs to it [1].
-PART = 0.1
-#: Most coordinates for which the motion is looked for: its time grows with the third power.
-MOST = 1500
 
 
 def unstable_motion(system: SceneSystem, residual: Residual) -> Array | None:
@@ -102,15 +98,15 @@ def freely_moving(system: SceneSystem, state: SolverState) -> list[str]:
     system.layout.space.write(state.configuration)
     # Without the forces of joints: they turn what spins freely, too, where it is not in equilibrium.
     tangent = system.kernel.exudyns_jacobian(loads=True)
-    if len(tangent) > MOST:
-        return []
     for axis in (1, 0):
         size = np.linalg.norm(tangent, axis=axis, keepdims=True)
         tangent = np.divide(tangent, size, out=np.zeros_like(tangent), where=size > 0.0)
-    _, resistance, motions = np.linalg.svd(tangent)
-    free = motions[resistance <= NO_RESISTANCE]
-    displaced = np.flatnonzero(np.abs(free).max(axis=0, initial=0.0) > PART)
-    return _moved(system, displaced)
+    # The columns of what moves freely depend on the others, with the coordinates of the motion.
+    triangle, order = qr(tangent, mode="r", pivoting=True)
+    held = int(np.count_nonzero(np.abs(triangle.diagonal()) > NO_RESISTANCE))
+    motions = solve_triangular(triangle[:held, :held], triangle[:held, held:])
+    displaced = np.abs(motions).max(axis=1, initial=0.0) > ROUND_OFF
+    return _moved(system, np.append(order[:held][displaced], order[held:]))
 
 
 def _moved(system: SceneSystem, coordinates: Index) -> list[str]:
