@@ -15,9 +15,8 @@ import numpy as np
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.capstan import Slopes, TensionDerivatives
 from tdcr_fe.elements.complementarity import ROUND_OFF
+from tdcr_fe.elements.hysteresis import ACCEPTED
 
-#: Largest error of mobilisations, and of coefficients of friction, that are iterated in a configuration [1].
-ACCEPTED = 1e-10
 #: Most iterations, also for mobilisations of elastic tendons, and for tensions that agree with turning angles.
 MAX_ITERATIONS = 30
 

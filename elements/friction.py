@@ -29,7 +29,6 @@ from numpy.typing import NDArray
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.capstan import TensionDerivatives, TensionField, capstan
 from tdcr_fe.elements.coefficients import (
-    ACCEPTED,
     MAX_ITERATIONS,
     CoefficientLaw,
     Linearisation,
@@ -39,7 +38,7 @@ from tdcr_fe.elements.coefficients import (
     tension_derivatives,
 )
 from tdcr_fe.elements.complementarity import solve_box
-from tdcr_fe.elements.hysteresis import ElasticPlastic, FrictionState, Hysteresis
+from tdcr_fe.elements.hysteresis import ACCEPTED, ElasticPlastic, FrictionState, Hysteresis
 
 #: Least part of a step in a line search [1]. With 0.2, 12 of 2400 random states found no mobilisations, with this none.
 LEAST_PART = 0.01

@@ -23,8 +23,9 @@ from tdcr_fe.elements import Array
 
 HysteresisKind = Literal["elastic-plastic", "dahl"]
 
-#: Dahl's friction tends to this much more than full friction, which it thus reaches: after 21 presliding distances [1].
-BEYOND_FULL = 1e-9
+#: Largest error of mobilisations, and of coefficients of friction, that are iterated in a configuration [1]. Dahl's
+#: friction tends to this much more than full friction, which it thus reaches: after 23 presliding distances.
+ACCEPTED = 1e-10
 
 
 @dataclass(frozen=True)
@@ -103,19 +104,19 @@ class Dahl(Hysteresis):
     def trial(self, slip: Array, before: FrictionState) -> Array:
         """See `Hysteresis.trial`."""
         travel = (slip - before.slip) / self.presliding
-        limit = np.copysign(1.0 + BEYOND_FULL, travel)
+        limit = np.copysign(1.0 + ACCEPTED, travel)
         found: Array = limit - (limit - before.mobilisation) * np.exp(-np.abs(travel))
         return found
 
     def slip_of(self, mobilisation: Array, before: FrictionState) -> Array:
         """See `Hysteresis.slip_of`."""
         side = np.where(mobilisation >= before.mobilisation, 1.0, -1.0)
-        limit = side * (1.0 + BEYOND_FULL)
+        limit = side * (1.0 + ACCEPTED)
         return side * self.presliding * np.log((limit - before.mobilisation) / (limit - mobilisation))
 
     def flexibility(self, mobilisation: Array, direction: Array) -> Array:
         """See `Hysteresis.flexibility`; the mean is that of the stiffness."""
-        return self.presliding / (1.0 + np.abs(direction) * BEYOND_FULL - direction * mobilisation)
+        return self.presliding / (1.0 + np.abs(direction) * ACCEPTED - direction * mobilisation)
 
 
 #: Every law, by its name in ``scenario.toml``.

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
-from tdcr_fe.elements.coefficients import ACCEPTED
 from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.hysteresis import ACCEPTED
 from tdcr_fe.model.observed_step import ObservedChange
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.linearization import BorderedFactors

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from tdcr_fe.elements import Array, Flags, Index
-from tdcr_fe.elements.coefficients import ACCEPTED, MAX_ITERATIONS
+from tdcr_fe.elements.coefficients import MAX_ITERATIONS
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.friction import LEAST_PART
-from tdcr_fe.elements.hysteresis import Hysteresis
+from tdcr_fe.elements.hysteresis import ACCEPTED, Hysteresis
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.kernel import Residual

@@ -14,9 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tdcr_fe.elements import Array, Flags
-from tdcr_fe.elements.coefficients import ACCEPTED
 from tdcr_fe.elements.forces import TendonForces
-from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
+from tdcr_fe.elements.hysteresis import ACCEPTED, FrictionState, Hysteresis
 from tdcr_fe.elements.poses import skew
 from tdcr_fe.elements.section_forces import DIFFERENCE
 from tdcr_fe.model.results import LocalResponse
