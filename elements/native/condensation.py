@@ -14,8 +14,9 @@ from tdcr_fe.elements.native.history import RobotHistory
 
 #: EA of an inextensible tendon that Exudyn's own solvers drive by displacement, over EI / L^2 of the backbone [1].
 STIFFNESS = 2e6
-#: Round-off of the slip of a tendon at the base, over its length: 2.4e-16 was the largest in 0.1 s of a robot [1].
-ROUND_OFF = 4.0 * float(np.finfo(float).eps)
+#: Round-off of lengths that follow from Exudyn's coordinates, of a tendon over its own length, and of an element over
+#: that of the backbone [1].
+ROUND_OFF = 200.0 * float(np.finfo(float).eps)
 
 
 class ElasticTendons(NamedTuple):

@@ -17,6 +17,7 @@ import numpy as np
 
 from tdcr_fe.elements.backbone import BackboneMesh
 from tdcr_fe.elements.native.actuation import TendonActuation
+from tdcr_fe.elements.native.condensation import ROUND_OFF
 from tdcr_fe.elements.native.items import RecordedItems, SystemReference, item_counts, refuse_force_sensors
 
 #: A step is tiny where it is shorter than this part of the one that was asked for [1].
@@ -30,10 +31,6 @@ LARGEST_RADIUS = 0.99
 LARGEST_GAP = 1e-4
 #: Key of the hooks in ``mbs.variables``.
 KEY = "tdcr_fe.hooks"
-
-
-#: Round-off of the forces of an element, over its axial stiffness times the length of the backbone [1].
-ROUND_OFF = 200.0 * float(np.finfo(float).eps)
 
 
 def round_off(mesh: BackboneMesh) -> float:
