@@ -111,8 +111,8 @@ def euler_rate_matrix(e: Array) -> Array:
     return e.reshape(-1, 4).dot(EULER_RATE).reshape(*e.shape, 3)
 
 
-#: Terms of the Taylor series in the squared angle, enough for 16 digits below 0.5.
-_TERMS = 9
+#: Terms of the Taylor series in the squared angle: more than enough for 16 digits below 0.5 of the `coefficients`.
+_TERMS = 12
 _POWERS = np.arange(float(_TERMS))
 
 
@@ -247,7 +247,7 @@ def inverse_tangent_se3(xi: Array) -> Array:
 _COADJOINT = np.ascontiguousarray(_AD.reshape(6, 6, 6).transpose(1, 0, 2)).reshape(6, 36)
 
 
-def _second_series(terms: int = 12) -> Array:
+def _second_series() -> Array:
     """Coefficients of `exponential_curvature`, by power of the squared angle: ``w ad^j``, then ``ad^p``, (terms, 5, 4).
 
     The tangent of the exponential is ``sum (-1)^k ad^k / (k+1)!``. Its derivative has the products ``ad^j ad(a) ad^p``
@@ -257,27 +257,26 @@ def _second_series(terms: int = 12) -> Array:
     def powers(n: int) -> dict[int, Array]:
         """``ad^n`` by powers 0 .. 4, each with a polynomial in the squared angle."""
         if n <= 4:
-            return {n: np.eye(1, terms)[0]}
+            return {n: np.eye(1, _TERMS)[0]}
         found: dict[int, Array] = {}
         for lower, shift, factor in ((n - 2, 1, -2.0), (n - 4, 2, -1.0)):
             for m, polynomial in powers(lower).items():
                 moved = factor * np.concatenate((np.zeros(shift), polynomial[:-shift]))
-                found[m] = found.get(m, np.zeros(terms)) + moved
+                found[m] = found.get(m, np.zeros(_TERMS)) + moved
         return found
 
-    every = [powers(n) for n in range(2 * terms)]
-    table = np.zeros((terms, 5, 4))
-    for k in range(2, 2 * terms):
+    every = [powers(n) for n in range(2 * _TERMS)]
+    table = np.zeros((_TERMS, 5, 4))
+    for k in range(2, 2 * _TERMS):
         for j in range(k - 1):
             for m, left in every[j].items():
                 for p, right in every[k - 1 - j].items():
-                    table[:, m, p - 1] += (-1.0) ** k / factorial(k + 1) * np.convolve(left, right)[:terms]
+                    table[:, m, p - 1] += (-1.0) ** k / factorial(k + 1) * np.convolve(left, right)[:_TERMS]
     return table
 
 
 #: Coefficients of `exponential_curvature`, see `_second_series`, shape (terms, 20).
 SECOND_SERIES: Array = _second_series().reshape(-1, 20)
-_SECOND_POWERS = np.arange(float(len(SECOND_SERIES)))
 
 
 def exponential_curvature(xi: Array, powers: Array, wrench: Array) -> Array:
@@ -298,7 +297,7 @@ def exponential_curvature(xi: Array, powers: Array, wrench: Array) -> Array:
     n = len(xi)
     rotation = xi[:, 3:]
     angle2 = (rotation * rotation).dot(ONES3)
-    weights = (angle2[:, None] ** _SECOND_POWERS).dot(SECOND_SERIES).reshape(n, 5, 4)
+    weights = (angle2[:, None] ** _POWERS).dot(SECOND_SERIES).reshape(n, 5, 4)
     moved = np.empty((n, 5, 6))
     moved[:, 0] = wrench
     np.matmul(wrench[:, None, None], powers, out=moved[:, 1:, None])
