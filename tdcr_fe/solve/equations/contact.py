@@ -31,9 +31,6 @@ from tdcr_fe.elements.section_forces import DIFFERENCE
 SOLVED = ("ContactSphereSphere", "ContactSphereTriangle", "ContactCoordinate")
 #: Objects whose state counts full turns, up to which the present angle is unique.
 TURNS = ("ConnectorTorsionalSpringDamper",)
-#: Part of the gap and of the size of a contact by which its bodies may approach in one substep, so that none is jumped
-#: over.
-APPROACH_LIMIT = 0.5
 
 
 class GeneralSpheres(NamedTuple):
@@ -236,13 +233,13 @@ class ContactStates:
 
     @property
     def general_motion_limit(self) -> float:
-        """By how much a node may move without jumping over one of a ``GeneralContact`` [m]."""
-        return APPROACH_LIMIT * self._general_size
+        """By how much a node may move without jumping over one of a ``GeneralContact`` that moves as far [m]."""
+        return 0.5 * self._general_size
 
     def approach_limits(self) -> Array:
         """By how much the bodies of every pair may approach without jumping over each other [m], shape (n_pairs,)."""
         data: Array = self._mbs.systemData.GetDataCoordinates(exu.ConfigurationType.Current, copy=False)
-        return APPROACH_LIMIT * (np.maximum(data[self._gaps], 0.0) + self._sizes)
+        return np.asarray(np.maximum(data[self._gaps], 0.0) + self._sizes)
 
     def relative_positions(self) -> Array:
         """Position of the first body of every pair, seen from the second [m], shape (n_pairs, 3).

@@ -22,7 +22,8 @@ from tdcr_fe.solve.equations.linearization import Linearization, damping_of_node
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.steps import FrictionCoupling
 
-#: Round-off: part of the largest compliance that a negative one may have, and of a motion that a coordinate may [1].
+#: Round-off: part of the largest compliance that a negative one may have, of a motion that a coordinate may, and of a
+#: displacement that may be along another one [1].
 ROUND_OFF = 1e-6
 #: Pivot of the tangent, its rows and columns of length 1, below which a motion meets no resistance [1].
 NO_RESISTANCE = 1e-10

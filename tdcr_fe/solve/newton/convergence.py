@@ -28,7 +28,7 @@ class NewtonStatus(Enum):
     NO_BALANCE = "the forces do not balance"
     NO_FRICTION_STATE = "the stick-slip iteration did not converge"
     NO_CONTACT_STATE = "contact keeps opening and closing"
-    CONTACT_PASSED = "nodes move by more than half the size of a contact, which they might jump over"
+    CONTACT_PASSED = "nodes move by more than the size of a contact, which they might jump over"
     CONTACT_TOO_DEEP = "contact is too soft: the centre of one body is inside another"
     UNSTABLE = "the equilibrium in contact is unstable"
     SINGULAR = "the tangent is singular: something in the scene moves freely"

@@ -240,7 +240,7 @@ def damped_step(problem: NewtonProblem, residual: Residual, damping: float) -> N
     scale = system.layout.scales.elastic_force * system.length
     least, most = 1e-6 * scale, MOST_DAMPING * scale
     limit = system.contact_at(residual.state).motion_limit()
-    for _ in range(20):
+    while True:
         step = full_step(problem, residual, damping)
         change = step.change[:nodes].reshape(-1, 6)
         turn = float(np.max(np.abs(change[:, 3:])))
