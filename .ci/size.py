@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2579,
+    "elements": 2575,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 764,
     "tdcr_fe/effects": 1236,
@@ -36,10 +36,10 @@ BUDGET = {
     "tdcr_fe/model": 2485,
     "tdcr_fe/report": 1108,
     "tdcr_fe/scene": 1338,
-    "tdcr_fe/solve": 6675,
+    "tdcr_fe/solve": 6669,
     "tdcr_fe/sweeps": 1397,
     "validation": 6493,
-    "tests": 12683,
+    "tests": 12689,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
