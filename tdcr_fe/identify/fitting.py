@@ -33,8 +33,8 @@ Fitting = Generator[Request, Linear, Fit]
 
 #: A parameter is not fitted where its value could not be told from zero: its typical step changes the readings by less
 #: than NOTHING (rms over sigma), and FURTHEST such steps, or as many as its bounds allow, change all readings together
-#: by less than VISIBLE (root of the sum of squares over sigma). A marker among many that is read with much noise may
-#: change less than NOTHING, but more than VISIBLE.
+#: by less than VISIBLE (root of the sum of squares over sigma). From null it is at most FURTHEST steps, which are longer
+#: where need be. A marker among many that is read with much noise may change less than NOTHING, but more than VISIBLE.
 NOTHING, VISIBLE, FURTHEST = 0.02, 3.0, 100.0
 
 #: Share of the extrapolated discretisation error that may be wrong.
@@ -132,12 +132,14 @@ def evaluated(
     """
     by_name = {e.name: e for e in effects}
     scale = _scales(problem, effects, free)
-    steps = zip(free, scale.tolist(), strict=True)
-    columns = tuple(Column(by_name[e], name, values[e], 0.2 * x) for (e, name), x in steps)
+    differences = zip(free, (0.2 * scale).tolist(), strict=True)
+    columns = tuple(Column(by_name[e], name, values[e], x) for (e, name), x in differences)
     linear = yield Request(tuple(effects), values, columns, None if along is None else along.run)
     z = problem.coordinates(effects, values, free)
-    reach = np.max(np.abs(problem.limits(effects, free) - z[:, None]), axis=1, initial=0.0) / scale
-    keep = can_be_seen(linear.matrix[problem.fitted] * scale, reach)
+    null = problem.coordinates(effects, {e.name: e.null_values(problem.experiment) for e in effects}, free)
+    steps = np.maximum(scale, np.abs(z - null) / FURTHEST)
+    reach = np.max(np.abs(problem.limits(effects, free) - z[:, None]), axis=1, initial=0.0) / steps
+    keep = can_be_seen(linear.matrix[problem.fitted] * steps, reach)
     r, kept = linear.residual, tuple(itertools.compress(free, keep))
     of_path = r if along is None else along.path_residual
     return Fit(tuple(effects), values, r, *problem.cost(r), linear.matrix[:, keep], kept, linear.run, of_path)

@@ -8,6 +8,7 @@ from identify_data import causes_of, measured, problem_of, searching, state_of
 
 from tdcr_fe.effects import effect
 from tdcr_fe.identify.criteria import BOUND_PENALTY, bic, is_improvement, rank
+from tdcr_fe.identify.fitting import begin, run_fits
 from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.verdict import added_effects
 
@@ -110,3 +111,13 @@ def test_a_model_at_a_bound_yields_to_one_nearly_as_good(models, share, first):
     inside = replace(inside, cost=1000.0 + share * BOUND_PENALTY * 1500.0, held_cost=500.0)
     assert bic(problem, bounded) < bic(problem, inside)
     assert (rank(problem, inside) < rank(problem, bounded)) == (first == "inside")
+
+
+@pytest.mark.parametrize(("value", "fitted"), [(0.0, False), (-9.81, True)])
+def test_a_number_far_from_null_is_fitted_however_small_its_typical_step_is(value, fitted):
+    """The stiffness of a wall, 1400 typical steps from null, was kept as "not determined" with 37 sigma at stake."""
+    key = ("gravity", "g_y")
+    problem = replace(problem_of(measured()), scales={key: 1e-6})
+    values = {"gravity": {"g_x": 0.0, "g_y": value, "g_z": 0.0}}
+    (fit,) = run_fits(problem, [begin(problem, (effect("gravity"),), values)])
+    assert (key in fit.free) is fitted
