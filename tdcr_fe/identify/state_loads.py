@@ -337,9 +337,12 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
             numbers.append(Parameter(label, unit, -FARTHEST * step, FARTHEST * step, 0.0, step, label))
         return [StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text, price)]
 
-    rows = possible_starts(problem.data) if progress and not problem.data.parts else ()
-    starts = {problem.data.step_ids[k]: float(clock.value(state)[k, -1]) for k in rows}
-    parts = parts_of_rows(clock, starts)
+    restarts = (
+        problem.data.restarts
+    )  # of several folders: times begin anew, and what changes does so between them
+    counts = ROW if restarts else clock
+    rows = restarts or (possible_starts(problem.data) if progress else ())
+    parts = parts_of_rows(counts, {problem.data.step_ids[k]: float(counts.value(state)[k, -1]) for k in rows})
     parts_of_backbone = len(ranges(bays))
     # another stiffness, or another precurvature, before a row is one from it on
     jumps = [Term((part,), d) for part in parts[::2] for d in (BENDING, SECTION)]

@@ -5,10 +5,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import GRAVITY, LENGTH, MODEL, ROBOT, measured, problem_of, simulated
+from identify_data import (
+    GRAVITY,
+    LENGTH,
+    MODEL,
+    ROBOT,
+    causes_of,
+    measured,
+    positions,
+    problem_of,
+    sequence,
+    simulated,
+)
 from identify_result import tips_of_run
 
-from tdcr_fe import Experiment, InputError, LoadStep, SolverSettings, effect, with_effects
+from tdcr_fe import Experiment, InputError, Load, LoadStep, SolverSettings, effect, with_effects
 from tdcr_fe.cli import main
 from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.forward import Job, run_settings, simulate_experiment
@@ -158,4 +169,17 @@ def test_a_gain_of_the_second_folder_is_fitted_beside_a_shared_effect():
     found = fit(problem, [effect("gravity"), gain], start)
     true = {"gain_t1_folder_2": 1.06, "gain_t2_folder_2": 0.96}
     assert found.values[gain.name] == pytest.approx(true, abs=5e-3)
+    assert found.cost < 1.3 * problem.count
+
+
+def test_a_force_in_the_second_folder_alone_is_a_cause():
+    """A weight that was hung on between two series; the loading says nothing of it."""
+    weight = {"weight": Load(LENGTH, (0.0, -0.02, 0.0))}
+    loaded = tuple(replace(s, loads={**s.loads, **weight}) for s in sequence())
+    true = positions(Experiment(ROBOT, replace(MODEL, elements_per_bay=4), loaded), seed=5)
+    joined = join_measured([replace(measured(), name="A"), replace(measured(), name="B", readings=true)])
+    problem = problem_of(joined)
+    cause = causes_of(problem)[1]["force of fixed direction, in a part of the rows (tip, from row 12 on)"]
+    found = fit(problem, [cause], {cause.name: cause.null_values(problem.experiment)})
+    assert found.values[cause.name] == pytest.approx({"x": 0.0, "y": -0.02, "z": 0.0}, abs=5e-4)
     assert found.cost < 1.3 * problem.count
