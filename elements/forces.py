@@ -129,15 +129,21 @@ class ForceModel:
     ) -> Array:
         """Derivatives of `StrainState.curvature_rates`, shape (E, 2, 3, P).
 
-        From those of the arguments of `strain_state`, shapes (E, 6, P) and (m, P).
+        From those of the arguments of `strain_state`, shapes (E, 6, P) and (m, P). The rates in an element follow from
+        its own twist and the tensions, so that few differences suffice for any number of parameters.
         """
-        size = np.abs(by_twists).max(axis=(0, 1), initial=0.0)
-        h = DIFFERENCE / np.where(size > 0.0, size, 1.0)
-        steps = np.concatenate((h, -h))
-        moved = twists + np.moveaxis(np.tile(by_twists, 2) * steps, -1, 0)
-        tensions = base_tension + (np.tile(by_tension, 2) * steps).T
-        rates = self.strain_state(moved, tensions).curvature_rates()
-        return np.asarray(np.moveaxis(rates[: len(h)] - rates[len(h) :], 0, -1) / (2.0 * h))
+        count = 6 + len(base_tension)
+        h = np.ones((count, len(twists)))
+        h[:3], h[3:6] = DIFFERENCE * self.mesh.lengths, DIFFERENCE
+        steps = h[:, :, None] * np.eye(count)[:, None]
+        above, below = (
+            self.strain_state(twists + x[..., :6], base_tension + x[:, 0, 6:]).curvature_rates()
+            for x in (steps, -steps)
+        )
+        slopes = (above - below) / (2.0 * h[:, :, None, None])
+        by_element = slopes[:6].reshape(6, len(twists), 6).transpose(1, 2, 0) @ by_twists
+        change = np.tensordot(slopes[6:], by_tension, (0, 0))
+        return np.asarray(by_element.reshape(change.shape) + change)
 
     def measure(self, positions: Array, rotations: Array, twists: Array | None = None) -> Measurement:
         """Lengths and angles of the tendons in a configuration.
