@@ -105,7 +105,7 @@ class ChangedDescription(Cause):
     name, kind, parameters, sentence, price
         See `Cause`.
     change
-        From the experiment and values other than the null values to the experiment with the cause.
+        From the experiment and values other than the null values to the experiment with the cause, see `Change`.
     held
         See `Cause`.
     """
@@ -115,7 +115,7 @@ class ChangedDescription(Cause):
         name: str,
         kind: Kind,
         parameters: Numbers,
-        change: Change,
+        change: Callable[..., Any],
         sentence: str = "",
         price: float = 0.0,
         held: Mapping[str, Sequence[float]] = Cause.held,

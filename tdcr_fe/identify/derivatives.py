@@ -15,7 +15,7 @@ import itertools
 import math
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -34,10 +34,11 @@ from tdcr_fe.identify.bay_state import (
 )
 from tdcr_fe.identify.causes import BesideDescription, ReadingCause, StateLoad
 from tdcr_fe.identify.forward import Job, advance
+from tdcr_fe.identify.input_causes import ChangedInputs, Commands
 from tdcr_fe.identify.problem import FitProblem, Point
 from tdcr_fe.identify.run import Acted, Run, RunDerivatives, Trajectories
 from tdcr_fe.solve.sensitivities.differences import Tabulated, same_structure, tabulated
-from tdcr_fe.solve.sensitivities.parameters import ModelParameter
+from tdcr_fe.solve.sensitivities.parameters import ModelParameter, StepInputs
 
 
 class Column(NamedTuple):
@@ -172,12 +173,17 @@ class _Part:
         self.differenced: dict[int, str] = {}
         self.exact: dict[str, int] = {}
         self.beside: dict[int, Experiment] = {}
-        tables = []
+        tables: list[ModelParameter | StepInputs] = []
         for number, column in enumerate(request.columns):
             if isinstance(column.effect, BesideDescription):
                 continue
             if not column.effect.exact_derivatives:
                 self.differenced[number] = "it declares no exact derivatives"
+                continue
+            if isinstance(column.effect, ChangedInputs) and column.effect.name not in self.values:
+                inputs = self._of_inputs(number)
+                self.exact[inputs.name] = number
+                tables.append(inputs)
                 continue
             parameter = self._tabulated(number)
             table = parameter.apply
@@ -191,8 +197,8 @@ class _Part:
             if not all(_same_robot(self.experiment, e) for e in neighbours):
                 self.exact[parameter.name] = number
                 tables.append(parameter)
-        inputs = () if action is None else action_inputs(self.experiment)
-        job = Job(self.experiment, request.trajectories, request.record, (*tables, *inputs))
+        acting = () if action is None else action_inputs(self.experiment)
+        job = Job(self.experiment, request.trajectories, request.record, (*tables, *acting))
         self.job = job._replace(states=action is not None)
 
     def _acted(self, experiment: Experiment) -> Experiment:
@@ -217,7 +223,7 @@ class _Part:
         plain = self.problem.with_effects(effects, values)
         tried: set[str] = set()
         for e, _, at, _ in self.request.columns:
-            if e.name in values or e.name in tried or isinstance(e, BesideDescription):
+            if e.name in values or e.name in tried or isinstance(e, BesideDescription | ChangedInputs):
                 continue
             tried.add(e.name)
             more = {**values, e.name: dict(at)}
@@ -225,6 +231,18 @@ class _Part:
             if with_it.steps is not plain.steps and not same_structure(plain.steps, with_it.steps):
                 effects, values, plain = [*effects, e], more, with_it
         return tuple(effects), values
+
+    @cached_property
+    def _commands(self) -> list[tuple[Experiment, Commands]]:
+        """Loading sequences, and their inputs."""
+        return [(part, Commands.of(part)) for part in self.experiment.sequences]
+
+    def _of_inputs(self, number: int) -> StepInputs:
+        """A column's parameter, of a cause beside the model that changes inputs, which no neighbours have to show."""
+        e, name, values, _ = self.request.columns[number]
+        assert isinstance(e, ChangedInputs)
+        change = [e.by_number(part, commands, values, name) for part, commands in self._commands]
+        return StepInputs(f"{number} {e.name}.{name}", np.concatenate(change))
 
     def _moved(self, number: int, coordinate: float) -> Experiment:
         """The experiment with the parameter of a column at a coordinate.

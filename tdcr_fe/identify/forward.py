@@ -82,7 +82,7 @@ def simulate_experiment(job: Job, settings: SolverSettings, deadline: float = ma
         runs: list[Run] = []
         for number, part in enumerate(experiment.sequences):
             own = None if job.reference is None else job.reference[number : number + 1]
-            chosen = tuple(_of_sequence(p, number) for p in job.parameters)
+            chosen = tuple(_of_sequence(p, experiment, number) for p in job.parameters)
             one = job._replace(experiment=part, reference=own, parameters=chosen)
             runs.append(simulate_experiment(one, settings, deadline))
             if not runs[-1].solved:
@@ -121,13 +121,16 @@ def _on_own_mesh(reference: Trajectories, experiment: Experiment) -> Trajectory 
         return None
 
 
-def _of_sequence(parameter: Parameter, number: int) -> Parameter:
+def _of_sequence(parameter: Parameter, experiment: Experiment, number: int) -> Parameter:
     """A parameter of several loading sequences, for one of them."""
     from tdcr_fe.solve.sensitivities.differences import Tabulated
-    from tdcr_fe.solve.sensitivities.parameters import StepInput
+    from tdcr_fe.solve.sensitivities.parameters import StepInput, StepInputs
 
     if isinstance(parameter, StepInput):
         return parameter
+    if isinstance(parameter, StepInputs):
+        ends = np.cumsum([len(part.steps) for part in experiment.sequences])
+        return replace(parameter, change=np.split(parameter.change, ends[:-1])[number])
     table = parameter.apply
     assert isinstance(table, Tabulated)
     own = {offset: e.sequences[number] for offset, e in table.experiments.items()}

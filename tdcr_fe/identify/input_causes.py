@@ -12,8 +12,8 @@ import numpy as np
 
 from tdcr_fe.effects import Experiment, Parameter
 from tdcr_fe.effects.base import Kind, Values
-from tdcr_fe.elements import Array
-from tdcr_fe.identify.causes import PER_FACTOR, Cause, Change, ChangedDescription, number, settling_span
+from tdcr_fe.elements import Array, Flags
+from tdcr_fe.identify.causes import PER_FACTOR, Cause, ChangedDescription, number, settling_span
 from tdcr_fe.identify.rows import clock_of, possible_starts, progress_along
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.loading import LoadStep, resolve
@@ -31,15 +31,76 @@ def input_causes(problem: FitProblem) -> list[Cause]:
     return [*own.by_law(clock), *own.limits(), *own.shares(), *by_row]
 
 
-#: What a change of an input is in proportion to: from all inputs of a step, the tendon's name, progress along the rows,
-#: and values of the cause.
-_InputLaw = Callable[[Mapping[str, float], str, float, Values], float]
+class Commands(NamedTuple):
+    """The inputs of a loading sequence by kind, and progress along its rows."""
+
+    # By field of `LoadStep`: inputs, zero where a step names none, and where it names one, shape (K, m)
+    kinds: Mapping[str, tuple[Array, Flags]]
+    progress: Array  # shape (K, 1)
+
+    @classmethod
+    def of(cls, experiment: Experiment) -> Commands:
+        """Of one loading sequence."""
+        steps, names = experiment.steps, experiment.robot.tendon_names
+        kinds = {}
+        for kind in ("tensions", "displacements"):
+            table = np.array([[getattr(s, kind).get(n, np.nan) for n in names] for s in steps])
+            table = table.reshape(len(steps), len(names))
+            kinds[kind] = np.nan_to_num(table), np.isfinite(table)
+        progress = progress_along([steps[j] for j in experiment.whole_steps])
+        return cls(kinds, progress[[k for k, _ in experiment.step_ends], None])
+
+
+#: What a change of the inputs is in proportion to: from inputs and progress of `Commands`, and values of the cause.
+_InputLaw = Callable[[Array, Array, Values], Any]
+
+
+class ChangedInputs(ChangedDescription):
+    """A cause that changes inputs by numbers times what follows from all inputs and from progress along the rows.
+
+    Its change is an `_InputLaw`. Where no number has the name of a tendon, the first one is that of all.
+    """
+
+    def _numbers(self, tendons: Sequence[str]) -> list[str]:
+        """By tendon, name of the number by which the change of its input is multiplied; empty where it stays."""
+        own = [p.name for p in self.parameters]
+        of_all = "" if own[0] in tendons else own[0]
+        return [name if name in own else of_all for name in tendons]
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `Effect.apply`; no tension falls below zero."""
+        names = experiment.robot.tendon_names
+        factors = np.array([values.get(n, 0.0) for n in self._numbers(names)])
+        if not factors.any():
+            return experiment
+        commands, steps = Commands.of(experiment), list(experiment.steps)
+        for kind, (table, given) in commands.kinds.items():
+            moved = table + factors * self.change(table, commands.progress, values)
+            new = np.where(given, np.maximum(moved, 0.0) if kind == "tensions" else moved, table)
+            for j in np.flatnonzero(np.any(new != table, axis=1)):
+                own: Any = {n: float(x) for n, x, there in zip(names, new[j], given[j], strict=True) if there}
+                steps[j] = replace(steps[j], **{kind: own})
+        return replace(experiment, steps=tuple(steps))
+
+    def by_number(self, experiment: Experiment, commands: Commands, values: Values, name: str) -> Array:
+        """Derivatives of all inputs by a number that multiplies them, where it is zero, shape (K, m).
+
+        What a step does not name stays as it was before.
+        """
+        own = [n == name for n in self._numbers(experiment.robot.tendon_names)]
+        named = np.any([given for _, given in commands.kinds.values()], axis=0)
+        found = np.zeros(named.shape)
+        for table, given in commands.kinds.values():
+            found += np.where(given & own, self.change(table, commands.progress, values), 0.0)
+        rows = np.where(named, np.arange(len(found))[:, None], 0)
+        return np.take_along_axis(found, np.maximum.accumulate(rows), axis=0)
 
 
 class _Inputs(NamedTuple):
     """The inputs of a loading sequence that change."""
 
-    names: tuple[str, ...]  # Of their tendons
+    every: Sequence[str]  # Names of all tendons
+    names: tuple[str, ...]  # Of theirs
     largest: tuple[float, ...]  # Of each of them [N or m]
     most: float  # Of all
     unit: str
@@ -53,31 +114,30 @@ class _Inputs(NamedTuple):
         displaced = driven.size and actions[0].by_displacement[driven[0]]
         names, sizes = tuple(tendons[i] for i in driven), np.max(np.abs(commands), axis=0, initial=0.0)
         most = float(np.max(sizes, initial=0.0))
-        return cls(names, tuple(sizes[driven].tolist()), most, "m" if displaced else "N")
+        return cls(tendons, names, tuple(sizes[driven].tolist()), most, "m" if displaced else "N")
 
     def by_law(self, clock: str) -> Iterator[Cause]:
         """Off by a constant, by a part that grows with them, or that changes along the rows: all, each or one."""
         most, grows = self.most, "the gain of the inputs depends on their size"
         gain_settles, (span, spans) = "the gain of the inputs settles", settling_span("span", "1", 1.0)
 
-        def settled(p: float, values: Values) -> float:
-            return 1.0 - math.exp(-p / values["span"])
+        def settled(p: Array, values: Values) -> Array:
+            return 1.0 - np.exp(-p / values["span"])
 
         laws: list[tuple[str, str, _InputLaw, str]] = [
             ("offset of the input", "nothing", lambda *_: 1.0, "the inputs are off by a constant"),
-            ("gain that grows", "tension", lambda u, n, *_: u[n] * abs(u[n]) / most, grows),
-            ("gain that drifts", clock, lambda u, n, p, _: u[n] * p, "the gain of the inputs drifts"),
-            ("offset that drifts", clock, lambda u, n, p, _: p, "the inputs drift"),
-            ("gain that settles", clock, lambda u, n, *x: u[n] * settled(*x), gain_settles),
-            ("offset that settles", clock, lambda u, n, *x: settled(*x), "the inputs drift and settle"),
+            ("gain that grows", "tension", lambda u, *_: u * np.abs(u) / most, grows),
+            ("gain that drifts", clock, lambda u, p, _: u * p, "the gain of the inputs drifts"),
+            ("offset that drifts", clock, lambda u, p, _: p, "the inputs drift"),
+            ("gain that settles", clock, lambda u, *x: u * settled(*x), gain_settles),
+            ("offset that settles", clock, lambda u, *x: settled(*x), "the inputs drift and settle"),
         ]
         for name, depends, shape, text in laws:
             if not depends:
                 continue
             is_gain = name.startswith("gain")
             size, unit = (1.0, "1") if is_gain else (most, self.unit)
-            change = _with_inputs(shape)
-            law, held = ((span,), spans) if name.endswith("settles") else ((), Cause.held)
+            last, held = ((span,), spans) if name.endswith("settles") else ((), Cause.held)
             one = number("all", unit, (-0.9 * size, 3.0 * size), 0.0, 0.01 * size)
             each = tuple(replace(one, name=n) for n in self.names)
             forms: dict[str, tuple[Parameter, ...]] = {"all": (one,)} if is_gain else {}
@@ -87,8 +147,8 @@ class _Inputs(NamedTuple):
                 kind = Kind("input", (depends,), f"tendon {who}" if single else "everywhere")
                 price = math.log(len(laws) * (len(each) if single else 1))
                 price += PER_FACTOR * (depends != "nothing")
-                numbers = *own, *law
-                yield ChangedDescription(f"{name} ({who})", kind, numbers, change, text, price, held=held)
+                numbers = *own, *last
+                yield ChangedInputs(f"{name} ({who})", kind, numbers, shape, text, price, held)
 
     def limits(self) -> Iterator[Cause]:
         """A share of what is beyond a limit, or of what is below it, does not arrive: of all, or of one."""
@@ -100,16 +160,12 @@ class _Inputs(NamedTuple):
             whose.append(((n,), most, f"input (tendon {n})", "an input has", f"tendon {n}", price))
         beyond, below = "a limit: a share of what is beyond", "a dead zone: a share of what is below a limit"
         for (names, most, label, having, where, price), above in itertools.product(whose, (True, False)):
+            here = np.isin(self.every, names)
 
-            def limited(
-                experiment: Experiment, values: Values, names: tuple[str, ...] = names, above: bool = above
-            ) -> Experiment:
-                def less(commands: Mapping[str, float], n: str, *_: Any) -> float:
-                    size, limit = abs(commands[n]), values["limit"]
-                    lost = max(size - limit, 0.0) if above else min(size, limit)
-                    return math.copysign(lost, -commands[n])
-
-                return _with_inputs(less)(experiment, dict.fromkeys(names, values["share"]))
+            def lost(u: Array, _: Array, values: Values, here: Flags = here, above: bool = above) -> Array:
+                size, limit = np.abs(u), values["limit"]
+                part = np.maximum(size - limit, 0.0) if above else np.minimum(size, limit)
+                return np.where(here, -np.sign(u) * part, 0.0)
 
             what, null, tried = (
                 ("limit", most, (0.5, 0.7, 0.85)) if above else ("dead zone", 0.0, (0.1, 0.2, 0.4))
@@ -117,20 +173,20 @@ class _Inputs(NamedTuple):
             numbers = share, number("limit", self.unit, (0.0, most), null, 0.05 * most)
             text = f"{having} {beyond if above else below} does not arrive"
             kind, held = Kind("input", ("tension",), where), {"limit": [x * most for x in tried]}
-            yield ChangedDescription(f"{what} of the {label}", kind, numbers, limited, text, price, held=held)
+            yield ChangedInputs(f"{what} of the {label}", kind, numbers, lost, text, price, held)
 
     def shares(self) -> Iterator[Cause]:
         """A share of the input of one tendon in another."""
         couples = list(itertools.permutations(self.names, 2))
         for source, name in couples:
 
-            def other(commands: Mapping[str, float], *_: Any, source: str = source) -> float:
-                return commands.get(source, 0.0)
+            def other(u: Array, *_: Any, i: int = self.every.index(source)) -> Array:
+                return u[:, [i]]
 
-            share, change = number(name, "1", (-0.9, 0.9), 0.0, 0.01), _with_inputs(other)
+            share = number(name, "1", (-0.9, 0.9), 0.0, 0.01)
             kind, price = Kind("input", ("tension",), f"tendon {name}"), math.log(len(couples))
             text = f"a share of the input of tendon {source} acts in tendon {name}"
-            yield ChangedDescription(f"share of {source} in {name}", kind, (share,), change, text, price)
+            yield ChangedInputs(f"share of {source} in {name}", kind, (share,), other, text, price)
 
     def lags(self, data: MeasuredData) -> Iterator[Cause]:
         """What acts stays behind its command, by a share of the way from what acted in the row before.
@@ -163,22 +219,20 @@ class _Inputs(NamedTuple):
         for k in possible_starts(data):
             since, start = f"from row {data.step_ids[k]} on", float(progress[k])
 
-            def later(u: Mapping[str, float], n: str, p: float, _: Values, start: float = start) -> float:
-                return float(p >= start)
+            def later(u: Array, p: Array, _: Values, start: float = start) -> Flags:
+                return p >= start
 
-            def gained(u: Mapping[str, float], n: str, p: float, _: Values, start: float = start) -> float:
-                return u[n] * (p >= start)
+            def gained(u: Array, p: Array, _: Values, start: float = start) -> Array:
+                return u * (p >= start)
 
             kind, text = Kind("input", ("row",), since), "the gain of the inputs jumps"
-            label, change = f"jump of the gain ({since})", _with_inputs(gained)
-            yield ChangedDescription(label, kind, (gain,), change, text, price)
+            yield ChangedInputs(f"jump of the gain ({since})", kind, (gain,), gained, text, price)
             for name in self.names:
                 where, text = f"tendon {name}, {since}", "the zero of an input jumps"
                 one = number(name, self.unit, (-self.most, self.most), 0.0, 0.01 * self.most)
-                kind, change = Kind("input", ("row",), where), _with_inputs(later)
-                label = f"jump of the input ({where})"
+                kind, label = Kind("input", ("row",), where), f"jump of the input ({where})"
                 each = price + math.log(len(self.names))
-                yield ChangedDescription(label, kind, (one,), change, text, each)
+                yield ChangedInputs(label, kind, (one,), later, text, each)
 
 
 def _pauses(steps: Sequence[LoadStep]) -> Array:
@@ -203,27 +257,3 @@ def _behind(experiment: Experiment, shares: Sequence[float], of_commands: bool) 
         if factor == 1.0:
             last = step if of_commands else steps[-1]
     return replace(experiment, steps=tuple(steps))
-
-
-def _with_inputs(shape: _InputLaw) -> Change:
-    """A change of all inputs by a number times what follows from the inputs and from progress along the rows."""
-
-    def changed(experiment: Experiment, values: Values) -> Experiment:
-        progress = progress_along([experiment.steps[k] for k in experiment.whole_steps])
-
-        def with_change(step: LoadStep, p: float) -> LoadStep:
-            def new(commands: Mapping[str, float], least: float) -> dict[str, float]:
-                factors = {n: values.get(n, values.get("all", 0.0)) for n in commands}
-                moved = {n: x and x * shape(commands, n, p, values) for n, x in factors.items()}
-                return {n: max(x + moved[n], least) if moved[n] else x for n, x in commands.items()}
-
-            tensions, displacements = new(step.tensions, 0.0), new(step.displacements, -math.inf)
-            if tensions == step.tensions and displacements == step.displacements:
-                return step
-            return replace(step, tensions=tensions, displacements=displacements)
-
-        of_steps = zip(experiment.steps, experiment.step_ends, strict=True)
-        steps = (with_change(step, float(progress[k])) for step, (k, _) in of_steps)
-        return replace(experiment, steps=tuple(steps))
-
-    return changed

@@ -122,7 +122,7 @@ class RunDerivatives:
         every = list(found.values())
 
         def stacked(values: list[Array]) -> Array:
-            return np.stack([v[last] for v in values], axis=-1) if values else np.zeros((len(last), 0))
+            return np.stack(values, axis=-1)[last] if values else np.zeros((len(last), 0))
 
         def ends(by: Sensitivity, k: int) -> Array:
             """Tensions of the first or the last segments, shape (n_steps, n_tendons)."""

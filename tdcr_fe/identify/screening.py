@@ -17,6 +17,7 @@ from tdcr_fe.identify.bay_state import COMPONENTS, FORCE
 from tdcr_fe.identify.causes import BesideDescription, PointForce
 from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.fitting import can_be_seen
+from tdcr_fe.identify.input_causes import ChangedInputs
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.run import Run
 
@@ -114,7 +115,7 @@ def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> tuple[li
 
 def _possible(problem: FitProblem, fit: Fit, e: Effect, points: Sequence[dict[str, float]]) -> bool:
     """Whether the model can have the effect at all points: some laws of the material exclude each other."""
-    if isinstance(e, BesideDescription):  # the description stays as it is
+    if isinstance(e, BesideDescription | ChangedInputs):  # neither robot nor model changes
         return True
     try:
         for point in points:

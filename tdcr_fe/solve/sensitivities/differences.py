@@ -12,7 +12,7 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.section_forces import DIFFERENCE
 from tdcr_fe.model.loading import Actuation, LoadStep, resolve
-from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, StepInput
+from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, StepInput, StepInputs
 from tdcr_fe.solve.simulation import Simulation
 
 T = TypeVar("T")
@@ -152,7 +152,7 @@ class InputDerivatives:
     def of_inputs(
         cls, tendons: int, loads: Sequence[Sequence[str]], chosen: Sequence[Parameter]
     ) -> InputDerivatives:
-        """Where no parameter but the inputs of the current step changes inputs.
+        """Where no parameter of the description changes inputs.
 
         Parameters
         ----------
@@ -171,6 +171,8 @@ class InputDerivatives:
             np.array([isinstance(p, StepInput) for p in chosen], dtype=bool),
         )
         for number, parameter in enumerate(chosen):
+            if isinstance(parameter, StepInputs):
+                found.tendons[:, :, number] = parameter.change
             if not isinstance(parameter, StepInput):
                 continue
             for k, names in enumerate(loads):

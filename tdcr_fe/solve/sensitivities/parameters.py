@@ -7,6 +7,7 @@ docs/sensitivities.md.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from difflib import get_close_matches
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from tdcr_fe.effects import EFFECTS, Experiment, effect
+from tdcr_fe.elements import Array
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import PointsRouting, Routing, TurnedRouting
@@ -128,7 +130,15 @@ class StepInput:
     component: int = 0  # Of the load's six values
 
 
-Parameter = ModelParameter | StepInput
+@dataclass(frozen=True, eq=False)
+class StepInputs:
+    """A number on which the inputs of all load steps depend."""
+
+    name: str
+    change: Array  # Derivatives of tensions [N] and lengths wound [m] at the ends of all steps, shape (K, m)
+
+
+Parameter = ModelParameter | StepInput | StepInputs
 
 
 def parameters(experiment: Experiment, names: Sequence[str | Parameter]) -> tuple[Parameter, ...]:
@@ -150,8 +160,8 @@ def parameters(experiment: Experiment, names: Sequence[str | Parameter]) -> tupl
     """
     if isinstance(names, str):
         raise TypeError(f"sensitivities: {names!r} is one name; must be a list of names: [{names!r}]")
-    found = tuple(x if isinstance(x, ModelParameter | StepInput) else _named(experiment, x) for x in names)
-    repeated = sorted({p.name for p in found if [q.name for q in found].count(p.name) > 1})
+    found = tuple(x if isinstance(x, Parameter) else _named(experiment, x) for x in names)
+    repeated = sorted(name for name, count in Counter(p.name for p in found).items() if count > 1)
     if repeated:
         raise ValueError(f"sensitivities: {repeated[0]!r} is named twice")
     return found
