@@ -395,7 +395,9 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
     if any(step.loads for step in declared_drive.steps):
         changes.append((_Drive({}, forces=-1.0), "forces at the tip have the opposite sign"))
     drives = [declared_drive, *(_driven(declared_drive, change) for change, _ in changes)]
-    free = [join_steps(replace(d, model=replace(d.model, friction="none"))) for d in drives]
+    free = [
+        join_steps(replace(d, model=replace(d.model, friction="none", elements_per_bay=1))) for d in drives
+    ]
     runs = problem.run([Job(e) for e in free])
     here, *others = [problem.residual(e, run) for e, run in zip(free, runs, strict=True)]
     judged = []

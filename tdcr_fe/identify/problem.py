@@ -261,6 +261,7 @@ class Fit:
     run: Run
     path_residual: Array  # that of the run that has chosen the substeps, shape (n,)
     pruned: bool = False  # whether the fit was stopped because it could not come near the best
+    stuck: bool = False  # whether no step from it leads down that the linear model says is worth one
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -252,7 +252,7 @@ def fit_proposals(
     waiting = sorted(pool, key=lambda x: x.criterion)
     races = {named: fitting.Race(_lowest(state, named), search.deadline) for named in (True, False)}
     noise, ready = fitting.Race(float(np.count_nonzero(problem.fitted))).limit, list[_Evaluated]()
-    keys = {x.names for x in pool}
+    keys, promised = {x.names for x in pool}, {x.names: x.criterion for x in pool}
 
     def fits() -> list[Fit]:
         return [f for k, f in state.fits.items() if k in keys and f.solved]
@@ -273,7 +273,7 @@ def fit_proposals(
             late = search.out_of_time and state.best.effects
             if enough or late or x.names in state.fits or x.names in chosen:
                 continue
-            if ahead is None or could_match(problem, ahead, x):
+            if ahead is None or could_match(problem, ahead, x, promised.get(frozenset(ahead.names))):
                 chosen[x.names] = x
         try:
             ready += _evaluated(state, list(chosen.values()))
@@ -364,15 +364,20 @@ def criterion_of(problem: FitProblem, fit: Fit) -> float:
     return fit.cost + price_of(problem, fit)
 
 
-def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal) -> bool:
+def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal, promised: float | None = None) -> bool:
     """Whether a candidate may become about as probable as another model, to first order.
 
     It does where it promises as much, or can make the change of the predictions that the other model makes. Other forms
     of the same effects always may, and listed effects that perturb the same: how far first order is off is not known.
+    Not so forms with more numbers that are not worth them to first order; `_in_best_forms` comes back to these.
+    ``promised``: the criterion that first order gave the other model beside the same one.
     """
     parent, x, criterion = proposal
     mine, theirs = proposal.effects, ahead.effects
     forms = {e.listed for e in mine} == {e.listed for e in theirs}
+    numbers, others = (sum(len(e.parameters) for e in effects) for effects in (mine, theirs))
+    if forms and promised is not None and numbers > others and criterion > promised + BIC_DIFFERENCE:
+        return False
     forms |= proposal.named and {e.kind.perturbs for e in mine} == {e.kind.perturbs for e in theirs}
     limit = criterion_of(problem, ahead) + BIC_DIFFERENCE
     if forms or not x.signature.size or criterion < limit:
@@ -431,7 +436,7 @@ def refitted(state: SearchState, parts: Sequence[tuple[Effect, ...]]) -> tuple[S
         except ValueError:  # there is no such robot: not solved
             continue
         if effects and (key, whole) not in state.refits:
-            fittings.append(fitting.smaller(problem, effects, start, best))
+            fittings.append(fitting.smaller(problem, effects, start, best, state.fits.get(key)))
     for new in fitting.run_fits(problem, fittings):
         known = state.fits.get(frozenset(new.names))
         if known is None or known.pruned or new.cost < known.cost:
@@ -701,8 +706,9 @@ def _saturates(effect: Effect) -> TypeGuard[EffectAtPlace]:
 def at_full_strength(search: Search, state: SearchState, parent: Fit) -> tuple[SearchState, list[Proposal]]:
     """Causes that saturate, simulated at full strength beside a model: their derivatives tell the direction.
 
-    Of those that promise most to first order, load steps that are each solved as a whole show the best two. In 3 blind
-    sets of a hole that holds fast they showed it, in a seventh of the time of all holes with their friction paths.
+    Of those that promise most to first order, load steps that are each solved as a whole show the best two, where they
+    come below the model without. In 3 blind sets of a hole that holds fast they showed it, in a seventh of the time of
+    all holes with their friction paths.
     """
     state, scores, _ = scores_beside(state, parent)
     problem = state.problem
@@ -716,7 +722,7 @@ def at_full_strength(search: Search, state: SearchState, parent: Fit) -> tuple[S
 
     rough = _in_whole_steps(problem, parent)
     costs = [problem.cost(fitting.linear_optimum(problem, f)[1])[0] for f in simulated(rough, causes, None)]
-    best = [causes[i] for i in np.argsort(costs)[:2] if math.isfinite(costs[i])]
+    best = [causes[i] for i in np.argsort(costs)[:2] if costs[i] < parent.cost]
     scores = []
     for e, new in zip(best, simulated(problem, best, parent), strict=True):
         if new.solved:

@@ -166,7 +166,8 @@ def refined(state: SearchState) -> SearchState:
     state = _reweighted(state)
     threshold = min(state.problem.robust_threshold, criteria.robust_threshold(state.best.residual))
     problem = replace(state.problem, robust_threshold=threshold)
-    (before,) = fitting.run_fits(problem, [fitting.finish(problem, state.best, fitting.Race())])
+    start = replace(state.best, stuck=False)
+    (before,) = fitting.run_fits(problem, [fitting.finish(problem, start, fitting.Race())])
     correction, run = problem.correction, before.run
     for _ in range(3):
         problem, refined_run = refine(problem, before.effects, before.values, run)
