@@ -25,18 +25,18 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2575,
+    "elements": 2576,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 764,
     "tdcr_fe/effects": 1236,
     "tdcr_fe/estimate": 1106,
-    "tdcr_fe/identify": 6131,
+    "tdcr_fe/identify": 6183,
     "tdcr_fe/io": 1772,
     "tdcr_fe/live": 359,
     "tdcr_fe/model": 2485,
     "tdcr_fe/report": 1108,
     "tdcr_fe/scene": 1338,
-    "tdcr_fe/solve": 6669,
+    "tdcr_fe/solve": 6677,
     "tdcr_fe/sweeps": 1397,
     "validation": 6493,
     "tests": 12718,
