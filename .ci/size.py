@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2576,
+    "elements": 2580,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 764,
     "tdcr_fe/effects": 1236,
