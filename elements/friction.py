@@ -446,4 +446,4 @@ def hole_states(mobilisation: Array, count: int) -> tuple[str, ...]:
         Number of segments.
     """
     names = np.where(mobilisation >= 1.0, "pull", np.where(mobilisation <= -1.0, "release", "stick"))
-    return (*(str(x) for x in names[: count - 1]), "anchor")
+    return (*names[: count - 1].tolist(), "anchor")

@@ -121,14 +121,12 @@ def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
         reporter(error.field, error.value, error.allowed)
     untimed = [n for n, step in zip(data.step_ids, data.steps, strict=True) if step.time is None]
     unknown = [r.line for r in data.readings if r.sigma is None]
-    effects = ["actuator_backlash"] if data.experiment.ends is not None else []
     for file, key, found, needed in (
-        ("loading.csv", "time", untimed, "needs the time of every step [s]; it is missing in step"),
-        ("observations.csv", "sigma", unknown, "needs every standard deviation; it is missing in line"),
-        ("model.toml", "effects", effects, "takes no effects that divide load steps, such as"),
+        ("loading.csv", "time", untimed, "the time of every step [s]; it is missing in step"),
+        ("observations.csv", "sigma", unknown, "every standard deviation; it is missing in line"),
     ):
         if found:
-            text = f"estimation {needed} {found[0]}"
+            text = f"estimation needs {needed} {found[0]}"
             reporter.problems.append(Problem(str(folder / file), key, "", text))
     reporter.refuse()
     return Estimation(data, load, inputs)
@@ -182,6 +180,8 @@ def run_estimation(
         A frame that was not solved says so, and the run goes on with the next. After Ctrl-C, the frames until then.
     """
     data, experiment = estimation.data, estimation.data.experiment
+    # The path within a frame is not resolved, so that a frame is not divided where backlash ends.
+    steps = [experiment.steps[j] for j in experiment.whole_steps]
     found = first_checks(data)
     found[PlausibilityWarning] += _implausible_priors(estimation)
     for category, texts in found.items():
@@ -194,14 +194,14 @@ def run_estimation(
         experiment.model,
         estimation.load,
         estimation.inputs,
-        steps=experiment.steps,
+        steps=steps,
         observation=experiment.observation,
         settings=data.settings,
     )
     frames: list[Estimate] = []
     interrupted = False
     try:
-        for number, step in zip(data.step_ids, experiment.steps, strict=True):
+        for number, step in zip(data.step_ids, steps, strict=True):
             frames.append(estimator.step(step, by_step[number]))
             if progress is not None:
                 progress(frames[-1])

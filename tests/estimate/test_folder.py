@@ -66,6 +66,27 @@ def test_the_command_writes_tables_and_a_page(folder, tmp_path, capsys):
         np.testing.assert_allclose(axes.T @ axes, 7.8147 * covariance, rtol=1e-3, atol=1e-10)
 
 
+def test_a_declared_loss_of_tension_acts(folder, tmp_path):
+    """As the same tensions do that it leaves, also where it divides load steps."""
+    found = []
+    for name in ("declared", "acting"):
+        path = shutil.copytree(folder, tmp_path / name)
+        if name == "declared":
+            with (path / "model.toml").open("a") as file:
+                file.write("\n[effects]\nactuator_loss = { dead_band = 0.05, efficiency = 1.0 }\n")
+        else:
+            loading = pd.read_csv(path / "loading.csv")
+            for column in loading.filter(like="tension_"):
+                arrived = 0.0
+                for k, command in enumerate(loading[column]):
+                    arrived = max(min(arrived, command + 0.05), max(command - 0.05, 0.0))
+                    loading.loc[k, column] = arrived
+            loading.to_csv(path / "loading.csv", index=False)
+        frames = run_estimation(read_estimation(path)).frames
+        found.append([(*frame.tip, *frame.force, *frame.tensions) for frame in frames])
+    np.testing.assert_allclose(*found, rtol=1e-6, atol=1e-9)
+
+
 def test_a_moment_is_written_where_it_is_estimated(wrong):
     """Step 3 has no readings: what is known of it is what step 2 says, and the prior."""
     text = (wrong / "estimate.toml").read_text().replace("0.05", "0.05\nsigma_moment = 1e-3")
