@@ -12,8 +12,8 @@ finite elements, Comput. Methods Appl. Mech. Engrg. 313 (2017) 986-1005).
 The mobilisation of a hole is a function of its slip with two corners, over a presliding distance that is far shorter
 than what Newton's method moves in an iteration. With tangents of this function the iteration often jumps between all
 holes sliding one way and all sliding the other way. Two things prevent that. The first iterate of a step is computed
-for holes that are predicted to stick or to slide (`HolePrediction`). In the others a hole that has saturated since the
-iterate before is linearised by the secant between both iterates. Where an iteration converges, this is the tangent.
+for holes that go on sticking or sliding as at its beginning. In the others a hole that has saturated since the iterate
+before is linearised by the secant between both iterates. Where an iteration converges, this is the tangent.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from typing import NamedTuple
 import exudyn as exu
 import numpy as np
 
-from tdcr_fe.elements import Array, Flags
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import BackboneMesh, relative_twists, strain_matrices
 from tdcr_fe.elements.capstan import TensionField
 from tdcr_fe.elements.friction import TendonLaw
@@ -97,27 +97,12 @@ def constant_wrench_tangent(wrenches: Array, twists: Array, rotations: Array, pa
     return generalized_tangent(k, of_nodes[:, 3:], twists_by_coordinates(rotations, parameters))
 
 
-class HolePrediction(NamedTuple):
-    """Which holes stick and which slide at the end of a step, assumed before it is solved."""
-
-    # (m, g): Friction variables that follow the slip linearly, however far it is; the others are constant
-    sticks: Flags
-    # (m, g): Mobilisation at the beginning of the step where it sticks, else that with which it slides
-    mobilisation: Array
-
-    @classmethod
-    def of(cls, start: Array, reached: Array) -> HolePrediction:
-        """From mobilisations at the beginning, and unlimited ones that are expected at the end, shape (m, g)."""
-        sticks = np.abs(reached) < 1.0
-        return cls(sticks, np.where(sticks, start, np.sign(reached)))
-
-
 class HoleIterate(NamedTuple):
     """Tensions in one iterate of a step."""
 
     trial: Array  # (m, g): Mobilisations before they are limited to [-1, 1]
     field: TensionField
-    predicted: bool = False  # Whether holes stick and slide as predicted, in place of the law of friction
+    kept: bool = False  # Whether holes stick and slide as at the beginning, in place of the law of friction
 
     @classmethod
     def of(
@@ -127,7 +112,8 @@ class HoleIterate(NamedTuple):
         shape: CableShape,
         state: FrictionState,
         time: float,
-        near: HolePrediction | HoleIterate | None,
+        before: HoleIterate | None = None,
+        keep: bool = False,
     ) -> HoleIterate:
         """Tensions in a configuration; the law must be `TendonLaw.simple`.
 
@@ -143,26 +129,29 @@ class HoleIterate(NamedTuple):
             History of friction at the beginning of the step.
         time
             At its end [s].
-        near
-            What is predicted of the holes. The law of friction is taken nevertheless where it agrees, and where the
-            prediction is of no use: tensions below zero, or more than doubled. Or the iterate before, from which holes
-            that have saturated since are linearised by the secant. None is the law and its derivative.
+        before
+            The iterate before, from which holes that have saturated since are linearised by the secant; None is the
+            derivative of the law.
+        keep
+            Whether holes stick and slide as at the beginning. The law of friction is taken nevertheless where it
+            agrees, and where that is of no use: tensions below zero, or more than doubled.
         """
         trial = law.hysteresis.trial(law.slips(law.parameters.lengths - shape.lengths), state)
         limited = np.minimum(np.maximum(trial, -1.0), 1.0)
         given = base_tension, shape.lengths, shape.angles
-        if isinstance(near, HolePrediction):
-            sticks, mobilisation = near
-            beyond = np.where(sticks, trial - mobilisation, 0.0)
-            if (np.where(sticks, trial, mobilisation) != limited).any():
-                field = law.field(*given, mobilisation, state, time)
+        if keep:
+            start = state.mobilisation
+            sticks = np.abs(start) < 1.0
+            beyond = np.where(sticks, trial - start, 0.0)
+            if (np.where(sticks, trial, start) != limited).any():
+                field = law.field(*given, start, state, time)
                 tension = field.tension + (field.by_mobilisation @ beyond[..., None])[..., 0]
                 if ((tension >= 0.0) & (tension <= 2.0 * field.tension)).all():
                     field = law.with_slopes(field, lambda: sticks, trial, state)
-                    return cls(trial, replace(field, tension=tension), predicted=True)
-        before = near.trial if isinstance(near, HoleIterate) else trial
+                    return cls(trial, replace(field, tension=tension), kept=True)
+        last = trial if before is None else before.trial
         field = law.field(*given, limited, state, time)
-        return cls(trial, law.with_slopes(field, lambda: _secants(before, trial), trial, state))
+        return cls(trial, law.with_slopes(field, lambda: _secants(last, trial), trial, state))
 
 
 def _secants(before: Array, trial: Array) -> Array:
@@ -172,47 +161,3 @@ def _secants(before: Array, trial: Array) -> Array:
     saturated = (slopes == 0.0) & (change != 0.0)
     slopes[saturated] = change[saturated] / (trial - before)[saturated]
     return slopes
-
-
-class PastStep(NamedTuple):
-    """A step that was solved, from which the next one is predicted."""
-
-    end: FrictionState  # History at its end
-    rate: Array  # (m, g): Change of the mobilisations per time, unlimited [1/s]
-    # (m, g): The same in the step after it: half of the change of the rate since the step before goes on [1/s]
-    expected: Array
-    # Whether it was solved with the tangent: numerical derivatives need one law in all evaluations
-    by_tangent: bool
-
-    @classmethod
-    def of(
-        cls,
-        start: FrictionState,
-        trial: Array,
-        end: FrictionState,
-        before: PastStep | None,
-        by_tangent: bool,
-    ) -> PastStep | None:
-        """Of a step from a history to another, and the step before it if known; None where no time has passed.
-
-        ``trial``: mobilisations at its end, unlimited, shape (m, g).
-        """
-        if end.time <= start.time:
-            return None
-        rate = (trial - start.mobilisation) / (end.time - start.time)
-        known = before is not None and before.end is start
-        expected = 1.5 * rate - 0.5 * before.rate if before is not None and known else rate
-        return cls(end, rate, expected, by_tangent)
-
-
-def predicted_holes(past: PastStep | None, state: FrictionState, time: float) -> HolePrediction | None:
-    """Holes at the end of a step from a history to a time [s]; None where no time passes, or nothing may be predicted.
-
-    They go on as in the past step, or stay as they are where the history is that of another step.
-    """
-    if time <= state.time or (past is not None and not past.by_tangent):
-        return None
-    start = state.mobilisation
-    if past is None or past.end is not state:
-        return HolePrediction.of(start, start)
-    return HolePrediction.of(start, start + (time - state.time) * past.expected)

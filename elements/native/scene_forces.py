@@ -17,7 +17,7 @@ from tdcr_fe.elements.native.coordinates import (
     generalized_tangent,
     twists_by_coordinates,
 )
-from tdcr_fe.elements.native.iterated import HoleIterate, HolePrediction, PastStep, predicted_holes
+from tdcr_fe.elements.native.iterated import HoleIterate
 
 
 class Motor(NamedTuple):
@@ -65,8 +65,8 @@ class Evaluation(NamedTuple):
 class SceneForces:
     """Forces of one robot; a step starts from the tensions of the evaluation before.
 
-    Where tensions follow from angles and mobilisations alone, holes are predicted and linearised by secants, see
-    `tdcr_fe.elements.native.iterated`.
+    Where tensions follow from angles and mobilisations alone, holes begin a step as they are, and are linearised by
+    secants, see `tdcr_fe.elements.native.iterated`.
 
     Parameters
     ----------
@@ -77,7 +77,8 @@ class SceneForces:
     def __init__(self, coordinates: NodeCoordinates) -> None:
         self._coordinates = coordinates
         self._last: Evaluation | None = None
-        self._past: PastStep | None = None
+        #: Whether the last step was solved with the tangent: differences of forces need one law in all evaluations.
+        self._by_tangent = True
 
     def forget(self) -> None:
         """Forget the last evaluation, after another `Assemble`."""
@@ -93,24 +94,24 @@ class SceneForces:
         tendons
             In the step.
         by_law
-            Whether the last evaluation does not count where it was for holes as predicted.
+            Whether the last evaluation does not count where it was for holes as at the beginning of the step.
         """
         last, history, iterated = self._last, tendons.history, tendons.iterated
         before = last if last is not None and last.tendons.history is history else None
-        near: HolePrediction | HoleIterate | None = None
+        iterate: HoleIterate | None = None
         if before is not None and before.tendons.same_step(tendons):
-            predicted = by_law and before.holes is not None and before.holes.predicted
-            if not predicted and np.array_equal(before.coordinates, coordinates):
+            kept = by_law and before.holes is not None and before.holes.kept
+            if not kept and np.array_equal(before.coordinates, coordinates):
                 return before
-            near = before.holes
-        elif iterated and before is None:
-            # A step that is tried again with another size was not solved with the prediction.
-            near = predicted_holes(self._past, history.friction, tendons.time)
+            iterate = before.holes
         positions, rotations, parameters = self._coordinates.poses(coordinates.reshape(-1, 7))
         model, values, holes = tendons.model, tendons.values, None
         measured = model.measure(positions, rotations)
         if iterated:
-            holes = HoleIterate.of(model.law, values, measured.shape, history.friction, tendons.time, near)
+            friction, t = history.friction, tendons.time
+            # A step that is tried again with another size was not solved so.
+            keep = before is None and self._by_tangent and t > friction.time
+            holes = HoleIterate.of(model.law, values, measured.shape, friction, t, iterate, keep)
             forces = TendonForces(model, measured, values, holes.field)
         else:
             start = history.base_tension
@@ -124,11 +125,9 @@ class SceneForces:
 
     def step_end(self, coordinates: Array, tendons: ElasticTendons) -> tuple[FrictionState, TendonForces]:
         """History and forces where a solved step ends; arguments as in `at`."""
-        found, start = self.at(coordinates, tendons), tendons.history.friction
-        friction = tendons.model.law.commit(found.forces.field)
-        if found.holes is not None:
-            self._past = PastStep.of(start, found.holes.trial, friction, self._past, found.linearised)
-        return friction, found.forces
+        found = self.at(coordinates, tendons)
+        self._by_tangent = found.linearised or tendons.time <= tendons.history.friction.time
+        return tendons.model.law.commit(found.forces.field), found.forces
 
     # ------------------------------------------------------------------ on the coordinates of the nodes
 
