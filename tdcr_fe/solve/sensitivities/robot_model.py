@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,20 +59,17 @@ class RobotModel:
         hysteresis
             At the holes.
         similar
-            Another model of the same hysteresis and base. What is equal in both is taken from it.
+            Another model, of which the mesh is taken where it is the same.
         """
         robot, model = experiment.robot, experiment.model
-        if similar is not None and _same_mesh(similar.experiment, experiment):
-            mesh, rigid = similar.forces.mesh, similar.rigid
-        else:
+        if similar is None or not _same_mesh(similar.experiment, experiment):
             mesh, rigid = build_mesh(robot, model, load_positions(experiment))
-        forces = force_model(robot, model, mesh, rigid, hysteresis, base)
-        if similar is not None:
-            old = similar.forces
-            if _same(_tendon_arrays(forces), _tendon_arrays(old)):
-                forces = replace(forces, geometry=old.geometry, law=old.law)
-            if _same(forces.section, old.section):
-                forces = replace(forces, section=old.section)
+            forces = force_model(robot, model, mesh, rigid, hysteresis, base)
+        else:
+            mesh, rigid = similar.forces.mesh, similar.rigid
+            forces = force_model(robot, model, mesh, rigid, hysteresis, base)
+            if robot.tendons == similar.experiment.robot.tendons:
+                forces = replace(forces, section=similar.forces.section)
         weight = Masses.of(robot, mesh, model.gravity).weights()
         return cls(experiment, base, forces, rigid, weight)
 
@@ -108,23 +105,6 @@ def _same_mesh(a: Experiment, b: Experiment) -> bool:
     return source(a) == source(b) and (a.steps is b.steps or load_positions(a) == load_positions(b))
 
 
-def _tendon_arrays(forces: ForceModel) -> tuple[Any, ...]:
-    """What the tensions of cables in a state follow from."""
-    g, law = forces.geometry, forces.law
-    return None if g is None else (g.nominal, g.clearance), law.parameters, law.law
-
-
-def _same(a: Any, b: Any) -> bool:
-    """Whether two values are equal, arrays in all their elements."""
-    if a is b:
-        return True
-    if is_dataclass(a):
-        return type(a) is type(b) and all(_same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
-    if isinstance(a, tuple) and isinstance(b, tuple):
-        return len(a) == len(b) and all(map(_same, a, b))
-    return bool(np.array_equal(a, b))
-
-
 class RobotPoint(NamedTuple):
     """Where the forces of a robot are evaluated."""
 
@@ -147,30 +127,23 @@ class Values(NamedTuple):
 class TendonStack:
     """Tendons of several models of one robot, evaluated as if they were so many tendons."""
 
-    index: Index  # (S,): By model, which of the different ones it is
-    # Of the different ones, where one has friction with its mobilisations: of those with constant coefficients of
-    # friction, which take a fraction of the time, and of the others
+    index: Index  # (S,): By model, its place among them as they are ordered here
+    # Where one has friction with its mobilisations: of those with constant coefficients of friction, which take a
+    # fraction of the time, and of the others
     laws: tuple[TendonLaw, ...]
-    geometry: CableGeometry | None  # Of the different ones; None where the tendons follow the backbone
-    sections: tuple[SectionForces | None, ...]  # Of the different ones
+    geometry: CableGeometry | None  # None where the tendons follow the backbone
+    sections: tuple[SectionForces | None, ...]
 
     @classmethod
     def of(cls, models: Sequence[ForceModel]) -> TendonStack:
         """The tendons of models with the same numbers of tendons and holes."""
-        # Rates of slip may be those of one model alone.
-        keys: list[Any] = [
-            k if m.geometry is None or m.law.varies else (id(m.geometry), id(m.law))
-            for k, m in enumerate(models)
-        ]
-        different = dict(zip(keys, models, strict=True))
-        ordered = sorted(different, key=lambda key: different[key].law.varies)
-        own = [different[key] for key in ordered]
-        places = {key: place for place, key in enumerate(ordered)}
+        order = np.argsort([m.law.varies for m in models], kind="stable")
+        own = [models[k] for k in order]
         geometries = [m.geometry for m in own if m.geometry is not None]
         mobilised = next((m.law.law for m in models if m.law.law.active), models[0].law.law)
         parts = [list(group) for _, group in itertools.groupby((m.law for m in own), lambda law: law.varies)]
         return cls(
-            np.array([places[key] for key in keys]),
+            np.argsort(order),
             tuple(_joined_law(part, mobilised) for part in parts),
             _joined_geometry(geometries) if geometries else None,
             tuple(m.section for m in own),
@@ -201,9 +174,9 @@ class TendonStack:
             With holes, see `tdcr_fe.elements.forces.ForceModel.cable_nodes`; empty where tendons follow the backbone.
         """
         m, n = len(point.base_tension), self.laws[0].shape[1]
-        shape, size = self._shape(point, nodes), 1 + int(self.index.max())
+        shape, size = self._shape(point, nodes), len(self.index)
         mobilisation = np.tile(point.mobilisation, (size, 1))
-        rates = rates[np.unique(self.index, return_index=True)[1]].reshape(mobilisation.shape)
+        rates = rates[np.argsort(self.index)].reshape(mobilisation.shape)
         base, fields, first = np.tile(point.base_tension, size), [], 0
         for law in self.laws:
             own = slice(first, first + law.shape[0])
@@ -428,7 +401,7 @@ class ExplicitDerivatives:
     def released_unloaded(self) -> Array:
         """Derivatives of the released lengths in the unloaded shape without tension, shape (m, n, P)."""
         tendons = self._tendons
-        shape = (1 + int(tendons.index.max()), *self.present.forces.law.shape)
+        shape = (len(tendons.index), *self.present.forces.law.shape)
         values = np.concatenate([law.released_unloaded() for law in tendons.laws]).reshape(shape)
         return self._derivative(values[tendons.index])
 
