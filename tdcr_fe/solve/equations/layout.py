@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import exudyn as exu
@@ -270,8 +270,6 @@ class SceneLayout:
     bands: tuple[BandLayout | None, ...]
     # (E,): By robot, shortening of every element at which its bay buckles [m]
     buckling: tuple[Array, ...]
-    # Those computed so far, by whether there is friction, and which tendons are driven by displacement
-    numberings: dict[tuple[bool | bytes, ...], Numbering] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -332,7 +330,6 @@ class SceneLayout:
             turning=np.zeros((0, 6), dtype=bool),
             bands=(self.bands[i],),
             buckling=(self.buckling[i],),
-            numberings={},
         )
 
 

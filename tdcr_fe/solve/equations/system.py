@@ -117,11 +117,7 @@ class SceneSystem:
         For the current driving of the tendons; ``by_tension``: number of a robot whose tensions are taken as given.
         """
         winds = [robot.drives.winds & (i != by_tension) for i, robot in enumerate(self.robots)]
-        known = self.layout.numberings
-        key: tuple[bool | bytes, ...] = (with_friction, *(own.tobytes() for own in winds))
-        if key not in known:
-            known[key] = Numbering.of(self.layout, winds, with_friction)
-        return known[key]
+        return Numbering.of(self.layout, winds, with_friction)
 
     # ------------------------------------------------------------------ states
 
