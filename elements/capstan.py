@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from tdcr_fe.elements import Array, Flags
+from tdcr_fe.elements import Array
 
 
 class HoleSlopes(NamedTuple):
@@ -32,10 +32,11 @@ class HoleSlopes(NamedTuple):
         """``dT_k / dT_j`` of all pairs of segments, shape (m, n, n)."""
         m, h = self.by_tension.shape
         # Factors of the holes from segment j on, one before it; their products reach from j to k.
-        factors = np.where(_from(h), self.by_tension[:, None, :], 1.0)
+        behind = np.arange(h) >= np.arange(h + 1)[:, None]
+        factors = np.where(behind, self.by_tension[:, None, :], 1.0)
         found = np.ones((m, h + 1, h + 1))
         factors.cumprod(axis=2, out=found[:, :, 1:])
-        return found.swapaxes(1, 2) * _lower(h + 1)
+        return found.swapaxes(1, 2) * np.tri(h + 1)
 
     def derivatives(self, incidence: Array | None) -> TensionDerivatives:
         """Of the tensions along the tendons at fixed lengths of their segments.
@@ -53,18 +54,6 @@ class HoleSlopes(NamedTuple):
 
 #: Gives the derivatives, which are formed on demand.
 Slopes = Callable[[], HoleSlopes]
-
-
-@cache
-def _lower(n: int) -> Array:
-    """Ones on and below the diagonal, shape (n, n)."""
-    return np.tri(n)
-
-
-@cache
-def _from(h: int) -> Flags:
-    """Whether hole ``i`` comes after segment ``j``, shape (h + 1, h)."""
-    return np.arange(h) >= np.arange(h + 1)[:, None]
 
 
 def capstan(

@@ -24,10 +24,6 @@ ROUGH = 0.1
 #: With a quarter of it, one of twenty random robots ended 2.2e-5 of the length off.
 REFINED_ERROR = 0.5
 
-#: Displacement of a node up to which the end of a followed path and the solution to first order with its reversals are
-#: the same, over the length, where less is allowed [1]: the path has an error of its integration, seen up to 6.5e-7.
-AGREEMENT = 2e-6
-
 
 class SubstepSlips(NamedTuple):
     """Slips of the tendons under tension in a substep that was solved as a whole."""
@@ -36,7 +32,6 @@ class SubstepSlips(NamedTuple):
     # Largest displacement of a node that reversals may cause, and up to which the end of a path and the solution to
     # first order are the same [m]
     allowed: float
-    agreement: float
     slips: InterpolatedSlips  # In it
     before: Array  # (k,): Mobilisations at its start and its end [1]
     after: Array  # as `before`
@@ -49,9 +44,7 @@ class SubstepSlips(NamedTuple):
     columns: Array
 
     @classmethod
-    def of(
-        cls, known: KnownStates, targets: tuple[Target, Target], allowed: float, agreement: float
-    ) -> SubstepSlips:
+    def of(cls, known: KnownStates, targets: tuple[Target, Target], allowed: float) -> SubstepSlips:
         """From its solved states; further arguments as of `find_reversals`."""
         taut, start, end = known.taut, known.start, known.end
         holes, k = taut.holes, len(taut.holes)
@@ -73,7 +66,7 @@ class SubstepSlips(NamedTuple):
         slip = (end.slips - start.slips)[holes]
         assert end.response is not None
         first, columns = start.driven_tension[taut.driven], end.response.nodes @ tensions
-        return cls(known, allowed, agreement, slips, before, after, first, slip, matrix[:k], columns)
+        return cls(known, allowed, slips, before, after, first, slip, matrix[:k], columns)
 
     @property
     def presliding(self) -> Array:
@@ -102,7 +95,7 @@ class SubstepSlips(NamedTuple):
         """
         first_order = self.with_reversals(path)
         last = path.unknowns[: len(first_order)]
-        if path.complete and self.displacement(last - first_order) > self.agreement:
+        if path.complete and self.displacement(last - first_order) > self.allowed:
             return last
         return first_order
 
@@ -261,7 +254,7 @@ def find_reversals(
     Reversals or None
         None where every slip is monotone, so that the substep is exact as a whole.
     """
-    substep = SubstepSlips.of(known, targets, allowed * length, max(allowed, AGREEMENT) * length)
+    substep = SubstepSlips.of(known, targets, allowed * length)
     path = substep.follow(substep.slips)
     corrected = substep.at_end(path)
     effect = substep.displacement(corrected - substep.after) / length
