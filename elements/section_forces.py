@@ -20,6 +20,8 @@ from tdcr_fe.elements.poses import skew
 #: Change for numerical derivatives by central differences: of a strain, of a coordinate of Exudyn [m, 1], or over the
 #: size of what is changed [1].
 DIFFERENCE = 1e-5
+#: Distance from the axis at which a change of curvature by them makes that strain, over the length of the backbone [1].
+THINNEST = 0.1
 
 
 @dataclass(frozen=True)
@@ -49,10 +51,10 @@ class SectionForces:
         """Derivative of `wrenches` with respect to the twists of both nodes, shape (E, 12, 12).
 
         By central differences over the six components of the twist; the strain matrix supplies the rest. The
-        differences are those of strains, and of curvatures by which the whole backbone turns as much, so that they suit
-        elements of any length.
+        differences are those of strains, so that they suit elements of any length.
         """
-        step = self.lengths[:, None] * np.repeat((DIFFERENCE, DIFFERENCE / self.lengths.sum()), 3)
+        stretch, bend = DIFFERENCE, DIFFERENCE / (THINNEST * self.lengths.sum())
+        step = self.lengths[:, None] * np.repeat((stretch, bend), 3)
         return wrench_tangent(lambda moved: self.wrenches(moved, tensions), twists, step)
 
 
