@@ -92,6 +92,13 @@ def test_a_column_beyond_eulers_load_is_reported(fraction: float, expected: bool
     assert unstable(COLUMN, Model(friction="none"), [push(fraction)]) is expected
 
 
+@pytest.mark.parametrize("fraction", [1.1, 1.2, 1.5])
+def test_a_round_column_that_has_buckled_is_not_reported(fraction: float) -> None:
+    """It may turn about its axis at no cost: the smallest eigenvalue is zero, and its round-off was called unstable."""
+    rise = [push(f, 0.1) for f in np.linspace(0.0, fraction, 8)]
+    assert not unstable(COLUMN, Model(friction="none"), [*rise, push(fraction, 0.0)])
+
+
 @pytest.mark.parametrize(("fraction", "expected"), [(0.9, False), (1.1, True)])
 def test_a_heavy_tip_on_an_upright_robot_is_reported(fraction: float, expected: bool) -> None:
     light = paper().with_backbone(density=0.0).with_disks(mass=0.0)
