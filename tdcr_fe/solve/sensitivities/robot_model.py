@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
@@ -125,13 +125,14 @@ class Values(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TendonStack:
-    """Tendons of several models of one robot, evaluated as if they were so many tendons."""
+    """Tendons of several models of one robot, those that differ evaluated as if they were so many tendons."""
 
     index: Index  # (S,): By model, its place among them as they are ordered here
-    # Where one has friction with its mobilisations: of those with constant coefficients of friction, which take a
-    # fraction of the time, and of the others
+    rows: Index  # (S m,): Of all tendons of the models in this order, which of those that differ it is
+    # Of the tendons that differ, where one has friction with its mobilisations: of those with constant coefficients of
+    # friction, which take a fraction of the time, and of the others
     laws: tuple[TendonLaw, ...]
-    geometry: CableGeometry | None  # None where the tendons follow the backbone
+    geometry: CableGeometry | None  # Of the tendons that differ; None where they follow the backbone
     sections: tuple[SectionForces | None, ...]
 
     @classmethod
@@ -141,11 +142,20 @@ class TendonStack:
         own = [models[k] for k in order]
         geometries = [m.geometry for m in own if m.geometry is not None]
         mobilised = next((m.law.law for m in models if m.law.law.active), models[0].law.law)
-        parts = [list(group) for _, group in itertools.groupby((m.law for m in own), lambda law: law.varies)]
+        tendons = dict[tuple[Any, ...], int]()
+        every = (key for number, model in enumerate(own) for key in _tendon_keys(model, number))
+        rows = np.array([tendons.setdefault(key, len(tendons)) for key in every], dtype=int)
+        first, laws, begin = np.unique(rows, return_index=True)[1], [], 0
+        for _, part in itertools.groupby((m.law for m in own), lambda law: law.varies):
+            group = list(part)
+            end = begin + sum(law.shape[0] for law in group)
+            laws.append(_joined_law(group, mobilised, first[(first >= begin) & (first < end)] - begin))
+            begin = end
         return cls(
             np.argsort(order),
-            tuple(_joined_law(part, mobilised) for part in parts),
-            _joined_geometry(geometries) if geometries else None,
+            rows,
+            tuple(laws),
+            _joined_geometry(geometries, first) if geometries else None,
             tuple(m.section for m in own),
         )
 
@@ -159,7 +169,9 @@ class TendonStack:
             np.tile(own.mask, (size, 1)),
             own.node_count,
         )
-        return cls(np.arange(size), (_joined_law([model.law] * size, model.law.law),), geometry, ())
+        every = np.arange(len(geometry.mask))
+        law = _joined_law([model.law] * size, model.law.law, every)
+        return cls(np.arange(size), every, (law,), geometry, ())
 
     def at(self, point: RobotPoint, rates: Array, nodes: Index) -> Values:
         """Forces in a state.
@@ -175,9 +187,10 @@ class TendonStack:
         """
         m, n = len(point.base_tension), self.laws[0].shape[1]
         shape, size = self._shape(point, nodes), len(self.index)
-        mobilisation = np.tile(point.mobilisation, (size, 1))
-        rates = rates[np.argsort(self.index)].reshape(mobilisation.shape)
-        base, fields, first = np.tile(point.base_tension, size), [], 0
+        chosen = np.unique(self.rows, return_index=True)[1]
+        mobilisation, base = point.mobilisation[chosen % m], point.base_tension[chosen % m]
+        rates = rates[np.argsort(self.index)].reshape(size * m, rates.shape[2])[chosen]
+        fields, first = [], 0
         for law in self.laws:
             own = slice(first, first + law.shape[0])
             # No time passes, so that the rates are those given.
@@ -191,8 +204,8 @@ class TendonStack:
         wrenches = np.zeros((size, 0, 6))
         if self.geometry is not None:
             pulled = shape.lines.maps @ shape.lines.pulls(tension)[..., None]
-            wrenches = pulled.reshape(size, m, n + 1, 6).sum(axis=1)
-        found = wrenches, tension.reshape(size, m, n), released.reshape(size, m, n)
+            wrenches = pulled[self.rows].reshape(size, m, n + 1, 6).sum(axis=1)
+        found = wrenches, *(x[self.rows].reshape(size, m, n) for x in (tension, released))
         return Values(*(x[self.index] for x in found))
 
     def _shape(self, point: RobotPoint, nodes: Index) -> CableShape:
@@ -207,28 +220,46 @@ class TendonStack:
         return CableShape(lengths, np.zeros((len(lengths), 0)))
 
 
-def _joined_geometry(models: Sequence[CableGeometry]) -> CableGeometry:
-    """The cables of all models as those of one."""
+def _tendon_keys(model: ForceModel, number: int) -> Iterator[tuple[Any, ...]]:
+    """By tendon of one of several models, what is equal where it has the same tension and length as that of another."""
+    geometry, parameters = model.geometry, model.law.parameters
+    tables = [getattr(parameters, f.name) for f in fields(TendonParameters) if f.name != "laws"]
+    if geometry is not None:
+        tables += [
+            geometry.nominal,
+            np.zeros(len(geometry.mask)) if geometry.clearance is None else geometry.clearance,
+        ]
+    alone = geometry is None or model.law.varies
+    for i in range(len(parameters.mask)):
+        yield i, number if alone else -1, model.law.law.active, *(table[i].tobytes() for table in tables)
+
+
+def _joined_geometry(models: Sequence[CableGeometry], which: Index) -> CableGeometry:
+    """Some of the cables of all models as those of one."""
     none = np.zeros(len(models[0].mask))
     return CableGeometry(
-        np.concatenate([g.nominal for g in models]),
-        np.concatenate([g.mask for g in models]),
+        np.concatenate([g.nominal for g in models])[which],
+        np.concatenate([g.mask for g in models])[which],
         models[0].node_count,
-        np.concatenate([none if g.clearance is None else g.clearance for g in models]),
+        np.concatenate([none if g.clearance is None else g.clearance for g in models])[which],
     )
 
 
-def _joined_law(laws: Sequence[TendonLaw], mobilised: FrictionModel) -> TendonLaw:
-    """The laws of all models as that of one with some mobilisations, without friction for models that have none."""
+def _joined_law(laws: Sequence[TendonLaw], mobilised: FrictionModel, which: Index) -> TendonLaw:
+    """The laws of some tendons of all models as that of one with some mobilisations.
+
+    Tendons of models without friction have none.
+    """
     first = laws[0]
     parameters = [x.parameters if x.law.active else _without_friction(x.parameters) for x in laws]
     joined = {
-        f.name: np.concatenate([getattr(p, f.name) for p in parameters])
+        f.name: np.concatenate([getattr(p, f.name) for p in parameters])[which]
         for f in fields(TendonParameters)
         if f.name != "laws"
     }
-    of_coefficients = tuple(x for p in parameters for x in p.laws)
-    return TendonLaw(TendonParameters(**joined, laws=of_coefficients), mobilised, first.hysteresis)
+    of_coefficients = [x for p in parameters for x in p.laws]
+    chosen = tuple(of_coefficients[i] for i in which)
+    return TendonLaw(TendonParameters(**joined, laws=chosen), mobilised, first.hysteresis)
 
 
 def _without_friction(parameters: TendonParameters) -> TendonParameters:
@@ -402,7 +433,8 @@ class ExplicitDerivatives:
         """Derivatives of the released lengths in the unloaded shape without tension, shape (m, n, P)."""
         tendons = self._tendons
         shape = (len(tendons.index), *self.present.forces.law.shape)
-        values = np.concatenate([law.released_unloaded() for law in tendons.laws]).reshape(shape)
+        released = np.concatenate([law.released_unloaded() for law in tendons.laws])
+        values = released[tendons.rows].reshape(shape)
         return self._derivative(values[tendons.index])
 
     def at(
