@@ -25,7 +25,7 @@ SNAP = 0.02
 #: By so much of the length a state is pushed off an unstable equilibrium [1].
 PUSH = 1e-3
 #: Factors on the presliding distance that are tried where the smallest substep does not converge [1].
-RESCUE_FACTORS = (1.0, 10.0, 100.0)
+RESCUE_FACTORS = (1.0, 10.0)
 
 
 #: Smallest part of a load step that is divided further for the sake of slip reversals [1].
