@@ -162,12 +162,7 @@ class Equilibrium(NamedTuple):
 
     def with_response(self, tendons: Tendons) -> Equilibrium:
         """The same with the response to the tensions of some tendons; all others are slack."""
-        if self.response is not None and all(
-            np.array_equal(a, b) for a, b in zip(self.response.tendons, tendons, strict=True)
-        ):
-            return self
-        response = TensionResponse.of(self.linearization, self.forces, tendons)
-        return self._replace(response=response)
+        return self._replace(response=TensionResponse.of(self.linearization, self.forces, tendons))
 
     def load_response(self, system: SceneSystem, other: Target, factor: float) -> LoadResponse:
         """Response to a multiple of the change to another target's loads, which are in the scene, at fixed tensions."""
