@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2485,
     "tdcr_fe/report": 1108,
     "tdcr_fe/scene": 1338,
-    "tdcr_fe/solve": 6674,
+    "tdcr_fe/solve": 6669,
     "tdcr_fe/sweeps": 1397,
     "validation": 6493,
     "tests": 12740,
