@@ -154,9 +154,11 @@ def _contradictions(e: AddedEffect, result: IdentificationResult) -> list[str]:
         found.append(f"{name} is {fitted}, declared {quantity(declared, p.unit, 4)}")
     if not found:
         return []
-    others = " or ".join(words(n) for n in e.indistinguishable_from) or "none of the listed effects"
+    # another form of the effect contradicts it as well
+    others = " or ".join(words(n) for n in e.indistinguishable_from if n.split(" (")[0] != e.name)
     hint = "If the declared values are certain, the error has another cause"
-    return [f"The fit contradicts what is declared: {'; '.join(found)}. {hint}: {others}."]
+    contradicted = f"The fit contradicts what is declared: {'; '.join(found)}"
+    return [f"{contradicted}. {hint}: {others or 'none of the listed effects'}."]
 
 
 def _implausible(e: AddedEffect) -> list[str]:

@@ -77,6 +77,19 @@ def test_a_value_that_is_not_plausible_gets_a_remark(name, values, unit, words):
     assert words in text and bool(words) == bool(text)
 
 
+@pytest.mark.parametrize(
+    ("rival", "words"),
+    [("tendon_stretch (each tendon)", "none of the listed effects"), ("pretension", "pretension")],
+)
+def test_another_form_of_an_effect_contradicts_the_declared_value_as_well(rival, words):
+    """Friction of each tendon was given as another cause, should the declared friction be certain."""
+    found = replace(
+        added("tendon_stretch", axial_stiffness=(107.0, 5.0, "N")), indistinguishable_from=(rival,)
+    )
+    (text,) = remarks(result(found))["tendon_stretch"]
+    assert text.endswith(f"the error has another cause: {words}.")
+
+
 def test_statistics_are_those_of_lmfit():
     """A straight line through (0, 1.1), (1, 1.9), (2, 3.2), (3, 3.8): squares of 0.082."""
     x, y = np.arange(4.0), np.array([1.1, 1.9, 3.2, 3.8])
