@@ -76,7 +76,9 @@ def _folder(folder: StrPath) -> Path:
         path = path / CORRECTED
     if missing := [n for n in (SUMMARY, STEPS, SHAPE, TENSIONS) if not (path / n).is_file()]:
         what = f"{missing[0]} is missing" if path.exists() else "no such folder"
-        raise refusal(path, f"{what}; must be a folder with results of tdcr-fe run, follow or identify")
+        raise refusal(
+            path, f"{what}; must be a folder with results of tdcr-fe run, follow or identify (of one folder)"
+        )
     return path
 
 

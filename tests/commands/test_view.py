@@ -29,7 +29,10 @@ def refused(args, capsys):
 
 def test_a_folder_without_results_is_refused(tmp_path, capsys):
     text = refused([tmp_path], capsys)
-    assert "summary.json is missing; must be a folder with results of tdcr-fe run, follow or identify" in text
+    assert (
+        "summary.json is missing; must be a folder with results of tdcr-fe run, follow or identify (of one folder)"
+        in text
+    )
     assert list(tmp_path.iterdir()) == []
 
 
