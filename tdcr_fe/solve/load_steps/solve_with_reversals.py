@@ -58,14 +58,6 @@ def follows_path(system: SceneSystem) -> bool:
     return all(robot.law.hysteresis.linear for robot in system.robots)
 
 
-def is_steady(trial: Trial, linear: Linearization | None) -> bool:
-    """Whether a substep is a whole load step without change of the loads in which all holes slip steadily."""
-    ramp = trial.solver.ramp
-    if linear is None or trial.length != 1.0 or ramp.loads_change or ramp.nonlinear:
-        return False
-    return slips_steadily(trial.before, trial.result, linear)
-
-
 def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:
     """A substep with exact linearisations at both ends: accepted, solved again with its reversals, or divided."""
     solver, allowed = trial.solver, allowed_error(trial)
@@ -174,8 +166,10 @@ def _reversals(
     return find_reversals(known, targets, system.length, allowed, solved_with_reversals)
 
 
-def slips_steadily(before: SolverState, result: NewtonResult, linear: Linearization) -> bool:
-    """Whether every hole of tendons under tension slips in one direction through a substep in which no load changes.
+def is_steady(trial: Trial, linear: Linearization | None) -> bool:
+    """Whether a substep is a whole load step without change of the loads in which all holes slip steadily.
+
+    That is, every hole of tendons under tension slips in one direction.
 
     All of them slip at both ends, in the same direction, unless their tendon had no tension. The slip rates at the end,
     from the last linearisation, have the direction of the friction, and so have those at the start, from these and the
@@ -183,13 +177,14 @@ def slips_steadily(before: SolverState, result: NewtonResult, linear: Linearizat
 
     Parameters
     ----------
-    before
-        State at the start.
-    result
+    trial
         The solved substep.
     linear
-        Linearisation at the end, or at most an iteration before.
+        Linearisation at the end, or at most an iteration before; None where there is none.
     """
+    before, result, ramp = trial.before, trial.result, trial.solver.ramp
+    if linear is None or trial.length != 1.0 or ramp.loads_change or ramp.nonlinear:
+        return False
     after, numbering = result.state, linear.numbering
     pick, parts = numbering.at_frictional_holes, numbering.robots
     old, new = pick(before.mobilisation), pick(after.mobilisation)
