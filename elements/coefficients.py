@@ -14,7 +14,6 @@ import numpy as np
 
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.capstan import Slopes, TensionDerivatives
-from tdcr_fe.elements.complementarity import ROUND_OFF
 from tdcr_fe.elements.hysteresis import ACCEPTED
 
 #: Most iterations, also for mobilisations of elastic tendons, and for tensions that agree with turning angles.
@@ -120,8 +119,8 @@ def solve_coefficients(linearise: Callable[[Array], Linearisation], start: Array
     mu, now = start, linearise(start)
     error = float(np.max(np.abs(now.law.value - mu), initial=0.0))
     for _ in range(MAX_ITERATIONS):
-        if error <= ROUND_OFF:
-            break
+        if error <= ACCEPTED:
+            return now
         try:
             step = np.linalg.solve(now.matrix, (now.law.value - mu)[..., None])[..., 0]
         except np.linalg.LinAlgError:
@@ -134,13 +133,8 @@ def solve_coefficients(linearise: Callable[[Array], Linearisation], start: Array
             if new < error or factor <= 1.0 / 16.0:
                 break
             factor *= 0.5
-        if new >= error and error <= ACCEPTED:
-            # Round-off: no step improves a converged iterate.
-            break
         mu, now, error = trial, there, new
-    if not error <= ACCEPTED:
-        now = now._replace(tension=np.full_like(now.tension, np.nan))
-    return now
+    return now._replace(tension=np.full_like(now.tension, np.nan))
 
 
 def tension_derivatives(
