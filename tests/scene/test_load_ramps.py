@@ -83,6 +83,25 @@ def test_a_force_over_time_ends_in_one_state_whether_a_load_or_a_spring_applies_
     assert ends[0][1] == pytest.approx(ends[1][1], abs=1e-8)
 
 
+def test_a_force_that_rises_and_falls_within_a_step_leaves_its_trace():
+    """Friction holds what the force has moved, as where it rises in one step and falls in the next."""
+    _keep, mbs, handle, load = scene_with(tip_load, single(0.3))
+    start = solve_scene(mbs, handle, [1.0])
+    for force in (0.08, 0.0):
+        load.set([0.0, force, 0.0])
+        SolveTDCR(mbs)
+
+    def add(mbs, arm):
+        push = {"loadVectorUserFunction": lambda mbs, t, load: [0.0, 0.08 * np.sin(np.pi * t), 0.0]}
+        return mbs.AddLoad(eii.Force(markerNumber=arm.mTip, loadVector=[0.0] * 3, **push))
+
+    _keep_other, other, same, _ = scene_with(add, single(0.3))
+    solve_scene(other, same, [1.0])
+    SolveTDCR(other, endTime=1.0)
+    assert distance(handle.shape()[0], start) > 1e-3
+    assert distance(same.shape()[0], handle.shape()[0]) < 1e-6
+
+
 def test_copies_of_the_state_have_the_load_that_acted_in_it():
     """Back to the state before a load, the ramp begins there again: the same path to the last digits.
 
