@@ -218,8 +218,13 @@ def _roughly_fitted(problem: FitProblem, parent: Fit, scores: Sequence[Score]) -
     for x in scores:
         if is_named(x.effect) and x.start.point:
             best.setdefault(x.effect.listed, x)
+
+    def fitted(x: Score) -> fitting.Fitting:
+        now = yield from fitting.begin(rough, (*parent.effects, x.effect), x.start.point)
+        return (yield from _fitted(rough, now, x.start.predicted, race))
+
     for x in best.values():
-        fit = fitting.fit(rough, (*parent.effects, x.effect), x.start.point, race)
+        (fit,) = fitting.run_fits(rough, [fitted(x)])
         if parent.cost - fit.cost > x.drop:
             begin = partial(Start, fit.values, fit.residual)
             found[x.effect.name] = replace(x, drop=parent.cost - fit.cost, begin=begin)
