@@ -90,14 +90,17 @@ def _with_path_resolved(solver: SubstepSolver, begin: Position, proposals: Seque
     """The load step with its path dependence resolved.
 
     It begins with the proposed substeps, or as a whole. Where the path of the friction cannot be followed, it is
-    also solved in twice as many parts, again and again, until two in succession agree with the one before.
+    also solved in parts of half its longest substep, again and again, until two in succession agree with the last.
     """
     tolerance = 2.0 * solver.settings.path_tolerance
     count = NONLINEAR_PARTS if solver.ramp.nonlinear else 1
     path = _taken(solver, begin, proposals or equal_parts(count), PATH_RESOLVED)
     agreed, error = 0 if _is_compared(solver, begin.state, path.state) else 2, 0.0
-    while agreed < 2 and 2 * count <= solver.settings.max_substeps:
-        count *= 2
+    while agreed < 2:
+        ends = [0.0, *(each.load_factor for each in path.increments)]
+        count = 2 * max(count, round(1.0 / np.diff(ends).max()))
+        if count > solver.settings.max_substeps:
+            break
         try:
             finer = _taken(solver, begin, equal_parts(count), PATH_RESOLVED)
         except StepFailed as failure:
