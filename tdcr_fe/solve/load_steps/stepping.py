@@ -95,7 +95,8 @@ def _with_path_resolved(solver: SubstepSolver, begin: Position, proposals: Seque
     tolerance = 2.0 * solver.settings.path_tolerance
     count = NONLINEAR_PARTS if solver.ramp.nonlinear else 1
     path = _taken(solver, begin, proposals or equal_parts(count), PATH_RESOLVED)
-    agreed, error = 0 if _is_compared(solver, begin.state, path.state) else 2, 0.0
+    # Where the longest substep is so small that there is nothing to compare with, the path counts as not resolved.
+    agreed, error = (0, tolerance) if _is_compared(solver, begin.state, path.state) else (2, 0.0)
     while agreed < 2:
         ends = [0.0, *(each.load_factor for each in path.increments)]
         count = 2 * max(count, round(1.0 / np.diff(ends).max()))
