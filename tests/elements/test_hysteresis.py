@@ -138,7 +138,8 @@ def test_what_is_uncertain_of_a_path_of_dahl_is_reported():
     load = {"side": Load(0.2, (0.0, 0.03, 0.0), frame="section")}
     steps = [LoadStep(displacements=d, loads=load) for d in pulled]
     found, fine = (
-        solve(arm, [steps[0], replace(steps[1], substeps=n)], hysteresis="dahl").steps[-1] for n in (None, 256)
+        solve(arm, [steps[0], replace(steps[1], substeps=n)], hysteresis="dahl").steps[-1]
+        for n in (None, 256)
     )
     assert 0.0 < np.linalg.norm(found.tip - fine.tip) / 0.2 <= 1.5 * found.details["refinement_error"]
 
