@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import LENGTH, pull, routed
+from robots import pull, routed
 
-from tdcr_fe import Backbone, Disks, HelicalRouting, Load, LoadStep, Model, PointsRouting, Robot, Tendon
+from tdcr_fe import Backbone, Disks, HelicalRouting, Load, LoadStep, Model, Robot, Tendon
 from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction, StribeckFriction
 from tdcr_fe.model.tendon import TightHole
 from tdcr_fe.validation.random_robots import draw
@@ -31,32 +31,6 @@ def test_friction_of_the_papers_robot():
     assert np.degrees(step.bending_angle) == pytest.approx(80.2627, abs=1e-4)
     assert step.tensions[0][-1] == pytest.approx(1.69753, abs=1e-5)
     assert step.hole_states[0] == ("pull",) * 12 + ("anchor",)
-
-
-@pytest.mark.integration
-@pytest.mark.parametrize("path", ["straight", "continuous"])
-def test_turning_robot_and_loads_about_z_turns_the_answer(path):
-    friction = "none" if path == "continuous" else "per-hole"
-    tips = []
-    for angle in (0.0, 77.0):
-        c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        load = {"mid": Load(0.11, tuple(turn @ [0.02, 0.1, 0.05]), tuple(turn @ [1e-3, 0.0, 2e-3]))}
-        turned = routed(HelicalRouting(4.5e-3, 1.5, angle), disks=4, mu=0.3)
-        turned = turned.with_backbone(precurvature=tuple((turn @ [1.0, 0.5, 0.0])[:2]))
-        result = run(turned, pull(1.0, 0.5, loads=load), path, friction, tuple(turn @ [3.0, -9.0, 1.0]))
-        tips.append(result.tips @ turn)
-    np.testing.assert_allclose(tips[0], tips[1], atol=1e-11)
-
-
-def test_a_displacement_gives_back_the_tension_that_caused_it():
-    for path, stiffness in (("straight", None), ("continuous", 400.0)):
-        model = routed(HelicalRouting(4.5e-3, 1.0), axial_stiffness=stiffness, disks=8)
-        pulled = run(model, pull(2.0), path).steps[0]
-        step = LoadStep(displacements={"t1": float(pulled.displacements[0])})
-        driven = run(model, [step], path).steps[0]
-        assert driven.base_tensions[0] == pytest.approx(2.0, rel=1e-6)
-        np.testing.assert_allclose(driven.tip, pulled.tip, atol=1e-9)
 
 
 def test_a_failing_step_is_named_with_a_cure(monkeypatch):
@@ -86,22 +60,6 @@ def test_a_law_that_is_constant_is_the_friction_coefficient(law, own):
     np.testing.assert_allclose(one.tips, other.tips, atol=1e-12)
 
 
-def test_slipping_holes_obey_the_law_at_their_own_normal_force():
-    """``ln(T_before / T_after) = mu(N) theta`` with N from the solved tensions and angles."""
-    law = ForceDependentFriction(0.3, 0.1, exponent=-1.0 / 3.0)
-    model = routed(friction=law)
-    step = run(model, STEPS[:2], friction="per-hole").steps[1]
-    holes = np.concatenate((model.holes(model.tendons[0]), np.zeros((14, 1))), axis=1)
-    edges = np.diff(step.positions + np.einsum("nij,nj->ni", step.rotations, holes), axis=0)
-    edges /= np.linalg.norm(edges, axis=1)[:, None]
-    angle = np.arccos(np.sum(edges[:-1] * edges[1:], axis=1))
-    tension = step.tensions[0]
-    normal = (tension[:-1] + tension[1:]) * np.sin(0.5 * angle)
-    mu = 0.3 * ((normal**2 + law.smallest_force**2) / 0.01) ** (-1.0 / 6.0)
-    assert set(step.hole_states[0]) == {"pull", "anchor"}
-    np.testing.assert_allclose(np.log(tension[:-1] / tension[1:]), mu * angle, rtol=1e-7)
-
-
 @pytest.mark.parametrize(
     ("subject", "model", "words"),
     [
@@ -115,26 +73,6 @@ def test_what_the_reference_does_not_solve_is_refused_by_name(subject, model, wo
 
 
 # ------------------------------------------------------------ effects
-
-
-def test_clearance_adds_to_the_offset_of_a_bent_planar_robot():
-    """The tendon lies at the inner side of every hole but the anchor's, so the offset there is larger."""
-    clearance, offset = 2e-4, 4.5e-3
-    loose = run(routed(disks=10, clearance=clearance), pull(2.0)).steps[0]
-    s = np.linspace(0.0, LENGTH, 11)
-    # A turn of the tendon by b shifts it by c b / sqrt(b^2 + 0.01^2); b is that of equal bays here.
-    turn = 2.0 * np.sin(0.5 * loose.bending_angle / 10.0)
-    share = turn / np.hypot(turn, 0.01)
-    assert share > 0.98
-    holes = [(offset + clearance * share, 0.0)] * 10 + [(offset, 0.0)]
-    # The base plate's neighbour below is straight, so it turns half as much.
-    half = 2.0 * np.sin(0.25 * loose.bending_angle / 10.0)
-    holes[0] = (offset + clearance * half / np.hypot(half, 0.01), 0.0)
-    exact = run(routed(PointsRouting(tuple(s), tuple(holes)), disks=10), pull(2.0)).steps[0]
-    tight = run(routed(disks=10), pull(2.0)).steps[0]
-    assert np.linalg.norm(loose.tip - tight.tip) > 2e-3
-    np.testing.assert_allclose(loose.tip, exact.tip, atol=2e-5)
-    assert loose.bending_angle == pytest.approx(exact.bending_angle, rel=2e-4)
 
 
 # ------------------------------------------------------------ path
