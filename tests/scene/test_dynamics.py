@@ -1,16 +1,13 @@
 """Motors, damping by the material, and the energy of robots, in Exudyn's dynamics."""
 
-from dataclasses import replace
-
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from native_solvers import recommended
-from robots import BACKBONE, LENGTH, routed, scene, scene_with, seven, solve_scene, tip_load, tip_sensor
-from scipy.optimize import curve_fit
+from robots import LENGTH, routed, scene, scene_with, seven, solve_scene, tip_load
 
-from tdcr_fe import Disks, ParallelRouting, Robot, SolveTDCR
+from tdcr_fe import ParallelRouting, SolveTDCR
 from tdcr_fe.elements.material import NonlinearSection, SuperelasticSection
 from tdcr_fe.elements.poses import euler_rate_matrix
 from tdcr_fe.scene.energy import ENERGY_COLUMNS
@@ -57,48 +54,6 @@ def test_what_does_not_turn_motors_and_a_tension_where_a_motor_winds_are_refused
 
 
 # ------------------------------------------------------------ material damping
-
-
-# ---------------------------------------------------------------- closed form
-
-
-@pytest.mark.parametrize(
-    ("mode", "root", "elements"),
-    [
-        (1, 1.8751041, 2),
-        pytest.param(2, 4.6940911, 4, marks=pytest.mark.integration),
-        pytest.param(3, 7.8547574, 8, marks=pytest.mark.integration),
-    ],
-)
-def test_bending_modes_decay_as_those_of_a_viscoelastic_cantilever(mode, root, elements):
-    """A mode of angular frequency ``w`` falls as ``exp(-tau w^2 t / 2)`` and swings at ``w sqrt(1 - (tau w / 2)^2)``.
-
-    ``w = root^2 sqrt(EI / m) / L^2``; W. Weaver, S. P. Timoshenko, D. H. Young, Vibration Problems in Engineering,
-    sec. 5.11; damping proportional to the stiffness leaves the modes as they are (sec. 4.7). Within 0.5 % here.
-    """
-    w = root**2 * np.sqrt(BACKBONE.EI / BACKBONE.mass_per_length) / LENGTH**2
-    tau = 0.1 / w  # 5 % of critical damping
-    rod = Robot(replace(BACKBONE, retardation_time=tau), Disks.equally_spaced(5, LENGTH, radius=1e-3))
-    _keep, mbs, handle, sensor = scene_with(tip_sensor, rod, elements_per_bay=elements)
-    shape = mbs.TDCREigenvalues(numberOfEigenvalues=2 * mode).shapes[:, 2 * mode - 1]
-    mbs.systemData.SetODE2Coordinates((1e-4 * LENGTH * shape).tolist(), exu.ConfigurationType.Initial)
-    period = 2.0 * np.pi / w
-    settings = recommended(handle, 3.0 * period, period / 100)
-    settings.timeIntegration.generalizedAlpha.spectralRadius = 1.0
-    settings.timeIntegration.newton.relativeTolerance = 1e-8
-    settings.solution.sensors.writePeriod = period / 100
-    assert mbs.SolveDynamic(settings)
-    data = mbs.GetSensorStoredData(sensor)
-    x = data[:, 1:3] @ shape[handle.actuation.coordinates[-1, :2]]
-
-    def decaying(t, amplitude, decay, frequency, phase):
-        return amplitude * np.exp(-decay * t) * np.cos(frequency * t + phase)
-
-    damped_frequency = w * np.sqrt(1.0 - (tau * w / 2.0) ** 2)
-    start = [np.abs(x).max(), tau * w**2 / 2.0, damped_frequency, 0.0]
-    (_, decay, frequency, _), _ = curve_fit(decaying, data[:, 0], x, start)
-    assert decay == pytest.approx(tau * w**2 / 2.0, rel=1e-2)
-    assert frequency == pytest.approx(damped_frequency, rel=3e-3)
 
 
 def test_a_rigid_motion_of_a_bent_robot_is_not_damped():
