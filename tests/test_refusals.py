@@ -7,6 +7,7 @@ import exudyn.graphics as graphics
 import exudyn.itemInterface as eii
 import numpy as np
 import pytest
+from contacts import QUAD
 from robots import BACKBONE, DISKS, paper, scene, system, three
 
 import tdcr_fe as tdcr
@@ -172,7 +173,6 @@ HEAVY = [0.0, 0.0, -9.81]
 SPHERE = graphics.Sphere(radius=0.1)
 BALL = {"sphereRadius": 0.01}
 BESIDE = {"sphereRadius": 0.002, "localPosition": [0.1, 0.0, 0.1], "backbone": False}
-QUAD = [[0.06, -0.2, 0.0], [0.06, -0.2, 0.4], [0.06, 0.2, 0.4], [0.06, 0.2, 0.0]]
 SCENES = [
     (lambda: created(initialVelocity=[0.1, 0.0, 0.0]), "a base on ground has no velocity"),
     (lambda: created(gravity=HEAVY, model=Model(gravity=tuple(HEAVY))), "by the argument and by the model"),

@@ -106,10 +106,11 @@ def test_a_command_that_is_interrupted_says_so(tmp_path, monkeypatch, capsys, na
     path = write(tmp_path, scenario=changed(SCENARIO, SMALL))
     # A shell that runs the tests in the background has SIGINT ignored.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    of_termination = signal.getsignal(signal.SIGTERM)
     try:
         found = call(capsys, "run", path, "-o", tmp_path / "out", "--no-pictures")
     finally:
         signal.signal(signal.SIGINT, before)
-    assert found["exit_status"] == status
+    assert found["exit_status"] == status and signal.getsignal(signal.SIGTERM) is of_termination
     assert found["status"] == ("interrupted" if name == "SIGINT" else "terminated")
     assert found["message"] == "interrupted; no results were written" and found["files"] == []

@@ -129,7 +129,6 @@ def test_mobilisations_of_elastic_tendons_are_those_of_their_slips_after_any_rev
 
 
 @pytest.mark.integration
-@pytest.mark.integration
 def test_what_is_uncertain_of_a_path_of_dahl_is_reported():
     """Solved as a whole it divides itself into 26 substeps, which equal parts up to 16 repeat: 3e-4 off, unseen."""
     tendons = tuple(Tendon(f"t{a}", ParallelRouting(4e-3, a), 0.2) for a in (0, 120, 240))

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from interrupts import start_python
 
-from tdcr_fe.io.processes import Terminated, interruption_deferred, sigterm_as_interrupt, worker_pool
+from tdcr_fe.io.processes import interruption_deferred, worker_pool
 from tdcr_fe.io.store import OtherHead
 from tdcr_fe.validation.records import Records
 
@@ -108,17 +108,6 @@ def test_an_interruption_ends_busy_workers_at_once():
 def test_workers_use_one_thread():
     with worker_pool(1) as pool:
         assert pool.submit(os.getenv, "OPENBLAS_NUM_THREADS").result() == "1"
-
-
-@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-def test_sigterm_is_an_interruption_inside_and_as_before_outside():
-    before = signal.getsignal(signal.SIGTERM)
-    with pytest.raises(Terminated), sigterm_as_interrupt() as termination:
-        assert termination.status == 130
-        os.kill(os.getpid(), signal.SIGTERM)
-        time.sleep(5.0)
-    assert termination.received and termination.status == 143
-    assert signal.getsignal(signal.SIGTERM) is before
 
 
 # ------------------------------------------------------------ store

@@ -5,7 +5,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from native_solvers import recommended
-from robots import BACKBONE, LENGTH, distance, scene_with, seven, single, solve, solve_scene, tip_load
+from robots import LENGTH, distance, scene_with, seven, single, solve, solve_scene, tip_load
 
 from tdcr_fe import Load, LoadStep, SolverSettings, SolveTDCR, StepFailed
 
@@ -163,6 +163,3 @@ def test_the_solution_is_at_rest():
     SolveTDCR(mbs)
     for kind in (exu.ConfigurationType.Current, exu.ConfigurationType.Initial):
         assert not np.any(data.GetODE2Coordinates_t(kind))
-    # Tip of a cantilever under a small force, shear included.
-    bent = 0.005 * LENGTH**3 / (3 * BACKBONE.EI) + 0.005 * LENGTH / BACKBONE.GA
-    assert handle.tip_position[1] == pytest.approx(bent, rel=0.01)
