@@ -19,7 +19,7 @@ from tdcr_fe.model.robot import SideSpring
 from tdcr_fe.model.tendon import TightHole
 from tdcr_fe.sweeps.description import Range
 from tdcr_fe.sweeps.sampling import Normal
-from tdcr_fe.validation.reference import ReferenceSettings
+from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
 tdcr.register()
 NAN = float("nan")
@@ -30,6 +30,7 @@ SOFT = Robot(Backbone(0.3, 12e-3, 0.4e6, 0.45), tendons=(Tendon("a", tdcr.Conver
 PULL = [LoadStep(tensions={"t1": 1.0})]
 ABOVE = [[0.0, 0.0, 0.2]]
 ONE = TensionLimits(1.0)
+STRIBECK = tdcr.StribeckFriction(0.4, 0.2, 1e-3)
 AT_STEP_9 = tdcr.Reading(9, "tip_offset", None, 0.03)
 
 
@@ -101,6 +102,10 @@ SOLVES = [
     (lambda: tdcr.simulate(three(), Model(elements_per_bay=(1, 2)), PULL), "elements_per_bay"),
     (lambda: tdcr.simulate(SOFT, Model(), [LoadStep()]), r'model\.tendon_path = "straight".*follow the backbone'),
     (lambda: tdcr.simulate(replace(three(), base_stiffness=0.5), CONTINUOUS, PULL), "pass no base that gives way"),
+    (lambda: solve_reference(three(0.0, friction=STRIBECK), Model(), PULL), "friction law 'stribeck' of tendon 't1'"),
+    (lambda: solve_reference(three(0.0, clearance=1e-4), CONTINUOUS, PULL), "clearance"),
+    (lambda: tdcr.live("robot.toml"), "read_robot"),
+    (lambda: tdcr.Estimator("robot.toml", Model(), LoadPrior(), InputPrior(0.01)), "read_robot"),
     (lambda: differentiated("backbone.youngs_modulu"), "names no number"),
     (lambda: differentiated("tendons.t1.axial_stiffness"), "inextensible"),
     (lambda: differentiated("effects.rigid_disks.thickness"), "the mesh has other nodes"),

@@ -98,16 +98,6 @@ def test_an_effect_at_a_fixed_place_is_the_listed_one_there(e):
     assert set(e.spread(DECLARED.robot, place)) == set(e.place_names)
 
 
-def test_a_spring_at_a_disk_is_solved_without_any_load():
-    """The banded tangent of a robot alone had no springs: such a robot did not converge; loads hid it."""
-    robot = three(0.3)
-    held = replace(robot, springs=(SideSpring(at=S[6], stiffness=200.0),))
-    steps = [LoadStep(tensions={"t1": 1.0, "t2": 0.2, "t3": 0.2})]
-    free, held = (solve(r, steps).steps[0] for r in (robot, held))
-    assert np.linalg.norm(held.positions[7, :2]) < 0.9 * np.linalg.norm(free.positions[7, :2])
-    assert held.iterations < 25
-
-
 def test_a_compliant_base_is_that_of_the_robot():
     changed = with_effect(Experiment(three(0.2), Model(), ()), "base_compliance", stiffness=0.02)
     assert changed.robot == replace(three(0.2), base_stiffness=0.02)

@@ -115,14 +115,6 @@ def test_broken_messages_are_named_and_change_nothing(served):
     assert served.steps == steps
 
 
-def test_a_file_in_place_of_a_robot_is_named():
-    """As in `simulate`; it was "'str' object has no attribute 'without_disks'"."""
-    with pytest.raises(TypeError, match="read_robot"):
-        tdcr.live("robot.toml")
-    with pytest.raises(TypeError, match="read_robot"):
-        tdcr.Estimator("robot.toml", tdcr.Model(), tdcr.LoadPrior(), tdcr.InputPrior(sigma=0.01))
-
-
 @contextmanager
 def page_alive(served: LiveRobot, page: int) -> Iterator[socket.socket]:
     """The connection that an open page keeps."""

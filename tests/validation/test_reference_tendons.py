@@ -7,7 +7,7 @@ import pytest
 from robots import pull, routed
 
 from tdcr_fe import Backbone, Disks, HelicalRouting, Load, LoadStep, Model, Robot, Tendon
-from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction, StribeckFriction
+from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction
 from tdcr_fe.model.tendon import TightHole
 from tdcr_fe.validation.random_robots import draw
 from tdcr_fe.validation.reference import path as path_module
@@ -58,18 +58,6 @@ def test_a_law_that_is_constant_is_the_friction_coefficient(law, own):
     tight = tuple(TightHole(robots[0].disks.positions[3], **own) for _ in own)
     one, other = (run(r.with_tendons(tight_holes=tight), STEPS, friction="per-hole") for r in robots)
     np.testing.assert_allclose(one.tips, other.tips, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("subject", "model", "words"),
-    [
-        (routed(friction=StribeckFriction(0.4, 0.2, 1e-3)), PER_HOLE, "friction law 'stribeck' of tendon 't1'"),
-        (routed(clearance=1e-4), Model("continuous", "none"), "clearance"),
-    ],
-)  # fmt: skip
-def test_what_the_reference_does_not_solve_is_refused_by_name(subject, model, words):
-    with pytest.raises(ValueError, match=words):
-        solve_reference(subject, model, pull(1.0))
 
 
 # ------------------------------------------------------------ effects
