@@ -1,4 +1,4 @@
-"""Measured channels against closed forms of a constant-curvature arc; positions between nodes."""
+"""Measured channels against closed forms of a constant-curvature arc; derivatives are in `tests/identify`."""
 
 import math
 
@@ -7,15 +7,13 @@ import pytest
 from robots import LENGTH
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.model.channels import CHANNELS, QUANTITIES, channel
+from tdcr_fe.model.channels import CHANNELS, channel
 from tdcr_fe.model.observed_step import Observation, ObservedChange, ObservedStep
 
 #: Bending moment of an arc by closed form [1/m], towards +x: the section turns about +y.
 KAPPA = 6.0
 #: Arc lengths of nodes [m].
 NODES = np.linspace(0.0, LENGTH, 9)
-#: Of a change by two parameters.
-NO_RATES = np.zeros((8, 2, 3, 2))
 
 
 def arc(kappa=KAPPA, s=NODES, **more):
@@ -70,39 +68,14 @@ def test_the_straight_robot_shows_the_rest_values():
         assert plausible.low <= c.at_rest(location) <= plausible.high
 
 
-@pytest.mark.parametrize("quantity", QUANTITIES)
-def test_derivatives_of_an_arc_are_those_of_whole_arcs(quantity: str) -> None:
-    """By its curvature, and by where its nodes lie on it, which changes no reading; the instrument is turned."""
-    known, h, s = channel(quantity), 1e-5, LENGTH * np.linspace(0.0, 1.0, 9) ** 1.1
-    turned = {"observation": Observation((0.1, -0.2, 0.3))}
-    step = arc(KAPPA, s, **turned)
-    positions, rotations = np.zeros((2, s.size, 3, 2))
-    x = KAPPA * s
-    positions[:, ::2, 0] = np.stack((x * np.sin(x) - 1.0 + np.cos(x), x * np.cos(x) - np.sin(x)), axis=1)
-    positions[:, :, 0] /= KAPPA**2
-    rotations[:, 1, 0] = s
-    along = s * (s[-1] - s)
-    positions[:, :, 1] = step.rotations[:, :, 2] * along[:, None]
-    rotations[:, 1, 1] = KAPPA * along
-    of_tendons = np.array([[[0.3, 0.0]], [[0.9, 0.0]], [[0.6, 0.0]]])
-    change = ObservedChange(positions, rotations, NO_RATES, *of_tendons, np.stack((0.0 * s, along), axis=1))
-    locations = {"arc length": (0.033, s[3], s[-1]), "tendon": ("t1",), "": (None,)}[known.location]
-    found = known.derivatives(step, change, locations)
-    ahead, behind = (known.predict(arc(k, s, **turned), locations) for k in (KAPPA + h, KAPPA - h))
-    expected = (ahead - behind) / (2.0 * h)
-    if known.location == "tendon":
-        expected = {"tendon_displacement": 0.3, "base_tension": 0.9, "distal_tension": 0.6}[quantity]
-    np.testing.assert_allclose(found[:, 0], expected, atol=1e-8 * max(np.max(np.abs(expected)), 0.1))
-    np.testing.assert_allclose(found[:, 1], 0.0, atol=1e-7)
-
-
 def test_derivatives_of_angles_on_the_axis_are_to_one_side() -> None:
     """A straight robot along z: the angle grows by the rotation of the tip, whatever its direction."""
     rotations = np.zeros((3, 3, 2))
     rotations[2, 0, 0], rotations[2, 1, 1] = 0.3, -0.4
     positions = np.zeros((3, 3, 2))
     positions[2, 1, 0], positions[2, 0, 1] = -0.02, 0.03
-    change = ObservedChange(positions, rotations, NO_RATES, *np.zeros((3, 1, 2)), np.zeros((3, 2)))
+    still = np.zeros((2, 2, 3, 2)), *np.zeros((3, 1, 2)), np.zeros((3, 2))
+    change = ObservedChange(positions, rotations, *still)
     slopes = {"bending_angle": (0.3, 0.4), "tip_offset": (0.02, 0.03), "chord_angle": (0.2, 0.3)}
     for quantity, expected in slopes.items():
         found = channel(quantity).derivatives(straight(0.1), change, [None])
