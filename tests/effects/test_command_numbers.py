@@ -127,4 +127,3 @@ def test_without_lag_or_without_times():
     assert with_effect(setup, "time_lag", lag=0.0) == setup
     untimed = Experiment(three(), Model(), (LoadStep(tensions={"t1": 1.0}),))
     assert effect("time_lag").probe_points(untimed, ExcitationRange(duration=1.0)) == []
-    assert effect("time_lag").bounds(setup)["lag"] == (0.0, 4.0)

@@ -74,11 +74,8 @@ def test_curvatures_that_show_single_holes_slip_do_not_make_it_too_certain():
     """Where each hole only sticks or only slips, it is 5.5 in place of 3, and 78 % are inside."""
     squares = []
     for seed in (2, 3, 4):
-        drawn, rng, own = (
-            Drawn.of(0.2, 0.01, 25, seed),
-            np.random.default_rng(1000 + seed),
-            estimator(friction=0.2),
-        )
+        drawn, own = Drawn.of(0.2, 0.01, 25, seed), estimator(friction=0.2)
+        rng = np.random.default_rng(1000 + seed)
         truth = tdcr.simulate(drawn.robot, model(0.2), drawn.steps()).steps
         for k, solved in enumerate(truth):
             readings = readings_of("curvatures", solved, drawn.robot.tendon_names, rng)
@@ -96,9 +93,8 @@ def test_a_moment_at_the_tip_is_found_where_it_is_asked_for():
     step = tdcr.LoadStep(tensions=dict.fromkeys(robot.tendon_names, 0.5), time=0.0)
     acting = tdcr.LoadStep(step.label, step.tensions, loads={"m": tdcr.Load(LENGTH, moment=moment)}, time=0.0)
     (solved,) = tdcr.simulate(robot, model(), [acting]).steps
-    own = tdcr.Estimator(
-        robot, model(), tdcr.LoadPrior("tip", sigma=0.05, sigma_moment=0.01), tdcr.InputPrior(sigma=1e-3)
-    )
+    load = tdcr.LoadPrior("tip", sigma=0.05, sigma_moment=0.01)
+    own = tdcr.Estimator(robot, model(), load, tdcr.InputPrior(sigma=1e-3))
     found = own.step(step, readings_of("markers", solved, robot.tendon_names, np.random.default_rng(0)))
     sigmas = np.sqrt(np.diagonal(found.moment_covariance))
     assert sigmas[1] < 2e-3
@@ -290,14 +286,21 @@ def test_tendons_become_slack_and_the_robot_straight_while_its_bending_angle_is_
     assert np.median(of_force) < 3.0
 
 
+def of_two(stiffness, angle):
+    """The rod with two elastic tendons, the second one at an angle [deg] from the first."""
+    holes = (("a", 0.0), ("b", angle))
+    given = {"axial_stiffness": stiffness}
+    return replace(
+        rod(), tendons=tuple(tdcr.Tendon(n, tdcr.ParallelRouting(0.01, a), **given) for n, a in holes)
+    )
+
+
 @pytest.mark.parametrize(
     ("kind", "given", "sigma"), [("tensions", 0.0, 0.01), ("displacements", -2e-5, 2e-5)]
 )
 def test_the_tension_of_a_tendon_that_may_be_slack_is_a_normal_one_cut_off_at_zero(kind, given, sigma):
     """It was known exactly where the tendon was wound, and by 15 % too well where its tension was given."""
-    holes = (("a", 0.0), ("b", 90.0))
-    tendons = [tdcr.Tendon(n, tdcr.ParallelRouting(0.01, a), axial_stiffness=500.0) for n, a in holes]
-    robot = replace(rod(), tendons=tuple(tendons))
+    robot = of_two(500.0, 90.0)
 
     def step(value, **rest):
         named = {"tensions": {"b": 0.3}}
@@ -317,19 +320,13 @@ def test_the_tension_of_a_tendon_that_may_be_slack_is_a_normal_one_cut_off_at_ze
 
 def test_a_load_cell_shows_that_a_wound_tendon_taken_to_be_slack_is_taut():
     """Without a slope at zero tension the state stayed slack, far from the reading, and was taken."""
-    tendons = tuple(
-        tdcr.Tendon(n, tdcr.ParallelRouting(0.01, a), axial_stiffness=1000.0)
-        for n, a in (("a", 0.0), ("b", 120.0))
-    )
-    robot = replace(rod(), tendons=tendons)
+    robot = of_two(1000.0, 120.0)
     acting = tdcr.LoadStep(displacements={"a": 2e-3, "b": -0.2e-3})
     tensions = tdcr.simulate(robot, model(), [acting]).steps[-1].base_tensions
-    own = tdcr.Estimator(
-        robot, model(), tdcr.LoadPrior(sigma=1e-3), tdcr.InputPrior(sigma={"a": 1e-5, "b": 7e-4})
-    )
-    readings = [
-        tdcr.Reading(0, "base_tension", n, float(x), 0.01) for n, x in zip("ab", tensions, strict=True)
-    ]
+    priors = tdcr.LoadPrior(sigma=1e-3), tdcr.InputPrior(sigma={"a": 1e-5, "b": 7e-4})
+    own = tdcr.Estimator(robot, model(), *priors)
+    read_tensions = zip("ab", tensions.tolist(), strict=True)
+    readings = [tdcr.Reading(0, "base_tension", n, x, 0.01) for n, x in read_tensions]
     frame = own.step(tdcr.LoadStep(displacements={"a": 2e-3, "b": -1.6e-3}, time=0.0), readings)
     assert tensions[1] > 0.1 and frame.misfit < 20.0
     np.testing.assert_allclose(frame.tensions, tensions, atol=0.03)

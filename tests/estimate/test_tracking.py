@@ -83,16 +83,12 @@ def test_after_the_deadline_the_last_good_command_is_kept():
 
 def test_a_sample_whose_target_is_refused_is_not_estimated():
     """Asked for again with a right one, its reading counted twice."""
-    trackers, reading = (
-        [tracker(robot()) for _ in range(2)],
-        tdcr.Reading(1, "base_tension", "t2", 0.31, 1e-4),
-    )
+    trackers = [tracker(robot()) for _ in range(2)]
+    reading = tdcr.Reading(1, "base_tension", "t2", 0.31, 1e-4)
     with pytest.raises(ValueError, match="finite"):
         trackers[0].step(replace(BEGIN, time=0.0), [reading], (np.nan, 0.0, None))
-    covariances = [
-        t.step(replace(BEGIN, time=0.0), [reading], PATH[0]).estimate.tension_covariance for t in trackers
-    ]
-    np.testing.assert_array_equal(*covariances)
+    samples = [t.step(replace(BEGIN, time=0.0), [reading], PATH[0]) for t in trackers]
+    np.testing.assert_array_equal(*(s.estimate.tension_covariance for s in samples))
 
 
 @pytest.mark.parametrize("wrong", [{"deadline": -1.0}, {"largest_change": 0.0}, {"tolerance": np.nan}])

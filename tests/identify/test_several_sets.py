@@ -93,6 +93,8 @@ def test_joined_sets_keep_their_readings_branches_and_begin_anew():
     assert held_out_branches(joined, ["B/*"]) == tuple(range(11, 19))
     assert problem_of(joined).experiment.restarts == (11,)
     assert join_measured([a]) is a
+    declared = [replace(x, effects={"marker_offset": {"offset_z": 8e-3}}) for x in (a, b)]
+    assert join_measured(declared).experiment.observation.along == 8e-3
 
 
 @pytest.mark.parametrize(
@@ -100,6 +102,7 @@ def test_joined_sets_keep_their_readings_branches_and_begin_anew():
     [
         (lambda b: replace(b, robot=replace(b.robot, tip_mass=0.01)), "robot = another tip_mass"),
         (lambda b: replace(b, model=replace(b.model, gravity=(0.0, 0.0, -9.81))), "model = another gravity"),
+        (lambda b: replace(b, effects={"marker_offset": {"offset_z": 9e-3}}), "effects"),
         (lambda b: replace(b, name="A"), "two folders have this name"),
     ],
 )

@@ -11,7 +11,7 @@ from robots import LENGTH, three
 
 from tdcr_fe import InputError, Load, LoadStep, Model, PlausibilityWarning, Reading
 from tdcr_fe.effects import Experiment, Observation, with_effects
-from tdcr_fe.io.measured import MeasuredData, first_checks, join_measured, read_measured, write_measured
+from tdcr_fe.io.measured import MeasuredData, first_checks, read_measured, write_measured
 from tdcr_fe.model.channels import CHANNELS
 
 
@@ -224,15 +224,6 @@ def test_what_is_declared_is_part_of_the_declared_model_and_goes_through_the_fil
     assert off[0] < 0.05 and off[1] > 50.0
     write_measured(declared, tmp_path / "again")
     assert contents(read_measured(tmp_path / "again")) == contents(declared)
-
-
-def test_two_sets_must_declare_the_same(data, tmp_path):
-    a = read_measured(with_effects_in(data, tmp_path, "marker_offset = { offset_z = 8e-3 }", "a"))
-    b = read_measured(with_effects_in(data, tmp_path, "marker_offset = { offset_z = 9e-3 }", "b"))
-    with pytest.raises(InputError, match="effects"):
-        join_measured([a, b])
-    both = join_measured([a, replace(a, name="c")])
-    assert both.experiment.observation.along == 8e-3 and both.experiment.restarts == (6,)
 
 
 @pytest.mark.parametrize(

@@ -179,10 +179,8 @@ def test_an_unloaded_robot_that_is_not_solved_ends_the_command(tmp_path, capsys)
     """Heavy disks, and a single iteration; it ended with a traceback."""
     heavy = replace(three(), disks=replace(three().disks, mass=1e-3))
     (tmp_path / "robot.toml").write_text(tdcr.robot_to_toml(heavy))
-    model, settings = (
-        tdcr.Model(gravity=(0.0, 9.81, 0.0)),
-        tdcr.SolverSettings(max_iterations=1, min_substep=1.0),
-    )
+    model = tdcr.Model(gravity=(0.0, 9.81, 0.0))
+    settings = tdcr.SolverSettings(max_iterations=1, min_substep=1.0)
     (tmp_path / "model.toml").write_text(tdcr.model_to_toml(model, settings))
     files = [str(tmp_path / "robot.toml"), "--model", str(tmp_path / "model.toml")]
     assert main(["live", *files, "--no-browser", "-q"]) == 1

@@ -69,9 +69,8 @@ def test_tension_moves_the_tip_forward_with_slip_and_backward_with_sticking_hole
     made = three(0.3, disks=FIVE)
     steps = [LoadStep("", {"t1": 0.5}, loads=NOTHING, substeps=1), LoadStep("", {"t1": 1.0}, substeps=1)]
     solved = simulation(made, FRICTIONAL, steps, SETTINGS)
-    forward, backward = (
-        motion(made, FRICTIONAL, steps, LoadStep("", {"t1": 1.0 + h})) / h for h in (1e-6, -1e-6)
-    )
+    further = {h: LoadStep("", {"t1": 1.0 + h}) for h in (1e-6, -1e-6)}
+    forward, backward = (motion(made, FRICTIONAL, steps, step) / h for h, step in further.items())
     slipping, sticking = (local_response(solved, reversal=x).by_tension[:, 0] for x in (False, True))
     assert np.allclose(slipping, forward, rtol=1e-4, atol=1e-4 * np.abs(forward).max())
     assert np.allclose(sticking, backward, rtol=1e-3, atol=1e-3 * np.abs(backward).max())
