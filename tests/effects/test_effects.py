@@ -165,11 +165,13 @@ def angle(setup):
     return simulate(setup.robot, setup.model, setup.steps).bending_angles[0]
 
 
-def test_a_law_of_the_backbone_and_a_clearance_are_declared():
+def test_a_law_of_the_backbone_a_clearance_and_a_compliant_base_are_declared():
     changed = with_effect(setup(), "superelastic", threshold_strain=1e-3, plateau_ratio=0.2).robot
     assert changed == paper().with_backbone(superelastic=Superelastic(1e-3, 0.2))
     changed = with_effect(setup(), "hole_clearance", clearance=0.2e-3).robot
     assert changed == paper().with_tendons(clearance=0.2e-3)
+    changed = with_effect(setup(), "base_compliance", stiffness=0.02).robot
+    assert changed == replace(paper(), base_stiffness=0.02)
 
 
 def test_precurvature_adds_to_the_curvature_of_a_moment():

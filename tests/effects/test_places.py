@@ -96,8 +96,3 @@ def test_an_effect_at_a_fixed_place_is_the_listed_one_there(e):
     null = there.null_values(DECLARED)
     assert distance(tips(there.apply(DECLARED, null)), tips(DECLARED)) < 1e-9
     assert set(e.spread(DECLARED.robot, place)) == set(e.place_names)
-
-
-def test_a_compliant_base_is_that_of_the_robot():
-    changed = with_effect(Experiment(three(0.2), Model(), ()), "base_compliance", stiffness=0.02)
-    assert changed.robot == replace(three(0.2), base_stiffness=0.02)

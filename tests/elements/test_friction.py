@@ -113,9 +113,8 @@ def fan(coefficient, holes: int, total: float, base: float, pulled: float) -> np
     n = holes + 1
     lengths, mask = np.full((1, n), 1e-3), np.ones((1, n), dtype=bool)
     zeros = [np.zeros((1, holes))] * 2 + [np.zeros(1)] * 3
-    x = TendonLaw(
-        TendonParameters(lengths, mask, *zeros, mask[:, 1:], (coefficient,)), FRICTION_MODELS["per-hole"]
-    )
+    parameters = TendonParameters(lengths, mask, *zeros, mask[:, 1:], (coefficient,))
+    x = TendonLaw(parameters, FRICTION_MODELS["per-hole"])
     moved = lengths.copy()
     moved[0, -1] -= pulled
     angles = np.full((1, holes), total / holes)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from native_solvers import recommended
-from robots import LENGTH, distance, paper, pull, routed, scene, solve, solve_scene
+from robots import LENGTH, distance, paper, pull, routed, scene, solve
 from two_tendons import ANGLES, LENGTHS, tendon_law
 
 from tdcr_fe import Backbone, Disks, HelicalRouting, Load, LoadStep, ParallelRouting, Robot, Tendon
@@ -144,17 +144,13 @@ def test_what_is_uncertain_of_a_path_of_dahl_is_reported():
 
 
 def test_exudyns_static_solver_has_dahls_history():
-    """To 1.2 N and back to 0.6 N, as `simulate`; then a scene that `SolveTDCR` solves."""
+    """To 1.2 N and back to 0.6 N, as `simulate`."""
     kind = {"hysteresis": "dahl"}
     expected = solve(paper(0.3), pull(1.2, 0.6), SolverSettings(presliding=2e-5), **kind).tips
     _keep, mbs, handle = scene(paper(0.3), presliding=2e-5, **kind)
     handle.set_inputs_over_time(lambda t: [2.4 * t if t < 0.5 else 1.2 - (2 * t - 1) * 0.6])
     assert mbs.SolveStatic(recommended(handle, 1.0, 0.02))
     assert distance(handle.tip_position, expected[-1]) < 5e-4
-    _other, mbs, handle = scene(paper(0.3), presliding=2e-5, **kind)
-    for tension, tip in zip((1.2, 0.6), expected, strict=True):
-        solve_scene(mbs, handle, [tension])
-        assert distance(handle.tip_position, tip) < 1e-5
 
 
 def test_for_a_short_presliding_distance_both_laws_give_the_same():

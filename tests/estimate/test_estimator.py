@@ -219,9 +219,8 @@ def test_a_frame_that_has_no_solution_near_the_last_one_begins_once_more(at, mon
     solved = Frame.solved
 
     def not_from_the_last(self, unknowns, near=None):
-        return (
-            None if near is not None and near.frame.start is not self.start else solved(self, unknowns, near)
-        )
+        of_the_last = near is not None and near.frame.start is not self.start
+        return None if of_the_last else solved(self, unknowns, near)
 
     monkeypatch.setattr(Frame, "solved", not_from_the_last)
     frame = own.step(truth.command(1), truth.positions(rng, 1, markers))
@@ -288,11 +287,9 @@ def test_tendons_become_slack_and_the_robot_straight_while_its_bending_angle_is_
 
 def of_two(stiffness, angle):
     """The rod with two elastic tendons, the second one at an angle [deg] from the first."""
-    holes = (("a", 0.0), ("b", angle))
-    given = {"axial_stiffness": stiffness}
-    return replace(
-        rod(), tendons=tuple(tdcr.Tendon(n, tdcr.ParallelRouting(0.01, a), **given) for n, a in holes)
-    )
+    routings = {"a": tdcr.ParallelRouting(0.01), "b": tdcr.ParallelRouting(0.01, angle)}
+    tendons = (tdcr.Tendon(n, r, axial_stiffness=stiffness) for n, r in routings.items())
+    return replace(rod(), tendons=tuple(tendons))
 
 
 @pytest.mark.parametrize(

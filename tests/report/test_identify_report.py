@@ -83,9 +83,7 @@ def test_a_value_that_is_not_plausible_gets_a_remark(name, values, unit, words):
 )
 def test_another_form_of_an_effect_contradicts_the_declared_value_as_well(rival, words):
     """Friction of each tendon was given as another cause, should the declared friction be certain."""
-    found = replace(
-        added("tendon_stretch", axial_stiffness=(107.0, 5.0, "N")), indistinguishable_from=(rival,)
-    )
+    found = added("tendon_stretch", (rival,), axial_stiffness=(107.0, 5.0, "N"))
     (text,) = remarks(result(found))["tendon_stretch"]
     assert text.endswith(f"the error has another cause: {words}.")
 

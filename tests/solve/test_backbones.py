@@ -38,9 +38,8 @@ def test_the_curvature_within_a_bay_is_the_moment_of_its_straight_tendon(count):
     nodes = [int(np.argmin(np.abs(step.s - k * bay))) for k in (3, 4)]
     base, end = (step.positions[k] + step.rotations[k] @ [4.5e-3, 0.0, 0.0] for k in nodes)
     s = bay * np.array([3.05, 3.25, 3.5, 3.8])
-    levers = np.linalg.norm(
-        np.cross(seen.markers(s) - base, (end - base) / np.linalg.norm(end - base)), axis=1
-    )
+    along = (end - base) / np.linalg.norm(end - base)
+    levers = np.linalg.norm(np.cross(seen.markers(s) - base, along), axis=1)
     np.testing.assert_allclose(seen.curvature(s)[:, 1], tension * levers / BACKBONE.EI, rtol=4e-3 / count**2)
 
 

@@ -120,9 +120,8 @@ def test_a_step_whose_jump_could_not_be_examined_in_time_is_not_solved(monkeypat
     steps = [LoadStep(displacements={"t1": 8e-3}), LoadStep(loads={"push": Load(0.25, (0.0, 0.0, -1.0))})]
     bent, pushed = resolve(three(), steps)
     model, calls = Model(elements_per_bay=1), iter([False, True])
-    simulation = Simulation(
-        three(), model, [bent, pushed], SolverSettings(max_substeps=1, path_tolerance=1e-3)
-    )
+    settings = SolverSettings(max_substeps=1, path_tolerance=1e-3)
+    simulation = Simulation(three(), model, [bent, pushed], settings)
     simulation.advance(bent)
     monkeypatch.setattr(substep.SubstepSolver, "is_late", property(lambda _: next(calls, True)))
     with pytest.raises(StepFailed, match="time limit"):
