@@ -127,8 +127,8 @@ class Values(NamedTuple):
 class TendonStack:
     """Tendons of several models of one robot, those that differ evaluated as if they were so many tendons."""
 
-    index: Index  # (S,): By model, its place among them as they are ordered here
-    rows: Index  # (S m,): Of all tendons of the models in this order, which of those that differ it is
+    rows: Index  # (S, m): By model, which of those that differ each tendon is
+    chosen: Index  # (Q,): Of those that differ, one of the tendons of all models that is it
     # Of the tendons that differ, where one has friction with its mobilisations: of those with constant coefficients of
     # friction, which take a fraction of the time, and of the others
     laws: tuple[TendonLaw, ...]
@@ -151,9 +151,10 @@ class TendonStack:
             end = begin + sum(law.shape[0] for law in group)
             laws.append(_joined_law(group, mobilised, first[(first >= begin) & (first < end)] - begin))
             begin = end
+        by_model = rows.reshape(len(models), -1)[np.argsort(order)]
         return cls(
-            np.argsort(order),
-            rows,
+            by_model,
+            np.unique(by_model, return_index=True)[1],
             tuple(laws),
             _joined_geometry(geometries, first) if geometries else None,
             tuple(m.section for m in own),
@@ -171,7 +172,7 @@ class TendonStack:
         )
         every = np.arange(len(geometry.mask))
         law = _joined_law([model.law] * size, model.law.law, every)
-        return cls(np.arange(size), every, (law,), geometry, ())
+        return cls(every.reshape(size, -1), every, (law,), geometry, ())
 
     def at(self, point: RobotPoint, rates: Array, nodes: Index) -> Values:
         """Forces in a state.
@@ -185,11 +186,10 @@ class TendonStack:
         nodes
             With holes, see `tdcr_fe.elements.forces.ForceModel.cable_nodes`; empty where tendons follow the backbone.
         """
-        m, n = len(point.base_tension), self.laws[0].shape[1]
-        shape, size = self._shape(point, nodes), len(self.index)
-        chosen = np.unique(self.rows, return_index=True)[1]
-        mobilisation, base = point.mobilisation[chosen % m], point.base_tension[chosen % m]
-        rates = rates[np.argsort(self.index)].reshape(size * m, rates.shape[2])[chosen]
+        size, m = self.rows.shape
+        shape, which = self._shape(point, nodes), self.chosen % m
+        mobilisation, base = point.mobilisation[which], point.base_tension[which]
+        rates = rates.reshape(size * m, rates.shape[2])[self.chosen]
         fields, first = [], 0
         for law in self.laws:
             own = slice(first, first + law.shape[0])
@@ -204,9 +204,8 @@ class TendonStack:
         wrenches = np.zeros((size, 0, 6))
         if self.geometry is not None:
             pulled = shape.lines.maps @ shape.lines.pulls(tension)[..., None]
-            wrenches = pulled[self.rows].reshape(size, m, n + 1, 6).sum(axis=1)
-        found = wrenches, *(x[self.rows].reshape(size, m, n) for x in (tension, released))
-        return Values(*(x[self.index] for x in found))
+            wrenches = pulled[..., 0][self.rows].sum(axis=1)
+        return Values(wrenches, tension[self.rows], released[self.rows])
 
     def _shape(self, point: RobotPoint, nodes: Index) -> CableShape:
         if self.geometry is not None:
@@ -220,28 +219,33 @@ class TendonStack:
         return CableShape(lengths, np.zeros((len(lengths), 0)))
 
 
+#: Fields of `TendonParameters` that are tables by tendon.
+_TABLES = tuple(f.name for f in fields(TendonParameters) if f.name != "laws")
+
+
 def _tendon_keys(model: ForceModel, number: int) -> Iterator[tuple[Any, ...]]:
     """By tendon of one of several models, what is equal where it has the same tension and length as that of another."""
     geometry, parameters = model.geometry, model.law.parameters
-    tables = [getattr(parameters, f.name) for f in fields(TendonParameters) if f.name != "laws"]
+    tables = [getattr(parameters, name) for name in _TABLES]
     if geometry is not None:
-        tables += [
-            geometry.nominal,
-            np.zeros(len(geometry.mask)) if geometry.clearance is None else geometry.clearance,
-        ]
+        tables += [geometry.nominal, _clearance(geometry)]
     alone = geometry is None or model.law.varies
     for i in range(len(parameters.mask)):
         yield i, number if alone else -1, model.law.law.active, *(table[i].tobytes() for table in tables)
 
 
+def _clearance(geometry: CableGeometry) -> Array:
+    """Clearance of the holes by tendon [m], shape (m,); zero where none is given."""
+    return np.zeros(len(geometry.mask)) if geometry.clearance is None else geometry.clearance
+
+
 def _joined_geometry(models: Sequence[CableGeometry], which: Index) -> CableGeometry:
     """Some of the cables of all models as those of one."""
-    none = np.zeros(len(models[0].mask))
     return CableGeometry(
         np.concatenate([g.nominal for g in models])[which],
         np.concatenate([g.mask for g in models])[which],
         models[0].node_count,
-        np.concatenate([none if g.clearance is None else g.clearance for g in models])[which],
+        np.concatenate([_clearance(g) for g in models])[which],
     )
 
 
@@ -252,11 +256,7 @@ def _joined_law(laws: Sequence[TendonLaw], mobilised: FrictionModel, which: Inde
     """
     first = laws[0]
     parameters = [x.parameters if x.law.active else _without_friction(x.parameters) for x in laws]
-    joined = {
-        f.name: np.concatenate([getattr(p, f.name) for p in parameters])[which]
-        for f in fields(TendonParameters)
-        if f.name != "laws"
-    }
+    joined = {name: np.concatenate([getattr(p, name) for p in parameters])[which] for name in _TABLES}
     of_coefficients = [x for p in parameters for x in p.laws]
     chosen = tuple(of_coefficients[i] for i in which)
     return TendonLaw(TendonParameters(**joined, laws=chosen), mobilised, first.hysteresis)
@@ -432,10 +432,8 @@ class ExplicitDerivatives:
     def released_unloaded(self) -> Array:
         """Derivatives of the released lengths in the unloaded shape without tension, shape (m, n, P)."""
         tendons = self._tendons
-        shape = (len(tendons.index), *self.present.forces.law.shape)
         released = np.concatenate([law.released_unloaded() for law in tendons.laws])
-        values = released[tendons.rows].reshape(shape)
-        return self._derivative(values[tendons.index])
+        return self._derivative(released[tendons.rows])
 
     def at(
         self,
