@@ -80,9 +80,11 @@ def simulate_experiment(job: Job, settings: SolverSettings, deadline: float = ma
     experiment = job.experiment
     if experiment.restarts:
         runs: list[Run] = []
+        end = 0
         for number, part in enumerate(experiment.sequences):
             own = None if job.reference is None else job.reference[number : number + 1]
-            chosen = tuple(_of_sequence(p, experiment, number) for p in job.parameters)
+            begin, end = end, end + len(part.steps)
+            chosen = tuple(_of_sequence(p, number, slice(begin, end)) for p in job.parameters)
             one = job._replace(experiment=part, reference=own, parameters=chosen)
             runs.append(simulate_experiment(one, settings, deadline))
             if not runs[-1].solved:
@@ -121,16 +123,15 @@ def _on_own_mesh(reference: Trajectories, experiment: Experiment) -> Trajectory 
         return None
 
 
-def _of_sequence(parameter: Parameter, experiment: Experiment, number: int) -> Parameter:
-    """A parameter of several loading sequences, for one of them."""
+def _of_sequence(parameter: Parameter, number: int, steps: slice) -> Parameter:
+    """A parameter of several loading sequences, for one of them, which has these steps."""
     from tdcr_fe.solve.sensitivities.differences import Tabulated
     from tdcr_fe.solve.sensitivities.parameters import StepInput, StepInputs
 
     if isinstance(parameter, StepInput):
         return parameter
     if isinstance(parameter, StepInputs):
-        ends = np.cumsum([len(part.steps) for part in experiment.sequences])
-        return replace(parameter, change=np.split(parameter.change, ends[:-1])[number])
+        return replace(parameter, change=parameter.change[steps])
     table = parameter.apply
     assert isinstance(table, Tabulated)
     own = {offset: e.sequences[number] for offset, e in table.experiments.items()}
