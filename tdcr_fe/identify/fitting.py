@@ -31,10 +31,11 @@ from tdcr_fe.identify.settings import OutOfTime, clock
 #: A fit under way: yields what has to be simulated, is sent what came out, and returns the fit.
 Fitting = Generator[Request, Linear, Fit]
 
-#: A parameter is not fitted where its value could not be told from zero: its typical step changes the readings by less
-#: than NOTHING (rms over sigma), and FURTHEST such steps, or as many as its bounds allow, change all readings together
-#: by less than VISIBLE (root of the sum of squares over sigma). Steps are at least so long that null is within FURTHEST
-#: of them. A marker among many that is read with much noise may change less than NOTHING, but more than VISIBLE.
+#: A parameter is not fitted where its value could not be distinguished from zero: its typical step changes the
+#: readings by less than NOTHING (rms over sigma), and FURTHEST such steps, or as many as its bounds allow, change all
+#: readings together by less than VISIBLE (root of the sum of squares over sigma). Steps are at least so long that null
+#: is within FURTHEST of them. A marker among many that is read with much noise may change less than NOTHING, but more
+#: than VISIBLE.
 NOTHING, VISIBLE, FURTHEST = 0.02, 3.0, 100.0
 
 #: Share of the extrapolated discretisation error that may be wrong.

@@ -257,10 +257,10 @@ def fit_proposals(
     waiting = sorted(pool, key=lambda x: x.criterion)
     races = {named: fitting.Race(_lowest(state, named), search.deadline) for named in (True, False)}
     noise, ready = fitting.Race(float(np.count_nonzero(problem.fitted))).limit, list[_Evaluated]()
-    keys, promised = {x.names for x in pool}, {x.names: x.criterion for x in pool}
+    promised = {x.names: x.criterion for x in pool}
 
     def fits() -> list[Fit]:
-        return [f for k, f in state.fits.items() if k in keys and f.solved]
+        return [f for k, f in state.fits.items() if k in promised and f.solved]
 
     for named in (None, True, False):
         batch = waiting[:1] if named is None else [x for x in waiting[1:] if x.named is named]

@@ -337,9 +337,8 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
             numbers.append(Parameter(label, unit, -FARTHEST * step, FARTHEST * step, 0.0, step, label))
         return [StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text, price)]
 
-    restarts = (
-        problem.data.restarts
-    )  # of several folders: times begin anew, and what changes does so between them
+    # Of several folders times begin anew, and what changes does so between them.
+    restarts = problem.data.restarts
     counts = ROW if restarts else clock
     rows = restarts or (possible_starts(problem.data) if progress else ())
     parts = parts_of_rows(counts, {problem.data.step_ids[k]: float(counts.value(state)[k, -1]) for k in rows})
