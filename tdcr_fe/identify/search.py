@@ -488,9 +488,17 @@ def other_forms(state: SearchState) -> list[tuple[Effect, ...]]:
 
 
 def _in_best_forms(search: Search, state: SearchState) -> SearchState:
-    """The best model with its causes in the forms that the data support."""
+    """The best model with its causes in the forms that the data support.
+
+    Or that of listed effects, where these forms make it the better one: a coefficient of each tendon explained as much
+    as a law of friction without a name, and one of all tendons explained it with fewer numbers.
+    """
     while True:
-        state, fits = refitted(state, other_forms(state))
+        fits, best = list[Fit](), state.best
+        for model in (best, *_best_named(state)):
+            at = replace(state, best=model)
+            at, new = refitted(at, other_forms(at))
+            state, fits = replace(at, best=best), fits + new
         ranks = [(rank(state.problem, f), f) for f in fits if _admissible(search, state, f)]
         lowest, new = min(ranks, key=lambda x: x[0], default=(math.inf, state.best))
         if not lowest < rank(state.problem, state.best):
@@ -602,13 +610,17 @@ def _visible(search: Search, state: SearchState) -> list[_Try]:
     And first beside the best one of listed effects, where a cause without a name leaves more than noise: gravity and
     friction were a force on one disk and friction up to another, and no exchange of one of them led back.
     """
-    tries: list[_Try] = [(singles, state.best)]
-    if _all_named(state.best.effects) or search.explained(state):
-        return tries
+    first = [] if search.explained(state) else _best_named(state)
+    return [(singles, fit) for fit in (*first, state.best)]
+
+
+def _best_named(state: SearchState) -> list[Fit]:
+    """The best model of listed effects, where the best of all with as many causes has others: one or none."""
+    if _all_named(state.best.effects):
+        return []
     size = len(state.best.effects)
     named = [f for f in state.fits.values() if len(f.effects) == size and _all_named(f.effects) and f.solved]
-    first = sorted(named, key=lambda f: rank(state.problem, f))[:1]
-    return [*((singles, f) for f in first), *tries]
+    return sorted(named, key=lambda f: rank(state.problem, f))[:1]
 
 
 def _hidden(search: Search, state: SearchState) -> list[_Try]:
