@@ -497,8 +497,8 @@ def _in_best_forms(search: Search, state: SearchState) -> SearchState:
         fits, best = list[Fit](), state.best
         for model in (best, *_best_named(state)):
             at = replace(state, best=model)
-            at, new = refitted(at, other_forms(at))
-            state, fits = replace(at, best=best), fits + new
+            at, found = refitted(at, other_forms(at))
+            state, fits = replace(at, best=best), fits + found
         ranks = [(rank(state.problem, f), f) for f in fits if _admissible(search, state, f)]
         lowest, new = min(ranks, key=lambda x: x[0], default=(math.inf, state.best))
         if not lowest < rank(state.problem, state.best):
