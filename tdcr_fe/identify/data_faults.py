@@ -33,9 +33,10 @@ MISFIT = 4.0
 EQUAL_STEPS, FAR = 4, 10.0
 #: A noise of sigma changes every reading where the readings differ by less than this share of sigma [1].
 RESOLVED = 0.2
-#: Sigma is wrong where the scatter of the residual is larger or smaller by this factor; readings that are multiples of
-#: more than so many sigma are rounded [1].
+#: Sigma is wrong where the scatter of the residual is larger or smaller by this factor [1].
 WRONG_SIGMA = 3.0
+#: Sigma does not allow for rounding to steps of more than so many sigma: those of 3.5 sigma alone give that sigma [1].
+ROUNDED = 4.0
 #: Gross errors are those of at most this share of all markers in all steps [1].
 MOST_GROSS = 0.1
 #: A location beyond the declared length, up to so many times that length, is that of a marker, not of another unit [1].
@@ -279,7 +280,7 @@ def _rounded(grid: _Grid) -> str:
         return ""
     step, sigma = float(np.min(np.diff(values))), float(np.nanmedian(grid.sigma))
     whole = np.abs(values / step - np.round(values / step)).max() < 1e-3
-    if not whole or step < WRONG_SIGMA * sigma:
+    if not whole or step < ROUNDED * sigma:
         return ""
     seen = f"positions are rounded to {1e3 * step:.3g} mm, but their sigma says {1e3 * sigma:.2g} mm"
     return f"{seen}: give the readings as the sensor has them, or the sigma that belongs to the rounding"

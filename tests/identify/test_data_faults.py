@@ -86,6 +86,7 @@ def standing_still():
         (height(lambda r: 0.2 - r.value), "position_z counts down from the unloaded tip"),
         (standing_still(), "is constant at"),
         (rounded, "rounded to 10 mm"),
+        (lambda r: replace(rounded(r), sigma=0.01 / np.sqrt(12.0)), ""),  # the sigma of such rounding
         (lambda r: r, ""),
     ],
 )  # fmt: skip
