@@ -129,7 +129,6 @@ class Equilibrium(NamedTuple):
     state: SolverState
     forces: tuple[TendonForces, ...]  # By robot
     linearization: Linearization
-    response: TensionResponse | None = None  # To the tensions of some tendons, where it was needed
     balanced: bool = True  # Whether forces balance: not where weight acts on a robot that was never loaded
 
     @classmethod
@@ -159,17 +158,6 @@ class Equilibrium(NamedTuple):
     def driven_tension(self) -> Array:
         """Tensions at the base of all tendons driven by displacement [N]."""
         return self.numbering.at_driven(self.state.base_tension)
-
-    def with_response(self, tendons: Tendons) -> Equilibrium:
-        """The same with the response to the tensions of some tendons; all others are slack."""
-        return self._replace(response=TensionResponse.of(self.linearization, self.forces, tendons))
-
-    def load_response(self, system: SceneSystem, other: Target, factor: float) -> LoadResponse:
-        """Response to a multiple of the change to another target's loads, which are in the scene, at fixed tensions."""
-        assert self.response is not None
-        unbalanced = system.unbalanced(self.state, other, self.forces, self.numbering)
-        found = self.response.to_load(self.linearization, self.forces, unbalanced)
-        return LoadResponse(*(factor * x for x in found))
 
 
 def near_enough(state: SolverState, linearization: Linearization) -> bool:
@@ -225,25 +213,13 @@ class TautTendons(NamedTuple):
         """Tensions of their segments in a state [N], shape (q,)."""
         return self._joined([own.field.tension for own in point.forces])
 
-    def slip_data(
-        self, point: Equilibrium, targets: tuple[Target, Target], factor: float, load: LoadResponse | None
-    ) -> SlipData:
+    def slip_data(self, point: InterpolationPoint, targets: tuple[Target, Target]) -> SlipData:
         """Slips and turning angles in a state, and their derivatives, see `SlipData`.
 
-        Parameters
-        ----------
-        point
-            The state, with its response to the tensions.
-        targets
-            Inputs and loads at both ends of the substep.
-        factor
-            Load factor of the state within the substep [1].
-        load
-            Response to the change of the loads in the substep; None where no load changes.
+        ``targets``: inputs and loads at both ends of the substep.
         """
-        forces, response = point.forces, point.response
-        assert response is not None
-        flexibility, turning = response.flexibility, response.angles
+        factor, state, response, load = point
+        forces, flexibility, turning = state.forces, response.flexibility, response.angles
         if load is None:
             load = LoadResponse(*(np.zeros(len(x)) for x in (response.nodes, flexibility, turning)))
         values, by_tension, by_load = [], [], []
@@ -270,7 +246,7 @@ class TautTendons(NamedTuple):
             segment = here.stop
         return SlipData(
             factor,
-            self.tensions(point),
+            self.tensions(state),
             np.concatenate(
                 [*values, *(b[0] for b in bases), self._joined([f.measured.shape.angles for f in forces])]
             ),
@@ -287,8 +263,8 @@ class InterpolationPoint(NamedTuple):
     """A solved state at an end of a substep or within it, between which slips are interpolated."""
 
     factor: float  # Load factor within the substep [1]
-    # Linearised exactly, with the response to the tensions of all tendons under tension at any of the points
     state: Equilibrium
+    response: TensionResponse  # To the tensions of all tendons under tension at any of the points
     # Response to the change of the loads in the whole substep; None where no load changes
     load: LoadResponse | None
 
@@ -333,12 +309,10 @@ def twist_change(point: InterpolationPoint, tension: Array, load: float) -> Arra
     load
         Part of the change of the loads in the substep [1].
     """
-    linear, response = point.state.linearization, point.state.response
-    assert response is not None
-    nodes = response.nodes @ tension
+    nodes = point.response.nodes @ tension
     if point.load is not None and load:
         nodes = nodes + load * point.load.nodes
-    return linear.twist_changes(nodes)
+    return point.state.linearization.twist_changes(nodes)
 
 
 def interpolated(

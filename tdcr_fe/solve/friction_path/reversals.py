@@ -48,7 +48,7 @@ class SubstepSlips(NamedTuple):
         """From its solved states; further arguments as of `find_reversals`."""
         taut, start, end = known.taut, known.start, known.end
         holes, k = taut.holes, len(taut.holes)
-        data = [taut.slip_data(point.state, targets, point.factor, point.load) for point in known.points]
+        data = [taut.slip_data(point, targets) for point in known.points]
         transfer, intervals = tension_transfer(taut.tendons), Intervals.between(data)
         elastic_slip = np.append(taut.presliding, np.zeros(len(taut.driven)))
         slips = InterpolatedSlips(transfer, intervals, elastic_slip, np.eye(len(data[0].tension)))
@@ -64,8 +64,7 @@ class SubstepSlips(NamedTuple):
             tensions = tensions + tension_columns(last, pulled).T @ follow
             matrix = matrix + columns @ follow
         slip = (end.slips - start.slips)[holes]
-        assert end.response is not None
-        first, columns = start.driven_tension[taut.driven], end.response.nodes @ tensions
+        first, columns = start.driven_tension[taut.driven], known.points[-1].response.nodes @ tensions
         return cls(known, allowed, slips, before, after, first, slip, matrix[:k], columns)
 
     @property

@@ -16,8 +16,8 @@ from tdcr_fe.solve.friction_path.response import (
     Equilibrium,
     InterpolationPoint,
     KnownStates,
-    LoadResponse,
     TautTendons,
+    TensionResponse,
     interpolated,
     near_enough,
     with_path_unknowns,
@@ -44,16 +44,16 @@ def known_states(
     span
         Load factors of the load step at the ends of the substep [1].
     """
-    taut = TautTendons.of([state for _, state in states])
-    ramp, system = solver.ramp, solver.system
-    ready = [(x, point.with_response(taut.numbers)) for x, point in states]
-    loads: list[LoadResponse | None] = [None] * len(ready)
-    if ramp.changes_beyond_inputs:
-        # What is left of the change of the loads, seen from every state; from the last one, back to the start.
-        closing = ramp.apply(system, span[1])
-        loads = [point.load_response(system, closing, 1.0 / (1.0 - x)) for x, point in ready[:-1]]
-        loads.append(ready[-1][1].load_response(system, ramp.apply(system, span[0]), -1.0))
-    points = [InterpolationPoint(x, point, load) for (x, point), load in zip(ready, loads, strict=True)]
+    taut, points = TautTendons.of([state for _, state in states]), []
+    for factor, at in states:
+        response, load = TensionResponse.of(at.linearization, at.forces, taut.numbers), None
+        if solver.ramp.changes_beyond_inputs:
+            # What is left of the change of the loads, seen from every state; from the last one, back to the start.
+            end, other = (0.0, span[0]) if factor == 1.0 else (1.0, span[1])
+            target = solver.ramp.apply(solver.system, other)
+            unbalanced = solver.system.unbalanced(at.state, target, at.forces, at.numbering)
+            load = response.to_load(at.linearization, at.forces, unbalanced / (end - factor))
+        points.append(InterpolationPoint(factor, at, response, load))
     return KnownStates(span, taut, tuple(points))
 
 
