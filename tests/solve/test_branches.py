@@ -8,8 +8,8 @@ from robots import BACKBONE, LENGTH, paper, single
 
 from tdcr_fe import Backbone, Disks, Robot, Simulation, simulate
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings, resolve
-from tdcr_fe.solve.load_steps.judges import is_continuous
 from tdcr_fe.solve.load_steps.load_path import Ramp
+from tdcr_fe.solve.load_steps.stepping import is_continuous
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
 from tdcr_fe.solve.stability import ExternalCompression
 from tdcr_fe.validation.fuzz.drawing import draw

@@ -188,22 +188,13 @@ class BandFactors(NamedTuple):
 
     def solve(self, right: Array) -> Array:
         """Increments of the nodes for one or several right sides, shape (6 N,) or (6 N, k)."""
-        layout = self.layout
-        if right.ndim == 1:
-            one = np.zeros((layout.nodes, layout.block))
-            one[:, :6] = right.reshape(layout.nodes, 6)
-            flat, _ = dgbtrs(
-                self.lu, layout.lower, layout.upper, one.reshape(-1), self.pivots, overwrite_b=True
-            )
-            return np.asarray(flat.reshape(one.shape)[:, :6].reshape(-1))
-        count = right.shape[1]
+        layout, transposed = self.layout, right.T
         # Right sides one after the other, as LAPACK has them, with zeros for the transfer of the tensions.
-        both = np.zeros((count, layout.nodes, layout.block))
-        both[:, :, :6] = right.T.reshape(count, layout.nodes, 6)
-        packed = both.reshape(count, -1).T
+        both = np.zeros((*transposed.shape[:-1], layout.nodes, layout.block))
+        both[..., :6] = transposed.reshape(*both.shape[:-1], 6)
+        packed = both.reshape(*transposed.shape[:-1], -1).T
         found, _ = dgbtrs(self.lu, layout.lower, layout.upper, packed, self.pivots, overwrite_b=True)
-        nodes = found.T.reshape(both.shape)[:, :, :6].reshape(count, -1)
-        return np.asarray(nodes.T)
+        return np.asarray(found.T.reshape(both.shape)[..., :6].reshape(transposed.shape).T)
 
     @property
     def sign(self) -> int:

@@ -1,6 +1,6 @@
 """The loop of every load step: propose a substep, solve it, judge it, accept it or solve others instead.
 
-A substep on trial is a value that the judges hand on (`tdcr_fe.solve.load_steps.judges`).
+A substep on trial is a value that the judges hand on (`tdcr_fe.solve.load_steps.stepping`).
 """
 
 from __future__ import annotations

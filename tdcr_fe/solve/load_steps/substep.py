@@ -69,37 +69,25 @@ class SubstepSolver:
         self, state: SolverState, load_factor: float, linearization: Linearization | None, start: SolverState
     ) -> NewtonResult:
         """Solve at a load factor, from a guess, a substep that begins in the state `start`."""
-        target = self.ramp.apply(self.system, load_factor)
-        changes = input_changes(start, target)
-        result, slope = self._solved(state, target, changes, linearization)
-        linear = result.linearization
+        system, settings, before = self.system, self.settings, linearization
+        target = self.ramp.apply(system, load_factor)
+        first = None
+        if before is not None:
+            first = predict(system, state, target, input_changes(start, target), before, settings)
+        result = newton(system, state if first is None else first.state, target, settings)
+        linear, slope = result.linearization, None
+        if first is not None and result.converged:
+            # Without any iteration, the linearisation is that of the step before.
+            linear, slope = linear or before, first.slope
+        elif first is not None:
+            spent, result = result.iterations, newton(system, state, target, settings)
+            linear, result = result.linearization, result._replace(iterations=result.iterations + spent)
         if linear is not None:
             solved = None
             if result.converged:
                 solved = SolvedStep.of(start, result.state, linear.numbering, slope)
             result = result._replace(linearization=linear._replace(solved=solved))
         return self._unless_wrong_in_contact(result, start)
-
-    def _solved(
-        self, state: SolverState, target: Target, changes: tuple[Array, ...], linear: Linearization | None
-    ) -> tuple[NewtonResult, Array | None]:
-        """A solve from a prediction, where there is one that leads to a solution, else from a state.
-
-        With the slope at the beginning of the step, see `SolvedStep`; None where it is unknown.
-        """
-        spent = 0
-        first = (
-            None if linear is None else predict(self.system, state, target, changes, linear, self.settings)
-        )
-        if first is not None:
-            result = newton(self.system, first.state, target, self.settings)
-            if result.converged:
-                # Without any iteration, the linearisation is that of the step before.
-                near = result.linearization or linear
-                return result._replace(linearization=near), first.slope
-            spent = result.iterations
-        result = newton(self.system, state, target, self.settings)
-        return result._replace(iterations=result.iterations + spent), None
 
     def _unless_wrong_in_contact(
         self, result: NewtonResult, start: SolverState, *, may_jump: bool = False

@@ -24,8 +24,8 @@ from tdcr_fe.model.results import Sensitivities, Sensitivity
 from tdcr_fe.scene.base import BasePose
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.mesh import elements_of_bays
-from tdcr_fe.solve.load_steps.states_within import ReversalPoint, reversal_points
 from tdcr_fe.solve.load_steps.stepping import SolvedLoadStep
+from tdcr_fe.solve.load_steps.within_substep import ReversalPoint, reversal_points
 from tdcr_fe.solve.sensitivities.differences import InputDerivatives, InputValues
 from tdcr_fe.solve.sensitivities.linear_response import Disturbance, Response, SolvedPoint
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, parameters
