@@ -99,17 +99,9 @@ def simulate(
     check_instance("simulate", "model", model, Model, "a Model, such as Model(friction='per-hole')")
     begun = time.perf_counter()
     targets = resolve(robot, steps)  # before all else: it says what steps are
-    experiment = Experiment(robot, model, tuple(steps))
-    request = _Request(
-        experiment,
-        targets,
-        settings,
-        progress,
-        reference_path,
-        parameters(experiment, sensitivities),
-        responses,
-        record_path is not None,
-    )
+    experiment, recorded = Experiment(robot, model, tuple(steps)), record_path is not None
+    chosen = parameters(experiment, sensitivities)
+    request = _Request(experiment, targets, settings, progress, reference_path, chosen, responses, recorded)
     implausible, remarks = plausibility(robot, model, steps).issued()
     automatic = model.elements_per_bay == "auto" and reference_path is None
     with one_thread(), warnings_to():

@@ -74,15 +74,12 @@ class Simulation:
     ) -> None:
         self.settings = settings or SolverSettings()
         keys = {self.load_key(name, load) for step in steps for name, load in step.loads.items()}
+        loaded = sorted({at for _, at, _ in keys})
         # Exudyn's system container owns the system, so a reference to it is kept.
         self.container = exu.SystemContainer()
         mbs = self.container.AddSystem()
         self.handle: TDCR = CreateTDCR(
-            mbs,
-            robot,
-            model,
-            loadPositions=sorted({at for _, at, _ in keys}),
-            presliding=self.settings.presliding,
+            mbs, robot, model, loadPositions=loaded, presliding=self.settings.presliding
         )
         self.loads: dict[LoadKey, PointLoad] = {
             key: self.handle.add_load(f"{key[0]}@{key[1]:g}.{key[2]}", key[1], key[2])  # type: ignore[arg-type]

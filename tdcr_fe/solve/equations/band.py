@@ -144,12 +144,9 @@ class BandLayout:
         to.before[...] = backbone.after.swapaxes(1, 2)
 
         holes = forces.geometric_stiffness()
-        for part, change in (
-            (to.disk, holes.itself),
-            (to.next_disk, holes.after),
-            (to.previous_disk, holes.after.swapaxes(1, 2)),
-        ):
-            np.add(part, change, out=part)
+        np.add(to.disk, holes.itself, out=to.disk)
+        np.add(to.next_disk, holes.after, out=to.next_disk)
+        np.add(to.previous_disk, holes.after.swapaxes(1, 2), out=to.previous_disk)
 
         lines, at_hole = forces.measured.shape.lines, forces.field.hole_slopes
         assert at_hole is not None

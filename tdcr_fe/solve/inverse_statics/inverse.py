@@ -127,19 +127,8 @@ def follow_path(
     tolerance = TOLERANCE * robot.backbone.length if tolerance is None else tolerance
     if not 0.0 < tolerance < robot.backbone.length:
         raise ValueError(f"follow_path: tolerance = {tolerance:g}: must be above 0, below the length [m]")
-    task = _Task(
-        robot,
-        model,
-        tip_targets(targets),
-        lower,
-        upper,
-        settings,
-        progress,
-        drive_by,
-        effort,
-        tuple(before),
-        tolerance,
-    )
+    tips, first = tip_targets(targets), tuple(before)
+    task = _Task(robot, model, tips, lower, upper, settings, progress, drive_by, effort, first, tolerance)
     begun = time.perf_counter()
     positions = [target.position for target in task.targets]
     implausible, remarks = plausibility(robot, model, task.before, positions, upper.tolist()).issued()

@@ -168,21 +168,13 @@ class SubstepSolver:
         for factor in RESCUE_FACTORS:
             if self.is_late:
                 break
-            result = newton(
-                self.system,
-                guess,
-                self.ramp.apply(self.system, end),
-                self.settings,
-                damped=True,
-                softening=factor,
-            )
+            target = self.ramp.apply(self.system, end)
+            result = newton(self.system, guess, target, self.settings, damped=True, softening=factor)
             result = self._unless_wrong_in_contact(result, state, may_jump=True)
             if result.converged:
-                return replace(
-                    one_substep(result, end, state.friction, factor),
-                    rejected=spent,
-                    snapped=self.distance(result.state, state) > SNAP,
-                )
+                path = one_substep(result, end, state.friction, factor)
+                snapped = self.distance(result.state, state) > SNAP
+                return replace(path, rejected=spent, snapped=snapped)
             spent += result.iterations
         raise self.failure(state, start, end, failed, spent + failed.iterations)
 

@@ -207,11 +207,8 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
         if not result.converged:
             return trial._replace(rejected=trial.rejected + result.iterations)
         located = LocatedReversals(known, found.history.path, found.history.of(trial.before).friction)
-        corrected = trial._replace(
-            result=result,
-            rejected=trial.rejected + trial.result.iterations,
-            located=located,
-        )
+        spent = trial.rejected + trial.result.iterations
+        corrected = trial._replace(result=result, rejected=spent, located=located)
         # It ends where the path led, and not in another solution with this history.
         close = allowed * solver.system.length
         if found.error <= allowed and found.history.distance(result.state) <= close:

@@ -80,11 +80,11 @@ def newton(
         system.release_clamps()
         numbering = system.numbering(not friction_fixed)
         residual = system.residual(trial, target, numbering)
-    solve = _Solve(NewtonProblem(system, numbering, settings, softening), damped)
+    problem = NewtonProblem(system, numbering, settings, softening, damped)
     # Iterates far off may overflow; the residual is then not a number, which ends the solve by name.
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        result = solve.iterate(residual)
-        return solve.with_contact(trial, result) if system.has_contact else result
+        result = _iterate(problem, residual)
+        return _with_contact(problem, trial, result) if system.has_contact else result
 
 
 def under_inputs(system: SceneSystem, state: SolverState, target: Target) -> SolverState:
@@ -107,80 +107,75 @@ def with_unknowns_of(state: SolverState, start: SolverState) -> SolverState:
     )
 
 
-class _Solve(NamedTuple):
-    """One Newton solve."""
+def _with_contact(problem: NewtonProblem, start: SolverState, result: NewtonResult) -> NewtonResult:
+    """Solve again where contact opens or closes in a solution, until it has the contact with which it was found."""
+    system, settings = problem.system, problem.settings
+    for _ in range(settings.max_iterations):
+        if not result.converged:
+            return result
+        again = with_unknowns_of(result.state, start)
+        residual = system.residual(again, result.target, problem.numbering)
+        if residual.size <= max(settings.tolerance, 2.0 * result.residual):
+            return result
+        later = _iterate(problem, residual)
+        result = later._replace(iterations=result.iterations + later.iterations)
+    return result._replace(status=NewtonStatus.NO_CONTACT_STATE) if result.converged else result
 
-    problem: NewtonProblem
-    damped: bool
 
-    def with_contact(self, start: SolverState, result: NewtonResult) -> NewtonResult:
-        """Solve again where contact opens or closes in a solution, until it has the contact with which it was found."""
-        system, numbering, settings, _ = self.problem
-        for _ in range(settings.max_iterations):
-            if not result.converged:
-                return result
-            again = with_unknowns_of(result.state, start)
-            residual = system.residual(again, result.target, numbering)
-            if residual.size <= max(settings.tolerance, 2.0 * result.residual):
-                return result
-            later = self.iterate(residual)
-            result = later._replace(iterations=result.iterations + later.iterations)
-        return result._replace(status=NewtonStatus.NO_CONTACT_STATE) if result.converged else result
+def _iterate(problem: NewtonProblem, residual: Residual) -> NewtonResult:
+    """Newton's iteration from a first residual."""
+    system, numbering, settings, softening, damped = problem
+    limit = 10 * settings.max_iterations if damped else settings.max_iterations
+    iterations = 0
+    step: NewtonStep | None = None
+    damping = system.layout.scales.elastic_force * system.length if damped else None
 
-    def iterate(self, residual: Residual) -> NewtonResult:
-        """Newton's iteration from a first residual."""
-        problem, damped = self
-        system, numbering, settings, softening = problem
-        limit = 10 * settings.max_iterations if damped else settings.max_iterations
-        iterations = 0
-        step: NewtonStep | None = None
-        damping = system.layout.scales.elastic_force * system.length if damped else None
+    def end(status: NewtonStatus, unmet: Unmet | None = None) -> NewtonResult:
+        linear = None if step is None else step.linearization
+        final = _committed(problem, residual, linear) if status.converged else residual.state
+        found = status, final, residual.size, iterations, unmet, residual.forces
+        return NewtonResult(*found, linear, residual.target)
 
-        def end(status: NewtonStatus, unmet: Unmet | None = None) -> NewtonResult:
-            linear = None if step is None else step.linearization
-            final = self._committed(residual, linear) if status.converged else residual.state
-            found = status, final, residual.size, iterations, unmet, residual.forces
-            return NewtonResult(*found, linear, residual.target)
+    def first(balance: bool = True) -> Unmet | None:
+        return first_unmet(residual, softening, not numbering.has_friction, settings, balance)
 
-        def first(balance: bool = True) -> Unmet | None:
-            return first_unmet(residual, softening, not numbering.has_friction, settings, balance)
+    while True:
+        if not isfinite(residual.size):
+            return end(NewtonStatus.NOT_FINITE)
+        unmet = first()
+        if unmet is None:
+            return end(NewtonStatus.CONVERGED)
+        if iterations >= limit:
+            return end(unmet.status, unmet)
+        try:
+            if damping is None:
+                step = full_step(problem, residual)
+            else:
+                step = damped_step(problem, residual, damping)
+                damping = step.damping
+        except np.linalg.LinAlgError:
+            return end(NewtonStatus.SINGULAR)
+        before, iterations = residual.size, iterations + 1
+        trial = advanced(problem, residual.state, step)
+        # Newton's steps are taken with the contact of their start, a damped motion opens and closes it on its way.
+        residual = system.residual(trial, residual.target, numbering, iterations, hold_contact=not damped)
+        # Steps may be so small that the rest of the residual is round-off of very stiff parts.
+        stalled = max(before, residual.size) < BALANCED
+        stalled = stalled and system.layout.scales.step_size(step.change) <= settings.step_tolerance
+        if stalled and first(balance=False) is None:
+            return end(NewtonStatus.STALLED)
 
-        while True:
-            if not isfinite(residual.size):
-                return end(NewtonStatus.NOT_FINITE)
-            unmet = first()
-            if unmet is None:
-                return end(NewtonStatus.CONVERGED)
-            if iterations >= limit:
-                return end(unmet.status, unmet)
-            try:
-                if damping is None:
-                    step = full_step(problem, residual)
-                else:
-                    step = damped_step(problem, residual, damping)
-                    damping = step.damping
-            except np.linalg.LinAlgError:
-                return end(NewtonStatus.SINGULAR)
-            before, iterations = residual.size, iterations + 1
-            trial = advanced(problem, residual.state, step)
-            # Newton's steps are taken with the contact of their start, a damped motion opens and closes it on its way.
-            residual = system.residual(trial, residual.target, numbering, iterations, hold_contact=not damped)
-            # Steps may be so small that the rest of the residual is round-off of very stiff parts.
-            stalled = max(before, residual.size) < BALANCED
-            stalled = stalled and system.layout.scales.step_size(step.change) <= settings.step_tolerance
-            if stalled and first(balance=False) is None:
-                return end(NewtonStatus.STALLED)
 
-    def _committed(self, residual: Residual, linear: Linearization | None) -> SolverState:
-        """A solution with its history committed and the reactions of its clamps recovered."""
-        state, sign = residual.state, residual.state.tangent_sign
-        # With prescribed displacements the sign also changes where a tendon goes slack, so it is not used.
-        if linear is not None and not self.problem.numbering.any_driven:
-            sign = linear.factorisation.sign
-        return state._replace(
-            configuration=self.problem.system.reactions.balance(residual),
-            friction=tuple(own.model.law.commit(own.field) for own in residual.forces),
-            loads=residual.target.loads,
-            time=residual.target.time,
-            tangent_sign=sign,
-        )
+def _committed(problem: NewtonProblem, residual: Residual, linear: Linearization | None) -> SolverState:
+    """A solution with its history committed and the reactions of its clamps recovered."""
+    state, sign = residual.state, residual.state.tangent_sign
+    # With prescribed displacements the sign also changes where a tendon goes slack, so it is not used.
+    if linear is not None and not problem.numbering.any_driven:
+        sign = linear.factorisation.sign
+    return state._replace(
+        configuration=problem.system.reactions.balance(residual),
+        friction=tuple(own.model.law.commit(own.field) for own in residual.forces),
+        loads=residual.target.loads,
+        time=residual.target.time,
+        tangent_sign=sign,
+    )

@@ -36,6 +36,7 @@ class NewtonProblem(NamedTuple):
     numbering: Numbering
     settings: SolverSettings
     softening: float  # Factor on the presliding distance [1]
+    damped: bool  # Whether the motion of a heavily damped robot is followed
 
 
 def slip_changes(

@@ -152,12 +152,8 @@ class SolvedPoint:
         The shift follows from the motion, and the motion from the shift: one small linear system.
         """
         own, configuration = self.forces[robot], self.state.configuration
-        point = RobotPoint(
-            *configuration.poses[robot],
-            configuration.twists[robot],
-            own.base_tension,
-            own.field.mobilisation,
-        )
+        poses, twists = configuration.poses[robot], configuration.twists[robot]
+        point = RobotPoint(*poses, twists, own.base_tension, own.field.mobilisation)
         wrenches, tension, released = _by_shifts(own, point)
         which = self.numbering.robots[robot].nodes.start + 6 * own.model.cable_nodes[:, None] + np.arange(6)
         which = which.ravel()
@@ -370,11 +366,5 @@ def response_at(
     pulled = np.flatnonzero(taut)
     stiffness = np.zeros((m, m))
     stiffness[np.ix_(pulled, pulled)] = np.linalg.inv(slip[np.ix_(pulled, 6 + pulled)])
-    return LocalResponse(
-        float(mesh.arc_lengths[node]),
-        reversal,
-        compliance,
-        motion[:, 6:],
-        motion[:, 6:] @ stiffness,
-        stiffness,
-    )
+    at, by_tension = float(mesh.arc_lengths[node]), motion[:, 6:]
+    return LocalResponse(at, reversal, compliance, by_tension, by_tension @ stiffness, stiffness)

@@ -165,11 +165,8 @@ class TendonStack:
         """One model with other places of the tendons in the frames of the disks [m], shape (S, m, n+1, 3)."""
         size, own = len(offsets), model.geometry
         assert own is not None
-        geometry = CableGeometry(
-            offsets.reshape(-1, *offsets.shape[2:]),
-            np.tile(own.mask, (size, 1)),
-            own.node_count,
-        )
+        mask = np.tile(own.mask, (size, 1))
+        geometry = CableGeometry(offsets.reshape(-1, *offsets.shape[2:]), mask, own.node_count)
         every = np.arange(len(geometry.mask))
         law = _joined_law([model.law] * size, model.law.law, every)
         return cls(every.reshape(size, -1), every, (law,), geometry, ())

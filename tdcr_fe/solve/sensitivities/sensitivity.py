@@ -168,11 +168,8 @@ class SensitivityHistory:
         # Not zero where tendons have pretension.
         released = self.explicit.released_unloaded()
         by_slip, base, count = law.slip_operator @ released, released.sum(axis=1), released.shape[2]
-        history, none, loads = (
-            np.zeros_like(by_slip),
-            np.zeros_like(base),
-            np.zeros((len(self.loads), 6, count)),
-        )
+        history, none = np.zeros_like(by_slip), np.zeros_like(base)
+        loads = np.zeros((len(self.loads), 6, count))
         begin = Derivative(by_slip, history, history, none, base, none, loads, np.zeros(count))
         return _Carried(begin, np.zeros_like(slip), slip)
 
