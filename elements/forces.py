@@ -319,11 +319,8 @@ class TendonForces(NamedTuple):
             by_nodes = by_nodes + (stretched @ f.d_length) @ s.d_lengths
         by_base = (stretched @ f.d_base[:, :, None])[frictional]
         by_mobilisation = (stretched @ f.by_mobilisation)[tendon[:, None], group[:, None], group]
-        return (
-            self.to_all_nodes(by_nodes[frictional]),
-            by_base * of_tendon,
-            by_mobilisation * (tendon[:, None] == tendon),
-        )
+        by_mobilisation = by_mobilisation * (tendon[:, None] == tendon)
+        return self.to_all_nodes(by_nodes[frictional]), by_base * of_tendon, by_mobilisation
 
     def base_slip_rows(self) -> Array:
         """Derivative of the slip at the base plate by the nodes, shape (m, 6 N)."""

@@ -137,13 +137,10 @@ class TendonActuation:
         coordinates
             Of the nodes, without reference values, shape (N, 7).
         """
-        history = RobotHistory(
-            friction,
-            forces.base_tension,
-            prescribed,
-            stretch(self.model, forces.field.tension, forces.measured.shape.lengths),
-        )
-        kept = self.history_nodes.write(history, forces.field.tension, forces.field.base_slip, initial=True)
+        tension = forces.field.tension
+        stretched = stretch(self.model, tension, forces.measured.shape.lengths)
+        history = RobotHistory(friction, forces.base_tension, prescribed, stretched)
+        kept = self.history_nodes.write(history, tension, forces.field.base_slip, initial=True)
         self._solved = coordinates.copy(), kept, forces
 
     def reset(self) -> None:
@@ -311,13 +308,10 @@ class TendonActuation:
         tendons = self.elastic_tendons(self.input_values(t), t)
         friction, forces = self._scene_forces.step_end(coordinates, tendons)
         driven, tension = tendons.driven, forces.field.tension
+        prescribed = np.where(driven, tendons.values, np.nan)
         stretched = stretch(self.model, tension, forces.measured.shape.lengths)
-        history = RobotHistory(
-            friction,
-            forces.base_tension,
-            np.where(driven, tendons.values, np.nan),
-            np.where(driven[:, None], tendons.history.stretch, stretched),
-        )
+        stretched = np.where(driven[:, None], tendons.history.stretch, stretched)
+        history = RobotHistory(friction, forces.base_tension, prescribed, stretched)
         self.history_nodes.write(history, tension, forces.field.base_slip)
         self._show_shifts(forces)
 

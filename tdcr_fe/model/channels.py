@@ -117,14 +117,22 @@ def arc_lengths(locations: Sequence[Location]) -> Array:
     return np.array([float(x) for x in locations if x is not None])
 
 
-def _of_tendons(values: Callable[[ObservedStep], Array]) -> Prediction:
+def _of_tendon(quantity: str, unit: str, meaning: str, values: Callable[[ObservedStep], Array]) -> Channel:
     """Of values of all tendons, shape (..., n_tendons)."""
-    return lambda step, locations: values(step)[..., [step.tendon_names.index(str(x)) for x in locations]]
+
+    def predict(step: ObservedStep, locations: Sequence[Location]) -> Array:
+        return values(step)[..., [step.tendon_names.index(str(x)) for x in locations]]
+
+    return Channel(quantity, unit, "tendon", meaning, predict)
 
 
-def _single(value: Callable[[ObservedStep], Array]) -> Prediction:
+def _single(quantity: str, unit: str, meaning: str, value: Callable[[ObservedStep], Array]) -> Channel:
     """Of a value of the whole robot, shape (...)."""
-    return lambda step, locations: np.repeat(value(step)[..., None], len(locations), axis=-1)
+
+    def predict(step: ObservedStep, locations: Sequence[Location]) -> Array:
+        return np.repeat(value(step)[..., None], len(locations), axis=-1)
+
+    return Channel(quantity, unit, "", meaning, predict)
 
 
 def _along(values: Callable[[ObservedStep, Array], Array], axis: int) -> Prediction:
@@ -145,51 +153,27 @@ def _curvature(axis: int) -> Channel:
     return Channel(f"curvature_{name}", "1/m", "arc length", meaning, predict, "curvature")
 
 
+_PULLED_IN = "tendon pulled in at the base plate since the straight, unloaded state"
+_LOAD_CELL = "tension of a tendon above the base plate, as from a load cell"
 #: Every quantity that can be measured.
 CHANNELS: tuple[Channel, ...] = (
     *(_position(axis) for axis in range(3)),
-    Channel(
+    _single(
         "bending_angle",
         "rad",
-        "",
         "angle between the tip tangent and the z axis",
-        _single(lambda step: angle_from_z(step.tangent)),
+        lambda x: angle_from_z(x.tangent),
     ),
-    Channel(
+    _single(
         "chord_angle",
         "rad",
-        "",
         "angle between the line from base to tip and the z axis",
-        _single(lambda step: angle_from_z(step.tip)),
+        lambda x: angle_from_z(x.tip),
     ),
-    Channel(
-        "tip_offset",
-        "m",
-        "",
-        "distance of the tip from the z axis",
-        _single(lambda step: off_axis(step.tip)),
-    ),
-    Channel(
-        "tendon_displacement",
-        "m",
-        "tendon",
-        "tendon pulled in at the base plate since the straight, unloaded state",
-        _of_tendons(lambda step: step.displacements),
-    ),
-    Channel(
-        "base_tension",
-        "N",
-        "tendon",
-        "tension of a tendon above the base plate, as from a load cell",
-        _of_tendons(lambda step: step.base_tensions),
-    ),
-    Channel(
-        "distal_tension",
-        "N",
-        "tendon",
-        "tension of a tendon at its anchor",
-        _of_tendons(lambda step: step.distal_tensions),
-    ),
+    _single("tip_offset", "m", "distance of the tip from the z axis", lambda x: off_axis(x.tip)),
+    _of_tendon("tendon_displacement", "m", _PULLED_IN, lambda x: x.displacements),
+    _of_tendon("base_tension", "N", _LOAD_CELL, lambda x: x.base_tensions),
+    _of_tendon("distal_tension", "N", "tension of a tendon at its anchor", lambda x: x.distal_tensions),
     *(_curvature(axis) for axis in range(2)),
 )
 

@@ -80,13 +80,8 @@ class ElementModel:
             free[:] = 2.0 * free.sum()
         elif robot.disks.positions[-1] < mesh.arc_lengths[-1] - 1e-9:
             free[-1] *= 2.0
-        return cls(
-            handle.actuation.model,
-            ~handle.rigid,
-            mesh.mass_per_length[:, None] * np.asarray(handle.model.gravity, dtype=float),
-            bays,
-            free,
-        )
+        weight = mesh.mass_per_length[:, None] * np.asarray(handle.model.gravity, dtype=float)
+        return cls(handle.actuation.model, ~handle.rigid, weight, bays, free)
 
 
 def _strain_under(law: Material, wrench: Array, strain: Array, unloaded: Array, compliance: Array) -> Array:
@@ -201,13 +196,8 @@ class SolvedState:
             zero_bases(right, linearization.numbering.clamped)
             return factorisation.solve(right)[nodes]
 
-        return cls(
-            state.configuration.twists[0],
-            state.configuration.poses[0][1][:-1],
-            state.base_tension[0],
-            linearization.chains[0].twists,
-            solve,
-        )
+        twists, rotations = state.configuration.twists[0], state.configuration.poses[0][1][:-1]
+        return cls(twists, rotations, state.base_tension[0], linearization.chains[0].twists, solve)
 
 
 @dataclass(frozen=True)

@@ -168,15 +168,10 @@ class ConfigurationSpace:
             twists.append(relative_twists(p, r))
             clamp = robot.clamp if i in self._clamped else None
             bases.append(pose_matrix(*((p[0], r[0]) if clamp is None else (clamp.position, clamp.rotation))))
-        coordinates, multipliers = self._kept
-        return self.build(
-            Unknowns(
-                np.array(data.GetODE2Coordinates()[coordinates]),
-                np.array(data.GetAECoordinates()[multipliers]),
-                tuple(twists),
-                tuple(bases),
-            )
-        )
+        kept, constraints = self._kept
+        coordinates = np.array(data.GetODE2Coordinates()[kept])
+        multipliers = np.array(data.GetAECoordinates()[constraints])
+        return self.build(Unknowns(coordinates, multipliers, tuple(twists), tuple(bases)))
 
     def build(self, unknowns: Unknowns, near: Array | None = None) -> Configuration:
         """A configuration from its unknowns.

@@ -109,15 +109,8 @@ class PathUnknowns(NamedTuple):
         at_base = np.full_like(base_tension, least / max(ROUND_OFF, float(tension.max())))
         lower = np.append(-one, np.zeros_like(base_tension))
         upper = np.append(one, np.full_like(base_tension, np.inf))
-        return cls(
-            len(presliding),
-            FRICTION_TOLERANCE * least,
-            np.append(presliding, at_base),
-            lower,
-            upper,
-            lower + ROUND_OFF * size,
-            upper - ROUND_OFF * size,
-        )
+        scale, near = np.append(presliding, at_base), (lower + ROUND_OFF * size, upper - ROUND_OFF * size)
+        return cls(len(presliding), FRICTION_TOLERANCE * least, scale, lower, upper, *near)
 
 
 @compilable

@@ -83,16 +83,8 @@ class CapstanTransfer(NamedTuple):
         at_base, (first, last) = block_diag(*base_of_segment), np.concatenate(base, axis=1)
         single = bool(((from_mobilisations != 0.0).sum(axis=1) == 1).all())
         at_hole = from_mobilisations.argmax(axis=1) if single else np.zeros(0, dtype=int)
-        return cls(
-            before,
-            np.concatenate(friction),
-            from_mobilisations,
-            np.ascontiguousarray(before.T[at_hole]),
-            at_hole,
-            first,
-            last - first,
-            at_base,
-        )
+        behind, mu = np.ascontiguousarray(before.T[at_hole]), np.concatenate(friction)
+        return cls(before, mu, from_mobilisations, behind, at_hole, first, last - first, at_base)
 
     def at(self, factor: float, z: Array, angles: Array) -> Tensions:
         """See `capstan_tensions`."""

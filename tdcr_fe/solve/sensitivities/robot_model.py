@@ -152,13 +152,10 @@ class TendonStack:
             laws.append(_joined_law(group, mobilised, first[(first >= begin) & (first < end)] - begin))
             begin = end
         by_model = rows.reshape(len(models), -1)[np.argsort(order)]
-        return cls(
-            by_model,
-            np.unique(by_model, return_index=True)[1],
-            tuple(laws),
-            _joined_geometry(geometries, first) if geometries else None,
-            tuple(m.section for m in own),
-        )
+        chosen, geometry = np.unique(by_model, return_index=True)[1], None
+        if geometries:
+            geometry = _joined_geometry(geometries, first)
+        return cls(by_model, chosen, tuple(laws), geometry, tuple(m.section for m in own))
 
     @classmethod
     def with_offsets(cls, model: ForceModel, offsets: Array) -> TendonStack:

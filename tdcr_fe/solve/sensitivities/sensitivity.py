@@ -224,15 +224,10 @@ class SensitivityHistory:
         point = RobotPoint(*poses, state.configuration.twists[robot], state.base_tension[robot], mobilisation)
         inherited = Inherited(before.slip, before.slip_rate, inputs.time, inputs.time - before.time)
         explicit = self.explicit.at(own, point, rate, (history.time, time), inherited)
-        disturbances = [Disturbance.none(x, len(self.parameters)) for x in solved.forces]
-        disturbances[robot] = Disturbance(
-            explicit.wrenches.reshape(-1, len(self.parameters)) + self._load_wrenches(poses[1], inputs.loads),
-            inputs.tendons,
-            explicit.tension,
-            explicit.released,
-            before.slip,
-            before.mobilisation,
-        )
+        count, tendons = len(self.parameters), (inputs.tendons, explicit.tension, explicit.released)
+        wrenches = explicit.wrenches.reshape(-1, count) + self._load_wrenches(poses[1], inputs.loads)
+        disturbances = [Disturbance.none(x, count) for x in solved.forces]
+        disturbances[robot] = Disturbance(wrenches, *tendons, before.slip, before.mobilisation)
         return _Disturbed(tuple(disturbances), mobilisation, at_slip, rate, elapsed)
 
     def _values(
