@@ -196,8 +196,7 @@ class ForceModel:
         time
             At the end of the step [s].
         """
-        shape = measured.shape
-        field = self.law.field(base_tension, shape.lengths, shape.angles, mobilisation, state, time)
+        field = self.law.field(base_tension, measured.shape, mobilisation, state, time)
         return TendonForces(self, measured, base_tension, field)
 
     def after(
@@ -221,8 +220,7 @@ class ForceModel:
         law
             Replaces the model's law.
         """
-        shape = measured.shape
-        field = (law or self.law).evaluate(base_tension, shape.lengths, shape.angles, state, time=time)
+        field = (law or self.law).evaluate(base_tension, measured.shape, state, time)
         return TendonForces(self, measured, base_tension, field)
 
 

@@ -39,6 +39,7 @@ from tdcr_fe.elements.coefficients import (
 )
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.elements.hysteresis import ACCEPTED, ElasticPlastic, FrictionState, Hysteresis
+from tdcr_fe.elements.tendons import CableShape
 
 #: Least part of a step in a line search [1]. With 0.2, 12 of 2400 random states found no mobilisations, with this none.
 LEAST_PART = 0.01
@@ -181,10 +182,9 @@ class TendonLaw:
     def field(
         self,
         base_tension: Array,
-        lengths: Array,
-        angles: Array,
+        shape: CableShape,
         mobilisation: Array,
-        state: FrictionState | None = None,
+        state: FrictionState,
         time: float = 0.0,
     ) -> TensionField:
         """Tensions for given mobilisations.
@@ -193,14 +193,12 @@ class TendonLaw:
         ----------
         base_tension
             Tension at the base plate [N], shape (m,).
-        lengths
-            Of the segments [m], shape (m, n).
-        angles
-            By which each tendon turns at holes 1 .. n-1 [rad], shape (m, n-1).
+        shape
+            Lengths of the segments, and angles by which the tendons turn at their holes.
         mobilisation
             Shape (m, g).
         state
-            History at the beginning of the step, from which slip rates are computed; None is at rest.
+            History at the beginning of the step, from which slip rates are computed.
         time
             At the end of the step [s]. Where none has passed since ``state``, slip rates stay as they were.
 
@@ -209,17 +207,15 @@ class TendonLaw:
         TensionField
             With the mobilisations fixed.
         """
-        at_holes = self.at_holes(mobilisation)
         if self.varies:
-            return self._field_with_laws(
-                base_tension, lengths, angles, mobilisation, state or self.initial_state(), time
-            )
-        tension, slopes = capstan(base_tension, angles, at_holes, self.parameters.friction, self._adhesion)
+            return self._field_with_laws(base_tension, shape, mobilisation, state, time)
+        at_holes, friction = self.at_holes(mobilisation), self.parameters.friction
+        tension, slopes = capstan(base_tension, shape.angles, at_holes, friction, self._adhesion)
 
         def derive() -> TensionDerivatives:
             return slopes().derivatives(None if self.each_hole else self.hole_incidence)
 
-        released, d_length, d_tension = self._released(tension, lengths)
+        released, d_length, d_tension = self._released(tension, shape.lengths)
         slip = self.slips(released)
         return TensionField(
             tension, released, slip, mobilisation, d_length, d_tension, None, time, False, derive, slopes
@@ -247,16 +243,10 @@ class TendonLaw:
         return np.zeros_like(slip) if state.slip_rate is None else state.slip_rate
 
     def _field_with_laws(
-        self,
-        base_tension: Array,
-        lengths: Array,
-        angles: Array,
-        mobilisation: Array,
-        state: FrictionState,
-        time: float,
+        self, base_tension: Array, shape: CableShape, mobilisation: Array, state: FrictionState, time: float
     ) -> TensionField:
         """`field` where coefficients of friction depend on normal force or slip rate."""
-        elapsed = time - state.time
+        elapsed, lengths, angles = time - state.time, shape.lengths, shape.angles
         at_holes = self.at_holes(mobilisation)
         half = 0.5 * angles
         p = self.parameters
@@ -303,13 +293,13 @@ class TendonLaw:
         )
 
     def evaluate(
-        self, base_tension: Array, lengths: Array, angles: Array, state: FrictionState, time: float = 0.0
+        self, base_tension: Array, shape: CableShape, state: FrictionState, time: float = 0.0
     ) -> TensionField:
         """Tensions with the mobilisations that follow from the configuration.
 
         Parameters
         ----------
-        base_tension, lengths, angles
+        base_tension, shape
             As in `field`.
         state
             History at the beginning of the step.
@@ -324,14 +314,14 @@ class TendonLaw:
         hysteresis = self.hysteresis
         if not self.elastic:
             # The slip does not depend on the tensions, so that the mobilisations follow at once.
-            trial = hysteresis.trial(self.slips(self.parameters.lengths - lengths), state)
-            field = self.field(base_tension, lengths, angles, np.clip(trial, -1.0, 1.0), state, time)
+            trial = hysteresis.trial(self.slips(self.parameters.lengths - shape.lengths), state)
+            field = self.field(base_tension, shape, np.clip(trial, -1.0, 1.0), state, time)
             return self.with_slopes(field, lambda: np.abs(trial) < 1.0, trial, state)
         if not hysteresis.linear:
-            return self._evaluate_in_slips(base_tension, lengths, angles, state, time)
+            return self._evaluate_in_slips(base_tension, shape, state, time)
         mobilisation = state.mobilisation
         for _ in range(MAX_ITERATIONS):
-            field = self.field(base_tension, lengths, angles, mobilisation, state, time)
+            field = self.field(base_tension, shape, mobilisation, state, time)
             trial = hysteresis.trial(field.slip, state)
             error = np.abs(np.clip(trial, -1.0, 1.0) - mobilisation)
             if not np.max(error, initial=0.0) > ACCEPTED:  # ends with nan, too
@@ -345,7 +335,7 @@ class TendonLaw:
         return self.with_slopes(field, lambda: np.abs(trial) < 1.0, trial, state)
 
     def _evaluate_in_slips(
-        self, base_tension: Array, lengths: Array, angles: Array, state: FrictionState, time: float
+        self, base_tension: Array, shape: CableShape, state: FrictionState, time: float
     ) -> TensionField:
         """As `evaluate`, of elastic tendons whose mobilisations are curves of the slips.
 
@@ -358,7 +348,7 @@ class TendonLaw:
             at = slip + part[:, None] * way
             trial = self.hysteresis.trial(at, state)
             mobilisation = np.clip(trial, -1.0, 1.0)
-            field = self.field(base_tension, lengths, angles, mobilisation, state, time)
+            field = self.field(base_tension, shape, mobilisation, state, time)
             trial_there = self.hysteresis.trial(field.slip, state)
             error = np.abs(np.clip(trial_there, -1.0, 1.0) - mobilisation)
             if not np.max(error, initial=0.0) > ACCEPTED:  # ends with nan, too

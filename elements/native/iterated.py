@@ -138,19 +138,18 @@ class HoleIterate(NamedTuple):
         """
         trial = law.hysteresis.trial(law.slips(law.parameters.lengths - shape.lengths), state)
         limited = np.minimum(np.maximum(trial, -1.0), 1.0)
-        given = base_tension, shape.lengths, shape.angles
         if keep:
             start = state.mobilisation
             sticks = np.abs(start) < 1.0
             beyond = np.where(sticks, trial - start, 0.0)
             if (np.where(sticks, trial, start) != limited).any():
-                field = law.field(*given, start, state, time)
+                field = law.field(base_tension, shape, start, state, time)
                 tension = field.tension + (field.by_mobilisation @ beyond[..., None])[..., 0]
                 if ((tension >= 0.0) & (tension <= 2.0 * field.tension)).all():
                     field = law.with_slopes(field, lambda: sticks, trial, state)
                     return cls(trial, replace(field, tension=tension), kept=True)
         last = trial if before is None else before.trial
-        field = law.field(*given, limited, state, time)
+        field = law.field(base_tension, shape, limited, state, time)
         return cls(trial, law.with_slopes(field, lambda: _secants(last, trial), trial, state))
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeVar
 from tdcr_fe.effects import Experiment
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.messages import issue, warnings_to
-from tdcr_fe.model.plausibility import plausibility, strain_warnings
+from tdcr_fe.model.plausibility import Findings, plausibility, strain_warnings
 from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import check_instance
@@ -102,7 +102,7 @@ def simulate(
     experiment, recorded = Experiment(robot, model, tuple(steps)), record_path is not None
     chosen = parameters(experiment, sensitivities)
     request = _Request(experiment, targets, settings, progress, reference_path, chosen, responses, recorded)
-    implausible, remarks = plausibility(robot, model, steps).issued()
+    findings = plausibility(robot, model, steps).issued()
     automatic = model.elements_per_bay == "auto" and reference_path is None
     with one_thread(), warnings_to():
         runs, stop = refined_runs(partial(_Run, request), elements_of_bays(robot, model), automatic)
@@ -114,9 +114,9 @@ def simulate(
     if kept is not last:
         further.append(_coarser_mesh_kept(kept, last))
         kept.message = _message_on_coarser_mesh(kept, last)
-    if (doubts := [*implausible, *remarks]) and kept.message not in (CONVERGED, INTERRUPTED):
+    if (doubts := [*findings.warnings, *findings.remarks]) and kept.message not in (CONVERGED, INTERRUPTED):
         kept.message = f"{kept.message.partition(' Try smaller')[0]} Check the input first: {doubts[0]}"
-    result = kept.result(model, time.perf_counter() - begun, implausible, remarks, further)
+    result = kept.result(model, time.perf_counter() - begun, findings, further)
     if kept.history is not None:
         result = replace(result, sensitivities=kept.history.result())
     if stop is not None:
@@ -220,12 +220,7 @@ class MeshedRun(ABC):
         return None if finer == self.elements_per_bay else finer
 
     def result(
-        self,
-        model: Model,
-        wall_time: float,
-        implausible: Sequence[str],
-        remarks: Sequence[str],
-        further: Sequence[str] = (),
+        self, model: Model, wall_time: float, findings: Findings, further: Sequence[str] = ()
     ) -> SequenceResult:
         """What was solved; its warnings are issued, but for those on the input.
 
@@ -235,8 +230,8 @@ class MeshedRun(ABC):
             As the user gave it.
         wall_time
             [s].
-        implausible, remarks
-            On the input, see `plausibility`.
+        findings
+            On the input.
         further
             Other warnings.
         """
@@ -258,8 +253,8 @@ class MeshedRun(ABC):
             message=self.message,
             failed_step=self.next_step,
             wall_time=wall_time,
-            warnings=(*implausible, *warnings),
-            remarks=tuple(remarks),
+            warnings=(*findings.warnings, *warnings),
+            remarks=tuple(findings.remarks),
             settings=asdict(settings),
             elements_per_bay=self.elements_per_bay,
         )

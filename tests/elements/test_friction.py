@@ -11,6 +11,7 @@ from two_tendons import ANGLES, HOLES, LENGTHS, MASK, tendon_law
 from tdcr_fe.elements.coefficients import normal_forces
 from tdcr_fe.elements.friction import FRICTION_MODELS, TendonLaw, TendonParameters
 from tdcr_fe.elements.hysteresis import Dahl, FrictionState
+from tdcr_fe.elements.tendons import CableShape
 from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
 
 # ---------------------------------------------------------------- adhesion, presliding, bounds
@@ -18,16 +19,16 @@ from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
 
 def test_without_friction_the_tension_is_the_same_all_along():
     x = tendon_law(FRICTION_MODELS["none"])
-    field = x.evaluate(np.array([2.0, 1.0]), 0.9 * LENGTHS, ANGLES, x.initial_state())
+    field = x.evaluate(np.array([2.0, 1.0]), CableShape(0.9 * LENGTHS, ANGLES), x.initial_state())
     assert np.array_equal(field.tension, np.array([[2.0] * 4, [1.0] * 4]))
     assert not x.has_friction
 
 
 def test_adhesion_drops_the_tension_by_the_same_at_every_hole():
     x = tendon_law(FRICTION_MODELS["per-hole"], mu=0.0, adhesion=0.1)
-    pulled = x.evaluate(np.array([2.0, 1.0]), LENGTHS - 1e-3 * MASK, ANGLES, x.initial_state())
+    pulled = x.evaluate(np.array([2.0, 1.0]), CableShape(LENGTHS - 1e-3 * MASK, ANGLES), x.initial_state())
     assert pulled.tension[0] == pytest.approx([2.0, 1.9, 1.8, 1.7], abs=1e-14)
-    released = x.evaluate(np.array([2.0, 1.0]), LENGTHS + 1e-3 * MASK, ANGLES, x.initial_state())
+    released = x.evaluate(np.array([2.0, 1.0]), CableShape(LENGTHS + 1e-3 * MASK, ANGLES), x.initial_state())
     assert released.tension[0] == pytest.approx([2.0, 2.1, 2.2, 2.3], abs=1e-14)
 
 
@@ -35,13 +36,13 @@ def test_a_reversal_has_to_slide_twice_the_presliding_distance():
     """From full pull to full release; at half of the slip the friction is zero."""
     x = tendon_law(FRICTION_MODELS["per-hole"], presliding=1e-6)
     tension = np.array([2.0, 1.0])
-    state = x.commit(x.evaluate(tension, LENGTHS - 1e-3 * MASK, ANGLES, x.initial_state()))
+    state = x.commit(x.evaluate(tension, CableShape(LENGTHS - 1e-3 * MASK, ANGLES), x.initial_state()))
     back = np.zeros((2, 4))
     back[0, 3] = 1e-6
-    half = x.evaluate(tension, LENGTHS - 1e-3 * MASK + back, ANGLES, state)
+    half = x.evaluate(tension, CableShape(LENGTHS - 1e-3 * MASK + back, ANGLES), state)
     assert half.mobilisation[0] == pytest.approx([0.0] * 3, abs=1e-7)
     assert half.tension[0] == pytest.approx([2.0] * 4, abs=1e-7)
-    whole = x.evaluate(tension, LENGTHS - 1e-3 * MASK + 2.1 * back, ANGLES, state)
+    whole = x.evaluate(tension, CableShape(LENGTHS - 1e-3 * MASK + 2.1 * back, ANGLES), state)
     assert np.array_equal(whole.mobilisation[0], [-1.0] * 3)
 
 
@@ -64,7 +65,7 @@ def test_bounds_hold_and_no_hole_creates_energy_whatever_is_done(compliance, bas
     state = x.initial_state()
     for change in changes:
         lengths = LENGTHS + np.array(change) * MASK
-        field = x.evaluate(np.array([base, base]), lengths, ANGLES, state)
+        field = x.evaluate(np.array([base, base]), CableShape(lengths, ANGLES), state)
         for i, count in ((0, 4), (1, 2)):
             t, s = field.tension[i, :count], field.mobilisation[i, : count - 1]
             grip = np.exp(0.3 * ANGLES[i, : count - 1])
@@ -118,7 +119,7 @@ def fan(coefficient, holes: int, total: float, base: float, pulled: float) -> np
     moved = lengths.copy()
     moved[0, -1] -= pulled
     angles = np.full((1, holes), total / holes)
-    return x.evaluate(np.array([base]), moved, angles, x.initial_state(), time=1.0).tension[0]
+    return x.evaluate(np.array([base]), CableShape(moved, angles), x.initial_state(), time=1.0).tension[0]
 
 
 # ---------------------------------------------------------------- closed forms
@@ -152,9 +153,9 @@ def test_force_dependent_coefficient_follows_the_wrapped_tendon_with_order_two(w
 def test_the_coefficient_is_that_of_the_normal_force_and_rate_reached(coefficients, compliance, adhesion):
     """Recovered from the tensions where a hole slips towards the base: ``mu = log(T_k / (T_k+1 + a)) / theta``."""
     x = with_coefficient(coefficients, compliance=compliance, adhesion=adhesion)
-    rest = x.evaluate(BASE, LENGTHS, ANGLES, x.initial_state())
+    rest = x.evaluate(BASE, CableShape(LENGTHS, ANGLES), x.initial_state())
     state = FrictionState(rest.slip, np.zeros_like(rest.slip), time=1.0)
-    field = x.evaluate(BASE, LENGTHS - 1e-3 * MASK, ANGLES, state, time=2.0)
+    field = x.evaluate(BASE, CableShape(LENGTHS - 1e-3 * MASK, ANGLES), state, time=2.0)
     assert np.all(field.mobilisation[HOLES] == 1.0)
     t = field.tension
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -202,14 +203,14 @@ def test_derivatives_against_central_differences(coefficients, model, tendon, gi
     x = with_coefficient(coefficients, FRICTION_MODELS[model], presliding=1e-4, **tendon)
     rng = np.random.default_rng(5)
     state = FrictionState(np.zeros((2, x.groups)), 0.1 * np.ones((2, x.groups)) * x.frictional, time=1.0)
-    state = replace(state, slip=x.evaluate(BASE, LENGTHS, ANGLES, state).slip)
+    state = replace(state, slip=x.evaluate(BASE, CableShape(LENGTHS, ANGLES), state).slip)
     lengths = LENGTHS - scale * 1e-5 * rng.uniform(0.2, 1.0, size=LENGTHS.shape) * MASK
     s = rng.uniform(0.2, 0.9, size=(2, x.groups)) * x.frictional
 
     def field(base=BASE, lengths=lengths, angles=ANGLES, s=s):
         if given == "mobilisation":
-            return x.field(base, lengths * MASK, angles, s, state, 1.3)
-        return x.evaluate(base, lengths * MASK, angles, state, time=1.3)
+            return x.field(base, CableShape(lengths * MASK, angles), s, state, 1.3)
+        return x.evaluate(base, CableShape(lengths * MASK, angles), state, time=1.3)
 
     f, m = field(), MASK[:, :, None]
     if given == "configuration" and "hysteresis" not in tendon:

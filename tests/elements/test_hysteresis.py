@@ -1,7 +1,6 @@
 """Laws of what happens at a hole as the tendon slips: closed forms along one hole, whole robots, and scenes."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from tdcr_fe import Backbone, Disks, HelicalRouting, Load, LoadStep, ParallelRou
 from tdcr_fe.elements.friction import FRICTION_MODELS
 from tdcr_fe.elements.hysteresis import HYSTERESES, Dahl, FrictionState
 from tdcr_fe.elements.native.iterated import HoleIterate
+from tdcr_fe.elements.tendons import CableShape
 from tdcr_fe.model.loading import SolverSettings
 
 LAWS = [law(2e-5) for law in HYSTERESES.values()]
@@ -33,7 +33,7 @@ def test_the_loop_of_dahl_is_its_closed_form(amplitude):
     for turn in np.concatenate([way[1:]] * 6):
         lengths = LENGTHS.copy()
         lengths[0, 3] -= amplitude * delta * np.sin(turn)
-        state = law.commit(law.evaluate(base, lengths, ANGLES, state))
+        state = law.commit(law.evaluate(base, CableShape(lengths, ANGLES), state))
         slips.append(state.slip[0])
         friction.append(state.mobilisation[0])
     slip, s = np.array(slips[-4000:]), np.array(friction[-4000:])
@@ -43,8 +43,8 @@ def test_the_loop_of_dahl_is_its_closed_form(amplitude):
     area = np.sum(0.5 * (closed[1][1:] + closed[1][:-1]) * np.diff(closed[0], axis=0), axis=0)
     assert area == pytest.approx(4.0 * delta * (amplitude - np.tanh(amplitude)), rel=1e-5)
     lengths[0, 3] -= amplitude * delta
-    iterate = HoleIterate.of(law, base, SimpleNamespace(lengths=lengths, angles=ANGLES), state, 0.0, None)
-    expected = law.evaluate(base, lengths, ANGLES, state).tension
+    iterate = HoleIterate.of(law, base, CableShape(lengths, ANGLES), state, 0.0, None)
+    expected = law.evaluate(base, CableShape(lengths, ANGLES), state).tension
     assert iterate.field.tension == pytest.approx(expected, rel=1e-12)
 
 
@@ -118,7 +118,7 @@ def test_mobilisations_of_elastic_tendons_are_those_of_their_slips_after_any_rev
     law = tendon_law(FRICTION_MODELS["per-hole"], compliance=5e-4, hysteresis=Dahl)
     state, worst = law.initial_state(), 0.0
     for tension in rng.uniform(0.2, 3.0, (300, 2)):
-        field = law.evaluate(tension, LENGTHS, 3.0 * ANGLES, state)
+        field = law.evaluate(tension, CableShape(LENGTHS, 3.0 * ANGLES), state)
         there = np.clip(law.hysteresis.trial(field.slip, state), -1.0, 1.0)
         worst = max(worst, np.abs(there - field.mobilisation).max())
         state = law.commit(field)

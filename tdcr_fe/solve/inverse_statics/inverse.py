@@ -20,7 +20,7 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.messages import warnings_to
-from tdcr_fe.model.plausibility import plausibility
+from tdcr_fe.model.plausibility import Findings, plausibility
 from tdcr_fe.model.results import Interrupted, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import check_instance
@@ -131,11 +131,11 @@ def follow_path(
     task = _Task(robot, model, tips, lower, upper, settings, progress, drive_by, effort, first, tolerance)
     begun = time.perf_counter()
     positions = [target.position for target in task.targets]
-    implausible, remarks = plausibility(robot, model, task.before, positions, upper.tolist()).issued()
+    findings = plausibility(robot, model, task.before, positions, upper.tolist()).issued()
     with one_thread(), warnings_to():
         automatic = model.elements_per_bay == "auto"
         runs, stop = refined_runs(partial(_FollowRun, task), elements_of_bays(robot, model), automatic)
-    result = runs[-1].follow_result(time.perf_counter() - begun, implausible, remarks)
+    result = runs[-1].follow_result(time.perf_counter() - begun, findings)
     if stop is not None:
         raise Interrupted(result) from stop
     return result
@@ -319,12 +319,10 @@ class _FollowRun(MeshedRun):
             result,
         )
 
-    def follow_result(
-        self, wall_time: float, implausible: Sequence[str], remarks: Sequence[str]
-    ) -> FollowResult:
+    def follow_result(self, wall_time: float, findings: Findings) -> FollowResult:
         """The loading sequence, and what it reaches."""
         task = self.task
-        sequence = self.result(task.model, wall_time, implausible, remarks)
+        sequence = self.result(task.model, wall_time, findings)
         steps = sequence.steps[len(task.before) :]
         found = tuple(replace(x, result=step) for x, step in zip(self.found, steps, strict=False))
         sequence = replace(sequence, model=self.model)

@@ -189,9 +189,8 @@ class TendonStack:
             own = slice(first, first + law.shape[0])
             # No time passes, so that the rates are those given.
             state = FrictionState(np.zeros_like(rates[own]), mobilisation[own], rates[own])
-            fields.append(
-                law.field(base[own], shape.lengths[own], shape.angles[own], mobilisation[own], state)
-            )
+            part = CableShape(shape.lengths[own], shape.angles[own])
+            fields.append(law.field(base[own], part, mobilisation[own], state))
             first = own.stop
         tension = np.concatenate([field.tension for field in fields])
         released = np.concatenate([field.released_length for field in fields])
