@@ -57,11 +57,7 @@ Slopes = Callable[[], HoleSlopes]
 
 
 def capstan(
-    base_tension: Array,
-    angles: Array,
-    mobilisation: Array,
-    coefficient: Array,
-    adhesion: Array | None = None,
+    base_tension: Array, angles: Array, mobilisation: Array, coefficient: Array, adhesion: Array | None = None
 ) -> tuple[Array, Slopes]:
     """Tensions of all segments by ``T_k+1 = T_k exp(-s_k mu_k theta_k)`` (paper, Eqs. 28-31).
 

@@ -22,14 +22,7 @@ from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve.equations.configuration import StoredState
 from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, StepFailed
 from tdcr_fe.solve.load_steps.stepping import SolvedLoadStep
-from tdcr_fe.solve.mesh import (
-    MOST_MESHES,
-    MeshEstimate,
-    MeshMonitor,
-    error_order,
-    mesh_warnings,
-    refined,
-)
+from tdcr_fe.solve.mesh import MOST_MESHES, MeshEstimate, MeshMonitor, error_order, mesh_warnings, refined
 from tdcr_fe.solve.sensitivities.linear_response import local_response
 from tdcr_fe.solve.sensitivities.parameters import Parameter, parameters
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory

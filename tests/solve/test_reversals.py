@@ -36,7 +36,7 @@ class LinearSlips:
 
     def __init__(self, by_load, matrix, start, presliding, holes=None, slack=()):
         self.breakpoints, self.compilable = np.ones(1), False
-        self.transfer = self
+        self.transfer = None
         self._load, self._matrix, self._start = np.array(by_load), np.array(matrix), np.array(start)
         holes = len(start) if holes is None else holes
         self.elastic_slip = np.append(np.full(holes, presliding), np.zeros(len(start) - holes))
@@ -56,23 +56,13 @@ class LinearSlips:
         load = (1.0 - x) * self._load[0] + x * self._load[1] + change @ (z - self._start)
         still, none = np.zeros(len(tension)), np.zeros((len(z), len(tension)))
         factors = SmallFactors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), False)
-        given = (load, self.elastic_slip, self.branches(z, tension), still, none, none, factors)
+        given = (load, self.elastic_slip, np.zeros(0, dtype=bool), still, none, none, factors)
         derivatives = SlipDerivatives(*given, np.zeros(len(z), dtype=bool), self.matrix(x).T.copy(), none)
         return SlipState(tension, self.slip(x, z), derivatives)
 
     def matrix(self, x):
         """Minus the derivatives of the complements by the unknowns."""
         return np.diag(self.elastic_slip) - self._by_unknowns(x)
-
-    @staticmethod
-    def branches(z, tension):
-        """As of `tdcr_fe.solve.friction_path.transfer.AdhesiveTransfer`: derivatives do not jump."""
-        return np.zeros(0, dtype=bool)
-
-    @staticmethod
-    def distance_to_branch_change(z, rate, tension, tension_rate):
-        """As of `tdcr_fe.solve.friction_path.slips.InterpolatedSlips`."""
-        return np.inf
 
 
 def followed(slips, mobilisation):

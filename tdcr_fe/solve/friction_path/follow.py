@@ -325,11 +325,7 @@ def follow_friction(
 
 
 def _integrated(
-    slips: InterpolatedSlips,
-    unknowns: PathUnknowns,
-    z: Array,
-    tension: Array,
-    breakpoints: Array,
+    slips: InterpolatedSlips, unknowns: PathUnknowns, z: Array, tension: Array, breakpoints: Array
 ) -> tuple[FrictionPath, int]:
     """Integrate the friction states: the path, and how many of its segments are filled."""
     holes, most, factor, count, passed = unknowns.holes, 50 + 6 * len(z), 0.0, 0, 0
@@ -398,12 +394,7 @@ def _is_near(evaluation: _Evaluation, factor: float, tension: Array, fraction: f
 
 @compilable
 def _add_segment(
-    path: PathSegments,
-    i: int,
-    slips: InterpolatedSlips,
-    unknowns: PathUnknowns,
-    here: _Here,
-    longest: float,
+    path: PathSegments, i: int, slips: InterpolatedSlips, unknowns: PathUnknowns, here: _Here, longest: float
 ) -> float:
     """Add the path segment up to the next event, but no longer than given; its length."""
     z, state, rates, slack, free = here.z, here.state, here.rates, here.slack, here.rates.free

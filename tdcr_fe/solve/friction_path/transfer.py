@@ -86,18 +86,6 @@ class CapstanTransfer(NamedTuple):
         behind, mu = np.ascontiguousarray(before.T[at_hole]), np.concatenate(friction)
         return cls(before, mu, from_mobilisations, behind, at_hole, first, last - first, at_base)
 
-    def at(self, factor: float, z: Array, angles: Array) -> Tensions:
-        """See `capstan_tensions`."""
-        return capstan_tensions(self, factor, z, angles)
-
-    def branches(self, z: Array, tension: Array) -> Flags:
-        """See `AdhesiveTransfer.branches`: none, Capstan's equation is smooth."""
-        return np.zeros(0, dtype=np.bool_)
-
-    def distance_to_branch_change(self, z: Array, rate: Array, tension: Array, tension_rate: Array) -> float:
-        """See `AdhesiveTransfer.distance_to_branch_change`."""
-        return np.inf
-
 
 @compilable
 def base_tensions(transfer: CapstanTransfer, factor: float, z: Array) -> Array:
@@ -146,13 +134,15 @@ def tensions_at(
     transfer: CapstanTransfer | AdhesiveTransfer, factor: float, z: Array, angles: Array
 ) -> Tensions:
     """As `capstan_tensions`, by any law; compiled functions know Capstan's equation only."""
-    return transfer.at(factor, z, angles)
+    if isinstance(transfer, AdhesiveTransfer):
+        return transfer.at(factor, z, angles)
+    return capstan_tensions(transfer, factor, z, angles)
 
 
 @compiled_as(lambda transfer, z, tension: np.zeros(0, dtype=np.bool_))
 def branches_at(transfer: CapstanTransfer | AdhesiveTransfer, z: Array, tension: Array) -> Flags:
-    """See `AdhesiveTransfer.branches`."""
-    return transfer.branches(z, tension)
+    """See `AdhesiveTransfer.branches`; none of Capstan's equation, which is smooth."""
+    return transfer.branches(z, tension) if isinstance(transfer, AdhesiveTransfer) else np.zeros(0, bool)
 
 
 @compiled_as(lambda transfer, z, rate, tension, tension_rate: np.inf)
@@ -160,7 +150,9 @@ def distance_to_branch_change(
     transfer: CapstanTransfer | AdhesiveTransfer, z: Array, rate: Array, tension: Array, tension_rate: Array
 ) -> float:
     """See `AdhesiveTransfer.distance_to_branch_change`."""
-    return transfer.distance_to_branch_change(z, rate, tension, tension_rate)
+    if isinstance(transfer, AdhesiveTransfer):
+        return transfer.distance_to_branch_change(z, rate, tension, tension_rate)
+    return np.inf
 
 
 class AdhesiveTransfer:

@@ -380,8 +380,7 @@ def _point(solver: SubstepSolver, substep: SolvedSubstep, here: PathReversal) ->
     return ReversalPoint(
         load_factor,
         state._replace(
-            base_tension=numbering.with_driven(state.base_tension, tension),
-            friction=substep.located.history,
+            base_tension=numbering.with_driven(state.base_tension, tension), friction=substep.located.history
         ),
         numbering.with_frictional_holes(none, sticks),
         numbering.with_frictional_holes(none, reverses),

@@ -173,11 +173,7 @@ def full_step(problem: NewtonProblem, residual: Residual, damping: float = 0.0) 
 
 
 def on_curves(
-    numbering: Numbering,
-    laws: Sequence[Hysteresis],
-    state: SolverState,
-    fixed: Array,
-    by_mobilisation: Array,
+    numbering: Numbering, laws: Sequence[Hysteresis], state: SolverState, fixed: Array, by_mobilisation: Array
 ) -> Array:
     """Mobilisations on their curves, where the slips change linearly with them, shape (k,).
 
