@@ -276,20 +276,15 @@ class TendonLaw:
         tension = solved.tension
         released, d_length, d_tension = self._released(tension, lengths)
         slip = self.slips(released)
+        rate = self._slip_rate(slip, state, elapsed)
+        depends = elapsed > 0.0 and bool(np.any(solved.law.by_rate))
+
+        def derive() -> TensionDerivatives:
+            by_length = rate_by_released[None] * d_length[:, None, :]
+            return tension_derivatives(solved, angles, by_length, self.hole_incidence)
 
         return TensionField(
-            tension,
-            released,
-            slip,
-            mobilisation,
-            d_length,
-            d_tension,
-            self._slip_rate(slip, state, elapsed),
-            time,
-            elapsed > 0.0 and bool(np.any(solved.law.by_rate)),
-            lambda: tension_derivatives(
-                solved, angles, rate_by_released[None] * d_length[:, None, :], self.hole_incidence
-            ),
+            tension, released, slip, mobilisation, d_length, d_tension, rate, time, depends, derive
         )
 
     def evaluate(

@@ -231,12 +231,8 @@ class MeshedRun(ABC):
         simulation, estimates = self.simulation, self.monitor.estimates
         handle, settings = simulation.handle, simulation.settings
         steps = tuple(_with_estimate(*each) for each in zip_longest(self.solved, estimates))
-        warnings = [
-            *self.warnings,
-            *mesh_warnings(handle, model, estimates, settings.mesh_tolerance),
-            *further,
-            *strain_warnings(handle.robot, steps),
-        ]
+        of_mesh = mesh_warnings(handle, model, estimates, settings.mesh_tolerance)
+        warnings = [*self.warnings, *of_mesh, *further, *strain_warnings(handle.robot, steps)]
         issue(warnings)
         return SequenceResult(
             robot=handle.robot,

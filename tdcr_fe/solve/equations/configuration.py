@@ -197,12 +197,8 @@ class ConfigurationSpace:
         )
         written = unknowns._replace(coordinates=coordinates)
         poses = tuple([(own.positions, own.rotations) for own in every])
-        measured = tuple(
-            [
-                robot.model.measure(*pose, twists)
-                for robot, pose, twists in zip(self.robots, poses, unknowns.twists, strict=True)
-            ]
-        )
+        shaped = zip(self.robots, poses, unknowns.twists, strict=True)
+        measured = tuple([robot.model.measure(*pose, twists) for robot, pose, twists in shaped])
         return Configuration(
             written, chains, poses, whole.positions, whole.parameters, whole.frames, measured
         )

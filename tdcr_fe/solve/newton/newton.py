@@ -89,15 +89,11 @@ def newton(
 
 def under_inputs(system: SceneSystem, state: SolverState, target: Target) -> SolverState:
     """A state with the tensions and the prescribed displacements of a target."""
-    return state._replace(
-        base_tension=tuple(
-            np.where(r.drives.winds, old, new)
-            for r, old, new in zip(system.robots, state.base_tension, target.inputs, strict=True)
-        ),
-        prescribed=tuple(
-            np.where(r.drives.winds, new, np.nan) for r, new in zip(system.robots, target.inputs, strict=True)
-        ),
-    )
+    tensions, prescribed = [], []
+    for robot, old, new in zip(system.robots, state.base_tension, target.inputs, strict=True):
+        tensions.append(np.where(robot.drives.winds, old, new))
+        prescribed.append(np.where(robot.drives.winds, new, np.nan))
+    return state._replace(base_tension=tuple(tensions), prescribed=tuple(prescribed))
 
 
 def with_unknowns_of(state: SolverState, start: SolverState) -> SolverState:

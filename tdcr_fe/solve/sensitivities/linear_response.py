@@ -199,17 +199,14 @@ class SolvedPoint:
     ) -> list[TendonChange]:
         """Changes of the tendons of all robots with the unknowns, the known tensions at the base and mobilisations."""
         found = []
-        for part, own, change, tension, disturbance in zip(
+        for part, own, change, given, disturbance in zip(
             self.numbering.robots, self.forces, changes, known, disturbances, strict=True
         ):
-            base = tension.copy()
+            base = given.copy()
             base[part.driven] = unknowns[part.tensions]
-            by_motion = own.tendon_change(unknowns[part.nodes], base, change)
-            found.append(
-                TendonChange(
-                    base, change, by_motion[0] + disturbance.tension, by_motion[1] + disturbance.released
-                )
-            )
+            tension, released = own.tendon_change(unknowns[part.nodes], base, change)
+            tension, released = tension + disturbance.tension, released + disturbance.released
+            found.append(TendonChange(base, change, tension, released))
         return found
 
     def _right_side(self, right: Array, part: RobotUnknowns, disturbance: Disturbance) -> Array:
@@ -235,16 +232,13 @@ class SolvedPoint:
         Without them the unknowns are ``fixed``, and the tendons change as given.
         """
         numbering, pick = self.numbering, self.numbering.at_frictional_holes
-        excess = pick(
-            [
-                own.model.law.slip_operator @ change.released
-                - disturbance.slip
-                + flexibility[0, ..., None] * disturbance.mobilisation
-                for own, change, disturbance, flexibility in zip(
-                    self.forces, tendons, disturbances, self.flexibility, strict=True
-                )
-            ]
-        )
+        slips = []
+        for own, tendon, given, slope in zip(
+            self.forces, tendons, disturbances, self.flexibility, strict=True
+        ):
+            moved = own.model.law.slip_operator @ tendon.released - given.slip
+            slips.append(moved + slope[0, ..., None] * given.mobilisation)
+        excess = pick(slips)
         coupling = FrictionCoupling.of(numbering, self.forces, self.linearization.slack)
         which = np.flatnonzero(pick(self.sticking))
         columns, matrix = coupling.response(

@@ -86,23 +86,15 @@ _DERIVED = {
     "axial_stiffness": "EA",
     "shear_stiffness": "GA",
 }
-#: Size of a change, by key of the files, where a number is zero.
-_SIZES = {
-    "gravity": 10.0,
-    "mass": 1e-2,
-    "tip_mass": 1e-2,
-    "density": 1e3,
-    "force": 1.0,
-    "tensions": 1.0,
-    "moment": 1e-2,
-    "time": 1.0,
-    "adhesion": 0.1,
-    "pretension": 1.0,
-    "drop": 0.1,
-    "stiffness": 1.0,
-    "creep_rate": 1e-2,
-    "friction_coefficient": 0.1,
+#: Keys of the files by the size of a change where a number is zero.
+_KEYS_BY_SIZE = {
+    1e-2: ("mass", "tip_mass", "moment", "creep_rate"),
+    0.1: ("adhesion", "drop", "friction_coefficient"),
+    1.0: ("force", "tensions", "time", "pretension", "stiffness"),
+    10.0: ("gravity",),
+    1e3: ("density",),
 }
+_SIZES = {key: size for size, keys in _KEYS_BY_SIZE.items() for key in keys}
 
 
 @dataclass(frozen=True, eq=False)
