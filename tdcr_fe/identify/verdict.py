@@ -227,14 +227,13 @@ def added_effects(
 def separating_experiments(e: Effect, rivals: Sequence[str], catalogue: Sequence[Effect]) -> str:
     """Experiments that separate an effect from its rivals, those of each listed effect once; empty without rivals.
 
-    Rivals may be other forms of the same listed effect.
+    Rivals may be other forms of the same listed effect. Causes without a name have none.
     """
     if not rivals:
         return ""
     listed = {name.split(" (")[0] for name in rivals} - {e.listed}
-    others = [x for x in catalogue if x.name in listed]
-    sentences = [f"for {e.listed}: {e.separating_experiment}"]
-    return "; ".join([*sentences, *(f"for {x.name}: {x.separating_experiment}" for x in others)])
+    known = [x for x in (e, *(x for x in catalogue if x.name in listed)) if x.separating_experiment]
+    return "; ".join(f"for {x.listed}: {x.separating_experiment}" for x in known)
 
 
 def estimates(problem: FitProblem, best: Fit, e: Effect, deviation: Array) -> dict[str, Estimate]:

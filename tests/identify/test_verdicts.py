@@ -10,6 +10,7 @@ from identify_result import identified
 from tdcr_fe.commands import identify as command
 from tdcr_fe.effects import EFFECTS, Experiment, effect
 from tdcr_fe.identify import identify
+from tdcr_fe.identify.causes import Cause
 from tdcr_fe.identify.criteria import mostly_estimated_noise, unknown_noise, unusable_data
 from tdcr_fe.identify.identification import NotSolved
 from tdcr_fe.identify.report import render
@@ -126,6 +127,11 @@ def test_forms_of_one_effect_are_separated_by_one_experiment():
     text = separating_experiments(own, ("pretension (each)", "gravity"), EFFECTS)
     assert text == f"for pretension: {own.separating_experiment}; for gravity: {other.separating_experiment}"
     assert separating_experiments(own, ("pretension (each)",), EFFECTS).count(own.separating_experiment) == 1
+    jump = Cause("jump (from row 30 on)", own.kind, (), "")  # a cause without a name has none: "for jump: ."
+    assert separating_experiments(jump, ("jump (from row 29 on)",), EFFECTS) == ""
+    assert (
+        separating_experiments(jump, ("gravity",), EFFECTS) == f"for gravity: {other.separating_experiment}"
+    )
 
 
 # ------------------------------------------------------------ the command
