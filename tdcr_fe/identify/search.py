@@ -372,20 +372,22 @@ def criterion_of(problem: FitProblem, fit: Fit) -> float:
 def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal, promised: float | None = None) -> bool:
     """Whether a candidate may become about as probable as another model, to first order.
 
-    It does where it promises as much, or can make the change of the predictions that the other model makes. Other forms
-    of the same effects always may, and listed effects that perturb the same: how far first order is off is not known.
-    Not so forms with more numbers that are not worth them to first order; `_in_best_forms` comes back to these.
+    It does where it promises as much as the other model has reached or promised, or can make the change of the
+    predictions that that makes. Other forms of the same effects always may, and listed effects that perturb the same:
+    how far first order is off is not known. Not so forms with more numbers that are not worth them to first order;
+    `_in_best_forms` comes back to these.
     ``promised``: the criterion that first order gave the other model beside the same one.
     """
     parent, x, criterion = proposal
     mine, theirs = proposal.effects, ahead.effects
     forms = {e.listed for e in mine} == {e.listed for e in theirs}
     numbers, others = (sum(len(e.parameters) for e in effects) for effects in (mine, theirs))
-    if forms and promised is not None and numbers > others and criterion > promised + BIC_DIFFERENCE:
+    as_much = promised is not None and criterion < promised + BIC_DIFFERENCE
+    if forms and promised is not None and numbers > others and not as_much:
         return False
     forms |= proposal.named and {e.kind.perturbs for e in mine} == {e.kind.perturbs for e in theirs}
     limit = criterion_of(problem, ahead) + BIC_DIFFERENCE
-    if forms or not x.signature.size or criterion < limit:
+    if forms or as_much or not x.signature.size or criterion < limit:
         return True
     left, whole = apart(problem, parent, parent.residual - ahead.residual, x)
     own = price_of(problem, parent) + own_price(problem, x)

@@ -122,6 +122,18 @@ def test_a_marker_that_is_glued_askew_is_one_of_the_explanations(number):
         assert fit.values[fit.names[0]][name] == pytest.approx(value, abs=1.5e-4)
 
 
+def test_another_friction_at_one_hole_is_one_of_the_explanations():
+    """It promised as much as a coefficient of its tendon, but less than that had reached: it was not even tried."""
+    own = problem_of(measured(robot=ROBOT.with_tendons(friction_coefficient=0.1), model=FRICTIONAL))
+    holes = {n: e for n, e in causes_of(own)[1].items() if n.startswith("friction at a hole (tendon t1")}
+    hole = "friction at a hole (tendon t1, s = 0.05 m)"
+    true = evaluate(own, (holes[hole],), {hole: {"friction": 0.6}})
+    own = problem_of(read_as_predicted(own, true.residual, 1.5e-4), sigma=1.5e-4)
+    forms = effect("friction_coefficient").forms(own.experiment)
+    found = search.grow(searching(), replace(state_of(own), dictionary=(*holes.values(), *forms)))
+    assert found.fits[frozenset({hole})].values[hole]["friction"] == pytest.approx(0.6, abs=0.02)
+
+
 def test_a_cause_that_was_found_in_some_bays_acts_everywhere_where_the_data_say_so():
     """A stiffness that rose with time was found in ten of fifteen bays, and the search did not end in 9 minutes."""
     problem, _, causes = declared()
