@@ -59,24 +59,24 @@ LEFT_BEHIND = (1.3, 60.0)
 
 @dataclass
 class Race:
-    """Lowest cost reached so far by fits that compete, and the time when they end where they are."""
+    """When fits that compete are of no interest any more, and when they end where they are."""
 
-    lowest: float = math.inf
+    limit: float = math.inf  # cost above which a fit is of no interest
     deadline: float = math.inf  # reading of `tdcr_fe.identify.settings.clock` [s]
 
     def reached(self, cost: float) -> None:
         """One of the fits has this cost."""
-        self.lowest = min(self.lowest, cost)
+        self.limit = min(self.limit, near(cost))
 
     @property
     def out_of_time(self) -> bool:
         """Whether the time is over."""
         return clock() > self.deadline
 
-    @property
-    def limit(self) -> float:
-        """Cost above which a fit is of no interest: the first times the lowest cost, plus the second."""
-        return LEFT_BEHIND[0] * self.lowest + LEFT_BEHIND[1]
+
+def near(cost: float) -> float:
+    """Cost above which a fit is of no interest where another one has this cost, see `LEFT_BEHIND`."""
+    return LEFT_BEHIND[0] * cost + LEFT_BEHIND[1]
 
 
 def run_fits(problem: FitProblem, fittings: Sequence[Fitting]) -> list[Fit]:
@@ -195,7 +195,7 @@ def descend(problem: FitProblem, now: Fit, race: Race, predicted: Array | None =
             damping *= 100.0
             continue
         reach = reachable_cost(problem, now)
-        if np.sqrt(reach) - error > np.sqrt(race.limit):
+        if not may_reach(problem, now, error, race):
             return replace(now, pruned=True)
         point = problem.moved(now.effects, now.values, now.free, step)
         try:
@@ -216,6 +216,11 @@ def descend(problem: FitProblem, now: Fit, race: Race, predicted: Array | None =
         if gain < 0.1 * now.cost and reach > race.limit:
             return replace(now, pruned=True)
     return now
+
+
+def may_reach(problem: FitProblem, now: Fit, error: float, race: Race) -> bool:
+    """Whether a fit may come below the limit of a race, by the error of its last prediction, see `distance`."""
+    return math.sqrt(reachable_cost(problem, now)) - error <= math.sqrt(max(race.limit, 0.0))
 
 
 def little(fit: Fit) -> float:
@@ -268,8 +273,8 @@ def smaller(
     now = yield from begin(problem, effects, start, best)
     if known is not None and not known.pruned and known.cost - reachable_cost(problem, now) < little(known):
         return known
-    now = yield from descend(problem, now, Race(best.cost))
-    if now.cost <= Race(best.cost).limit:
+    now = yield from descend(problem, now, Race(near(best.cost)))
+    if now.cost <= near(best.cost):
         now = yield from finish(problem, now, Race())
     return now
 

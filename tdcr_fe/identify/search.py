@@ -111,7 +111,7 @@ def scores_beside(state: SearchState, fit: Fit, costly: bool = False) -> tuple[S
     seen = {x.effect.name for x in done} | state.refused.keys()
     known = {e.listed for e in fit.effects}
     others = [e for e in state.dictionary if e.listed not in known and e.name not in seen]
-    others = [e for e in others if is_named(e) or costly or e.exact_derivatives]
+    others = [e for e in others if costly or not _takes_a_run(e)]
     if others:
         scores, screened = screen(state.problem, fit, others)
         # Forces towards points need the response to actions, which only a run for such causes has.
@@ -236,7 +236,12 @@ def costly_singles(search: Search, state: SearchState, parent: Fit) -> tuple[Sea
     if parent.effects:
         return state, []
     state, found = singles(search, state, parent, True)
-    return state, [x for x in found if not (x.named or x.score.effect.exact_derivatives)]
+    return state, [x for x in found if not x.named and _takes_a_run(x.score.effect)]
+
+
+def _takes_a_run(effect: Effect) -> bool:
+    """Whether a cause without a name takes a run of its own."""
+    return not (is_named(effect) or effect.exact_derivatives)
 
 
 # ------------------------------------------------------------------------------------------------------- fits
@@ -255,8 +260,8 @@ def fit_proposals(
     problem, most = state.problem, search.settings.candidates
     half = (most + 1) // 2
     waiting = sorted(pool, key=lambda x: x.criterion)
-    races = {named: fitting.Race(_lowest(state, named), search.deadline) for named in (True, False)}
-    noise, ready = fitting.Race(float(np.count_nonzero(problem.fitted))).limit, list[_Evaluated]()
+    races = {x: fitting.Race(fitting.near(_lowest(state, x)), search.deadline) for x in (True, False)}
+    noise, ready = fitting.near(float(np.count_nonzero(problem.fitted))), list[_Evaluated]()
     promised = {x.names: x.criterion for x in pool}
 
     def fits() -> list[Fit]:
@@ -291,12 +296,16 @@ def fit_proposals(
             together: list[fitting.Fitting] = []
             while queue and len(together) < problem.forward.processes:
                 one = queue.pop(0)
-                if ahead is not None and not _may_reach(problem, ahead, one.fit, one.proposal):
+                race, predicted = races[one.proposal.named], one.proposal.score.start.predicted
+                if ahead is not None:
+                    limit = criterion_of(problem, ahead) + BIC_DIFFERENCE - price_of(problem, one.fit)
+                    race = replace(race, limit=limit)
+                error = fitting.distance(problem, one.fit.residual, predicted)
+                if ahead is not None and not fitting.may_reach(problem, one.fit, error, race):
                     state = state.with_fit(replace(one.fit, pruned=True))
                 elif left > 0 or (ahead is None and not _accepted(search, state, fits())):
                     left -= 1
-                    predicted = one.proposal.score.start.predicted
-                    together.append(_fitted(problem, one.fit, predicted, races[one.proposal.named]))
+                    together.append(_fitted(problem, one.fit, predicted, race))
             for new in fitting.run_fits(problem, together):
                 state = state.with_fit(new)
                 better = ahead is None or rank(problem, new) < rank(problem, ahead)
@@ -329,7 +338,7 @@ def _evaluated(state: SearchState, proposals: Sequence[Proposal]) -> list[_Evalu
     found = _each_evaluated(state.problem, list(first.values()))
     costs = [(e.proposal.laws, e.cost) for e in found]
     costs += [(_laws(f.effects), f.cost) for f in state.fits.values()]
-    limit = fitting.Race(min(cost for _, cost in costs)).limit
+    limit = fitting.near(min(cost for _, cost in costs))
     near = {laws for laws, cost in costs if cost <= limit}
     others = [x for x in proposals if x.laws in near and x is not first[x.laws]]
     return [*found, *_each_evaluated(state.problem, others)]
@@ -392,13 +401,6 @@ def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal, promised: f
     left, whole = apart(problem, parent, parent.residual - ahead.residual, x)
     own = price_of(problem, parent) + own_price(problem, x)
     return ahead.cost + max(0.0, left - FIRST_ORDER * whole) + own < limit
-
-
-def _may_reach(problem: FitProblem, ahead: Fit, now: Fit, proposal: Proposal) -> bool:
-    """Whether an evaluated model may become about as probable as another one, by the error of its prediction."""
-    error = fitting.distance(problem, now.residual, proposal.score.start.predicted)
-    limit = criterion_of(problem, ahead) + BIC_DIFFERENCE - price_of(problem, now)
-    return math.sqrt(fitting.reachable_cost(problem, now)) - error <= math.sqrt(max(limit, 0.0))
 
 
 def _begun(problem: FitProblem, found: Sequence[Proposal]) -> list[Fit]:
@@ -543,7 +545,6 @@ def grow(search: Search, state: SearchState) -> SearchState:
         # Several causes that leave more than noise may stand for others.
         anew = (names, exchange.__name__) not in state.extended and not search.long_data
         if anew and len(state.best.effects) > 1 and not search.explained(state):
-            state = replace(state, extended=state.extended | {(names, exchange.__name__)})
             state = exchange(search, state, progress, costly=False)
             if state.best is not before:
                 continue
@@ -780,9 +781,12 @@ def exchange(search: Search, state: SearchState, progress: float = 0.75, costly:
     """Exchange every cause, and every two, of the best model for one other; the best of all is taken.
 
     What a cause explains is the difference of the models with and without it. Which others may explain it follows from
-    their columns beside the best model. ``costly``: see `scores_beside`; never where the model leaves noise.
+    their columns beside the best model. ``costly``: see `scores_beside`; never where the model leaves noise. After a
+    first time, those are tried that were not then.
     """
     best, problem = state.best, state.problem
+    done = frozenset(best.names), exchange.__name__
+    again, state = done in state.extended, replace(state, extended=state.extended | {done})
     fits: list[Fit] = []
     every = [gone for n in (1, 2) for gone in itertools.combinations(best.effects, n)]
     left = [tuple(e for e in best.effects if e not in gone) for gone in every]
@@ -807,6 +811,7 @@ def exchange(search: Search, state: SearchState, progress: float = 0.75, costly:
         state, scores, reference = scores_beside(state, best, costly=costly)
         problem, names = state.problem, {e.listed for e in (*gone, *rest)}
         others = [x for x in scores if x.signature.size and x.effect.listed not in names]
+        others = [x for x in others if _takes_a_run(x.effect) or not again]
         near = worth_fitting(search, problem, base, rescored(problem, base, others, reference.run))
         state, more = fit_proposals(search, state, near, best)
         fits += more
