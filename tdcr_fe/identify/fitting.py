@@ -66,7 +66,7 @@ class Race:
 
     def reached(self, cost: float) -> None:
         """One of the fits has this cost."""
-        self.limit = min(self.limit, near(cost))
+        self.limit = min(self.limit, limit_beside(cost))
 
     @property
     def out_of_time(self) -> bool:
@@ -74,7 +74,7 @@ class Race:
         return clock() > self.deadline
 
 
-def near(cost: float) -> float:
+def limit_beside(cost: float) -> float:
     """Cost above which a fit is of no interest where another one has this cost, see `LEFT_BEHIND`."""
     return LEFT_BEHIND[0] * cost + LEFT_BEHIND[1]
 
@@ -273,8 +273,8 @@ def smaller(
     now = yield from begin(problem, effects, start, best)
     if known is not None and not known.pruned and known.cost - reachable_cost(problem, now) < little(known):
         return known
-    now = yield from descend(problem, now, Race(near(best.cost)))
-    if now.cost <= near(best.cost):
+    now = yield from descend(problem, now, Race(limit_beside(best.cost)))
+    if now.cost <= limit_beside(best.cost):
         now = yield from finish(problem, now, Race())
     return now
 

@@ -260,8 +260,8 @@ def fit_proposals(
     problem, most = state.problem, search.settings.candidates
     half = (most + 1) // 2
     waiting = sorted(pool, key=lambda x: x.criterion)
-    races = {x: fitting.Race(fitting.near(_lowest(state, x)), search.deadline) for x in (True, False)}
-    noise, ready = fitting.near(float(np.count_nonzero(problem.fitted))), list[_Evaluated]()
+    races = {x: fitting.Race(fitting.limit_beside(_lowest(state, x)), search.deadline) for x in (True, False)}
+    noise, ready = fitting.limit_beside(float(np.count_nonzero(problem.fitted))), list[_Evaluated]()
     promised = {x.names: x.criterion for x in pool}
 
     def fits() -> list[Fit]:
@@ -338,7 +338,7 @@ def _evaluated(state: SearchState, proposals: Sequence[Proposal]) -> list[_Evalu
     found = _each_evaluated(state.problem, list(first.values()))
     costs = [(e.proposal.laws, e.cost) for e in found]
     costs += [(_laws(f.effects), f.cost) for f in state.fits.values()]
-    limit = fitting.near(min(cost for _, cost in costs))
+    limit = fitting.limit_beside(min(cost for _, cost in costs))
     near = {laws for laws, cost in costs if cost <= limit}
     others = [x for x in proposals if x.laws in near and x is not first[x.laws]]
     return [*found, *_each_evaluated(state.problem, others)]
