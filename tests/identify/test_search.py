@@ -70,8 +70,11 @@ def test_causes_that_an_exchange_makes_unnecessary_are_dropped():
     wrong = fitting.fit(own, effects, start)
     named = tuple(filter(is_named, causes_of(own)[1].values()))
     state = replace(state_of(own).with_fit(wrong), best=wrong, dictionary=named)
-    last = exchange(searching(), state)
+    last = exchange(searching(), exchange(searching(), state))
     assert last.best.names == ("precurvature",)
+    done = own.forward.runs
+    assert exchange(searching(), last).best is last.best
+    assert own.forward.runs == done  # nothing is tried again
 
 
 @pytest.mark.parametrize("hidden", [{"gain": 1.1}, {"gain_t2": 1.1}, {"gain_t1": 1.1, "gain_t2": 0.93}])
