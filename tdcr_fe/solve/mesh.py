@@ -45,8 +45,9 @@ NEAR_BUCKLING = 0.5
 
 def _collocation_matrix() -> Array:
     """Integrals from 0 to every Gauss point of the polynomial through values at these points, shape (4, 4)."""
-    values = np.vander(POINTS, increasing=True)
-    integrals = values * POINTS[:, None] / np.arange(1, len(POINTS) + 1)
+    powers = np.arange(len(POINTS))
+    values = POINTS[:, None] ** powers
+    integrals = POINTS[:, None] ** (powers + 1) / (powers + 1)
     return np.asarray(np.linalg.solve(values.T, integrals.T).T)
 
 

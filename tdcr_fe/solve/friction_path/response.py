@@ -74,26 +74,24 @@ class TensionResponse(NamedTuple):
         return cls(tendons, moved @ put_on, -(lengths @ moved) @ put_on, turned @ put_on, by_angle)
 
     def to_load(
-        self, linear: Linearization, forces: Sequence[TendonForces], unbalanced: Array
+        self, linear: Linearization, forces: Sequence[TendonForces], unbalanced: Array, factor: float
     ) -> LoadResponse:
-        """Response to a change of the loads.
+        """Response to a multiple of a change of the loads.
 
         Parameters
         ----------
         linear, forces
             As in `of`.
-        unbalanced
-            Residual that the change causes, shape (reduced,).
+        unbalanced, factor
+            Residual that the change causes, shape (reduced,), and how many times the change is meant.
         """
         lengths, angles, _ = _segments(linear, forces, self.tendons)
         moved = _inner(linear, -unbalanced)
         turned = angles @ moved
         added = self.by_angle @ turned
-        return LoadResponse(
-            moved - self.nodes @ added,
-            lengths @ moved + self.flexibility @ added,
-            turned - self.angles @ added,
-        )
+        stretched = lengths @ moved + self.flexibility @ added
+        whole = moved - self.nodes @ added, stretched, turned - self.angles @ added
+        return LoadResponse(*(factor * x for x in whole))
 
 
 def _inner(linear: Linearization, right: Array) -> Array:

@@ -61,15 +61,15 @@ def known_states(
         Load factors of the load step at the ends of the substep [1].
     """
     taut, points = TautTendons.of([state for _, state in states]), []
-    for factor, at in states:
+    for x, at in states:
         response, load = TensionResponse.of(at.linearization, at.forces, taut.numbers), None
         if solver.ramp.changes_beyond_inputs:
             # What is left of the change of the loads, seen from every state; from the last one, back to the start.
-            end, other = (0.0, span[0]) if factor == 1.0 else (1.0, span[1])
+            other, factor = (span[0], -1.0) if x == 1.0 else (span[1], 1.0 / (1.0 - x))
             target = solver.ramp.apply(solver.system, other)
             unbalanced = solver.system.unbalanced(at.state, target, at.forces, at.numbering)
-            load = response.to_load(at.linearization, at.forces, unbalanced / (end - factor))
-        points.append(InterpolationPoint(factor, at, response, load))
+            load = response.to_load(at.linearization, at.forces, unbalanced, factor)
+        points.append(InterpolationPoint(x, at, response, load))
     return KnownStates(span, taut, tuple(points))
 
 
