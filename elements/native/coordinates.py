@@ -123,9 +123,4 @@ def generalized_tangent(k: Array, moments: Array, to_twist: Array) -> Array:
 
 
 #: ``(m @ _LINEAR).reshape(4, 4) @ e`` is ``4 H(e) m``, with ``H`` of `euler_rate_matrix`.
-_LINEAR: Array = np.stack(
-    [
-        4.0 * np.stack([euler_rate_matrix(unit)[:, axis] for unit in np.eye(4)], axis=1).ravel()
-        for axis in range(3)
-    ]
-)
+_LINEAR: Array = 4.0 * euler_rate_matrix(np.eye(4)).transpose(2, 1, 0).reshape(3, 16)

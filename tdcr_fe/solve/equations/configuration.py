@@ -287,10 +287,8 @@ class SolverState(NamedTuple):
     @property
     def inputs(self) -> ByRobot:
         """By robot, what every tendon is driven by: displacement [m] where prescribed, else tension [N]."""
-        return tuple(
-            np.where(np.isnan(given), tension, given)
-            for given, tension in zip(self.prescribed, self.base_tension, strict=True)
-        )
+        by_robot = zip(self.prescribed, self.base_tension, strict=True)
+        return tuple([np.where(np.isnan(given), tension, given) for given, tension in by_robot])
 
     @property
     def target(self) -> Target:

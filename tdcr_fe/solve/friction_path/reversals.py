@@ -123,14 +123,10 @@ class SubstepSlips(NamedTuple):
         return np.abs(self.slips.intervals.defect[: len(self.presliding)])
 
     @property
-    def largest_slip(self) -> float:
-        """Largest change of a slip, at least the presliding distance [m]."""
-        return max(float(np.abs(self.slip).max()), float(self.presliding.min()))
-
-    @property
     def is_rough(self) -> bool:
         """Whether the interpolation is too uncertain to locate reversals."""
-        return float(self.slip_error.max()) > ROUGH * self.largest_slip
+        largest = max(float(np.abs(self.slip).max()), float(self.presliding.min()))
+        return float(self.slip_error.max()) > ROUGH * largest
 
     def path_error(self, path: FrictionPath, mobilisation: Array) -> tuple[float, bool] | None:
         """What the interpolation leaves uncertain in a complete path; None where it is too rough to say.
@@ -198,10 +194,8 @@ class SlipHistory(NamedTuple):
         numbering = self.slips.known.end.numbering
         slips = numbering.with_frictional_holes([f.slip for f in state.friction], self.slip)
         counted = numbering.with_frictional_holes([f.mobilisation for f in state.friction], self.mobilisation)
-        friction = [
-            replace(own, slip=slip, mobilisation=mobilisation)
-            for own, slip, mobilisation in zip(state.friction, slips, counted, strict=True)
-        ]
+        by_robot = zip(state.friction, slips, counted, strict=True)
+        friction = [replace(own, slip=slip, mobilisation=s) for own, slip, s in by_robot]
         at_end = numbering.with_frictional_holes(state.mobilisation, self.at_end)
         return state._replace(friction=tuple(friction), mobilisation=at_end)
 

@@ -72,18 +72,11 @@ class Ramp:
         before_increment, user_loads
             See `Ramp`.
         """
-        return cls(
-            tuple(_input_ramp(system, state, i) for i in range(len(system.robots))),
-            tuple(
-                LoadRamp(item, before, item.value)
-                for item, before in zip(system.point_loads, state.loads, strict=True)
-            ),
-            state.time,
-            end_time,
-            before_increment,
-            user_loads,
-            any(callable(robot.inputs) for robot in system.robots),
-        )
+        inputs = tuple([_input_ramp(system, state, i) for i in range(len(system.robots))])
+        given = zip(system.point_loads, state.loads, strict=True)
+        loads = tuple([LoadRamp(item, before, item.value) for item, before in given])
+        user_inputs = any(callable(robot.inputs) for robot in system.robots)
+        return cls(inputs, loads, state.time, end_time, before_increment, user_loads, user_inputs)
 
     @property
     def nonlinear(self) -> bool:

@@ -94,10 +94,8 @@ def _length_of(last: SolvedStep, loading: Array) -> float | None:
 
 def _all_keep_slipping(state: SolverState, slips: Array, numbering: Numbering) -> bool:
     """Whether all holes of tendons under tension slip, and continue in the same direction."""
-    tension = [
-        np.broadcast_to(t[:, None], s.shape)
-        for t, s in zip(state.base_tension, state.mobilisation, strict=True)
-    ]
+    by_robot = zip(state.base_tension, state.mobilisation, strict=True)
+    tension = [np.broadcast_to(t[:, None], s.shape) for t, s in by_robot]
     tense = numbering.at_frictional_holes(tension) > 0.0
     mobilised = numbering.at_frictional_holes(state.mobilisation)
     return not tense.any() or all_keep_slipping(mobilised[tense], slips[tense])

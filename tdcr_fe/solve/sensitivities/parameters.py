@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from tdcr_fe.effects import EFFECTS, Experiment, effect
+from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
 from tdcr_fe.elements import Array
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.robot import Robot
@@ -185,9 +185,7 @@ def effect_parameter(
     ValueError
         The effect acts on the measurement only, or has no such parameter.
     """
-    from tdcr_fe.effects import with_effects
-
-    chosen = effect(name)
+    chosen, order = effect(name), [e.name for e in EFFECTS].index
     known = {p.name: p for p in chosen.parameters_of(experiment)}
     if parameter not in known:
         raise ValueError(f"effect {name}: no parameter {parameter!r}; it has {', '.join(known)}")
@@ -198,7 +196,7 @@ def effect_parameter(
     about = known[parameter]
     present = dict(values or {})
     # Null values depend on the effects that are applied before.
-    before = {k: v for k, v in present.items() if _order(k) < _order(name)}
+    before = {k: v for k, v in present.items() if order(k) < order(name)}
     below = with_effects(experiment, before)
     own = {**chosen.null_values(below), **present.get(name, {})}
     own.setdefault(parameter, chosen.null_value(below, parameter))
@@ -215,10 +213,6 @@ def effect_parameter(
     # From zero most are linear, and a longer step has less round-off.
     size = max(abs(start), about.scale) if start != 0.0 else 100.0 * about.scale
     return ModelParameter(f"effects.{name}.{parameter}", start, size, apply)
-
-
-def _order(name: str) -> int:
-    return [e.name for e in EFFECTS].index(name)
 
 
 def _named(experiment: Experiment, name: str) -> Parameter:
@@ -301,9 +295,7 @@ def _field(name: str, path: Sequence[str], value: float, size: float) -> ModelPa
 
 def _number(experiment: Experiment, name: str, path: Sequence[str]) -> ModelParameter:
     value = _get(experiment, path)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise TypeError(name)
-    if path[-1] == "substeps":
+    if isinstance(value, bool) or not isinstance(value, int | float) or path[-1] == "substeps":
         raise TypeError(name)
     return _field(name, path, float(value), _size(experiment.robot, path, float(value)))
 
