@@ -200,27 +200,13 @@ class ForceModel:
         return TendonForces(self, measured, base_tension, field)
 
     def after(
-        self,
-        measured: Measurement,
-        base_tension: Array,
-        state: FrictionState,
-        time: float,
-        law: TendonLaw | None = None,
+        self, measured: Measurement, base_tension: Array, state: FrictionState, time: float
     ) -> TendonForces:
         """Forces where the mobilisations follow from the configuration and the history.
 
-        Parameters
-        ----------
-        measured, base_tension
-            As in `at_mobilisation`.
-        state
-            History at the beginning of the step.
-        time
-            At its end [s].
-        law
-            Replaces the model's law.
+        Arguments as of `at_mobilisation`.
         """
-        field = (law or self.law).evaluate(base_tension, measured.shape, state, time)
+        field = self.law.evaluate(base_tension, measured.shape, state, time)
         return TendonForces(self, measured, base_tension, field)
 
 

@@ -41,19 +41,19 @@ class ElasticTendons(NamedTuple):
         """Whether tensions follow from angles and mobilisations alone, so that holes may be predicted."""
         return self.model.law.simple and not np.any(self.driven)
 
-    def law(self) -> TendonLaw:
-        """How tension passes along these tendons."""
+    def elastic(self) -> ForceModel:
+        """The forces of these tendons."""
         law = self.model.law
         parameters = law.parameters
         inextensible = self.driven & parameters.rigid
         if not np.any(inextensible):
-            return law
+            return self.model
         elastic = replace(
             parameters,
             compliance=np.where(inextensible, 1.0 / own_stiffness(self.model), parameters.compliance),
             lengths=parameters.lengths + np.where(inextensible[:, None], self.history.stretch, 0.0),
         )
-        return TendonLaw(elastic, law.law, law.hysteresis)
+        return replace(self.model, law=TendonLaw(elastic, law.law, law.hysteresis))
 
     def forces(self, measured: Measurement, near: Array) -> TendonForces:
         """Forces where the tension of tendons driven by displacement follows from their elasticity.
@@ -68,15 +68,15 @@ class ElasticTendons(NamedTuple):
         driven, state, values, t = self.driven, self.history.friction, self.values, self.time
         if not np.any(driven):
             return self.model.after(measured, values, state, t)
-        soft = self.law()
-        tension = np.where(driven, near, values)
+        elastic = self.elastic()
+        tension, parameters = np.where(driven, near, values), elastic.law.parameters
         # That of the tension of each: the slope may vanish far from the solution, and is no measure of it.
-        length = soft.parameters.lengths.sum(axis=1)
-        compliance = length * soft.parameters.compliance + soft.parameters.spring
+        length = parameters.lengths.sum(axis=1)
+        compliance = length * parameters.compliance + parameters.spring
         round_off = np.divide(ROUND_OFF * length, compliance, np.zeros(len(driven)), where=driven)
         low, high, before = (np.full(len(driven), x) for x in (-np.inf, np.inf, np.inf))
         for _ in range(60):
-            forces = self.model.after(measured, tension, state, t, soft)
+            forces = elastic.after(measured, tension, state, t)
             slope, gap = forces.base_slip_by_base(), values - forces.field.base_slip
             new = np.where(driven, np.maximum(tension + gap / slope, 0.0), tension)
             moved = np.abs(new - tension) > 1e-12 * (1.0 + np.max(new)) + round_off
@@ -87,18 +87,16 @@ class ElasticTendons(NamedTuple):
             tension, before = np.where(halved, high - 0.5 * width, new), np.abs(gap)
             if not moved.any():  # ends with nan, too
                 break
-        forces = self.model.after(measured, tension, state, t, soft)
+        forces = elastic.after(measured, tension, state, t)
         pulled = driven & (tension > 0.0)
         slope = np.where(pulled, -1.0 / forces.base_slip_by_base(), 0.0)
         return forces._replace(base_response=slope[:, None] * forces.base_slip_by_holes())
 
     def at_rest(self, measured: Measurement) -> TendonForces:
         """Forces in a configuration at the tensions and mobilisations of the history."""
-        history, friction = self.history, self.history.friction
-        model = replace(self.model, law=self.law())
-        return model.at_mobilisation(
-            measured, history.base_tension, friction.mobilisation, friction, friction.time
-        )
+        friction, tension = self.history.friction, self.history.base_tension
+        given = tension, friction.mobilisation, friction, friction.time
+        return self.elastic().at_mobilisation(measured, *given)
 
 
 def own_stiffness(model: ForceModel) -> float:

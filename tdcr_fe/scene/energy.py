@@ -19,7 +19,6 @@ import numpy as np
 from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, relative_twists
 from tdcr_fe.elements.forces import TendonForces
-from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.coordinates import NodeCoordinates, twists_by_coordinates
 from tdcr_fe.elements.native.items import data_coordinates
@@ -111,9 +110,7 @@ class Masses:
 # ---------------------------------------------------------------- elastic energy
 
 
-def elastic_energy(
-    actuation: TendonActuation, motion: NodeMotion, forces: TendonForces, law: TendonLaw
-) -> float:
+def elastic_energy(actuation: TendonActuation, motion: NodeMotion, forces: TendonForces) -> float:
     """Elastic energy of backbone, tendons and springs to ground [J].
 
     Parameters
@@ -122,10 +119,11 @@ def elastic_energy(
         Of the robot.
     motion
         The configuration.
-    forces, law
-        Forces of the tendons in this configuration, and how tension passes along them.
+    forces
+        Of the tendons in this configuration.
     """
     mesh, section, springs = actuation.mesh, actuation.model.section, actuation.model.springs
+    law = forces.model.law
     twists = relative_twists(motion.positions, motion.rotations)
     found = 0.5 * float(np.sum(mesh.twist_stiffness * (twists - mesh.reference_twists) ** 2))
     if section is not None and section.material is not None:
@@ -179,7 +177,7 @@ class EnergySums:
         motion = NodeMotion.of(self._system.mbs, self._coordinates, _CURRENT)
         robot = self.actuation
         tendons = robot.elastic_tendons(robot.base_tension, robot.state.time)
-        elastic = elastic_energy(robot, motion, tendons.at_rest(self._measured(motion)), tendons.law())
+        elastic = elastic_energy(robot, motion, tendons.at_rest(self._measured(motion)))
         stored = [self.masses.kinetic(motion), elastic, self.masses.potential(motion.positions)]
         return np.concatenate((stored, self._sums()))
 
@@ -196,9 +194,8 @@ class EnergySums:
         begin, finish = (NodeMotion.of(mbs, self._coordinates, which) for which in (_START, _CURRENT))
         if np.array_equal(begin.coordinates, finish.coordinates):
             return
-        _, start = self._forces(begin, mbs.systemData.GetTime(_START), _START)
-        law, end = self._forces(finish, t, _CURRENT)
-        tendon_work, friction = work_and_dissipation(law, start, end)
+        start = self._forces(begin, mbs.systemData.GetTime(_START), _START)
+        tendon_work, friction = work_and_dissipation(start, self._forces(finish, t, _CURRENT))
         # The static solver leaves velocities as they are, and ramps loads and weight.
         statics = np.array_equal(begin.velocities, finish.velocities)
         factors = np.array([factor_before, self._load_factor])
@@ -221,11 +218,11 @@ class EnergySums:
         """The coordinates of the data node, in the memory of Exudyn."""
         return data_coordinates(self._system.mbs, self.node, len(_SUMS), _CURRENT)
 
-    def _forces(self, motion: NodeMotion, t: float, configuration: Any) -> tuple[TendonLaw, TendonForces]:
+    def _forces(self, motion: NodeMotion, t: float, configuration: Any) -> TendonForces:
         """With the history at the beginning of the step, at a time [s]; motors are as in a configuration of Exudyn."""
         robot = self.actuation
         tendons = robot.elastic_tendons(robot.input_values(t, configuration), t)
-        return tendons.law(), tendons.forces(self._measured(motion), robot.base_tension)
+        return tendons.forces(self._measured(motion), robot.base_tension)
 
     def _measured(self, motion: NodeMotion) -> Any:
         return self.actuation.model.measure(motion.positions, motion.rotations)
@@ -259,13 +256,13 @@ def static_load_factor(mbs: exu.MainSystem) -> float:
     return float(solver.ComputeLoadFactor(settings))
 
 
-def work_and_dissipation(law: TendonLaw, before: TendonForces, after: TendonForces) -> tuple[float, float]:
+def work_and_dissipation(before: TendonForces, after: TendonForces) -> tuple[float, float]:
     """Work of the tendons at the base plate, and dissipation at all holes [J], by the trapezoidal rule.
 
     The work that a tendon does at a cross section, per unstretched length ``du`` that passes it, is its tension times
     the stretched length less the elastic energy that leaves with the material: ``T + T^2 / (2 EA)``.
     """
-    compliance, mask = law.parameters.compliance, law.parameters.mask
+    compliance, mask = after.model.law.parameters.compliance, after.model.law.parameters.mask
     tensions = [f.field.tension for f in (before, after)]
     carried = [np.where(mask, t + 0.5 * compliance[:, None] * t**2, 0.0) for t in tensions]
     mean = 0.5 * (carried[0] + carried[1])
