@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -13,10 +13,8 @@ import numpy as np
 from tdcr_fe.elements import Array, Index
 from tdcr_fe.elements.backbone import node_frames
 from tdcr_fe.elements.forces import TendonForces
-from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.elements.section_forces import DIFFERENCE
-from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.solve.equations.configuration import Configuration, SolverState, Target
 from tdcr_fe.solve.equations.contact import ContactStates, TriangleContact
 from tdcr_fe.solve.equations.layout import SceneLayout
@@ -129,39 +127,6 @@ def _joint_stiffness(mbs: exu.MainSystem, joints: Sequence[exu.ObjectIndex]) -> 
                 found[moving, k] += mbs.ComputeItem(joint, exu.ComputeItemType.ReactionForces) / (2.0 * step)
             current[k] = start
     return found
-
-
-def residual_of_robot(
-    mbs: exu.MainSystem, robot: TendonActuation, loads: Sequence[PointLoad], raw: Array
-) -> Callable[[], Array]:
-    """Gives Exudyn's residual where one robot alone moves: the forces of its beams, and loads, are all that changes.
-
-    Parameters
-    ----------
-    mbs
-        The system.
-    robot
-        The robot; nothing couples it with others.
-    loads
-        The concentrated forces on it, fixed in the world.
-    raw
-        Exudyn's residual of the present scene.
-    """
-    coordinates, what = robot.coordinates, exu.ComputeItemType.ODE2LHS
-    loaded = [coordinates[robot.nodes.index(load.node), :3] for load in loads]
-
-    def acting() -> Array:
-        """Forces of beams and loads in the present scene, shape (size,)."""
-        found = np.zeros_like(raw)
-        beams = np.array([mbs.ComputeItem(beam, what) for beam in robot.connectors.beams])
-        found[coordinates[:-1]] -= beams[:, :7]
-        found[coordinates[1:]] -= beams[:, 7:]
-        for load, at in zip(loads, loaded, strict=True):
-            found[at] += load.value[:3]
-        return found
-
-    rest = raw - acting()
-    return lambda: rest + acting()
 
 
 def _initialised(

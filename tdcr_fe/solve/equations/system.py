@@ -25,7 +25,7 @@ from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.solve.equations.band import BandFactors
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState, Target
 from tdcr_fe.solve.equations.contact import ContactStates, refuse_other_states
-from tdcr_fe.solve.equations.kernel import ClampReactions, Residual, StaticKernel, residual_of_robot
+from tdcr_fe.solve.equations.kernel import ClampReactions, Residual, StaticKernel
 from tdcr_fe.solve.equations.layout import Numbering, SceneLayout, zero_bases
 from tdcr_fe.solve.equations.linearization import (
     BorderedFactors,
@@ -74,7 +74,6 @@ class SceneSystem:
         refuse_other_states(mbs)
         self.point_loads: list[PointLoad] = self.hooks.point_loads
         self.kernel = StaticKernel(mbs, self.hooks)
-        self._raw = self.kernel.residual
         self._user_residual = self.hooks.user_function("PreNewtonResidual")
         self.layout = SceneLayout.of(mbs, self.robots, self.point_loads, with_clamps=True)
         self.reactions = ClampReactions.of(self.kernel, self.layout)
@@ -93,16 +92,14 @@ class SceneSystem:
         values = [load.value for load in self.point_loads]
         if users or turned or layout.user_loads or self.has_contact or not layout.only_robots_resist(values):
             return [self]
-        raw = self._raw().copy()
-        if robots == 1 or len(layout.clamps) < robots or not self.clamps_are_closed(raw):
+        if robots == 1 or len(layout.clamps) < robots or not self.clamps_are_closed(self.kernel.residual()):
             return [self]
-        return [self._alone(i, raw) for i in range(robots)]
+        return [self._alone(i) for i in range(robots)]
 
-    def _alone(self, i: int, raw: Array) -> SceneSystem:
-        """The equations of one robot that nothing couples with the rest; ``raw``: Exudyn's residual of the scene."""
+    def _alone(self, i: int) -> SceneSystem:
+        """The equations of one robot that nothing couples with the rest."""
         own = copy(self)
         own.robots, own.point_loads = [self.robots[i]], self.hooks.robots[i].point_loads
-        own._raw = residual_of_robot(self.mbs, self.robots[i], own.point_loads, raw)
         own.layout, own.reactions = self.layout.alone(i), self.reactions.alone(i)
         return own
 
@@ -274,7 +271,7 @@ class SceneSystem:
         layout = self.layout
         for robot in self.robots:
             robot.disconnect()
-        raw = self._raw()
+        raw = self.kernel.residual()
         unbalanced = layout.reduction.residual(raw, state.configuration.frames)
         for nodes, own in zip(layout.space.slices, forces, strict=True):
             unbalanced[6 * nodes.start : 6 * nodes.stop] += own.nodal_wrenches().reshape(-1)
