@@ -38,16 +38,14 @@ class HoleSlopes(NamedTuple):
         factors.cumprod(axis=2, out=found[:, :, 1:])
         return found.swapaxes(1, 2) * np.tri(h + 1)
 
-    def derivatives(self, incidence: Array | None) -> TensionDerivatives:
+    def derivatives(self, incidence: Array) -> TensionDerivatives:
         """Of the tensions along the tendons at fixed lengths of their segments.
 
-        ``incidence``: from the mobilisations to the holes, shape (n-1, g); None where each hole has its own.
+        ``incidence``: from the mobilisations to the holes, shape (n-1, g).
         """
         chain = self.chain()
         beyond = chain[:, :, 1:]
-        by_mobilisation = beyond * self.by_mobilisation[:, None, :]
-        if incidence is not None:
-            by_mobilisation = by_mobilisation @ incidence
+        by_mobilisation = (beyond * self.by_mobilisation[:, None, :]) @ incidence
         by_angle = beyond * self.by_angle[:, None, :]
         return TensionDerivatives(np.zeros_like(chain), by_angle, chain[:, :, 0], by_mobilisation)
 

@@ -126,8 +126,6 @@ class TendonLaw:
         Whether there is friction anywhere.
     elastic : bool
         Whether any tendon stretches, or the spring at its drive.
-    each_hole : bool
-        Whether every hole has its own mobilisation.
     varies : bool
         Whether any coefficient of friction follows a law.
     simple : bool
@@ -154,7 +152,6 @@ class TendonLaw:
         self.has_friction = bool(np.any(self.frictional))
         self.elastic = bool(np.any(parameters.compliance > 0.0) or np.any(parameters.spring > 0.0))
         self._masked = parameters.mask.astype(float)
-        self.each_hole = self.groups == n - 1 and bool(np.all(self.hole_incidence == np.eye(n - 1)))
         special = self.elastic or self._adhesion is not None or self.varies
         self.simple = self.hysteresis.linear and not special
         # Arrays that never change.
@@ -177,7 +174,7 @@ class TendonLaw:
 
     def at_holes(self, mobilisation: Array) -> Array:
         """Mobilisation of every hole, (m, g) to (m, n-1)."""
-        return mobilisation if self.each_hole else mobilisation @ self.hole_incidence.T
+        return mobilisation @ self.hole_incidence.T
 
     def field(
         self,
@@ -213,7 +210,7 @@ class TendonLaw:
         tension, slopes = capstan(base_tension, shape.angles, at_holes, friction, self._adhesion)
 
         def derive() -> TensionDerivatives:
-            return slopes().derivatives(None if self.each_hole else self.hole_incidence)
+            return slopes().derivatives(self.hole_incidence)
 
         released, d_length, d_tension = self._released(tension, shape.lengths)
         slip = self.slips(released)
