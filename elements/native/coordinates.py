@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import exudyn as exu
@@ -27,34 +28,28 @@ class NodeCoordinates:
 
     def __init__(self, system: SystemReference, nodes: Sequence[Any]) -> None:
         self._system, self._nodes = system, nodes
-        self._numbers: Index | None = None
-        self._reference: Array | None = None
 
-    @property
+    @cached_property
     def numbers(self) -> Index:
         """Exudyn's ODE2 coordinate numbers of all nodes, shape (N, 7); needs an assembled system."""
-        if self._numbers is None:
-            first = np.array([self._system.mbs.GetNodeODE2Index(n) for n in self._nodes])
-            self._numbers = first[:, None] + np.arange(7)
-        return self._numbers
+        first = np.array([self._system.mbs.GetNodeODE2Index(n) for n in self._nodes])
+        return first[:, None] + np.arange(7)
 
     def forget(self) -> None:
         """Read numbers and reference values from Exudyn again, after another `Assemble`."""
-        self._numbers = None
-        self._reference = None
+        for name in ("numbers", "reference"):
+            vars(self).pop(name, None)
 
-    @property
+    @cached_property
     def reference(self) -> Array:
         """Reference values of the coordinates, shape (N, 7).
 
         Exudyn's own `GetODE2CoordinatesTotal` frees memory wrongly in 1.13.6 (beyond about 100 coordinates the
         process aborts), so the sum of reference and displacement is formed here.
         """
-        if self._reference is None:
-            data = self._system.mbs.systemData
-            everything = np.array(data.GetODE2Coordinates(exu.ConfigurationType.Reference))
-            self._reference = everything[self.numbers]
-        return self._reference
+        data = self._system.mbs.systemData
+        everything = np.array(data.GetODE2Coordinates(exu.ConfigurationType.Reference))
+        return np.asarray(everything[self.numbers])
 
     def displacements(self, configuration: Any = exu.ConfigurationType.Current) -> Array:
         """Coordinates in a configuration of the scene, without reference values, shape (N, 7)."""

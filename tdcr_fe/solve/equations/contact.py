@@ -76,10 +76,9 @@ class GeneralSpheres(NamedTuple):
 
     def centers_inside(self, mbs: exu.MainSystem, configuration: Any) -> Flags:
         """Which pairs have the centre of one inside the other, shape (n, n), false below the diagonal."""
-        if not len(self.markers):
-            return np.zeros((0, 0), dtype=bool)
         position = exu.OutputVariableType.Position
-        at = np.array([mbs.GetMarkerOutput(int(m), position, configuration) for m in self.markers])
+        found = [mbs.GetMarkerOutput(int(m), position, configuration) for m in self.markers]
+        at = np.reshape(found, (-1, 3))
         inside = cdist(at, at) < np.maximum(self.radii[:, None], self.radii)
         return np.triu(inside, 1)
 
@@ -246,10 +245,9 @@ class ContactStates:
 
         In the axes of the world or, where the second one is a triangle, in its own.
         """
-        if not self._pairs.size:
-            return np.zeros((0, 3))
         variable = exu.OutputVariableType
-        at = np.array([self._mbs.GetMarkerOutput(int(m), variable.Position) for m in self._markers])
+        found = [self._mbs.GetMarkerOutput(int(m), variable.Position) for m in self._markers]
+        at = np.reshape(found, (-1, 3))
         first, second = self._pairs.T
         relative: Array = at[first] - at[second]
         for carrier in np.unique(second[self._flat]):

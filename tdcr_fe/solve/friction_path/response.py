@@ -73,6 +73,10 @@ class TensionResponse(NamedTuple):
         put_on = np.linalg.inv(np.eye(len(lengths)) + by_angle @ turned)
         return cls(tendons, moved @ put_on, -(lengths @ moved) @ put_on, turned @ put_on, by_angle)
 
+    def to_no_load(self) -> LoadResponse:
+        """Response where no load changes."""
+        return LoadResponse(*(np.zeros(len(x)) for x in (self.nodes, self.flexibility, self.angles)))
+
     def to_load(
         self, linear: Linearization, forces: Sequence[TendonForces], unbalanced: Array, factor: float
     ) -> LoadResponse:
@@ -218,8 +222,6 @@ class TautTendons(NamedTuple):
         """
         factor, state, response, load = point
         forces, flexibility, turning = state.forces, response.flexibility, response.angles
-        if load is None:
-            load = LoadResponse(*(np.zeros(len(x)) for x in (response.nodes, flexibility, turning)))
         values, by_tension, by_load = [], [], []
         bases: list[tuple[Array, Array, Array]] = []
         segment = 0
@@ -263,8 +265,7 @@ class InterpolationPoint(NamedTuple):
     factor: float  # Load factor within the substep [1]
     state: Equilibrium
     response: TensionResponse  # To the tensions of all tendons under tension at any of the points
-    # Response to the change of the loads in the whole substep; None where no load changes
-    load: LoadResponse | None
+    load: LoadResponse  # To the change of the loads in the whole substep
 
 
 class KnownStates(NamedTuple):
@@ -307,9 +308,7 @@ def twist_change(point: InterpolationPoint, tension: Array, load: float) -> Arra
     load
         Part of the change of the loads in the substep [1].
     """
-    nodes = point.response.nodes @ tension
-    if point.load is not None and load:
-        nodes = nodes + load * point.load.nodes
+    nodes = point.response.nodes @ tension + load * point.load.nodes
     return point.state.linearization.twist_changes(nodes)
 
 

@@ -62,7 +62,8 @@ def known_states(
     """
     taut, points = TautTendons.of([state for _, state in states]), []
     for x, at in states:
-        response, load = TensionResponse.of(at.linearization, at.forces, taut.numbers), None
+        response = TensionResponse.of(at.linearization, at.forces, taut.numbers)
+        load = response.to_no_load()
         if solver.ramp.changes_beyond_inputs:
             # What is left of the change of the loads, seen from every state; from the last one, back to the start.
             other, factor = (span[0], -1.0) if x == 1.0 else (span[1], 1.0 / (1.0 - x))
