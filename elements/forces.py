@@ -45,8 +45,7 @@ class Measurement(NamedTuple):
 
     twists: Array  # (E, 6): Relative twists of the elements; empty where no section force acts
     shape: CableShape  # Lengths and angles of the tendons
-    # Positions and rotations of all nodes; None where there are no springs to ground
-    poses: tuple[Array, Array] | None
+    poses: tuple[Array, Array]  # Positions and rotations of all nodes
 
 
 class StrainState(NamedTuple):
@@ -155,8 +154,7 @@ class ForceModel:
         twists
             Of the elements, shape (E, 6); None computes them from the poses where they are needed.
         """
-        poses = None if self.springs is None else (positions, rotations)
-        strained = np.zeros((0, 6))
+        poses, strained = (positions, rotations), np.zeros((0, 6))
         if self.section is not None:
             strained = relative_twists(positions, rotations) if twists is None else twists
         if self.geometry is None:
@@ -345,7 +343,7 @@ class TendonForces(NamedTuple):
             total[self.model.cable_nodes] = self.measured.shape.lines.wrenches(self.field.tension)
         if self.model.section is not None:
             total += self.section_wrenches()
-        if self.measured.poses is not None and self.model.springs is not None:
+        if self.model.springs is not None:
             np.add.at(total[:, :3], self.model.springs.nodes, self.model.springs.forces(*self.measured.poses))
         return total
 
@@ -379,9 +377,12 @@ class TendonForces(NamedTuple):
         if self.model.geometry is not None:
             self.geometric_stiffness().add_to(k, first + self.model.cable_nodes)
         inside = slice(6 * first, 6 * (first + self.model.mesh.arc_lengths.size))
+        own, springs = k[inside, inside], self.model.springs
         if len(self.base_tension) or self.model.section is not None:
-            self.add_coupling(k[inside, inside])
-        self._add_springs(k[inside, inside])
+            self.add_coupling(own)
+        if springs is not None:
+            for node, block in zip(springs.nodes, springs.blocks(self.measured.poses[1]), strict=True):
+                own[6 * node : 6 * node + 3, 6 * node : 6 * node + 3] -= block
 
     def add_coupling(self, k: Array) -> None:
         """Add the change of the tensions with the configuration, and the tangent of section forces.
@@ -412,14 +413,6 @@ class TendonForces(NamedTuple):
             # Derivatives of the section forces by the twists, and by the frames in which they are expressed.
             blocks = self.model.section.wrench_tangent(self.measured.twists, self.field.tension[:, 0])
             add_element_tangent(k, blocks, self.section_wrenches())
-
-    def _add_springs(self, k: Array) -> None:
-        """Add the tangent of the springs to ground; ``k`` as in `add_coupling`."""
-        springs, poses = self.model.springs, self.measured.poses
-        if springs is None or poses is None:
-            return
-        for node, block in zip(springs.nodes, springs.blocks(poses[1]), strict=True):
-            k[6 * node : 6 * node + 3, 6 * node : 6 * node + 3] -= block
 
     def to_all_nodes(self, rows: Array) -> Array:
         """Rows by the nodes with holes as rows by all nodes, shape (k, W) to (k, 6 N)."""

@@ -64,7 +64,6 @@ class TendonActuation:
         self._node_coordinates = NodeCoordinates(self.system, self.nodes)
         self._scene_forces = SceneForces(self._node_coordinates)
         self._solved: tuple[Array, RobotHistory, TendonForces] | None = None
-        self._no_jacobian = _container(np.zeros((7 * len(self.nodes),) * 2))
         self._force_function: Any = 0
 
     @property
@@ -247,7 +246,7 @@ class TendonActuation:
                 "disks a mass, or a tip mass; at rest, mbs.SolveTDCR solves it without"
             )
         if not self.connected:
-            return self._no_jacobian
+            return _container(np.zeros((7 * len(self.nodes),) * 2))
         nodes, tendons = self._in_step(displacements, t)
         holes = "present" if self.motors else self._assumed_holes(by_position, by_velocity)
         tangent = self._scene_forces.tangent(nodes, tendons, holes, self.motors)

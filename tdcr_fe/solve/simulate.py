@@ -307,9 +307,7 @@ class _Run(MeshedRun):
         # A refined mesh is one for the steps to come as well.
         self.pilots = None if before is None else []
         #: States that are near the ends of the steps, from which their solutions begin.
-        self.warm_starts: dict[int, StoredState] = (
-            {} if before is None else before.warm_starts_on(self.simulation)
-        )
+        self.warm_starts = {} if before is None else before.warm_starts_on(self.simulation)
 
     def take_steps(self, refine: bool) -> tuple[int, ...] | None:
         """See `MeshedRun.take_steps`."""

@@ -37,12 +37,11 @@ from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.model.messages import steps_named
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.scene.energy import Masses
+from tdcr_fe.solve.newton.contact_stability import ROUND_OFF
 from tdcr_fe.solve.simulation import Simulation
 
 #: Compression over Euler's load from which stability is computed [1].
 CONSIDERABLE = 0.25
-#: Eigenvalue below zero that is round-off [1]: 3e-6 of round columns that have buckled, which turn at no cost.
-ROUND_OFF = 1e-5
 
 
 @dataclass(frozen=True)

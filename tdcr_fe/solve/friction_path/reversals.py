@@ -226,7 +226,7 @@ def find_reversals(
     length: float,
     allowed: float,
     solved_with_reversals: bool,
-) -> Reversals | None:
+) -> Reversals:
     """Reversals of slips between two solved states.
 
     Parameters
@@ -244,8 +244,8 @@ def find_reversals(
 
     Returns
     -------
-    Reversals or None
-        None where every slip is monotone, so that the substep is exact as a whole.
+    Reversals
+        Without any effect where every slip is monotone, so that the substep is exact as a whole.
     """
     substep = SubstepSlips.of(known, targets, allowed * length)
     path = substep.follow(substep.slips)
@@ -259,7 +259,7 @@ def find_reversals(
         if found is not None:
             error, reverses = found
             if not (path.reversed.any() or reverses or solved_with_reversals):
-                return None
+                return Reversals(0.0, 0.0)
             return Reversals(effect, error / length, history)
     # Reversals are not located well enough.
     error = substep.displacement(corrected - substep.worst_case(path, corrected)) / length

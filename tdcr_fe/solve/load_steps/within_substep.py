@@ -176,8 +176,6 @@ def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:
     if not known.taut.holes.size:
         return trial
     found = _reversals(solver, known, allowed)
-    if found is None:
-        return trial
     trial = trial._replace(error=found.total, division=None if found.total <= allowed else 0.5)
     if trial.division is None:
         return trial
@@ -223,7 +221,6 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
         states = [*states, (1.0, _final(solver, result, linear, trial.end))]
         linked = known_states(solver, states, known.span)
         again = _reversals(solver, linked, allowed, solved_with_reversals=True)
-        assert again is not None
         diverges = again.effect > found.effect
         known, found = linked, again
         accepted = found.total <= allowed
@@ -265,7 +262,7 @@ def _linearised(solver: SubstepSolver, state: SolverState, load_factor: float) -
 
 def _reversals(
     solver: SubstepSolver, known: KnownStates, allowed: float, solved_with_reversals: bool = False
-) -> Reversals | None:
+) -> Reversals:
     """Slip reversals in a substep, see `find_reversals`."""
     system, ramp = solver.system, solver.ramp
     start, end = known.span
