@@ -75,15 +75,14 @@ class SubstepSolver:
         if before is not None:
             first = predict(system, state, target, input_changes(start, target), before, settings)
         result = newton(system, state if first is None else first.state, target, settings)
-        linear, slope = result.linearization, None
-        if first is not None and result.converged:
-            # Without any iteration, the linearisation is that of the step before.
-            linear, slope = linear or before, first.slope
-        elif first is not None:
-            spent, result = result.iterations, newton(system, state, target, settings)
-            linear, result = result.linearization, result._replace(iterations=result.iterations + spent)
+        if first is not None and not result.converged:
+            spent, first = result.iterations, None
+            result = newton(system, state, target, settings)
+            result = result._replace(iterations=result.iterations + spent)
+        # Where a prediction takes no iteration, the linearisation is that of the step before.
+        linear = result.linearization if first is None else result.linearization or before
         if linear is not None:
-            solved = None
+            solved, slope = None, None if first is None else first.slope
             if result.converged:
                 solved = SolvedStep.of(start, result.state, linear.numbering, slope)
             result = result._replace(linearization=linear._replace(solved=solved))
