@@ -151,8 +151,6 @@ class Estimator:
                 raise ValueError(f"{where}: loads.{name}: must be named by the steps given to Estimator")
         self._commands = resolve(self.robot, [step], self._commands)[0]
         substeps = step.substeps or (None if self._time is None else SUBSTEPS)
-        # On their order depend the signs of the eigenvectors in `Volume`, and on these, where holes slip, the force.
-        readings = sorted(readings, key=lambda r: (str(r.location), r.quantity, r.value))
         frame = Frame(self._problem, self.simulation.position, self._commands, readings, substeps)
         with one_thread():
             found = self._estimated(frame)

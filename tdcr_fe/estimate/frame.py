@@ -442,6 +442,7 @@ class Volume:
         """With one direction, or those that are new, as in a solved frame; ``covariance``: of its prior."""
         jacobian = solved.jacobian
         variances, directions = np.linalg.eigh(jacobian @ covariance @ jacobian.T + np.eye(len(jacobian)))
+        directions *= np.where(solved.residual @ directions < 0.0, -1.0, 1.0)  # away from the prior mean
         weights = (directions / np.sqrt(variances)).T[variances > INFORMATIVE]
         slopes = list(self.slopes[: len(weights)])
         for k, weight in enumerate(weights):

@@ -71,9 +71,9 @@ def test_with_friction_in_the_model_the_force_is_found_and_without_it_is_not():
 
 
 def test_curvatures_that_show_single_holes_slip_do_not_make_it_too_certain():
-    """Where each hole only sticks or only slips, it is 5.5 in place of 3, and 78 % are inside."""
+    """Where each hole only sticks or only slips, it is 7 with seed 2, and with 3 a frame is not solved."""
     squares = []
-    for seed in (2, 3, 4):
+    for seed in (1, 2, 3):
         drawn, own = Drawn.of(0.2, 0.01, 25, seed), estimator(friction=0.2)
         rng = np.random.default_rng(1000 + seed)
         truth = tdcr.simulate(drawn.robot, model(0.2), drawn.steps()).steps
@@ -101,16 +101,28 @@ def test_a_moment_at_the_tip_is_found_where_it_is_asked_for():
     assert np.all(np.abs(found.moment - moment) < 3.0 * sigmas)
 
 
-def test_the_order_of_the_readings_of_a_frame_is_nothing():
+def test_neither_the_order_of_the_readings_nor_the_direction_of_the_x_axis_changes_a_force():
     """Through the signs of eigenvectors forces were off by 0.9 standard deviations, and by 4 with curvatures."""
     truth, found = Truth(6, 1, friction=0.2), []
-    for orders in (([0, 1, 2],), ([1, 2, 0], [2, 0, 1])):
-        rng, own, forces = np.random.default_rng(4), estimator(friction=0.2), []
+    for orders, turn in (([0, 1, 2],), 0.0), (([1, 2, 0], [2, 0, 1]), 0.0), (([0, 1, 2],), 37.0):
+        c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+        turned, robot = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), rod(0.2)
+        tendons = [
+            replace(t, routing=replace(t.routing, angle_deg=t.routing.angle_deg + turn))
+            for t in robot.tendons
+        ]
+        priors = tdcr.LoadPrior(sigma=0.05), tdcr.InputPrior(sigma=0.01)
+        own = tdcr.Estimator(replace(robot, tendons=tuple(tendons)), model(0.2), *priors)
+        rng, forces = np.random.default_rng(4), []
         for k in range(6):
             readings = truth.positions(rng, k)
-            forces.append(own.step(truth.command(k), [readings[i] for i in orders[k % len(orders)]]).force)
+            values = turned @ [r.value for r in readings]
+            readings = [replace(r, value=x) for r, x in zip(readings, values, strict=True)]
+            force = own.step(truth.command(k), [readings[i] for i in orders[k % len(orders)]]).force
+            forces.append(turned.T @ force)
         found.append(forces)
-    np.testing.assert_allclose(*found, atol=1e-7)
+    for other in found[1:]:
+        np.testing.assert_allclose(other, found[0], atol=1e-6)
 
 
 def test_noise_of_the_inputs_does_not_let_holes_reverse():
