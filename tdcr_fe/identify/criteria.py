@@ -47,6 +47,10 @@ BOUND_PENALTY = 0.3
 #: The sum of squares of the held-out readings must fall by this much, in units of the reduced chi-square.
 HELD_OUT_DROP = 4.0
 
+#: Where held-out readings cannot decide, a larger model has to leave noise, or at most this share of the misfit. With
+#: loads in fitted branches alone, and hung a disk too low, their gain left a fiftieth: "unexplained", as none was found.
+HALVED = 0.5
+
 
 def price(effects: Sequence[Effect], robot: Robot) -> float:
     """Twice the negative logarithm of the prior probability of causes.
@@ -153,7 +157,7 @@ def is_improvement(problem: FitProblem, new: Fit, old: Fit, significance: float)
     """Whether a larger model improves the criteria enough, on the fitted and on the held-out readings.
 
     Where the two models predict nearly the same held-out readings, these cannot decide: the fitted ones then do, if the
-    larger model leaves noise.
+    larger model leaves noise or half of the misfit.
     """
     if not new.solved:
         return False
@@ -168,7 +172,8 @@ def is_improvement(problem: FitProblem, new: Fit, old: Fit, significance: float)
         return True
     # If the larger model is right, the drop to be expected is the sum of squares of what they differ by.
     difference = (new.residual - old.residual)[problem.held_out]
-    return float(difference @ difference) < needed and residual_is_noise(problem, new, significance)
+    mostly = new.cost < HALVED * old.cost or residual_is_noise(problem, new, significance)
+    return float(difference @ difference) < needed and mostly
 
 
 def robust_threshold(residual: Array) -> float:

@@ -85,6 +85,14 @@ def test_held_out_readings_must_improve_by_four(begun, drop, better):
     assert is_improvement(begun.problem, new, old, 1e-3) is better
 
 
+@pytest.mark.parametrize(("cost", "better"), [(90.0, True), (110.0, False)])
+def test_half_of_the_misfit_is_enough_where_held_out_readings_cannot_decide(begun, cost, better):
+    """No held-out step had a load: a fiftieth of the misfit was left by a gain of the loads, which was not taken."""
+    _, old = added(begun, ["marker_offset"], 200.0, 50.0, residual=3.0)
+    _, new = added(begun, ["marker_offset", "precurvature"], cost, 50.0, residual=3.0)
+    assert is_improvement(begun.problem, new, old, 1e-3) is better
+
+
 # ------------------------------------------------------------ bounds
 
 
