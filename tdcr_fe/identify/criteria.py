@@ -48,7 +48,7 @@ BOUND_PENALTY = 0.3
 HELD_OUT_DROP = 4.0
 
 #: Where held-out readings cannot decide, a larger model has to leave noise, or at most this share of the misfit. With
-#: loads in fitted branches alone, and hung a disk too low, their gain left a fiftieth: "unexplained", as none was found.
+#: loads in fitted branches alone, hung a disk too low, their gain left a fiftieth: "unexplained", as it was not taken.
 HALVED = 0.5
 
 
