@@ -246,9 +246,8 @@ class TendonForces(NamedTuple):
         tension = field.d_base[:, :, None] * base_tension[:, None, :]
         if mobilisation is not None:
             tension = tension + field.by_mobilisation @ mobilisation
-        if shape.angles.size:
-            angles = (shape.d_angles.reshape(-1, width) @ moved).reshape(m, n - 1, count)
-            tension = tension + field.d_angle @ angles
+        angles = (shape.d_angles.reshape(m * (n - 1), width) @ moved).reshape(m, n - 1, count)
+        tension = tension + field.d_angle @ angles
         if field.depends_on_length:
             tension = tension + field.d_length @ lengths
         by_length, by_tension = field.released_d_length[:, :, None], field.released_d_tension[:, :, None]

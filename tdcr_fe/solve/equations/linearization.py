@@ -83,8 +83,6 @@ class BorderedFactors(NamedTuple):
         rows, own, slack = np.zeros((count, numbering.reduced)), np.zeros(count), np.zeros(count, dtype=bool)
         for part in numbering.robots:
             which, at = part.driven, residual.forces[part.robot]
-            if not which.size:
-                continue
             here = slice(part.tensions.start - numbering.reduced, part.tensions.stop - numbering.reduced)
             columns[part.nodes, here] = at.base_tension_columns()[:, which]
             rows[here, part.nodes] = at.base_slip_rows()[which]

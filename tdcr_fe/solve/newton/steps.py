@@ -93,8 +93,6 @@ class FrictionCoupling(NamedTuple):
         rows = np.zeros((count, numbering.linear))
         own = np.zeros((count, count))
         for part in numbering.robots:
-            if not part.has_friction:
-                continue
             at = forces[part.robot]
             start, stop = part.mobilisations.start, part.mobilisations.stop
             here = slice(start - numbering.linear, stop - numbering.linear)
