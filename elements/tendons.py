@@ -70,21 +70,16 @@ class Segments(NamedTuple):
     angles: Array  # (n-1, m): By which the tendons turn at the holes [rad]
 
     @classmethod
-    def between(cls, holes: Array, exists: Array | None) -> Segments:
-        """Between holes (n+1, m, 3) [m]; ``exists`` is one or zero for every segment, None where there are all."""
+    def between(cls, holes: Array, exists: Array) -> Segments:
+        """Between holes (n+1, m, 3) [m]; ``exists`` is one or zero for every segment, (n, m)."""
         d = holes[1:] - holes[:-1]
         lengths = np.sqrt((d * d).dot(ONES3))
-        if exists is None:
-            inverse = 1.0 / lengths
-        else:
-            inverse = exists / (lengths + (1.0 - exists))
-            lengths *= exists
+        inverse = exists / (lengths + (1.0 - exists))
+        lengths *= exists
         d *= inverse[:, :, None]
         # Half the chord between unit vectors is the sine of half the angle: exact down to the smallest turn.
         bend = d[1:] - d[:-1]
-        chord = (bend * bend).dot(ONES3)
-        if exists is not None:
-            chord *= exists[1:]
+        chord = (bend * bend).dot(ONES3) * exists[1:]
         return cls(lengths, inverse, d, bend, chord, 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(chord), 1.0)))
 
     def turns_by_directions(self) -> tuple[Array, Array]:
@@ -206,7 +201,7 @@ class CableGeometry:
         self.clearance = clearance if clearance is not None and np.any(clearance > 0.0) else None
         self.mask = mask
         self.node_count = node_count
-        self._exists = None if bool(np.all(mask)) else mask.astype(float)
+        self._exists = mask.T.astype(float)
         self._width = 6 * node_count
         self._lever = _levers(offsets)
 
@@ -260,7 +255,7 @@ class CableGeometry:
         frames = rotations[:count]
         holes = (frames @ offsets[..., None])[..., 0]
         holes += positions[:count]
-        between = Segments.between(holes.swapaxes(0, 1), None if self._exists is None else self._exists.T)
+        between = Segments.between(holes.swapaxes(0, 1), self._exists)
         lines = CableLines(frames, offsets, lever, between)
         return CableShape(between.lengths.T, between.angles.T, lines, width=self._width)
 
