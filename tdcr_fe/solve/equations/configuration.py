@@ -229,8 +229,7 @@ class ConfigurationSpace:
         changes = [chain.changes(nodes[own]) for chain, own in zip(chains, self.slices, strict=True)]
         turn = max(float(np.abs(c[:, 3:]).max()) for c in changes)
         fraction = min(1.0, max_turn / turn) if turn > 0.0 else 1.0
-        if fraction < 1.0:
-            nodes, changes = fraction * nodes, [fraction * c for c in changes]
+        nodes, changes = fraction * nodes, [fraction * c for c in changes]
         twists = tuple([t + change for t, change in zip(old.twists, changes, strict=True)])
         bases = list(old.bases)
         for i, own in enumerate(self.slices):
@@ -239,13 +238,10 @@ class ConfigurationSpace:
             first = nodes[own.start]
             if max(map(abs, first.tolist())) > 1e-15:
                 bases[i] = bases[i] @ exp_matrix(first, coefficients(first[3:]))
-        coordinates, multipliers = old.coordinates, old.multipliers
-        if reduction.count > six:
-            rest = fraction * step[six : reduction.count]
-            n2 = len(reduction.other_coordinates)
-            coordinates, multipliers = coordinates.copy(), multipliers.copy()
-            coordinates[reduction.other_coordinates] += rest[:n2]
-            multipliers[reduction.other_multipliers] += rest[n2:]
+        rest, n2 = fraction * step[six : reduction.count], len(reduction.other_coordinates)
+        coordinates, multipliers = old.coordinates.copy(), old.multipliers.copy()
+        coordinates[reduction.other_coordinates] += rest[:n2]
+        multipliers[reduction.other_multipliers] += rest[n2:]
         moved = Unknowns(coordinates, multipliers, twists, tuple(bases))
         return self.build(moved, start.parameters), fraction
 
