@@ -187,8 +187,6 @@ class CableGeometry:
         Position of every hole in the frame of its node [m], shape (m, n+1, 3), padded by repeating the anchor.
     mask
         Which segments exist, shape (m, n).
-    node_count
-        Number of nodes that carry holes.
     clearance
         How far each tendon can shift sideways in its holes [m], shape (m,); None is not at all.
     """
@@ -196,13 +194,11 @@ class CableGeometry:
     #: Turn of a tendon at which it has shifted by 0.7 of its clearance [rad].
     CLEARANCE_ANGLE = 0.01
 
-    def __init__(self, offsets: Array, mask: Flags, node_count: int, clearance: Array | None = None) -> None:
+    def __init__(self, offsets: Array, mask: Flags, clearance: Array | None = None) -> None:
         self.nominal = offsets
         self.clearance = clearance if clearance is not None and np.any(clearance > 0.0) else None
         self.mask = mask
-        self.node_count = node_count
         self._exists = mask.T.astype(float)
-        self._width = 6 * node_count
         self._lever = _levers(offsets)
 
     def shifted(self, positions: Array, rotations: Array) -> Array:
@@ -257,7 +253,7 @@ class CableGeometry:
         holes += positions[:count]
         between = Segments.between(holes.swapaxes(0, 1), self._exists)
         lines = CableLines(frames, offsets, lever, between)
-        return CableShape(between.lengths.T, between.angles.T, lines, width=self._width)
+        return CableShape(between.lengths.T, between.angles.T, lines, width=6 * len(positions))
 
 
 def _levers(offsets: Array) -> Array:

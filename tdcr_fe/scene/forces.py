@@ -75,7 +75,7 @@ def cable_geometry(robot: Robot) -> CableGeometry:
         offsets[i, count + 1 :] = offsets[i, count]
         mask[i, :count] = True
     clearance = np.array([t.clearance for t in robot.tendons])
-    return CableGeometry(offsets, mask, 1 + max(1, len(robot.disks.positions)), clearance)
+    return CableGeometry(offsets, mask, clearance)
 
 
 def cable_lengths(geometry: CableGeometry, mesh: BackboneMesh, hole_nodes: Index) -> Array:

@@ -15,9 +15,9 @@ def test_clearance_shifts_the_tendon_towards_where_it_is_pulled():
     offsets = np.zeros((1, count + 1, 3))
     offsets[..., 2] = 1e-3
     mask = np.ones((1, count), bool)
-    cable = CableGeometry(offsets, mask, count + 1, np.array([gap]))
+    cable = CableGeometry(offsets, mask, np.array([gap]))
     shift = cable.shifted(p, r) - offsets
     assert np.all(np.abs(shift[0, 1:-1, 1] - gap) < 0.01 * gap)
     assert np.all(shift[0, -1] == 0.0) and np.all(shift[..., 0] == 0.0)
-    tight = CableGeometry(offsets, mask, count + 1).evaluate(p, r).lengths.sum()
+    tight = CableGeometry(offsets, mask).evaluate(p, r).lengths.sum()
     assert cable.evaluate(p, r).lengths.sum() < tight

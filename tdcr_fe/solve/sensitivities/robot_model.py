@@ -163,7 +163,7 @@ class TendonStack:
         size, own = len(offsets), model.geometry
         assert own is not None
         mask = np.tile(own.mask, (size, 1))
-        geometry = CableGeometry(offsets.reshape(-1, *offsets.shape[2:]), mask, own.node_count)
+        geometry = CableGeometry(offsets.reshape(-1, *offsets.shape[2:]), mask)
         every = np.arange(len(geometry.mask))
         law = _joined_law([model.law] * size, model.law.law, every)
         return cls(every.reshape(size, -1), every, (law,), geometry, ())
@@ -237,7 +237,6 @@ def _joined_geometry(models: Sequence[CableGeometry], which: Index) -> CableGeom
     return CableGeometry(
         np.concatenate([g.nominal for g in models])[which],
         np.concatenate([g.mask for g in models])[which],
-        models[0].node_count,
         np.concatenate([_clearance(g) for g in models])[which],
     )
 
