@@ -196,7 +196,9 @@ class CableGeometry:
 
     def __init__(self, offsets: Array, mask: Flags, clearance: Array | None = None) -> None:
         self.nominal = offsets
-        self.clearance = clearance if clearance is not None and np.any(clearance > 0.0) else None
+        self.clearance = np.zeros(len(mask)) if clearance is None else clearance
+        #: Whether any tendon can shift in its holes.
+        self.shifts = bool(np.any(self.clearance > 0.0))
         self.mask = mask
         self._exists = mask.T.astype(float)
         self._lever = _levers(offsets)
@@ -217,7 +219,6 @@ class CableGeometry:
         -------
         ndarray, shape (..., m, n+1, 3)
         """
-        assert self.clearance is not None
         nodes = np.minimum(np.arange(self.mask.shape[1] + 1), self.mask.sum(axis=1)[:, None])
         frames = rotations[..., nodes, :, :]
         middle = positions[..., nodes, :] + (frames @ self.nominal[..., None])[..., 0]
@@ -245,7 +246,7 @@ class CableGeometry:
             Of the nodes that carry holes [m], shapes (N, 3) and (N, 3, 3).
         """
         count, offsets, lever = self.mask.shape[1] + 1, self.nominal, self._lever
-        if self.clearance is not None:
+        if self.shifts:
             offsets = self.shifted(positions, rotations)
             lever = _levers(offsets)
         frames = rotations[:count]

@@ -335,7 +335,7 @@ class TendonActuation:
 
     def _show_shifts(self, forces: TendonForces) -> None:
         """Draw the tendons where they lie in their holes, if they can shift there."""
-        if self.model.geometry is None or self.model.geometry.clearance is None:
+        if self.model.geometry is None or not self.model.geometry.shifts:
             return
         offsets = forces.measured.shape.lines.offsets
         half = 0.5 * float(self.mesh.lengths[0])

@@ -142,7 +142,7 @@ class SolvedPoint:
         """Response to disturbances, one of each robot, and to a residual (reduced,) beside the last of them."""
         response = self._respond_with_holes(disturbances, unbalanced)
         for i, own in enumerate(self.forces):
-            if own.model.geometry is not None and own.model.geometry.clearance is not None:
+            if own.model.geometry is not None and own.model.geometry.shifts:
                 response = self._with_shifts(response, i)
         return response
 

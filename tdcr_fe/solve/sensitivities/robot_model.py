@@ -221,15 +221,10 @@ def _tendon_keys(model: ForceModel, number: int) -> Iterator[tuple[Any, ...]]:
     geometry, parameters = model.geometry, model.law.parameters
     tables = [getattr(parameters, name) for name in _TABLES]
     if geometry is not None:
-        tables += [geometry.nominal, _clearance(geometry)]
+        tables += [geometry.nominal, geometry.clearance]
     alone = geometry is None or model.law.varies
     for i in range(len(parameters.mask)):
         yield i, number if alone else -1, model.law.law.active, *(table[i].tobytes() for table in tables)
-
-
-def _clearance(geometry: CableGeometry) -> Array:
-    """Clearance of the holes by tendon [m], shape (m,); zero where none is given."""
-    return np.zeros(len(geometry.mask)) if geometry.clearance is None else geometry.clearance
 
 
 def _joined_geometry(models: Sequence[CableGeometry], which: Index) -> CableGeometry:
@@ -237,7 +232,7 @@ def _joined_geometry(models: Sequence[CableGeometry], which: Index) -> CableGeom
     return CableGeometry(
         np.concatenate([g.nominal for g in models])[which],
         np.concatenate([g.mask for g in models])[which],
-        np.concatenate([_clearance(g) for g in models])[which],
+        np.concatenate([g.clearance for g in models])[which],
     )
 
 
