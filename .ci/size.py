@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2483,
+    "elements": 2475,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 764,
     "tdcr_fe/effects": 1236,
@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2465,
     "tdcr_fe/report": 1108,
     "tdcr_fe/scene": 1335,
-    "tdcr_fe/solve": 6406,
+    "tdcr_fe/solve": 6395,
     "tdcr_fe/sweeps": 1397,
     "validation": 6493,
     "tests": 12589,
