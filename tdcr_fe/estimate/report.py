@@ -45,7 +45,12 @@ def estimates_frame(result: EstimateResult) -> pd.DataFrame:
     rows = [_row(n, f, data.robot.tendon_names) for n, f in zip(data.step_ids, result.frames, strict=False)]
     if result.estimation.load.sigma_moment > 0.0:
         rows = [row | _moment(frame) for row, frame in zip(rows, result.frames, strict=True)]
-    return pd.DataFrame(rows)
+    found = pd.DataFrame(rows)
+    if result.estimation.load.at == "unknown":
+        found["sigma_at"] = [frame.sigma_at for frame in result.frames]
+    if result.failed:
+        found["message"] = [frame.message for frame in result.frames]
+    return found
 
 
 def _row(step: int, frame: Estimate, tendons: Sequence[str]) -> dict[str, float]:

@@ -87,13 +87,16 @@ def test_a_declared_loss_of_tension_acts(folder, tmp_path):
     np.testing.assert_allclose(*found, rtol=1e-6, atol=1e-9)
 
 
-def test_a_moment_is_written_where_it_is_estimated(wrong):
+def test_moment_and_place_are_written_where_they_are_estimated(wrong):
     """Step 3 has no readings: what is known of it is what step 2 says, and the prior."""
-    text = (wrong / "estimate.toml").read_text().replace("0.05", "0.05\nsigma_moment = 1e-3")
+    known = '0.05\nsigma_moment = 1e-3\nat = "unknown"'
+    text = (wrong / "estimate.toml").read_text().replace("0.05", known)
     (wrong / "estimate.toml").write_text(text)
     assert main(["estimate", str(wrong), "-o", str(wrong / "out")]) == 0
     found = pd.read_csv(wrong / "out" / "estimates.csv")
-    assert list(found.columns[-6:]) == [f"{p}moment_{a}" for p in ("", "sigma_") for a in "xyz"]
+    moments = [f"{p}moment_{a}" for p in ("", "sigma_") for a in "xyz"]
+    assert list(found.columns[-7:]) == [*moments, "sigma_at"]
+    assert found["sigma_at"].between(0.0, 0.25 / 12**0.5, inclusive="right").all()
     sigma = found["sigma_moment_x"]
     assert (sigma[:2] < 1e-3).all() and sigma[1] < sigma[2] < 1e-3
     assert "Moment over time" in (wrong / "out" / "report.html").read_text(encoding="utf-8")
@@ -162,6 +165,8 @@ def test_coordinates_of_the_other_sign_are_doubted(folder, wrong, tmp_path, caps
     table[table["step"] == 1].to_csv(wrong / "observations.csv", index=False)
     assert main(["estimate", str(wrong), "-o", str(tmp_path / "out")]) == 1
     assert "): wrong axes, signs or units?" in capsys.readouterr().err
+    said = pd.read_csv(tmp_path / "out" / "estimates.csv")["message"].isna()
+    assert said.tolist() == [False, True, True, True]
 
 
 def test_errors_of_the_angle_of_a_motor_are_in_radians(folder, tmp_path):
