@@ -257,7 +257,8 @@ def join_measured(sets: Sequence[MeasuredData]) -> MeasuredData:
     if len(sets) == 1:
         return sets[0]
     first, names, problems = sets[0], [s.name for s in sets], []
-    allowed = f"must be as in {first.name}; several folders are of one robot with one model"
+    others = "several folders are of one robot with one model, and with --robots of several of one design"
+    allowed = f"must be as in {first.name}; {others}"
     for other in sets[1:]:
         for what in ("robot", "model", "settings", "effects", "input_sigma"):
             a, b = getattr(first, what), getattr(other, what)
