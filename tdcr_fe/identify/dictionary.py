@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, NamedTuple
@@ -27,7 +27,7 @@ from tdcr_fe.identify.state_loads import ranges, state_loads
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.checks import ARC_TOLERANCE
-from tdcr_fe.model.friction import ForceDependentFriction
+from tdcr_fe.model.friction import ForceDependentFriction, FrictionCoefficient, StribeckFriction
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.routing import MisplacedRouting, PointsRouting
@@ -58,7 +58,7 @@ def dictionary(problem: FitProblem, state: BayState) -> tuple[Effect, ...]:
 def unnamed(problem: FitProblem, state: BayState) -> list[Cause]:
     """Causes on no list."""
     found = [*_along(problem), *input_causes(problem), *_loads_and_base(problem), *_rough_holes(problem)]
-    found += [*_friction_by_force(problem, state), *_readings(problem)]
+    found += [*(_friction_laws(problem, state) if _has_coefficients(problem) else ()), *_readings(problem)]
     robot = problem.experiment.robot
     if robot.tendons and not robot.without_disks:
         found += [*routings(problem), *single_disks(problem)]
@@ -189,24 +189,56 @@ def _rough_holes(problem: FitProblem) -> list[Cause]:
     return found
 
 
-def _friction_by_force(problem: FitProblem, state: BayState) -> list[Cause]:
-    """A coefficient of friction that changes with the normal force at the hole, as that of an elastic contact."""
-    bent = np.linalg.norm(state.curvature[..., :2], axis=-1) * np.diff(state.edges)
-    typical = 0.5 * float(np.nanmax(state.tension * bent[..., None], initial=0.0))
-    if not (_has_coefficients(problem) and typical > 0.0):
-        return []
+def _friction_laws(problem: FitProblem, state: BayState) -> Iterator[Cause]:
+    """A coefficient of friction that changes with the normal force at the hole, as that of an elastic contact.
+
+    Or with the slip rate: towards rest it becomes another one.
+    """
+    friction = number("friction", "1", (-1.0, 2.0), 0.0, 0.02)
+    lengths, curvature = np.diff(state.edges), state.curvature[..., :2]
+    bent = np.linalg.norm(curvature, axis=-1) * lengths
+    force = 0.5 * float(np.nanmax(state.tension * bent[..., None], initial=0.0))
+    if force > 0.0:
+
+        def by_force(mu: float, values: Values) -> FrictionCoefficient:
+            return ForceDependentFriction(mu, force, values["exponent"], 0.1 * force)
+
+        exponent = number("exponent", "1", (-1.0, 1.0), 0.0, 0.1)
+        yield _friction_law("normal force", "tension", (friction, exponent), by_force)
+    pulled = np.einsum("b,kbi,bti->kt", lengths, curvature, state.lever)
+    pauses = np.diff(state.time, prepend=np.nan)[~state.begins]
+    rates = np.abs(np.diff(pulled, axis=0, prepend=np.nan)[~state.begins] / pauses[:, None])
+    rates = rates[np.isfinite(rates) & (rates > 0.0)]
+    if clock_of(problem.data) == "time" and rates.size:
+
+        def by_rate(mu: float, values: Values) -> FrictionCoefficient:
+            return StribeckFriction(max(mu + values["at_rest"], 0.0), mu, values["rate"], 1.0)
+
+        rate = float(np.median(rates))
+        span = number("rate", "m/s", (0.01 * rate, 100.0 * rate), rate, 0.2 * rate)
+        numbers = friction, replace(friction, name="at_rest", meaning="more at rest"), span
+        held = {"rate": [0.2 * rate, rate, 5.0 * rate]}
+        yield _friction_law("slip rate", "slip rate", numbers, by_rate, held)
+
+
+def _friction_law(
+    what: str,
+    depends: str,
+    numbers: Sequence[Parameter],
+    law: Callable[[float, Values], FrictionCoefficient],
+    held: Mapping[str, Sequence[float]] = Cause.held,
+) -> Cause:
+    """A law of the coefficient at all holes of all tendons, from the constant one of each."""
 
     def changed(experiment: Experiment, values: Values) -> Experiment:
         tendons = []
         for t in experiment.robot.tendons:
             mu = max(t.friction_coefficient + values["friction"], 0.0)
-            law = ForceDependentFriction(mu, typical, values["exponent"], 0.1 * typical)
-            tendons.append(replace(t, friction=law, friction_coefficient=0.0))
+            tendons.append(replace(t, friction=law(mu, values), friction_coefficient=0.0))
         return experiment.with_robot(tendons=tuple(tendons))
 
-    kind, text = Kind("transmission", ("tension",)), "the friction changes with the force on the holes"
-    numbers = number("friction", "1", (-1.0, 2.0), 0.0, 0.02), number("exponent", "1", (-1.0, 1.0), 0.0, 0.1)
-    return [ChangedDescription("friction by normal force", kind, numbers, changed, text)]
+    kind, text = Kind("transmission", (depends,)), f"the friction changes with the {what}"
+    return ChangedDescription(f"friction by {what}", kind, tuple(numbers), changed, text, held=held)
 
 
 def _with_loads(experiment: Experiment, change: Callable[[Sequence[float]], Array]) -> Experiment:
