@@ -83,6 +83,7 @@ WITHOUT_NAME = [
     ("tension", {"gain of the loads": dict(factor=1.2), "limit of the inputs": dict(share=0.5, limit=0.55)}),
     ("tension", {"dead zone of the inputs": dict(share=0.5, limit=0.25)}),
     ("tension", {"friction by normal force": dict(friction=0.1, exponent=-0.3)}),
+    ("tension", {"friction by slip rate": dict(friction=0.1, at_rest=-0.05, rate=1e-3)}),
 ]
 
 
