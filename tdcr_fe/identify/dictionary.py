@@ -206,9 +206,10 @@ def _friction_laws(problem: FitProblem, state: BayState) -> Iterator[Cause]:
         exponent = number("exponent", "1", (-1.0, 1.0), 0.0, 0.1)
         yield _friction_law("normal force", "tension", (friction, exponent), by_force)
     pulled = np.einsum("b,kbi,bti->kt", lengths, curvature, state.lever)
-    pauses = np.diff(state.time, prepend=np.nan)[~state.begins]
-    rates = np.abs(np.diff(pulled, axis=0, prepend=np.nan)[~state.begins] / pauses[:, None])
-    rates = rates[np.isfinite(rates) & (rates > 0.0)]
+    pauses = np.diff(state.time, prepend=np.nan)
+    pauses[state.begins | ~(pauses > 0.0)] = np.nan
+    rates = np.abs(np.diff(pulled, axis=0, prepend=np.nan) / pauses[:, None])
+    rates = rates[rates > 0.0]  # NaN is not
     if clock_of(problem.data) == "time" and rates.size:
 
         def by_rate(mu: float, values: Values) -> FrictionCoefficient:
