@@ -30,7 +30,7 @@ BUDGET = {
     "tdcr_fe/commands": 764,
     "tdcr_fe/effects": 1236,
     "tdcr_fe/estimate": 1110,
-    "tdcr_fe/identify": 6221,
+    "tdcr_fe/identify": 6222,
     "tdcr_fe/io": 1775,
     "tdcr_fe/live": 359,
     "tdcr_fe/model": 2465,
