@@ -190,12 +190,19 @@ class Estimator:
 
     def _prior(self, frame: Frame) -> tuple[Array, Array]:
         """Mean and covariance of the unknowns of a frame before its readings."""
-        if self._time is None:
+        if self._last is None:
             return self._mean, self._covariance
-        elapsed = frame.commands.time - self._time
+        before = self._last.frame.commands
+        elapsed = frame.commands.time - before.time
         kept, grown = np.ones(len(self._mean)), np.zeros(len(self._mean))  # Plastic slips stay.
         for prior, which in ((self.load, slice(0, PLACE + 1)), (self.inputs, self._problem.inputs)):
             kept[which], grown[which] = memory(prior, elapsed)
+        drives, inputs = (
+            zip(before.drives.kinds, frame.commands.drives.kinds, strict=True),
+            self._problem.inputs,
+        )
+        changed = np.array([a != b for a, b in drives], dtype=bool)
+        kept[inputs][changed], grown[inputs][changed] = 0.0, 1.0  # An error in N says nothing of one in m.
         mean = self._typical + kept * (self._mean - self._typical)
         return mean, self._covariance * np.outer(kept, kept) + np.diag(grown * self._sigmas**2)
 

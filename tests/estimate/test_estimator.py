@@ -177,6 +177,18 @@ def test_a_step_keeps_the_drives_that_it_does_not_name():
         np.testing.assert_allclose(frame.tip, whole.tip, atol=1e-7)
 
 
+def test_an_error_of_a_tension_is_none_of_the_displacement_that_is_given_next():
+    """An error of 15 mN became one of 15 mm: the tendon was pulled to 2.7 N."""
+    own = estimator(inputs=tdcr.InputPrior(sigma=1e-4))
+    names, cell = own.robot.tendon_names, tdcr.Reading(1, "base_tension", "t0", 0.5001, 1e-5)
+    held = own.step(tdcr.LoadStep(tensions=dict.fromkeys(names, 0.5), time=0.0), [cell])
+    j = names.index("t0")
+    assert held.input_errors[j] == pytest.approx(1e-4, rel=0.02)
+    wound = own.step(tdcr.LoadStep(displacements={"t0": held.result.displacements[j]}, time=0.01))
+    assert wound.input_errors[j] == 0.0
+    np.testing.assert_allclose(wound.tensions, held.tensions, atol=1e-4)
+
+
 @pytest.mark.parametrize("at", [250.0, "t9"])
 def test_a_reading_where_the_robot_is_not_is_refused(at):
     """A place in mm was taken for the tip; another tendon was "not in tuple"."""
