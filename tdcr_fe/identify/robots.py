@@ -26,6 +26,7 @@ from tdcr_fe.identify.search_state import Progress
 from tdcr_fe.identify.settings import IdentifySettings
 from tdcr_fe.identify.verdict import estimates
 from tdcr_fe.io.measured import MeasuredData, without_unread_steps
+from tdcr_fe.model.messages import warnings_to
 from tdcr_fe.report.environment import estimate, quantity, words
 
 
@@ -127,7 +128,8 @@ def identify_robots(
             results[data.name] = identify(data, settings, of_robot)
             if results[data.name].log.interrupted:
                 raise KeyboardInterrupt
-        return _in_common(sets, settings, results)
+        with warnings_to():  # values that a fit tries are not the user's
+            return _in_common(sets, settings, results)
     except KeyboardInterrupt:
         if not results:
             raise

@@ -11,6 +11,7 @@ import numpy as np
 from tdcr_fe.effects import Effect
 from tdcr_fe.elements import Array
 from tdcr_fe.identify import criteria, fitting
+from tdcr_fe.identify.causes import is_named
 from tdcr_fe.identify.problem import Fit, FitProblem, fit_of_run, refine
 from tdcr_fe.identify.result import Candidate, NextExperiment, Profile, Scatter
 from tdcr_fe.identify.rows import RowChoice
@@ -236,16 +237,21 @@ def as_good(search: Search, state: SearchState) -> list[Fit]:
 def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
     """Probabilities of all models that were fitted, from their evidence; those below one in a million are left out.
 
-    Models that predict the same as the best one, but for less than sigma in all readings together, are the same
-    explanation: their weight counts for it. Where the best model has several causes, the rest up to 1 is the
-    probability of one cause that is not in the dictionary.
+    Where models with causes without a name, or with other forms of its effects, predict the same as the best one, but
+    for less than sigma in all readings together, their weight counts for it: its names stand for them. Where the best
+    model has several causes, the rest up to 1 is the probability of one cause that is not in the dictionary.
     """
-    problem = state.problem
-    noise = criteria.effective_noise(problem, state.best, search.significance)
-    solved = [f for f in state.fits.values() if f.solved] or [state.best]
+    problem, best = state.problem, state.best
+
+    def stands_for(fit: Fit) -> bool:
+        unnamed = not all(map(is_named, fit.effects))
+        alike = unnamed or {e.listed for e in fit.effects} == {e.listed for e in best.effects}
+        return alike and float(np.sum((fit.residual - best.residual) ** 2)) < 1.0
+
+    noise = criteria.effective_noise(problem, best, search.significance)
+    solved = [f for f in state.fits.values() if f.solved] or [best]
     logarithms = np.array([-0.5 * criteria.rank(problem, f) / noise for f in solved])
     weights = np.exp(logarithms - np.max(logarithms))
-    weights *= (1.0 - criteria.probability_of_unlisted(state.best)) / np.sum(weights)
-    same = [float(np.sum((f.residual - state.best.residual) ** 2)) < 1.0 for f in solved]
-    every = zip(solved, weights.tolist(), same, strict=True)
-    return [(state.best if alike else f, w) for f, w, alike in every if w > 1e-6]
+    weights *= (1.0 - criteria.probability_of_unlisted(best)) / np.sum(weights)
+    every = zip(solved, weights.tolist(), strict=True)
+    return [(best if stands_for(f) else f, w) for f, w in every if w > 1e-6]

@@ -33,11 +33,14 @@ def added(state, names, cost, held_cost=None, residual=0.0):
     return state.with_fit(fit), fit
 
 
-@pytest.mark.parametrize(("probability", "named"), [(0.85, False), (0.95, True)])
-def test_a_name_needs_a_probability_of_nine_tenths(begun, probability, named):
+@pytest.mark.parametrize(
+    ("probability", "named", "apart"), [(0.85, False, 0.5), (0.95, True, 0.5), (0.5, False, 0.0)]
+)
+def test_a_name_needs_a_probability_of_nine_tenths(begun, probability, named, apart):
+    """A gain was named in data that any stiffness explained as well, which predicted the same."""
     state, best = added(begun, ["marker_offset"], 50.0)
     odds = 2.0 * np.log(probability / (1.0 - probability))
-    state, _ = added(state, ["precurvature"], 50.0, 50.0 + odds, residual=0.5)
+    state, _ = added(state, ["precurvature"], 50.0, 50.0 + odds, residual=apart)
     (found,) = added_effects(searching(), replace(state, best=best), np.zeros(0), True)
     assert found.probability == pytest.approx(probability, abs=0.02) and found.found is named
 
