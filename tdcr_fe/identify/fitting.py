@@ -236,6 +236,13 @@ def linear_optimum(problem: FitProblem, now: Fit) -> tuple[Point, Array]:
     return problem.moved(now.effects, now.values, now.free, step), now.residual - now.jacobian @ step
 
 
+def at_linear_optimum(problem: FitProblem, now: Fit) -> Fit:
+    """A fit at its `linear_optimum`."""
+    values, residual = linear_optimum(problem, now)
+    cost, held_cost = problem.cost(residual)
+    return replace(now, values=values, residual=residual, cost=cost, held_cost=held_cost)
+
+
 def reachable_cost(problem: FitProblem, now: Fit) -> float:
     """Cost of a fit at the best values that its linear model knows."""
     if not now.free or not np.isfinite(now.cost):

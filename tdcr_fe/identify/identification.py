@@ -23,7 +23,7 @@ from tdcr_fe.identify.rows import RowChoice, choose_held_out, choose_rows, held_
 from tdcr_fe.identify.run import Run
 from tdcr_fe.identify.scatter import errors_of_inputs, with_input_sigma
 from tdcr_fe.identify.search import search_causes, with_scatter
-from tdcr_fe.identify.search_state import Progress, Search, SearchState, cut_short, in_time
+from tdcr_fe.identify.search_state import Progress, Search, SearchState, as_good, cut_short, in_time
 from tdcr_fe.identify.settings import IdentifySettings, OutOfTime, Part, Schedule, clock
 from tdcr_fe.identify.verdict import conclude
 from tdcr_fe.io.measured import MeasuredData, first_checks, with_columns, without_unread_steps
@@ -232,8 +232,8 @@ def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> 
     """The best model of a search on chosen load steps, fitted to all of them.
 
     The mesh is that of the search. First the best model is evaluated on all load steps with the parameters that the
-    search has found; then it is fitted for as long as the time suffices. If time is left, smaller models on the way to
-    the best one are evaluated with the parameters that the search has found for them.
+    search has found; then it is fitted for as long as the time suffices. If time is left, other models are
+    evaluated, see `_with_other_models`.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> 
         race = fitting.Race(deadline=search.deadline - 2.0 * duration)
         (best,) = fitting.run_fits(problem, [fitting.finish(problem, best, race)])
     everything = state.begun_anew(problem, declared, best)
-    return _with_smaller_models(search, state, everything)
+    return _with_other_models(search, state, everything)
 
 
 def _on_mesh_of(searched: FitProblem, problem: FitProblem) -> FitProblem:
@@ -289,8 +289,11 @@ def _evaluated(problem: FitProblem, best: Fit) -> tuple[FitProblem, list[Fit]]:
     return problem, [replace(f, cost=a, held_cost=b) for f, (a, b) in zip(found, costs, strict=True)]
 
 
-def _with_smaller_models(search: Search, searched: SearchState, state: SearchState) -> SearchState:
-    """With smaller models on the way to the best one, evaluated on all load steps where the time suffices.
+def _with_other_models(search: Search, searched: SearchState, state: SearchState) -> SearchState:
+    """With other models on all load steps, where the time suffices.
+
+    Those on the way to the best one, and, where that leaves noise, those that explain as much: with the best one alone,
+    its probability would be one. Those that the search has fitted are moved to the optimum of their linear model.
 
     Parameters
     ----------
@@ -306,11 +309,14 @@ def _with_smaller_models(search: Search, searched: SearchState, state: SearchSta
     for part in (effects[:i] for i in range(1, len(effects))):
         known = searched.fits.get(frozenset(e.name for e in part), searched.best)
         fits.append(fitting.evaluated(problem, part, _within(problem, part, known.values), ()))
+    for other in as_good(search, searched) if search.explained(state) else ():
+        start = _within(problem, other.effects, other.values)
+        fits.append(fitting.begin(problem, other.effects, start, state.best))
     try:
-        found = fitting.run_fits(problem, fits)
+        found = [fitting.at_linear_optimum(problem, fit) for fit in fitting.run_fits(problem, fits)]
     except OutOfTime:
-        return state.without_trying(Part.SMALLER_MODELS)
-    return replace(state, fits={**state.fits, **{frozenset(fit.names): fit for fit in found}})
+        return state.without_trying(Part.OTHER_MODELS)
+    return replace(state, fits={**{frozenset(fit.names): fit for fit in found}, **state.fits})
 
 
 def _within(problem: FitProblem, effects: Sequence[Effect], values: Point) -> Point:

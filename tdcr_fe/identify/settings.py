@@ -71,7 +71,7 @@ class Part(StrEnum):
     SCATTER = "what may be different in every step"
     PROFILES = "the profiles of the parameters"
     ALL_STEPS = "the fit to all load steps"
-    SMALLER_MODELS = "the errors after each effect"
+    OTHER_MODELS = "other models on all load steps"
     CEILING = "the explainable part of the error"
     TABLES = "the tables of the corrected robot"
 
