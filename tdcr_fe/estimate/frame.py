@@ -432,7 +432,7 @@ class Volume:
     """
 
     slopes: tuple[Array, ...] = ()  # By direction, most informative last, each of shape (n,)
-    oldest: int = 0  # Of them, the one to be renewed next
+    renewals: int = 0  # So far; the directions take turns, each on the one side and on the other
 
     def change_of_mean(self, covariance: Array) -> Array:
         """Of the prior that has this slope, shape (n,); ``covariance``: of the prior, shape (n, n)."""
@@ -442,13 +442,14 @@ class Volume:
         """With one direction, or those that are new, as in a solved frame; ``covariance``: of its prior."""
         jacobian = solved.jacobian
         variances, directions = np.linalg.eigh(jacobian @ covariance @ jacobian.T + np.eye(len(jacobian)))
-        directions *= np.where(solved.residual @ directions < 0.0, -1.0, 1.0)  # away from the prior mean
-        weights = (directions / np.sqrt(variances)).T[variances > INFORMATIVE]
+        away = np.where(solved.residual @ directions < 0.0, -1.0, 1.0)  # from the prior mean
+        weights = (away * directions / np.sqrt(variances)).T[variances > INFORMATIVE]
         slopes = list(self.slopes[: len(weights)])
         for k, weight in enumerate(weights):
-            if k == self.oldest % len(weights) or k >= len(slopes):
-                slopes[k : k + 1] = [_slope(solved, covariance, weight)]
-        return Volume(tuple(slopes), (self.oldest + 1) % max(1, len(weights)))
+            if k == self.renewals % len(weights) or k >= len(slopes):
+                side = -1.0 if self.renewals // len(weights) % 2 else 1.0
+                slopes[k : k + 1] = [_slope(solved, covariance, side * weight)]
+        return Volume(tuple(slopes), self.renewals + 1)
 
 
 def _slope(solved: Solved, covariance: Array, weight: Array) -> Array:
