@@ -432,7 +432,9 @@ class Volume:
     """
 
     slopes: tuple[Array, ...] = ()  # By direction, most informative last, each of shape (n,)
-    renewals: int = 0  # So far; the directions take turns, each on the one side and on the other
+    renewals: int = (
+        0  # So far; the directions take turns, each on the one side and on the other; the mean counts
+    )
 
     def change_of_mean(self, covariance: Array) -> Array:
         """Of the prior that has this slope, shape (n,); ``covariance``: of the prior, shape (n, n)."""
@@ -448,7 +450,8 @@ class Volume:
         for k, weight in enumerate(weights):
             if k == self.renewals % len(weights) or k >= len(slopes):
                 side = -1.0 if self.renewals // len(weights) % 2 else 1.0
-                slopes[k : k + 1] = [_slope(solved, covariance, side * weight)]
+                new = _slope(solved, covariance, side * weight)
+                slopes[k : k + 1] = [0.5 * (new + slopes[k]) if k < len(slopes) else new]
         return Volume(tuple(slopes), self.renewals + 1)
 
 
