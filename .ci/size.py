@@ -29,7 +29,7 @@ BUDGET = {
     "tdcr_fe": 242,
     "tdcr_fe/commands": 764,
     "tdcr_fe/effects": 1236,
-    "tdcr_fe/estimate": 1118,
+    "tdcr_fe/estimate": 1121,
     "tdcr_fe/identify": 6235,
     "tdcr_fe/io": 1775,
     "tdcr_fe/live": 359,
