@@ -105,7 +105,6 @@ class Estimator:
         self._mean = self._typical
         self._covariance = np.diag(self._sigmas**2)
         self._commands: Actuation | None = None
-        self._time: float | None = None
         self._last: Solved | None = None
         self._volume = Volume()
         self._number = 0
@@ -134,7 +133,7 @@ class Estimator:
         begun = time.perf_counter()
         self._number += 1
         where = f"step {self._number}"
-        if step.time is None or step.time < (self._time or 0.0):
+        if step.time is None or step.time < (0.0 if self._last is None else self._last.frame.commands.time):
             raise ValueError(f"{where}: time = {step.time}: must be given and not run backwards [s]")
         length, names = self.robot.backbone.length, self.robot.tendon_names
         for r in readings:
@@ -150,7 +149,7 @@ class Estimator:
             if Simulation.load_key(name, load) not in self.simulation.loads:
                 raise ValueError(f"{where}: loads.{name}: must be named by the steps given to Estimator")
         self._commands = resolve(self.robot, [step], self._commands)[0]
-        substeps = step.substeps or (None if self._time is None else SUBSTEPS)
+        substeps = step.substeps or (None if self._last is None else SUBSTEPS)
         frame = Frame(self._problem, self.simulation.position, self._commands, readings, substeps)
         with one_thread():
             found = self._estimated(frame)
@@ -180,7 +179,7 @@ class Estimator:
             self._volume = self._volume.renewed(state, held)
         response, likely = state.with_likely_states(covariance)
         self.simulation.return_to(Position(state.moved(found.unknowns)))
-        self._mean, self._time, self._last = found.unknowns.copy(), frame.commands.time, state
+        self._mean, self._last = found.unknowns.copy(), state
         self._mean[history] = plastic_slips(self.simulation, self.simulation.state)
         carried = np.eye(len(mean))
         carried[history] = state.response.plastic_slips
@@ -197,11 +196,8 @@ class Estimator:
         kept, grown = np.ones(len(self._mean)), np.zeros(len(self._mean))  # Plastic slips stay.
         for prior, which in ((self.load, slice(0, PLACE + 1)), (self.inputs, self._problem.inputs)):
             kept[which], grown[which] = memory(prior, elapsed)
-        drives, inputs = (
-            zip(before.drives.kinds, frame.commands.drives.kinds, strict=True),
-            self._problem.inputs,
-        )
-        changed = np.array([a != b for a, b in drives], dtype=bool)
+        kinds = zip(before.drives.kinds, frame.commands.drives.kinds, strict=True)
+        changed, inputs = np.array([a != b for a, b in kinds], dtype=bool), self._problem.inputs
         kept[inputs][changed], grown[inputs][changed] = 0.0, 1.0  # An error in N says nothing of one in m.
         mean = self._typical + kept * (self._mean - self._typical)
         return mean, self._covariance * np.outer(kept, kept) + np.diag(grown * self._sigmas**2)

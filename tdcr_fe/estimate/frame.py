@@ -432,9 +432,8 @@ class Volume:
     """
 
     slopes: tuple[Array, ...] = ()  # By direction, most informative last, each of shape (n,)
-    renewals: int = (
-        0  # So far; the directions take turns, each on the one side and on the other; the mean counts
-    )
+    # So far: each renews the next direction, away from the prior mean and towards it in turn; the mean of both counts
+    renewals: int = 0
 
     def change_of_mean(self, covariance: Array) -> Array:
         """Of the prior that has this slope, shape (n,); ``covariance``: of the prior, shape (n, n)."""

@@ -68,6 +68,10 @@ class Race:
         """One of the fits has this cost."""
         self.limit = min(self.limit, limit_beside(cost))
 
+    def in_reach(self, cost: float, error: float) -> bool:
+        """Whether a fit that promises a cost may come below the limit, by the `distance` of its last prediction."""
+        return math.sqrt(cost) - error <= math.sqrt(max(self.limit, 0.0))
+
     @property
     def out_of_time(self) -> bool:
         """Whether the time is over."""
@@ -195,7 +199,7 @@ def descend(problem: FitProblem, now: Fit, race: Race, predicted: Array | None =
             damping *= 100.0
             continue
         reach = reachable_cost(problem, now)
-        if not may_reach(problem, now, error, race):
+        if not race.in_reach(reach, error):
             return replace(now, pruned=True)
         point = problem.moved(now.effects, now.values, now.free, step)
         try:
@@ -218,27 +222,18 @@ def descend(problem: FitProblem, now: Fit, race: Race, predicted: Array | None =
     return now
 
 
-def may_reach(problem: FitProblem, now: Fit, error: float, race: Race) -> bool:
-    """Whether a fit may come below the limit of a race, by the error of its last prediction, see `distance`."""
-    return math.sqrt(reachable_cost(problem, now)) - error <= math.sqrt(max(race.limit, 0.0))
-
-
 def little(fit: Fit) -> float:
     """A fall of the cost of a fit that is worth no further step."""
     return 0.02 + 2e-4 * fit.cost
 
 
-def linear_optimum(problem: FitProblem, now: Fit) -> tuple[Point, Array]:
-    """The best values that the linear model of a fit knows, and the residual over sigma there, by that model."""
+def linear_optimum(problem: FitProblem, now: Fit) -> Fit:
+    """A fit at the best values that its linear model knows, as that predicts it."""
     if not now.free or not np.isfinite(now.cost):
-        return now.values, now.residual
+        return now
     step, _ = _proposal(problem, now, 0.0)
-    return problem.moved(now.effects, now.values, now.free, step), now.residual - now.jacobian @ step
-
-
-def at_linear_optimum(problem: FitProblem, now: Fit) -> Fit:
-    """A fit at its `linear_optimum`."""
-    values, residual = linear_optimum(problem, now)
+    values = problem.moved(now.effects, now.values, now.free, step)
+    residual = now.residual - now.jacobian @ step
     cost, held_cost = problem.cost(residual)
     return replace(now, values=values, residual=residual, cost=cost, held_cost=held_cost)
 

@@ -313,7 +313,7 @@ def _with_other_models(search: Search, searched: SearchState, state: SearchState
         start = _within(problem, other.effects, other.values)
         fits.append(fitting.begin(problem, other.effects, start, state.best))
     try:
-        found = [fitting.at_linear_optimum(problem, fit) for fit in fitting.run_fits(problem, fits)]
+        found = [fitting.linear_optimum(problem, fit) for fit in fitting.run_fits(problem, fits)]
     except OutOfTime:
         return state.without_trying(Part.OTHER_MODELS)
     return replace(state, fits={**{frozenset(fit.names): fit for fit in found}, **state.fits})

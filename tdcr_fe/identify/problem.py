@@ -12,7 +12,7 @@ import numpy as np
 from tdcr_fe.effects import EFFECTS, Effect, ExcitationRange, Experiment
 from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.identify.bay_state import with_action
-from tdcr_fe.identify.causes import ReadingCause
+from tdcr_fe.identify.causes import ReadingCause, is_named
 from tdcr_fe.identify.forward import ForwardModel, Job
 from tdcr_fe.identify.result import Misfit
 from tdcr_fe.identify.run import Readings, Run
@@ -272,6 +272,11 @@ class Fit:
     def title(self) -> str:
         """Its effects in one line."""
         return " + ".join(self.names) or "the declared model"
+
+    @property
+    def named(self) -> bool:
+        """Whether all causes have a name."""
+        return all(map(is_named, self.effects))
 
     @property
     def solved(self) -> bool:

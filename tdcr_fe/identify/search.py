@@ -158,7 +158,7 @@ class Proposal(NamedTuple):
     @property
     def named(self) -> bool:
         """Whether all causes are listed effects."""
-        return _all_named(self.effects)
+        return self.parent.named and is_named(self.score.effect)
 
 
 def worth_fitting(
@@ -300,10 +300,10 @@ def fit_proposals(
                 if ahead is not None:
                     limit = criterion_of(problem, ahead) + BIC_DIFFERENCE - price_of(problem, one.fit)
                     race = replace(race, limit=limit)
-                error = fitting.distance(problem, one.fit.residual, predicted)
-                if ahead is not None and not fitting.may_reach(problem, one.fit, error, race):
-                    state = state.with_fit(replace(one.fit, pruned=True))
-                elif left > 0 or (ahead is None and not _accepted(search, state, fits())):
+                    if not race.in_reach(one.cost, fitting.distance(problem, one.fit.residual, predicted)):
+                        state = state.with_fit(replace(one.fit, pruned=True))
+                        continue
+                if left > 0 or (ahead is None and not _accepted(search, state, fits())):
                     left -= 1
                     together.append(_fitted(problem, one.fit, predicted, race))
             for new in fitting.run_fits(problem, together):
@@ -358,13 +358,9 @@ def _laws(effects: Sequence[Effect]) -> frozenset[str]:
     return frozenset(e.law for e in effects)
 
 
-def _all_named(effects: Sequence[Effect]) -> bool:
-    return all(map(is_named, effects))
-
-
 def _lowest(state: SearchState, named: bool) -> float:
     """Lowest cost of the models so far, of listed effects or of any."""
-    return min(f.cost for f in state.fits.values() if not named or _all_named(f.effects))
+    return min(f.cost for f in state.fits.values() if not named or f.named)
 
 
 def _reached(problem: FitProblem, fit: Fit) -> float:
@@ -619,10 +615,10 @@ def _visible(search: Search, state: SearchState) -> list[_Try]:
 
 def _best_named(state: SearchState) -> list[Fit]:
     """The best model of listed effects, where the best of all with as many causes has others: one or none."""
-    if _all_named(state.best.effects):
+    if state.best.named:
         return []
     size = len(state.best.effects)
-    named = [f for f in state.fits.values() if len(f.effects) == size and _all_named(f.effects) and f.solved]
+    named = [f for f in state.fits.values() if len(f.effects) == size and f.named and f.solved]
     return sorted(named, key=lambda f: rank(state.problem, f))[:1]
 
 
@@ -632,7 +628,7 @@ def _hidden(search: Search, state: SearchState) -> list[_Try]:
     Pairs of listed effects are tried as well where a cause without a name does.
     """
     explained = search.explained(state)
-    if explained and _all_named(state.best.effects):
+    if explained and state.best.named:
         return []
     stages = (pairs,) if explained else (at_full_strength, pairs, costly_singles)
     models = {frozenset(f.names): f for f in (state.best, state.fits[frozenset()])}
@@ -741,14 +737,14 @@ def at_full_strength(search: Search, state: SearchState, parent: Fit) -> tuple[S
         return fitting.run_fits(at, evaluated)
 
     rough = _in_whole_steps(problem, parent)
-    costs = [problem.cost(fitting.linear_optimum(problem, f)[1])[0] for f in simulated(rough, causes, None)]
+    costs = [fitting.linear_optimum(problem, f).cost for f in simulated(rough, causes, None)]
     best = [causes[i] for i in np.argsort(costs)[:2] if costs[i] < parent.cost]
     scores = []
     for e, new in zip(best, simulated(problem, best, parent), strict=True):
         if new.solved:
-            start, left = fitting.linear_optimum(problem, new)
-            drop, nothing = parent.cost - problem.cost(left)[0], np.zeros((problem.count, 0))
-            scores.append(Score(e, drop, nothing, partial(Start, start, left)))
+            there, nothing = fitting.linear_optimum(problem, new), np.zeros((problem.count, 0))
+            begin = partial(Start, there.values, there.residual)
+            scores.append(Score(e, parent.cost - there.cost, nothing, begin))
     found = worth_fitting(search, problem, parent, scores)
     # those that were fitted from small values begin anew
     kept = {k: f for k, f in state.fits.items() if k not in {x.names for x in found}}

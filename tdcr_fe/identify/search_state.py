@@ -11,7 +11,6 @@ import numpy as np
 from tdcr_fe.effects import Effect
 from tdcr_fe.elements import Array
 from tdcr_fe.identify import criteria, fitting
-from tdcr_fe.identify.causes import is_named
 from tdcr_fe.identify.problem import Fit, FitProblem, fit_of_run, refine
 from tdcr_fe.identify.result import Candidate, NextExperiment, Profile, Scatter
 from tdcr_fe.identify.rows import RowChoice
@@ -238,14 +237,13 @@ def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
     """Probabilities of all models that were fitted, from their evidence; those below one in a million are left out.
 
     Where models with causes without a name, or with other forms of its effects, predict the same as the best one, but
-    for less than sigma in all readings together, their weight counts for it: its names stand for them. Where the best
+    for less than sigma in all readings together, their weight counts for it. Where the best
     model has several causes, the rest up to 1 is the probability of one cause that is not in the dictionary.
     """
     problem, best = state.problem, state.best
 
-    def stands_for(fit: Fit) -> bool:
-        unnamed = not all(map(is_named, fit.effects))
-        alike = unnamed or {e.listed for e in fit.effects} == {e.listed for e in best.effects}
+    def same_explanation(fit: Fit) -> bool:
+        alike = not fit.named or {e.listed for e in fit.effects} == {e.listed for e in best.effects}
         return alike and float(np.sum((fit.residual - best.residual) ** 2)) < 1.0
 
     noise = criteria.effective_noise(problem, best, search.significance)
@@ -254,4 +252,4 @@ def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
     weights = np.exp(logarithms - np.max(logarithms))
     weights *= (1.0 - criteria.probability_of_unlisted(best)) / np.sum(weights)
     every = zip(solved, weights.tolist(), strict=True)
-    return [(best if stands_for(f) else f, w) for f, w in every if w > 1e-6]
+    return [(best if same_explanation(f) else f, w) for f, w in every if w > 1e-6]

@@ -124,7 +124,7 @@ def _undecided(search: Search, state: SearchState, explained: bool) -> Remainder
 def _verdict(state: SearchState, undecided: Remainder | None, explained: bool, unlisted: float) -> Verdict:
     """The verdict: the first that holds."""
     best = state.best
-    law = unlisted <= 1.0 - NAMED and not all(map(is_named, best.effects))
+    law = unlisted <= 1.0 - NAMED and not best.named
     return next(
         verdict
         for verdict, holds in (
