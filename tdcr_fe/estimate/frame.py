@@ -437,7 +437,8 @@ class Volume:
 
     def change_of_mean(self, covariance: Array) -> Array:
         """Of the prior that has this slope, shape (n,); ``covariance``: of the prior, shape (n, n)."""
-        return -0.5 * covariance @ sum(self.slopes, np.zeros(len(covariance)))
+        bounded = (_bounded(slope, covariance) for slope in self.slopes)  # that of their frame may be less
+        return -0.5 * covariance @ sum(bounded, np.zeros(len(covariance)))
 
     def renewed(self, solved: Solved, covariance: Array) -> Volume:
         """With one direction, or those that are new, as in a solved frame; ``covariance``: of its prior."""
@@ -458,11 +459,15 @@ def _slope(solved: Solved, covariance: Array, weight: Array) -> Array:
     """What a direction of the readings adds to the slope, shape (n,).
 
     It is taken over one standard deviation of the prior, so that holes between stick and slip count with their
-    probability; and it is one over a standard deviation at most, since at such a hole it may be any.
+    probability.
     """
     jacobian = solved.jacobian
     near = solved.frame.solved(solved.unknowns + covariance @ jacobian.T @ weight, solved)
     if near is None:
         return np.zeros(len(covariance))
-    slope = 2.0 * weight @ (near.jacobian - jacobian)
+    return _bounded(2.0 * weight @ (near.jacobian - jacobian), covariance)
+
+
+def _bounded(slope: Array, covariance: Array) -> Array:
+    """At most one over a standard deviation: at a hole between stick and slip it may be any."""
     return np.asarray(slope / max(1.0, math.sqrt(float(slope @ covariance @ slope))))
