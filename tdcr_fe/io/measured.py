@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from tdcr_fe.effects import Experiment, Observation, with_effects
+from tdcr_fe.elements.drives import DRIVES
 from tdcr_fe.io.atomic import write_text
 from tdcr_fe.io.loading_table import Loading, loading_table, read_loading
 from tdcr_fe.io.problems import InputError, Problem, Reporter, StrPath, read_all, refusal
@@ -315,12 +316,16 @@ def first_checks(data: MeasuredData) -> dict[type[TDCRWarning], list[str]]:
 
 
 def large_sigma(data: MeasuredData, sigmas: Iterable[float], file: str) -> str:
-    """Standard deviations of inputs that are larger than all inputs, as a sentence."""
-    inputs = [abs(x) for step in data.steps for _, given in step.inputs() for x in given.values()]
-    largest, sigma = max(inputs, default=0.0), max(sigmas, default=0.0)
-    if not 0.0 < largest < sigma:
-        return ""
-    return f"{file}: inputs.sigma = {sigma:g}: larger than every input; the largest is {largest:g}"
+    """Standard deviations of inputs that are larger than all inputs of their unit, as a sentence."""
+    of = dict(zip(data.robot.tendon_names, sigmas, strict=False))
+    for drive in DRIVES:
+        given = [x for step in data.steps for x in getattr(step, drive.inputs).items()]
+        largest = max((abs(value) for _, value in given), default=0.0)
+        sigma = max((of.get(name, 0.0) for name, _ in given), default=0.0)
+        if 0.0 < largest < sigma:
+            text = f"larger than every {drive.label}; the largest is {largest:g} {drive.unit}"
+            return f"{file}: inputs.sigma = {sigma:g}: {text}"
+    return ""
 
 
 def with_columns(text: str, data: MeasuredData) -> str:

@@ -276,5 +276,12 @@ def test_errors_that_are_larger_than_every_input_are_named():
     data = data_of(tensions(1.0), BENT)
     assert not any(first_checks(data).values())
     found = first_checks(replace(data, input_sigma=(5.0, 5.0)))[PlausibilityWarning]
-    assert found == ["model.toml: inputs.sigma = 5: larger than every input; the largest is 1.2"]
+    assert found == ["model.toml: inputs.sigma = 5: larger than every tension; the largest is 1.2 N"]
     assert not first_checks(replace(data, input_sigma=(0.05, 0.05)))[PlausibilityWarning]
+    wound = replace(
+        data, steps=tuple(replace(s, tensions={"t1": 1.2}, displacements={"t2": 1e-3}) for s in data.steps)
+    )
+    found = first_checks(replace(wound, input_sigma=(0.05, 0.05)))[PlausibilityWarning]  # N, and m
+    assert found == [
+        "model.toml: inputs.sigma = 0.05: larger than every displacement; the largest is 0.001 m"
+    ]
