@@ -220,6 +220,7 @@ SCENES = [
     (lambda: touched(**BESIDE), "through the backbone between disk 1 of 'three' and disk 2 of 'three'"),
     (lambda: touched(quadPoints=QUAD[:3]), "four points"),
     (lambda: touched(quadPoints=[*QUAD[:3], [0.1, 0.2, 0.0]]), "not in one plane"),
+    (lambda: touched(quadPoints=[QUAD[k] for k in (0, 1, 3, 2)]), "around a convex quadrangle"),
     (lambda: touched(**BALL, localPosition=[0.1, 0, 0], dynamicFriction=-0.1), "dynamicFriction = -0.1"),
 ]  # fmt: skip
 

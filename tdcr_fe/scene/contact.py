@@ -21,6 +21,8 @@ from tdcr_fe.scene.assembled_robot import AssembledRobot
 NEAR = 2.0
 #: Overlap in the reference configuration that is round-off [m].
 OVERLAP = 1e-9
+#: Of the length of a side, by which one corner of a quadrangle is moved along it [1].
+ASIDE = 1e-6
 
 
 class Sphere(NamedTuple):
@@ -133,6 +135,8 @@ class DiskContact:
         turn = np.array(self.mbs.GetMarkerOutput(carrier, what.RotationMatrix, reference)).reshape(3, 3)
         corners = points @ turn.T + _reference(self.mbs, carrier)
         name = f"body {self.mbs.GetObject(body)['name']!r}"
+        # A sphere exactly over the edge of two triangles is in contact with both: none is to be in the middle.
+        points = np.vstack((points[:3], points[3] + ASIDE * (points[2] - points[3])))
         for sphere in spheres:
             # Two triangles; the edge that they share is none of the quadrangle's.
             for which, edges in (([0, 1, 3], 5), ([1, 2, 3], 3)):
@@ -274,6 +278,10 @@ def check_quad(points: Any) -> Array:
     if abs(float(np.linalg.det(edges))) > 1e-6 * size**3:
         text = "are not in one plane; divide them into flat quadrangles"
         raise ValueError(f"add_disk_contact: quadPoints {text}")
+    sides = np.roll(corners, -1, axis=0) - corners
+    turns = np.cross(sides, np.roll(sides, -1, axis=0))
+    if not np.all(turns @ turns.sum(axis=0) > 0.0):
+        raise ValueError("add_disk_contact: quadPoints must go around a convex quadrangle, corner by corner")
     return corners
 
 

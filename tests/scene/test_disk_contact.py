@@ -115,6 +115,21 @@ def test_a_wall_carries_what_a_cantilever_does_not():
     assert contact.normal_forces().max() == pytest.approx(carried, rel=1e-3)
 
 
+def test_a_tip_pressed_along_the_axis_onto_the_middle_of_a_plate_compresses_backbone_and_contact():
+    """``(F - R) L / EA = R / k``. In the middle, over the edge of both triangles, contact was twice as stiff."""
+    plane = LENGTH + DISK
+    corners = [[x, y, plane] for x, y in ((-0.02, -0.02), (0.02, -0.02), (0.02, 0.02), (-0.02, 0.02))]
+    stiffness, axial = 1e5, BACKBONE.EA / LENGTH
+
+    def load_and_plate(mbs: exu.MainSystem, arm: TDCR):
+        return tip_load(mbs, arm), arm.add_disk_contact(mbs.CreateGround(), stiffness, quadPoints=corners)
+
+    _keep, mbs, _, (load, contact) = scene_with(load_and_plate, seven(0.0).with_disks(mass=0.0))
+    load.set([0.0, 0.0, 5.0])
+    mbs.SolveTDCR()
+    assert contact.normal_forces().sum() == pytest.approx(5.0 * stiffness / (stiffness + axial), rel=1e-6)
+
+
 def test_a_load_too_large_for_the_stiffness_of_the_contact_is_refused_by_name():
     """50 N at the tip against a ball of 2000 N/m: disks would be inside it."""
     _keep, mbs, handle, (load, _) = scene_with(lambda *to: (tip_load(*to), ball(*to)), seven(0.0))
