@@ -13,6 +13,7 @@ import numpy as np
 from tdcr_fe.elements import Array, Index
 from tdcr_fe.elements.backbone import node_frames
 from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.elements.section_forces import DIFFERENCE
 from tdcr_fe.solve.equations.configuration import Configuration, SolverState, Target
@@ -109,6 +110,43 @@ class StaticKernel:
         return found
 
 
+class LoneRobot:
+    """Exudyn's residual where one robot alone moves: of its beams and its base joint, beside what stays as it is.
+
+    Parameters
+    ----------
+    kernel
+        Of the scene.
+    mbs
+        The scene.
+    robot
+        Clamped to ground; nothing else resists its motion, and no load turns with it.
+    """
+
+    def __init__(self, kernel: StaticKernel, mbs: exu.MainSystem, robot: TendonActuation) -> None:
+        self._kernel, self._mbs, self._robot = kernel, mbs, robot
+        self._rest: tuple[Target | None, Array] = None, np.zeros(0)
+
+    def residual(self, target: Target) -> Array:
+        """As `StaticKernel.residual`; the whole scene is evaluated once under each target."""
+        before, rest = self._rest
+        if before is target:
+            return rest + self._own(rest.size)
+        found = self._kernel.residual()
+        self._rest = target, found - self._own(found.size)
+        return found
+
+    def _own(self, size: int) -> Array:
+        """Forces of its beams and its base joint, shape (size,)."""
+        robot, kinds, found = self._robot, exu.ComputeItemType, np.zeros(size)
+        assert robot.clamp is not None
+        beams = np.array([self._mbs.ComputeItem(i, kinds.ODE2LHS) for i in robot.connectors.beams])
+        found[robot.coordinates[0]] = self._mbs.ComputeItem(robot.clamp.joint, kinds.ReactionForces)
+        found[robot.coordinates[:-1]] -= beams[:, :7]
+        found[robot.coordinates[1:]] -= beams[:, 7:]
+        return found
+
+
 def _joint_stiffness(mbs: exu.MainSystem, joints: Sequence[exu.ObjectIndex]) -> Array:
     """Derivative of the forces of joints at the present multipliers by the ODE2 coordinates, shape (n2, n2).
 
@@ -178,16 +216,22 @@ class ClampReactions(NamedTuple):
     influence: Mapping[int, Array]
 
     @classmethod
-    def of(cls, kernel: StaticKernel, layout: SceneLayout) -> ClampReactions:
-        """Those of the current configuration: the constraints' part of Exudyn's Jacobian."""
-        influence, reduction = {}, layout.reduction
-        if layout.clamps:
-            jacobian = kernel.exudyns_jacobian()
+    def of(cls, mbs: exu.MainSystem, layout: SceneLayout) -> ClampReactions:
+        """Those of the current configuration, from the forces that each multiplier of a joint alone causes."""
+        influence: dict[int, Array] = {}
+        multipliers: Array = mbs.systemData.GetAECoordinates(exu.ConfigurationType.Current, copy=False)
+        kept = multipliers.copy()
         for i, joint in layout.clamps.items():
-            _, rotations, parameters = layout.space.robots[i].scene_poses()
-            base = reduction.beam[layout.space.slices[i].start]
-            columns = jacobian[np.ix_(base, reduction.n2 + joint)]
-            influence[i] = np.linalg.inv(node_frames(rotations[:1], parameters[:1])[0].T @ columns)
+            robot, forces = layout.space.robots[i], []
+            assert robot.clamp is not None
+            for k in joint:
+                multipliers[:] = 0.0
+                multipliers[k] = 1.0
+                forces.append(mbs.ComputeItem(robot.clamp.joint, exu.ComputeItemType.ReactionForces))
+            _, rotations, parameters = robot.scene_poses()
+            frame = node_frames(rotations[:1], parameters[:1])[0]
+            influence[i] = np.linalg.inv(frame.T @ np.transpose(forces))
+        multipliers[:] = kept
         return cls(layout.clamps, influence)
 
     def alone(self, i: int) -> ClampReactions:

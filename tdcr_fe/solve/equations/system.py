@@ -25,7 +25,7 @@ from tdcr_fe.scene.loads import PointLoad
 from tdcr_fe.solve.equations.band import BandFactors
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState, Target
 from tdcr_fe.solve.equations.contact import ContactStates, refuse_other_states
-from tdcr_fe.solve.equations.kernel import ClampReactions, Residual, StaticKernel
+from tdcr_fe.solve.equations.kernel import ClampReactions, LoneRobot, Residual, StaticKernel
 from tdcr_fe.solve.equations.layout import Numbering, SceneLayout, zero_bases
 from tdcr_fe.solve.equations.linearization import (
     BorderedFactors,
@@ -74,9 +74,10 @@ class SceneSystem:
         refuse_other_states(mbs)
         self.point_loads: list[PointLoad] = self.hooks.point_loads
         self.kernel = StaticKernel(mbs, self.hooks)
+        self._lone: LoneRobot | None = None
         self._user_residual = self.hooks.user_function("PreNewtonResidual")
         self.layout = SceneLayout.of(mbs, self.robots, self.point_loads, with_clamps=True)
-        self.reactions = ClampReactions.of(self.kernel, self.layout)
+        self.reactions = ClampReactions.of(mbs, self.layout)
 
     def independent(self) -> list[SceneSystem]:
         """Systems of robots that nothing couples, each to be solved by itself; this one where there are none.
@@ -101,6 +102,7 @@ class SceneSystem:
         own = copy(self)
         own.robots, own.point_loads = [self.robots[i]], self.hooks.robots[i].point_loads
         own.layout, own.reactions = self.layout.alone(i), self.reactions.alone(i)
+        own._lone = LoneRobot(self.kernel, self.mbs, self.robots[i])
         return own
 
     @property
@@ -237,7 +239,7 @@ class SceneSystem:
         layout = self.layout
         self._write(state, target, iteration, hold_contact)
         forces = self.forces(state, target.time)
-        raw, unbalanced = self._balance(state, forces)
+        raw, unbalanced = self._balance(state, target, forces)
         on_bases = tuple([unbalanced[base].copy() for base in numbering.clamped])
         zero_bases(unbalanced, numbering.clamped)
         size = layout.scales.relative_residual(unbalanced, state.base_tension, target.load_size)
@@ -252,7 +254,7 @@ class SceneSystem:
     ) -> Array:
         """The reduced residual of a state under a target, where the forces of the robots in that state are known."""
         self._write(state, target)
-        _, found = self._balance(state, forces)
+        _, found = self._balance(state, target, forces)
         zero_bases(found, numbering.clamped)
         return found
 
@@ -266,12 +268,14 @@ class SceneSystem:
         if self._user_residual is not None:
             self._user_residual(self.mbs, target.time, iteration, 0)
 
-    def _balance(self, state: SolverState, forces: tuple[TendonForces, ...]) -> tuple[Array, Array]:
+    def _balance(
+        self, state: SolverState, target: Target, forces: tuple[TendonForces, ...]
+    ) -> tuple[Array, Array]:
         """Exudyn's residual of the state in the scene, and the reduced one with the forces of the robots."""
         layout = self.layout
         for robot in self.robots:
             robot.disconnect()
-        raw = self.kernel.residual()
+        raw = self.kernel.residual() if self._lone is None else self._lone.residual(target)
         unbalanced = layout.reduction.residual(raw, state.configuration.frames)
         for nodes, own in zip(layout.space.slices, forces, strict=True):
             unbalanced[6 * nodes.start : 6 * nodes.stop] += own.nodal_wrenches().reshape(-1)
@@ -390,4 +394,4 @@ class SceneSystem:
     def release_clamps(self) -> None:
         """Treat clamped bases as any other joint from now on, because their supports have been moved."""
         self.layout = SceneLayout.of(self.mbs, self.robots, self.point_loads, with_clamps=False)
-        self.reactions = ClampReactions.of(self.kernel, self.layout)
+        self.reactions = ClampReactions.of(self.mbs, self.layout)
