@@ -389,6 +389,8 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
     ):
         found += load(name, kind, own, f"{text} {differs}", math.log(10.0))
     found.append(DryBending(float(size[0]), length))
+    bent = float(np.nanmax(_size(_bending(state)), initial=0.0))
+    found += [PermanentSet(float(size[0]), bent)] if bent > 0.0 else []
     spread = [(a, "N/m", _spread(i)) for i, a in enumerate("xyz")]
     kind = Kind("force", ("nothing",), "along the backbone")
     text = "a constant force along the whole backbone"
@@ -499,6 +501,37 @@ class DryBending(StateLoad):
             last, change = (start, path[k]) if begins else (direction[k - 1], path[k] - path[k - 1])
             direction[k] = _follows(last, change)
         return values["moment"] * _moment(direction)
+
+
+class PermanentSet(StateLoad):
+    """A backbone that yields: beyond some change of the curvature a share of it stays, as a precurvature does.
+
+    Parameters
+    ----------
+    size
+        As in `DryBending`.
+    largest
+        The largest curvature of the declared model [1/m].
+    """
+
+    def __init__(self, size: float, largest: float) -> None:
+        most = FARTHEST * TYPICAL * size / largest
+        share = number("coefficient", "N m^2", (0.0, most), 0.0, TYPICAL * size / largest)
+        limit = number("limit", "1/m", (0.0, largest), largest, 0.05 * largest)
+        kind = Kind("precurvature", ("curvature",), "everywhere")
+        text = "a backbone that yields: what its curvature changes beyond a limit stays in part"
+        super().__init__("permanent set", kind, (share, limit), (), text, math.log(10.0))
+        self.held = {"limit": [x * largest for x in (0.5, 0.7, 0.85)]}
+
+    def action(self, state: BayState, values: Values) -> Array:
+        """See `StateLoad.action`."""
+        left = np.zeros((*state.shape, 2))
+        for k, (curvature, begins) in enumerate(zip(_bending(state), state.begins, strict=True)):
+            last = np.zeros(curvature.shape) if begins else left[k - 1]
+            elastic = curvature - last
+            size = np.maximum(np.linalg.norm(elastic, axis=-1, keepdims=True), 1e-300)
+            left[k] = last + np.maximum(1.0 - values["limit"] / size, 0.0) * elastic
+        return values["coefficient"] * _moment(left)
 
 
 def _follows(last: Array, change: Array) -> Array:

@@ -21,7 +21,15 @@ from tdcr_fe.identify.problem import evaluate, with_elements
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.sentences import headline, summary
-from tdcr_fe.identify.state_loads import ROW, TIME, DryBending, free_loads, library, parts_of_rows
+from tdcr_fe.identify.state_loads import (
+    ROW,
+    TIME,
+    DryBending,
+    PermanentSet,
+    free_loads,
+    library,
+    parts_of_rows,
+)
 
 TERMS = {t.key: t for t in library(4, TIME)}
 HARDENING = TERMS["|kappa| kappa"]
@@ -133,6 +141,23 @@ def test_dry_friction_holds_the_arc_back_by_one_moment():
     x, y = load.action(corner, {**values, "moment": 1.0})[1, 0, :2]
     assert np.arctan2(x, y) == pytest.approx(2.0 * np.arctan(np.exp(-3.0)), rel=1e-9)
     # the friction of one sequence is not that of the next
+    twice = load.action(BayState.joined([run.bays] * 2), values)
+    np.testing.assert_array_equal(twice, np.tile(load.action(run.bays, values), (2, 1, 1)))
+
+
+def test_what_yields_keeps_a_share_of_its_curvature():
+    """EI kappa - c left = M, where what is left follows the curvature at the limit."""
+    EI, limit = ROBOT.backbone.EI, 2.0
+    moments, c = np.array([1.0, 4.0, 0.0, -1.0, 3.0]) * EI, 0.2 * EI
+    _, problem = bent_by(moments)
+    load = PermanentSet(EI / LENGTH, 5.0)
+    values = {"coefficient": c, "limit": limit}
+    run = linearize(problem, [Request((load,), {load.name: values}, ())])[0].run
+    farthest = (moments[1] - c * limit) / (EI - c)
+    back = (moments[3] + c * limit) / (EI - c)
+    left = np.array([0.0, farthest - limit, farthest - limit, back + limit, back + limit])
+    for bay in run.bays.curvature[..., 1].T:
+        np.testing.assert_allclose(bay, (moments + c * left) / EI, rtol=1e-4)
     twice = load.action(BayState.joined([run.bays] * 2), values)
     np.testing.assert_array_equal(twice, np.tile(load.action(run.bays, values), (2, 1, 1)))
 
