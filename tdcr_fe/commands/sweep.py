@@ -67,6 +67,8 @@ def _report(result: SweepResult, args: argparse.Namespace) -> int:
     for status, messages in result.failures.items():
         for m in messages[:5]:
             complain(f"{count(m.count, 'case')} {status}, case {m.case} the first: {m.example}")
+    for m in result.warnings[:5]:
+        complain(f"warning: {count(m.count, 'time')}, in case {m.case} first: {m.example}")
     if result.interrupted:
         left = count(result.counts.get("not run", 0), "case")
         complain(f"interrupted; {left} of {len(result.cases)} not run, the same command continues from there")
