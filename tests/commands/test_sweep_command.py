@@ -76,12 +76,10 @@ def test_a_case_that_does_not_converge_gives_status_1_and_a_row_of_the_report(tm
 
 def test_what_the_cases_warn_of_is_printed_once(tmp_path, capsys, here):
     """A weight that varies, of a robot without mass, gave statistics and not a word."""
-    text = 'scenario = "scenario.toml"\n[[vary]]\nkey = "effects.gravity.g_x"\nvalues = [1.0, 9.0]\n'
-    assert (
-        cli.main(["sweep", str(write_files(tmp_path, text)), "-o", str(tmp_path / "out"), "--no-pictures"])
-        == 0
-    )
-    (line,) = capsys.readouterr().err.strip().splitlines()
+    text = 'scenario = "scenario.toml"\n[[vary]]\nkey = "effects.gravity.g_x"\nvalues = [5.0, 9.0]\n'
+    path = write_files(tmp_path, text)
+    assert cli.main(["sweep", str(path), "-o", str(tmp_path / "out"), "-q", "--no-pictures"]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
     assert (
         line.startswith("tdcr-fe: warning: 2 times, in case 1 first: model.gravity")
         and "nothing has mass" in line
