@@ -17,7 +17,7 @@ from tdcr_fe.io.problems import Problem, Reporter, read_all
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_toml
 from tdcr_fe.model.loading import Load, LoadStep
-from tdcr_fe.model.messages import PlausibilityWarning, count, issue
+from tdcr_fe.model.messages import PlausibilityWarning, count, issue, shown
 from tdcr_fe.model.plausibility import plausibility
 from tdcr_fe.model.schema import FieldError, Keys, Quantity
 
@@ -119,6 +119,9 @@ def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
         load.check(data.robot.backbone.length)
     except FieldError as error:
         reporter(error.field, error.value, error.allowed)
+    if (kind := data.model.hysteresis) != "elastic-plastic":
+        file = str(folder / "model.toml")
+        reporter.problems.append(Problem(file, "model.hysteresis", shown(kind), "must be 'elastic-plastic'"))
     untimed = [n for n, step in zip(data.step_ids, data.steps, strict=True) if step.time is None]
     unknown = [r.line for r in data.readings if r.sigma is None]
     for file, key, found, needed in (

@@ -112,6 +112,8 @@ def test_moment_and_place_are_written_where_they_are_estimated(wrong):
         ("estimate.toml", "sigma = 0.05", "at = 0.9", "load.at = 0.9: must be at most the length"),
         ("estimate.toml", "sigma = 0.01", "sigma = {helix = 0.1}",
             "tendon t180 is missing; the robot has helix, t180, t270, t0"),
+        ("model.toml", '"elastic-plastic"', '"dahl"',
+            "model.toml: model.hysteresis = \"dahl\": must be 'elastic-plastic'"),
         ("loading.csv", "time", "tim", "loading.csv: tim: unknown column"),
         ("observations.csv", "quantity", "channel", "observations.csv: quantity: missing column"),
         ("observations.csv", "position_", "place_", "0 of 9 rows would be left"),
