@@ -76,11 +76,11 @@ def evaluate_laws(
     """
     found = Coefficients(constant.copy(), np.zeros_like(constant), np.zeros_like(constant))
     for i, law in enumerate(laws):
-        if law is None:
+        if law is None or law in laws[:i]:
             continue
-        k = mask[i]
-        for target, values in zip(found, law.coefficient(normal[i, k], rate[i, k]), strict=True):
-            target[i, k] = values
+        k = mask & np.array([own == law for own in laws])[:, None]
+        for target, values in zip(found, law.coefficient(normal[k], rate[k]), strict=True):
+            target[k] = values
     return found
 
 

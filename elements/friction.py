@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -31,6 +30,7 @@ from tdcr_fe.elements.capstan import TensionDerivatives, TensionField, capstan
 from tdcr_fe.elements.coefficients import (
     MAX_ITERATIONS,
     CoefficientLaw,
+    Coefficients,
     Linearisation,
     evaluate_laws,
     normal_forces,
@@ -43,6 +43,10 @@ from tdcr_fe.elements.tendons import CableShape
 
 #: Least part of a step in a line search [1]. With 0.2, 12 of 2400 random states found no mobilisations, with this none.
 LEAST_PART = 0.01
+
+
+#: Gives ratios of coefficients and their slopes by the slips, see `TendonLaw.coefficient_curves`.
+CoefficientCurve = Callable[[Array, Array], tuple[Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -233,31 +237,99 @@ class TendonLaw:
         by_tension[:, 0] += self.parameters.spring
         return released, -stretch * self._masked, by_tension
 
-    def _slip_rate(self, slip: Array, state: FrictionState, elapsed: float) -> Array:
-        """Rate of the slips [m/s], that of the state where no time has passed, shape (m, g)."""
-        if elapsed > 0.0:
-            return np.asarray((slip - state.slip) / elapsed)
+    def _slip_rate(self, slip: Array, state: FrictionState, time: float) -> Array:
+        """Rate of the slips at a time [m/s], that of the state where none has passed, shape (m, g)."""
+        begin, duration = state.rates_from(time)
+        if duration > 0.0:
+            return np.asarray((slip - begin) / duration)
         return np.zeros_like(slip) if state.slip_rate is None else state.slip_rate
+
+    def coefficient_curves(
+        self, field: TensionField, angles: Array, state: FrictionState
+    ) -> CoefficientCurve:
+        """Coefficients as functions of slips [m] and mobilisations, (m, g), at the normal forces of a field.
+
+        Over those of the field, without what is linear in the slips, which the derivatives of the field have.
+
+        Parameters
+        ----------
+        field
+            With laws of the coefficients.
+        angles
+            Turning angles at the holes [rad], shape (m, n-1).
+        state
+            History at the beginning of the step.
+
+        Returns
+        -------
+        callable
+            Gives these ratios [1] and their slopes [1/m], shape (m, g) each.
+        """
+        normal, (_, duration) = normal_forces(field.tension, angles), state.rates_from(field.time)
+        if not (self.varies and duration > 0.0):
+            return lambda slip, mobilisation: (np.ones_like(slip), np.zeros_like(slip))
+        summed = np.abs(self.hole_incidence)
+
+        def at(slip: Array, mobilisation: Array) -> tuple[Array, Array]:
+            rate = self._slip_rate(slip, state, field.time)
+            found = self._coefficients(normal, rate, mobilisation)
+            return found.value @ summed, found.by_rate @ summed / duration
+
+        value, slope = at(field.slip, field.mobilisation)
+        scale = np.where(value > 0.0, value, np.inf)
+
+        def ratios(slip: Array, mobilisation: Array) -> tuple[Array, Array]:
+            there, slope_there = at(slip, mobilisation)
+            bent = there - value - slope * (slip - field.slip)
+            return 1.0 + bent / scale, (slope_there - slope) / scale
+
+        return ratios
+
+    def coefficient_change(self, field: TensionField, angles: Array, before: FrictionState) -> Array:
+        """Changes of the coefficients with the slip rates since a history [1], shape (m, n-1).
+
+        Arguments as of `coefficient_curves`.
+        """
+        if field.slip_rate is None:
+            return np.zeros_like(angles)
+        rates = field.slip_rate, self._slip_rate(before.slip, before, before.time)
+        normal = normal_forces(field.tension, angles)
+        now, then = (self._coefficients(normal, rate, field.mobilisation).value for rate in rates)
+        return np.abs(now - then)
+
+    def _coefficients(self, normal: Array, rate: Array, mobilisation: Array) -> Coefficients:
+        """Coefficients by the laws; where a slip goes against its friction, as within presliding, it counts as rest.
+
+        Parameters
+        ----------
+        normal
+            Normal forces at the holes [N], shape (m, n-1).
+        rate
+            Of the slips [m/s], shape (m, g).
+        mobilisation
+            Shape (m, g).
+        """
+        p, along = self.parameters, self.at_holes((rate * mobilisation > 0.0).astype(float))
+        found = evaluate_laws(p.laws, p.friction, p.follows, normal, self.at_holes(rate) * along)
+        return found._replace(by_rate=found.by_rate * along)
 
     def _field_with_laws(
         self, base_tension: Array, shape: CableShape, mobilisation: Array, state: FrictionState, time: float
     ) -> TensionField:
         """`field` where coefficients of friction depend on normal force or slip rate."""
-        elapsed, lengths, angles = time - state.time, shape.lengths, shape.angles
+        duration, lengths, angles = state.rates_from(time)[1], shape.lengths, shape.angles
         at_holes = self.at_holes(mobilisation)
         half = 0.5 * angles
-        p = self.parameters
-        laws = partial(evaluate_laws, p.laws, p.friction, p.follows)
         # Derivatives of the slip rates at the holes by the released lengths of the segments [1/s].
         rate_by_released = (self.hole_incidence @ self.slip_operator) * (
-            1.0 / elapsed if elapsed > 0.0 else 0.0
+            1.0 / duration if duration > 0.0 else 0.0
         )
 
         def linearise(coefficient: Array) -> Linearisation:
             tension, slopes = capstan(base_tension, angles, at_holes, coefficient, self._adhesion)
             released, _, released_d_tension = self._released(tension, lengths)
-            rate = self.at_holes(self._slip_rate(self.slips(released), state, elapsed))
-            law = laws(normal_forces(tension, angles), rate)
+            rate = self._slip_rate(self.slips(released), state, time)
+            law = self._coefficients(normal_forces(tension, angles), rate, mobilisation)
             by_tension = (law.by_rate[:, :, None] * rate_by_released) * released_d_tension[:, None, :]
             by_pull = law.by_normal * np.sin(half)
             hole = np.arange(half.shape[1])
@@ -267,14 +339,15 @@ class TendonLaw:
             by_coefficient = at_hole.chain()[:, :, 1:] * at_hole.by_coefficient[:, None, :]
             return Linearisation(tension, slopes, law, by_tension, by_coefficient)
 
-        at_rest = self.at_holes(self._slip_rate(state.slip, state, 0.0))
-        start = laws(2.0 * base_tension[:, None] * np.sin(half), at_rest)
+        undiminished = np.repeat(base_tension[:, None], self.shape[1], axis=1)
+        about = self._slip_rate(self.slips(self._released(undiminished, lengths)[0]), state, time)
+        start = self._coefficients(normal_forces(undiminished, angles), about, mobilisation)
         solved = solve_coefficients(linearise, start.value)
         tension = solved.tension
         released, d_length, d_tension = self._released(tension, lengths)
         slip = self.slips(released)
-        rate = self._slip_rate(slip, state, elapsed)
-        depends = elapsed > 0.0 and bool(np.any(solved.law.by_rate))
+        rate = self._slip_rate(slip, state, time)
+        depends = duration > 0.0 and bool(np.any(solved.law.by_rate))
 
         def derive() -> TensionDerivatives:
             by_length = rate_by_released[None] * d_length[:, None, :]
@@ -412,9 +485,12 @@ class TendonLaw:
 
         return replace(field, depends_on_length=True, derive=derive, at_holes=None)
 
-    def commit(self, field: TensionField) -> FrictionState:
-        """History after a converged (sub)step."""
-        return FrictionState(field.slip, field.mobilisation, field.slip_rate, field.time)
+    def commit(self, field: TensionField, before: FrictionState | None = None) -> FrictionState:
+        """History after a converged (sub)step; with the one before it where the next one goes on."""
+        former = None
+        if before is not None and field.slip_rate is not None and field.time > before.time:
+            former = before.slip, before.time
+        return FrictionState(field.slip, field.mobilisation, field.slip_rate, field.time, former)
 
 
 def hole_states(mobilisation: Array, count: int) -> tuple[str, ...]:

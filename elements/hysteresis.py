@@ -37,6 +37,28 @@ class FrictionState:
     # (m, g): Slip rate over the last step of nonzero duration [m/s]; None is zero
     slip_rate: Array | None = None
     time: float = 0.0  # Time at which it was committed [s]
+    # Slip and time of the history before it, where the step goes on; None at the beginning of a load step
+    former: tuple[Array, float] | None = None
+
+    @property
+    def anew(self) -> FrictionState:
+        """The same where a new motion begins, whose rates may jump."""
+        return self if self.former is None else replace(self, former=None)
+
+    def rates_from(self, time: float) -> tuple[Array, float]:
+        """A slip and a duration, with which the rate at a time is the slip since then over it [m, s].
+
+        The rate is the mean since this history, or, with the one before it, the slope of the parabola through the
+        slips (backward differentiation, E. Hairer, G. Wanner, Solving Ordinary Differential Equations II (1996),
+        sec. III.1).
+        """
+        elapsed = time - self.time
+        if self.former is None or elapsed <= 0.0:
+            return self.slip, elapsed
+        slip, begin = self.former
+        weight = elapsed / (time - begin)
+        part = weight * elapsed / (self.time - begin) / (1.0 + weight)
+        return self.slip + part * (self.slip - slip), elapsed / (1.0 + weight)
 
 
 @dataclass(frozen=True)

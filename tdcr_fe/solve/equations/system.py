@@ -182,7 +182,7 @@ class SceneSystem:
             forces = self.forces(state, state.time)
         for i, robot in enumerate(self.robots):
             nodes = self.layout.space.nodes_of(state.configuration, i)
-            robot.store(state.friction[i], state.prescribed[i], forces[i], nodes)
+            robot.store(state.friction[i].anew, state.prescribed[i], forces[i], nodes)
         for item, load in zip(self.point_loads, state.loads, strict=True):
             item.applied = load
             item.keep()

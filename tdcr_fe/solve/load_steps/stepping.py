@@ -45,6 +45,17 @@ def converged(trial: Trial) -> Trial | Instead:
     return Instead(trial.begin, ())
 
 
+def converged_at_once(trial: Trial) -> Trial:
+    """As `converged`; else the whole path is given up.
+
+    Where a coefficient falls with the slip rate, shorter substeps have the less a solution.
+    """
+    if trial.result.converged:
+        return trial
+    spent = trial.begin.iterations_total + trial.rejected + trial.result.iterations
+    raise StepFailed("a finer path failed", trial.start, trial.result.residual, trial.before, spent)
+
+
 def on_this_branch(trial: Trial) -> Trial | Instead:
     """Whether no bay has buckled, as far as a shorter substep may avoid it; else it is halved.
 
@@ -176,6 +187,8 @@ HALVES: tuple[Judge, ...] = (converged, on_this_branch)
 ON_THE_WAY: tuple[Judge, ...] = (converged, on_this_branch, reversals_resolved)
 #: Of substeps that resolve the path of the friction, in this order.
 PATH_RESOLVED: tuple[Judge, ...] = (*ON_THE_WAY, did_not_jump)
+#: The same of parts with which a path is compared.
+COMPARED: tuple[Judge, ...] = (converged_at_once, *PATH_RESOLVED[1:])
 
 
 def equal_parts(count: int) -> list[Proposal]:
@@ -234,7 +247,8 @@ def _taken(
     solver: SubstepSolver, begin: Position, proposals: Sequence[Proposal], judges: Sequence[Judge]
 ) -> SolvedPath:
     """The load step in substeps."""
-    start = SolvedPath(begin.state, linearization=begin.linearization, end=begin.end)
+    state = begin.state._replace(friction=tuple(own.anew for own in begin.state.friction))
+    start = SolvedPath(state, linearization=begin.linearization, end=begin.end)
     path = take_substeps(solver, start, proposals, judges)
     resolved = path.refinement_error <= solver.settings.path_tolerance
     return replace(path, refinement_error=0.0) if resolved else path
@@ -244,43 +258,58 @@ def _with_path_resolved(solver: SubstepSolver, begin: Position, proposals: Seque
     """The load step with its path dependence resolved.
 
     It begins with the proposed substeps, or as a whole. Where the path of the friction cannot be followed, it is
-    also solved in parts of half its longest substep, again and again, until two in succession agree with the last.
+    also solved in parts of half its longest substep, again and again, until two in succession agree with the last. Of
+    laws of the coefficients one is enough that agrees much better: their error falls with the square of the parts.
+
+    Where a coefficient falls with the slip rate there may be no limit: parts fail, or differ by twice as much as
+    before. Then the path before them is kept, with its error.
     """
-    tolerance = 2.0 * solver.settings.path_tolerance
+    tolerance, rates = 2.0 * solver.settings.path_tolerance, has_rates(solver.system)
     count = NONLINEAR_PARTS if solver.ramp.nonlinear else 1
     path = _taken(solver, begin, proposals or equal_parts(count), PATH_RESOLVED)
+    if not _is_compared(solver, begin.state, path.state):
+        return path
     # Where the longest substep is so small that there is nothing to compare with, the path counts as not resolved.
-    agreed, error = (0, tolerance) if _is_compared(solver, begin.state, path.state) else (2, 0.0)
+    agreed, error, former = 0, tolerance, np.inf
     while agreed < 2:
         ends = [0.0, *(each.load_factor for each in path.increments)]
         count = 2 * max(count, round(1.0 / np.diff(ends).max()))
         if count > solver.settings.max_substeps:
-            break
+            return replace(path, refinement_error=max(path.refinement_error, error))
         try:
-            finer = _taken(solver, begin, equal_parts(count), PATH_RESOLVED)
+            finer = _taken(solver, begin, equal_parts(count), COMPARED)
         except StepFailed as failure:
-            # The coarser path is kept, with its refinement error.
-            error = max(error, tolerance)
-            path = replace(path, rejected=path.rejected + failure.iterations)
+            apart, spent = np.inf, failure.iterations
+        else:
+            apart, spent = solver.distance(finer.state, path.state), finer.iterations_total
+        if apart == np.inf or (rates and apart > 2.0 * max(former, tolerance)):
+            error = max(path.refinement_error, error, 0.0 if apart == np.inf else apart)
             solver.ramp.apply(solver.system, 1.0)
-            break
-        error = solver.distance(finer.state, path.state)
-        agreed = agreed + 1 if error <= tolerance else 0
-        path = replace(finer, rejected=finer.rejected + path.iterations_total)
-    return path if agreed == 2 else replace(path, refinement_error=max(path.refinement_error, error))
+            return replace(path, refinement_error=error, rejected=path.rejected + spent)
+        agreed = agreed + 1 if apart <= tolerance else 0
+        if rates and apart <= 0.25 * tolerance:
+            agreed = 2
+        path, error, former = replace(finer, rejected=finer.rejected + path.iterations_total), apart, apart
+    return path
 
 
 def _is_compared(solver: SubstepSolver, before: SolverState, after: SolverState) -> bool:
     """Whether the path cannot be followed, for laws of the coefficients or of Dahl, and may matter.
 
-    That is, a hole under tension changed its state, or loads change, so that slip may reverse and return. Slip rates
-    are means over a substep, so the result depends on its length; and halves may agree with the whole by chance.
+    That is, a hole under tension changed its state, or loads change, so that slip may reverse and return; or a
+    coefficient changed with its slip rate. Rates are means over a substep, so the result depends on its length; and
+    halves may agree with the whole by chance.
     """
     if follows_path(solver.system) and not has_rates(solver.system):
         return False
+    forces = solver.system.forces(after, after.time)
     for i, robot in enumerate(solver.system.robots):
         taut = (np.maximum(before.base_tension[i], after.base_tension[i]) > 0.0)[:, None]
         changed = np.trunc(before.mobilisation[i]) != np.trunc(after.mobilisation[i])
         if np.any((changed | solver.ramp.loads_change) & taut & robot.law.frictional):
+            return True
+        angles = forces[i].measured.shape.angles
+        change = robot.law.coefficient_change(forces[i].field, angles, before.friction[i])
+        if np.any((change > solver.settings.path_tolerance) & taut):
             return True
     return False

@@ -170,7 +170,10 @@ def _committed(problem: NewtonProblem, residual: Residual, linear: Linearization
         sign = linear.factorisation.sign
     return state._replace(
         configuration=problem.system.reactions.balance(residual),
-        friction=tuple(own.model.law.commit(own.field) for own in residual.forces),
+        friction=tuple(
+            own.model.law.commit(own.field, before)
+            for own, before in zip(residual.forces, state.friction, strict=True)
+        ),
         loads=residual.target.loads,
         time=residual.target.time,
         tangent_sign=sign,

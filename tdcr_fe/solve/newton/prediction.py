@@ -26,7 +26,8 @@ class Prediction(NamedTuple):
     """A predicted solution."""
 
     state: SolverState  # The state at the beginning of the step with predicted unknowns
-    # Derivative of the unknowns at the beginning of the step, times its length, see `SolvedStep`
+    # Derivative of the unknowns at the beginning of the step, times its length, see `SolvedStep`; where coefficients
+    # of friction follow laws, the mean of the step before
     slope: Array
 
 
@@ -77,8 +78,14 @@ def predict(
         slips = numbering.at_frictional_holes(moved)
         if not _all_keep_slipping(state, slips, numbering):
             return None
-    slope = np.concatenate((linear.twist_changes(step), step[numbering.reduced :]))
-    there = _moved(system, state, slope + last.curvature(length, slope), numbering, settings.max_turn)
+    if any(own.field.depends_on_length for own in linear.forces):
+        # Where slips go on at their rates, friction stays as it is, unlike in a step from the state at the end.
+        slope = (last.end - last.start) / length
+        change = slope if last.slope is None else 2.0 * slope - last.slope / length
+    else:
+        slope = np.concatenate((linear.twist_changes(step), step[numbering.reduced :]))
+        change = slope + last.curvature(length, slope)
+    there = _moved(system, state, change, numbering, settings.max_turn)
     return None if there is None else Prediction(there, slope)
 
 

@@ -16,7 +16,7 @@ from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.coefficients import MAX_ITERATIONS
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.elements.forces import TendonForces
-from tdcr_fe.elements.friction import LEAST_PART
+from tdcr_fe.elements.friction import LEAST_PART, CoefficientCurve
 from tdcr_fe.elements.hysteresis import ACCEPTED, Hysteresis
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.configuration import SolverState
@@ -152,31 +152,58 @@ def full_step(problem: NewtonProblem, residual: Residual, damping: float = 0.0) 
     state, forces, pick = residual.state, residual.forces, numbering.at_frictional_holes
     laws = [own.model.law.hysteresis.softened(problem.softening) for own in forces]
     mobilised, changes = pick(state.mobilisation), slip_changes(numbering, forces, fixed)
-    slips = pick([own.field.slip + change for own, change in zip(forces, changes, strict=True)])
+    ahead = [own.field.slip + change for own, change in zip(forces, changes, strict=True)]
+    slips, curves = pick(ahead), _coefficient_curves(residual, ahead)
     by_robot = list(zip(laws, state.mobilisation, state.friction, strict=True))
     travelled = pick([law.slip_of(s, before) for law, s, before in by_robot])
     excess = slips - pick([before.slip for before in state.friction]) - travelled
-    if all_keep_slipping(mobilised, excess):
+    if not curves and all_keep_slipping(mobilised, excess):
         unchanged = np.zeros(numbering.total - numbering.linear)
         return NewtonStep(np.append(fixed, unchanged), linear, damping)
     coupling = FrictionCoupling.of(numbering, forces, linear.slack)
     flexibility = pick([law.flexibility(s, np.zeros_like(s)) for law, s, _ in by_robot])
     columns, matrix = coupling.response(linear.factorisation.solve, np.arange(len(mobilised)), flexibility)
+    new = acting = mobilised
     if all(law.linear for law in laws):
         new, _ = solve_box(matrix, excess + matrix @ mobilised, mobilised)
-    else:
-        new = on_curves(numbering, laws, state, slips, np.diag(flexibility) - matrix)
-    change = new - mobilised
-    return NewtonStep(np.concatenate((fixed + columns @ change, change)), linear, damping)
+        acting = new
+    if curves or not all(law.linear for law in laws):
+        by_mobilisation = np.diag(flexibility) - matrix
+        start = slips + by_mobilisation @ (new - mobilised)
+        new, acting = on_curves(numbering, laws, state, slips, by_mobilisation, start, curves)
+    change = fixed + columns @ (acting - mobilised)
+    return NewtonStep(np.concatenate((change, new - mobilised)), linear, damping)
+
+
+def _coefficient_curves(residual: Residual, slips: Sequence[Array]) -> list[CoefficientCurve]:
+    """By robot, coefficients as functions of the slips; empty where they are linear up to these slips."""
+    by_robot = list(zip(residual.forces, residual.state.friction, slips, strict=True))
+    if not any(own.model.law.varies and own.field.time > before.time for own, before, _ in by_robot):
+        return []
+    curves = [
+        own.model.law.coefficient_curves(own.field, own.measured.shape.angles, before)
+        for own, before, _ in by_robot
+    ]
+    bent = [
+        curve(slip, own.field.mobilisation)[0] for curve, (own, _, slip) in zip(curves, by_robot, strict=True)
+    ]
+    return curves if any((ratio != 1.0).any() for ratio in bent) else []
 
 
 def on_curves(
-    numbering: Numbering, laws: Sequence[Hysteresis], state: SolverState, fixed: Array, by_mobilisation: Array
-) -> Array:
-    """Mobilisations on their curves, where the slips change linearly with them, shape (k,).
+    numbering: Numbering,
+    laws: Sequence[Hysteresis],
+    state: SolverState,
+    fixed: Array,
+    by_mobilisation: Array,
+    start: Array,
+    curves: Sequence[CoefficientCurve] = (),
+) -> tuple[Array, Array]:
+    """Mobilisations on their curves, where the slips change linearly with them.
 
-    Curves are bent where the slip turns: with straight lines in place of them the iteration often returned to where it
-    had been. Newton's method in the slips, its steps halved where they increase the error.
+    Curves are bent where the slip turns, and where coefficients depend on slip rates: with straight lines in place of
+    them the iteration often returned to where it had been. Newton's method in the slips, its steps halved where they
+    increase the error.
 
     Parameters
     ----------
@@ -190,25 +217,39 @@ def on_curves(
         Slips at the present mobilisations [m], shape (k,).
     by_mobilisation
         Derivatives of the slips by the mobilisations with everything else in equilibrium [m], shape (k, k).
+    start
+        Slips to begin with [m], shape (k,).
+    curves
+        By robot, see `TendonLaw.coefficient_curves`; empty where coefficients do not depend on slip rates.
+
+    Returns
+    -------
+    mobilisation : ndarray, shape (k,)
+    acting : ndarray, shape (k,)
+        These times the ratios of the coefficients: mobilisations that act alike at the present coefficients.
     """
 
-    def curve(slips: Array) -> tuple[Array, Array, Array]:
-        """Mobilisations of slips, their slopes [1/m], and by how much the slips with these differ [m]."""
-        found, slopes = [], []
+    def curve(slips: Array) -> tuple[Array, Array, Array, Array]:
+        """Mobilisations of slips, those that act, their slopes [1/m], and the slips less those with them [m]."""
+        found, acting, slopes = [], [], []
         own = numbering.with_frictional_holes([before.slip for before in state.friction], slips)
-        for law, slip, before in zip(laws, own, state.friction, strict=True):
+        for i, (law, slip, before) in enumerate(zip(laws, own, state.friction, strict=True)):
             trial = law.trial(slip, before)
-            found.append(np.clip(trial, -1.0, 1.0))
-            flexibility = law.flexibility(found[-1], np.sign(slip - before.slip))
-            slopes.append(np.where(np.abs(trial) < 1.0, 1.0 / flexibility, 0.0))
-        mobilised = numbering.at_frictional_holes(found)
-        error = slips - fixed - by_mobilisation @ (mobilised - present)
-        return mobilised, numbering.at_frictional_holes(slopes), error
+            mobilised = np.clip(trial, -1.0, 1.0)
+            flexibility = law.flexibility(mobilised, np.sign(slip - before.slip))
+            slope = np.where(np.abs(trial) < 1.0, 1.0 / flexibility, 0.0)
+            ratio, bend = curves[i](slip, mobilised) if curves else (1.0, 0.0)
+            found.append(mobilised)
+            acting.append(mobilised * ratio)
+            slopes.append(slope * ratio + mobilised * bend)
+        acts = numbering.at_frictional_holes(acting)
+        error = slips - fixed - by_mobilisation @ (acts - present)
+        return numbering.at_frictional_holes(found), acts, numbering.at_frictional_holes(slopes), error
 
     present = numbering.at_frictional_holes(state.mobilisation)
-    slips = fixed
+    slips = start
     smallest = ACCEPTED * min(law.presliding for law in laws)
-    mobilised, slopes, error = curve(slips)
+    mobilised, acts, slopes, error = curve(slips)
     for _ in range(MAX_ITERATIONS):
         size = np.linalg.norm(error)
         if not size > smallest:  # ends with nan, too
@@ -217,12 +258,15 @@ def on_curves(
         part = 1.0
         while True:
             trial = slips - part * change
-            mobilised, slopes, error = curve(trial)
+            mobilised, acts, slopes, error = curve(trial)
             if np.linalg.norm(error) < size or part < LEAST_PART:
                 break
             part *= 0.5
         slips = trial
-    return mobilised
+        if curves and part < LEAST_PART:
+            # Where a coefficient falls with the slip rate there may be none.
+            break
+    return mobilised, acts
 
 
 def damped_step(problem: NewtonProblem, residual: Residual, damping: float) -> NewtonStep:

@@ -45,6 +45,7 @@ class Derivative:
     """Derivative of the state at the end of a substep, on which the next one depends; parameters are the last axis."""
 
     slip: Array  # (m, g, P): Of the history
+    former: Array  # as `slip`, of the history before it
     mobilisation: Array  # as `slip`
     slip_rate: Array  # as `slip`
     # (m, P): Tension and slip at the base plate, and prescribed tension or displacement [N, m]
@@ -66,6 +67,7 @@ class _Carried(NamedTuple):
     derivative: Derivative
     mobilisation: Array  # (m, g): Of the holes, also of those without friction at the present values
     slip: Array  # (m, g): Slips to which these belong [m]
+    former: Array  # as `slip`, of the substep before
 
 
 class _Disturbed(NamedTuple):
@@ -75,7 +77,8 @@ class _Disturbed(NamedTuple):
     mobilisation: Array  # (m, g): As of `_Carried`, in this state
     slip: Array  # as `mobilisation`
     rate: Array  # (m, g): Of the slips [m/s]
-    elapsed: float  # Time since the substep began [s]
+    inherited: Inherited  # Changes of what the rates are counted from
+    duration: float  # Over which they are [s], see `FrictionState.rates_from`
 
 
 class _StepValues(NamedTuple):
@@ -170,8 +173,8 @@ class SensitivityHistory:
         by_slip, base, count = law.slip_operator @ released, released.sum(axis=1), released.shape[2]
         history, none = np.zeros_like(by_slip), np.zeros_like(base)
         loads = np.zeros((len(self.loads), 6, count))
-        begin = Derivative(by_slip, history, history, none, base, none, loads, np.zeros(count))
-        return _Carried(begin, np.zeros_like(slip), slip)
+        begin = Derivative(by_slip, by_slip, history, history, none, base, none, loads, np.zeros(count))
+        return _Carried(begin, np.zeros_like(slip), slip, slip)
 
     # ------------------------------------------------------------------ along the path
 
@@ -216,19 +219,23 @@ class SensitivityHistory:
         before, state, own = carried.derivative, solved.state, solved.forces[robot]
         history = state.friction[robot]
         mobilisation, at_slip = self._mobilisation(solved, robot, carried)
-        elapsed = time - history.time
         rate = np.zeros_like(at_slip) if history.slip_rate is None else history.slip_rate
-        if elapsed > 0.0:
-            rate = (at_slip - carried.slip) / elapsed
+        # The slips from which rates are counted are linear in those of the history.
+        begin, duration = _counted(history, carried.slip, carried.former).rates_from(time)
+        by_begin, _ = _counted(history, before.slip, before.former).rates_from(time)
+        elapsed = inputs.time - before.time
+        if duration > 0.0:
+            rate = (at_slip - begin) / duration
+            elapsed = elapsed * duration / (time - history.time)
         poses = state.configuration.poses[robot]
         point = RobotPoint(*poses, state.configuration.twists[robot], state.base_tension[robot], mobilisation)
-        inherited = Inherited(before.slip, before.slip_rate, inputs.time, inputs.time - before.time)
+        inherited = Inherited(by_begin, before.slip_rate, inputs.time, elapsed)
         explicit = self.explicit.at(own, point, rate, (history.time, time), inherited)
         count, tendons = len(self.parameters), (inputs.tendons, explicit.tension, explicit.released)
         wrenches = explicit.wrenches.reshape(-1, count) + self._load_wrenches(poses[1], inputs.loads)
         disturbances = [Disturbance.none(x, count) for x in solved.forces]
         disturbances[robot] = Disturbance(wrenches, *tendons, before.slip, before.mobilisation)
-        return _Disturbed(tuple(disturbances), mobilisation, at_slip, rate, elapsed)
+        return _Disturbed(tuple(disturbances), mobilisation, at_slip, rate, inherited, duration)
 
     def _values(
         self, disturbed: _Disturbed, solved: SolvedPoint, inputs: InputValues, carried: _Carried
@@ -241,11 +248,18 @@ class SensitivityHistory:
         law = own.model.law
         slip = law.slip_operator @ change.released
         rates = before.slip_rate
-        if disturbed.elapsed > 0.0:
-            travel = disturbed.rate[:, : law.groups, None] * (inputs.time - before.time)
-            rates = (slip - before.slip - travel) / disturbed.elapsed
+        if disturbed.duration > 0.0:
+            begin = disturbed.inherited
+            travel = disturbed.rate[:, : law.groups, None] * begin.elapsed
+            rates = (slip - begin.slip - travel) / disturbed.duration
         after = Derivative(
-            slip, change.mobilisation, rates, change.base_tension, change.released.sum(axis=1), *inputs
+            slip,
+            before.slip,
+            change.mobilisation,
+            rates,
+            change.base_tension,
+            change.released.sum(axis=1),
+            *inputs,
         )
         part = solved.numbering.robots[robot]
         moved = response.unknowns[part.nodes].reshape(-1, 2, 3, len(self.parameters))
@@ -254,7 +268,7 @@ class SensitivityHistory:
         displacements = after.base_slip.copy()
         displacements[part.driven] = inputs.tendons[part.driven]
         slips = holes @ change.released
-        carried = _Carried(after, disturbed.mobilisation, disturbed.slip)
+        carried = _Carried(after, disturbed.mobilisation, disturbed.slip, carried.slip)
         return _StepValues(
             world[:, 0], world[:, 1], change.tension, change.base_tension, displacements, slips, carried
         )
@@ -354,7 +368,13 @@ def _reversed(
         after,
         np.where(turned, disturbed.mobilisation, carried.mobilisation),
         np.where(turned, disturbed.slip, carried.slip),
+        carried.former,
     )
+
+
+def _counted(history: FrictionState, slip: Array, former: Array) -> FrictionState:
+    """A history with other slips: its own, and those before it where there are any."""
+    return replace(history, slip=slip, former=history.former and (former, history.former[1]))
 
 
 def _load_factor_change(
