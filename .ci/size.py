@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2475,
+    "elements": 2520,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 766,
     "tdcr_fe/effects": 1236,
@@ -36,10 +36,10 @@ BUDGET = {
     "tdcr_fe/model": 2465,
     "tdcr_fe/report": 1108,
     "tdcr_fe/scene": 1341,
-    "tdcr_fe/solve": 6425,
+    "tdcr_fe/solve": 6496,
     "tdcr_fe/sweeps": 1397,
     "validation": 6493,
-    "tests": 12696,
+    "tests": 12707,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")
