@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from tdcr_fe.effects import Effect
+from tdcr_fe.elements.drives import TENSION
 from tdcr_fe.io.keys import json_schema
 from tdcr_fe.io.problems import InputError, Problem, Reporter, StrPath, refusal
 from tdcr_fe.io.toml import Scenario, ScenarioTables, build_scenario, digest, read_scenario_tables, read_toml
@@ -186,6 +187,10 @@ def _workspace(table: Workspace, scenario: Scenario, sampling: Sampling, report:
     names = scenario.robot.tendon_names
     if not names:
         report("workspace", "", "the robot has no tendons")
+    for drive, given in scenario.steps[-1].inputs():
+        if given and drive is not TENSION:
+            text = f"varies tensions; the last load step gives the {drive.label} of {', '.join(given)}: use [[vary]]"
+            report("workspace", "", text)
     if table.count and sampling.is_sample:
         report("workspace.count", str(table.count), 'only for method = "grid"')
     if not table.count and not sampling.is_sample:

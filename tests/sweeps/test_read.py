@@ -108,6 +108,14 @@ DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "sweeps.md").read_text(encoding="utf-8")
 
 
+def test_a_workspace_of_a_tendon_that_the_last_step_winds_is_refused_as_such(tmp_path):
+    """It was said of the smallest and the largest tension of the sample, with bounds as the remedy."""
+    text = HEAD + "[workspace]\nlargest = 2.0\ncount = 3\n"
+    wound = SCENARIO.replace("tensions = { t1 = 1.0 }", "displacements = { t1 = 1e-3 }")
+    (said,) = problems_of(tmp_path, text, scenario=wound)
+    assert "workspace: varies tensions; the last load step gives the displacement of t1" in said
+
+
 @pytest.mark.parametrize(("name", "cases"), [("uncertainty", 384), ("workspace", 512)])
 def test_the_sweeps_of_the_page_are_the_files_of_the_examples(name, cases):
     path = DOCS / "examples" / "sweeps" / f"{name}.toml"
