@@ -25,6 +25,7 @@ from tdcr_fe.identify.input_causes import input_causes
 from tdcr_fe.identify.rows import clock_of, possible_starts, progress_along
 from tdcr_fe.identify.state_loads import ranges, state_loads
 from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.friction import ForceDependentFriction, FrictionCoefficient, StribeckFriction
@@ -380,9 +381,9 @@ Weight = Callable[[MeasuredData], Array]
 
 def _readings(problem: FitProblem) -> list[ReadingCause]:
     """Positions that move along the rows or from some row on, or are seen through a camera."""
-    readings, data = problem.readings, problem.data
+    readings, data, found = problem.readings, problem.data, _sensors(problem)
     if not np.any(readings.is_position):
-        return []
+        return found
     length, clock = data.robot.backbone.length, clock_of(data)
     shifts = tuple(number(a, "m", (-length, length), 0.0, 2e-3 * length) for a in "xyz")
     turns = tuple(number(f"rot_{a}", "rad", (-1.0, 1.0), 0.0, 0.01) for a in "xyz")
@@ -399,7 +400,7 @@ def _readings(problem: FitProblem) -> list[ReadingCause]:
         times.append(("drift", "", clock, lambda d: progress_along(d.steps), 1.0))
     for first in (data.step_ids[k] for k in possible_starts(data)):
         times.append(("jump", f", from row {first} on", "row", after(first), float(len(data.steps))))
-    found = _camera(length)
+    found += _camera(length)
     for (marker, who), (verb, since, depends, weight, choices) in itertools.product(groups.items(), times):
         kind = Kind("reading", (depends,), f"{who}{since}")
         price = math.log(choices * (1 if marker is None else len(markers)))
@@ -414,6 +415,38 @@ def _readings(problem: FitProblem) -> list[ReadingCause]:
             shapes = tuple(partial(m, axis=i, weight=weight, marker=marker) for m in moves for i in range(3))
             found.append(ReadingCause(f"{name} of {who}{since}", kind, numbers, shapes, text, price))
     return found
+
+
+def _sensors(problem: FitProblem) -> list[ReadingCause]:
+    """Sensors other than markers that read too much by a factor or by a constant: all of a kind, or one."""
+    of_each, found = dict[str, list[Reading]](), list[ReadingCause]()
+    for r in problem.data.readings:
+        for name in _sensor_names(r):
+            of_each.setdefault(name, []).append(r)
+    for name, own in of_each.items():
+        size = max(1e-300, *(abs(r.value) for r in own))
+        scale = number("scale", "1", (-0.5, 0.5), 0.0, 0.01)
+        zero = number("offset", own[0].channel.unit, (-size, size), 0.0, 0.02 * size)
+        for p, power, by in ((scale, 1, "factor"), (zero, 0, "constant")):
+            kind, shape = Kind("reading", ("nothing",), name), partial(_of_sensor, name=name, power=power)
+            label, price = f"{p.name} of the readings of {name}", math.log(len(of_each))
+            text = f"{name} is read too large or too small by a {by}"
+            found.append(ReadingCause(label, kind, (p,), (shape,), text, price))
+    return found
+
+
+def _sensor_names(r: Reading) -> tuple[str, ...]:
+    """Of the kind of the sensor of a reading, and of the sensor; none of a marker."""
+    if r.channel.family == "position":
+        return ()
+    at = f"{r.location:.4g} m" if isinstance(r.location, float) else r.location
+    return (r.channel.family, f"{r.quantity} at {at}") if at else (r.channel.family,)
+
+
+def _of_sensor(problem: FitProblem, run: Run, name: str, power: int) -> Array:
+    """Predicted readings of one sensor or of all of a kind, or one, shape (n,)."""
+    own = np.array([name in _sensor_names(r) for r in problem.data.readings])
+    return np.where(own, problem.readings.read(run, problem.experiment) ** power, 0.0)
 
 
 def _camera(length: float) -> list[ReadingCause]:

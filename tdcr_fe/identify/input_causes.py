@@ -124,9 +124,19 @@ class _Inputs(NamedTuple):
         def settled(p: Array, values: Values) -> Array:
             return 1.0 - np.exp(-p / values["span"])
 
+        def largest(u: Array, *_: Any) -> Array:  # no tension falls below zero
+            found = np.maximum.accumulate(np.abs(u), axis=0)
+            return np.where(u == 0.0, 0.0, found) if self.unit == "N" else found
+
         laws: list[tuple[str, str, _InputLaw, str]] = [
             ("offset of the input", "nothing", lambda *_: 1.0, "the inputs are off by a constant"),
             ("gain that grows", "tension", lambda u, *_: u * np.abs(u) / most, grows),
+            (
+                "gain by the largest so far",
+                "tension",
+                largest,
+                "a share of the largest input so far is missing",
+            ),
             ("gain that drifts", clock, lambda u, p, _: u * p, "the gain of the inputs drifts"),
             ("offset that drifts", clock, lambda u, p, _: p, "the inputs drift"),
             ("gain that settles", clock, lambda u, *x: u * settled(*x), gain_settles),
@@ -228,11 +238,15 @@ class _Inputs(NamedTuple):
             kind, text = Kind("input", ("row",), since), "the gain of the inputs jumps"
             yield ChangedInputs(f"jump of the gain ({since})", kind, (gain,), gained, text, price)
             for name in self.names:
-                where, text = f"tendon {name}, {since}", "the zero of an input jumps"
                 one = number(name, self.unit, (-self.most, self.most), 0.0, 0.01 * self.most)
-                kind, label = Kind("input", ("row",), where), f"jump of the input ({where})"
-                each = price + math.log(len(self.names))
-                yield ChangedInputs(label, kind, (one,), later, text, each)
+                kind, each = (
+                    Kind("input", ("row",), where := f"tendon {name}, {since}"),
+                    price + math.log(len(self.names)),
+                )
+                text = "the zero of an input jumps"
+                yield ChangedInputs(f"jump of the input ({where})", kind, (one,), later, text, each)
+                one, text = replace(gain, name=name), "the gain of an input jumps"
+                yield ChangedInputs(f"jump of the gain ({where})", kind, (one,), gained, text, each)
 
 
 def _pauses(steps: Sequence[LoadStep]) -> Array:

@@ -33,6 +33,7 @@ from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.problem import Fit, evaluate
 from tdcr_fe.identify.screening import Score, screen
 from tdcr_fe.identify.search import Proposal, backward_selection, exchange, scores_beside, search_causes
+from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.routing import MisplacedRouting
 
 
@@ -330,21 +331,28 @@ def test_inputs_jump_at_a_row_share_are_limited_have_a_dead_zone_and_stay_behind
     steps = problem.experiment.steps
     jump = causes["jump of the input (tendon t1, from row 7 on)"].apply(problem.experiment, {"t1": 0.1})
     gain = causes["jump of the gain (from row 7 on)"].apply(problem.experiment, {"all": 0.1})
+    own = causes["jump of the gain (tendon t2, from row 7 on)"].apply(problem.experiment, {"t2": 0.1})
     share = causes["share of t1 in t2"].apply(problem.experiment, {"t2": 0.1})
     limit = causes["limit of the inputs"].apply(problem.experiment, {"share": 1.0, "limit": 0.5})
     one = causes["limit of the input (tendon t2)"].apply(problem.experiment, {"share": 1.0, "limit": 0.2})
     dead = causes["dead zone of the inputs"].apply(problem.experiment, {"share": 1.0, "limit": 0.2})
     lag = causes["lag of the inputs"].apply(problem.experiment, {"share": 0.2})
-    changed = (e.steps for e in (jump, gain, share, limit, one, dead, lag))
+    lasting = causes["gain by the largest so far (all)"].apply(problem.experiment, {"all": -0.1})
+    changed = (e.steps for e in (jump, gain, own, lasting, share, limit, one, dead, lag))
     acted = steps[0].tensions
     rows = zip(problem.data.step_ids, steps, *changed, strict=True)
-    for n, given, jumped, gained, shared, limited, alone, lost, behind in rows:
+    most = {"t1": 0.0, "t2": 0.0}
+    for n, given, jumped, gained, single, stayed, shared, limited, alone, lost, behind in rows:
         t1, t2 = given.tensions["t1"], given.tensions["t2"]
         acted = {"t1": 0.2 * acted["t1"] + 0.8 * t1, "t2": 0.2 * acted["t2"] + 0.8 * t2}
         assert behind.tensions == pytest.approx(acted)
         assert jumped.tensions == pytest.approx({"t1": t1 + (0.1 if n >= 7 else 0.0), "t2": t2})
         factor = 1.1 if n >= 7 else 1.0
         assert gained.tensions == pytest.approx({"t1": factor * t1, "t2": factor * t2})
+        assert single.tensions == pytest.approx({"t1": t1, "t2": factor * t2})
+        most = {"t1": max(most["t1"], t1), "t2": max(most["t2"], t2)}
+        expected = {k: max(x - 0.1 * most[k], 0.0) for k, x in given.tensions.items()}
+        assert stayed.tensions == pytest.approx(expected)
         assert shared.tensions == pytest.approx({"t1": t1, "t2": t2 + 0.1 * t1})
         assert limited.tensions == pytest.approx({"t1": min(t1, 0.5), "t2": min(t2, 0.5)})
         assert alone.tensions == pytest.approx({"t1": t1, "t2": min(t2, 0.2)})
@@ -386,6 +394,23 @@ def test_loads_are_scaled_and_turned_and_a_camera_enlarges_and_distorts():
     np.testing.assert_allclose(shift.reshape(-1, 3), 0.03 * read[:, 2:] * [1, 0, 0], atol=1e-12)
     shift = causes["scale of y"].shift(problem, run, {"scale": 0.03})
     np.testing.assert_allclose(shift.reshape(-1, 3), 0.03 * read * [0, 1, 0], atol=1e-12)
+
+
+def test_sensors_read_too_much_by_a_factor_or_by_a_constant():
+    """A gain of curvature sensors of 1.06 was a stiff bay beside a stiffness at a probability of 0.97."""
+    data, at = measured(), (("curvature_y", 0.05), ("base_tension", "t1"), ("base_tension", "t2"))
+    readings = tuple(Reading(n, quantity, place, 1.0, 0.1) for n in data.step_ids for quantity, place in at)
+    problem = problem_of(replace(data, readings=readings))
+    run, causes = causes_of(problem)
+    read = problem.readings.read(run, problem.experiment).reshape(-1, 3)
+    for name, values, expected in (
+        ("scale of the readings of curvature", {"scale": 0.06}, 0.06 * read * [1, 0, 0]),
+        ("scale of the readings of base_tension", {"scale": 0.1}, 0.1 * read * [0, 1, 1]),
+        ("scale of the readings of base_tension at t2", {"scale": 0.1}, 0.1 * read * [0, 0, 1]),
+        ("offset of the readings of curvature_y at 0.05 m", {"offset": 0.2}, [0.2, 0, 0]),
+    ):
+        shift = causes[name].shift(problem, run, values).reshape(-1, 3)
+        np.testing.assert_allclose(shift, np.broadcast_to(expected, shift.shape), atol=1e-12)
 
 
 @pytest.mark.parametrize(("first", "last"), [(0, 2), (1, 3), (2, len(ROBOT.bay_edges) - 1)])
