@@ -117,7 +117,7 @@ class _Handler(BaseHTTPRequestHandler):
         length = self.headers.get("Content-Length", "")
         if not length.isdecimal():
             return self._refuse(HTTPStatus.LENGTH_REQUIRED, "the length of the message is missing")
-        if int(length) > LARGEST_MESSAGE:
+        if len(length) > 9 or int(length) > LARGEST_MESSAGE:
             text = f"a message has at most {LARGEST_MESSAGE} bytes"
             return self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text)
         body = self.rfile.read(int(length))
