@@ -23,9 +23,7 @@ from tdcr_fe.solve.load_steps.load_path import Increment, Position, SolvedPath, 
 from tdcr_fe.solve.load_steps.loop import Instead, Judge, Proposal, Trial, take_substeps
 from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver, has_rates
 from tdcr_fe.solve.load_steps.within_substep import (
-    allowed_error,
     follows_path,
-    is_steady,
     known_states,
     with_reversals,
 )
@@ -73,21 +71,12 @@ def on_this_branch(trial: Trial) -> Trial | Instead:
 def reversals_resolved(trial: Trial) -> Trial | Instead:
     """Whether slip reversals within it are located, or move no node; else it is divided where one is.
 
-    Where no more substeps are allowed, it passes, with its error.
+    Where no more substeps are allowed, it passes, with its error; and where its path cannot be followed.
     """
-    trial = with_reversals(trial) if follows_path(trial.solver.system) else _compared(trial)
-    return trial if trial.division is None or not _has_room(trial) else trial.divided(trial.division)
-
-
-def _compared(trial: Trial) -> Trial:
-    """A substep with friction whose path is not followed: it is halved where the halves end elsewhere."""
-    solver, start, linear = trial.solver, trial.start, trial.result.linearization
-    if not solver.system.numbering().has_friction or trial.length == 0.0 or is_steady(trial, linear):
+    if not follows_path(trial.solver.system):
         return trial
-    away, spent = _distance_of_halves(solver, (start, trial.before), (trial.end, trial.result.state), HALVES)
-    solver.ramp.apply(solver.system, trial.end)
-    division = None if away <= allowed_error(trial) else 0.5
-    return trial._replace(error=trial.error + away, division=division, rejected=trial.rejected + spent)
+    trial = with_reversals(trial)
+    return trial if trial.division is None or not _has_room(trial) else trial.divided(trial.division)
 
 
 def _has_room(trial: Trial) -> bool:
@@ -103,7 +92,7 @@ def did_not_jump(trial: Trial) -> Trial | Instead:
     solver, first = trial.solver, (trial.start, trial.before)
     for last in (*trial.within, (trial.end, trial.result.state)):
         if _jump_possible(solver, first, last):
-            away, spent = _distance_of_halves(solver, first, last, ON_THE_WAY)
+            away, spent = _distance_of_halves(solver, first, last)
             solver.ramp.apply(solver.system, trial.end)
             trial = trial._replace(rejected=trial.rejected + spent)
             if away > 2.0 * solver.settings.path_tolerance:
@@ -125,9 +114,7 @@ def _jump_possible(solver: SubstepSolver, first: Point, last: Point) -> bool:
     return suspect and not is_continuous(solver, first, last)
 
 
-def _distance_of_halves(
-    solver: SubstepSolver, first: Point, last: Point, judges: Sequence[Judge]
-) -> tuple[float, int]:
+def _distance_of_halves(solver: SubstepSolver, first: Point, last: Point) -> tuple[float, int]:
     """How far from its end the halves of a substep end, over the length [1], infinite where they fail; and their cost.
 
     The cost is the number of their iterations.
@@ -135,7 +122,7 @@ def _distance_of_halves(
     (start, before), (end, after) = first, last
     halves = (Proposal(0.5 * (start + end)), Proposal(end, after))
     try:
-        path = take_substeps(solver, SolvedPath(before, start), halves, judges)
+        path = take_substeps(solver, SolvedPath(before, start), halves, ON_THE_WAY)
     except StepFailed as failure:
         if solver.is_late:
             raise
@@ -181,8 +168,6 @@ def _rotation(change: Array) -> float:
 
 #: Of substeps whose number is given: reversals within them are left out of account.
 MUST_CONVERGE: tuple[Judge, ...] = (converged,)
-#: Of the halves with which a substep is compared where no path is followed.
-HALVES: tuple[Judge, ...] = (converged, on_this_branch)
 #: Of the halves of a substep that may have jumped.
 ON_THE_WAY: tuple[Judge, ...] = (converged, on_this_branch, reversals_resolved)
 #: Of substeps that resolve the path of the friction, in this order.
@@ -258,10 +243,9 @@ def _with_path_resolved(solver: SubstepSolver, begin: Position, proposals: Seque
     """The load step with its path dependence resolved.
 
     It begins with the proposed substeps, or as a whole. Where the path of the friction cannot be followed, it is
-    also solved in parts of half its longest substep, again and again, until two in succession agree with the last. Of
-    laws of the coefficients one is enough that agrees much better: their error falls with the square of the parts.
-
-    Where a coefficient falls with the slip rate there may be no limit: parts fail, or differ by twice as much as
+    also solved in parts of half its longest substep, again and again, until three in succession agree with the last. Of
+    laws of the coefficients two are enough, or one that agrees much better: their error falls with the square of the
+    parts. Where a coefficient falls with the slip rate there may be no limit: parts fail, or differ by twice as much as
     before. Then the path before them is kept, with its error.
     """
     tolerance, rates = 2.0 * solver.settings.path_tolerance, has_rates(solver.system)
@@ -271,26 +255,30 @@ def _with_path_resolved(solver: SubstepSolver, begin: Position, proposals: Seque
         return path
     # Where the longest substep is so small that there is nothing to compare with, the path counts as not resolved.
     agreed, error, former = 0, tolerance, np.inf
-    while agreed < 2:
+    while agreed < (2 if rates else 3):
         ends = [0.0, *(each.load_factor for each in path.increments)]
         count = 2 * max(count, round(1.0 / np.diff(ends).max()))
         if count > solver.settings.max_substeps:
-            return replace(path, refinement_error=max(path.refinement_error, error))
+            break
         try:
             finer = _taken(solver, begin, equal_parts(count), COMPARED)
         except StepFailed as failure:
-            apart, spent = np.inf, failure.iterations
-        else:
-            apart, spent = solver.distance(finer.state, path.state), finer.iterations_total
-        if apart == np.inf or (rates and apart > 2.0 * max(former, tolerance)):
-            error = max(path.refinement_error, error, 0.0 if apart == np.inf else apart)
-            solver.ramp.apply(solver.system, 1.0)
-            return replace(path, refinement_error=error, rejected=path.rejected + spent)
+            path, agreed = replace(path, rejected=path.rejected + failure.iterations), 0
+            if rates:
+                break
+            continue
+        apart = solver.distance(finer.state, path.state)
+        if rates and apart > 2.0 * max(former, tolerance):
+            path, error = replace(path, rejected=path.rejected + finer.iterations_total), apart
+            break
         agreed = agreed + 1 if apart <= tolerance else 0
         if rates and apart <= 0.25 * tolerance:
             agreed = 2
         path, error, former = replace(finer, rejected=finer.rejected + path.iterations_total), apart, apart
-    return path
+    else:
+        return path
+    solver.ramp.apply(solver.system, 1.0)
+    return replace(path, refinement_error=max(path.refinement_error, error))
 
 
 def _is_compared(solver: SubstepSolver, before: SolverState, after: SolverState) -> bool:
@@ -305,7 +293,8 @@ def _is_compared(solver: SubstepSolver, before: SolverState, after: SolverState)
     forces = solver.system.forces(after, after.time)
     for i, robot in enumerate(solver.system.robots):
         taut = (np.maximum(before.base_tension[i], after.base_tension[i]) > 0.0)[:, None]
-        changed = np.trunc(before.mobilisation[i]) != np.trunc(after.mobilisation[i])
+        old, new = before.mobilisation[i], after.mobilisation[i]
+        changed = np.trunc(old) != np.trunc(new) if robot.law.hysteresis.linear else old != new
         if np.any((changed | solver.ramp.loads_change) & taut & robot.law.frictional):
             return True
         angles = forces[i].measured.shape.angles
