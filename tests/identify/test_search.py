@@ -178,7 +178,7 @@ def test_friction_that_depends_on_the_slip_rate_is_told_from_other_friction():
     first, *_ = screen(own, state_of(own).declared, tuple(causes_of(own)[1].values()))[0]
     assert first.effect.name == "friction by slip rate" and first.effect.kind.depends_on == ("slip rate",)
     values = fitting.fit(own, (first.effect,), first.start.point).values[first.effect.name]
-    assert values["at_rest"] == pytest.approx(0.2, abs=0.02) and values["rate"] == pytest.approx(
+    assert values["at_rest"] == pytest.approx(0.2, abs=0.03) and values["rate"] == pytest.approx(
         2e-4, rel=0.1
     )
 
