@@ -120,6 +120,7 @@ class _Inputs(NamedTuple):
         """Off by a constant, by a part that grows with them, or that changes along the rows: all, each or one."""
         most, grows = self.most, "the gain of the inputs depends on their size"
         gain_settles, (span, spans) = "the gain of the inputs settles", settling_span("span", "1", 1.0)
+        missing = "a share of the largest input so far is missing"
 
         def settled(p: Array, values: Values) -> Array:
             return 1.0 - np.exp(-p / values["span"])
@@ -131,12 +132,7 @@ class _Inputs(NamedTuple):
         laws: list[tuple[str, str, _InputLaw, str]] = [
             ("offset of the input", "nothing", lambda *_: 1.0, "the inputs are off by a constant"),
             ("gain that grows", "tension", lambda u, *_: u * np.abs(u) / most, grows),
-            (
-                "gain by the largest so far",
-                "tension",
-                largest,
-                "a share of the largest input so far is missing",
-            ),
+            ("gain by the largest so far", "tension", largest, missing),
             ("gain that drifts", clock, lambda u, p, _: u * p, "the gain of the inputs drifts"),
             ("offset that drifts", clock, lambda u, p, _: p, "the inputs drift"),
             ("gain that settles", clock, lambda u, *x: u * settled(*x), gain_settles),
@@ -223,7 +219,7 @@ class _Inputs(NamedTuple):
             yield ChangedDescription("late inputs", kind, (late,), coming_late, text)
 
     def jumps(self, data: MeasuredData) -> Iterator[Cause]:
-        """Another zero of one input, or another gain of all, from a row on."""
+        """Another zero of one input, or another gain of one or all, from a row on."""
         progress, price = progress_along(data.steps), math.log(len(data.steps))
         gain = number("all", "1", (-0.9, 3.0), 0.0, 0.01)
         for k in possible_starts(data):
@@ -238,15 +234,13 @@ class _Inputs(NamedTuple):
             kind, text = Kind("input", ("row",), since), "the gain of the inputs jumps"
             yield ChangedInputs(f"jump of the gain ({since})", kind, (gain,), gained, text, price)
             for name in self.names:
-                one = number(name, self.unit, (-self.most, self.most), 0.0, 0.01 * self.most)
-                kind, each = (
-                    Kind("input", ("row",), where := f"tendon {name}, {since}"),
-                    price + math.log(len(self.names)),
-                )
+                where, each = f"tendon {name}, {since}", price + math.log(len(self.names))
+                zero = number(name, self.unit, (-self.most, self.most), 0.0, 0.01 * self.most)
+                own, kind = replace(gain, name=name), Kind("input", ("row",), where)
                 text = "the zero of an input jumps"
-                yield ChangedInputs(f"jump of the input ({where})", kind, (one,), later, text, each)
-                one, text = replace(gain, name=name), "the gain of an input jumps"
-                yield ChangedInputs(f"jump of the gain ({where})", kind, (one,), gained, text, each)
+                yield ChangedInputs(f"jump of the input ({where})", kind, (zero,), later, text, each)
+                text = "the gain of an input jumps"
+                yield ChangedInputs(f"jump of the gain ({where})", kind, (own,), gained, text, each)
 
 
 def _pauses(steps: Sequence[LoadStep]) -> Array:
