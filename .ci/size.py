@@ -30,7 +30,7 @@ BUDGET = {
     "tdcr_fe/commands": 766,
     "tdcr_fe/effects": 1236,
     "tdcr_fe/estimate": 1120,
-    "tdcr_fe/identify": 6289,
+    "tdcr_fe/identify": 6283,
     "tdcr_fe/io": 1780,
     "tdcr_fe/live": 359,
     "tdcr_fe/model": 2465,
