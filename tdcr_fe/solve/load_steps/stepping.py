@@ -260,8 +260,10 @@ def _with_path_resolved(solver: SubstepSolver, begin: Position, proposals: Seque
         count = 2 * max(count, round(1.0 / np.diff(ends).max()))
         if count > solver.settings.max_substeps:
             break
+        # The shortest parts of Dahl's law may be divided: else a path beside which all others fail has no error.
+        last = 2 * count > solver.settings.max_substeps and not rates
         try:
-            finer = _taken(solver, begin, equal_parts(count), COMPARED)
+            finer = _taken(solver, begin, equal_parts(count), PATH_RESOLVED if last else COMPARED)
         except StepFailed as failure:
             path, agreed = replace(path, rejected=path.rejected + failure.iterations), 0
             if rates:
