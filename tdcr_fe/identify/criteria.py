@@ -103,12 +103,17 @@ def probability_of_unlisted(fit: Fit) -> float:
 
 
 def at_bound(problem: FitProblem, fit: Fit) -> bool:
-    """Whether a free parameter has come to a bound other than its null value, and so is no estimate."""
+    """Whether a free parameter has come to a bound other than its null value, and so is no estimate.
+
+    Zero is one where it is a bound: without friction, a robot declared with friction was one whose friction depends on
+    the normal force.
+    """
     null = {e.name: e.null_values(problem.experiment) for e in fit.effects}
     z, start = (problem.coordinates(fit.effects, x, fit.free)[:, None] for x in (fit.values, null))
     limits = problem.limits(fit.effects, fit.free)
     near = 1e-6 * np.maximum(np.ptp(limits, axis=1), 1e-300)[:, None]
-    return bool(np.any((np.abs(z - limits) <= near) & (np.abs(start - limits) > near)))
+    reached = (np.abs(z - limits) <= near) & (np.abs(start - limits) > near)
+    return bool(np.any(reached & (limits != 0.0)))
 
 
 def rank(problem: FitProblem, fit: Fit) -> float:

@@ -113,7 +113,7 @@ def _along(problem: FitProblem) -> list[Cause]:
     robot, found = problem.experiment.robot, list[Cause]()
     radius = number("radius", "1", (0.4, 2.5), 1.0, 0.02)
     curvatures = [number(f"kappa_{a}", "1/m", (-20.0, 20.0), 0.0, 0.01 / robot.backbone.length) for a in "xy"]
-    friction = number("friction", "1", (-1.0, 2.0), 0.0, 0.02)
+    friction = _more_friction(robot.tendons)
 
     def add(name: str, perturbs: str, profile: _Profile, change: Change, *each: Parameter) -> None:
         numbers = _at(each, profile.numbers)
@@ -163,6 +163,12 @@ def _has_coefficients(problem: FitProblem) -> bool:
     return experiment.model.friction != "none" and not any(t.friction for t in experiment.robot.tendons)
 
 
+def _more_friction(tendons: Sequence[Tendon]) -> Parameter:
+    """Of coefficients that do not fall below zero, where no number would change anything, nor count."""
+    largest = max((t.friction_coefficient for t in tendons), default=0.0)
+    return number("friction", "1", (-largest, 2.0), 0.0, 0.02)
+
+
 def _with_friction_at(tendon: Tendon, s: Array, more: Array) -> Tendon:
     """A tendon with coefficients of friction that are larger by so much at holes, shape (n,) both."""
     coefficients = np.maximum(tendon.friction_coefficient + more, 0.0)
@@ -174,7 +180,7 @@ def _rough_holes(problem: FitProblem) -> list[Cause]:
     """Another coefficient of friction at one hole."""
     robot = problem.experiment.robot
     holes = [(t.name, float(s)) for t in robot.tendons for s in robot.hole_arc_lengths(t)[1:-1]]
-    friction, found = number("friction", "1", (-1.0, 2.0), 0.0, 0.02), list[Cause]()
+    friction, found = _more_friction(robot.tendons), list[Cause]()
     for name, s in holes if _has_coefficients(problem) else ():
 
         def rougher(experiment: Experiment, values: Values, name: str = name, s: float = s) -> Experiment:
@@ -195,7 +201,7 @@ def _friction_laws(problem: FitProblem, state: BayState) -> Iterator[Cause]:
 
     Or with the slip rate: towards rest it becomes another one.
     """
-    friction = number("friction", "1", (-1.0, 2.0), 0.0, 0.02)
+    friction = _more_friction(problem.experiment.robot.tendons)
     lengths, curvature = np.diff(state.edges), state.curvature[..., :2]
     bent = np.linalg.norm(curvature, axis=-1) * lengths
     force = 0.5 * float(np.nanmax(state.tension * bent[..., None], initial=0.0))

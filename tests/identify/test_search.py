@@ -98,16 +98,22 @@ def test_a_cause_has_as_many_numbers_as_the_data_support(hidden, number):
         assert last.best.values[found.name][name] == pytest.approx(value, abs=0.03)
 
 
-def test_a_listed_effect_in_another_form_is_preferred_to_a_cause_without_a_name():
-    """A blind set ended with friction by the normal force, exponent 0.001, which beat a coefficient of each tendon."""
-    own = problem_of(measured({"friction_coefficient": {"mu": 0.2}}, model=FRICTIONAL), held=(3, 7, 9))
+@pytest.mark.parametrize(("declared", "hidden"), [(0.0, 0.2), (0.2, 0.0)])
+def test_a_listed_effect_in_another_form_is_preferred_to_a_cause_without_a_name(declared, hidden):
+    """A blind set ended with friction by the normal force, exponent 0.001, which beat a coefficient of each tendon.
+
+    Another one without friction did so, since zero is a bound of the coefficient.
+    """
+    robot = ROBOT.with_tendons(friction_coefficient=declared)
+    data = measured({"friction_coefficient": {"mu": hidden}}, robot=robot, model=FRICTIONAL)
+    own = problem_of(data, held=(3, 7, 9))
     whole, *_ = forms = effect("friction_coefficient").forms(own.experiment)
     each = next(e for e in forms if len(e.parameters) > 1)
     law = causes_of(own)[1]["friction by normal force"]
     state = state_of(own)
     for e, values in (
-        (each, {p.name: 0.2 for p in each.parameters}),
-        (law, {"friction": 0.14, "exponent": 0.0}),
+        (each, {p.name: hidden for p in each.parameters}),
+        (law, {"friction": 0.7 * (hidden - declared), "exponent": 0.0}),
     ):
         state = state.with_fit(fitting.fit(own, (e,), {e.name: values}))
     unnamed = state.fits[frozenset({law.name})]
