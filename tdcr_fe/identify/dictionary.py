@@ -450,9 +450,9 @@ def _sensor_names(r: Reading) -> tuple[str, ...]:
 
 
 def _of_sensor(problem: FitProblem, run: Run, name: str, power: int) -> Array:
-    """Predicted readings of one sensor or of all of a kind, or one, shape (n,)."""
+    """Predicted readings of one sensor or of all of a kind, or one at each, shape (n,)."""
     own = np.array([name in _sensor_names(r) for r in problem.data.readings])
-    return np.where(own, problem.readings.read(run, problem.experiment) ** power, 0.0)
+    return np.where(own, _predicted(problem, run)[0] ** power, 0.0)
 
 
 def _camera(length: float) -> list[ReadingCause]:

@@ -251,7 +251,7 @@ def _with_path_resolved(solver: SubstepSolver, begin: Position, proposals: Seque
     tolerance, rates = 2.0 * solver.settings.path_tolerance, has_rates(solver.system)
     count = NONLINEAR_PARTS if solver.ramp.nonlinear else 1
     path = _taken(solver, begin, proposals or equal_parts(count), PATH_RESOLVED)
-    if not _is_compared(solver, begin.state, path.state):
+    if not _is_compared(solver, begin.state, path):
         return path
     # Where the longest substep is so small that there is nothing to compare with, the path counts as not resolved.
     agreed, error, former = 0, tolerance, np.inf
@@ -283,7 +283,7 @@ def _with_path_resolved(solver: SubstepSolver, begin: Position, proposals: Seque
     return replace(path, refinement_error=max(path.refinement_error, error))
 
 
-def _is_compared(solver: SubstepSolver, before: SolverState, after: SolverState) -> bool:
+def _is_compared(solver: SubstepSolver, before: SolverState, path: SolvedPath) -> bool:
     """Whether the path cannot be followed, for laws of the coefficients or of Dahl, and may matter.
 
     That is, a hole under tension changed its state, or loads change, so that slip may reverse and return; or a
@@ -292,15 +292,15 @@ def _is_compared(solver: SubstepSolver, before: SolverState, after: SolverState)
     """
     if follows_path(solver.system) and not has_rates(solver.system):
         return False
-    forces = solver.system.forces(after, after.time)
+    after = path.state
     for i, robot in enumerate(solver.system.robots):
         taut = (np.maximum(before.base_tension[i], after.base_tension[i]) > 0.0)[:, None]
         old, new = before.mobilisation[i], after.mobilisation[i]
         changed = np.trunc(old) != np.trunc(new) if robot.law.hysteresis.linear else old != new
         if np.any((changed | solver.ramp.loads_change) & taut & robot.law.frictional):
             return True
-        angles = forces[i].measured.shape.angles
-        change = robot.law.coefficient_change(forces[i].field, angles, before.friction[i])
+        own = path.forces[i]
+        change = robot.law.coefficient_change(own.field, own.measured.shape.angles, before.friction[i])
         if np.any((change > solver.settings.path_tolerance) & taut):
             return True
     return False
