@@ -4,6 +4,7 @@ import exudyn as exu
 import numpy as np
 import pytest
 from contacts import CENTRE, DISK, QUAD, SPHERE, STIFFNESS
+from exudyn.utilities import InertiaCuboid
 from native_solvers import recommended
 from robots import BACKBONE, LENGTH, distance, scene_with, seven, solve_scene, system, three, tip_load
 
@@ -151,3 +152,27 @@ def test_two_tips_slip_past_each_other():
         assert contact.gaps().min() > -1e-4
     assert snapped == [False] * 6 + [True]
     assert a.tip_position[0] > b.tip_position[0]
+
+
+def test_a_tip_that_slips_off_a_plate_on_a_spring_leaves_both_as_if_they_had_not_met():
+    """The tip is on the diagonal of the two forces, and the plate at rest; the damped motion holds the plate, too."""
+    at = [DISK + 0.002, 0.0, LENGTH]
+    corners = [[0.0, y, z] for y, z in ((-0.05, -0.05), (-0.05, 0.05), (0.01, 0.05), (0.01, -0.05))]
+
+    def load_and_plate(mbs: exu.MainSystem, arm: TDCR):
+        ground = mbs.CreateGround()
+        plate = mbs.CreateRigidBody(referencePosition=at, inertia=InertiaCuboid(1000.0, [0.01] * 3))
+        mbs.CreatePrismaticJoint(itemNumbers=[ground, plate], position=at, axis=[1, 0, 0])
+        mbs.CreateCartesianSpringDamper(
+            itemNumbers=[ground, plate], localPosition0=at, stiffness=[30.0, 0.0, 0.0]
+        )
+        return tip_load(mbs, arm), arm.add_disk_contact(plate, 1e4, quadPoints=corners), plate
+
+    _keep, mbs, handle, (load, contact, plate) = scene_with(load_and_plate, seven(0.0))
+    for aside in (0.0, 0.01, 0.05):
+        load.set([0.05, aside, 0.0])
+        mbs.SolveTDCR()
+        assert (contact.normal_forces().max() > 0.0) == (aside == 0.0)
+    assert handle.tip_position[0] == pytest.approx(handle.tip_position[1], abs=1e-9)
+    moved = mbs.GetObjectOutputBody(plate, exu.OutputVariableType.Displacement)
+    assert np.allclose(moved, 0.0, atol=1e-9)

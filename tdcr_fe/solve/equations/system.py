@@ -352,7 +352,7 @@ class SceneSystem:
         numbering
             Of the unknowns.
         damping
-            Of the nodes, for pseudo-transient continuation [N m].
+            Of nodes and other coordinates of the scene, for pseudo-transient continuation [N m].
 
         Raises
         ------
@@ -380,6 +380,8 @@ class SceneSystem:
             for i, nodes in enumerate(slices):
                 backbone = backbone_tangent(residual, i, nodes, damping)
                 backbone.add_to(k, np.arange(nodes.start, nodes.stop))
+            others = 6 * slices[-1].stop + np.arange(len(self.layout.reduction.other_coordinates))
+            k[others, others] -= damping[0]
         hold(k, numbering.clamped)
         return DenseFactors.of(k)
 

@@ -164,7 +164,8 @@ class SubstepSolver:
         """For a smallest substep that does not converge: try snap-through, then a larger presliding distance."""
         spent = 0
         guess = self._pushed(state, failed) if failed.status is NewtonStatus.UNSTABLE else state
-        for factor in RESCUE_FACTORS:
+        # A damped motion would take what nothing holds along, or leave it where it is.
+        for factor in () if self._free(state) else RESCUE_FACTORS:
             if self.is_late:
                 break
             target = self.ramp.apply(self.system, end)
@@ -176,6 +177,10 @@ class SubstepSolver:
                 return replace(path, rejected=spent, snapped=snapped)
             spent += result.iterations
         raise self.failure(state, start, end, failed, spent + failed.iterations)
+
+    def _free(self, state: SolverState) -> list[str]:
+        """Names of what moves freely, in scenes with other items than robots."""
+        return [] if self.system.layout.no_others else freely_moving(self.system, state)
 
     def _stable_sign(self, state: SolverState, target: Target) -> int:
         """Sign of the tangent of stable states, that under a damping of any size; 0 where it is unknown."""
@@ -205,7 +210,7 @@ class SubstepSolver:
     ) -> StepFailed:
         """The error for a smallest substep that did not converge, with the state at its beginning."""
         moments = any(load[3:].any() for load in self.ramp.apply(self.system, end).loads)
-        free = [] if self.system.layout.no_others else freely_moving(self.system, state)
+        free = self._free(state)
         hint = f"Nothing holds {', '.join(free)}: fix or support what moves freely."
         message = (
             f"{failed.reason(self.settings)}, between load factors {start:.4f} and {end:.4f} of the step, the smallest "
