@@ -59,6 +59,7 @@ def dictionary(problem: FitProblem, state: BayState) -> tuple[Effect, ...]:
 def unnamed(problem: FitProblem, state: BayState) -> list[Cause]:
     """Causes on no list."""
     found = [*_along(problem), *input_causes(problem), *_loads_and_base(problem), *_rough_holes(problem)]
+    found += _compressible(problem, state)
     found += [*(_friction_laws(problem, state) if _has_coefficients(problem) else ()), *_readings(problem)]
     robot = problem.experiment.robot
     if robot.tendons and not robot.without_disks:
@@ -155,6 +156,24 @@ def _along(problem: FitProblem) -> list[Cause]:
         if _has_coefficients(problem):
             add("friction", "transmission", profile, rougher, friction)
     return found
+
+
+def _compressible(problem: FitProblem, state: BayState) -> Iterator[Cause]:
+    """A backbone that tendons and weight shorten more than declared, as a coil or a braid does."""
+    most = float(np.nanmax(state.tension.sum(axis=-1), initial=0.0))
+
+    def softened(experiment: Experiment, values: Values) -> Experiment:
+        more = 1.0 / experiment.robot.backbone.EA + values["compliance"]
+        return experiment.with_backbone(axial_stiffness=1.0 / more)
+
+    if most > 0.0:
+        span = -0.9 / problem.experiment.robot.backbone.EA, 0.3 / most
+        compliance, kind = (
+            number("compliance", "1/N", span, 0.0, 1e-3 / most),
+            Kind("stiffness", ("nothing",)),
+        )
+        text = "the backbone is shortened more, or less, than by its axial stiffness"
+        yield ChangedDescription("axial compliance", kind, (compliance,), softened, text)
 
 
 def _has_coefficients(problem: FitProblem) -> bool:

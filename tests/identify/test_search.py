@@ -23,7 +23,7 @@ from identify_data import (
     state_of,
 )
 
-from tdcr_fe import NonlinearMaterial, StribeckFriction, effect
+from tdcr_fe import LoadStep, NonlinearMaterial, ParallelRouting, StribeckFriction, Tendon, effect, simulate
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify import fitting, identify, search
 from tdcr_fe.identify.causes import PointForce, is_named
@@ -435,6 +435,16 @@ def test_a_part_of_the_backbone_has_another_radius_or_precurvature(first, last):
     patches = changed("precurvature", {"kappa_x_there": 2.0, "kappa_y_there": -3.0}).backbone.patches
     for patch, bent in zip(patches[-inside.size :], inside, strict=True):
         assert tuple(patch.precurvature) == ((2.0, -3.0) if bent else (0.0, 0.0))
+
+
+def test_a_compressible_backbone_is_shortened_by_its_tension_times_its_compliance():
+    """A coil with EA = 300 N was a scale of the positions, and a shift of the camera in four of 39 steps."""
+    tendons = tuple(Tendon(f"t{i + 1}", ParallelRouting(4.5e-3, 180.0 * i)) for i in range(2))
+    steps = (LoadStep(tensions={"t1": 1.0, "t2": 1.0}),)
+    straight = Experiment(replace(ROBOT, tendons=tendons), MODEL, steps)
+    soft = declared()[2]["axial compliance"].apply(straight, {"compliance": 1e-3})
+    tip = simulate(soft.robot, soft.model, soft.steps).steps[-1].tip
+    assert tip[2] == pytest.approx(0.2 * (1.0 - 2.0 * (1e-3 + 1.0 / ROBOT.backbone.EA)), rel=1e-6)
 
 
 def test_one_hole_or_one_disk_is_moved_and_no_other():
