@@ -104,6 +104,12 @@ def _in_all(b: BayState, values: Array) -> Array:
     return np.broadcast_to(values, b.shape)
 
 
+def _turned(b: BayState) -> Array:
+    """Angle by which tendons turn at the disks below every bay [rad]; none at the base plate."""
+    angles = _size(_bending(b)) * np.diff(b.edges)
+    return np.asarray(np.cumsum(angles, axis=1) - 0.5 * (angles + angles[:, :1]))
+
+
 def _last_command(b: BayState) -> Array:
     """Sign of the last change of the sum of all tensions, shape (K, n_bays)."""
     total = b.tension.sum(axis=(1, 2))[:, None]
@@ -122,6 +128,7 @@ TENSION = Factor("the sum of the tensions", "T", "N", lambda b: b.tension.sum(ax
 TIME = Factor("time", "t", "s", lambda b: _in_all(b, b.time[:, None]), "time")
 ROW = Factor("the number of the row", "row", "", _row, "row")
 LOADING = Factor("the direction of the last command", "sign", "", _last_command, "direction of loading")
+TURNING = Factor("the turning angle at the disks below", "theta", "", _turned, "turning angle")
 DISTANCE = Factor("the displacement", "d", "m", lambda b: _size(b.moved), "position")
 
 BENDING = Direction("along the curvature", "kappa", "m^-1", {"coefficient": lambda b: _moment(_bending(b))})
@@ -209,7 +216,9 @@ class Term:
         own = (self.direction.depends_on, *(f.kind for f in self.factors))
         depends = tuple(dict.fromkeys(x for x in own if x)) or ("nothing",)
         perturbs = self.direction.perturbs
-        if self.direction is TENDONS and not {"place", "curvature"} & set(depends):
+        if TURNING in self.factors:
+            perturbs = "transmission"  # other friction of tendons that move towards the base and back
+        elif self.direction is TENDONS and not {"place", "curvature"} & set(depends):
             perturbs = "input"  # the same factor on the tension of every tendon, in all bays
         local = self.bays is not None and "place" not in depends
         return perturbs, (*depends, "place") if local else depends
@@ -231,6 +240,7 @@ def library(bays: int, clock: Factor) -> list[Term]:
     products = [p for n in (0, 1, 2) for p in combinations_with_replacement(factors, n)]
     pairs = [(p, d) for d in _DIRECTIONS for p in products]
     terms = [Term(p, d) for p, d in pairs if (p, d) not in _LISTED and not _repeated_sign(p, d)]
+    terms.append(Term((TURNING,), TENDONS))
     terms += [Term(p, UNIT_BENDING) for p in ((), (TENSION,), (clock,))]
     for some in ranges(bays):
         terms += [Term((f,), BENDING, some) for f in (CURVATURE, TENSION, clock, LOADING)]

@@ -5,10 +5,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import LENGTH, ROBOT, data_of, declared, measured, problem_of, read_as_predicted
+from identify_data import (
+    FRICTIONAL,
+    LENGTH,
+    ROBOT,
+    causes_of,
+    data_of,
+    declared,
+    measured,
+    positions,
+    problem_of,
+    read_as_predicted,
+)
 from identify_result import tips_of_run, write_corrected
 
-from tdcr_fe import Load, LoadStep, Reading, Robot
+from tdcr_fe import Experiment, Load, LoadStep, Reading, Robot
 from tdcr_fe.effects import Parameter, effect
 from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify import identify
@@ -71,6 +82,18 @@ def test_a_load_may_follow_the_tension_of_one_tendon():
     expected[:, -1, 4] = 3.0 * run.bays.tension[:, -1, 1]
     np.testing.assert_array_equal(force.action(run.bays, {"x": 0.0, "y": 3.0, "z": 0.0}), expected)
     assert force.kind == ("force", ("tension",), "tip")
+
+
+def test_friction_takes_tension_by_the_turning_angle_at_the_disks_below():
+    """0.12 towards the base and 0.3 back were a routing that depends on place and curvature (1.0)."""
+    steps = (LoadStep(), LoadStep(tensions={"t1": 1.0}))
+    robot = replace(ROBOT, tendons=tuple(replace(t, friction_coefficient=0.2) for t in ROBOT.tendons))
+    problem = problem_of(data_of(steps, positions(Experiment(robot, FRICTIONAL, steps)), robot, FRICTIONAL))
+    bays = causes_of(problem)[0].bays
+    term = TERMS["theta m_T"]
+    angle = term.factors[0].value(bays)[1]
+    np.testing.assert_allclose(bays.tension[1, :, 0], np.exp(-0.2 * angle), rtol=1e-3)
+    assert term.kind == ("transmission", ("turning angle",)) and angle[0] == 0.0 and angle[-1] > 0.3
 
 
 def test_loads_from_a_row_on_act_on_all_disks_of_short_sequences():
