@@ -62,6 +62,8 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
             ceiling = held_out_ceiling(problem, declared, best)
     spread = covariance(problem, best)
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
+    effects = added_effects(search, state, deviation, explained)
+    certain = unlisted <= 1.0 - NAMED and all(e.kind_probability > NAMED for e in effects)
     held = {data.readings[i].step for i in np.flatnonzero(problem.held_out)}
     corrected = problem.acted(best)
     declared_mesh = replace(corrected.model, elements_per_bay=data.model.elements_per_bay)
@@ -73,8 +75,8 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
     solver = run_settings(problem.forward.settings, problem.path_tolerance)
     return IdentificationResult(
         data=data,
-        verdict=_verdict(state, undecided, explained, unlisted),
-        effects=added_effects(search, state, deviation, explained),
+        verdict=_verdict(state, undecided, explained, certain),
+        effects=effects,
         before=_errors(problem, declared),
         after=_errors(problem, best, parameters=len(best.free)),
         noise=problem.misfit(problem.whitened(problem.whole_sigma / problem.sigma)),
@@ -121,10 +123,9 @@ def _undecided(search: Search, state: SearchState, explained: bool) -> Remainder
     return next((reason for reason in reasons if reason.description), None)
 
 
-def _verdict(state: SearchState, undecided: Remainder | None, explained: bool, unlisted: float) -> Verdict:
-    """The verdict: the first that holds."""
+def _verdict(state: SearchState, undecided: Remainder | None, explained: bool, certain: bool) -> Verdict:
+    """The verdict: the first that holds; ``certain``: whether kinds and places of all causes are."""
     best = state.best
-    law = unlisted <= 1.0 - NAMED and not best.named
     return next(
         verdict
         for verdict, holds in (
@@ -133,7 +134,7 @@ def _verdict(state: SearchState, undecided: Remainder | None, explained: bool, u
             (Verdict.UNFINISHED, not explained and not MAY_EXPLAIN.isdisjoint(state.not_tried)),
             (Verdict.PARTLY_EXPLAINED, not explained and best.effects),
             (Verdict.UNEXPLAINED, not explained),
-            (Verdict.LAW_FOUND, law),
+            (Verdict.LAW_FOUND, certain and not best.named),
             (Verdict.EXPLAINED, best.effects),
             (Verdict.NOTHING_MISSING, True),
         )

@@ -4,7 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import GRAVITY, begun, concluded, measured, searching, with_model
+from identify_data import (
+    GRAVITY,
+    begun,
+    concluded,
+    data_of,
+    declared,
+    measured,
+    positions,
+    problem_of,
+    searching,
+    state_of,
+    with_model,
+)
 from identify_result import identified
 
 from tdcr_fe.commands import identify as command
@@ -13,6 +25,7 @@ from tdcr_fe.identify import identify
 from tdcr_fe.identify.causes import Cause
 from tdcr_fe.identify.criteria import mostly_estimated_noise, unknown_noise, unusable_data
 from tdcr_fe.identify.identification import NotSolved
+from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.search import worth_fitting
@@ -29,6 +42,24 @@ def bent():
 def some(data, chosen, **changes):
     """Some of the readings, changed."""
     return replace(data, readings=tuple(replace(r, **changes) for r in data.readings if chosen(r)))
+
+
+@pytest.mark.parametrize(
+    ("hidden", "verdict", "words"),
+    [
+        (1e-3, "explained by a law found", "unlisted cause: the backbone is"),
+        (1e-6, "explained", "(not certain)"),
+    ],
+)
+def test_a_law_is_found_where_it_is_more_probable_than_all_else(hidden, verdict, words):
+    """One that was as good as seven others was found, at a probability of 0.18."""
+    problem, _, causes = declared()
+    law = causes["axial compliance"]
+    true = law.apply(problem.experiment, {"compliance": hidden})
+    state = state_of(problem_of(data_of(problem.data.steps, positions(true))))
+    best = evaluate(state.problem, (law,), {law.name: {"compliance": hidden}})
+    result = concluded(state.with_fit(best), best=best)
+    assert result.verdict == verdict and words in headline(result)
 
 
 @pytest.mark.parametrize(
