@@ -168,12 +168,10 @@ def _compressible(problem: FitProblem, state: BayState) -> Iterator[Cause]:
 
     if most > 0.0:
         span = -0.9 / problem.experiment.robot.backbone.EA, 0.3 / most
-        compliance, kind = (
-            number("compliance", "1/N", span, 0.0, 1e-3 / most),
-            Kind("stiffness", ("nothing",)),
-        )
-        text = "the backbone is shortened more, or less, than by its axial stiffness"
-        yield ChangedDescription("axial compliance", kind, (compliance,), softened, text)
+        compliance = (number("compliance", "1/N", span, 0.0, 1e-3 / most),)
+        text = "the backbone is more, or less, compressible along its axis than declared"
+        kind = Kind("stiffness", ("nothing",))
+        yield ChangedDescription("axial compliance", kind, compliance, softened, text)
 
 
 def _has_coefficients(problem: FitProblem) -> bool:
