@@ -127,9 +127,11 @@ class Tracker:
         Raises
         ------
         ValueError
-            See `Estimator.step`.
+            See `Estimator.step`; or there are several targets.
         """
-        begun, goal = time.perf_counter(), tip_targets(target)[0]
+        begun, (goal, *others) = time.perf_counter(), tip_targets(target)
+        if others:
+            raise ValueError(f"Tracker.step: {1 + len(others)} targets; must be one, that of the next sample")
         elapsed = 0.0 if self._time is None else (measured.time or 0.0) - self._time
         self._time = measured.time
         estimate = self.estimator.step(measured, readings)
@@ -160,7 +162,8 @@ class Tracker:
         with one_thread():
             found = search.run(np.clip(tensions, lower, upper), substeps=SUBSTEPS)
         simulation.return_to(position)
-        return None if found is None or search.count < 2 else (found.trial, objective.errors(found.trial)[0])
+        late = search.count < 2 and time.perf_counter() > until
+        return None if found is None or late else (found.trial, objective.errors(found.trial)[0])
 
     def _inputs(self, found: Trial, drives: TendonDrives, errors: Array) -> LoadStep:
         """What is to be commanded so that a trial comes about with these errors of the inputs."""

@@ -81,6 +81,25 @@ def test_after_the_deadline_the_last_good_command_is_kept():
     assert not again.message and again.command != first.command
 
 
+def test_a_tip_that_is_on_its_target_is_kept_there_without_a_message():
+    """Without friction and with constant loads: of the samples on one target the last ones find nothing to change."""
+    of, model = robot(0.0), tdcr.Model(elements_per_bay=1, friction="none")
+    own, command = tracker(of, "none"), BEGIN
+    for k in range(8):
+        found = own.step(replace(command, time=0.1 * k), [], PATH[0])
+        assert not found.message
+        command = found.command
+    tip = tdcr.simulate(of, model, [command]).tips[-1]
+    assert found.error == pytest.approx(np.linalg.norm(tip[:2] - PATH[0][:2]), abs=1e-8)
+    assert found.error < 1e-5
+
+
+def test_a_sample_has_one_target():
+    """Of several the first was taken."""
+    with pytest.raises(ValueError, match="2 targets; must be one"):
+        tracker(robot()).step(replace(BEGIN, time=0.0), [], PATH[:2])
+
+
 def test_a_sample_whose_target_is_refused_is_not_estimated():
     """Asked for again with a right one, its reading counted twice."""
     trackers = [tracker(robot()) for _ in range(2)]
