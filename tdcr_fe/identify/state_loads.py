@@ -87,6 +87,10 @@ def _tendon(b: BayState, weight: Array) -> Array:
     return _moment(np.einsum("kbt,btc->kbc", weight, b.lever))
 
 
+def _slipping(b: BayState, sign: float) -> Array:
+    return _tendon(b, b.tension * (sign * b.direction[:, None, :] > 0.0))
+
+
 def _bending(b: BayState) -> Array:
     return b.curvature[..., :2]
 
@@ -148,6 +152,12 @@ TENDONS = Direction(
 TENDON_SIGN = Direction(
     "along the moment of each tendon, by the sign of its last motion", "sum(sign_i m_Ti)", "N m",
     {"coefficient": lambda b: _tendon(b, b.tension * b.direction[:, None, :])},
+    "transmission", "direction of loading",
+)  # fmt: skip
+
+BY_SLIP = Direction(
+    "along the moment of each tendon, of one size after motion towards the base and of another after motion back",
+    "m_T by slip", "N m", {n: partial(_slipping, sign=x) for n, x in (("towards", 1.0), ("back", -1.0))},
     "transmission", "direction of loading",
 )  # fmt: skip
 
@@ -216,9 +226,7 @@ class Term:
         own = (self.direction.depends_on, *(f.kind for f in self.factors))
         depends = tuple(dict.fromkeys(x for x in own if x)) or ("nothing",)
         perturbs = self.direction.perturbs
-        if TURNING in self.factors:
-            perturbs = "transmission"  # other friction of tendons that move towards the base and back
-        elif self.direction is TENDONS and not {"place", "curvature"} & set(depends):
+        if self.direction is TENDONS and not {"place", "curvature"} & set(depends):
             perturbs = "input"  # the same factor on the tension of every tendon, in all bays
         local = self.bays is not None and "place" not in depends
         return perturbs, (*depends, "place") if local else depends
@@ -240,7 +248,7 @@ def library(bays: int, clock: Factor) -> list[Term]:
     products = [p for n in (0, 1, 2) for p in combinations_with_replacement(factors, n)]
     pairs = [(p, d) for d in _DIRECTIONS for p in products]
     terms = [Term(p, d) for p, d in pairs if (p, d) not in _LISTED and not _repeated_sign(p, d)]
-    terms.append(Term((TURNING,), TENDONS))
+    terms.append(Term((TURNING,), BY_SLIP))
     terms += [Term(p, UNIT_BENDING) for p in ((), (TENSION,), (clock,))]
     for some in ranges(bays):
         terms += [Term((f,), BENDING, some) for f in (CURVATURE, TENSION, clock, LOADING)]

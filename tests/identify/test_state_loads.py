@@ -90,10 +90,13 @@ def test_friction_takes_tension_by_the_turning_angle_at_the_disks_below():
     robot = replace(ROBOT, tendons=tuple(replace(t, friction_coefficient=0.2) for t in ROBOT.tendons))
     problem = problem_of(data_of(steps, positions(Experiment(robot, FRICTIONAL, steps)), robot, FRICTIONAL))
     bays = causes_of(problem)[0].bays
-    term = TERMS["theta m_T"]
+    term = TERMS["theta m_T by slip"]
     angle = term.factors[0].value(bays)[1]
     np.testing.assert_allclose(bays.tension[1, :, 0], np.exp(-0.2 * angle), rtol=1e-3)
-    assert term.kind == ("transmission", ("turning angle",)) and angle[0] == 0.0 and angle[-1] > 0.3
+    assert term.kind == ("transmission", ("direction of loading", "turning angle"))
+    assert angle[0] == 0.0 and angle[-1] > 0.3
+    towards, back = (action(bays) for _, _, action in term.actions)
+    assert np.all(towards[1, 1:, :2].any(axis=-1)) and not back.any()
 
 
 def test_loads_from_a_row_on_act_on_all_disks_of_short_sequences():
