@@ -21,11 +21,7 @@ from tdcr_fe.identify.result import MOST_NOISE
 from tdcr_fe.io.measured import MeasuredData, impossible_place
 from tdcr_fe.io.spreadsheet import number
 from tdcr_fe.model.channels import CHANNELS, arc_lengths
-from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.loading import Load
-from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.routing import PointsRouting
-from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.model.units import mistaken
 
 #: A fault explains the data where their mean square over sigma falls to that of noise, from so many times that of noise
@@ -62,10 +58,9 @@ class _Fault(NamedTuple):
 
 
 class _Drive(NamedTuple):
-    """What the declared inputs, or the holes of tendons, should have been."""
+    """What the declared inputs should have been."""
 
     names: Mapping[str, str]  # which tendon those of a tendon are of
-    beyond: float = 0.0  # where these are holes, the arc length from which on [m]
     displacements: float = 1.0  # their factor
     forces: float = 1.0
 
@@ -389,12 +384,7 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
     """
     robot, declared_drive = problem.data.robot, problem.experiment
     couples = itertools.combinations(robot.tendon_names, 2)
-    changes = list[tuple[_Drive, str]]()
-    for a, b in couples:
-        changes.append((_Drive({a: b, b: a}), f"tendons {a} and {b} are exchanged"))
-        for s in () if robot.without_disks else robot.disks.positions[1:]:
-            text = f"tendons {a} and {b} are exchanged from the disk at s = {s:.4g} m on"
-            changes.append((_Drive({a: b, b: a}, s), text))
+    changes = [(_Drive({a: b, b: a}), f"tendons {a} and {b} are exchanged") for a, b in couples]
     for end in sorted({robot.end(t) for t in robot.tendons}):
         ring = [t.name for t in robot.tendons if robot.end(t) == end]
         for k in range(1, len(ring)) if len(ring) > 2 else ():
@@ -425,9 +415,7 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
 
 def _driven(experiment: Experiment, change: _Drive, since: int = 0) -> Experiment:
     """With other inputs and forces from a commanded step on."""
-    (names, beyond, factor, push), steps = change, list(experiment.steps)
-    if beyond:
-        return experiment.with_robot(tendons=_crossed(experiment.robot, names, beyond))
+    (names, factor, push), steps = change, list(experiment.steps)
 
     def pushed(load: Load) -> Load:
         x, y, z = load.force
@@ -440,19 +428,6 @@ def _driven(experiment: Experiment, change: _Drive, since: int = 0) -> Experimen
             loads = {n: pushed(x) for n, x in steps[j].loads.items()}
             steps[j] = replace(steps[j], tensions=tensions, displacements=displacements, loads=loads)
     return replace(experiment, steps=tuple(steps))
-
-
-def _crossed(robot: Robot, names: Mapping[str, str], beyond: float) -> tuple[Tendon, ...]:
-    """The tendons, where some have the holes of others from an arc length on."""
-    tendons, own = [], {t.name: robot.holes(t) for t in robot.tendons}
-    for t in robot.tendons:
-        s, holes = robot.hole_arc_lengths(t), own[t.name].copy()
-        other = own[names.get(t.name, t.name)][: len(holes)]
-        far = s[: len(other)] > beyond - ARC_TOLERANCE
-        holes[: len(other)][far] = other[far]
-        at = tuple((float(x), float(y)) for x, y in holes)
-        tendons.append(replace(t, routing=PointsRouting(tuple(map(float, s)), at)))
-    return tuple(tendons)
 
 
 def other_sign_solves(problem: FitProblem) -> str:

@@ -13,7 +13,6 @@ from tdcr_fe.identify.sentences import headline, sentences
 from tdcr_fe.io.measured import impossible_place
 from tdcr_fe.io.readings import BadRow, Reading
 from tdcr_fe.model.observed_step import ObservedStep
-from tdcr_fe.model.routing import PointsRouting
 
 
 @pytest.fixture(scope="module")
@@ -156,21 +155,6 @@ def test_forces_of_the_other_sign_are_named(clean):
     read = positions(Experiment(clean.robot, clean.model, tuple(pushed)))
     for steps, words in ((other, "forces at the tip have the opposite sign"), (pushed, "")):
         check(data_of(steps, read, clean.robot), words)
-
-
-def test_tendons_that_cross_at_a_disk_are_named():
-    """Four causes stood for them after 400 s, and left four times the noise."""
-    robot = replace(
-        ROBOT, tendons=tuple(Tendon(f"t{i}", ParallelRouting(4.5e-3, 120.0 * i)) for i in range(3))
-    )
-    z, (a, b, c) = (0.0, *ROBOT.disks.positions), robot.tendons
-    first, last = (robot.holes(t) for t in (a, b))
-    crossed = [np.concatenate(both) for both in ((first[:2], last[2:]), (last[:2], first[2:]))]
-    routings = [PointsRouting(z, tuple(map(tuple, holes.tolist()))) for holes in crossed]
-    other = replace(robot, tendons=(replace(a, routing=routings[0]), replace(b, routing=routings[1]), c))
-    steps = [LoadStep(tensions={t.name: tension}) for t in robot.tendons for tension in (0.4, 0.8, 1.2, 0.0)]
-    at = f"from the disk at s = {ROBOT.disks.positions[1]:.4g} m on"
-    assert f"tendons t0 and t1 are exchanged {at}" in fault_of(data_of(steps, seen(steps, other), robot))
 
 
 def test_tendons_moved_on_by_one_are_named():
