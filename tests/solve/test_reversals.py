@@ -10,6 +10,7 @@ from tdcr_fe import Load, LoadStep, Model, SolverSettings, simulate
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.solve.friction_path.follow import follow_friction
 from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState, SmallFactors
+from tdcr_fe.validation.fuzz.energy import divided
 from tdcr_fe.validation.random_robots import draw
 
 DELTA = 1e-6
@@ -144,6 +145,21 @@ def test_a_hole_whose_last_reversal_the_interpolation_misses_is_found_by_states_
     assert found.steps[-1].hole_states[-1][3] == "stick"
     fine = simulate(case.robot, model, [replace(step, substeps=200) for step in case.steps[:3]])
     assert np.abs(found.tips - fine.tips).max() < 1e-5 * case.robot.backbone.length
+
+
+@pytest.mark.integration
+def test_slips_turn_where_the_hole_comes_to_its_bound_that_turns_them():
+    """The third step of another robot: a hole came to its bound late by the drift of its path segment.
+
+    Meanwhile the one beside it had turned, so that its last reversal was off: 2e-5 of the length, unsaid.
+    """
+    case = draw(266)
+    model = replace(case.model, elements_per_bay=1)
+    found = simulate(case.robot, model, case.steps[:3])
+    tight = SolverSettings(path_tolerance=1e-7)
+    fine = simulate(case.robot, model, divided(case.robot, case.steps[:3], 2), tight).steps[1::2]
+    off = max(float(np.abs(a.positions - b.positions).max()) for a, b in zip(found.steps, fine, strict=True))
+    assert off < 1e-5 * case.robot.backbone.length
 
 
 @pytest.mark.parametrize(("tensions", "most"), [((1.0,), 5), ((2.0, 1.0), 11)], ids=["pull", "release"])

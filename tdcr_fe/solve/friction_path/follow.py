@@ -220,7 +220,8 @@ def fraction_inside(unclipped: Array, start: Array, bounds: PathUnknowns) -> flo
     """Fraction of a path segment over which unknowns that begin it at given values are inside their bounds [1]."""
     moved = unclipped - start
     room = np.where(moved > 0.0, bounds.upper, bounds.lower) - start
-    return smallest(np.where(np.abs(moved) > np.abs(room), room / moved, 1.0))
+    # Those that begin at a bound cannot come to it.
+    return smallest(np.where((np.abs(moved) > np.abs(room)) & (room != 0.0), room / moved, 1.0))
 
 
 @compilable
@@ -428,15 +429,11 @@ def _fraction_before_reversal(
     of the path segment. Slips also reverse where a free unknown of another hole comes to its bound within it.
     """
     length, negligible = path.length[i], unknowns.tolerance
-    # The rates just before its end, where nothing had turned or come to a bound.
-    free, rate = (path.side[i] == 0.0).nonzero()[0], state.derivatives.by_load
-    if free.size:
-        columns = columns_of(state.derivatives, free)
-        of_free = solved_transposed(factorised(some_columns(columns, free)), rate[free])
-        rate = rate - of_free.dot(columns)
+    was_free = path.side[i] == 0.0
     complement, direction = path.complement[i][turned], side[turned]
     before = np.maximum(direction * complement, 0.0)
-    after = np.maximum(-direction * rate[turned], 0.0)
+    # The rates just before its end, where nothing had turned or come to a bound.
+    after = np.maximum(-direction * _complement_rates(state, was_free)[turned], 0.0)
     # Just beyond the zero of the rate, so that the slip has turned there.
     beyond = np.maximum(after - 2.0 * unknowns.tolerance, 0.0)
     passed = beyond / np.maximum(before + after, 1e-300)
@@ -444,9 +441,23 @@ def _fraction_before_reversal(
     matters = (0.5 * after * passed * length > negligible) & (path.side[i][turned] != 0.0)
     fraction = 1.0 - largest(np.where(matters, passed, 0.0))
     inside = fraction_inside(unclipped, path.unknowns[i], unknowns)
-    if (1.0 - inside) * length * largest_magnitude(complement) > negligible:
-        fraction = min(fraction, inside)
+    if inside < 1.0:
+        # Since then rates were those with that unknown at its bound.
+        since = np.maximum(-direction * _complement_rates(state, was_free & (side == 0.0))[turned], before)
+        if (1.0 - inside) * length * largest(since) > negligible:
+            fraction = min(fraction, inside)
     return max(fraction, 1.0 - MOST_SHORTENED)
+
+
+@compilable
+def _complement_rates(state: SlipState, free: Flags) -> Array:
+    """Rates of the complements while those of free unknowns are constant [m], shape (n,)."""
+    rate, which = state.derivatives.by_load, free.nonzero()[0]
+    if not which.size:
+        return rate
+    columns = columns_of(state.derivatives, which)
+    of_free = solved_transposed(factorised(some_columns(columns, which)), rate[which])
+    return rate - of_free.dot(columns)
 
 
 # Compiled functions know the interpolated slips, and no others.
