@@ -4,11 +4,16 @@ import exudyn as exu
 import numpy as np
 import pytest
 from contacts import CENTRE, DISK, QUAD, SPHERE, STIFFNESS
+from exudyn.itemInterface import (
+    CoordinateConstraint,
+    MarkerNodeCoordinate,
+    NodePointGround,
+)
 from exudyn.utilities import InertiaCuboid
 from native_solvers import recommended
 from robots import BACKBONE, LENGTH, distance, scene_with, seven, solve_scene, system, three, tip_load
 
-from tdcr_fe import TDCR, CreateTDCR, Disks, Model, SolveTDCR, StepFailed
+from tdcr_fe import TDCR, Backbone, CreateTDCR, Disks, Model, SolveTDCR, StepFailed
 
 #: Disks of 9 mm radius: a robot whose tip comes back to its first disk.
 LARGE = Disks.equally_spaced(13, LENGTH, mass=0.17e-3, radius=9e-3)
@@ -152,6 +157,28 @@ def test_two_tips_slip_past_each_other():
         assert contact.gaps().min() > -1e-4
     assert snapped == [False] * 6 + [True]
     assert a.tip_position[0] > b.tip_position[0]
+
+
+@pytest.mark.integration
+def test_a_ball_that_is_pushed_past_a_robot_and_back_is_slipped_off_with_friction():
+    """The robot snaps round the ball, from a state that is unstable: the damped motion must not take it for stable."""
+    _keep, mbs = system()
+    backbone = Backbone(LENGTH, 0.5e-3, 70e9, 0.3, density=6450.0)
+    disks = Disks.equally_spaced(10, LENGTH, mass=0.2e-3, radius=6e-3)
+    arm = CreateTDCR(mbs, three(0.2, backbone, disks), Model(friction="per-hole", elements_per_bay=2))
+    body = mbs.CreateMassPoint(referencePosition=[0.06, 0.002, 0.18], mass=0.01)
+    moving, base = mbs.GetObject(body)["nodeNumber"], mbs.AddNode(NodePointGround())
+    fixed = mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=base, coordinate=0))
+    there_and_back = {"offsetUserFunction": lambda _mbs, t, _item, _offset: -0.06 * (1.0 - abs(1.0 - t))}
+    for k, offset in enumerate((there_and_back, {}, {})):
+        marker = mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=moving, coordinate=k))
+        mbs.AddObject(CoordinateConstraint(markerNumbers=[fixed, marker], **offset))
+    contact = arm.add_disk_contact(body, 2e3, sphereRadius=0.02)
+    mbs.Assemble()
+    arm.set_tensions({"t1": 1.0, "t2": 0.4, "t3": 0.3})
+    assert not any(mbs.SolveTDCR(endTime=t)["snapped"] for t in (0.0, 1.0))
+    assert mbs.SolveTDCR(endTime=1.3)["snapped"]
+    assert contact.gaps().min() > -1e-4
 
 
 def test_a_tip_that_slips_off_a_plate_on_a_spring_leaves_both_as_if_they_had_not_met():

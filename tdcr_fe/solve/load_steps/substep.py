@@ -164,11 +164,13 @@ class SubstepSolver:
         """For a smallest substep that does not converge: try snap-through, then a larger presliding distance."""
         spent = 0
         guess = self._pushed(state, failed) if failed.status is NewtonStatus.UNSTABLE else state
-        # A damped motion would take what nothing holds along, or leave it where it is.
-        for factor in () if self._free(state) else RESCUE_FACTORS:
+        # A damped motion would take what nothing holds along, or leave it where it is, and pass what is too soft.
+        hopeless = failed.status is NewtonStatus.CONTACT_TOO_DEEP or self._free(state)
+        for factor in () if hopeless else RESCUE_FACTORS:
             if self.is_late:
                 break
             target = self.ramp.apply(self.system, end)
+            guess = guess._replace(tangent_sign=self._stable_sign(guess, target))
             result = newton(self.system, guess, target, self.settings, damped=True, softening=factor)
             result = self._unless_wrong_in_contact(result, state, may_jump=True)
             if result.converged:
@@ -202,8 +204,7 @@ class SubstepSolver:
             -np.copysign(PUSH * system.length, _along(motion, state, unstable.state)) * motion
         )
         configuration, _ = system.layout.space.move(start, change, start.chains, self.settings.max_turn)
-        sign = self._stable_sign(state, unstable.target)
-        return state._replace(configuration=configuration, tangent_sign=sign)
+        return state._replace(configuration=configuration)
 
     def failure(
         self, state: SolverState, start: float, end: float, failed: NewtonResult, iterations: int

@@ -155,8 +155,8 @@ def _iterate(problem: NewtonProblem, residual: Residual) -> NewtonResult:
         trial = advanced(problem, residual.state, step)
         # Newton's steps are taken with the contact of their start, a damped motion opens and closes it on its way.
         residual = system.residual(trial, residual.target, numbering, iterations, hold_contact=not damped)
-        # Steps may be so small that the rest of the residual is round-off of very stiff parts.
-        stalled = max(before, residual.size) < BALANCED
+        # Newton's steps may be so small that the rest of the residual is round-off of very stiff parts.
+        stalled = not damped and max(before, residual.size) < BALANCED
         stalled = stalled and system.layout.scales.step_size(step.change) <= settings.step_tolerance
         if stalled and first(balance=False) is None:
             return end(NewtonStatus.STALLED)
