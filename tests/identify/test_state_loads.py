@@ -87,7 +87,7 @@ def test_a_load_may_follow_the_tension_of_one_tendon():
 def test_friction_takes_tension_by_the_turning_angle_at_the_disks_below():
     """0.12 towards the base and 0.3 back were a routing that depends on place and curvature (1.0)."""
     steps = (LoadStep(), LoadStep(tensions={"t1": 1.0}))
-    robot = replace(ROBOT, tendons=tuple(replace(t, friction_coefficient=0.2) for t in ROBOT.tendons))
+    robot = ROBOT.with_tendons(friction_coefficient=0.2)
     problem = problem_of(data_of(steps, positions(Experiment(robot, FRICTIONAL, steps)), robot, FRICTIONAL))
     bays = causes_of(problem)[0].bays
     term = TERMS["theta m_T by slip"]

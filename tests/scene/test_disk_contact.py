@@ -4,11 +4,7 @@ import exudyn as exu
 import numpy as np
 import pytest
 from contacts import CENTRE, DISK, QUAD, SPHERE, STIFFNESS
-from exudyn.itemInterface import (
-    CoordinateConstraint,
-    MarkerNodeCoordinate,
-    NodePointGround,
-)
+from exudyn.itemInterface import CoordinateConstraint, MarkerNodeCoordinate, NodePointGround
 from exudyn.utilities import InertiaCuboid
 from native_solvers import recommended
 from robots import BACKBONE, LENGTH, distance, scene_with, seven, solve_scene, system, three, tip_load

@@ -162,15 +162,15 @@ class SubstepSolver:
 
     def rescue(self, state: SolverState, start: float, end: float, failed: NewtonResult) -> SolvedPath:
         """For a smallest substep that does not converge: try snap-through, then a larger presliding distance."""
-        spent = 0
-        guess = self._pushed(state, failed) if failed.status is NewtonStatus.UNSTABLE else state
         # A damped motion would take what nothing holds along, or leave it where it is, and pass what is too soft.
-        hopeless = failed.status is NewtonStatus.CONTACT_TOO_DEEP or self._free(state)
-        for factor in () if hopeless else RESCUE_FACTORS:
+        if failed.status is NewtonStatus.CONTACT_TOO_DEEP or self._free(state):
+            raise self.failure(state, start, end, failed, failed.iterations)
+        guess = self._pushed(state, failed) if failed.status is NewtonStatus.UNSTABLE else state
+        target = self.ramp.apply(self.system, end)
+        guess, spent = guess._replace(tangent_sign=self._stable_sign(guess, target)), 0
+        for factor in RESCUE_FACTORS:
             if self.is_late:
                 break
-            target = self.ramp.apply(self.system, end)
-            guess = guess._replace(tangent_sign=self._stable_sign(guess, target))
             result = newton(self.system, guess, target, self.settings, damped=True, softening=factor)
             result = self._unless_wrong_in_contact(result, state, may_jump=True)
             if result.converged:
