@@ -129,7 +129,7 @@ def test_coupled_holes_are_followed_as_by_many_small_steps(seed):
     slips, mobilisation = random_slips(seed)
     path = followed(slips, mobilisation)
     assert path.complete
-    assert path.unknowns == pytest.approx(by_small_steps(slips, mobilisation, 4000), abs=0.03)
+    assert path.unknowns == pytest.approx(by_small_steps(slips, mobilisation, 4000), abs=1e-3)
 
 
 @pytest.mark.integration
@@ -148,18 +148,20 @@ def test_a_hole_whose_last_reversal_the_interpolation_misses_is_found_by_states_
 
 
 @pytest.mark.integration
-def test_slips_turn_where_the_hole_comes_to_its_bound_that_turns_them():
-    """The third step of another robot: a hole came to its bound late by the drift of its path segment.
+@pytest.mark.parametrize(("robot", "steps", "parts"), [(266, 3, 2), (545, 3, 2), (235, 4, 8)])
+def test_what_happens_in_a_step_is_not_lost_by_the_drift_of_its_path(robot, steps, parts):
+    """Whole load steps of random robots against parts with a tight tolerance; nothing was said of these errors.
 
-    Meanwhile the one beside it had turned, so that its last reversal was off: 2e-5 of the length, unsaid.
+    266: a hole came to its bound late by the drift of its path segment, and the one beside it had turned meanwhile,
+    2e-5 of the length. 545: another one was free as well and kept what it had moved by too much, 3e-5. 235: a hole that
+    sticks at the end comes to 0.006 of its bound on the path; in truth it slips there, 3.6e-4.
     """
-    case = draw(266)
+    case, tight = draw(robot), SolverSettings(path_tolerance=1e-7)
     model = replace(case.model, elements_per_bay=1)
-    found = simulate(case.robot, model, case.steps[:3])
-    tight = SolverSettings(path_tolerance=1e-7)
-    fine = simulate(case.robot, model, divided(case.robot, case.steps[:3], 2), tight).steps[1::2]
-    off = max(float(np.abs(a.positions - b.positions).max()) for a, b in zip(found.steps, fine, strict=True))
-    assert off < 1e-5 * case.robot.backbone.length
+    found = simulate(case.robot, model, case.steps[:steps])
+    fine = simulate(case.robot, model, divided(case.robot, case.steps[:steps], parts), tight)
+    ends = (np.array([s.positions for s in each]) for each in (found.steps, fine.steps[parts - 1 :: parts]))
+    assert np.abs(np.subtract(*ends)).max() < 1.5e-5 * case.robot.backbone.length
 
 
 @pytest.mark.parametrize(("tensions", "most"), [((1.0,), 5), ((2.0, 1.0), 11)], ids=["pull", "release"])

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from tdcr_fe.elements import Array, Index
 from tdcr_fe.elements.forces import TendonForces
@@ -20,7 +19,7 @@ from tdcr_fe.solve.equations.linearization import BorderedFactors, Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.follow import FrictionPath
 from tdcr_fe.solve.friction_path.slips import SlipData, cubic
-from tdcr_fe.solve.friction_path.transfer import TendonsInSubstep
+from tdcr_fe.solve.friction_path.transfer import TendonsInSubstep, block_diagonal
 from tdcr_fe.solve.newton.convergence import BALANCED
 from tdcr_fe.solve.newton.prediction import moved_elements
 
@@ -122,7 +121,7 @@ def _segments(
             table.append(full)
         blocks += list(own.field.d_angle[which])
     lengths, angles = (t[0] if len(t) == 1 else np.concatenate(t) for t in tables)
-    return lengths, angles, block_diag(*blocks) if blocks else np.zeros((0, 0))
+    return lengths, angles, block_diagonal(blocks)
 
 
 class Equilibrium(NamedTuple):
