@@ -54,6 +54,9 @@ REUSED_CHANGE = 0.02
 REUSED_FOR_REVERSAL = 0.5
 #: Shortest path segment [1]: a pull with 13 disks whose release turns all holes at once would be divided without it.
 SHORTEST_SEGMENT = 1e-5
+#: By which fraction of itself a path segment is shortened at most at once [1]: with all of it, the way to a reversal
+#: right behind its beginning takes so many steps that a path may not reach its end.
+MOST_SHORTENED = 0.75
 
 
 class PathSegments(NamedTuple):
@@ -451,9 +454,9 @@ def _fraction_before_reversal(
     matters = (0.5 * after * passed * length > negligible) & (path.side[i][turned] != 0.0)
     fraction = 1.0 - largest(np.where(matters, passed, 0.0))
     inside = fraction_inside(unclipped, path.unknowns[i], unknowns)
-    if (1.0 - inside) * length > SHORTEST_SEGMENT:
+    if min(inside, 1.0 - inside) * length > SHORTEST_SEGMENT:
         fraction = min(fraction, inside)
-    return fraction
+    return max(fraction, 1.0 - MOST_SHORTENED)
 
 
 # Compiled functions know the interpolated slips, and no others.
