@@ -145,11 +145,9 @@ def _along(problem: FitProblem) -> list[Cause]:
             return experiment.with_backbone(patches=(*backbone.patches, *patches))
 
         def rougher(experiment: Experiment, values: Values, profile: _Profile = profile) -> Experiment:
-            tendons = []
-            for tendon in experiment.robot.tendons:
-                s = experiment.robot.hole_arc_lengths(tendon)[1:-1]
-                tendons.append(_with_friction_at(tendon, s, profile.value(values, 0.0, s)))
-            return experiment.with_robot(tendons=tuple(tendons))
+            holes = [(t, experiment.robot.hole_arc_lengths(t)[1:-1]) for t in experiment.robot.tendons]
+            tendons = tuple(_with_friction_at(t, s, profile.value(values, 0.0, s)) for t, s in holes)
+            return experiment.with_robot(tendons=tendons)
 
         add("radius", "stiffness", profile, tapered, radius)
         add("precurvature", "precurvature", profile, bent, *curvatures)
@@ -188,9 +186,12 @@ def _more_friction(tendons: Sequence[Tendon]) -> Parameter:
 
 def _with_friction_at(tendon: Tendon, s: Array, more: Array) -> Tendon:
     """A tendon with coefficients of friction that are larger by so much at holes, shape (n,) both."""
-    coefficients = np.maximum(tendon.friction_coefficient + more, 0.0)
-    holes = (TightHole(float(x), None, float(mu)) for x, mu in zip(s, coefficients, strict=True))
-    return replace(tendon, tight_holes=(*holes, *tendon.tight_holes))
+    own = [(h.at, h.friction_coefficient) for h in tendon.tight_holes if h.friction_coefficient is not None]
+    present = np.full(len(s), tendon.friction_coefficient)
+    for at, mu in own:
+        present[np.abs(s - at) <= ARC_TOLERANCE] = mu
+    pairs = zip(s.tolist(), np.maximum(present + more, 0.0).tolist(), strict=True)
+    return replace(tendon, tight_holes=(*tendon.tight_holes, *(TightHole(x, None, mu) for x, mu in pairs)))
 
 
 def _rough_holes(problem: FitProblem) -> list[Cause]:
@@ -201,8 +202,7 @@ def _rough_holes(problem: FitProblem) -> list[Cause]:
     for name, s in holes if _has_coefficients(problem) else ():
 
         def rougher(experiment: Experiment, values: Values, name: str = name, s: float = s) -> Experiment:
-            at, more = np.array([s]), np.array([values["friction"]])
-            tendons = experiment.robot.tendons
+            at, more, tendons = np.array([s]), np.array([values["friction"]]), experiment.robot.tendons
             changed = tuple(_with_friction_at(t, at, more) if t.name == name else t for t in tendons)
             return experiment.with_robot(tendons=changed)
 

@@ -170,23 +170,24 @@ def test_one_hole_of_one_tendon_may_be_rougher():
     (hole,) = first.tight_holes
     assert hole.friction_coefficient == pytest.approx(first.friction_coefficient + 0.2)
     assert not second.tight_holes
+    # Another law of the friction at the same hole adds to it.
+    twice = causes[0].apply(own.experiment.with_robot(tendons=(first, second)), {"friction": 0.1}).robot
+    more = twice.tendons[0].tight_holes[-1].friction_coefficient - hole.friction_coefficient
+    assert more == pytest.approx(0.1)
 
 
 def test_friction_that_depends_on_the_slip_rate_is_told_from_other_friction():
     """At rows 1 and 30 s apart; data of another simulator with such friction ended as "cannot tell"."""
     timed = zip(sequence(), np.cumsum(np.tile([1.0, 30.0], 6)).tolist(), strict=False)
     steps, law = tuple(replace(s, time=t) for s, t in timed), StribeckFriction(0.3, 0.1, 2e-4, 1.0)
-    robot, true = (
-        ROBOT.with_tendons(friction_coefficient=mu, friction=x) for mu, x in ((0.1, None), (0.0, law))
-    )
+    robot = ROBOT.with_tendons(friction_coefficient=0.1)
+    true = ROBOT.with_tendons(friction_coefficient=0.0, friction=law)
     read = positions(Experiment(true, replace(FRICTIONAL, elements_per_bay=4), steps), sigma=5e-5)
     own = problem_of(data_of(steps, read, robot, FRICTIONAL), sigma=5e-5)
     first, *_ = screen(own, state_of(own).declared, tuple(causes_of(own)[1].values()))[0]
     assert first.effect.name == "friction by slip rate" and first.effect.kind.depends_on == ("slip rate",)
     values = fitting.fit(own, (first.effect,), first.start.point).values[first.effect.name]
-    assert values["at_rest"] == pytest.approx(0.2, abs=0.03) and values["rate"] == pytest.approx(
-        2e-4, rel=0.1
-    )
+    assert [values["at_rest"], values["rate"]] == [pytest.approx(0.2, abs=0.03), pytest.approx(2e-4, rel=0.1)]
 
 
 def test_other_forms_of_an_effect_are_evaluated_where_its_first_comes_near(monkeypatch):
