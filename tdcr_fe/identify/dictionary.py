@@ -186,10 +186,10 @@ def _more_friction(tendons: Sequence[Tendon]) -> Parameter:
 
 def _with_friction_at(tendon: Tendon, s: Array, more: Array) -> Tendon:
     """A tendon with coefficients of friction that are larger by so much at holes, shape (n,) both."""
-    own = [(h.at, h.friction_coefficient) for h in tendon.tight_holes if h.friction_coefficient is not None]
     present = np.full(len(s), tendon.friction_coefficient)
-    for at, mu in own:
-        present[np.abs(s - at) <= ARC_TOLERANCE] = mu
+    for hole in tendon.tight_holes:
+        if hole.friction_coefficient is not None:
+            present[np.abs(s - hole.at) <= ARC_TOLERANCE] = hole.friction_coefficient
     pairs = zip(s.tolist(), np.maximum(present + more, 0.0).tolist(), strict=True)
     return replace(tendon, tight_holes=(*tendon.tight_holes, *(TightHole(x, None, mu) for x, mu in pairs)))
 

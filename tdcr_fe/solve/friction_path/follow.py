@@ -391,9 +391,8 @@ def _integrated(
         if current:
             state = extrapolated(state, length, tension, rates.rate, rates.complement)
             unclipped = z
-    return FrictionPath(
-        z, reversal_slip, reversal_mobilisation, reversal_factor, complete, path, unknowns
-    ), count
+    reversals = reversal_slip, reversal_mobilisation, reversal_factor
+    return FrictionPath(z, *reversals, complete, path, unknowns), count
 
 
 @compilable
