@@ -271,10 +271,11 @@ def fit_proposals(
         batch = waiting[:1] if named is None else [x for x in waiting[1:] if x.named is named]
         chosen: dict[frozenset[str], Proposal] = {}
         # Causes without a name are tried where they may do better than those with one, or match the model ahead; and
-        # where they promise about as much as the first of all, whatever that has reached.
-        fitted = (state.fits.get(x.names) for x in pool if x.named)
+        # where they promise about as much as the first of all or of listed effects, whatever that has reached.
+        listed = [x for x in waiting if x.named]
+        fitted = (state.fits.get(x.names) for x in listed)
         needed = min((_reached(problem, f) for f in fitted if f is not None), default=math.inf)
-        needed = max([needed, *(x.criterion for x in waiting[:1])])
+        needed = max([needed, *(x.criterion for x in (*waiting[:1], *listed[:1]))])
         for x in batch:
             if not x.named and ahead is None and x.criterion > needed + FIRST_ORDER * x.parent.cost:
                 continue
