@@ -1,25 +1,16 @@
 """A small robot with a loading sequence, and readings of a true robot that differs from it by effects."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
-from tdcr_fe import Backbone, Disks, IdentifySettings, ParallelRouting, Reading, Robot, Tendon
-from tdcr_fe.effects import EFFECTS, Experiment, Observation, effect, with_effects
-from tdcr_fe.identify.dictionary import dictionary
-from tdcr_fe.identify.forward import ForwardModel, Job, run_settings, simulate_experiment
-from tdcr_fe.identify.identification import declared_state, prepare
-from tdcr_fe.identify.problem import FitProblem, evaluate
+from tdcr_fe import Backbone, Disks, ParallelRouting, Reading, Robot, Tendon
+from tdcr_fe.effects import EFFECTS, Experiment, Observation, with_effects
+from tdcr_fe.identify.forward import Job, run_settings, simulate_experiment
 from tdcr_fe.identify.run import Readings
-from tdcr_fe.identify.search_state import Search, SearchState
-from tdcr_fe.identify.verdict import conclude
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 
-#: What a cause may perturb, in the words of `result.json`.
-PERTURBED = {"force", "moment", "stiffness", "precurvature", "routing"}
-PERTURBED |= {"transmission", "input", "base", "reading", "load"}
 LENGTH = 0.2
 ROBOT = Robot(
     Backbone(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0),
@@ -77,59 +68,3 @@ def measured(truth=None, sigma=1e-4, seed=0, robot=None, given=True, model=MODEL
         readings = tuple(replace(r, sigma=None) for r in readings)
     declared = ROBOT if robot is None or model is MODEL else robot
     return data_of(steps, readings, declared, model)
-
-
-def problem_of(data, held=(), sigma=1e-4, forward=None):
-    """The problem of fitting all readings but those of some steps, with the given sigma."""
-    held_out = np.array([r.step in held for r in data.readings])
-    return FitProblem.of(data, np.full(held_out.size, sigma), held_out, forward or ForwardModel(), 5e-5)
-
-
-def read_as_predicted(problem, residual, sigma=1e-5):
-    """The data with predictions as readings, of which these are the residuals over sigma, known to ``sigma``."""
-    values = problem.readings.values - residual * problem.sigma
-    pairs = zip(problem.data.readings, values.tolist(), strict=True)
-    return replace(problem.data, readings=tuple(replace(r, value=x, sigma=sigma) for r, x in pairs))
-
-
-def causes_of(problem):
-    """The run of the declared model, and all causes by name."""
-    (run,) = problem.run([Job(problem.experiment, states=True)])
-    causes = dictionary(problem, run.bays)
-    found = {e.name: e for e in causes}
-    assert len(found) == len(causes)
-    return run, found
-
-
-@cache
-def declared():
-    """The problem of the readings of the declared robot, its run, and all causes by name."""
-    problem = problem_of(measured())
-    return problem, *causes_of(problem)
-
-
-def state_of(problem):
-    """A search that has only evaluated the declared model."""
-    return SearchState.start(problem, evaluate(problem, (), {}))
-
-
-def begun(data):
-    """The state with which the search of `identify` begins: held-out steps chosen, mesh and path fine enough."""
-    prepared = prepare(data, IdentifySettings(), ForwardModel())
-    return declared_state(prepared)
-
-
-def searching(deadline=np.inf, **settings):
-    """A search that reports nothing."""
-    return Search(IdentifySettings(**settings), lambda text, share: None, deadline)
-
-
-def with_model(state, values):
-    """The same with a model of effects at given values as the best one."""
-    best = evaluate(state.problem, tuple(effect(name) for name in values), values)
-    return replace(state.with_fit(best), best=best)
-
-
-def concluded(state, search=None, **found):
-    """The result of a search that ended in a state."""
-    return conclude(search or searching(), replace(state, **found))

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import FRICTIONAL, GRAVITY, ROBOT, concluded, measured, problem_of, state_of, with_model
-from identify_result import tips_of_run, write_corrected
+from identify_data import FRICTIONAL, GRAVITY, ROBOT, measured
+from identify_search import concluded, problem_of, state_of, tips_of_run, with_model, write_corrected
 
 from tdcr_fe import Load, identify, read_robot, read_scenario
 from tdcr_fe.effects import Parameter, effect, with_effects

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import FRICTIONAL, GRAVITY, MODEL, ROBOT, begun, data_of, measured, positions
+from identify_data import FRICTIONAL, GRAVITY, MODEL, ROBOT, data_of, measured, positions
+from identify_search import begun
 
 from tdcr_fe import Experiment, Load, LoadStep, ParallelRouting, PlausibilityWarning, Tendon, simulate
 from tdcr_fe.identify import IdentifySettings, identify

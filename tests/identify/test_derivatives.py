@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import causes_of, data_of, problem_of
+from identify_data import data_of
+from identify_search import causes_of, problem_of
 from robots import BACKBONE, LENGTH, tendon
 
 from tdcr_fe import Disks, HelicalRouting, Load, LoadStep, Model, Reading, Robot, SolverSettings

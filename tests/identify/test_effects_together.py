@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import MODEL, ROBOT, data_of, measured, positions, problem_of, searching, state_of
+from identify_data import MODEL, ROBOT, data_of, measured, positions
+from identify_search import problem_of, searching, state_of
 
 from tdcr_fe import LoadStep, ParallelRouting, Tendon
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from identify_data import data_of, problem_of
-from identify_result import GRAVITY, result
+from identify_data import data_of
+from identify_search import GRAVITY, problem_of, result
 
 from tdcr_fe import LoadStep, Reading
 from tdcr_fe.identify.noise import held_out_ceiling, predicted_residuals

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import GRAVITY, MODEL, measured, problem_of, simulated
-from identify_result import identified
+from identify_data import GRAVITY, MODEL, measured, simulated
+from identify_search import identified, problem_of
 
 from tdcr_fe import Experiment, InputError, effect
 from tdcr_fe.identify import IdentifySettings, identify

@@ -5,20 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import (
-    GRAVITY,
-    LENGTH,
-    MODEL,
-    ROBOT,
-    begun,
-    concluded,
-    data_of,
-    measured,
-    positions,
-    problem_of,
-    state_of,
-    with_model,
-)
+from identify_data import GRAVITY, LENGTH, MODEL, ROBOT, data_of, measured, positions
+from identify_search import begun, concluded, problem_of, state_of, with_model
 
 from tdcr_fe import Experiment, Reading, StiffnessPatch, effect, simulate, with_effects
 from tdcr_fe.cli import main

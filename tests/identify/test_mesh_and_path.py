@@ -3,7 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from identify_data import FRICTIONAL, ROBOT, measured, problem_of, simulated
+from identify_data import FRICTIONAL, ROBOT, measured, simulated
+from identify_search import problem_of
 
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.problem import ORDER, evaluate, refine, with_elements

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from identify_data import LENGTH, measured, problem_of, searching, simulated, state_of
+from identify_data import LENGTH, measured, simulated
+from identify_search import problem_of, searching, state_of
 
 from tdcr_fe import Experiment, IdentificationResult, Reading, effect, with_effects
 from tdcr_fe.identify import fitting

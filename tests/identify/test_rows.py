@@ -5,18 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import (
-    FRICTIONAL,
-    MODEL,
-    ROBOT,
-    concluded,
-    data_of,
-    positions,
-    problem_of,
-    searching,
-    simulated,
-    state_of,
-)
+from identify_data import FRICTIONAL, MODEL, ROBOT, data_of, positions, simulated
+from identify_search import concluded, problem_of, searching, state_of
 
 from tdcr_fe import Experiment, LoadStep, Reading, effect, with_effects
 from tdcr_fe.identify import identify

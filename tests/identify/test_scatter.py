@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import GRAVITY, MODEL, ROBOT, begun, concluded, data_of, positions, problem_of, state_of
+from identify_data import GRAVITY, MODEL, ROBOT, data_of, positions
+from identify_search import begun, concluded, problem_of, state_of
 
 from tdcr_fe import Experiment, InputError, Load, LoadStep, Reading, effect, with_effects
 from tdcr_fe.identify import identify

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import causes_of, measured, problem_of, searching, state_of
+from identify_data import measured
+from identify_search import causes_of, problem_of, searching, state_of
 
 from tdcr_fe.effects import effect
 from tdcr_fe.identify.criteria import BOUND_PENALTY, bic, is_improvement, rank

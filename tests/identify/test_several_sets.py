@@ -5,19 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import (
-    GRAVITY,
-    LENGTH,
-    MODEL,
-    ROBOT,
-    causes_of,
-    measured,
-    positions,
-    problem_of,
-    sequence,
-    simulated,
-)
-from identify_result import tips_of_run
+from identify_data import GRAVITY, LENGTH, MODEL, ROBOT, measured, positions, sequence, simulated
+from identify_search import causes_of, problem_of, tips_of_run
 
 from tdcr_fe import Experiment, InputError, Load, LoadStep, SolverSettings, effect, with_effects
 from tdcr_fe.cli import main

@@ -5,19 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import (
-    FRICTIONAL,
-    LENGTH,
-    ROBOT,
-    causes_of,
-    data_of,
-    declared,
-    measured,
-    positions,
-    problem_of,
-    read_as_predicted,
-)
-from identify_result import tips_of_run, write_corrected
+from identify_data import FRICTIONAL, LENGTH, ROBOT, data_of, measured, positions
+from identify_search import causes_of, declared, problem_of, read_as_predicted, tips_of_run, write_corrected
 
 from tdcr_fe import Experiment, Load, LoadStep, Reading, Robot
 from tdcr_fe.effects import Parameter, effect

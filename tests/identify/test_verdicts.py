@@ -4,20 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import (
-    GRAVITY,
+from identify_data import GRAVITY, data_of, measured, positions
+from identify_search import (
     begun,
     concluded,
-    data_of,
     declared,
-    measured,
-    positions,
+    identified,
     problem_of,
     searching,
     state_of,
     with_model,
 )
-from identify_result import identified
 
 from tdcr_fe.commands import identify as command
 from tdcr_fe.effects import EFFECTS, Experiment, effect

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from identify_data import data_of, positions, problem_of, sequence, state_of
+from identify_data import data_of, positions, sequence
+from identify_search import problem_of, state_of
 from robots import LENGTH, three
 
 from tdcr_fe import InputError, Load, LoadStep, Model, PlausibilityWarning, Reading

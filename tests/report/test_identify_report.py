@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from browser import browser, in_chromium
 from identify_data import LENGTH
-from identify_result import GRAVITY, ROBOT, STEPS, added, result
+from identify_search import GRAVITY, ROBOT, STEPS, added, result
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe import Experiment, Load, Model, Reading, SolverSettings, simulate, with_effects

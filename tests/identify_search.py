@@ -1,4 +1,4 @@
-"""A result of an identification that has found gravity, with what a test gives; and runs of the corrected robot."""
+"""Problems, searches and results on the small robot; one that has found gravity; runs of the corrected robot."""
 
 from dataclasses import replace
 from functools import cache
@@ -6,14 +6,81 @@ from functools import cache
 import identify_data
 import numpy as np
 import pandas as pd
-from identify_data import begun, concluded, measured, with_model
+from identify_data import measured
 
+from tdcr_fe import IdentifySettings
 from tdcr_fe.cli import main
-from tdcr_fe.effects import EFFECTS
+from tdcr_fe.effects import EFFECTS, effect
 from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify.corrected import corrected_files
+from tdcr_fe.identify.dictionary import dictionary
+from tdcr_fe.identify.forward import ForwardModel, Job
+from tdcr_fe.identify.identification import declared_state, prepare
+from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.result import AddedEffect, Errors, Estimate, IdentificationResult, Misfit, Parameters
+from tdcr_fe.identify.search_state import Search, SearchState
+from tdcr_fe.identify.verdict import conclude
 from tdcr_fe.io.measured import write_measured
+
+
+def problem_of(data, held=(), sigma=1e-4, forward=None):
+    """The problem of fitting all readings but those of some steps, with the given sigma."""
+    held_out = np.array([r.step in held for r in data.readings])
+    return FitProblem.of(data, np.full(held_out.size, sigma), held_out, forward or ForwardModel(), 5e-5)
+
+
+def read_as_predicted(problem, residual, sigma=1e-5):
+    """The data with predictions as readings, of which these are the residuals over sigma, known to ``sigma``."""
+    values = problem.readings.values - residual * problem.sigma
+    pairs = zip(problem.data.readings, values.tolist(), strict=True)
+    return replace(problem.data, readings=tuple(replace(r, value=x, sigma=sigma) for r, x in pairs))
+
+
+def causes_of(problem):
+    """The run of the declared model, and all causes by name."""
+    (run,) = problem.run([Job(problem.experiment, states=True)])
+    causes = dictionary(problem, run.bays)
+    found = {e.name: e for e in causes}
+    assert len(found) == len(causes)
+    return run, found
+
+
+@cache
+def declared():
+    """The problem of the readings of the declared robot, its run, and all causes by name."""
+    problem = problem_of(measured())
+    return problem, *causes_of(problem)
+
+
+def state_of(problem):
+    """A search that has only evaluated the declared model."""
+    return SearchState.start(problem, evaluate(problem, (), {}))
+
+
+def begun(data):
+    """The state with which the search of `identify` begins: held-out steps chosen, mesh and path fine enough."""
+    prepared = prepare(data, IdentifySettings(), ForwardModel())
+    return declared_state(prepared)
+
+
+def searching(deadline=np.inf, **settings):
+    """A search that reports nothing."""
+    return Search(IdentifySettings(**settings), lambda text, share: None, deadline)
+
+
+def with_model(state, values):
+    """The same with a model of effects at given values as the best one."""
+    best = evaluate(state.problem, tuple(effect(name) for name in values), values)
+    return replace(state.with_fit(best), best=best)
+
+
+def concluded(state, search=None, **found):
+    """The result of a search that ended in a state."""
+    return conclude(search or searching(), replace(state, **found))
+
+
+# ------------------------------------------------------------ a result
+
 
 ROBOT = identify_data.ROBOT.with_tendons(axial_stiffness=2474.0)
 STEPS = identify_data.sequence()
