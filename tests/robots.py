@@ -3,17 +3,14 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import exudyn as exu
-import exudyn.itemInterface as eii
 import numpy as np
-from exudyn.utilities import InertiaCuboid
 
-from tdcr_fe import TDCR, Backbone, CreateTDCR, Disks, Robot, SequenceResult, Tendon, register
+from tdcr_fe import Backbone, Disks, Robot, SequenceResult, StepResult, Tendon
 from tdcr_fe.model.loading import LoadStep, Model, resolve
 from tdcr_fe.model.routing import ParallelRouting, Routing
 from tdcr_fe.solve.simulate import Simulation, simulate
+from tdcr_fe.validation.fuzz.state import State
 
-register()  # `mbs.SolveTDCR` and the like, for all tests with these robots
 LENGTH = 0.25
 BACKBONE = Backbone(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0)
 DISKS = Disks.equally_spaced(13, LENGTH, mass=0.17e-3, radius=5e-3)
@@ -25,11 +22,9 @@ def tendon(name: str = "t1", angle_deg: float = 0.0, mu: float = 0.3, **rest: An
     return Tendon(name, ParallelRouting(4.5e-3, angle_deg), friction_coefficient=mu, **rest)
 
 
-def paper(
-    mu: float = 0.0, angle_deg: float = 0.0, backbone: Backbone = BACKBONE, disks: Disks = DISKS, **rest: Any
-) -> Robot:
+def paper(mu: float = 0.0, backbone: Backbone = BACKBONE, disks: Disks = DISKS, **rest: Any) -> Robot:
     """The paper's single-segment robot with one tendon."""
-    return Robot(backbone, disks, (tendon("t1", angle_deg, mu, **rest),), name="paper")
+    return Robot(backbone, disks, (tendon("t1", 0.0, mu, **rest),), name="paper")
 
 
 def three(mu: float = 0.3, backbone: Backbone = BACKBONE, disks: Disks = DISKS, **rest: Any) -> Robot:
@@ -99,76 +94,9 @@ def distance(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.max(np.linalg.norm(np.atleast_2d(a - b), axis=-1))) / LENGTH
 
 
-def system() -> tuple[exu.SystemContainer, exu.MainSystem]:
-    """An empty system; the container must be kept while it is used."""
-    container = exu.SystemContainer()
-    return container, container.AddSystem()
-
-
-#: A container that must be kept while its system is used, the system, and a robot in it.
-Scene = tuple[exu.SystemContainer, exu.MainSystem, TDCR]
-
-
-def scene(robot: Robot, *, assemble: bool = True, **rest: Any) -> Scene:
-    """A system with one robot; ``rest``: of its model, or of `CreateTDCR`."""
-    names = ("friction", "elements_per_bay", "tendon_path", "gravity", "hysteresis")
-    model = {k: rest.pop(k) for k in names if k in rest}
-    container, mbs = system()
-    handle = CreateTDCR(mbs, robot, Model(**{"elements_per_bay": 1, **model}), **rest)
-    if assemble:
-        mbs.Assemble()
-    return container, mbs, handle
-
-
-def scene_with(add: Callable[[exu.MainSystem, TDCR], Any], robot: Robot, **rest: Any) -> tuple[*Scene, Any]:
-    """A system with one robot and what is added to it before it is assembled."""
-    container, mbs, handle = scene(robot, assemble=False, **rest)
-    added = add(mbs, handle)
-    mbs.Assemble()
-    return container, mbs, handle, added
-
-
-def tip_load(mbs: exu.MainSystem, handle: TDCR) -> Any:
-    """A load at the tip."""
-    return handle.add_load("tip", LENGTH)
-
-
-def tip_sensor(mbs: exu.MainSystem, handle: TDCR) -> Any:
-    """A sensor of the position of the tip."""
-    return handle.add_sensors()["tip_position"]
-
-
-def solve_scene(mbs: exu.MainSystem, handle: TDCR, *tensions: Any) -> np.ndarray:
-    """Positions of the nodes after tensions, by tendon or in order, each set has been solved."""
-    for each in tensions:
-        handle.set_tensions(each)
-        mbs.SolveTDCR()
-    return handle.shape()[0]
-
-
-def hinged_platform(stiffness: float) -> tuple[exu.SystemContainer, exu.MainSystem, Any]:
-    """A system with a body at the origin on a torsional spring about y [N m/rad], and a marker to put a robot on."""
-    container, mbs = system()
-    ground = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.AddObject(eii.ObjectGround())))
-    node = mbs.AddNode(eii.NodeRigidBodyEP(referenceCoordinates=[0, 0, 0, 1, 0, 0, 0]))
-    inertia = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
-    body = mbs.AddObject(eii.ObjectRigidBody(nodeNumber=node, mass=1.0, inertia=inertia))
-    platform = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=body))
-    mbs.AddObject(eii.GenericJoint(markerNumbers=[ground, platform], constrainedAxes=[1, 1, 1, 1, 0, 1]))
-    k = np.diag([0.0, 0.0, 0.0, 0.0, stiffness, 0.0])
-    mbs.AddObject(eii.RigidBodySpringDamper(markerNumbers=[ground, platform], stiffness=k, damping=0.0 * k))
-    return container, mbs, platform
-
-
-def pendulum(robot: Robot) -> tuple[*Scene, Any]:
-    """A bar of 0.16 kg and 0.2 m hung up on a hinge about y at the origin, with a robot at its lower end; the bar."""
-    container, mbs = system()
-    weight, down = {"gravity": [0.0, 0.0, -9.81]}, np.diag([1.0, -1.0, -1.0])
-    inertia = InertiaCuboid(2e3, [0.02, 0.02, 0.2])
-    bar = mbs.CreateRigidBody(referencePosition=[0.0, 0.0, -0.1], inertia=inertia, **weight)
-    mbs.CreateRevoluteJoint(itemNumbers=[mbs.CreateGround(), bar], position=[0, 0, 0], axis=[0, 1, 0])
-    end = exu.HT(rotation=down, translation=[0.0, 0.0, -0.1])
-    marker = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=bar, localHT=end))
-    handle = CreateTDCR(mbs, robot, Model(elements_per_bay=1), baseMarker=marker, **weight)
-    mbs.Assemble()
-    return container, mbs, handle, bar
+def cables(robot: Robot, step: StepResult) -> list[tuple[np.ndarray, np.ndarray]]:
+    """By tendon, lengths of the segments [m] and angles at the holes between them [rad], as the campaigns check."""
+    state = State.of(robot, Model(friction="none"), step)
+    first, last = state.tendons.first, state.tendons.last
+    angles = np.split(state.segments.angles, np.cumsum(last - first - 1)[:-1])
+    return list(zip(np.split(state.lengths, last[:-1]), angles, strict=True))

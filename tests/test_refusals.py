@@ -8,7 +8,8 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from contacts import QUAD
-from robots import BACKBONE, DISKS, paper, scene, system, three
+from robots import BACKBONE, DISKS, paper, three
+from scenes import scene, system
 
 import tdcr_fe as tdcr
 from tdcr_fe import Backbone, InputPrior, Load, LoadPrior, LoadStep, Model, Robot, Tendon, TensionLimits
@@ -21,7 +22,6 @@ from tdcr_fe.sweeps.description import Range
 from tdcr_fe.sweeps.sampling import Normal
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
-tdcr.register()
 NAN = float("nan")
 PARALLEL = tdcr.ParallelRouting(4e-3)
 FREE = Model(friction="none")

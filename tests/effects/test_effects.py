@@ -15,7 +15,7 @@ from tdcr_fe import Disks, InputError, Load, LoadStep, Model, Robot, Tendon, rea
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effect, with_effects
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.backbone import Backbone, Superelastic
-from tdcr_fe.model.routing import HelicalRouting, ParallelRouting
+from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
 
 MODEL = Model(elements_per_bay=1)
 
@@ -226,6 +226,40 @@ def test_declared_stiffnesses_are_scaled_too():
     declared = replace(SOFT_SETUP, robot=SOFT.with_backbone(bending_stiffness=2e-3, axial_stiffness=90.0))
     scaled = with_effect(declared, "modulus_scale", factor=2.0).robot.backbone
     assert pytest.approx((4e-3, 180.0, 2.0 * BODY.GJ)) == (scaled.EI, scaled.EA, scaled.GJ)
+
+
+CHANNELS = (ParallelRouting(6e-3, 0.0), ParallelRouting(6e-3, 120.0))
+
+
+def with_channels(*routings):
+    """A body with two channels, and pulls of both."""
+    tendons = tuple(Tendon(n, r, end=0.25) for n, r in zip("ab", routings, strict=True))
+    pulls = ({"a": 2.0, "b": 0.5}, {"a": 0.4, "b": 1.5})
+    return Experiment(Robot(BODY, tendons=tendons), SOFT_MODEL, tuple(LoadStep(tensions=x) for x in pulls))
+
+
+@pytest.mark.parametrize(
+    ("values", "channels"),
+    [
+        ({"factor_end": 0.5}, [ConvergingRouting(6e-3, 3e-3, 0.0), ConvergingRouting(6e-3, 3e-3, 120.0)]),
+        ({"angle_end_a": 0.2 * math.pi}, [HelicalRouting(6e-3, 0.1, 0.0), CHANNELS[1]]),
+        # The number of a tendon counts before that of all.
+        ({"factor_base_a": 1.2, "factor_end_a": 1.2, "factor_base": 0.9, "factor_end": 0.9},
+            [ParallelRouting(7.2e-3, 0.0), ParallelRouting(5.4e-3, 120.0)]),
+    ],
+    ids=["converging", "helix", "one before all"],
+)  # fmt: skip
+def test_misplaced_channels_are_other_routings(values, channels):
+    moved = with_effect(with_channels(*CHANNELS), "misplaced_channels", **values)
+    assert tip(moved) == pytest.approx(tip(with_channels(*channels)), abs=1e-10)
+
+
+def test_a_search_tries_misplaced_channels_on_bodies_without_disks_alone():
+    soft = with_channels(*CHANNELS)
+    forms = effect("misplaced_channels").forms(soft)
+    assert [len(f.parameters) for f in forms] == [1, 4, 5, 6]
+    disks = replace(soft.robot, disks=Disks.equally_spaced(6, 0.3, radius=9e-3))
+    assert effect("misplaced_channels").forms(replace(soft, robot=disks)) == ()
 
 
 # ------------------------------------------------------------------------------------------------ from files

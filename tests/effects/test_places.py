@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from native_solvers import recommended
-from robots import BACKBONE, LENGTH, distance, scene, solve, solve_scene, three
+from robots import BACKBONE, LENGTH, distance, solve, three
+from scenes import recommended, scene, solve_scene
 
 from tdcr_fe.effects import EFFECTS, Experiment, PlaceEffect, with_effect
 from tdcr_fe.model.loading import Load, LoadStep, Model

@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from balance import cables
-from native_solvers import damped, recommended
-from robots import SEVEN, distance, single, solve
+from robots import SEVEN, cables, distance, single, solve
+from scenes import damped, recommended
 
 from tdcr_fe import ConstantFriction, ForceDependentFriction, LoadStep, StribeckFriction
 from tdcr_fe.elements.coefficients import normal_forces

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from native_solvers import recommended
-from robots import LENGTH, distance, paper, pull, routed, scene, solve
+from robots import LENGTH, distance, paper, pull, routed, solve
+from scenes import recommended, scene
 from two_tendons import ANGLES, LENGTHS, tendon_law
 
 from tdcr_fe import Backbone, Disks, HelicalRouting, Load, LoadStep, ParallelRouting, Robot, Tendon
@@ -136,10 +136,8 @@ def test_what_is_uncertain_of_a_path_of_dahl_is_reported():
     pulled = ({"t0": 5e-3, "t120": -2e-3, "t240": -2.1e-3}, {"t0": 4e-3, "t120": -1e-3, "t240": -1.8e-3})
     load = {"side": Load(0.2, (0.0, 0.03, 0.0), frame="section")}
     steps = [LoadStep(displacements=d, loads=load) for d in pulled]
-    found, fine = (
-        solve(arm, [steps[0], replace(steps[1], substeps=n)], hysteresis="dahl").steps[-1]
-        for n in (None, 256)
-    )
+    divided = [steps[0], replace(steps[1], substeps=256)]
+    found, fine = (solve(arm, x, hysteresis="dahl").steps[-1] for x in (steps, divided))
     assert 0.0 < np.linalg.norm(found.tip - fine.tip) / 0.2 <= 1.5 * found.details["refinement_error"]
 
 

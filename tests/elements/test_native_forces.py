@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from native_solvers import recommended
-from robots import LENGTH, scene, scene_with, solve_scene, tendon, three, tip_load
+from robots import LENGTH, tendon, three
+from scenes import recommended, scene, scene_with, solve_scene, tip_load
 
 from tdcr_fe import Disks, HelicalRouting
 from tdcr_fe.elements.native.coordinates import twists_by_coordinates

@@ -8,7 +8,8 @@ import pytest
 from arcs import arc_result, paper_robot
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
-from robots import scene, three
+from robots import three
+from scenes import scene
 
 from tdcr_fe.elements.drives import DISPLACEMENT, TendonDrives
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model

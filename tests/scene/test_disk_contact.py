@@ -6,10 +6,10 @@ import pytest
 from contacts import CENTRE, DISK, QUAD, SPHERE, STIFFNESS
 from exudyn.itemInterface import CoordinateConstraint, MarkerNodeCoordinate, NodePointGround
 from exudyn.utilities import InertiaCuboid
-from native_solvers import recommended
-from robots import BACKBONE, LENGTH, distance, scene_with, seven, solve_scene, system, three, tip_load
+from robots import BACKBONE, LENGTH, distance, seven, three
+from scenes import pulled_in_steps, push, recommended, scene_with, solve_scene, system, tip_load
 
-from tdcr_fe import TDCR, Backbone, CreateTDCR, Disks, Model, SolveTDCR, StepFailed
+from tdcr_fe import TDCR, Backbone, CreateTDCR, Disks, Model, StepFailed
 
 #: Disks of 9 mm radius: a robot whose tip comes back to its first disk.
 LARGE = Disks.equally_spaced(13, LENGTH, mass=0.17e-3, radius=9e-3)
@@ -26,24 +26,28 @@ def wall(mbs: exu.MainSystem, handle: TDCR):
     return handle.add_disk_contact(mbs.CreateGround(), STIFFNESS, quadPoints=QUAD)
 
 
+def load_and_plate(stiffness, corners):
+    """A load at the tip, and a fixed plate."""
+    plate = {"contactStiffness": stiffness, "quadPoints": corners}
+    return lambda mbs, arm: (tip_load(mbs, arm), arm.add_disk_contact(mbs.CreateGround(), **plate))
+
+
 def itself(mbs: exu.MainSystem, handle: TDCR):
     """The robot against itself."""
     return handle.add_disk_contact(handle, STIFFNESS)
 
 
 def pulled(robot, add, tensions, **model):
-    """A robot taken through tensions of its first tendon by SolveTDCR, and what its last step reports."""
+    """A robot taken through tensions of its first tendon by SolveTDCR."""
     keep, mbs, handle, contact = scene_with(add, robot, **model)
-    for tension in tensions:
-        handle.set_tensions({"t1": float(tension)})
-        report = mbs.SolveTDCR()
-        assert report["iterations"] <= 30
+    assert all(report["iterations"] <= 30 for report in pulled_in_steps(mbs, handle, tensions))
     return keep, mbs, handle, contact
 
 
-@pytest.mark.parametrize(
-    ("add", "mu", "elements"), [(ball, 0.0, 1), pytest.param(wall, 0.3, 2, marks=pytest.mark.integration)]
-)
+OBSTACLES = [(ball, 0.0, 1), pytest.param(wall, 0.3, 2, marks=pytest.mark.integration)]
+
+
+@pytest.mark.parametrize(("add", "mu", "elements"), OBSTACLES)
 def test_an_obstacle_gives_the_shape_of_the_static_solver_of_exudyn(add, mu, elements):
     """A pull to 2 N in ten steps, in contact from the fourth on; 1e-8 of the length were seen."""
     tensions = np.linspace(0.2, 2.0, 10)
@@ -106,12 +110,8 @@ def test_a_wall_carries_what_a_cantilever_does_not():
     w = 0.001 + robot.disks.radius
     corners = [[w, -0.2, 0.0], [w, -0.2, 0.4], [w, 0.2, 0.4], [w, 0.2, 0.0]]
 
-    def load_and_wall(mbs: exu.MainSystem, arm: TDCR):
-        return tip_load(mbs, arm), arm.add_disk_contact(mbs.CreateGround(), 1e5, quadPoints=corners)
-
-    _keep, mbs, handle, (load, contact) = scene_with(load_and_wall, robot, elements_per_bay=2)
-    load.set([0.005, 0.0, 0.0])
-    SolveTDCR(mbs)
+    _keep, mbs, handle, (load, contact) = scene_with(load_and_plate(1e5, corners), robot, elements_per_bay=2)
+    push(mbs, load, [0.005, 0.0, 0.0])
     free = 0.005 * LENGTH**3 / (3 * BACKBONE.EI) + 0.005 * LENGTH / BACKBONE.GA
     carried = 0.005 * (1.0 - handle.tip_position[0] / free)
     assert contact.normal_forces().max() == pytest.approx(carried, rel=1e-3)
@@ -122,22 +122,17 @@ def test_a_tip_pressed_along_the_axis_onto_the_middle_of_a_plate_compresses_back
     plane = LENGTH + DISK
     corners = [[x, y, plane] for x, y in ((-0.02, -0.02), (0.02, -0.02), (0.02, 0.02), (-0.02, 0.02))]
     stiffness, axial = 1e5, BACKBONE.EA / LENGTH
-
-    def load_and_plate(mbs: exu.MainSystem, arm: TDCR):
-        return tip_load(mbs, arm), arm.add_disk_contact(mbs.CreateGround(), stiffness, quadPoints=corners)
-
-    _keep, mbs, _, (load, contact) = scene_with(load_and_plate, seven(0.0).with_disks(mass=0.0))
-    load.set([0.0, 0.0, 5.0])
-    mbs.SolveTDCR()
+    robot = seven(0.0).with_disks(mass=0.0)
+    _keep, mbs, _, (load, contact) = scene_with(load_and_plate(stiffness, corners), robot)
+    push(mbs, load, [0.0, 0.0, 5.0])
     assert contact.normal_forces().sum() == pytest.approx(5.0 * stiffness / (stiffness + axial), rel=1e-6)
 
 
 def test_a_load_too_large_for_the_stiffness_of_the_contact_is_refused_by_name():
     """50 N at the tip against a ball of 2000 N/m: disks would be inside it."""
     _keep, mbs, handle, (load, _) = scene_with(lambda *to: (tip_load(*to), ball(*to)), seven(0.0))
-    load.set([50.0, 0.0, 0.0])
     with pytest.raises(StepFailed, match="contact is too soft"):
-        mbs.SolveTDCR()
+        push(mbs, load, [50.0, 0.0, 0.0])
     assert np.linalg.norm(handle.shape()[0] - CENTRE, axis=1).min() > SPHERE
 
 
@@ -182,19 +177,17 @@ def test_a_tip_that_slips_off_a_plate_on_a_spring_leaves_both_as_if_they_had_not
     at = [DISK + 0.002, 0.0, LENGTH]
     corners = [[0.0, y, z] for y, z in ((-0.05, -0.05), (-0.05, 0.05), (0.01, 0.05), (0.01, -0.05))]
 
-    def load_and_plate(mbs: exu.MainSystem, arm: TDCR):
+    def load_and_spring(mbs: exu.MainSystem, arm: TDCR):
         ground = mbs.CreateGround()
         plate = mbs.CreateRigidBody(referencePosition=at, inertia=InertiaCuboid(1000.0, [0.01] * 3))
         mbs.CreatePrismaticJoint(itemNumbers=[ground, plate], position=at, axis=[1, 0, 0])
-        mbs.CreateCartesianSpringDamper(
-            itemNumbers=[ground, plate], localPosition0=at, stiffness=[30.0, 0.0, 0.0]
-        )
+        spring = {"localPosition0": at, "stiffness": [30.0, 0.0, 0.0]}
+        mbs.CreateCartesianSpringDamper(itemNumbers=[ground, plate], **spring)
         return tip_load(mbs, arm), arm.add_disk_contact(plate, 1e4, quadPoints=corners), plate
 
-    _keep, mbs, handle, (load, contact, plate) = scene_with(load_and_plate, seven(0.0))
+    _keep, mbs, handle, (load, contact, plate) = scene_with(load_and_spring, seven(0.0))
     for aside in (0.0, 0.01, 0.05):
-        load.set([0.05, aside, 0.0])
-        mbs.SolveTDCR()
+        push(mbs, load, [0.05, aside, 0.0])
         assert (contact.normal_forces().max() > 0.0) == (aside == 0.0)
     assert handle.tip_position[0] == pytest.approx(handle.tip_position[1], abs=1e-9)
     moved = mbs.GetObjectOutputBody(plate, exu.OutputVariableType.Displacement)

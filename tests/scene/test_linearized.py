@@ -1,14 +1,16 @@
-"""`TDCREigenvalues` and `TDCRLinearized`: closed forms, differences, `SolveTDCR`, and functions of Exudyn."""
+"""Scenes linearised: modes, gains and sensitivities, against closed forms, differences, and functions of Exudyn."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from native_solvers import recommended
-from robots import BACKBONE, LENGTH, pendulum, scene, scene_with, seven, solve_scene, tip_sensor
+from robots import BACKBONE, LENGTH, seven
+from scenes import hinged_platform, pendulum, recommended, scene, scene_with, solve_scene, tip_sensor
 from scipy.linalg import eig
 
-from tdcr_fe import Disks, ParallelRouting, Robot, SolverSettings, SolveTDCR, Tendon
+from tdcr_fe import CreateTDCR, Disks, ParallelRouting, Robot, Tendon, simulate, track_sensitivities
+from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
+from tdcr_fe.model.robot import SideSpring
 
 ELASTIC = {"axial_stiffness": 400.0}
 
@@ -40,12 +42,6 @@ def test_modes_without_tension_are_those_of_a_cantilever_and_a_finer_mesh_lowers
     assert errors[0][4:] / errors[1][4:] == pytest.approx([4.0, 4.0], rel=0.1)
 
 
-def bend(mbs, handle, by_displacement: bool) -> None:
-    change = handle.set_displacements if by_displacement else handle.set_tensions
-    change([4e-3, -1.9e-3, -1.9e-3] if by_displacement else [1.0, 0.2, 0.2])
-    SolveTDCR(mbs)
-
-
 @pytest.mark.parametrize(("mu", "rest"), [(0.0, {}), (0.3, {}), (0.0, ELASTIC)])
 def test_linearised_systems_of_exudyn_have_the_same_frequencies(mu, rest):
     """`ComputeLinearizedSystem` and `ComputeODE2Eigenvalues` of a bent robot, its holes stuck at the bound of friction.
@@ -54,7 +50,8 @@ def test_linearised_systems_of_exudyn_have_the_same_frequencies(mu, rest):
     the tendons were left out: 38 % less with tendons driven by displacement, 46 % less with stuck holes.
     """
     _keep, mbs, handle = scene(seven(mu, **rest))
-    bend(mbs, handle, bool(rest))
+    inputs, by = ([4e-3, -1.9e-3, -1.9e-3], "displacements") if rest else ([1.0, 0.2, 0.2], "tensions")
+    solve_scene(mbs, handle, inputs, by=by)
     modes = mbs.TDCREigenvalues(holes="stuck", numberOfEigenvalues=4)
     expected = modes.frequencies
     assert np.all(modes.growth < 1e-3 * expected) or not rest
@@ -95,22 +92,17 @@ def test_the_static_gain_is_what_statics_give(mu, presliding, drive, bent, size)
 
     With friction the presliding distance is so long that all holes stick.
     """
-    robot, settings = seven(mu, **({} if mu else ELASTIC)), SolverSettings(presliding=presliding)
+    robot = seven(mu, **({} if mu else ELASTIC))
+    driven = {"by": drive, "settings": SolverSettings(presliding=presliding)}
     _keep, mbs, handle, sensor = scene_with(tip_sensor, robot, presliding=presliding)
-    change = getattr(handle, f"set_{drive}")
-    change(bent)
-    SolveTDCR(mbs, settings)
+    solve_scene(mbs, handle, bent, **driven)
     linear = mbs.TDCRLinearized(holes="stuck", sensors=[sensor])
     gain, (a, b, c) = linear.static_gain(), linear.state_space()
     assert -c @ np.linalg.solve(a, b) == pytest.approx(gain, abs=1e-6 * np.abs(gain).max())
     assert linear.input_names == ("three.t1", "three.t2", "three.t3")
-    for k in range(3):
-        sides = []
-        for sign in (1.0, -1.0):
-            change((bent + sign * size * np.eye(3)[k]).tolist())
-            SolveTDCR(mbs, settings)
-            sides.append(handle.tip_position)
-        expected = (sides[0] - sides[1]) / (2.0 * size)
+    for k, step in enumerate(size * np.eye(3)):
+        more, less = (solve_scene(mbs, handle, bent + x, **driven)[-1] for x in (step, -step))
+        expected = (more - less) / (2.0 * size)
         assert gain[:, k] == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
 
 
@@ -142,8 +134,7 @@ def test_a_robot_ten_times_as_large_swings_at_a_tenth_of_the_frequency():
         disks = Disks.equally_spaced(7, LENGTH * size, mass=0.3e-3 * size**3, radius=5e-3 * size)
         backbone = replace(BACKBONE, length=LENGTH * size, radius=0.4e-3 * size)
         _keep, mbs, handle = scene(Robot(backbone, disks, tendons, name="scaled"))
-        handle.set_displacements([4e-3 * size, -1.5e-3 * size, -1.9e-3 * size])
-        SolveTDCR(mbs)
+        solve_scene(mbs, handle, size * np.array([4e-3, -1.5e-3, -1.9e-3]), by="displacements")
         found.append(size * mbs.TDCREigenvalues(numberOfEigenvalues=3).frequencies)
     assert found[1] == pytest.approx(found[0], rel=1e-5)
 
@@ -155,7 +146,7 @@ def test_a_pendulum_that_carries_a_robot_has_the_frequency_of_its_weight():
     """
     robot = seven(0.0).with_backbone(radius=2e-3, density=10.0).with_disks(mass=1e-5)
     _keep, mbs, handle, _ = pendulum(robot)
-    SolveTDCR(mbs)
+    mbs.SolveTDCR()
     expected = np.sqrt(9.81 * 0.1 / (0.1**2 + (0.2**2 + 0.02**2) / 12.0)) / (2.0 * np.pi)
     for _ in range(2):
         assert mbs.TDCREigenvalues(numberOfEigenvalues=1).frequencies[0] == pytest.approx(expected, rel=2e-3)
@@ -168,31 +159,80 @@ def test_the_gain_has_forces_that_turn_with_their_section():
         lambda mbs, handle: (tip_sensor(mbs, handle), handle.add_load("tip", LENGTH, "section")), seven(0.0)
     )
     load.set([0.05, 0.02, 0.0], [0.0, 0.0, 1e-3])
-    tips = []
-    for change in (0.0, -1e-4, 1e-4):
-        handle.set_tensions([0.5 + change, 0.1, 0.1])
-        SolveTDCR(mbs)
-        tips.append(handle.tip_position)
-        if change == 0.0:
-            gain = mbs.TDCRLinearized(sensors=[sensor]).static_gain()[:, 0]
-    expected = (tips[2] - tips[1]) / 2e-4
+    solve_scene(mbs, handle, [0.5, 0.1, 0.1])
+    gain = mbs.TDCRLinearized(sensors=[sensor]).static_gain()[:, 0]
+    less, more = (solve_scene(mbs, handle, [0.5 + x, 0.1, 0.1])[-1] for x in (-1e-4, 1e-4))
+    expected = (more - less) / 2e-4
     assert gain == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("rest", [{}, ELASTIC], ids=["inextensible", "elastic"])
 def test_after_slip_the_gain_is_that_of_a_pull_that_goes_on_and_with_stuck_holes_that_of_a_release(rest):
     """A controller moves the tendons at once: with stuck holes the tip would seem to move by less than half of that."""
-    settings = SolverSettings(presliding=1e-5)
     _keep, mbs, handle, sensor = scene_with(tip_sensor, seven(0.3, **rest), presliding=1e-5)
-    tips = []
-    for tension in (1.0, 1.001, 1.001 - 1e-5):
-        handle.set_tensions([tension, 0.0, 0.0])
-        SolveTDCR(mbs, settings)
-        tips.append(handle.tip_position)
-        if tension == 1.001:
-            found = [mbs.TDCRLinearized(sensors=[sensor], **x) for x in ({}, {"holes": "stuck"})]
-            sliding, stuck = (x.static_gain()[:, 0] for x in found)
-    pulled, released = (tips[1] - tips[0]) / 1e-3, (tips[1] - tips[2]) / 1e-5
+
+    def tip(tension):
+        settings = SolverSettings(presliding=1e-5)
+        return solve_scene(mbs, handle, [tension, 0.0, 0.0], settings=settings)[-1]
+
+    before, there = tip(1.0), tip(1.001)
+    found = [mbs.TDCRLinearized(sensors=[sensor], **x) for x in ({}, {"holes": "stuck"})]
+    sliding, stuck = (x.static_gain()[:, 0] for x in found)
+    pulled, released = (there - before) / 1e-3, (there - tip(1.001 - 1e-5)) / 1e-5
     assert sliding == pytest.approx(pulled, abs=1e-2 * np.abs(pulled).max())
     assert stuck == pytest.approx(released, abs=1e-3 * np.abs(released).max())
     assert np.abs(stuck).max() < 0.6 * np.abs(sliding).max()
+
+
+# ------------------------------------------------------------ sensitivities
+
+
+SETTINGS = SolverSettings(tolerance=1e-11)
+NAMES = ["backbone.youngs_modulus", "tendons.friction_coefficient", "inputs.t1", "loads.tip.force_y"]
+NAMES += ["backbone.length", "springs[0].stiffness"]
+
+
+def test_a_robot_alone_has_the_derivatives_of_simulate():
+    """Wherever its base is: springs to ground are at rest where the unloaded robot is."""
+    robot = replace(seven(0.3), springs=(SideSpring(0.15, 1.5),))
+    steps = [LoadStep("", {"t1": 1.0, "t2": 0.3}, loads={"tip": Load(LENGTH)}, substeps=2)]
+    steps += [LoadStep("", {"t1": 0.6}, loads={"tip": Load(LENGTH, (0.0, 0.02, 0.0))}, substeps=2)]
+    expected = simulate(robot, Model(elements_per_bay=1), steps, SETTINGS, sensitivities=NAMES).sensitivities
+    at = {"referencePosition": [0.1, 0.05, 0.2]}
+    _keep, mbs, arm, tip = scene_with(lambda mbs, arm: arm.add_load("tip", LENGTH), robot, **at)
+    tracked = track_sensitivities(arm, NAMES)
+    for step in steps:
+        arm.set_tensions(step.tensions)
+        tip.set(step.loads["tip"].force)
+        mbs.SolveTDCR(SETTINGS, substeps=2, sensitivities=[tracked])
+    result = tracked.result()
+    for name in NAMES:
+        a, b = result[name], expected[name]
+        for kind in ("positions", "tensions"):
+            found, known = np.array(getattr(a, kind)), np.array(getattr(b, kind))
+            np.testing.assert_allclose(found, known, rtol=0.0, atol=1e-7 * np.abs(known).max())
+
+
+@pytest.mark.parametrize("field", ["youngs_modulus", "radius"])
+def test_the_platform_that_gives_way_is_in_the_derivative(field):
+    """Against central differences of whole solutions; the weight of the robot turns the platform."""
+    robot = seven(0.2)
+    value = getattr(robot.backbone, field)
+
+    def solved(factor: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        """Shapes after two pulls, and their derivatives."""
+        _keep, mbs, platform = hinged_platform(0.5)
+        changed = robot.with_backbone(**{field: value * factor})
+        model = Model(elements_per_bay=1, gravity=(9.81, 0.0, 0.0))
+        arm = CreateTDCR(mbs, changed, model, baseMarker=platform)
+        mbs.Assemble()
+        tracked, shapes = track_sensitivities(arm, [f"backbone.{field}"]), []
+        for tension in (0.8, 0.5):
+            arm.set_tensions({"t1": tension})
+            mbs.SolveTDCR(SETTINGS, substeps=4, sensitivities=[tracked])
+            shapes.append(arm.shape()[0])
+        return np.array(shapes), tracked.result()[f"backbone.{field}"].positions
+
+    h = 1e-4
+    found, expected = solved()[1], (solved(1.0 + h)[0] - solved(1.0 - h)[0]) / (2.0 * h * value)
+    assert np.abs(found - expected).max() < 1e-5 * np.abs(expected).max()

@@ -4,8 +4,8 @@ import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 import pytest
-from native_solvers import recommended
-from robots import LENGTH, distance, scene_with, seven, single, solve, solve_scene, tip_load
+from robots import LENGTH, distance, seven, single, solve
+from scenes import push, recommended, scene_with, solve_scene, tip_load
 
 from tdcr_fe import Load, LoadStep, SolverSettings, SolveTDCR, StepFailed
 
@@ -34,8 +34,7 @@ def test_random_sequences_give_the_shapes_of_simulate(seed):
         handle.set_tensions(tensions)
         if displacements:
             handle.set_displacements(displacements)
-        load.set(force, moment)
-        SolveTDCR(mbs)
+        push(mbs, load, force, moment)
         shapes.append(handle.shape()[0])
     for shape, step in zip(shapes, solve(robot, steps).steps, strict=True):
         assert distance(shape, step.positions) < 1e-9
@@ -45,8 +44,7 @@ def test_a_load_that_fails_within_the_step_is_kept_as_set_and_resumed():
     """A load of 1e5 N: the scene is left in the last solved state, the set load is kept, and unloading is possible."""
     _keep, mbs, handle, load = scene_with(tip_load, single(0.3))
     start = solve_scene(mbs, handle, [1.0])
-    load.set([0.0, 0.01, 0.0])
-    SolveTDCR(mbs)
+    push(mbs, load, [0.0, 0.01, 0.0])
     load.set([0.0, 0.0, -1e5])
     with pytest.raises(StepFailed) as caught:
         SolveTDCR(mbs, SolverSettings(min_substep=0.5))
@@ -54,8 +52,7 @@ def test_a_load_that_fails_within_the_step_is_kept_as_set_and_resumed():
     assert load.value == pytest.approx([0.0, 0.0, -1e5, 0.0, 0.0, 0.0])
     expected = [0.0, 0.01 * (1 - reached), -1e5 * reached, 0.0, 0.0, 0.0]
     assert load.applied == pytest.approx(expected, abs=1e-12)
-    load.set([0.0, 0.0, 0.0])
-    SolveTDCR(mbs)
+    push(mbs, load, [0.0, 0.0, 0.0])
     assert distance(handle.shape()[0], start) < 0.05
 
 
@@ -88,8 +85,7 @@ def test_a_force_that_rises_and_falls_within_a_step_leaves_its_trace():
     _keep, mbs, handle, load = scene_with(tip_load, single(0.3))
     start = solve_scene(mbs, handle, [1.0])
     for force in (0.08, 0.0):
-        load.set([0.0, force, 0.0])
-        SolveTDCR(mbs)
+        push(mbs, load, [0.0, force, 0.0])
 
     def add(mbs, arm):
         push = {"loadVectorUserFunction": lambda mbs, t, load: [0.0, 0.08 * np.sin(np.pi * t), 0.0]}
@@ -109,13 +105,11 @@ def test_copies_of_the_state_have_the_load_that_acted_in_it():
     """
     _keep, mbs, handle, load = scene_with(tip_load, single(0.3))
     handle.set_tensions([2.0])
-    load.set([0.0, 0.01, 0.0])
-    SolveTDCR(mbs)
+    push(mbs, load, [0.0, 0.01, 0.0])
     before = mbs.systemData.GetSystemState()
     shapes = []
     for _ in range(2):
-        load.set([-0.05, 0.0, 0.0])
-        report = SolveTDCR(mbs)
+        report = push(mbs, load, [-0.05, 0.0, 0.0])
         shapes.append(handle.shape()[0])
         assert load.applied == pytest.approx([-0.05, 0.0, 0.0, 0.0, 0.0, 0.0])
         for kind in (exu.ConfigurationType.Current, exu.ConfigurationType.Initial):
@@ -137,8 +131,7 @@ def test_a_scene_that_was_changed_is_solved_anew():
     _keep_other, other, compared, load = scene_with(tip_load, single(0.0), friction="none")
     compared.set_compliance_factor(1.1)
     solve_scene(other, compared, [1.0])
-    load.set([0.0, 0.02, 0.0])
-    SolveTDCR(other)
+    push(other, load, [0.0, 0.02, 0.0])
     assert distance(handle.tip_position, compared.tip_position) < 1e-7
 
 

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import exudyn as exu
 import numpy as np
 import pytest
-from native_solvers import damped, recommended
-from robots import BACKBONE, DISKS, LENGTH, distance, pull, scene, seven, single, solve, solve_scene, system
+from robots import BACKBONE, DISKS, LENGTH, distance, pull, seven, single, solve
+from scenes import damped, recommended, scene, solve_scene, system
 
-from tdcr_fe import CreateTDCR, Disks, LoadStep, Model, SolveTDCR, StribeckFriction, Superelastic
+from tdcr_fe import CreateTDCR, Disks, LoadStep, Model, StribeckFriction, Superelastic
 from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.elements.native import hooks
 from tdcr_fe.elements.native.coordinates import NodeCoordinates
@@ -73,7 +73,7 @@ def test_dynamics_include_the_friction_history_and_statics_go_on_from_there():
     assert distance(handle.tip_position, back) < 2e-3
 
 
-@pytest.mark.parametrize("drive", ["tension", pytest.param("displacement", marks=pytest.mark.integration)])
+@pytest.mark.parametrize("drive", ["tensions", pytest.param("displacements", marks=pytest.mark.integration)])
 def test_dynamics_after_statics_begin_at_rest(drive):
     """Inextensible tendons.
 
@@ -81,12 +81,9 @@ def test_dynamics_after_statics_begin_at_rest(drive):
     release, or the tension became 1e13 N.
     """
     _keep, mbs, handle = scene(seven(0.3))
-    if drive == "tension":
-        handle.set_tensions([1.5, 0.3, 0.2])
-    else:
-        handle.set_displacements([6e-3, -2.8e-3, -2.9e-3])
-    SolveTDCR(mbs)
-    start, tensions, friction = handle.shape()[0], handle.tensions(), handle.actuation.state
+    inputs = [1.5, 0.3, 0.2] if drive == "tensions" else [6e-3, -2.8e-3, -2.9e-3]
+    start = solve_scene(mbs, handle, inputs, by=drive)
+    tensions, friction = handle.tensions(), handle.actuation.state
     assert max(t[0] for t in tensions.values()) > 0.5
     moved = []
     mbs.SetPostStepUserFunction(lambda m, t: moved.append(distance(handle.shape()[0], start)) or True)
@@ -153,8 +150,7 @@ def test_a_cut_tendon_and_a_sudden_pull_of_two_newton_are_solved(change, step, t
 def test_forces_are_those_of_the_configuration_after_an_iterate_that_diverged():
     """Displacements that jumped ended a run: after tensions that are no numbers all others were none, too."""
     _keep, mbs, handle = scene(seven(0.3, axial_stiffness=2000.0))
-    handle.set_displacements([1e-3, 0.0, 0.0])
-    SolveTDCR(mbs)
+    solve_scene(mbs, handle, [1e-3, 0.0, 0.0], by="displacements")
     handle.set_displacements([0.0, 1e-3, 0.0])
     robot = handle.actuation
     at = np.array(mbs.systemData.GetODE2Coordinates())[robot.coordinates.ravel()]
@@ -167,12 +163,9 @@ def test_forces_are_those_of_the_configuration_after_an_iterate_that_diverged():
 def test_tensions_of_displacements_are_found_to_round_off_in_a_few_iterations(monkeypatch):
     """Inextensible tendons: a tolerance below the round-off took 60, and six times the time of a dynamic run."""
     _keep, mbs, handle = scene(seven(0.0))
-    handle.set_displacements([2e-3, -0.9e-3, -0.9e-3])
-    SolveTDCR(mbs)
+    solve_scene(mbs, handle, [2e-3, -0.9e-3, -0.9e-3], by="displacements")
     robot, evaluated, after = handle.actuation, [], ForceModel.after
-    monkeypatch.setattr(
-        ForceModel, "after", lambda self, *given: evaluated.append(given) or after(self, *given)
-    )
+    monkeypatch.setattr(ForceModel, "after", lambda *given: evaluated.append(given) or after(*given))
     at = np.array(mbs.systemData.GetODE2Coordinates())[robot.coordinates.ravel()]
     for k in range(20):
         robot.forces_on_coordinates(at * (1.0 - 1e-6 * k), 1e-3)
@@ -188,8 +181,7 @@ def test_elastic_tendons_have_the_displacements_of_their_drives_in_any_shape(hys
     robot = seven(0.3, axial_stiffness=2000.0, adhesion=adhesion)
     _keep, mbs, handle = scene(robot, hysteresis=hysteresis)
     at = np.array([2e-3, -0.8e-3, -0.7e-3])
-    handle.set_displacements(at)
-    SolveTDCR(mbs)
+    solve_scene(mbs, handle, at, by="displacements")
     law, model, rng = handle.actuation.law, handle.actuation.model, np.random.default_rng(0)
     nodes = NodeCoordinates(handle.actuation.system, handle.nNodes)
     moved, tendons, worst = nodes.displacements(), handle.actuation.elastic_tendons(at, 1.0), 0.0

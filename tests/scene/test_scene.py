@@ -11,24 +11,8 @@ import pytest
 from exudyn.robotics import Robot as Arm
 from exudyn.robotics import RobotLink
 from exudyn.utilities import InertiaCuboid
-from native_solvers import recommended
-from robots import (
-    BACKBONE,
-    LENGTH,
-    SEVEN,
-    distance,
-    hinged_platform,
-    pendulum,
-    pull,
-    scene,
-    scene_with,
-    seven,
-    single,
-    solve,
-    solve_scene,
-    system,
-    tip_load,
-)
+from robots import BACKBONE, LENGTH, SEVEN, distance, pull, seven, single, solve
+from scenes import hinged_platform, pendulum, push, recommended, scene, scene_with, solve_scene, system
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe import CreateTDCR, Load, LoadStep, Model, SolverSettings, StepFailed
@@ -170,11 +154,11 @@ def test_a_pendulum_that_swings_in_a_dynamic_run_comes_to_rest_below_its_hinge()
     """From 43 degrees. The forces of joints have another sign there: it took 132 iterations, and a snap-through."""
     _keep, mbs, handle, bar = pendulum(seven(0.0).with_backbone(radius=2e-3))
     marker = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=bar))
-    push = mbs.AddLoad(eii.Force(markerNumber=marker, loadVector=[2.0, 0.0, 0.0]))
+    force = mbs.AddLoad(eii.Force(markerNumber=marker, loadVector=[2.0, 0.0, 0.0]))
     mbs.Assemble()
     assert mbs.SolveDynamic(recommended(handle, 0.2, 1e-3))
     assert mbs.GetObjectOutputBody(bar, exu.OutputVariableType.Position)[0] > 0.06
-    mbs.SetLoadParameter(push, "loadVector", [0.0, 0.0, 0.0])
+    mbs.SetLoadParameter(force, "loadVector", [0.0, 0.0, 0.0])
     report = mbs.SolveTDCR()
     assert not report["snapped"]
     assert report["iterations_total"] < 30
@@ -324,12 +308,10 @@ def test_the_handle_lists_all_items_and_holes_are_at_their_positions():
 def test_inputs_are_set_and_results_read_by_tendon():
     _keep, mbs, handle = scene(seven(0.3))
     handle.set_tensions({"t1": 1.0})
-    handle.set_displacements({"t2": -8e-3})
-    mbs.SolveTDCR()
+    solve_scene(mbs, handle, {"t2": -8e-3}, by="displacements")
     assert handle.tensions()["t2"][0] == 0.0  # let out: slack, and the prescribed length is reported
     assert handle.displacements()["t2"] == -8e-3
-    handle.set_displacements({"t2": 1e-3})
-    mbs.SolveTDCR()
+    solve_scene(mbs, handle, {"t2": 1e-3}, by="displacements")
     t, states = handle.tensions(), handle.hole_states()
     assert t["t1"].shape == (7,) and t["t1"][0] == 1.0
     assert np.all(t["t3"] == 0.0)
@@ -373,11 +355,10 @@ def test_a_force_sensor_on_a_segment_that_is_only_drawn_is_refused():
 
 def test_the_base_joint_carries_the_load_and_the_robot_follows_its_support():
     """Force of the base joint against the tip force; the robot follows the ground moved between two solves."""
-    _keep, mbs, handle, push = scene_with(tip_load, single(0.3))
+    _keep, mbs, handle, load = scene_with(lambda mbs, arm: arm.add_load("tip", LENGTH), single(0.3))
     handle.set_tensions({"t1": 1.0})
     force = np.array([0.01, 0.02, -0.03])
-    push.set(force.tolist())
-    mbs.SolveTDCR()
+    push(mbs, load, force)
     # The forces of tendons between base node and anchor are internal.
     reaction = np.array(mbs.GetObjectOutput(handle.oBaseJoint, exu.OutputVariableType.ForceLocal))
     assert np.sign(reaction @ force) * reaction == pytest.approx(force, abs=1e-8)

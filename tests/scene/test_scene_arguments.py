@@ -6,8 +6,8 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from exudyn.utilities import InertiaCuboid
-from native_solvers import recommended
-from robots import LENGTH, distance, scene, seven, single, solve_scene, system
+from robots import LENGTH, distance, seven, single
+from scenes import recommended, scene, solve_scene, system
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe import CreateTDCR, Model, SolveTDCR

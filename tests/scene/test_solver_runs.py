@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from contacts import CONTACTS
 from exudyn.utilities import LoadSolutionFile, SetSolutionState
-from native_solvers import damped, recommended
-from robots import LENGTH, distance, scene, scene_with, seven, solve_scene
+from robots import LENGTH, distance, seven
+from scenes import damped, recommended, scene, scene_with, solve_scene
 
 from tdcr_fe.solve.statics import SolveTDCR
 

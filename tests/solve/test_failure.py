@@ -4,7 +4,8 @@ import re
 
 import numpy as np
 import pytest
-from robots import distance, paper, pull, scene, solve, solve_scene, three
+from robots import distance, paper, pull, solve, three
+from scenes import scene, solve_scene
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from tdcr_fe import Interrupted, Load, LoadStep, Model, SolverSettings, SolveTDCR, simulate

@@ -1,14 +1,17 @@
-"""Discretisation error: the estimate against finer meshes, automatic refinement, and warnings of a run."""
+"""Discretisation error: its order, the estimate, refinement, warnings; and the balance of energy with substeps."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from robots import BACKBONE, LENGTH, pull, single
+from robots import BACKBONE, LENGTH, distance, paper, pull, routed, single, solve
 
-from tdcr_fe import Disks, Interrupted, Load, LoadStep, Model, Robot
+from tdcr_fe import ConvergingRouting, Disks, HelicalRouting, Interrupted, Load, LoadStep, Model, Robot
+from tdcr_fe.model.backbone import Superelastic
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve.simulate import PathRecord, Simulation, SolverSettings, StepFailed, simulate
+from tdcr_fe.validation.fuzz.energy import divided, ledger
 
 
 @pytest.mark.parametrize(
@@ -120,3 +123,49 @@ def test_elements_per_bay_can_be_given_for_every_bay() -> None:
     robot = replace(single(), disks=Disks((0.05, 0.1, 0.2)), tendons=())
     result = simulate(robot, Model(friction="none", elements_per_bay=counts), [LoadStep()])
     assert len(result.steps[0].s) == 1 + sum(counts)
+
+
+# ------------------------------------------------------------ order of convergence
+
+
+CASES = {
+    "helical": routed(HelicalRouting(4.5e-3, 2.0), mu=0.3),
+    "converging": routed(ConvergingRouting(4.5e-3, 0.15e-3), mu=0.3),
+    "superelastic": paper(0.3).with_backbone(superelastic=Superelastic(0.002, 0.4)),
+    "tapered": paper(0.3).with_backbone(taper=((0.0, 0.4e-3), (LENGTH, 0.25e-3))),
+    "precurved": paper(0.3).with_backbone(precurvature=(1.0, 2.0)),
+    "thick": paper(0.3).with_disks(thickness=4e-3),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_tip_converges_with_order_two_or_better_in_the_mesh(case):
+    """Pulled to 1 N with friction, and a force at the tip; two elements per bay are within 1e-5 of the length.
+
+    The order is ``log2 |x_2 - x_4| / |x_4 - x_8|``.
+    """
+    pulled = pull(1.0, loads={"tip": Load(LENGTH, (0.01, 0.02, 0.0))})
+    tips = [solve(CASES[case], pulled, elements_per_bay=k).tips[-1] for k in (2, 4, 8)]
+    first, second = (np.linalg.norm(b - a) for a, b in pairwise(tips))
+    assert np.log2(first / second) > 1.95
+    assert distance(tips[0], tips[-1]) < (5e-4 if case == "tapered" else 1e-5)
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize("friction", ["none", "per-tendon", "per-hole"])
+def test_the_energy_balance_closes_with_order_two_in_the_substeps(friction):
+    """Pull to 2 N and release with a tip force: the balance by the trapezoidal rule closes with order two."""
+    robot = single(0.3)
+    pushed, free = {"tip": Load(LENGTH, (0.0, 0.03, 0.01))}, {"tip": Load(LENGTH)}
+    cycle = [*pull(2.0, loads=pushed), *pull(0.3), *pull(1.5, loads=free), *pull(0.0)]
+    gaps = []
+    for parts in (8, 16, 32):
+        found = ledger(solve(robot, divided(robot, cycle, parts), friction=friction))
+        assert found.gain < 1e-9
+        gaps.append(found.gap)
+    assert gaps[-1] < 1e-4
+    if friction == "none":
+        assert abs(found.work) < 1e-6
+    else:
+        assert found.work > 5e-4
+        assert gaps[-1] < 0.1 * gaps[0]

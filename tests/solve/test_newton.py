@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import BACKBONE, LENGTH, paper, pull, routed, scene, seven, simulation
+from robots import BACKBONE, LENGTH, paper, pull, routed, seven, simulation
+from scenes import scene
 
 from tdcr_fe import HelicalRouting, Simulation, Superelastic
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve

@@ -41,14 +41,14 @@ def by_tension(scale: float = 1.0) -> tuple[LoadStep, ...]:
     )
 
 
-def by_displacement() -> tuple[LoadStep, ...]:
+def by_displacement(end: float | None = 5.0) -> tuple[LoadStep, ...]:
     """From tensions to displacements and back, with a reversal."""
     return (
         LoadStep("", {"t1": 0.8, "t2": 0.2}, substeps=2, time=1.0),
         LoadStep("", {"t1": 0.9}, displacements={"t2": 1e-3}, substeps=2, time=2.0),
         LoadStep("", displacements={"t1": 3e-3, "t2": 0.5e-3}, substeps=2, time=3.0),
         LoadStep("", displacements={"t1": 2e-3, "t2": 1.1e-3}, substeps=2, time=4.0),
-        LoadStep("", {"t1": 0.3}, substeps=2, time=5.0),
+        LoadStep("", {"t1": 0.3}, substeps=2, time=end),
     )
 
 
@@ -74,7 +74,7 @@ def coarse(of: Robot, steps: tuple[LoadStep, ...], **model: object) -> Experimen
 
 SOFTENING = Superelastic(8e-4, 0.4)
 ASKEW = (0.5, 1.0, -9.81)
-STRIBECK = StribeckFriction(0.3, 0.2, 1e-3, 2.0, 1.0)
+SLIPPING = robot(0.0, friction=StribeckFriction(0.3, 0.2, 1e-3, 2.0, 1.0), axial_stiffness=400.0)
 PATCH = StiffnessPatch(0.1, 0.15, 0.5, 1.0, (1.0, -2.0))
 AT_PLACES = robot(tight_holes=(TightHole(0.15, 0.1),)).with_backbone(patches=(PATCH,))
 EXPERIMENTS = {
@@ -96,7 +96,12 @@ EXPERIMENTS = {
         robot(0.0, axial_stiffness=400.0).with_backbone(superelastic=SOFTENING), by_displacement(),
         friction="none", tendon_path="continuous", gravity=(1.0, 0.0, -9.81)),
     "Dahl": coarse(robot(axial_stiffness=2000.0), by_tension(), hysteresis="dahl"),
-    "Stribeck": coarse(robot(0.0, friction=STRIBECK, axial_stiffness=400.0), by_displacement()),
+    "Stribeck": coarse(SLIPPING, by_displacement()),
+    # Inserts are 1e5 times stiffer than the backbone; their round-off in the tangent was 1e-4 of the tensions.
+    "thick disks": coarse(robot().with_disks(thickness=2e-3), by_tension()),
+    # No time passes in the last step, so that the rates of the step before stay.
+    "Stribeck, at once": coarse(SLIPPING, by_displacement(4.0)),
+    "Stribeck, without a time": coarse(SLIPPING, by_displacement(None)),
 }  # fmt: skip
 
 #: A few parameters of each experiment; `test_every_parameter` has the rest, and the campaign `net` those of effects.
@@ -143,6 +148,9 @@ SLOW = {
         "tendons.friction.static", "tendons.friction.stribeck_rate", "tendons.friction.exponent",
         "tendons.friction.viscous", "steps[2].time",
     ],
+    "thick disks": ["disks.thickness"],
+    "Stribeck, at once": ["tendons.friction.viscous", "steps[1].tensions.t1"],
+    "Stribeck, without a time": ["tendons.friction.viscous", "steps[1].tensions.t1"],
 }  # fmt: skip
 
 
@@ -152,35 +160,14 @@ def test_derivatives_are_those_of_whole_simulations(name: str, parameter: str) -
     check(EXPERIMENTS[name], parameter)
 
 
+EVERY = [(n, p) for n in EXPERIMENTS for p in (*OF_ALL, *SLOW.get(n, ()))]
+
+
 @pytest.mark.campaign
-@pytest.mark.parametrize(
-    "name, parameter", [(n, p) for n in EXPERIMENTS for p in (*OF_ALL, *SLOW.get(n, ()))]
-)
+@pytest.mark.parametrize(("name", "parameter"), EVERY)
 def test_every_parameter(name: str, parameter: str) -> None:
     """The same for all kinds of parameters."""
     check(EXPERIMENTS[name], parameter, (1e-4, 1e-3, 1e-5, 1e-2))
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("parameter", ["disks.thickness", "backbone.youngs_modulus", "tendons.t1.offset"])
-def test_thick_disks_cost_no_digits(parameter: str) -> None:
-    """Inserts are 1e5 times stiffer than the backbone; their round-off in the tangent was 1e-4 of the tensions."""
-    declared = EXPERIMENTS["per hole"]
-    thick = replace(declared, robot=declared.robot.with_disks(thickness=2e-3))
-    check(thick, parameter, (1e-4, 1e-3, 1e-5, 1e-2))
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("time", [4.0, None])
-@pytest.mark.parametrize(
-    "parameter",
-    ["backbone.youngs_modulus", "tendons.t1.offset", "tendons.friction.viscous", "steps[1].tensions.t1"],
-)
-def test_rates_of_slips_in_a_history(time: float | None, parameter: str) -> None:
-    """Also where no time passes, so that the rates of the step before stay."""
-    declared = EXPERIMENTS["Stribeck"]
-    steps = tuple(replace(s, time=time if k > 3 else s.time) for k, s in enumerate(declared.steps))
-    check(replace(declared, steps=steps), parameter, (1e-4, 1e-3, 1e-5))
 
 
 def reversal_errors(experiment: Experiment, name: str, path_tolerance: float) -> float:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from robots import BACKBONE, LENGTH, degrees, distance, paper, pull, solve, three
 
-from tdcr_fe import Disks, Load, LoadStep, Model, Robot, SolverSettings, simulate
+from tdcr_fe import Disks, Load, LoadStep, Model, ParallelRouting, Robot, SolverSettings, simulate
 
 # ---------------------------------------------------------------- angles
 
@@ -47,7 +47,7 @@ def test_turning_the_robot_turns_the_answer():
 
     settings = SolverSettings(tolerance=1e-11)
     a = solve(paper(0.3), steps(np.eye(3)), settings)
-    b = solve(paper(0.3, phi), steps(turn), settings)
+    b = solve(paper(0.3).with_tendons(routing=ParallelRouting(4.5e-3, phi)), steps(turn), settings)
     for x, y in zip(a.steps, b.steps, strict=True):
         assert distance(x.positions @ turn.T, y.positions) < 1e-9
         assert turn @ x.rotations @ turn.T == pytest.approx(y.rotations, abs=1e-8)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from inputs import ROBOT, SCENARIO, changed, write
-from native_solvers import recommended
-from robots import BACKBONE, LENGTH, Robot, scene, seven
+from robots import BACKBONE, LENGTH, Robot, seven
+from scenes import recommended, scene
 from scipy.optimize import brentq
 
 import tdcr_fe as tdcr

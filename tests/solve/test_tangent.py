@@ -6,7 +6,8 @@ from typing import Any
 import exudyn.itemInterface as eii
 import numpy as np
 import pytest
-from robots import LENGTH, paper, pull, scene, seven, tendon
+from robots import LENGTH, paper, pull, seven, tendon
+from scenes import scene
 
 from tdcr_fe import Disks, Robot, Simulation
 from tdcr_fe.model.loading import LoadStep, Model, resolve
