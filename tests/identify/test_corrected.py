@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identify_data import FRICTIONAL, GRAVITY, ROBOT, measured
-from identify_search import concluded, problem_of, state_of, tips_of_run, with_model, write_corrected
+from searches import concluded, problem_of, state_of, tips_of_run, with_model, write_corrected
 
 from tdcr_fe import Load, identify, read_robot, read_scenario
 from tdcr_fe.effects import Parameter, effect, with_effects

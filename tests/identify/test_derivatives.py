@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identify_data import data_of
-from identify_search import causes_of, problem_of
 from robots import BACKBONE, LENGTH, tendon
+from searches import causes_of, problem_of
 
 from tdcr_fe import Disks, HelicalRouting, Load, LoadStep, Model, Reading, Robot, SolverSettings
 from tdcr_fe.effects import EFFECTS, Effect, Experiment, PlaceEffect, effect
@@ -119,9 +119,7 @@ def residual_along(about: FitProblem, experiment: Experiment, path) -> np.ndarra
     return about.residual(experiment, run)
 
 
-def difference(
-    about: FitProblem, effects: tuple[Effect, ...], values: dict, name: tuple[str, str], run, h: float
-) -> np.ndarray:
+def difference(about: FitProblem, effects: tuple, values: dict, name: tuple, run, h: float) -> np.ndarray:
     """Central difference of the predictions by a coordinate, along the substeps of a run."""
     points = [about.moved(effects, values, [name], np.array([x])) for x in (h, -h)]
     found = []
@@ -154,9 +152,8 @@ def test_derivatives_of_all_channels_are_those_of_whole_simulations(kind: str, v
     assert not found.differenced
     for column, derivative in zip(columns, found.matrix.T, strict=True):
         size = max(abs(column.coordinate), 0.1 * column.about.scale)
-        sides = [
-            difference(about, effects, full, column.key, found.run, h * size) for h in (1e-2, 1e-3, 1e-4)
-        ]
+        changes = size * np.array([1e-2, 1e-3, 1e-4])
+        sides = [difference(about, effects, full, column.key, found.run, h) for h in changes]
         errors = [relative_error(about, derivative, x, size) for x in sides]
         # The axial strain of short elements is a small difference of what changes with the length of rigid disks.
         allowed = 10.0 * TOLERANCE if column.about.name == "thickness" else TOLERANCE

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from identify_data import data_of
-from identify_search import GRAVITY, problem_of, result
+from searches import GRAVITY, problem_of, result
 
 from tdcr_fe import LoadStep, Reading
 from tdcr_fe.identify.noise import held_out_ceiling, predicted_residuals

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from identify_data import LENGTH, measured, simulated
-from identify_search import problem_of, searching, state_of
+from searches import problem_of, searching, state_of
 
 from tdcr_fe import Experiment, IdentificationResult, Reading, effect, with_effects
 from tdcr_fe.identify import fitting

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from identify_data import LENGTH, measured
-from identify_search import identified, tips_of_run
+from searches import identified, tips_of_run
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import EFFECTS

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identify_data import measured
-from identify_search import concluded, problem_of, state_of
+from searches import concluded, problem_of, state_of
 
 from tdcr_fe.cli import main
 from tdcr_fe.commands import identify as command

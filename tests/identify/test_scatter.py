@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identify_data import GRAVITY, MODEL, ROBOT, data_of, positions
-from identify_search import begun, concluded, problem_of, state_of
+from searches import begun, concluded, problem_of, state_of
 
 from tdcr_fe import Experiment, InputError, Load, LoadStep, Reading, effect, with_effects
 from tdcr_fe.identify import identify
@@ -30,17 +30,17 @@ def data(factors, added, by="tensions", pulls=PULLS, truth=None):
     return data_of(commanded, positions(true, SIGMA, 1))
 
 
+def searched(measured):
+    """The declared model with three elements a bay, and what is different in every step and explains all beside it."""
+    problem = problem_of(measured, sigma=SIGMA)
+    state = state_of(replace(problem, experiment=with_elements(problem.experiment, 3)))
+    return state, find_scatter(state.problem, state.best)
+
+
 def scatter(measured):
     """Errors of the inputs, or what explains all, beside the declared model."""
-    problem = on_fine_mesh(measured)
-    fit = evaluate(problem, (), {})
-    return find_scatter(problem, fit) or errors_of_inputs(problem, fit)
-
-
-def on_fine_mesh(measured):
-    """The problem with three elements a bay."""
-    problem = problem_of(measured, sigma=SIGMA)
-    return replace(problem, experiment=with_elements(problem.experiment, 3))
+    state, found = searched(measured)
+    return found or errors_of_inputs(state.problem, state.best)
 
 
 def errors(size, count, seed=0):
@@ -49,8 +49,7 @@ def errors(size, count, seed=0):
 
 def test_relative_errors_of_tensions_are_found_with_their_size_and_reported():
     own = errors(0.04, len(PULLS))
-    state = state_of(on_fine_mesh(data(1.0 + own, 0.0)))
-    found = find_scatter(state.problem, state.best)
+    state, found = searched(data(1.0 + own, 0.0))
     assert found.kind == "relative"
     assert found.size == pytest.approx(np.std(own[np.array(PULLS) > 0.0]), rel=0.1)
     assert found.before.chi2_per_dof > 50.0
@@ -76,9 +75,7 @@ def test_a_force_that_is_another_one_in_every_step_is_found_with_its_place_and_s
     loads = [{"hand": Load(ROBOT.bay_edges[3], tuple(f))} for f in forces.tolist()]
     steps = tuple(replace(step, loads=x) for step, x in zip(commanded, loads, strict=True))
     true = Experiment(ROBOT, replace(MODEL, elements_per_bay=4), steps)
-    problem = on_fine_mesh(data_of(commanded, positions(true, SIGMA, 1)))
-    state = state_of(problem)
-    found = find_scatter(problem, state.best)
+    state, found = searched(data_of(commanded, positions(true, SIGMA, 1)))
     assert (found.what, found.place) == ("force", f"disk at s = {ROBOT.bay_edges[3]:.4g} m")
     assert found.size == pytest.approx(0.02, rel=0.2)
 
@@ -92,8 +89,7 @@ def test_positions_that_are_shifted_together_in_every_step_are_no_cause_in_the_r
     shifts = np.random.default_rng(3).normal(0.0, 1e-3, (len(PULLS), 3))
     values = [r.value + shifts[r.step - 1, "xyz".index(r.quantity[-1])] for r in measured.readings]
     moved = tuple(replace(r, value=v) for r, v in zip(measured.readings, values, strict=True))
-    state = state_of(on_fine_mesh(replace(measured, readings=moved)))
-    found = find_scatter(state.problem, state.best)
+    state, found = searched(replace(measured, readings=moved))
     assert (found.what, found.unit) == ("positions", "m")
     assert found.size == pytest.approx(1e-3, rel=0.2)
     assert concluded(replace(state, scatter=found)).remaining.where == "the data"
@@ -128,15 +124,13 @@ def test_noise_and_systematic_causes_are_no_scatter(factors, truth):
 def test_errors_that_change_slowly_from_row_to_row_are_no_scatter():
     """They follow the row before: a stiffness that fell with time was 'errors of the inputs'."""
     slow = np.sin(0.5 * np.arange(len(PULLS)))[:, None] * np.ones((1, 2))
-    state = state_of(on_fine_mesh(data(1.0 + 0.05 * slow, 0.0)))
-    assert find_scatter(state.problem, state.best) is None
+    assert searched(data(1.0 + 0.05 * slow, 0.0))[1] is None
 
 
 def test_large_errors_of_a_few_steps_are_found_there_and_are_no_noise_of_the_inputs():
     own = errors(0.04, len(PULLS))
     own[np.arange(len(PULLS)) % 8 != 3] = 0.0
-    state = state_of(on_fine_mesh(data(1.0 + 4.0 * own, 0.0)))
-    found = find_scatter(state.problem, state.best)
+    state, found = searched(data(1.0 + 4.0 * own, 0.0))
     assert (found.what, found.steps) == ("inputs", (4, 12, 20))
     assert "in the steps 4, 12 and 20 alone" in str(concluded(replace(state, scatter=found)))
     assert errors_of_inputs(state.problem, state.best) is None

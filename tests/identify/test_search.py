@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identify_data import FRICTIONAL, GRAVITY, MODEL, ROBOT, data_of, measured, positions, sequence
-from identify_search import begun, causes_of, declared, problem_of, read_as_predicted, searching, state_of
 from scipy.signal import lfilter
+from searches import begun, causes_of, declared, problem_of, read_as_predicted, searching, state_of
 
 from tdcr_fe import LoadStep, NonlinearMaterial, ParallelRouting, StribeckFriction, Tendon, effect, simulate
 from tdcr_fe.effects import Experiment
@@ -100,10 +100,8 @@ def test_a_listed_effect_in_another_form_is_preferred_to_a_cause_without_a_name(
     each = next(e for e in forms if len(e.parameters) > 1)
     law = causes_of(own)[1]["friction by normal force"]
     state = state_of(own)
-    for e, values in (
-        (each, {p.name: hidden for p in each.parameters}),
-        (law, {"friction": 0.7 * (hidden - declared), "exponent": 0.0}),
-    ):
+    everywhere = {p.name: hidden for p in each.parameters}
+    for e, values in ((each, everywhere), (law, {"friction": 0.7 * (hidden - declared), "exponent": 0.0})):
         state = state.with_fit(fitting.fit(own, (e,), {e.name: values}))
     unnamed = state.fits[frozenset({law.name})]
     last = backward_selection(searching(), replace(state, best=unnamed, dictionary=(law, *forms)))

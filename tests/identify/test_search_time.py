@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identify_data import GRAVITY, measured
-from identify_search import problem_of
+from searches import problem_of
 
 from tdcr_fe.effects import EFFECTS, effect
 from tdcr_fe.identify import IdentifySettings, fitting, identify, settings

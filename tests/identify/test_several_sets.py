@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identify_data import GRAVITY, LENGTH, MODEL, ROBOT, measured, positions, sequence, simulated
-from identify_search import causes_of, problem_of, tips_of_run
+from searches import causes_of, problem_of, tips_of_run
 
 from tdcr_fe import Experiment, InputError, Load, LoadStep, SolverSettings, effect, with_effects
 from tdcr_fe.cli import main

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identify_data import FRICTIONAL, LENGTH, ROBOT, data_of, measured, positions
-from identify_search import causes_of, declared, problem_of, read_as_predicted, tips_of_run, write_corrected
+from searches import causes_of, declared, problem_of, read_as_predicted, tips_of_run, write_corrected
 
 from tdcr_fe import Experiment, Load, LoadStep, Reading, Robot
 from tdcr_fe.effects import Parameter, effect
 from tdcr_fe.effects.base import Kind
-from tdcr_fe.identify import identify
+from tdcr_fe.identify import identify, state_loads
 from tdcr_fe.identify.bay_state import FORCE, Action, BayState, last_direction, with_action
 from tdcr_fe.identify.causes import Attraction, Cord, StateLoad
 from tdcr_fe.identify.derivatives import Column, Request, linearize
@@ -21,15 +21,7 @@ from tdcr_fe.identify.problem import evaluate, with_elements
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.sentences import headline, summary
-from tdcr_fe.identify.state_loads import (
-    ROW,
-    TIME,
-    DryBending,
-    PermanentSet,
-    free_loads,
-    library,
-    parts_of_rows,
-)
+from tdcr_fe.identify.state_loads import ROW, TIME, DryBending, PermanentSet, library
 
 TERMS = {t.key: t for t in library(4, TIME)}
 HARDENING = TERMS["|kappa| kappa"]
@@ -90,9 +82,9 @@ def test_friction_takes_tension_by_the_turning_angle_at_the_disks_below():
 
 def test_loads_from_a_row_on_act_on_all_disks_of_short_sequences():
     """Up to 1200 pairs of rows and disks, else on the tip alone: their columns would take too much memory."""
-    parts = parts_of_rows(ROW, {7: 7.0, 8: 8.0})
+    parts = state_loads.parts_of_rows(ROW, {7: 7.0, 8: 8.0})
     for bays, at_tip in ((300, False), (301, True)):
-        found = [load for load in free_loads(ROW, (), parts, bays) if load.choices > 1]
+        found = [load for load in state_loads.free_loads(ROW, (), parts, bays) if load.choices > 1]
         assert len(found) == 8 and {load.at_tip for load in found} == {at_tip}
 
 

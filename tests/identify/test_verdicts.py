@@ -5,16 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identify_data import GRAVITY, data_of, measured, positions
-from identify_search import (
-    begun,
-    concluded,
-    declared,
-    identified,
-    problem_of,
-    searching,
-    state_of,
-    with_model,
-)
+from searches import begun, concluded, declared, identified, problem_of, searching, state_of, with_model
 
 from tdcr_fe.commands import identify as command
 from tdcr_fe.effects import EFFECTS, Experiment, effect
@@ -153,13 +144,12 @@ def test_forms_of_one_effect_are_separated_by_one_experiment():
     """``pretension`` for all tendons beside the same for each: the sentence on it stood there twice."""
     own, other = effect("pretension"), effect("gravity")
     text = separating_experiments(own, ("pretension (each)", "gravity"), EFFECTS)
-    assert text == f"for pretension: {own.separating_experiment}; for gravity: {other.separating_experiment}"
+    of_gravity = f"for gravity: {other.separating_experiment}"
+    assert text == f"for pretension: {own.separating_experiment}; {of_gravity}"
     assert separating_experiments(own, ("pretension (each)",), EFFECTS).count(own.separating_experiment) == 1
     jump = Cause("jump (from row 30 on)", own.kind, (), "")  # a cause without a name has none: "for jump: ."
     assert separating_experiments(jump, ("jump (from row 29 on)",), EFFECTS) == ""
-    assert (
-        separating_experiments(jump, ("gravity",), EFFECTS) == f"for gravity: {other.separating_experiment}"
-    )
+    assert separating_experiments(jump, ("gravity",), EFFECTS) == of_gravity
 
 
 # ------------------------------------------------------------ the command

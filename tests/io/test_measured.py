@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from identify_data import data_of, positions, sequence
-from identify_search import problem_of, state_of
 from robots import LENGTH, three
+from searches import problem_of, state_of
 
 from tdcr_fe import InputError, Load, LoadStep, Model, PlausibilityWarning, Reading
 from tdcr_fe.effects import Experiment, Observation, with_effects
@@ -279,10 +279,7 @@ def test_errors_that_are_larger_than_every_input_are_named():
     found = first_checks(replace(data, input_sigma=(5.0, 5.0)))[PlausibilityWarning]
     assert found == ["model.toml: inputs.sigma = 5: larger than every tension; the largest is 1.2 N"]
     assert not first_checks(replace(data, input_sigma=(0.05, 0.05)))[PlausibilityWarning]
-    wound = replace(
-        data, steps=tuple(replace(s, tensions={"t1": 1.2}, displacements={"t2": 1e-3}) for s in data.steps)
-    )
-    found = first_checks(replace(wound, input_sigma=(0.05, 0.05)))[PlausibilityWarning]  # N, and m
-    assert found == [
-        "model.toml: inputs.sigma = 0.05: larger than every displacement; the largest is 0.001 m"
-    ]
+    both = {"tensions": {"t1": 1.2}, "displacements": {"t2": 1e-3}}
+    wound = replace(data, steps=tuple(replace(s, **both) for s in data.steps))
+    (text,) = first_checks(replace(wound, input_sigma=(0.05, 0.05)))[PlausibilityWarning]  # N, and m
+    assert text == "model.toml: inputs.sigma = 0.05: larger than every displacement; the largest is 0.001 m"

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from browser import browser, in_chromium
 from identify_data import LENGTH
-from identify_search import GRAVITY, ROBOT, STEPS, added, result
 from scipy.spatial.transform import Rotation
+from searches import GRAVITY, ROBOT, STEPS, added, result
 
 from tdcr_fe import Experiment, Load, Model, Reading, SolverSettings, simulate, with_effects
 from tdcr_fe.effects.base import Observation
@@ -77,10 +77,10 @@ def test_a_value_that_is_not_plausible_gets_a_remark(name, values, unit, words):
     assert words in text and bool(words) == bool(text)
 
 
-@pytest.mark.parametrize(
-    ("rival", "words"),
-    [("tendon_stretch (each tendon)", "none of the listed effects"), ("pretension", "pretension")],
-)
+RIVALS = [("tendon_stretch (each tendon)", "none of the listed effects"), ("pretension", "pretension")]
+
+
+@pytest.mark.parametrize(("rival", "words"), RIVALS)
 def test_another_form_of_an_effect_contradicts_the_declared_value_as_well(rival, words):
     """Friction of each tendon was given as another cause, should the declared friction be certain."""
     found = added("tendon_stretch", (rival,), axial_stiffness=(107.0, 5.0, "N"))

@@ -222,9 +222,8 @@ def test_keys_change_the_step_and_play(chromium):
 
 @in_chromium
 def test_the_mouse_turns_moves_zooms_and_resets(chromium):
-    box = chromium.ask("(() => { const b = document.querySelector('.stage').getBoundingClientRect();"
+    x, y = chromium.ask("(() => { const b = document.querySelector('.stage').getBoundingClientRect();"
                        " return [b.left + b.width / 2, b.top + b.height / 2]; })()")  # fmt: skip
-    x, y = box
     camera = f"(c => [c.turn, c.lift, c.distance, ...c.target])({PANEL}.camera)"
     chromium.ask(f"{PANEL}.reset()")
     start = np.array(chromium.ask(camera))
