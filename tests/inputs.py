@@ -7,51 +7,29 @@ from pathlib import Path
 from tdcr_fe.io.write_toml import value_to_toml
 from tdcr_fe.model.messages import bare
 
-ROBOT = """
-name = "single-segment"
-[backbone]
-length = 0.25
-radius = 0.4e-3
-youngs_modulus = 85e9
-poisson_ratio = 0.3
-density = 5600.0
-[disks]
-count = 5
-mass = 0.17e-3
-thickness = 0.0
-radius = 5e-3
-[[tendons]]
-name = "t1"
-routing = "parallel"
-offset = 4.5e-3
-angle_deg = 0.0
-friction_coefficient = 0.3
-[[tendons]]
-name = "t2"
-routing = "converging"
-offset = 4.5e-3
-end_offset = 0.15e-3
-angle_deg = 120.0
-end = 0.15
-axial_stiffness = 400.0
-[[tendons]]
-name = "t3"
-routing = "points"
-holes = [[1e-3, 0], [1e-3, 1e-3], [0, 1e-3], [0, 0], [2e-3, 0], [3e-3, 1e-3]]
-[[tendons]]
-name = "t4"
-routing = "helical"
-offset = 4.5e-3
-turns = -2
-"""
+
+def document(data: dict) -> str:
+    """Any data as TOML, tables inline."""
+    return "".join(f"{bare(k)} = {value_to_toml(v)}\n" for k, v in data.items())
+
+
+ROBOT = document({
+    "name": "single-segment",
+    "backbone": {"length": 0.25, "radius": 0.4e-3, "youngs_modulus": 85e9, "poisson_ratio": 0.3, "density": 5600.0},
+    "disks": {"count": 5, "mass": 0.17e-3, "thickness": 0.0, "radius": 5e-3},
+    "tendons": [
+        {"name": "t1", "routing": "parallel", "offset": 4.5e-3, "angle_deg": 0.0, "friction_coefficient": 0.3},
+        {"name": "t2", "routing": "converging", "offset": 4.5e-3, "end_offset": 0.15e-3, "angle_deg": 120.0,
+            "end": 0.15, "axial_stiffness": 400.0},
+        {"name": "t3", "routing": "points",
+            "holes": [[1e-3, 0], [1e-3, 1e-3], [0, 1e-3], [0, 0], [2e-3, 0], [3e-3, 1e-3]]},
+        {"name": "t4", "routing": "helical", "offset": 4.5e-3, "turns": -2},
+    ],
+})  # fmt: skip
 
 SCENARIO = """
 robot = "robot.toml"
-[model]
-tendon_path = "straight"
-friction = "per-hole"
-elements_per_bay = 2
-gravity = [0.0, 0.0, -9.81]
+model = { tendon_path = "straight", friction = "per-hole", elements_per_bay = 2, gravity = [0.0, 0.0, -9.81] }
 [[steps]]
 label = "pull"
 tensions = { t1 = 1.5, t3 = 1 }
@@ -84,8 +62,3 @@ def changed(text: str, changes: dict[str, object]) -> str:
         else:
             table[last] = value
     return document(data)
-
-
-def document(data: dict) -> str:
-    """Any data as TOML, tables inline."""
-    return "".join(f"{bare(k)} = {value_to_toml(v)}\n" for k, v in data.items())

@@ -22,13 +22,10 @@ tensions = { t1 = 1.0 }
 #: Six cases.
 SWEEP = """
 scenario = "scenario.toml"
-[[vary]]
-key = "steps[0].tensions.t1"
-values = [0.5, 1.0, 1.5]
-[[vary]]
-key = "backbone.youngs_modulus"
-mode = "factor"
-values = [1.0, 1.2]
+vary = [
+  { key = "steps[0].tensions.t1", values = [0.5, 1.0, 1.5] },
+  { key = "backbone.youngs_modulus", mode = "factor", values = [1.0, 1.2] },
+]
 """
 
 

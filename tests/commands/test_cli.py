@@ -42,9 +42,7 @@ def calls(monkeypatch):
         ("interrupted", 2, 130, 'interrupted in step 2 of 2 ("far"); 1 step solved before it is in'),
     ],
 )  # fmt: skip
-def test_what_is_solved_before_a_failure_is_kept(
-    tmp_path, monkeypatch, capsys, message, failed, status, said
-):
+def test_what_is_solved_before_a_failure_stays(tmp_path, monkeypatch, capsys, message, failed, status, said):
     def simulate(robot, model, steps, settings=None, progress=None, **beside):
         full = arc_result(robot, list(steps))
         ended = {"converged": False, "message": message, "failed_step": failed}

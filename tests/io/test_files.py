@@ -351,27 +351,20 @@ def test_example_of_mistakes_in_the_docs_is_what_is_printed(tmp_path, monkeypatc
 
 
 SOFT = """
+tendons = [{ name = "a", routing = "converging", offset = 9e-3, end_offset = 3e-3, end = 0.25 }]
 [backbone]
 length = 0.3
 radius = [[0.0, 12e-3], [0.3, 5e-3]]
 youngs_modulus = 0.4e6
 poisson_ratio = 0.45
 density = 1100.0
-
-[[tendons]]
-name = "a"
-routing = "converging"
-offset = 9e-3
-end_offset = 3e-3
-end = 0.25
 """
-HOLES = 'routing = "points"\nend = 0.2\nholes = [[8e-3, 0.0], [7e-3, 1e-3], [5e-3, 2e-3]]\n'
-POINTS = SOFT.split("routing")[0] + HOLES
+HOLES = {"name": "a", "routing": "points", "end": 0.2, "holes": [[8e-3, 0.0], [7e-3, 1e-3], [5e-3, 2e-3]]}
 PULL = 'robot = "robot.toml"\n[[steps]]\ntensions = { a = 1.0 }\n'
 
 
 def test_points_of_a_course_are_equally_spaced_up_to_its_end(tmp_path):
-    write(tmp_path, POINTS)
+    write(tmp_path, changed(SOFT, {"tendons": [HOLES]}))
     assert read_robot(tmp_path / "robot.toml").tendons[0].routing.fixed_arc_lengths == (0.0, 0.1, 0.2)
 
 

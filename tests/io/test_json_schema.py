@@ -42,14 +42,9 @@ def test_what_the_program_writes_fits_the_schema():
 
 SWEEP = f"""
 {sweep_files.SWEEP}
-[sampling]
-method = "latin-hypercube"
-samples = 4
-[output]
-steps = [1, 2]
-quantities = ["tip_x"]
-[workspace]
-largest = {{ t1 = 2.0 }}
+sampling = {{ method = "latin-hypercube", samples = 4 }}
+output = {{ steps = [1, 2], quantities = ["tip_x"] }}
+workspace = {{ largest = {{ t1 = 2.0 }} }}
 """
 
 

@@ -64,12 +64,11 @@ def alive(pid):
 
 
 def wait_for_end(pids):
-    """Time until all processes are gone [s]."""
+    """Wait until all processes are gone."""
     begun = time.perf_counter()
     while any(alive(p) for p in pids):
         assert time.perf_counter() - begun < LIMIT, f"{[p for p in pids if alive(p)]} still run"
         time.sleep(0.02)
-    return time.perf_counter() - begun
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
@@ -82,7 +81,7 @@ def test_workers_end_with_their_parent(tmp_path, number):
     try:
         assert workers and all(alive(p) for p in workers)
         process.send_signal(getattr(signal, number))
-        wait_for_end([*workers])
+        wait_for_end(workers)
         output = process.communicate(timeout=10)[0]
     finally:
         process.kill()

@@ -18,9 +18,7 @@ ROWS = [
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 @pytest.mark.parametrize("quoting", [csv.QUOTE_MINIMAL, csv.QUOTE_ALL], ids=["few quotes", "all quoted"])
-@pytest.mark.parametrize(
-    ("delimiter", "decimal"), [(",", "."), (";", ","), (";", "."), ("\t", "."), ("\t", ",")]
-)
+@pytest.mark.parametrize("delimiter, decimal", [(",", "."), (";", ","), (";", "."), ("\t", "."), ("\t", ",")])
 def test_every_dialect_gives_the_same_table(tmp_path, delimiter, decimal, quoting, end, encoding):
     """In 0.1 semicolons gave "missing column" five times."""
     path, rows = tmp_path / "t.csv", [HEADER, *([x.replace(".", decimal) for x in row] for row in ROWS)]

@@ -125,21 +125,13 @@ def test_the_sweeps_of_the_page_are_the_files_of_the_examples(name, cases):
 
 
 UNITS = """
-[sampling]
-method = "latin-hypercube"
-samples = 3
-[[vary]]
-key = "tendons.t1.offset"
-values = ["3 mm", 4e-3]
-[[vary]]
-key = "steps.tensions.t1"
-range = { start = "500 mN", stop = "2 N", count = 4 }
-[[vary]]
-key = "backbone.youngs_modulus"
-normal = { mean = "85 GPa", std = "3 GPa" }
-[[vary]]
-key = "tendons[1].angle_deg"
-uniform = { lower = "90 deg", upper = "2.0943951023931953 rad" }
+sampling = { method = "latin-hypercube", samples = 3 }
+vary = [
+  { key = "tendons.t1.offset", values = ["3 mm", 4e-3] },
+  { key = "steps.tensions.t1", range = { start = "500 mN", stop = "2 N", count = 4 } },
+  { key = "backbone.youngs_modulus", normal = { mean = "85 GPa", std = "3 GPa" } },
+  { key = "tendons[1].angle_deg", uniform = { lower = "90 deg", upper = "2.0943951023931953 rad" } },
+]
 """
 
 

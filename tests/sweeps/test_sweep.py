@@ -189,40 +189,25 @@ def test_a_case_without_an_equilibrium_gives_nan_and_a_wrong_key_an_error(tmp_pa
 
 # ------------------------------------------------------------------------------------- uncertainty propagation
 
-CANTILEVER = tdcr.Robot(tdcr.Backbone(0.2, 1e-3, 1e9, 0.3), tdcr.Disks.equally_spaced(2, 0.2))
-LOADED = """
-robot = "robot.toml"
-[model]
-friction = "none"
-elements_per_bay = 8
-[solver]
-mesh_tolerance = inf
-[[steps]]
-loads = { tip = { at = 0.2, force = [1e-5, 0.0, 0.0] } }
-"""
-UNCERTAIN = """
-scenario = "scenario.toml"
-[sampling]
-method = "sobol"
-samples = 128
-seed = 5
-[[vary]]
-key = "backbone.youngs_modulus"
-uniform = { lower = 0.7e9, upper = 1.3e9 }
-[[vary]]
-key = "steps[0].loads.tip.force[0]"
-mode = "factor"
-normal = { mean = 1.0, std = 0.2 }
-"""
+CANTILEVER = {
+    "robot": tdcr.Robot(tdcr.Backbone(0.2, 1e-3, 1e9, 0.3), tdcr.Disks.equally_spaced(2, 0.2)),
+    "model": tdcr.Model(friction="none", elements_per_bay=8),
+    "steps": [tdcr.LoadStep(loads={"tip": tdcr.Load(0.2, (1e-5, 0.0, 0.0))})],
+    "solver": tdcr.SolverSettings(mesh_tolerance=math.inf),
+    "sampling": {"method": "sobol", "samples": 128, "seed": 5},
+    "vary": [
+        {"key": "backbone.youngs_modulus", "uniform": {"lower": 0.7e9, "upper": 1.3e9}},
+        {"key": "steps[0].loads.tip.force[0]", "mode": "factor", "normal": {"mean": 1.0, "std": 0.2}},
+    ],
+}
 
 
-def test_variance_of_the_deflection_of_a_cantilever(tmp_path):
+def test_variance_of_the_deflection_of_a_cantilever():
     """Tip of a cantilever: ``u = F L^3 / (3 EI) = c F / E`` (Euler, Bernoulli; shear adds 2e-5 of it).
 
     With E uniform on [a, b] and an independent F: ``E(1/E) = ln(b/a) / (b - a)``, ``E(1/E^2) = 1 / (a b)``.
     """
-    path = write_files(tmp_path, UNCERTAIN, LOADED, tdcr.robot_to_toml(CANTILEVER))
-    result = tdcr.sweep(path, executor=InProcess())
+    result = tdcr.sweep(CANTILEVER, executor=InProcess())
     assert result.counts == {"converged": 128}
     c = 1e-5 * 0.2**3 / (3.0 * math.pi * 1e-3**4 / 4.0)
     a, b, mean_force, std_force = 0.7e9, 1.3e9, 1.0, 0.2
