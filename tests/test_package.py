@@ -103,13 +103,9 @@ def test_classifiers_name_the_pythons_that_are_tested():
 
 SOLVE = """
 import tdcr_fe, tdcr_fe.elements.friction, tdcr_fe.validation.reference
-from tdcr_fe import Backbone, Disks, LoadStep, Model, ParallelRouting, Robot, Tendon, simulate
-robot = Robot(
-    backbone=Backbone(length=0.25, radius=0.4e-3, youngs_modulus=85e9, poisson_ratio=0.3),
-    disks=Disks.equally_spaced(13, 0.25),
-    tendons=(Tendon("t1", ParallelRouting(offset=4.5e-3), friction_coefficient=0.3),),
-)
-result = simulate(robot, Model(elements_per_bay=1), [LoadStep(tensions={"t1": 1.0})])
+from tdcr_fe.validation.paper.cases import figure
+robot = figure("fig3").robot
+result = tdcr_fe.simulate(robot, tdcr_fe.Model(elements_per_bay=1), [tdcr_fe.LoadStep(tensions={"t1": 1.0})])
 print(tdcr_fe.__file__, round(float(result.bending_angles[0]), 3))
 """
 

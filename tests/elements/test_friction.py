@@ -1,4 +1,4 @@
-"""The friction law along one tendon and several: closed forms, bounds, laws of the coefficient, and derivatives."""
+"""Along tendons: friction in closed forms, bounds, laws of the coefficient, derivatives; cables in wide holes."""
 
 from dataclasses import replace
 
@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from two_tendons import ANGLES, HOLES, LENGTHS, MASK, tendon_law
 
 from tdcr_fe.elements.coefficients import normal_forces
 from tdcr_fe.elements.friction import FRICTION_MODELS, TendonLaw, TendonParameters
 from tdcr_fe.elements.hysteresis import Dahl, FrictionState
-from tdcr_fe.elements.tendons import CableShape
+from tdcr_fe.elements.tendons import CableGeometry, CableShape
 from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
 
 # ---------------------------------------------------------------- adhesion, presliding, bounds
@@ -178,6 +179,8 @@ def central(function, x, h):
 
 
 ELASTIC = {"compliance": 1.0 / 400.0, "adhesion": 0.05}
+WAYS = {"held": ("mobilisation", 20), "sticking": ("configuration", 0.2), "sliding": ("configuration", 20)}
+TENDONS = {"inextensible": {}, "elastic, adhesion": ELASTIC, "Dahl": {**ELASTIC, "hysteresis": Dahl}}
 
 
 def own(d):
@@ -188,16 +191,8 @@ def own(d):
 
 @pytest.mark.parametrize("coefficients", COEFFICIENTS)
 @pytest.mark.parametrize("model", ["per-tendon", "per-hole"])
-@pytest.mark.parametrize(
-    "tendon",
-    [{}, ELASTIC, {**ELASTIC, "hysteresis": Dahl}],
-    ids=["inextensible", "elastic, adhesion", "Dahl"],
-)
-@pytest.mark.parametrize(
-    ("given", "scale"),
-    [("mobilisation", 20.0), ("configuration", 0.2), ("configuration", 20.0)],
-    ids=["mobilisation", "sticking", "sliding"],
-)
+@pytest.mark.parametrize("tendon", TENDONS.values(), ids=TENDONS)
+@pytest.mark.parametrize(("given", "scale"), WAYS.values(), ids=WAYS)
 def test_derivatives_against_central_differences(coefficients, model, tendon, given, scale):
     """By lengths, angles, base tension, and mobilisations where these are kept; in a step of 0.3 s."""
     x = with_coefficient(coefficients, FRICTION_MODELS[model], presliding=1e-4, **tendon)
@@ -226,3 +221,23 @@ def test_derivatives_against_central_differences(coefficients, model, tendon, gi
         by_s = own(central(lambda v: field(s=v).tension * MASK, s, 1e-6))
         assert by_s == pytest.approx(f.by_mobilisation * m, abs=1e-7)
         assert f.depends_on_length == (np.max(np.abs(f.d_length)) > 0.0)
+
+
+# ---------------------------------------------------------------- cables
+
+
+def test_clearance_shifts_the_tendon_towards_where_it_is_pulled():
+    """At a bend the tendon lies at the inner edge of an oversized hole; at base plate and anchor it is not shifted."""
+    count, radius, gap = 3, 0.05, 0.2e-3
+    angle = 0.4 * np.arange(count + 1)
+    p = radius * np.stack((np.sin(angle), 1 - np.cos(angle), 0 * angle), axis=1)
+    r = Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0]).as_matrix()
+    offsets = np.zeros((1, count + 1, 3))
+    offsets[..., 2] = 1e-3
+    mask = np.ones((1, count), bool)
+    cable = CableGeometry(offsets, mask, np.array([gap]))
+    shift = cable.shifted(p, r) - offsets
+    assert np.all(np.abs(shift[0, 1:-1, 1] - gap) < 0.01 * gap)
+    assert np.all(shift[0, -1] == 0.0) and np.all(shift[..., 0] == 0.0)
+    tight = CableGeometry(offsets, mask).evaluate(p, r).lengths.sum()
+    assert cable.evaluate(p, r).lengths.sum() < tight

@@ -16,9 +16,9 @@ from tdcr_fe.model.loading import Actuation
 from tdcr_fe.validation.campaigns.estimate import LENGTH, RATE, Drawn, model, read, readings_of, rod, squared
 
 
-def estimator(*, friction=0.0, load=None, inputs=None):
+def estimator(*, robot=None, friction=0.0, load=None, inputs=None, steps=()):
     priors = load or tdcr.LoadPrior(sigma=0.05), inputs or tdcr.InputPrior(sigma=0.01)
-    return tdcr.Estimator(rod(friction), model(friction), *priors)
+    return tdcr.Estimator(robot or rod(friction), model(friction), *priors, steps=steps)
 
 
 def followed(own, truth, sigma=1e-4):
@@ -94,7 +94,7 @@ def test_a_moment_at_the_tip_is_found_where_it_is_asked_for():
     acting = tdcr.LoadStep(step.label, step.tensions, loads={"m": tdcr.Load(LENGTH, moment=moment)}, time=0.0)
     (solved,) = tdcr.simulate(robot, model(), [acting]).steps
     load = tdcr.LoadPrior("tip", sigma=0.05, sigma_moment=0.01)
-    own = tdcr.Estimator(robot, model(), load, tdcr.InputPrior(sigma=1e-3))
+    own = estimator(load=load, inputs=tdcr.InputPrior(sigma=1e-3))
     found = own.step(step, readings_of("markers", solved, robot.tendon_names, np.random.default_rng(0)))
     sigmas = np.sqrt(np.diagonal(found.moment_covariance))
     assert sigmas[1] < 2e-3
@@ -107,12 +107,10 @@ def test_neither_the_order_of_the_readings_nor_the_direction_of_the_x_axis_chang
     for orders, turn in (([0, 1, 2],), 0.0), (([1, 2, 0], [2, 0, 1]), 0.0), (([0, 1, 2],), 37.0):
         c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
         turned, robot = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), rod(0.2)
-        tendons = [
-            replace(t, routing=replace(t.routing, angle_deg=t.routing.angle_deg + turn))
-            for t in robot.tendons
-        ]
-        priors = tdcr.LoadPrior(sigma=0.05), tdcr.InputPrior(sigma=0.01)
-        own = tdcr.Estimator(replace(robot, tendons=tuple(tendons)), model(0.2), *priors)
+        for t in robot.tendons:
+            routing = replace(t.routing, angle_deg=t.routing.angle_deg + turn)
+            robot = robot.with_tendons([t.name], routing=routing)
+        own = estimator(robot=robot, friction=0.2)
         rng, forces = np.random.default_rng(4), []
         for k in range(6):
             readings = truth.positions(rng, k)
@@ -161,9 +159,8 @@ def test_half_a_second_without_readings_forgets_the_force_or_keeps_it_and_spread
 
 def test_a_step_keeps_the_drives_that_it_does_not_name():
     """Tension, displacement and motor, each of another tendon; the second step names the tension alone."""
-    tendons = tuple(replace(t, spool=Spool(0.01)) for t in rod().tendons)
-    robot = replace(rod(), tendons=tendons)
-    own = tdcr.Estimator(robot, model(), tdcr.LoadPrior(), tdcr.InputPrior(sigma=1e-5))
+    robot = rod().with_tendons(spool=Spool(0.01))
+    own = estimator(robot=robot, load=tdcr.LoadPrior(), inputs=tdcr.InputPrior(sigma=1e-5))
     names = robot.tendon_names
     inputs = {"tensions": {names[0]: 0.1, names[3]: 0.2}, "displacements": {names[1]: 1e-3}}
     own.step(tdcr.LoadStep(**inputs, motor_angles={names[2]: 0.1}, time=0.0))
@@ -224,10 +221,8 @@ def test_the_place_of_a_force_is_found_where_markers_show_it(place):
     rng = np.random.default_rng(3)
     own = estimator(load=tdcr.LoadPrior(at="unknown", sigma=0.1), inputs=tdcr.InputPrior(sigma=0.002))
     markers = tuple(truth.s[1:])
-    frame = None
     for k in range(4):
-        command = truth.drawn.step(truth.tensions, k)
-        frame = own.step(command, truth.positions(rng, k, markers))
+        frame = own.step(truth.drawn.step(truth.tensions, k), truth.positions(rng, k, markers))
     assert not frame.message
     assert abs(frame.at - at) < 0.05 * LENGTH
     assert abs(frame.at - at) < 4.0 * frame.sigma_at
@@ -277,7 +272,7 @@ def test_a_known_load_acts_besides():
     tip = tdcr.simulate(rod(), model(), steps).steps[-1].positions[-1]
     readings = read(np.random.default_rng(1), tip, sigma=1e-5)
     for known in (steps, []):
-        own = tdcr.Estimator(rod(), model(), tdcr.LoadPrior(), tdcr.InputPrior(sigma=1e-4), steps=known)
+        own = estimator(load=tdcr.LoadPrior(), inputs=tdcr.InputPrior(sigma=1e-4), steps=known)
         step = steps[0] if known else tdcr.LoadStep(tensions=steps[0].tensions, time=0.0)
         found = own.step(step, readings)
         distance = np.abs(found.force) / np.sqrt(np.diagonal(found.force_covariance))
@@ -316,10 +311,8 @@ def of_two(stiffness, angle):
     return replace(rod(), tendons=tuple(tendons))
 
 
-@pytest.mark.parametrize(
-    ("kind", "given", "sigma"), [("tensions", 0.0, 0.01), ("displacements", -2e-5, 2e-5)]
-)
-def test_the_tension_of_a_tendon_that_may_be_slack_is_a_normal_one_cut_off_at_zero(kind, given, sigma):
+@pytest.mark.parametrize(("kind", "mean", "sigma"), [("tensions", 0.0, 0.01), ("displacements", -2e-5, 2e-5)])
+def test_the_tension_of_a_tendon_that_may_be_slack_is_a_normal_one_cut_off_at_zero(kind, mean, sigma):
     """It was known exactly where the tendon was wound, and by 15 % too well where its tension was given."""
     robot = of_two(500.0, 90.0)
 
@@ -328,10 +321,10 @@ def test_the_tension_of_a_tendon_that_may_be_slack_is_a_normal_one_cut_off_at_ze
         named[kind] = named.get(kind, {}) | {"a": value}
         return tdcr.LoadStep(**named, **rest)
 
-    prior = tdcr.LoadPrior(sigma=1e-6), tdcr.InputPrior(sigma={"a": sigma, "b": 1e-6})
-    frame = tdcr.Estimator(robot, model(), *prior).step(step(given, time=0.0))
+    prior = {"load": tdcr.LoadPrior(sigma=1e-6), "inputs": tdcr.InputPrior(sigma={"a": sigma, "b": 1e-6})}
+    frame = estimator(robot=robot, **prior).step(step(mean, time=0.0))
     z = np.linspace(-6.0, 6.0, 121)
-    acting = given + sigma * z
+    acting = mean + sigma * z
     steps = [step(max(x, 0.0) if kind == "tensions" else x) for x in acting]
     tensions = [solved.base_tensions[0] for solved in tdcr.simulate(robot, model(), steps).steps]
     expected = np.sqrt(np.cov(tensions, aweights=np.exp(-0.5 * z**2), ddof=0))
@@ -344,8 +337,8 @@ def test_a_load_cell_shows_that_a_wound_tendon_taken_to_be_slack_is_taut():
     robot = of_two(1000.0, 120.0)
     acting = tdcr.LoadStep(displacements={"a": 2e-3, "b": -0.2e-3})
     tensions = tdcr.simulate(robot, model(), [acting]).steps[-1].base_tensions
-    priors = tdcr.LoadPrior(sigma=1e-3), tdcr.InputPrior(sigma={"a": 1e-5, "b": 7e-4})
-    own = tdcr.Estimator(robot, model(), *priors)
+    inputs = tdcr.InputPrior(sigma={"a": 1e-5, "b": 7e-4})
+    own = estimator(robot=robot, load=tdcr.LoadPrior(sigma=1e-3), inputs=inputs)
     read_tensions = zip("ab", tensions.tolist(), strict=True)
     readings = [tdcr.Reading(0, "base_tension", n, x, 0.01) for n, x in read_tensions]
     frame = own.step(tdcr.LoadStep(displacements={"a": 2e-3, "b": -1.6e-3}, time=0.0), readings)

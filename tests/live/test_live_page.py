@@ -90,9 +90,7 @@ def test_changes_that_wait_for_an_answer(opened):
             page.ask(f"{moves[1]}.value = {value}; {moves[1]}.dispatchEvent(new Event('input'))")
         page.ask("document.querySelector('[data-do=restart]').click()")
     answered(page)
-    assert [s.label for s in served.steps] == ["unloaded"], (
-        "a restart is the end of what was asked for before"
-    )
+    assert [s.label for s in served.steps] == ["unloaded"], "a restart ends what was asked for before"
     assert errors(page, served) == []
 
 

@@ -176,27 +176,27 @@ def test_a_page_that_is_gone_before_it_is_answered_is_not_a_failure(served, capf
     assert capfd.readouterr().err == ""
 
 
+def live(folder, robot, model):
+    """Exit status of the command."""
+    (folder / "robot.toml").write_text(tdcr.robot_to_toml(robot))
+    (folder / "model.toml").write_text(model)
+    files = [str(folder / "robot.toml"), "--model", str(folder / "model.toml")]
+    return main(["live", *files, "--no-browser", "-q"])
+
+
 def test_an_unloaded_robot_that_is_not_solved_ends_the_command(tmp_path, capsys):
     """Heavy disks, and a single iteration; it ended with a traceback."""
     heavy = replace(three(), disks=replace(three().disks, mass=1e-3))
-    (tmp_path / "robot.toml").write_text(tdcr.robot_to_toml(heavy))
     model = tdcr.Model(gravity=(0.0, 9.81, 0.0))
     settings = tdcr.SolverSettings(max_iterations=1, min_substep=1.0)
-    (tmp_path / "model.toml").write_text(tdcr.model_to_toml(model, settings))
-    files = [str(tmp_path / "robot.toml"), "--model", str(tmp_path / "model.toml")]
-    assert main(["live", *files, "--no-browser", "-q"]) == 1
+    assert live(tmp_path, heavy, tdcr.model_to_toml(model, settings)) == 1
     assert "the unloaded robot is not solved" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("table", "expected"), [("", SETTINGS), ("[solver]\ntolerance = 1e-7\n", 1e-7)])
-def test_the_command_takes_the_numerics_of_a_picture_where_none_are_given(
-    table, expected, tmp_path, monkeypatch
-):
+def test_the_command_takes_numerics_of_a_picture_where_none_are_given(table, expected, tmp_path, monkeypatch):
     """It took those of `run`: while a robot was dragged by steps of 1 cm, half of its load steps ran out of time."""
-    (tmp_path / "robot.toml").write_text(tdcr.robot_to_toml(three()))
-    (tmp_path / "model.toml").write_text("[model]\nelements_per_bay = 1\n" + table)
     taken = []
     monkeypatch.setattr(LiveServer, "wait_until_closed", lambda self: taken.append(self.played.settings))
-    files = [str(tmp_path / "robot.toml"), "--model", str(tmp_path / "model.toml")]
-    assert main(["live", *files, "--no-browser", "-q"]) == 0
+    assert live(tmp_path, three(), "[model]\nelements_per_bay = 1\n" + table) == 0
     assert taken == [SETTINGS] if expected is SETTINGS else taken[0].tolerance == expected
