@@ -9,12 +9,10 @@ from importlib.resources import files
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
@@ -12,85 +13,79 @@ from tdcr_fe.io.store import Lines, as_completed
 from tdcr_fe.model.messages import warnings_to
 
 Record = dict[str, Any]
-#: Keys, records, and whether they were kept before.
-Found = Generator[tuple[str, Record, bool], None, None]
+#: Called with every record, and whether it was kept before.
+Progress = Callable[[Record, bool], object]
 Task = TypeVar("Task")
 
 
+@dataclass(frozen=True)
 class Records(Lines):
-    """Records by key, a line each."""
+    """Records by key, a line each.
+
+    Attributes
+    ----------
+    again : callable
+        Whether a record that is kept does not count.
+    """
+
+    again: Callable[[Record], bool] = lambda record: False
 
     def recall(self, keys: Iterable[str]) -> Iterator[tuple[str, Record]]:
         """Records that are kept of some keys; of several records of a key the last counts."""
-        wanted = set(keys)
-        found = {}
+        wanted, found = set(keys), {}
         for record in self.records():
-            key = record.get("key") if isinstance(record, dict) else None
+            key = record.pop("key", None) if isinstance(record, dict) else None
             if key in wanted:
-                found[key] = {k: v for k, v in record.items() if k != "key"}
-        yield from found.items()
+                found[key] = record
+        yield from ((key, record) for key, record in found.items() if not self.again(record))
 
     def keep(self, key: str, record: Mapping[str, Any]) -> None:
         """Keep a record, so that a kill does not lose it."""
         self.append({"key": key, **record})
 
+    def of_all(
+        self, tasks: Mapping[str, Task], solve: Callable[[Task], Record], processes: int, progress: Progress
+    ) -> dict[str, Record]:
+        """Records of all tasks by key: those that are kept, and the others, which are kept as they are found.
 
-def solve_all(
-    tasks: Mapping[str, Task],
-    solve: Callable[[Task], Record],
-    store: Records,
-    processes: int = 1,
-    *,
-    again: Callable[[Record], bool] | None = None,
-) -> Found:
-    """Records of all tasks: those that are kept first, the others as they are found.
+        Parameters
+        ----------
+        tasks
+            By key.
+        solve
+            Function of a module, from a task to its record. An exception of it ends the run.
+        processes
+            Number of tasks at a time; a single one is solved in this process.
+        progress
+            Called with every record, in the order in which they are found.
 
-    Close the generator explicitly (`contextlib.closing`), so that on an interruption its workers end before the caller
-    goes on.
+        Raises
+        ------
+        KeyboardInterrupt
+            Interrupted; the workers have ended, and finished records are kept.
+        """
+        found = dict(self.recall(tasks))
+        for record in found.values():
+            progress(record, True)
+        left = [(key, task) for key, task in tasks.items() if key not in found]
+        quiet = partial(_quietly, solve)
 
-    Parameters
-    ----------
-    tasks
-        By key.
-    solve
-        Function of a module, from a task to its record. An exception of it ends the run.
-    store
-        Where records are kept.
-    processes
-        Number of tasks at a time; a single one is solved in this process.
-    again
-        Whether a record that is kept does not count; None: all of them count.
+        def add(key: str, record: Record) -> None:
+            self.keep(key, record)
+            found[key] = record
+            progress(record, False)
 
-    Yields
-    ------
-    key : str
-    record : dict
-    known : bool
-        Whether it was kept before.
-    """
-    known = set()
-    for key, record in store.recall(tasks):
-        if again is None or not again(record):
-            known.add(key)
-            yield key, record, True
-    left = [(key, task) for key, task in tasks.items() if key not in known]
-    if not left:
-        return
-    quiet = partial(_quietly, solve)
-    if processes <= 1:
-        for key, task in left:
-            record = quiet(task)
-            store.keep(key, record)
-            yield key, record, False
-        return
-    with (
-        worker_pool(min(processes, len(left))) as pool,
-        closing(as_completed(pool, quiet, left, 2 * processes)) as found,
-    ):
-        for key, future in found:
-            record = future.result()
-            store.keep(key, record)
-            yield key, record, False
+        if processes > 1 and left:
+            with (
+                worker_pool(min(processes, len(left))) as pool,
+                closing(as_completed(pool, quiet, left, 2 * processes)) as solved,
+            ):
+                for key, future in solved:
+                    add(key, future.result())
+        else:
+            for key, task in left:
+                add(key, quiet(task))
+        return {key: found[key] for key in tasks}
 
 
 def _quietly(solve: Callable[[Task], Record], task: Task) -> Record:

@@ -12,7 +12,6 @@ import difflib
 import hashlib
 import sys
 from collections.abc import Mapping, Sequence
-from contextlib import closing
 from dataclasses import asdict
 from functools import cache, partial
 from importlib import import_module
@@ -26,7 +25,7 @@ from tdcr_fe.io.processes import sigterm_as_interrupt
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.io.store import OtherHead
 from tdcr_fe.model.messages import count
-from tdcr_fe.validation.records import Found, Record, Records, solve_all
+from tdcr_fe.validation.records import Record, Records
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -99,8 +98,7 @@ def names() -> list[str]:
 
 def load(name: str) -> Campaign:
     """The campaign of this name."""
-    found: Campaign = import_module(f"tdcr_fe.validation.campaigns.{name}").CAMPAIGN
-    return found
+    return import_module(f"tdcr_fe.validation.campaigns.{name}").CAMPAIGN
 
 
 def _text(name: str) -> str:
@@ -177,27 +175,30 @@ _COMMON = ("n", "first", "o", "only", "processes", "again")
 
 def _work(name: str, campaign: Campaign, cases: Mapping[str, Any], options: argparse.Namespace) -> int:
     """Run all cases, those first that are known, and conclude."""
+    from tqdm import tqdm
+
     out: Path = options.o
     asked = {k: v for k, v in vars(options).items() if k not in _COMMON}
     head = {"source": source_digest(), "versions": versions(), "options": asked}
-    store = Records(out / f"{name}.jsonl", head)
-    try:
-        store.begin()
-    except OtherHead as error:
-        raise ValueError(f"{store.path} {error}; give another folder") from error
 
     def again(record: Record) -> bool:
         return options.again and not campaign.outcome(**record).passed
 
+    store = Records(out / f"{name}.jsonl", head, again)
+    try:
+        store.begin()
+    except OtherHead as error:
+        raise ValueError(f"{store.path} {error}; give another folder") from error
     with sigterm_as_interrupt() as termination:
         try:
             campaign.prepare(out)
-            found = solve_all(cases, partial(_run, name, out), store, options.processes, again=again)
-            records = _collected(found, len(cases), campaign.unit)
+            with tqdm(total=len(cases), unit=campaign.unit) as bar:
+                run = partial(_run, name, out)
+                found = store.of_all(cases, run, options.processes, lambda record, known: bar.update())
         except KeyboardInterrupt:
             print("interrupted; start it again to resume", file=sys.stderr)
             return termination.status
-    outcomes = [campaign.outcome(**records[key]) for key in cases]
+    outcomes = [campaign.outcome(**record) for record in found.values()]
     blocks = campaign.report(outcomes)
     campaign.table(outcomes).to_csv(out / f"{name}.csv", index=False)
     page = "\n\n".join(b if isinstance(b, str) else markdown(b) for b in blocks)
@@ -207,21 +208,8 @@ def _work(name: str, campaign: Campaign, cases: Mapping[str, Any], options: argp
     return 0 if campaign.passed(outcomes) else 1
 
 
-def _collected(found: Found, total: int, unit: str) -> dict[str, Record]:
-    """All records, with a progress bar; on an interruption the workers end first."""
-    from tqdm import tqdm
-
-    with closing(found), tqdm(total=total, unit=unit) as bar:
-        records = {}
-        for key, record, _ in found:
-            records[key] = record
-            bar.update()
-    return records
-
-
 def _run(name: str, out: Path, case: Any) -> Record:
-    record: Record = plain(asdict(load(name).run(case, out)))
-    return record
+    return plain(asdict(load(name).run(case, out)))
 
 
 @cache

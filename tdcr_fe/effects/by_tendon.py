@@ -23,16 +23,6 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.tendon import Tendon
 
 
-def mean(declared: Sequence[float]) -> float:
-    """Mean of the tendons' declared values; exactly their value where all are the same."""
-    return declared[0] if len(set(declared)) == 1 else sum(declared) / max(1, len(declared))
-
-
-def shifted(declared: float, null: float, value: float) -> float:
-    """A tendon's value when the mean changes from ``null`` to ``value``: in proportion, or uniform from zero."""
-    return declared * value / null if null > 0.0 and declared != null else value
-
-
 def segments(robot: Robot) -> tuple[tuple[str, ...], ...]:
     """Names of the tendons by segment: those that end at the same disk, from the base to the tip."""
     ends = sorted({robot.end(t) for t in robot.tendons})
@@ -93,8 +83,8 @@ class TendonNumber(SharedNumber):
         return True
 
     def combined(self, declared: float, null: float, value: float) -> float:
-        """A tendon's number when the mean of several changes from ``null`` to ``value``."""
-        return shifted(declared, null, value)
+        """A tendon's number when the mean of several changes from ``null``: in proportion, or uniform from zero."""
+        return declared * value / null if null > 0.0 else value
 
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """The same for all tendons, one for each segment, one for each, and that of a single one."""
@@ -118,16 +108,25 @@ class TendonNumber(SharedNumber):
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
         """The declared number; where tendons differ, their mean."""
-        return {self._name: self._mean(experiment, experiment.robot.tendon_names)}
+        return {self._name: self.null_value(experiment, self._name)}
 
     def null_value(self, experiment: Experiment, name: str) -> float:
-        """The same of a segment or of a tendon."""
-        parts = self._each(experiment.robot) | self._groups(experiment.robot)
-        return self._mean(experiment, parts.get(name, experiment.robot.tendon_names))
+        """Declared number of a parameter's tendons; where they differ, the mean in the coordinate that is fitted."""
+        one, robot = self.parameters[0], experiment.robot
+        names = self._parts(robot).get(name, robot.tendon_names)
+        meant = [t for t in robot.tendons if t.name in names and self.applies_to(t)]
+        declared = [self.declared(experiment, t) for t in meant]
+        if not declared:
+            return one.null_value
+        if len(set(declared)) == 1:
+            return declared[0]
+        return one.value(sum(map(one.coordinate, declared)) / len(declared))
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
-        key_of = self._key_of(experiment.robot, values)
+        # Of the parameters that are given, a tendon takes the most particular one, which is the last.
+        given = [(key, names) for key, names in self._parts(experiment.robot).items() if key in values]
+        key_of = {t: key for key, names in given for t in names}
         nulls = {key: self.null_value(experiment, key) for key in set(key_of.values())}
         tendons = []
         for t in experiment.robot.tendons:
@@ -155,21 +154,9 @@ class TendonNumber(SharedNumber):
         named = {f"{self._name}_segment_{k}": tendons for k, tendons in enumerate(segments(robot), 1)}
         return {k: tendons for k, tendons in named.items() if k not in self._each(robot)}
 
-    def _key_of(self, robot: Robot, values: Values) -> dict[str, str]:
-        """By tendon, the parameter whose value it takes: of those given the most particular one, which is the last."""
-        parts = {self._name: robot.tendon_names} | self._groups(robot) | self._each(robot)
-        return {t: key for key, tendons in parts.items() if key in values for t in tendons}
-
-    def _mean(self, experiment: Experiment, names: Sequence[str]) -> float:
-        """Number of several tendons: their common one, or the mean in the coordinate that is fitted."""
-        one, tendons = self.parameters[0], experiment.robot.tendons
-        meant = [t for t in tendons if t.name in names and self.applies_to(t)]
-        declared = [self.declared(experiment, t) for t in meant]
-        if not declared:
-            return one.null_value
-        if len(set(declared)) == 1:
-            return declared[0]
-        return one.value(mean([one.coordinate(x) for x in declared]))
+    def _parts(self, robot: Robot) -> dict[str, tuple[str, ...]]:
+        """Tendons by the name of their parameter: all, those of every segment, and every single one."""
+        return {self._name: robot.tendon_names} | self._groups(robot) | self._each(robot)
 
 
 class NumberForm(Form):

@@ -8,15 +8,13 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.io.keys import InputErrors
 from tdcr_fe.model.messages import shown
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.schema import Checked, FieldError, Quantity
 from tdcr_fe.model.tendon import by_tendon
-
-Array = NDArray[np.float64]
 
 _PLACE = 'an arc length above zero [m], "tip" or "unknown"'
 

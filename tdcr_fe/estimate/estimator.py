@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.effects import Observation
+from tdcr_fe.elements import Array
 from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, memory
 from tdcr_fe.estimate.frame import PLACE, Frame, Problem, Solved, Volume, name_at
 from tdcr_fe.estimate.response import Response, plastic_slips
@@ -25,8 +25,6 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.schema import check_instance
 from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Position
 from tdcr_fe.solve.simulation import Simulation, one_thread
-
-Array = NDArray[np.float64]
 
 #: Substeps of a frame, where its step does not say: the path within a frame is not resolved. The first frame takes the
 #: unloaded robot to where it is, and its path is.

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from tdcr_fe.effects import Observation
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.estimate.most_probable import (
     PLAUSIBLE,
     Found,
@@ -37,8 +37,6 @@ from tdcr_fe.model.observed_step import ObservedStep
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState
 from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, Position, StepFailed
 from tdcr_fe.solve.simulation import Simulation
-
-Array = NDArray[np.float64]
 
 #: The load and its place among the unknowns.
 LOAD, PLACE = slice(0, 6), 6
@@ -63,7 +61,7 @@ class Problem:
     simulation: Simulation
     observation: Observation
     # Nodes that may carry the load; several, base plate left out, where its place is unknown
-    loaded: NDArray[np.int_]
+    loaded: Index
     input_sigmas: Array  # (m,): Standard deviations of the inputs
 
     @cached_property

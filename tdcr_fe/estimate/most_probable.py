@@ -21,9 +21,8 @@ from functools import cached_property
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tdcr_fe.elements import Array
 
 #: First radius of the trust region, and the smallest [standard deviations]. With a first one of 3, 5 and 10, there were
 #: 1, 3 and 12 of 300 frames that were not solved, with tensions known to 0.1 N; with 1.5 and 2 there was none.

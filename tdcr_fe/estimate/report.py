@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from tdcr_fe.elements import Array
 from tdcr_fe.estimate.description import Estimate
 from tdcr_fe.estimate.frame import name_at
 from tdcr_fe.estimate.run import EstimateResult
@@ -28,8 +28,6 @@ from tdcr_fe.report.environment import quantity
 from tdcr_fe.report.motion import motion_of
 from tdcr_fe.report.page import Card, Page, Picture, Section
 from tdcr_fe.report.style import COLOURS, styled
-
-Array = NDArray[np.float64]
 
 ESTIMATES, SHAPE, REPORT = "estimates.csv", "shape.csv", "report.html"
 #: Half the width of an interval that holds 95 % of a Gaussian, in standard deviations.

@@ -11,9 +11,9 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hysteresis import ACCEPTED
@@ -22,8 +22,6 @@ from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.linearization import BorderedFactors
 from tdcr_fe.solve.sensitivities.linear_response import Disturbance, SolvedPoint
 from tdcr_fe.solve.simulation import Simulation
-
-Array = NDArray[np.float64]
 
 #: Holes that stick, or tendons that are taut, with a probability less than this slip or are slack [1].
 LEAST_INSIDE = 1e-3
@@ -116,7 +114,7 @@ class Response(ObservedChange):
     def of(
         cls,
         simulation: Simulation,
-        loaded: NDArray[np.int_],
+        loaded: Index,
         sticking: Array | None = None,
         giving: Array | None = None,
         curvatures: bool = True,
@@ -186,7 +184,7 @@ class Response(ObservedChange):
         return Response(*(x @ weights for x in vars(self).values()))
 
 
-def _disturbance(own: TendonForces, state: SolverState, loaded: NDArray[np.int_]) -> Disturbance:
+def _disturbance(own: TendonForces, state: SolverState, loaded: Index) -> Disturbance:
     """Unit inputs, unit forces and moments in the world on nodes, and unit plastic slips before the step."""
     frictional = own.model.law.frictional
     m, k = len(frictional), int(frictional.sum())

@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tdcr_fe.effects import Experiment
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.drives import TendonDrives
 from tdcr_fe.estimate.description import Estimate, memory
 from tdcr_fe.estimate.estimator import SUBSTEPS, Estimator
@@ -32,8 +33,6 @@ from tdcr_fe.solve.inverse_statics.target_search import (
     TrialSteps,
 )
 from tdcr_fe.solve.simulation import one_thread
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,8 +167,7 @@ class Tracker:
     def _inputs(self, found: Trial, drives: TendonDrives, errors: Array) -> LoadStep:
         """What is to be commanded so that a trial comes about with these errors of the inputs."""
         values = np.where(drives.winds, found.displacements, found.tensions) / drives.scale - errors
-        given: dict[str, dict[str, float]] = {}
+        given: dict[str, Any] = {}
         for kind, name, value in zip(drives.kinds, self.estimator.robot.tendon_names, values, strict=True):
             given.setdefault(kind.inputs, {})[name] = float(value if kind.winds else max(value, 0.0))
-        named: dict[str, Any] = given
-        return LoadStep(**named)
+        return LoadStep(**given)

@@ -6,7 +6,6 @@ The files are the templates of ``tdcr_fe/data/new``; descriptions and defaults c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from tdcr_fe.effects import EFFECTS
 from tdcr_fe.io.keys import BACKBONE, DISKS, ROBOT, tendon_keys
@@ -18,7 +17,6 @@ from tdcr_fe.model.robot import SideSpring
 from tdcr_fe.model.routing import ROUTINGS
 from tdcr_fe.model.schema import keys_of
 
-_FOLDER = Path(__file__).parent.parent / "data" / "new"
 #: Tables of the files.
 _TABLES = {
     "robot": ROBOT,
@@ -73,11 +71,11 @@ def template(file: str, tendons: Sequence[str]) -> str:
     """
     import jinja2
 
-    loader = jinja2.FileSystemLoader(_FOLDER)
+    loader = jinja2.PackageLoader("tdcr_fe", "data/new")
     files = jinja2.Environment(
         loader=loader, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
-    text: str = files.get_template(f"{file}.j2").render(
+    return files.get_template(f"{file}.j2").render(
         tendons=tendons,
         line=_line,
         table=_table,
@@ -85,4 +83,3 @@ def template(file: str, tendons: Sequence[str]) -> str:
         effects=[e.name for e in EFFECTS],
         channels=CHANNELS,
     )
-    return text

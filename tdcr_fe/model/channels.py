@@ -71,11 +71,8 @@ class Channel:
     location: Literal["arc length", "tendon", ""]
     meaning: str
     predict: Prediction
-    family: str = ""
+    family: str
     at_rest: Callable[[Location], float] = lambda location: 0.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "family", self.family or self.quantity)
 
     def plausible(self, length: float) -> Plausible:
         """What its values may be on a backbone of a length [m], in its unit."""
@@ -123,7 +120,7 @@ def _of_tendon(quantity: str, unit: str, meaning: str, values: Callable[[Observe
     def predict(step: ObservedStep, locations: Sequence[Location]) -> Array:
         return values(step)[..., [step.tendon_names.index(str(x)) for x in locations]]
 
-    return Channel(quantity, unit, "tendon", meaning, predict)
+    return Channel(quantity, unit, "tendon", meaning, predict, quantity)
 
 
 def _single(quantity: str, unit: str, meaning: str, value: Callable[[ObservedStep], Array]) -> Channel:
@@ -132,7 +129,7 @@ def _single(quantity: str, unit: str, meaning: str, value: Callable[[ObservedSte
     def predict(step: ObservedStep, locations: Sequence[Location]) -> Array:
         return np.repeat(value(step)[..., None], len(locations), axis=-1)
 
-    return Channel(quantity, unit, "", meaning, predict)
+    return Channel(quantity, unit, "", meaning, predict, quantity)
 
 
 def _along(values: Callable[[ObservedStep, Array], Array], axis: int) -> Prediction:

@@ -224,11 +224,7 @@ def course_contradictions(robot: Robot, model: Model) -> list[Contradiction]:
 
 
 def step_contradictions(
-    index: int,
-    step: LoadStep,
-    names: Sequence[str] | None,
-    length: float | None,
-    tendons: Sequence[Tendon] = (),
+    index: int, step: LoadStep, names: Sequence[str] | None, length: float | None, tendons: Sequence[Tendon]
 ) -> Iterator[Contradiction]:
     """What is wrong with one load step of a robot.
 

@@ -41,13 +41,9 @@ def quaternions(rotations: Array) -> Array:
     return np.asarray(q + 0.0, dtype=float)  # no negative zeros
 
 
-#: Columns of `steps.csv` that hold one value each, in order: before and after those of the tendons.
-BEFORE_TENDONS: dict[str, Callable[[StepResult], object]] = {
-    "step": lambda s: s.step,
-    "label": lambda s: s.label,
-    "converged": lambda s: bool(s.converged),
-    "iterations": lambda s: int(s.iterations),
-}
+#: Columns of `steps.csv` before those of the tendons: attributes of a step.
+BEFORE_TENDONS = ("step", "label", "converged", "iterations")
+#: Those after the tendons, and their values.
 AFTER_TENDONS: dict[str, Callable[[StepResult], object]] = {
     "tip_x": lambda s: float(s.tip[0]),
     "tip_y": lambda s: float(s.tip[1]),
@@ -79,7 +75,7 @@ def steps_frame(result: SequenceResult) -> pd.DataFrame:
     columns = [*BEFORE_TENDONS, *tendon_columns(result.robot.tendon_names), *AFTER_TENDONS]
     rows = [
         [
-            *(value(s) for value in BEFORE_TENDONS.values()),
+            *(getattr(s, name) for name in BEFORE_TENDONS),
             *(float(x) for values in OF_TENDONS.values() for x in values(s)),
             *(value(s) for value in AFTER_TENDONS.values()),
         ]

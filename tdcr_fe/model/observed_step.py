@@ -210,17 +210,9 @@ class ObservedStep:
             each = np.moveaxis(by * h, -1, 0)
             return np.concatenate((np.zeros((1, *each.shape[1:])), each, -each))
 
-        rates = self.curvature_rates
-        if rates is not None:
-            rates = rates + changes(change.curvature_rates)
+        names = ["s", "positions", "displacements", "base_tensions", "distal_tensions"]
+        if self.curvature_rates is not None:
+            names.append("curvature_rates")
+        moved = {name: getattr(self, name) + changes(getattr(change, name)) for name in names}
         turn = Rotation.from_rotvec(changes(change.rotations).reshape(-1, 3)).as_matrix()
-        return replace(
-            self,
-            s=self.s + changes(change.s),
-            positions=self.positions + changes(change.positions),
-            rotations=turn.reshape(1 + 2 * h.size, -1, 3, 3) @ self.rotations,
-            curvature_rates=rates,
-            displacements=self.displacements + changes(change.displacements),
-            base_tensions=self.base_tensions + changes(change.base_tensions),
-            distal_tensions=self.distal_tensions + changes(change.distal_tensions),
-        )
+        return replace(self, rotations=turn.reshape(1 + 2 * h.size, -1, 3, 3) @ self.rotations, **moved)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from functools import cache
-from importlib.resources import files
 
 import jinja2
 
@@ -121,16 +120,8 @@ def environment(package: str = __package__) -> jinja2.Environment:
     package
         Full name of an importable package.
     """
-
-    def load(name: str) -> str | None:
-        for place in dict.fromkeys((package, __package__)):
-            file = files(place) / "templates" / name
-            if file.is_file():
-                return file.read_text(encoding="utf-8")
-        return None
-
     made = jinja2.Environment(
-        loader=jinja2.FunctionLoader(load),
+        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(p) for p in (package, __package__)]),
         autoescape=lambda name: bool(name and name.endswith(".html.j2")),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,

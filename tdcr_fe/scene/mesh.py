@@ -81,32 +81,25 @@ def subdivide(robot: Robot, counts: Sequence[int], extra: Sequence[float]) -> tu
     extra
         Further arc lengths that need a node, such as those of loads [m].
     """
-    length, thickness = robot.backbone.length, robot.disks.thickness
+    length, half = robot.backbone.length, 0.5 * robot.disks.thickness
     near = 1e-9  # nodes closer than this are one [m]
-    faces = [0.0]
-    inserts: list[tuple[float, float]] = []
-    for s in robot.bay_ends:
-        low, high = max(s - 0.5 * thickness, 0.0), min(s + 0.5 * thickness, length)
-        faces += [low, s, high]
-        if thickness > 0.0:
-            inserts.append((low, high))
-    faces.append(length)
-    bounds = np.array(faces)
+
+    def in_disks(s: Array) -> Flags:
+        middle = 0.5 * (s[1:] + s[:-1])
+        return np.any(np.abs(middle[:, None] - robot.disks.positions) < half, axis=1)
+
+    faces = [x for s in robot.bay_ends for x in (max(s - half, 0.0), s, min(s + half, length))]
+    bounds = np.array([0.0, *faces, length])
     bounds = bounds[np.concatenate(([True], np.diff(bounds) > near))]
     nodes: list[float] = [0.0]
-    for a, b in pairwise(bounds):
-        rigid = any(lo - near <= a and b <= hi + near for lo, hi in inserts)
+    for (a, b), rigid in zip(pairwise(bounds), in_disks(bounds), strict=True):
         parts = 1 if rigid else counts[bisect_left(robot.bay_ends, 0.5 * (a + b))]
         nodes += [float(a + (b - a) * i / parts) for i in range(1, parts + 1)]
     for s in extra:
         if min(abs(s - x) for x in nodes) > near:
             nodes.append(float(s))
     arc = np.array(sorted(nodes))
-    middle = 0.5 * (arc[1:] + arc[:-1])
-    is_rigid = np.zeros(middle.size, dtype=bool)
-    for lo, hi in inserts:
-        is_rigid |= (middle > lo) & (middle < hi)
-    return arc, is_rigid
+    return arc, in_disks(arc)
 
 
 def build_mesh(robot: Robot, model: Model, extra: Iterable[float] = ()) -> tuple[BackboneMesh, Flags]:

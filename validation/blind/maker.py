@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.io.measured import MeasuredData, write_measured
@@ -17,8 +16,7 @@ from tdcr_fe.validation.blind.hidden import Values, detectable, draw_values
 from tdcr_fe.validation.blind.readings import attempts, draw_markers, measured, planned, read, sigmas, solved
 from tdcr_fe.validation.blind.recipes import DRIVES, Recipe
 from tdcr_fe.validation.reference import ReferenceSettings
-
-Array = NDArray[np.float64]
+from tdcr_fe.validation.reference.settings import Array
 
 #: Substeps of every load step of the true robot, to resolve path dependence.
 SUBSTEPS = 16

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.io.measured import MeasuredData
@@ -16,8 +15,8 @@ from tdcr_fe.model.observed_step import ObservedStep
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.reference import Extras, ReferenceSettings, solve_reference
+from tdcr_fe.validation.reference.settings import Array
 
-Array = NDArray[np.float64]
 #: Step from 0, quantity and location of a reading.
 Mark = tuple[int, str, float | str | None]
 Made = TypeVar("Made")

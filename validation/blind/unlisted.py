@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.io.measured import MeasuredData
@@ -34,9 +33,7 @@ from tdcr_fe.validation.blind.readings import (
 )
 from tdcr_fe.validation.reference import Extras, HoleFriction, ReferenceSettings
 from tdcr_fe.validation.reference.rod import tendon_course
-from tdcr_fe.validation.reference.settings import BackboneState, PointForce
-
-Array = NDArray[np.float64]
+from tdcr_fe.validation.reference.settings import Array, BackboneState, PointForce
 
 #: The declared model is off by this many sigma, root mean square [1]; strengths are scaled until it is.
 LEAST_OFF, MOST_OFF = 5.0, 60.0

@@ -16,10 +16,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 import tdcr_fe as tdcr
+from tdcr_fe.elements import Array
 from tdcr_fe.model.channels import channel
 from tdcr_fe.model.loading import resolve
 from tdcr_fe.model.observed_step import Observation, ObservedStep
@@ -28,7 +28,6 @@ from tdcr_fe.solve.load_steps.load_path import StepFailed
 from tdcr_fe.validation.reference.sequence import solve_reference
 from tdcr_fe.validation.runner import Campaign
 
-Array = NDArray[np.float64]
 Random = np.random.Generator
 
 LENGTH, RATE = 0.25, 30.0

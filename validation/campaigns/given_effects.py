@@ -14,17 +14,16 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from tdcr_fe.effects import EFFECTS, Effect, Experiment, effect
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.identify.forward import Job, run_settings, simulate_experiment
 from tdcr_fe.identify.rows import held_out_branches
 from tdcr_fe.identify.run import Readings
 from tdcr_fe.io.measured import MeasuredData, join_measured, read_measured
 from tdcr_fe.validation.runner import Campaign
 
-Array = NDArray[np.float64]
 #: A model: what was added, mean distances [m] (also by branch), values of all parameters.
 Stage = dict[str, Any]
 Values = Mapping[str, Mapping[str, float]]
@@ -68,7 +67,7 @@ class _Fit:
     """Measured data, and the readings that are fitted."""
 
     data: MeasuredData
-    fitted: NDArray[np.bool_]
+    fitted: Flags
 
     def residual(self, effects: Sequence[Effect], values: Values) -> Array:
         """Of all readings over sigma, with effects in the order of the list [1]."""

@@ -67,45 +67,6 @@ def _explanations(result: IdentificationResult) -> set[str]:
     return {result.effects[0].name, *result.effects[0].indistinguishable_from}
 
 
-def run_set(which: Ambiguity) -> Outcome:
-    """Make a set, identify it, simulate the experiment that is suggested, and identify both together."""
-    name = f"{which.truth} or {which.rival}, {which.robot}"
-    rng = np.random.default_rng([12, which.seed])
-    robot = draw_robot(which.robot, rng)
-    steps, branches = draw_loading(robot, "tension", False, rng)
-    markers = draw_markers(robot, rng)
-    model = Model(friction="none", elements_per_bay=2)
-    declared = Experiment(robot, model, steps, Observation(markers=markers))
-    share = float(rng.uniform(0.05, 0.2))
-    truth = {"bending": 1.0 + share, "torsion": 1.0 + share}
-    if which.truth == "actuator_gain":
-        truth = {"gain": 1.0 - share}
-
-    def carried_out(name: str, planned_one: Experiment, branches: Sequence[str]) -> MeasuredData:
-        """Positions on the true robot, with noise, where nothing pushes the tip in the first experiment."""
-        setup = with_effects(planned_one, {which.truth: truth})
-        marks = [m for m in planned(setup, markers) if m[1].startswith("position_")]
-        if name == "first":
-            loaded = [any(any(load.force) for load in s.loads.values()) for s in planned_one.steps]
-            marks = [m for m in marks if not loaded[m[0]]]
-        exact = read(solved(setup, ReferenceSettings(markers, substeps=1)), setup, marks)
-        noisy = exact + rng.normal(0.0, SIGMA, len(exact))
-        return measured(name, planned_one, branches, (marks, noisy, np.full(len(exact), SIGMA)))
-
-    first = carried_out("first", declared, branches)
-    found = identify(first)
-    if not {which.truth, which.rival} <= _explanations(found):
-        return Outcome(name, False)
-    chosen = found.next_experiment
-    if chosen is None or not chosen.separation:
-        return Outcome(name, True)
-    added = carried_out("next", replace(declared, steps=chosen.steps), ["next"] * len(chosen.steps))
-    after = identify(join_measured([first, added]))
-    named = ", ".join(e.name for e in after.effects)
-    separated = named == which.truth and which.rival not in _explanations(after)
-    return Outcome(name, True, min(chosen.separation.values()), named, separated)
-
-
 class NextExperimentSets(Campaign):
     """See the text of this module."""
 
@@ -117,8 +78,42 @@ class NextExperimentSets(Campaign):
         return {str(a.seed): a for a in AMBIGUITIES}
 
     def run(self, case: Ambiguity, out: Path) -> Outcome:
-        """Make a set, choose the experiment, add it."""
-        return run_set(case)
+        """Make a set, identify it, simulate the experiment that is suggested, and identify both together."""
+        name = f"{case.truth} or {case.rival}, {case.robot}"
+        rng = np.random.default_rng([12, case.seed])
+        robot = draw_robot(case.robot, rng)
+        steps, branches = draw_loading(robot, "tension", False, rng)
+        markers = draw_markers(robot, rng)
+        model = Model(friction="none", elements_per_bay=2)
+        declared = Experiment(robot, model, steps, Observation(markers=markers))
+        share = float(rng.uniform(0.05, 0.2))
+        truth = {"bending": 1.0 + share, "torsion": 1.0 + share}
+        if case.truth == "actuator_gain":
+            truth = {"gain": 1.0 - share}
+
+        def carried_out(name: str, planned_one: Experiment, branches: Sequence[str]) -> MeasuredData:
+            """Positions on the true robot, with noise, where nothing pushes the tip in the first experiment."""
+            setup = with_effects(planned_one, {case.truth: truth})
+            marks = [m for m in planned(setup, markers) if m[1].startswith("position_")]
+            if name == "first":
+                loaded = [any(any(load.force) for load in s.loads.values()) for s in planned_one.steps]
+                marks = [m for m in marks if not loaded[m[0]]]
+            exact = read(solved(setup, ReferenceSettings(markers, substeps=1)), setup, marks)
+            noisy = exact + rng.normal(0.0, SIGMA, len(exact))
+            return measured(name, planned_one, branches, (marks, noisy, np.full(len(exact), SIGMA)))
+
+        first = carried_out("first", declared, branches)
+        found = identify(first)
+        if not {case.truth, case.rival} <= _explanations(found):
+            return Outcome(name, False)
+        chosen = found.next_experiment
+        if chosen is None or not chosen.separation:
+            return Outcome(name, True)
+        added = carried_out("next", replace(declared, steps=chosen.steps), ["next"] * len(chosen.steps))
+        after = identify(join_measured([first, added]))
+        named = ", ".join(e.name for e in after.effects)
+        separated = named == case.truth and case.rival not in _explanations(after)
+        return Outcome(name, True, min(chosen.separation.values()), named, separated)
 
     def report(self, outcomes: Sequence[Outcome]) -> list[str | pd.DataFrame]:
         """All sets, and how many are separated."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.solve.simulate import PathRecord, SolverSettings, simulate
 from tdcr_fe.validation.crosscheck.cases import Case
@@ -13,8 +13,6 @@ from tdcr_fe.validation.fuzz.checks import CHECKS
 from tdcr_fe.validation.fuzz.state import State
 from tdcr_fe.validation.records import Record
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
-
-Array = NDArray[np.float64]
 
 #: Presliding distance of both solvers [m].
 PRESLIDING = 1e-6

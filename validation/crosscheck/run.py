@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Sequence
 from pathlib import Path
 
 from tdcr_fe.io.atomic import plain
@@ -12,7 +11,7 @@ from tdcr_fe.io.store import OtherHead
 from tdcr_fe.validation.crosscheck.cases import Case
 from tdcr_fe.validation.crosscheck.compare import TIP_TOLERANCE, compare
 from tdcr_fe.validation.crosscheck.studies import Study
-from tdcr_fe.validation.records import Record, Records, solve_all
+from tdcr_fe.validation.records import Progress, Record, Records
 from tdcr_fe.validation.runner import source_digest
 
 Task = Case | Study
@@ -42,12 +41,7 @@ def solve(task: Task) -> Record:
     except Exception as error:
         record["error"] = f"{type(error).__name__}: {error}"
         record["reasons"] = [record["error"]]
-    found: Record = plain(record)
-    return found
-
-
-#: Called with every record, and whether it was recalled.
-Progress = Callable[[Record, bool], None]
+    return plain(record)
 
 
 def run(tasks: Sequence[Task], file: Path, processes: int, progress: Progress) -> dict[str, Record]:
@@ -74,17 +68,9 @@ def run(tasks: Sequence[Task], file: Path, processes: int, progress: Progress) -
     KeyboardInterrupt
         Interrupted; finished records are kept.
     """
-    store = Records(file, versions())
+    store = Records(file, versions(), lambda record: bool(record["error"]))
     try:
         store.begin()
     except OtherHead:
         store.begin(fresh=True)
-    by_id = {task.id: task for task in tasks}
-    solved = solve_all(by_id, solve, store, processes, again=lambda record: bool(record["error"]))
-    # Closed explicitly: on an interruption the workers end before this function does.
-    with closing(solved):
-        records: dict[str, Record] = {}
-        for key, record, known in solved:
-            records[key] = record
-            progress(record, known)
-    return {task.id: records[task.id] for task in tasks}
+    return store.of_all({task.id: task for task in tasks}, solve, processes, progress)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.solve.simulate import SolverSettings, simulate
@@ -28,8 +28,6 @@ from tdcr_fe.validation.crosscheck.compare import PRESLIDING
 from tdcr_fe.validation.crosscheck.known import KNOWN
 from tdcr_fe.validation.records import Record
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

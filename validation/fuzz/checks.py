@@ -9,16 +9,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.friction import StribeckFriction
 from tdcr_fe.model.loading import Actuation, Model
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.fuzz.state import State, balance
 from tdcr_fe.validation.reference.tendons import tension_after
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,16 +7,14 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects.actuation import loads_between
+from tdcr_fe.elements import Array
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.fuzz.state import State, elements, unloaded_pose
-
-Array = NDArray[np.float64]
 
 
 def divided(robot: Robot, steps: Sequence[LoadStep], parts: int) -> list[LoadStep]:

@@ -11,9 +11,9 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.model.friction import ConstantFriction, StribeckFriction
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.results import StepResult
@@ -24,8 +24,6 @@ from tdcr_fe.validation.reference.layout import Layout
 from tdcr_fe.validation.reference.rod import ad, tendon_course
 from tdcr_fe.validation.reference.section import Section
 from tdcr_fe.validation.reference.tendons import Segments, Tendons, straight_segments
-
-Array = NDArray[np.float64]
 
 #: By what the inside of thick disks is stiffer: bending and torsion, shear and stretch.
 RIGID = np.repeat([1e5, 1e2], 3)
@@ -181,11 +179,10 @@ def _courses(robot: Robot, tendons: Tendons, s: Array, positions: Array, rotatio
     lengths, pulls = np.zeros(count), np.zeros((len(h), count, 6))
     for x, weight in zip(*np.polynomial.legendre.leggauss(4), strict=True):
         course = tendon_course(robot, s[:-1] + 0.5 * (1.0 + x) * h)
-        v = (course.lever @ strain[:, None, :, None])[..., 0] + course.slope
-        size = np.linalg.norm(v, axis=-1)
+        size, gradient = course.stretch(strain)
         share = 0.5 * weight * inside
         lengths += h @ (share * size)
-        pulls += ((share / size)[..., None, None] * v[:, :, None, :] @ course.lever)[:, :, 0]
+        pulls += share[..., None] * gradient
     return None, lengths, pulls
 
 
@@ -244,7 +241,7 @@ def balance(state: State) -> Balance:
     moments = [bend, float(inside[:, :3].max(initial=0.0))]
     sizes.append(float(state.tension.max(initial=0.0)))
 
-    def add(nodes: NDArray[np.intp], f: Array, m: Array) -> None:
+    def add(nodes: Index, f: Array, m: Array) -> None:
         np.add.at(force, nodes, f)
         np.add.at(moment, nodes, m)
         sizes.append(float(np.abs(f).max(initial=0.0)))

@@ -10,18 +10,10 @@ import numpy as np
 
 from tdcr_fe.validation.net.parts import Record
 
-#: Sizes below which a quantity does not become the measure of its movements [m, N].
-SIZES = {
-    "positions": 0.1,
-    "displacements": 0.1,
-    "slips": 0.1,
-    "estimates": 0.1,
-    "tip_position": 0.1,
-    "tensions": 0.1,
-    "forces": 0.1,
-}
-#: Those of other quantities.
-OTHER_SIZE = 1e-3
+#: Quantities in metres and newtons.
+LARGE = ("positions", "displacements", "slips", "estimates", "tip_position", "tensions", "forces")
+#: Their size below which they do not become the measure of their movements [m, N], and that of other quantities.
+LARGE_SIZE, OTHER_SIZE = 0.1, 1e-3
 
 
 class Difference(NamedTuple):
@@ -75,7 +67,8 @@ def _text(a: object, b: object) -> tuple[int | None, str, float, str] | None:
 
 def _size(quantity: str, a: np.ndarray) -> float:
     """Of a quantity, to which its movements are compared."""
-    return max(float(np.nanmax(np.abs(a), initial=0.0)), SIZES.get(quantity, OTHER_SIZE))
+    least = LARGE_SIZE if quantity in LARGE else OTHER_SIZE
+    return max(float(np.nanmax(np.abs(a), initial=0.0)), least)
 
 
 def _numbers(a: np.ndarray, b: np.ndarray, size: float) -> tuple[int | None, str, float, str] | None:

@@ -10,17 +10,16 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 import tdcr_fe as tdcr
 from tdcr_fe.effects import EFFECTS, Parameter
+from tdcr_fe.elements import Array, Index
 from tdcr_fe.validation.campaigns import broken_files
 from tdcr_fe.validation.crosscheck.cases import Case, all_cases
 from tdcr_fe.validation.net import scenes
 from tdcr_fe.validation.random_robots import draw
 from tdcr_fe.validation.reference import solve_reference
 
-Array = NDArray[np.float64]
 #: Of one case, by quantity: numbers, step by step, or a text.
 Record = dict[str, Array | str]
 
@@ -83,7 +82,7 @@ def _states(steps: Iterable[Sequence[Sequence[str]]]) -> str:
     return "/".join(" ".join("".join(s[0] for s in tendon) for tendon in step) for step in steps)
 
 
-def _nodes(step: tdcr.StepResult, at: Array) -> NDArray[np.intp]:
+def _nodes(step: tdcr.StepResult, at: Array) -> Index:
     nodes = np.abs(step.s[:, None] - at).argmin(axis=0)
     if np.abs(step.s[nodes] - at).max() > 1e-9:
         raise RuntimeError("a disk is no node of the solution")

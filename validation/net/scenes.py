@@ -10,9 +10,9 @@ import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 from exudyn.rigidBodyUtilities import InertiaCuboid, RotationMatrixY
-from numpy.typing import NDArray
 
 import tdcr_fe as tdcr
+from tdcr_fe.elements import Array
 
 LENGTH = 0.2
 STIFFNESS, SPHERE, CENTRE, WALL = 2000.0, 0.03, (0.055, 0.002, 0.12), 0.05
@@ -150,7 +150,7 @@ SCENES: Mapping[str, Scene] = {
 # ------------------------------------------------------------------------------------------------------- their records
 
 
-def solve(key: str) -> dict[str, NDArray[np.float64] | str]:
+def solve(key: str) -> dict[str, Array | str]:
     """Build a scene, go through its inputs, and read all robots after each solution."""
     tdcr.register()
     exu.config.printToConsole = False
@@ -188,7 +188,7 @@ def solve(key: str) -> dict[str, NDArray[np.float64] | str]:
         found["forces"].append([] if contact is None else contact.normal_forces())
         holes = [own for arm in arms for own in arm.hole_states().values()]
         states.append(" ".join("".join(state[0] for state in own) for own in holes))
-    record: dict[str, NDArray[np.float64] | str] = {k: np.array(v, dtype=float) for k, v in found.items()}
+    record: dict[str, Array | str] = {k: np.array(v, dtype=float) for k, v in found.items()}
     if isinstance(scene.inputs[-1], tuple):
         names = [name for name in sensors if name.startswith(("slip", "tip_position", "mobilisation"))]
         for name, sensor in [*((name, sensors[name]) for name in names), ("energy", energy)]:

@@ -12,8 +12,8 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.friction import ForceDependentFriction
 from tdcr_fe.model.loading import Load, LoadStep, Model, resolve
 from tdcr_fe.model.results import StepResult
@@ -26,7 +26,6 @@ from tdcr_fe.validation.paper.cases import MARKED, MODELS, figure, prototype
 from tdcr_fe.validation.paper.tables import TABLES, checked_table, deviation_percent, fit
 from tdcr_fe.validation.reference import solve_reference
 
-Array = NDArray[np.float64]
 #: "holds", "holds in part", "does not hold", "matters" or "matters little"; and the numbers in sentences.
 Verdict = tuple[str, str]
 

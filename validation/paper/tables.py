@@ -20,16 +20,14 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.loading import Load, LoadStep, Model
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.paper.cases import DATA, prototype
-
-Array = NDArray[np.float64]
 
 TABLES = (1, 2, 3, 4)
 #: A chord may be longer than the backbone by this share: reading errors of the tables' digits [1].

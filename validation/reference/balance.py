@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.validation.reference.rod import Flow, hat
+from tdcr_fe.validation.reference.settings import Array
 from tdcr_fe.validation.reference.tendons import Segments, TendonEquations, Tendons
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

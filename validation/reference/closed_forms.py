@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
 from tdcr_fe.validation.reference.rod import hat
-
-Array = NDArray[np.float64]
+from tdcr_fe.validation.reference.settings import Array
 
 
 def constant_strain(strain: Array, length: float) -> tuple[Array, Array]:

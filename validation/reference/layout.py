@@ -7,14 +7,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.reference.section import Section
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
+from tdcr_fe.validation.reference.settings import Array, Index
 
 
 @dataclass(frozen=True)
@@ -83,8 +80,7 @@ def lay_out(robot: Robot, load_points: Iterable[float], max_interval: float) -> 
     length = backbone.length
     reported = _merge([0.0, length, *disks.positions, *(min(p, length) for p in load_points)])
     half = disks.thickness / 2.0
-    inserts = [(max(0.0, d - half), min(length, d + half)) for d in disks.positions] if half > 0.0 else []
-    edges = [e for insert in inserts for e in insert]
+    edges = [e for d in disks.positions for e in (max(0.0, d - half), min(length, d + half))]
     hinge = max(1e-5 * length, 5e-6)
     # The section is constant within an interval, so the radius changes by at most 1 % there.
     for (start, before), (end, after) in itertools.pairwise(backbone.taper):
@@ -98,9 +94,7 @@ def lay_out(robot: Robot, load_points: Iterable[float], max_interval: float) -> 
     fine = [a + (b - a) * np.arange(n) / n for a, b, n in zip(cuts[:-1], cuts[1:], pieces, strict=True)]
     s = np.concatenate((*fine, [length]))
     middles = 0.5 * (s[1:] + s[:-1])
-    rigid = np.zeros(len(middles), dtype=bool)
-    for a, b in inserts:
-        rigid |= (middles > a) & (middles < b)
+    rigid = np.any(np.abs(middles[:, None] - disks.positions) < half, axis=1)
     nodes = np.array([int(np.argmin(np.abs(s - r))) for r in sorted(reported)])
     mass = np.zeros(len(s))
     for d in disks.positions:

@@ -12,13 +12,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.validation.reference.balance import Forces
+from tdcr_fe.validation.reference.settings import Array
 from tdcr_fe.validation.reference.statics import State, Statics
 from tdcr_fe.validation.reference.tendons import Driver, History, TendonEquations
-
-Array = NDArray[np.float64]
 
 #: Scaled values below this do not move an unknown off its bound.
 _TOLERANCE = 1e-11

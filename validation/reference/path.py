@@ -15,14 +15,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.model.loading import Actuation, Load
 from tdcr_fe.validation.reference.newton import Attempt, Problem, solve
+from tdcr_fe.validation.reference.settings import Array, Mask
 from tdcr_fe.validation.reference.statics import State, Statics
 from tdcr_fe.validation.reference.tendons import Driver, History
-
-Array = NDArray[np.float64]
 
 #: Largest displacement of a node, over the length, by halving every substep of a load step [1]; distributed over the
 #: substeps.
@@ -73,7 +71,7 @@ class Ramp:
         Sign of the last change of each tendon's input, in this step or before [1].
     """
 
-    by_displacement: NDArray[np.bool_]
+    by_displacement: Mask
     begin: Array
     end: Array
     old: Mapping[str, Load]

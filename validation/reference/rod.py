@@ -17,13 +17,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.reference.section import Section, TendonCourse, coupled_strain
-
-Array = NDArray[np.float64]
+from tdcr_fe.validation.reference.settings import Array
 
 
 def _structure() -> tuple[Array, Array, Array]:
@@ -146,18 +144,18 @@ class Rod:
         self.section = section
         self.steps = max(1, int(np.ceil(np.max(lengths) / max_step - 1e-9)))
         self.h = lengths / self.steps
-        self.gravity = gravity
         self.size = len(starts)
         self.n_tendons = 0
-        self.courses: list[list[TendonCourse]] = []
+        self.courses = [[TendonCourse.none(self.size)] * len(_C)] * self.steps
         if robot is not None and robot.tendons:
             self.n_tendons = len(robot.tendons)
             middles = starts + 0.5 * lengths
             ends = np.array([robot.end(t) for t in robot.tendons])
             self.active = (middles[:, None] < ends[None, :]).astype(float)
-            for k in range(self.steps):
-                self.courses.append([tendon_course(robot, starts + (k + c) * self.h) for c in _C])
+            at = [[starts + (k + c) * self.h for c in _C] for k in range(self.steps)]
+            self.courses = [[tendon_course(robot, s) for s in stages] for stages in at]
         self.columns = 6 + (3 if gravity else 0) + self.n_tendons
+        self._matrix = np.zeros((self.size, 12, 12))
 
     def integrate(self, wrench: Array, weight: Array | None = None, tension: Array | None = None) -> Flow:
         """Integrate every interval from its start to its end.
@@ -186,11 +184,10 @@ class Rod:
         guess = np.broadcast_to(self.section.rest, (n, 6))
         slopes = np.empty((len(_C), *y.shape))
         flat = slopes.reshape(len(_C), -1)
-        matrix = np.zeros((n, 12, 12))
         for k in range(self.steps):
             for i in range(len(_C)):
                 at = y if i == 0 else y + self.h[:, None] * (_A[i, :i] @ flat[:i]).reshape(y.shape)
-                guess = self._slope(at, slopes[i], weight, pull, guess, matrix, k, i)
+                guess = self._slope(at, slopes[i], weight, pull, guess, self.courses[k][i])
             y = y + self.h[:, None] * (_B @ flat).reshape(y.shape)
             rotation = y[:, 6:15].reshape(n, 3, 3)
             square = np.swapaxes(rotation, 1, 2) @ rotation
@@ -207,21 +204,12 @@ class Rod:
         )
 
     def _slope(
-        self,
-        y: Array,
-        out: Array,
-        weight: Array | None,
-        pull: Array,
-        guess: Array,
-        matrix: Array,
-        step: int,
-        stage: int,
+        self, y: Array, out: Array, weight: Array | None, pull: Array, guess: Array, course: TendonCourse
     ) -> Array:
         """Write the derivative of the state with respect to arc length to ``out``; give the strain."""
-        n, t, c = self.size, self.n_tendons, self.columns
+        n, t, c, matrix = self.size, self.n_tendons, self.columns, self._matrix
         wrench, rotation = y[:, :6], y[:, 6:15].reshape(n, 3, 3)
         if t:
-            course = self.courses[step][stage]
             strain, compliance, along, stretch = coupled_strain(self.section, course, pull, wrench, guess)
             out[:, 18 : 18 + t] = stretch[..., 0] * self.active
         else:

@@ -22,13 +22,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.model.backbone import Backbone, NonlinearMaterial, Superelastic
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
+from tdcr_fe.validation.reference.settings import Array, Index, Mask
 
 Pair = tuple[Array, Array]
 
@@ -84,7 +80,7 @@ class Fibres:
     axial: Array
     bending: Array
 
-    def take(self, index: NDArray[np.intp]) -> Fibres:
+    def take(self, index: Index) -> Fibres:
         """Those of some of the intervals."""
         return replace(self, axial=self.axial[index], bending=self.bending[index])
 
@@ -146,16 +142,15 @@ class Section:
         one = one * backbone.material_factors(middles)[0]
         bent, sheared = backbone.EI * bending, backbone.GA * one
         stiffness = np.stack((bent, bent, backbone.GJ * torsion, sheared, sheared, backbone.EA * one), axis=1)
-        rest = np.tile(np.array([*backbone.precurvature, 0.0, 0.0, 0.0, 1.0]), (len(middles), 1))
-        for patch in backbone.patches:
-            rest[(middles >= patch.start) & (middles < patch.end), :2] += patch.precurvature
+        rest = np.tile(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), (len(middles), 1))
+        rest[:, :2] = backbone.unloaded_curvature(middles)
         carried = np.zeros_like(stiffness)
         radius, fibres = backbone.radius_at(middles), None
         if backbone.nonlinear is not None:
             fibres = Fibres(backbone.nonlinear, stiffness[:, 5], stiffness[:, 0])
         return cls(stiffness, rest, rigid, backbone.superelastic, radius, carried, fibres)
 
-    def take(self, index: NDArray[np.intp]) -> Section:
+    def take(self, index: Index) -> Section:
         """The law of some of the intervals."""
         fibres = None if self.fibres is None else self.fibres.take(index)
         own = {key: getattr(self, key)[index] for key in ("stiffness", "rest", "rigid", "radius", "carried")}
@@ -219,6 +214,12 @@ class TendonCourse:
         """No tendons in n intervals."""
         return cls(np.zeros((n, 0, 3, 6)), np.zeros((n, 0, 3)), np.zeros((n, 0, 6, 6)))
 
+    def stretch(self, strain: Array) -> tuple[Array, Array]:
+        """Length per arc length at strains (n, 6), shape (n, n_tendons), and its derivative, (n, n_tendons, 6)."""
+        v = (self.lever @ strain[:, None, :, None])[..., 0] + self.slope
+        size = np.sqrt(np.einsum("nti,nti->nt", v, v))
+        return size, ((v / size[..., None])[:, :, None, :] @ self.lever)[:, :, 0, :]
+
 
 def coupled_strain(
     section: Section, course: TendonCourse, tension: Array, wrench: Array, start: Array
@@ -252,14 +253,9 @@ def coupled_strain(
         strain stacked as (n, n_tendons, 7).
     """
     strain: Array = np.where(section.rigid[:, None], section.rest, start)
-    inverse: Array
-    gradient: Array
-    size: Array
     free = ~section.rigid
     for _ in range(40):
-        v = (course.lever @ strain[:, None, :, None])[..., 0] + course.slope
-        size = np.sqrt(np.einsum("nti,nti->nt", v, v))
-        gradient = ((v / size[..., None])[:, :, None, :] @ course.lever)[:, :, 0, :]
+        size, gradient = course.stretch(strain)
         value, matrix = section.wrench(strain)
         value += (tension[:, None, :] @ gradient)[:, 0, :]
         bend = course.square - gradient[..., :, None] * gradient[..., None, :]
@@ -271,8 +267,5 @@ def coupled_strain(
             break
     inverse *= free[:, None, None]
     along: Array = -inverse @ np.swapaxes(gradient, 1, 2)
-    v = (course.lever @ strain[:, None, :, None])[..., 0] + course.slope
-    size = np.sqrt(np.einsum("nti,nti->nt", v, v))
-    gradient = ((v / size[..., None])[:, :, None, :] @ course.lever)[:, :, 0, :]
-    stretch: Array = np.concatenate((size[..., None], gradient), axis=-1)
-    return strain, inverse, along, stretch
+    size, gradient = course.stretch(strain)
+    return strain, inverse, along, np.concatenate((size[..., None], gradient), axis=-1)

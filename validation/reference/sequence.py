@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
 from tdcr_fe.model.results import SequenceResult, StepResult
@@ -23,10 +22,8 @@ from tdcr_fe.validation.reference.path import (
     Ramp,
 )
 from tdcr_fe.validation.reference.rod import Rod
-from tdcr_fe.validation.reference.settings import Extras, ReferenceSettings
+from tdcr_fe.validation.reference.settings import Array, Extras, ReferenceSettings
 from tdcr_fe.validation.reference.statics import State, Statics
-
-Array = NDArray[np.float64]
 
 
 class Sampler:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.model.loading import Load, Model
@@ -14,10 +13,8 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.validation.reference.balance import Balance, Forces, GroundedSpring, Poses
 from tdcr_fe.validation.reference.layout import Layout, lay_out
 from tdcr_fe.validation.reference.rod import Flow, Rod, adjoint
-from tdcr_fe.validation.reference.settings import BackboneState, Extras, ReferenceSettings
-from tdcr_fe.validation.reference.tendons import Driver, TendonEquations, Tendons, straight_segments
-
-Array = NDArray[np.float64]
+from tdcr_fe.validation.reference.settings import Array, BackboneState, Extras, ReferenceSettings
+from tdcr_fe.validation.reference.tendons import Driver, Lengths, TendonEquations, Tendons, straight_segments
 
 
 @dataclass(frozen=True)
@@ -88,7 +85,7 @@ class Statics:
     ----------
     robot, model
         What is modelled.
-    load_points
+    loaded
         Arc lengths where concentrated loads will act [m].
     settings
         Numerical settings.
@@ -97,16 +94,11 @@ class Statics:
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        model: Model,
-        load_points: list[float],
-        settings: ReferenceSettings,
-        extras: Extras,
+        self, robot: Robot, model: Model, loaded: list[float], settings: ReferenceSettings, extras: Extras
     ) -> None:
         _check(robot, model, extras)
         self.robot, self.model, self.settings = robot, model, settings
-        points = [*load_points, *(s.at for s in robot.springs), *(f.at for f in extras.forces)]
+        points = [*loaded, *(s.at for s in robot.springs), *(f.at for f in extras.forces)]
         self.layout: Layout = lay_out(robot, points, settings.max_interval)
         self.extras = extras
         #: Forces at the stations that depend on displacements [N].
@@ -235,18 +227,14 @@ class Statics:
         if self.heavy:
             balance.add_weight(self.weight, z[:, 6:], poses)
         if self.continuous:
-            lengths, angles = flow.tendon_length.sum(axis=0), np.zeros(0)
-            d_lengths, d_angles = self._tendon_columns(flow), np.zeros((0, poses.twists.shape[2]))
+            known = self._courses(flow)
         else:
-            segments = straight_segments(tendons, *poses)
-            lengths, angles = segments.lengths, segments.angles
-            d_lengths, d_angles = segments.d_lengths, segments.d_angles
+            known = segments = straight_segments(tendons, *poses)
             balance.add_segments(tendons, segments, tension, poses)
         balance.scale(self._wrench_scale, float(np.max(np.abs(self.weight))) if self.heavy else None)
         equations = None
         if driver is not None and tendons.size:
-            known = (lengths, angles, d_lengths, d_angles, tension, mobilisation)
-            equations = tendons.equations(*known, driver, self.force_scale)
+            equations = tendons.equations(known, tension, mobilisation, driver, self.force_scale)
             balance.add_tensions(equations, self.smooth)
         state = State(
             unknowns=x,
@@ -255,8 +243,8 @@ class Statics:
             wrenches=z[:, :6],
             tensions=tension,
             mobilisation=mobilisation,
-            lengths=lengths,
-            angles=angles,
+            lengths=known.lengths,
+            angles=known.angles,
             residual=float(np.max(np.abs(balance.residual), initial=0.0)),
         )
         return state, balance.residual, balance.jacobian, equations
@@ -283,7 +271,9 @@ class Statics:
         np.cumsum(spatial[:, :, width:], axis=0, out=shared[1:])
         return np.concatenate((twists, shared), axis=2)
 
-    def _tendon_columns(self, flow: Flow) -> Array:
-        """Derivative of the lengths of continuous tendons by the unknowns of the rod and by the tensions."""
+    def _courses(self, flow: Flow) -> Lengths:
+        """Continuous tendons, which have no holes; derivatives by the unknowns of the rod and by the tensions."""
         own = flow.d_length[:, :, : self.width].transpose(1, 0, 2).reshape(self.tendons.size, self.rod_size)
-        return np.concatenate((own, flow.d_length[:, :, self.width :].sum(axis=0)), axis=1)
+        d_lengths = np.concatenate((own, flow.d_length[:, :, self.width :].sum(axis=0)), axis=1)
+        lengths, no_angles = flow.tendon_length.sum(axis=0), np.zeros((0, d_lengths.shape[1]))
+        return Lengths(lengths, np.zeros(0), d_lengths, no_angles)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction
 from tdcr_fe.model.loading import Model
@@ -13,14 +12,10 @@ from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.validation.reference.layout import Layout
 from tdcr_fe.validation.reference.rod import hat
-from tdcr_fe.validation.reference.settings import HoleFriction
+from tdcr_fe.validation.reference.settings import Array, HoleFriction, Index, Mask
 
 #: Turn of a tendon at which it has shifted by 0.7 of its clearance [rad].
 CLEARANCE_ANGLE = 0.01
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 
 def coefficient_at_rest(tendon: Tendon) -> float:
@@ -254,24 +249,14 @@ class Tendons:
         return self.rest / self.tightened - lengths / stretch, -1.0 / stretch, by_tension
 
     def equations(
-        self,
-        lengths: Array,
-        angles: Array,
-        d_lengths: Array,
-        d_angles: Array,
-        tension: Array,
-        mobilisation: Array,
-        driver: Driver,
-        force_scale: float,
+        self, known: Lengths, tension: Array, mobilisation: Array, driver: Driver, force_scale: float
     ) -> TendonEquations:
         """Equations for the tensions, and slip at the holes.
 
         Parameters
         ----------
-        lengths, angles
-            Of the segments [m], (n_segments,), and at the holes [rad], (n_holes,).
-        d_lengths, d_angles
-            Their derivatives with respect to z unknowns of the rod, (n_segments, z) and (n_holes, z).
+        known
+            Lengths of the segments and angles at the holes.
         tension, mobilisation
             Unknowns [N], (n_segments,), and [1], (n_friction,).
         driver
@@ -282,10 +267,10 @@ class Tendons:
         n, f = self.size, self.n_friction
         driven = np.flatnonzero(driver.by_displacement)
         residual = np.zeros(n)
-        by_rod = np.zeros((n, d_lengths.shape[1]))
+        by_rod = np.zeros((n, known.d_lengths.shape[1]))
         by_tension = np.zeros((n, n))
         by_choice = np.zeros((n, f + len(driven)))
-        taken, by_length, by_pull = self.taken_in(lengths, tension)
+        taken, by_length, by_pull = self.taken_in(known.lengths, tension)
 
         first = self.first
         residual[first] = np.where(driver.by_displacement, 0.0, tension[first] - driver.values) / force_scale
@@ -295,12 +280,12 @@ class Tendons:
         holes, after, rough = self.holes, self.holes + 1, self.rough
         share = np.zeros(len(holes))
         share[rough] = mobilisation[self.variable[rough]]
-        at = (share, angles, self.mu, self.adhesion)
+        at = (share, known.angles, self.mu, self.adhesion)
         value, d_tension, d_share, d_angle = tension_after(tension[holes], *at)
         residual[after] = (tension[after] - value) / force_scale
         by_tension[after, after] = 1.0 / force_scale
         by_tension[after, holes] = -d_tension / force_scale
-        by_rod[after] = (-d_angle / force_scale)[:, None] * d_angles
+        by_rod[after] = (-d_angle / force_scale)[:, None] * known.d_angles
         by_choice[after[rough], self.variable[rough]] = -d_share[rough] / force_scale
         sums = np.concatenate((self.passed_sum, self.base_sum[driven]))
         return TendonEquations(
@@ -309,7 +294,7 @@ class Tendons:
             by_tension=by_tension,
             by_choice=by_choice,
             passed=sums @ taken,
-            passed_by_rod=(sums * by_length) @ d_lengths,
+            passed_by_rod=(sums * by_length) @ known.d_lengths,
             passed_by_tension=sums * by_pull,
         )
 
@@ -341,35 +326,45 @@ class TendonEquations:
     passed_by_tension: Array
 
 
+#: Where tails and heads of segments sit in their section frames [m], (n, 3), with derivatives, (n, 3, z), or None.
+Ends = tuple[tuple[Array, Array | None], tuple[Array, Array | None]]
+
+
 @dataclass(frozen=True)
-class Segments:
-    """Straight segments in one configuration, with derivatives by z unknowns of the rod.
+class Lengths:
+    """Tendon segments in one configuration, with derivatives by z unknowns of the rod.
 
     Attributes
     ----------
     lengths : ndarray, shape (n,)
         [m].
-    directions : ndarray, shape (n, 3)
-        Unit vectors towards the tip, world frame.
     angles : ndarray, shape (n_holes,)
         Turning angles at the holes [rad].
-    d_lengths, d_directions, d_angles : ndarray, shapes (n, z), (n, 3, z), (n_holes, z)
-    ends : ((ndarray, ndarray or None), ...)
-        Of tails and of heads: where they sit in their section frames [m], (n, 3), and its derivative
-        (n, 3, z), None where tendons have no clearance.
+    d_lengths, d_angles : ndarray, shapes (n, z), (n_holes, z)
     """
 
     lengths: Array
-    directions: Array
     angles: Array
     d_lengths: Array
-    d_directions: Array
     d_angles: Array
-    ends: tuple[tuple[Array, Array | None], tuple[Array, Array | None]]
 
 
-#: Where tails and heads of segments sit in their section frames [m], (n, 3), with derivatives, (n, 3, z), or None.
-Ends = tuple[tuple[Array, Array | None], tuple[Array, Array | None]]
+@dataclass(frozen=True)
+class Segments(Lengths):
+    """Those that are straight.
+
+    Attributes
+    ----------
+    directions : ndarray, shape (n, 3)
+        Unit vectors towards the tip, world frame.
+    d_directions : ndarray, shape (n, 3, z)
+    ends : ((ndarray, ndarray or None), ...)
+        Of tails and of heads, without derivatives where tendons have no clearance.
+    """
+
+    directions: Array
+    d_directions: Array
+    ends: Ends
 
 
 def _shifted(tendons: Tendons, rotations: Array, positions: Array, twists: Array) -> Ends:
@@ -447,4 +442,4 @@ def straight_segments(tendons: Tendons, rotations: Array, positions: Array, twis
     to_before = (before - cosine[:, None] * after) / safe
     d_angles = -(to_before[:, None, :] @ d_t[tendons.holes + 1])[:, 0]
     d_angles -= (to_after[:, None, :] @ d_t[tendons.holes])[:, 0]
-    return Segments(lengths, t, angles, d_lengths, d_t, d_angles, holes)
+    return Segments(lengths, angles, d_lengths, d_angles, t, d_t, holes)
