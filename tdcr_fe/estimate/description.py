@@ -46,9 +46,8 @@ class LoadPrior(Checked):
     def check(self, length: float) -> None:
         """Raise a FieldError where it does not fit a backbone of a length [m]."""
         if not isinstance(self.at, str) and self.at > length:
-            raise FieldError(
-                "load.at", shown(self.at), f"must be at most the length of the backbone, {length:g} m"
-            )
+            text = f"must be at most the length of the backbone, {length:g} m"
+            raise FieldError("load.at", shown(self.at), text)
 
 
 @dataclass(frozen=True)

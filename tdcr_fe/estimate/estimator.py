@@ -72,9 +72,8 @@ class Estimator:
         observation: Observation | None = None,
         settings: SolverSettings | None = None,
     ) -> None:
-        check_instance(
-            "Estimator", "robot", robot, Robot, "a Robot. read_robot(path) reads one from robot.toml"
-        )
+        hint = "a Robot. read_robot(path) reads one from robot.toml"
+        check_instance("Estimator", "robot", robot, Robot, hint)
         if model.elements_per_bay == "auto":
             model = replace(model, elements_per_bay=1)
         if model.hysteresis != "elastic-plastic":

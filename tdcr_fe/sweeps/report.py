@@ -66,7 +66,11 @@ def _page(result: SweepResult, pictures: dict[str, Picture]) -> Page:
         verdict=finding,
         level="open" if result.interrupted else "good" if result.converged else "part" if pictures else "bad",
         sentences=tuple(sentences),
-        cards=_cards(result),
+        cards=(
+            Card(str(len(result.cases)), "cases"),
+            Card(str(result.counts.get("converged", 0)), "converged"),
+            Card(quantity(result.wall_time, "s"), f"for {result.solved_now} cases in this run"),
+        ),
         pictures=tuple(pictures[name] for name in names[:1]),
         summary=_statistics(result),
         sections=tuple(sections),
@@ -136,14 +140,6 @@ def _findings(result: SweepResult) -> list[str]:
         return [scatter, f"{text} {low:.2f} to {high:.2f}. Use samples = {more}."]
     text = f"{indices.total[k]:.2f} (95 % interval {low:.2f} to {high:.2f}), the largest"
     return [scatter, f"Total-order Sobol index of {cause}: {text}."]
-
-
-def _cards(result: SweepResult) -> tuple[Card, ...]:
-    return (
-        Card(str(len(result.cases)), "cases"),
-        Card(str(result.counts.get("converged", 0)), "converged"),
-        Card(quantity(result.wall_time, "s"), f"for {result.solved_now} cases in this run"),
-    )
 
 
 def _statistics(result: SweepResult) -> Section:

@@ -198,10 +198,7 @@ def _limited(where: list[str]) -> Iterator[None]:
         return
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        modules = []
-        while frame is not None:
-            modules.append(frame.f_globals.get("__name__", ""))
-            frame = frame.f_back
+        modules = [own.f_globals.get("__name__", "") for own, _ in traceback.walk_stack(frame)]
         where.append("solving" if any(m.startswith(_SOLVING) for m in modules) else "reading")
         raise _TimeLimit
 
