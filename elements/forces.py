@@ -54,13 +54,15 @@ class StrainState(NamedTuple):
     strain: Array  # (..., E, 6): Twists by the lengths of the elements, in beam axes
     wrench: Array  # (..., E, 6): Gradient of the energy by the twists [N, N m]
     stiffness: Array  # (..., E, 3, 3): Of torsion and bending [N m^2]
+    loaded: Array  # (..., E, 3): Curvature less that in the unloaded state [1/m]
+    taper: Array  # (..., E): As of `BackboneMesh`
 
     def curvature_rates(self) -> Array:
         """First and second derivative of the curvature by arc length in the middle of every element, in beam axes.
 
         An element has the mean of the strains along it. In the section's frame the wrench obeys ``n' = -K x n`` and
         ``m' = -K x m - G x n``, and its mean is the gradient of the energy by the twist. The weight of the element
-        itself is left out.
+        itself is left out. The compliance of a linear round section grows as the fourth power of its radius falls.
 
         Returns
         -------
@@ -72,7 +74,9 @@ class StrainState(NamedTuple):
         first = -moment - stretch @ self.wrench[..., :3, None]
         second = stretch @ turning - bend @ first
         rates = np.linalg.solve(self.stiffness, np.concatenate((first, second), axis=-1))
-        return np.asarray(np.swapaxes(rates, -1, -2))
+        softening = -4.0 * self.taper[..., None]
+        second = rates[..., 1] + softening * (2.0 * rates[..., 0] + 1.25 * softening * self.loaded)
+        return np.stack((rates[..., 0] + softening * self.loaded, second), axis=-2)
 
 
 @dataclass(frozen=True)
@@ -121,7 +125,9 @@ class ForceModel:
             stiffness = np.broadcast_to(stiffness, (*twists.shape[:-1], 3, 3)).copy()
             slopes = section.material.stiffness(*section.material.strain(twists, lengths))
             stiffness[..., 1:, 1:] += slopes[..., 1:, 1:]
-        return StrainState(twists / lengths[:, None], self.gradient(twists, base_tension), stiffness)
+        strain, gradient = twists / lengths[:, None], self.gradient(twists, base_tension)
+        loaded = strain[..., 3:] - self.mesh.precurvature
+        return StrainState(strain, gradient, stiffness, loaded, self.mesh.taper)
 
     def curvature_rates_change(
         self, twists: Array, base_tension: Array, by_twists: Array, by_tension: Array

@@ -21,8 +21,8 @@ from tdcr_fe.model.robot import Robot
 INSERT_FACTORS = np.array([1e2, 1e2, 1e2, 1e5, 1e5, 1e5])
 #: Elements along the backbone that ``elements_per_bay = "auto"`` starts from, and the most in one bay.
 STARTING_ELEMENTS, MOST_STARTING_PER_BAY = 20, 8
-#: Largest relative change of the radius within an element of it, and the most elements in a bay for its sake [1]. The
-#: section is constant in an element, which the estimated error does not see; it is of order 2.
+#: Largest relative change of the radius within an element of it, and the most elements in a bay for its sake [1]: the
+#: error of a section that is constant in an element is of order 2, and in a scene nothing refines the mesh.
 TAPER, MOST_TAPERED_PER_BAY = 0.012, 32
 
 
@@ -146,7 +146,8 @@ def build_mesh(robot: Robot, model: Model, extra: Iterable[float] = ()) -> tuple
     rotary = b.density * b.second_moment * (one**2 * density)[:, None] * np.array([2.0, 1.0, 1.0])
     unloaded = np.column_stack((b.unloaded_curvature(middle), np.zeros_like(middle)))
     precurvature = unloaded @ BEAM_TO_SECTION
-    return BackboneMesh(arc, stiffness, b.mass_per_length * one * density, rotary, precurvature), rigid
+    taper = np.diff(b.radius_at(arc)) / (np.diff(arc) * b.radius_at(middle))
+    return BackboneMesh(arc, stiffness, b.mass_per_length * one * density, rotary, precurvature, taper), rigid
 
 
 def softened(forces: ForceModel, mesh: BackboneMesh, rigid: Flags, factor: float) -> ForceModel:

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tdcr_fe.elements import Array, Flags, Index
-from tdcr_fe.elements.backbone import POINTS, WEIGHTS, add_residual_flexibility, strain_matrices
+from tdcr_fe.elements.backbone import POINTS, WEIGHTS, BackboneMesh, add_residual_flexibility, strain_matrices
 from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.elements.material import Material
 from tdcr_fe.elements.poses import TWIST_MATRIX, coefficients, cross, exp_matrix, inverse_tangent_se3, skew
@@ -35,8 +35,8 @@ from tdcr_fe.solve.simulation import Simulation
 
 #: Solved states that are estimated at once. One by one, forty steps without friction take 1.25 times the time.
 CHUNK = 8
-#: Limits of automatic refinement: elements of one bay, elements of a robot, and meshes tried.
-MOST_PER_BAY, MOST_ELEMENTS, MOST_MESHES = 32, 320, 6
+#: Limits of automatic refinement: elements of one bay (of a description, too), elements of a robot, and meshes tried.
+MOST_PER_BAY, MOST_ELEMENTS, MOST_MESHES = 64, 320, 6
 #: Largest growth of a bay's number of elements from one mesh to the next.
 GROWTH = 4
 #: Fraction of its buckling load above which a bay causes a warning [1].
@@ -85,14 +85,31 @@ class ElementModel:
         return cls(handle.actuation.model, ~handle.rigid, weight, bays, free)
 
 
-def _strain_under(law: Material, wrench: Array, strain: Array, unloaded: Array, compliance: Array) -> Array:
-    """Stretch and curvatures of a nonlinear material under a wrench, by a Newton step from known ones, (S, E, 4, 3)."""
+def _strain_under(
+    law: Material, wrench: Array, strain: Array, unloaded: Array, compliance: Array, size: Array
+) -> Array:
+    """Stretch and curvatures of a nonlinear material under a wrench, by a Newton step from known ones, (S, E, 4, 3).
+
+    In a round section that is larger by ``size``, fibres are strained as by a larger curvature in that of the element;
+    their force grows with the second power of the size, and their moment with the third.
+    """
     points, known = law.at_points(), strain[..., _FIBRES]
     change = (strain - unloaded)[..., _FIBRES]
     linear = np.broadcast_to(1.0 / compliance[..., _FIBRES], known.shape)
-    missing = wrench[..., _FIBRES] - change * linear - points.wrench(change[..., 0], change[..., 1:])
-    slope = points.stiffness(change[..., 0], change[..., 1:]) + linear[..., None] * np.eye(3)
-    return known + np.linalg.solve(slope, missing[..., None])[..., 0]
+    larger, power = size[..., None] ** [0, 1, 1], size[..., None] ** [2, 3, 3]
+    of_element = change[..., 0], (larger * change)[..., 1:]
+    missing = wrench[..., _FIBRES] - change * linear - power * points.wrench(*of_element)
+    slope = power[..., None] * points.stiffness(*of_element) * larger[..., None, :]
+    return known + np.linalg.solve(slope + linear[..., None] * np.eye(3), missing[..., None])[..., 0]
+
+
+def _sizes(mesh: BackboneMesh) -> tuple[Array, Array]:
+    """Radius at the Gauss points over that of the element's own section, which has its mean compliance and mean area.
+
+    For its bending and torsion, and for its area, each of shape (E, 4) [1].
+    """
+    size = 1.0 + (mesh.taper * mesh.lengths)[:, None] * (POINTS - 0.5)
+    return size * (size**-4 @ WEIGHTS)[:, None] ** 0.25, size / np.sqrt(size**2 @ WEIGHTS)[:, None]
 
 
 def stiffness_times(forces: ForceModel, twists: Array, strain: Array) -> Array:
@@ -134,7 +151,8 @@ def exact_elements(
     stiffness = mesh.stiffness.copy()
     # Of the section itself: without the residual flexibility of bending in the shear.
     add_residual_flexibility(stiffness, mesh.lengths, -1.0)
-    compliance = (1.0 / stiffness)[:, None, :]
+    thick, wide = _sizes(mesh)
+    compliance = 1.0 / (stiffness[:, None, :] * np.stack((*[wide**2] * 3, *[thick**4] * 3), axis=-1))
     unloaded = (mesh.reference_twists / h)[:, None, :]
     start = twists[..., None, :] * POINTS[:, None]
     poses = exp_matrix(start, coefficients(start[..., 3:]))[..., :3, :]
@@ -159,7 +177,7 @@ def exact_elements(
             wrench = wrench - np.einsum("sm,ms...->s...", tensions, section.tendons.along(strain)[1])
         new = unloaded + wrench * compliance
         if section is not None and section.material is not None:
-            new[..., _FIBRES] = _strain_under(section.material, wrench, strain, unloaded, compliance)
+            new[..., _FIBRES] = _strain_under(section.material, wrench, strain, unloaded, compliance, thick)
         strain = new
         rates = poses[..., :3] @ strain.dot(TWIST_MATRIX[:, :12]).reshape(*start.shape[:-1], 3, 4)
         every = integrals @ rates.reshape(*start.shape[:-1], 12)
@@ -404,9 +422,10 @@ class MeshMonitor:
 
 
 def error_order(handle: TDCR) -> int:
-    """Order of the error of the mesh: 4 for straight tendons on an elastic backbone without weight, else 2."""
-    heavy = handle.robot.backbone.density > 0.0 and any(handle.model.gravity)
-    return 2 if heavy or handle.actuation.model.section is not None else 4
+    """Order of the error of the mesh: 4 for straight tendons on a uniform elastic backbone without weight, else 2."""
+    backbone = handle.robot.backbone
+    heavy = backbone.density > 0.0 and any(handle.model.gravity)
+    return 2 if heavy or backbone.taper or handle.actuation.model.section is not None else 4
 
 
 def refined(
@@ -433,7 +452,7 @@ def refined(
     for found in estimates:
         if found.by_bay is not None:
             worst[: len(found.by_bay)] = np.maximum(worst[: len(found.by_bay)], found.by_bay)
-    most = np.minimum(GROWTH * n, max(MOST_PER_BAY, *n.tolist()))
+    most = np.minimum(GROWTH * n, MOST_PER_BAY)
     known = np.isfinite(worst)
     scaled = np.where(known, worst, 0.0) * n**order
     root = scaled ** (1.0 / (order + 1))

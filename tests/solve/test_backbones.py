@@ -43,6 +43,23 @@ def test_the_curvature_within_a_bay_is_the_moment_of_its_straight_tendon(count):
     np.testing.assert_allclose(seen.curvature(s)[:, 1], tension * levers / BACKBONE.EI, rtol=4e-3 / count**2)
 
 
+@pytest.mark.parametrize("count", [1, 4])
+def test_a_moment_bends_a_tapered_rod_by_its_compliance_at_every_place(count):
+    """``k = M / EI(s)``; elements have their mean compliance, so that the estimated error is that of the positions."""
+    rod, moment = replace(BACKBONE, taper=((0.0, BACKBONE.radius), (LENGTH, 0.25e-3))), 2e-3
+    steps = [LoadStep(loads={"tip": Load(LENGTH, moment=(0.0, moment, 0.0))})]
+    robot, model = Robot(rod, Disks.equally_spaced(4, LENGTH)), Model(friction="none", elements_per_bay=count)
+    (step,) = simulate(robot, model, steps).steps
+    s = np.linspace(0.01, 0.99, 50) * LENGTH
+    curvature = ObservedStep.of(step, (), Observation()).curvature(s)[:, 1]
+    exact = moment / (rod.EI * (rod.radius_at(s) / rod.radius) ** 4)
+    np.testing.assert_allclose(curvature, exact, rtol=2e-2 / count**2)
+    fine = (np.arange(20000) + 0.5) * LENGTH / 20000
+    angle = np.cumsum(moment / (rod.EI * (rod.radius_at(fine) / rod.radius) ** 4)) * LENGTH / 20000
+    tip = np.array([np.sin(angle).mean(), 0.0, np.cos(angle).mean()]) * LENGTH
+    assert step.discretisation_error == pytest.approx(np.linalg.norm(step.tip - tip), rel=0.05)
+
+
 def test_a_parallel_tendon_bends_the_bare_rod_to_a_circular_arc():
     """Without weight: strain and curvature are constant, ``EI k = T a (1 + e - a k)/|...|``: pure bending about y.
 

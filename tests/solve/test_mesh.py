@@ -8,10 +8,12 @@ import pytest
 from robots import BACKBONE, LENGTH, distance, paper, pull, routed, single, solve
 
 from tdcr_fe import ConvergingRouting, Disks, HelicalRouting, Interrupted, Load, LoadStep, Model, Robot
-from tdcr_fe.model.backbone import Superelastic
+from tdcr_fe.model.backbone import NonlinearMaterial, Superelastic
 from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve.simulate import PathRecord, Simulation, SolverSettings, StepFailed, simulate
 from tdcr_fe.validation.fuzz.energy import divided, ledger
+
+CONE = replace(BACKBONE, taper=((0.0, BACKBONE.radius), (LENGTH, 0.25e-3)))
 
 
 @pytest.mark.parametrize(
@@ -22,8 +24,11 @@ from tdcr_fe.validation.fuzz.energy import divided, ledger
         (single(0.3), Model(), (0.0, 0.05, 0.0)),
         (single(), Model("continuous", "none"), (0.0, 0.05, 0.0)),
         (single(backbone=replace(BACKBONE, density=2e4)), Model(friction="none", gravity=(9.81, 0, 0)), (0, 0, 0)),
+        (single(backbone=CONE), Model(friction="none"), (0.0, 0.05, 0.0)),
+        (single(backbone=replace(CONE, superelastic=Superelastic(0.006, 0.6))), Model(), (0.0, 0.02, 0.0)),
+        (single(backbone=replace(CONE, nonlinear=NonlinearMaterial(-20.0, 200.0))), Model(), (0.0, 0.02, 0.0)),
     ],
-    ids=["in plane", "out of plane", "friction", "continuous", "weight"],
+    ids=["in plane", "out of plane", "friction", "continuous", "weight", "tapered", "softening", "fibres"],
 )  # fmt: skip
 def test_the_estimate_tends_to_the_true_error(robot: Robot, model: Model, load: tuple[float, ...]) -> None:
     """With two elements a bay it is within 5 % of the distance to a mesh eight times as fine."""
