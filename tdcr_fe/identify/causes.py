@@ -221,13 +221,9 @@ class SettlingLoad(StateLoad):
 
     def action(self, state: BayState, values: Values) -> Array:
         """See `StateLoad.action`."""
-        share = 1.0 - np.exp(-self._elapsed(state) / values[self.span])
-        return np.asarray(self.load.action(state, values) * share)
-
-    def _elapsed(self, state: BayState) -> Array:
-        """Of the clock since the first row, shape (K, 1, 1)."""
         clock = self.clock(state)[..., None]
-        return np.asarray(clock - clock[0])
+        share = 1.0 - np.exp(-(clock - clock[0]) / values[self.span])
+        return np.asarray(self.load.action(state, values) * share)
 
 
 class PointForce(StateLoad):

@@ -50,11 +50,6 @@ class Column(NamedTuple):
     step: float  # change of the coordinate, where the derivative is a difference of two runs
 
     @property
-    def key(self) -> tuple[str, str]:
-        """Effect and parameter."""
-        return self.effect.name, self.parameter
-
-    @property
     def about(self) -> Parameter:
         """The parameter."""
         return next(p for p in self.effect.parameters if p.name == self.parameter)
@@ -165,10 +160,8 @@ class _Part:
     def __init__(self, problem: FitProblem, request: Request, action: Action | None = None) -> None:
         self.problem, self.request, self.action = problem, request, action
         self.effects, self.values = self._at_null()
-        bare = problem.with_effects(self.effects, self.values)
-        self._bare: Experiment | None = None  # without the action, once that is there
-        self.experiment = self._acted(bare)
-        self._bare = bare
+        self._bare = problem.with_effects(self.effects, self.values)  # without the action
+        self.experiment = self._bare if action is None else with_action(self._bare, action)
         self.observed: dict[int, Tabulated] = {}
         self.differenced: dict[int, str] = {}
         self.exact: dict[str, int] = {}
@@ -206,7 +199,7 @@ class _Part:
         if self.action is None:
             return experiment
         bare = self._bare
-        if bare is None or experiment.ends != bare.ends:
+        if experiment.ends != bare.ends:
             return with_action(experiment, self.action)
         if experiment.steps is bare.steps:
             return replace(experiment, steps=self.experiment.steps)

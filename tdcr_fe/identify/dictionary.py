@@ -478,13 +478,14 @@ def _camera(length: float) -> list[ReadingCause]:
     slope = number("slope", "1/m", (-0.5 / length, 0.5 / length), 0.0, 0.01 / length)
     radial = number("radial", "1/m^2", (-2.0 / length**2, 2.0 / length**2), 0.0, 0.01 / length**2)
     text = "positions are read too large or too small by a factor"
-    found = [ReadingCause("scale of the positions", kind, (scale,), (_scaled(-1, 0),), text)]
+    found = [ReadingCause("scale of the positions", kind, (scale,), (partial(_scaled, axis=-1),), text)]
     for axis, a in enumerate("xyz"):
-        shapes = (_scaled(axis, 0), _scaled(axis, 1))
+        across = partial(_scaled, axis=axis)
+        shapes = across, partial(across, power=1)
         text = f"a camera looks along {a}: what is nearer is larger"
         found.append(ReadingCause(f"perspective along {a}", kind, (scale, slope), shapes, text))
         text = f"a camera looks along {a}, and its lens distorts: what is farther from its axis is larger"
-        shapes = (_scaled(axis, 0), _distorted(axis))
+        shapes = across, partial(_distorted, axis=axis)
         found.append(ReadingCause(f"lens distortion along {a}", kind, (scale, radial), shapes, text))
     for (into, a), (of, b) in itertools.product(enumerate("xyz"), repeat=2):
         name, text = f"scale of {a}", f"positions along {a} are read too large or too small by a factor"
@@ -537,22 +538,14 @@ def _predicted(problem: FitProblem, run: Run) -> tuple[Array, Array]:
     return values, by_marker
 
 
-def _scaled(axis: int, power: int) -> Callable[[FitProblem, Run], Array]:
+def _scaled(problem: FitProblem, run: Run, axis: int, power: int = 0) -> Array:
     """Positions across an axis times a power of that along it; all positions where the axis is -1."""
-
-    def shape(problem: FitProblem, run: Run) -> Array:
-        r, (values, by_marker) = problem.readings, _predicted(problem, run)
-        return np.where(r.is_position & (r.axes != axis), values * by_marker[r.markers, axis] ** power, 0.0)
-
-    return shape
+    r, (values, by_marker) = problem.readings, _predicted(problem, run)
+    return np.where(r.is_position & (r.axes != axis), values * by_marker[r.markers, axis] ** power, 0.0)
 
 
-def _distorted(axis: int) -> Callable[[FitProblem, Run], Array]:
+def _distorted(problem: FitProblem, run: Run, axis: int) -> Array:
     """Positions across an axis times the square of their distance from it."""
-
-    def shape(problem: FitProblem, run: Run) -> Array:
-        r, (values, by_marker) = problem.readings, _predicted(problem, run)
-        square = np.sum(np.delete(by_marker[:, :3], axis, axis=1) ** 2, axis=1)[r.markers]
-        return np.where(r.is_position & (r.axes != axis), values * square, 0.0)
-
-    return shape
+    r, (values, by_marker) = problem.readings, _predicted(problem, run)
+    square = np.sum(np.delete(by_marker[:, :3], axis, axis=1) ** 2, axis=1)[r.markers]
+    return np.where(r.is_position & (r.axes != axis), values * square, 0.0)

@@ -381,7 +381,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
             continue
         for bay in range(bays - 1 if free.at_tip else 0, bays):
             at = state.place(bay)
-            terms = [(a, free.unit, free.on(bay, axis)) for axis, a in enumerate("xyz")]
+            terms = [(a, free.unit, partial(free.action, bay=bay, axis=axis)) for axis, a in enumerate("xyz")]
             price = 1.5 + math.log(state.choices(bay)) + math.log(free.choices)
             kind = Kind(free.perturbs, free.depends_on, at)
             what, when = f"{free.perturbs} {free.text}", f", {free.when}" if free.when else ""
@@ -409,7 +409,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
     found.append(DryBending(float(size[0]), length))
     bent = float(np.nanmax(_size(_bending(state)), initial=0.0))
     found += [PermanentSet(float(size[0]), bent)] if bent > 0.0 else []
-    spread = [(a, "N/m", _spread(i)) for i, a in enumerate("xyz")]
+    spread = [(a, "N/m", partial(_spread, axis=i)) for i, a in enumerate("xyz")]
     kind = Kind("force", ("nothing",), "along the backbone")
     text = "a constant force along the whole backbone"
     found += load("force along the backbone", kind, spread, text, 0.5 * OTHER_GRAVITY - UNNAMED)
@@ -434,18 +434,14 @@ class _FreeLoad(NamedTuple):
     choices: int = 1  # among how many of its kind it is chosen
     when: str = ""  # in words, in which rows it acts; empty where in all
 
-    def on(self, bay: int, axis: int) -> Callable[[BayState], Array]:
-        """The action on the disk at the end of a bay: a moment passes through all bays below it."""
-
-        def term(state: BayState) -> Array:
-            found, vector = np.zeros((*state.shape, COMPONENTS)), self.vector(state, bay, axis)
-            if self.perturbs == "force":
-                found[:, bay, FORCE] = vector
-            else:
-                found[:, : bay + 1, MOMENT] = np.einsum("kbij,ki->kbj", state.rotation[:, : bay + 1], vector)
-            return found
-
-        return term
+    def action(self, state: BayState, bay: int, axis: int) -> Array:
+        """On the disk at the end of a bay: a moment passes through all bays below it."""
+        found, vector = np.zeros((*state.shape, COMPONENTS)), self.vector(state, bay, axis)
+        if self.perturbs == "force":
+            found[:, bay, FORCE] = vector
+        else:
+            found[:, : bay + 1, MOMENT] = np.einsum("kbij,ki->kbj", state.rotation[:, : bay + 1], vector)
+        return found
 
 
 #: From the state to a direction for every axis, shape (K, 3).
@@ -590,12 +586,8 @@ def _displaced(state: BayState, bay: int, power: int) -> Array:
     return found
 
 
-def _spread(axis: int) -> Callable[[BayState], Array]:
+def _spread(state: BayState, axis: int) -> Array:
     """A constant force per length along an axis of the world."""
-
-    def term(state: BayState) -> Array:
-        found = np.zeros((*state.shape, COMPONENTS))
-        found[..., FORCE.start + axis] = np.diff(state.edges)
-        return found
-
-    return term
+    found = np.zeros((*state.shape, COMPONENTS))
+    found[..., FORCE.start + axis] = np.diff(state.edges)
+    return found
