@@ -31,6 +31,8 @@ def is_named(effect: Effect) -> bool:
 
 #: Numbers of a cause.
 Numbers = tuple[Parameter, ...]
+#: Values at which some of them are tried, see `Cause.held`.
+Held = Mapping[str, Sequence[float]]
 
 
 class Cause(Effect):
@@ -51,7 +53,7 @@ class Cause(Effect):
         Parameters that change nothing where the others have their null values, and values at which these are tried.
     """
 
-    held: Mapping[str, Sequence[float]] = MappingProxyType({})
+    held: Held = MappingProxyType({})
 
     def __init__(self, name: str, kind: Kind, parameters: Numbers, sentence: str, price: float = 0.0) -> None:
         self.name, self.kind, self.parameters = name, kind, parameters
@@ -118,7 +120,7 @@ class ChangedDescription(Cause):
         change: Callable[..., Any],
         sentence: str = "",
         price: float = 0.0,
-        held: Mapping[str, Sequence[float]] = Cause.held,
+        held: Held = Cause.held,
     ) -> None:
         super().__init__(name, kind, parameters, sentence, price)
         self.change, self.held = change, held
@@ -276,9 +278,8 @@ class PointForce(StateLoad):
         h = 1e-6 * self.reach
         here, above, below = (self.pull(x, values) / x for x in (distance, distance + h, distance - h))
         along = (above - below) / (2.0 * h) / distance
-        return np.asarray(
-            -here[:, None, None] * np.eye(3) - along[:, None, None] * apart[:, :, None] * apart[:, None]
-        )
+        radial = along[:, None, None] * apart[:, :, None] * apart[:, None]
+        return np.asarray(-here[:, None, None] * np.eye(3) - radial)
 
     def _apart(self, moved: Array, values: Values) -> tuple[Array, Array]:
         """The way from the point of the backbone to the fixed one, shape (K, 3), and its length, never quite zero."""

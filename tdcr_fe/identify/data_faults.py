@@ -114,14 +114,12 @@ class _Grid:
         With a price for every number that was chosen, and for the row: twice the logarithm of how many there are.
         Infinite where few readings are left.
         """
-        now = (self.measured - self.predicted) / self.sigma
-        squares, counts = [], []
-        for r in (now, fault.residual):
-            known = np.isfinite(r)
-            squares.append(np.sum(huber(np.where(known, r, 0.0), NOISE_REACHES), axis=(1, 2)))
-            counts.append(np.sum(known, axis=(1, 2)))
+        both = np.stack(((self.measured - self.predicted) / self.sigma, fault.residual))
+        known = np.isfinite(both)
+        squares = np.sum(huber(np.where(known, both, 0.0), NOISE_REACHES), axis=(2, 3))
+        counts = np.sum(known, axis=(2, 3))
 
-        def since(values: list[Array]) -> Array:
+        def since(values: Array) -> Array:
             before = np.concatenate(([0.0], np.cumsum(values[0])[:-1]))
             return before + np.cumsum(values[1][::-1])[::-1]
 
@@ -234,11 +232,8 @@ def gross_errors(problem: FitProblem, best: Fit, significance: float) -> str:
     where = [(x.step, x.location) for x in data.readings]
     found = outliers(r)
     wrong, count = {where[i] for i, _ in found}, len(set(where))
-    if (
-        not wrong
-        or len(wrong) > MOST_GROSS * count
-        or np.median(np.abs([x for _, x in found])) < 2.0 * OUTLIER
-    ):
+    far = np.abs([x for _, x in found])
+    if not wrong or len(wrong) > MOST_GROSS * count or np.median(far) < 2.0 * OUTLIER:
         return ""
     kept = np.array([at not in wrong for at in where])
     rest = replace(data, readings=tuple(itertools.compress(data.readings, kept)))
@@ -246,11 +241,9 @@ def gross_errors(problem: FitProblem, best: Fit, significance: float) -> str:
         return ""
     steps = sorted({step for step, _ in wrong})
     listed = ", ".join(map(str, steps[:10])) + (", ..." if len(steps) > 10 else "")
-    off = (
-        f"{len(wrong)} of {count} markers and sensors, counted in every step, are far off (in steps {listed})"
-    )
+    off = f"{len(wrong)} of {count} markers and sensors, counted in every step, are far off"
     why = "their readings are wrong, or something acts in these steps alone"
-    return f"{off}, and all others leave only noise: {why}"
+    return f"{off} (in steps {listed}), and all others leave only noise: {why}"
 
 
 # --------------------------------------------------------------------------------------- seen in the readings
@@ -363,10 +356,8 @@ def _steps(grid: _Grid) -> Iterator[_Fault]:
         yield grid.mended(moved, text)
     r = (grid.measured[:, None] - grid.predicted[None, :]) / grid.sigma[:, None]
     both = np.isfinite(r)
-    cost = np.sum(
-        huber(np.where(both, r, 0.0), NOISE_REACHES) + np.where(both, 0.0, NOISE_REACHES), axis=(2, 3)
-    )
-    rows, columns = linear_sum_assignment(cost)
+    each = np.where(both, huber(r, NOISE_REACHES), NOISE_REACHES)
+    rows, columns = linear_sum_assignment(np.sum(each, axis=(2, 3)))
     others = int(np.count_nonzero(columns != rows))
     if others:
         moved = np.empty_like(grid.measured)

@@ -185,9 +185,10 @@ class _Part:
             if not neighbours:
                 self.differenced[number] = table.refused
                 continue
-            if any(e.observation != self.experiment.observation for e in neighbours):
+            here = self.experiment.observation
+            if any(e.observation != here for e in neighbours):
                 self.observed[number] = table
-            if not all(_same_robot(self.experiment, e) for e in neighbours):
+            if any(replace(e, observation=here) != self.experiment for e in neighbours):
                 self.exact[parameter.name] = number
                 tables.append(parameter)
         acting = () if action is None else action_inputs(self.experiment)
@@ -380,8 +381,3 @@ def _difference(values: Mapping[int, Array], present: Array, step: float) -> Arr
         return (values[1] - values[-1]) / (2.0 * step)
     side = 1 if 1 in values else -1
     return side * (2.0 * values[side] - 0.5 * values[2 * side] - 1.5 * present) / step
-
-
-def _same_robot(a: Experiment, b: Experiment) -> bool:
-    """Whether two experiments differ in the observation at most."""
-    return (a.robot, a.model, a.steps, a.ends) == (b.robot, b.model, b.steps, b.ends)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, NamedTuple
@@ -20,7 +20,7 @@ from tdcr_fe.effects import Effect, Experiment, Parameter, PlaceEffect
 from tdcr_fe.effects.base import Kind, Values
 from tdcr_fe.elements import Array
 from tdcr_fe.identify.bay_state import BayState
-from tdcr_fe.identify.causes import Cause, Change, ChangedDescription, ReadingCause, number
+from tdcr_fe.identify.causes import Cause, Change, ChangedDescription, Held, Numbers, ReadingCause, number
 from tdcr_fe.identify.input_causes import input_causes
 from tdcr_fe.identify.rows import clock_of, possible_starts, progress_along
 from tdcr_fe.identify.state_loads import ranges, state_loads
@@ -246,13 +246,11 @@ def _friction_laws(problem: FitProblem, state: BayState) -> Iterator[Cause]:
         yield _friction_law("slip rate", "slip rate", numbers, by_rate, held)
 
 
-def _friction_law(
-    what: str,
-    depends: str,
-    numbers: Sequence[Parameter],
-    law: Callable[[float, Values], FrictionCoefficient],
-    held: Mapping[str, Sequence[float]] = Cause.held,
-) -> Cause:
+#: The coefficient of friction from the constant one and the values of a cause.
+_Law = Callable[[float, Values], FrictionCoefficient]
+
+
+def _friction_law(what: str, depends: str, numbers: Numbers, law: _Law, held: Held = Cause.held) -> Cause:
     """A law of the coefficient at all holes of all tendons, from the constant one of each."""
 
     def changed(experiment: Experiment, values: Values) -> Experiment:
@@ -263,7 +261,7 @@ def _friction_law(
         return experiment.with_robot(tendons=tuple(tendons))
 
     kind, text = Kind("transmission", (depends,)), f"the friction changes with the {what}"
-    return ChangedDescription(f"friction by {what}", kind, tuple(numbers), changed, text, held=held)
+    return ChangedDescription(f"friction by {what}", kind, numbers, changed, text, held=held)
 
 
 def _with_loads(experiment: Experiment, change: Callable[[Sequence[float]], Array]) -> Experiment:

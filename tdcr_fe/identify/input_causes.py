@@ -173,9 +173,8 @@ class _Inputs(NamedTuple):
                 part = np.maximum(size - limit, 0.0) if above else np.minimum(size, limit)
                 return np.where(here, -np.sign(u) * part, 0.0)
 
-            what, null, tried = (
-                ("limit", most, (0.5, 0.7, 0.85)) if above else ("dead zone", 0.0, (0.1, 0.2, 0.4))
-            )
+            what, null = ("limit", most) if above else ("dead zone", 0.0)
+            tried = (0.5, 0.7, 0.85) if above else (0.1, 0.2, 0.4)
             numbers = share, number("limit", self.unit, (0.0, most), null, 0.05 * most)
             text = f"{having} {beyond if above else below} does not arrive"
             kind, held = Kind("input", ("tension",), where), {"limit": [x * most for x in tried]}

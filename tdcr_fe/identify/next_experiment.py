@@ -65,7 +65,7 @@ def choose_next(search: Search, state: SearchState) -> NextExperiment | None:
     for i in sorted(rough, key=lambda i: -rough[i].value):
         exact = judge(models, [planned[i]])
         if exact:
-            return exact[0].experiment
+            return exact[0]
     return None
 
 
@@ -143,13 +143,6 @@ def _planned(problem: FitProblem, steps: tuple[LoadStep, ...]) -> FitProblem:
 # ------------------------------------------------------------------------------------------------ criteria
 
 
-class _Judged(NamedTuple):
-    """A candidate that all models solve."""
-
-    value: float  # how much it helps
-    experiment: NextExperiment
-
-
 def _solved(planned: Sequence[FitProblem], models: Sequence[_Model]) -> Iterator[tuple[int, list[Linear]]]:
     """Number of every sequence that all models solve, and what each predicts with derivatives by its free numbers."""
     pairs = []
@@ -166,7 +159,7 @@ def _solved(planned: Sequence[FitProblem], models: Sequence[_Model]) -> Iterator
             yield i, own
 
 
-def _parting(models: Sequence[_Model], planned: Sequence[FitProblem]) -> dict[int, _Judged]:
+def _parting(models: Sequence[_Model], planned: Sequence[FitProblem]) -> dict[int, NextExperiment]:
     """Candidates by how far they separate the rivals from the best model, over noise and uncertainty [sigma]."""
     found = {}
     for i, (best, *others) in _solved(planned, models):
@@ -179,16 +172,15 @@ def _parting(models: Sequence[_Model], planned: Sequence[FitProblem]) -> dict[in
         listed = ", ".join(f"{name} ({v:.1f} sigma)" for name, v in apart.items())
         if min(apart.values()) > 0.0:
             purpose = f"separates {models[0].fit.title} from {listed}"
-            experiment = NextExperiment(planned[i].data.steps, purpose, apart)
-            found[i] = _Judged(min(apart.values()), experiment)
+            found[i] = NextExperiment(planned[i].data.steps, purpose, apart)
     return found
 
 
-def _shrinking(models: Sequence[_Model], planned: Sequence[FitProblem]) -> dict[int, _Judged]:
+def _shrinking(models: Sequence[_Model], planned: Sequence[FitProblem]) -> dict[int, NextExperiment]:
     """Candidates by how much they reduce the standard error of the parameter that is known worst by its value."""
     (model,) = models
     fit = model.fit
-    found: dict[int, _Judged] = {}
+    found: dict[int, NextExperiment] = {}
     if not fit.free or not planned:
         return found
     z = planned[0].coordinates(fit.effects, fit.values, fit.free)
@@ -201,6 +193,5 @@ def _shrinking(models: Sequence[_Model], planned: Sequence[FitProblem]) -> dict[
         share = float(np.sqrt(left) / error[widest])
         purpose = f"narrows the interval of {parameter} ({effect}) by {100.0 * (1.0 - share):.0f} %"
         name = f"{effect}.{parameter}"
-        experiment = NextExperiment(planned[i].data.steps, purpose, parameter=name, remaining_share=share)
-        found[i] = _Judged(-share, experiment)
+        found[i] = NextExperiment(planned[i].data.steps, purpose, parameter=name, remaining_share=share)
     return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -86,19 +86,14 @@ class FitProblem:
     def with_effects(self, effects: Sequence[Effect], values: Point) -> Experiment:
         """The experiment with effects, applied in the order of the catalogue, unlisted ones last."""
         order = {e.name: i for i, e in enumerate(self.catalogue)}
-        found = self._without_effects
-        for e in sorted(effects, key=lambda e: order.get(e.listed, len(order))):
-            found = _applied(found, e, tuple(values[e.name].items()))
-        return found.experiment.with_sequences(join_steps)
+        ordered = sorted(effects, key=lambda e: order.get(e.listed, len(order)))
+        every = tuple((e, tuple(values[e.name].items())) for e in ordered)
+        return _applied(self, every).with_sequences(join_steps)
 
     def acted(self, fit: Fit) -> Experiment:
         """The experiment with a fitted model, and the action that its run carries as loads."""
         found = self.with_effects(fit.effects, fit.values)
         return found if fit.run.acted is None else with_action(found, fit.run.acted.action)
-
-    @cached_property
-    def _without_effects(self) -> _Kept:
-        return _Kept(self.experiment)
 
     @property
     def rough(self) -> FitProblem:
@@ -224,20 +219,20 @@ class FitProblem:
         return new
 
 
-@dataclass(frozen=True, eq=False)
-class _Kept:
-    """An experiment with some effects, which is the same object whenever it is asked for again."""
-
-    experiment: Experiment
+#: An effect and its values.
+_Given = tuple[Effect, tuple[tuple[str, float], ...]]
 
 
 @lru_cache
-def _applied(before: _Kept, e: Effect, values: tuple[tuple[str, float], ...]) -> _Kept:
-    """An experiment with another effect; kept, since derivatives by other effects begin with the same ones.
+def _applied(problem: FitProblem, every: tuple[_Given, ...]) -> Experiment:
+    """The experiment with effects, in this order; kept, since derivatives by other effects begin with the same ones.
 
     Actuator loss alone took a tenth of the time of an identification with it.
     """
-    return _Kept(before.experiment.with_sequences(lambda part: e.apply(part, dict(values))))
+    if not every:
+        return problem.experiment
+    *before, (e, values) = every
+    return _applied(problem, tuple(before)).with_sequences(lambda part: e.apply(part, dict(values)))
 
 
 def huber(r: Array, threshold: float) -> Array:

@@ -27,6 +27,8 @@ from tdcr_fe.identify import fitting
 from tdcr_fe.identify.causes import Cause, is_named
 from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
+    HALVED,
+    WORTHWHILE,
     at_bound,
     bic,
     chi_square_threshold,
@@ -43,22 +45,11 @@ from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.result import Candidate
 from tdcr_fe.identify.scatter import find_scatter
 from tdcr_fe.identify.screening import FIRST_ORDER, Score, Start, apart, rescored, screen
-from tdcr_fe.identify.search_state import (
-    Search,
-    SearchState,
-    as_good,
-    in_time,
-    parent_of,
-    refined,
-)
+from tdcr_fe.identify.search_state import Search, SearchState, as_good, in_time, parent_of, refined
 from tdcr_fe.identify.settings import OutOfTime, Part
 
-#: Number of causes from which on a further one has to remove at least this part of the misfit on held-out steps [1].
-MANY, WORTHWHILE = 4, 0.1
-
-#: What differs in every step is looked for once a round has left more than this share of the misfit. Pretension left a
-#: seventh of that of practice set 10. The rest was friction, and errors of the inputs would have explained it.
-LITTLE = 0.5
+#: Number of causes from which on a further one has to remove `WORTHWHILE` of the misfit on held-out steps.
+MANY = 4
 
 #: Candidates of a round that the report shows.
 SHOWN = 40
@@ -236,7 +227,7 @@ def costly_singles(search: Search, state: SearchState, parent: Fit) -> tuple[Sea
     if parent.effects:
         return state, []
     state, found = singles(search, state, parent, True)
-    return state, [x for x in found if not x.named and _takes_a_run(x.score.effect)]
+    return state, [x for x in found if _takes_a_run(x.score.effect)]
 
 
 def _takes_a_run(effect: Effect) -> bool:
@@ -531,7 +522,7 @@ def grow(search: Search, state: SearchState) -> SearchState:
     most_effects = 1 if lacks_test(state.problem, state.declared) else settings.max_effects
     before = state.best
     for number in itertools.count(1):
-        if number > 1 and not search.explained(state) and state.best.cost > LITTLE * before.cost:
+        if number > 1 and not search.explained(state) and state.best.cost > HALVED * before.cost:
             state = with_scatter(state)
             if state.scatter:
                 break
@@ -588,7 +579,7 @@ def with_scatter(state: SearchState) -> SearchState:
     Beside the best one alone where that explains most: dry friction left 3 % of a misfit, and a force all the same.
     """
     left, whole = (f.cost + f.held_cost for f in (state.best, state.declared))
-    for fit in (state.declared, state.best) if left > LITTLE * whole else (state.best,):
+    for fit in (state.declared, state.best) if left > HALVED * whole else (state.best,):
         tried = frozenset(fit.names), find_scatter.__name__
         if state.scatter or tried in state.extended:
             continue

@@ -87,8 +87,8 @@ def _tendon(b: BayState, weight: Array) -> Array:
     return _moment(np.einsum("kbt,btc->kbc", weight, b.lever))
 
 
-def _slipping(b: BayState, sign: float) -> Array:
-    return _tendon(b, b.tension * (sign * b.direction[:, None, :] > 0.0))
+def _slipping(b: BayState, compare: np.ufunc) -> Array:
+    return _tendon(b, b.tension * compare(b.direction, 0)[:, None, :])
 
 
 def _bending(b: BayState) -> Array:
@@ -157,7 +157,8 @@ TENDON_SIGN = Direction(
 
 BY_SLIP = Direction(
     "along the moment of each tendon, of one size after motion towards the base and of another after motion back",
-    "m_T by slip", "N m", {n: partial(_slipping, sign=x) for n, x in (("towards", 1.0), ("back", -1.0))},
+    "m_T by slip", "N m",
+    {"towards": partial(_slipping, compare=np.greater), "back": partial(_slipping, compare=np.less)},
     "transmission", "direction of loading",
 )  # fmt: skip
 
@@ -247,7 +248,9 @@ def library(bays: int, clock: Factor) -> list[Term]:
     factors = (CURVATURE, POSITION, TENSION, clock, LOADING)
     products = [p for n in (0, 1, 2) for p in combinations_with_replacement(factors, n)]
     pairs = [(p, d) for d in _DIRECTIONS for p in products]
-    terms = [Term(p, d) for p, d in pairs if (p, d) not in _LISTED and not _repeated_sign(p, d)]
+    # the square of a sign is one
+    once = [(p, d) for p, d in pairs if p.count(LOADING) + (d is TENDON_SIGN) <= 1]
+    terms = [Term(p, d) for p, d in once if (p, d) not in _LISTED]
     terms.append(Term((TURNING,), BY_SLIP))
     terms += [Term(p, UNIT_BENDING) for p in ((), (TENSION,), (clock,))]
     for some in ranges(bays):
@@ -292,12 +295,6 @@ def tensions_of(names: Sequence[str]) -> list[Factor]:
         value = partial(tension, number=i)
         found.append(Factor(f"the tension of tendon {n}", f"T_{n}", "N", value, "tension", choices))
     return found
-
-
-def _repeated_sign(factors: tuple[Factor, ...], direction: Direction) -> bool:
-    """Whether a sign stands twice: its square is one."""
-    count = factors.count(LOADING) + (direction is TENDON_SIGN)
-    return count > 1
 
 
 def where(term: Term, edges: Array) -> str:
@@ -390,9 +387,8 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
     for bay, (power, symbol, size_of) in product(range(bays), powers):
         kind = Kind("force", ("position",), f"disk at s = {state.edges[bay + 1]:.4g} m")
         own = [("coefficient", _unit("N", ["m"] * (power + 1)), partial(_displaced, bay=bay, power=power))]
-        text = (
-            f"a force along the displacement across the axis, proportional to {size_of} of the displacement"
-        )
+        along = "a force along the displacement across the axis"
+        text = f"{along}, proportional to {size_of} of the displacement"
         price = math.log(10.0) + PER_FACTOR * power + math.log(bays)
         found += load(f"{symbol} ({_bays(bay, bay)})", kind, own, text, price)
     axes = {"xx": "x", "yy": "y", "xy": "xy"}
