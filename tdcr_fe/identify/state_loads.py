@@ -56,7 +56,9 @@ class Factor:
     @property
     def how(self) -> str:
         """How a load with it acts, in words."""
-        return "in a part of the rows" if self.when else f"in proportion to {self.name}"
+        if self.when:
+            return "in a part of the rows"
+        return f"in proportion to {self.name}" if self.name else "constant"
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +128,7 @@ def _unit_curvature(b: BayState) -> Array:
     return np.asarray(_bending(b) / size[..., None])
 
 
+CONSTANT = Factor("", "", "", lambda b: np.ones(b.shape), "")
 CURVATURE = Factor("the curvature", "|kappa|", "m^-1", lambda b: _size(_bending(b)), "curvature")
 POSITION = Factor("the position along the backbone", "s", "m", lambda b: _in_all(b, b.middles), "place")
 TENSION = Factor("the sum of the tensions", "T", "N", lambda b: b.tension.sum(axis=-1), "tension")
@@ -142,13 +145,8 @@ UNIT_BENDING = Direction(
 )  # fmt: skip
 _AXES = {axis: partial(_constant, axis=i) for i, axis in enumerate("xy")}
 SECTION = Direction("about an axis of the section", "e", "", _AXES, "precurvature")
-TENDONS = Direction(
-    "along the moment of the tendons",
-    "m_T",
-    "N m",
-    {"coefficient": lambda b: _tendon(b, b.tension)},
-    "routing",
-)
+_TENSIONS = {"coefficient": lambda b: _tendon(b, b.tension)}
+TENDONS = Direction("along the moment of the tendons", "m_T", "N m", _TENSIONS, "routing")
 TENDON_SIGN = Direction(
     "along the moment of each tendon, by the sign of its last motion", "sum(sign_i m_Ti)", "N m",
     {"coefficient": lambda b: _tendon(b, b.tension * b.direction[:, None, :])},
@@ -379,9 +377,9 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         for bay in range(bays - 1 if free.at_tip else 0, bays):
             at = state.place(bay)
             terms = [(a, free.unit, partial(free.action, bay=bay, axis=axis)) for axis, a in enumerate("xyz")]
-            price = 1.5 + math.log(state.choices(bay)) + math.log(free.choices)
-            kind = Kind(free.perturbs, free.depends_on, at)
-            what, when = f"{free.perturbs} {free.text}", f", {free.when}" if free.when else ""
+            price = 1.5 + math.log(state.choices(bay)) + math.log(free.factor.choices)
+            kind, what = Kind(free.perturbs, free.depends_on, at), f"{free.perturbs} {free.text}"
+            when = f", {free.factor.when}" if free.factor.when else ""
             found += load(f"{what} ({at}{when})", kind, terms, f"a {what}{when}", price)
     powers = (1, "|u| u", "the square"), (2, "|u|^2 u", "the third power")
     for bay, (power, symbol, size_of) in product(range(bays), powers):
@@ -417,31 +415,35 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
     return found
 
 
+#: From the state to a direction for every axis, shape (K, 3).
+_Along = Callable[[BayState, int], Array]
+
+
 class _FreeLoad(NamedTuple):
     """A force or moment with three coefficients on one disk."""
 
     perturbs: str  # "force" or "moment"
     text: str
     depends_on: tuple[str, ...]
-    unit: str  # of its coefficients
-    # direction and size of a coefficient of one along an axis, shape (K, 3), on the disk at the end of a bay
-    vector: Callable[[BayState, int, int], Array]
-    at_tip: bool = False  # whether it acts on the tip only
-    choices: int = 1  # among how many of its kind it is chosen
-    when: str = ""  # in words, in which rows it acts; empty where in all
+    # along an axis it acts in this direction, and in proportion to that, on the disk at the end of a bay
+    direction: _Along
+    factor: Factor
+    at_tip: bool  # whether it acts on the tip only
+
+    @property
+    def unit(self) -> str:
+        """Of its coefficients."""
+        return _unit("N" if self.perturbs == "force" else "N m", [self.factor.unit])
 
     def action(self, state: BayState, bay: int, axis: int) -> Array:
-        """On the disk at the end of a bay: a moment passes through all bays below it."""
-        found, vector = np.zeros((*state.shape, COMPONENTS)), self.vector(state, bay, axis)
+        """Of a coefficient of one along an axis: a moment passes through all bays below the disk."""
+        found = np.zeros((*state.shape, COMPONENTS))
+        vector = self.factor.value(state)[:, bay, None] * self.direction(state, axis)
         if self.perturbs == "force":
             found[:, bay, FORCE] = vector
         else:
             found[:, : bay + 1, MOMENT] = np.einsum("kbij,ki->kbj", state.rotation[:, : bay + 1], vector)
         return found
-
-
-#: From the state to a direction for every axis, shape (K, 3).
-_Along = Callable[[BayState, int], Array]
 
 
 def free_loads(
@@ -461,26 +463,19 @@ def free_loads(
     def dipole(state: BayState, axis: int) -> Array:
         return np.cross(state.tip[:, :, 2], fixed(state, axis))
 
-    def vector(direction: _Along, factor: Factor | None, state: BayState, bay: int, axis: int) -> Array:
-        along = direction(state, axis)
-        return along if factor is None else factor.value(state)[:, bay, None] * along
-
     found, many = [], len(parts) * bays > MOST_PAIRS
-    anywhere = (None, clock, TENSION, DISTANCE, *tensions, *parts)
+    anywhere = (CONSTANT, clock, TENSION, DISTANCE, *tensions, *parts)
     for perturbs, text, by, direction, factors in (
         ("force", "of fixed direction", "", fixed, anywhere),
         ("moment", "of fixed direction", "", fixed, anywhere),
-        ("force", "that turns with the tip", "orientation", turning, (None,)),
-        ("moment", "that turns with the tip", "orientation", turning, (None,)),
-        ("moment", "of a uniform field on a magnet along the tip", "orientation", dipole, (None, clock)),
+        ("force", "that turns with the tip", "orientation", turning, (CONSTANT,)),
+        ("moment", "that turns with the tip", "orientation", turning, (CONSTANT,)),
+        ("moment", "of a uniform field on a magnet along the tip", "orientation", dipole, (CONSTANT, clock)),
     ):
         for factor in factors:
-            how, when = ("constant", "") if factor is None else (factor.how, factor.when)
-            depends = tuple(filter(None, (by, factor.kind if factor else ""))) or ("nothing",)
-            unit = _unit("N" if perturbs == "force" else "N m", [factor.unit] if factor else [])
-            load, choices = partial(vector, direction, factor), factor.choices if factor else 1
+            depends = tuple(filter(None, (by, factor.kind))) or ("nothing",)
             at_tip = direction is not fixed or (many and factor in parts)
-            found.append(_FreeLoad(perturbs, f"{text}, {how}", depends, unit, load, at_tip, choices, when))
+            found.append(_FreeLoad(perturbs, f"{text}, {factor.how}", depends, direction, factor, at_tip))
     return found
 
 
