@@ -14,6 +14,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Generator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -164,9 +165,8 @@ class _Part:
         self.experiment = self._bare if action is None else with_action(self._bare, action)
         self.observed: dict[int, Tabulated] = {}
         self.differenced: dict[int, str] = {}
-        self.exact: dict[str, int] = {}
         self.beside: dict[int, Experiment] = {}
-        tables: list[ModelParameter | StepInputs] = []
+        tables: dict[int, ModelParameter | StepInputs] = {}
         for number, column in enumerate(request.columns):
             if isinstance(column.effect, BesideDescription):
                 continue
@@ -174,9 +174,7 @@ class _Part:
                 self.differenced[number] = "it declares no exact derivatives"
                 continue
             if isinstance(column.effect, ChangedInputs) and column.effect.name not in self.values:
-                inputs = self._of_inputs(number)
-                self.exact[inputs.name] = number
-                tables.append(inputs)
+                tables[number] = self._of_inputs(number)
                 continue
             parameter = self._tabulated(number)
             table = parameter.apply
@@ -189,10 +187,10 @@ class _Part:
             if any(e.observation != here for e in neighbours):
                 self.observed[number] = table
             if any(replace(e, observation=here) != self.experiment for e in neighbours):
-                self.exact[parameter.name] = number
-                tables.append(parameter)
+                tables[number] = parameter
+        self.exact = {table.name: number for number, table in tables.items()}
         acting = () if action is None else action_inputs(self.experiment)
-        job = Job(self.experiment, request.trajectories, request.record, (*tables, *acting))
+        job = Job(self.experiment, request.trajectories, request.record, (*tables.values(), *acting))
         self.job = job._replace(states=action is not None)
 
     def _acted(self, experiment: Experiment) -> Experiment:
@@ -299,11 +297,9 @@ class _Part:
         if not run.solved:
             return []
         for number in self.differenced:
-            try:
+            with suppress(ValueError):  # there is no such robot: the parameter stays where it is
                 coordinate = self.request.columns[number].coordinate + self._step(number)
                 self.beside[number] = self._moved(number, coordinate)
-            except ValueError:  # there is no such robot: the parameter stays where it is
-                continue
         return [Job(moved, reference) for moved in self.beside.values()]
 
     def _step(self, number: int) -> float:
@@ -311,11 +307,7 @@ class _Part:
         column = self.request.columns[number]
         low, high = self.problem.bounds(column.effect, column.parameter)
         z, h = column.coordinate, column.step
-        if not low <= z + h <= high:
-            h = -h
-        if not low <= z + h <= high:
-            h = max(high - z, low - z, key=abs)
-        return h
+        return next((x for x in (h, -h) if low <= z + x <= high), max(high - z, low - z, key=abs))
 
     def residual(self, experiment: Experiment, run: Run) -> Array:
         """Reading less prediction over sigma, shape (n,)."""

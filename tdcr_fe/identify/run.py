@@ -232,11 +232,8 @@ class Run:
     def curvature(self) -> Array:
         """Of the elements, as turning rates about the section's axes x, y, z [1/m], shape (n_steps, n-1, 3)."""
         relative = np.swapaxes(self.rotations[:, :-1], -1, -2) @ self.rotations[:, 1:]
-        n = relative.shape[0], relative.shape[1]
-        ok = np.isfinite(relative).all(axis=(-1, -2)).ravel()
-        turn = np.full((ok.size, 3), np.nan)
-        turn[ok] = Rotation.from_matrix(relative.reshape(-1, 3, 3)[ok]).as_rotvec()
-        return turn.reshape(*n, 3) / np.diff(self.s)[None, :, None]
+        turn = Rotation.from_matrix(relative.reshape(-1, 3, 3)).as_rotvec()
+        return np.asarray(turn.reshape(*relative.shape[:2], 3) / np.diff(self.s)[:, None])
 
 
 @dataclass(frozen=True, eq=False)

@@ -247,8 +247,7 @@ def _forces(problem: FitProblem, fit: Fit, bays: Sequence[int], near: Array | No
 def _likeliest(problem: FitProblem, fit: Fit, source: _Source, inputs: Array) -> _Likeliest:
     """The likeliest scatter of a source; ``inputs``: of all steps, shape (K, n_tendons)."""
     blocks = _blocks(problem, source.residual, source.by)
-    usual = float(np.median(np.concatenate([b.strength for b in blocks]) ** 2)) if blocks else 0.0
-    usual = max(usual, 1e-300)
+    usual = max(float(np.median(np.concatenate([b.strength for b in blocks]) ** 2)), 1e-300)
 
     def cost(exponent: float) -> float:
         return -_log_likelihood(blocks, 10.0**exponent / usual)
