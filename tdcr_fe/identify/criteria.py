@@ -20,6 +20,7 @@ from tdcr_fe.identify.noise import (
     structure,
 )
 from tdcr_fe.identify.problem import NOISE_REACHES, Fit, FitProblem, Point
+from tdcr_fe.identify.rows import FEWEST
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.quantities import EARTH
 from tdcr_fe.model.robot import Robot
@@ -191,9 +192,8 @@ def robust_threshold(residual: Array) -> float:
     return NOISE_REACHES * max(1.0, robust_scatter(residual))
 
 
-#: Models are compared from this many readings on, and "nothing missing" needs as many steps with readings. With a
-#: larger share of faulty readings than the second number, "nothing missing" is not said either.
-FEWEST, MOST_FAULTY = 4, 0.3
+#: With a larger share of faulty readings, "nothing missing" is not said.
+MOST_FAULTY = 0.3
 
 #: Degrees of freedom needed for a verdict where no steps could be held out.
 TO_SPARE = 10

@@ -15,6 +15,10 @@ from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.model.loading import LoadStep, resolve
 
+#: Fewest steps, or readings, from which anything is concluded or shown, and steps with readings of which some are held
+#: out.
+FEWEST = 4
+
 
 def clock_of(data: MeasuredData) -> str:
     """What a drift depends on: time, else the row; empty where there are no times and rows are left out."""
@@ -87,7 +91,7 @@ def choose_held_out(data: MeasuredData, share: float = 0.3) -> tuple[int, ...]:
     position = {n: k for k, n in enumerate(data.step_ids)}
     read = np.bincount([position[r.step] for r in data.readings], minlength=len(data.steps)).astype(float)
     with_readings = np.flatnonzero(read)
-    if with_readings.size < 4:
+    if with_readings.size < FEWEST:
         return ()
     parts = [[k for k in b if read[k] > 0.0] for b in blocks(data)]
     parts = [b for b in parts if b]
