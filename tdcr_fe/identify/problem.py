@@ -363,7 +363,7 @@ def join_steps(experiment: Experiment) -> Experiment:
     Returns
     -------
     Experiment
-        The same one where there is friction, or nothing is divided.
+        The same one where there is friction, or effects divide nothing.
     """
     if experiment.model.friction != "none" or experiment.ends is None:
         return experiment
@@ -374,8 +374,6 @@ def join_steps(experiment: Experiment) -> Experiment:
         if factor == 1.0:
             steps.append(passed)
             passed = None
-    if len(steps) == len(experiment.steps):
-        return experiment
     return replace(experiment, steps=tuple(steps), ends=None)
 
 

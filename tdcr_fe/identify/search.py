@@ -633,9 +633,7 @@ def _hidden(search: Search, state: SearchState) -> list[_Try]:
 
 
 def _admissible(search: Search, state: SearchState, fit: Fit) -> bool:
-    """Whether a model improves on those that it contains."""
-    if not fit.effects:
-        return True
+    """Whether a model with causes improves on those that it contains."""
     return is_improvement(state.problem, fit, parent_of(state, fit), search.significance)
 
 
