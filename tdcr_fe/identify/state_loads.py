@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations_with_replacement, product
@@ -282,17 +282,16 @@ def parts_of_rows(clock: Factor, starts: Mapping[int, float]) -> list[Factor]:
     return found
 
 
-def tensions_of(names: Sequence[str]) -> list[Factor]:
+def tensions_of(names: Sequence[str]) -> Iterator[Factor]:
     """The tension of each of several tendons."""
 
     def tension(state: BayState, number: int) -> Array:
         return state.tension[..., number]
 
-    found, choices = [], len(names)
+    choices = len(names)
     for i, n in enumerate(names if choices > 1 else ()):
         value = partial(tension, number=i)
-        found.append(Factor(f"the tension of tendon {n}", f"T_{n}", "N", value, "tension", choices))
-    return found
+        yield Factor(f"the tension of tendon {n}", f"T_{n}", "N", value, "tension", choices)
 
 
 def where(term: Term, edges: Array) -> str:
@@ -447,8 +446,8 @@ class _FreeLoad(NamedTuple):
 
 
 def free_loads(
-    clock: Factor, tensions: Sequence[Factor], parts: Sequence[Factor], bays: int
-) -> list[_FreeLoad]:
+    clock: Factor, tensions: Iterable[Factor], parts: Sequence[Factor], bays: int
+) -> Iterator[_FreeLoad]:
     """Along fixed directions and along those that turn with the tip, constant or in proportion to something.
 
     ``tensions``: of single tendons; ``parts``: of the rows, see `parts_of_rows`.
@@ -463,7 +462,7 @@ def free_loads(
     def dipole(state: BayState, axis: int) -> Array:
         return np.cross(state.tip[:, :, 2], fixed(state, axis))
 
-    found, many = [], len(parts) * bays > MOST_PAIRS
+    many = len(parts) * bays > MOST_PAIRS
     anywhere = (CONSTANT, clock, TENSION, DISTANCE, *tensions, *parts)
     for perturbs, text, by, direction, factors in (
         ("force", "of fixed direction", "", fixed, anywhere),
@@ -475,8 +474,7 @@ def free_loads(
         for factor in factors:
             depends = tuple(filter(None, (by, factor.kind))) or ("nothing",)
             at_tip = direction is not fixed or (many and factor in parts)
-            found.append(_FreeLoad(perturbs, f"{text}, {factor.how}", depends, direction, factor, at_tip))
-    return found
+            yield _FreeLoad(perturbs, f"{text}, {factor.how}", depends, direction, factor, at_tip)
 
 
 class DryBending(StateLoad):
