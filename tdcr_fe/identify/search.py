@@ -110,8 +110,7 @@ def scores_beside(state: SearchState, fit: Fit, costly: bool = False) -> tuple[S
         done = sorted([*done, *scores], key=lambda x: -x.drop)
         state = replace(state, scores={**state.scores, key: (done, reference)})
         scales = {name: x for score in scores for name, x in score.scales.items()}
-        problem = replace(state.problem, scales={**state.problem.scales, **scales})
-        state = replace(state, problem=problem)
+        state = replace(state, problem=replace(state.problem, scales={**state.problem.scales, **scales}))
         if not fit.effects:
             refused = {x.effect.name: x.note for x in scores if x.note and not x.effect.after}
             state = replace(state, refused={**state.refused, **refused})

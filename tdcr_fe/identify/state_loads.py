@@ -328,7 +328,7 @@ def sentence(term: Term) -> str:
 _Coefficients = Sequence[tuple[str, str, Callable[[BayState], Array]]]
 
 
-def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cause]:
+def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator[Cause]:
     """Causes that are moments and forces on the backbone which depend on its state.
 
     ``progress``: what a drift depends on, "time" or "row"; empty where drifts are left out.
@@ -336,18 +336,17 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
     size, length = scale(problem.experiment.robot), float(state.edges[-1])
     clock = TIME if progress == "time" else ROW
     bays = state.shape[1]
-    found: list[Cause] = []
 
-    def load(name: str, kind: Kind, terms: _Coefficients, text: str, price: float) -> list[StateLoad]:
+    def load(name: str, kind: Kind, terms: _Coefficients, text: str, price: float) -> Iterator[StateLoad]:
         """The cause, or none where a term does not act."""
         numbers = []
         for label, unit, term in terms:
             most = float(np.nanmax(np.abs(term(state)) / size, initial=0.0))
             if most <= 0.0:
-                return []
+                return
             step = TYPICAL / most
             numbers.append(Parameter(label, unit, -FARTHEST * step, FARTHEST * step, 0.0, step, label))
-        return [StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text, price)]
+        yield StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text, price)
 
     # Of several folders times begin anew, and what changes does so between them.
     restarts = problem.data.restarts
@@ -364,12 +363,12 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         choices = (1 if term.bays is None else parts_of_backbone) * math.prod(f.choices for f in term.factors)
         price = math.log(10.0) + PER_FACTOR * len(term.factors) + math.log(choices)
         kind = Kind(perturbs, depends, where(term, state.edges))
-        found += load(term.key, kind, term.actions, sentence(term), price)
+        yield from load(term.key, kind, term.actions, sentence(term), price)
         if progress and term.factors == (clock,) and term.bays is None and ((), term.direction) in _LISTED:
             last = Term((), term.direction)
             lasting = load(last.key, kind, last.actions, sentence(last), price)
             span = ("time", "s") if clock is TIME else ("rows", "1")
-            found += [SettlingLoad(x, lambda b: clock.value(b)[:, :1], span, state) for x in lasting]
+            yield from (SettlingLoad(x, lambda b: clock.value(b)[:, :1], span, state) for x in lasting)
     for free in free_loads(clock, tensions_of(problem.experiment.robot.tendon_names), parts, bays):
         if "row" in free.depends_on and not progress:
             continue
@@ -379,7 +378,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
             price = 1.5 + math.log(state.choices(bay)) + math.log(free.factor.choices)
             kind, what = Kind(free.perturbs, free.depends_on, at), f"{free.perturbs} {free.text}"
             when = f", {free.factor.when}" if free.factor.when else ""
-            found += load(f"{what} ({at}{when})", kind, terms, f"a {what}{when}", price)
+            yield from load(f"{what} ({at}{when})", kind, terms, f"a {what}{when}", price)
     powers = (1, "|u| u", "the square"), (2, "|u|^2 u", "the third power")
     for bay, (power, symbol, size_of) in product(range(bays), powers):
         kind = Kind("force", ("position",), f"disk at s = {state.edges[bay + 1]:.4g} m")
@@ -387,7 +386,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         along = "a force along the displacement across the axis"
         text = f"{along}, proportional to {size_of} of the displacement"
         price = math.log(10.0) + PER_FACTOR * power + math.log(bays)
-        found += load(f"{symbol} ({_bays(bay, bay)})", kind, own, text, price)
+        yield from load(f"{symbol} ({_bays(bay, bay)})", kind, own, text, price)
     axes = {"xx": "x", "yy": "y", "xy": "xy"}
     tensor = [(n, "N m^2", partial(_by_curvature, axes=a)) for n, a in axes.items()]
     signed = product(enumerate("xy"), (("plus", 1.0), ("minus", -1.0)))
@@ -398,20 +397,20 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         ("bending stiffness of another section", tensor, "the directions"),
         ("bending stiffness by side", sides, "bending to one side and to the other"),
     ):
-        found += load(name, kind, own, f"{text} {differs}", math.log(10.0))
-    found.append(DryBending(float(size[0]), length))
+        yield from load(name, kind, own, f"{text} {differs}", math.log(10.0))
+    yield DryBending(float(size[0]), length)
     bent = float(np.nanmax(_size(_bending(state)), initial=0.0))
-    found += [PermanentSet(float(size[0]), bent)] if bent > 0.0 else []
+    if bent > 0.0:
+        yield PermanentSet(float(size[0]), bent)
     spread = [(a, "N/m", partial(_spread, axis=i)) for i, a in enumerate("xyz")]
     kind = Kind("force", ("nothing",), "along the backbone")
     text = "a constant force along the whole backbone"
-    found += load("force along the backbone", kind, spread, text, 0.5 * OTHER_GRAVITY - UNNAMED)
+    yield from load("force along the backbone", kind, spread, text, 0.5 * OTHER_GRAVITY - UNNAMED)
     strength = TYPICAL * float(size[-1])
     for bay in range(bays):
         falls = (2, 1, 3) if bay == bays - 1 else (2,)
-        found += [Attraction(bay, state, power, strength) for power in falls]
-        found.append(Cord(bay, state, strength / length))
-    return found
+        yield from (Attraction(bay, state, power, strength) for power in falls)
+        yield Cord(bay, state, strength / length)
 
 
 #: From the state to a direction for every axis, shape (K, 3).
