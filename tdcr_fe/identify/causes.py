@@ -42,22 +42,30 @@ class Cause(Effect):
     ----------
     name, kind, parameters
         See `Effect`.
+    acts
+        How it acts: see `ChangedDescription` and `BesideDescription`.
     sentence
         What acts, in words, without its place.
     price
         What its choice among all of the same kind costs, in natural units of the logarithm of its prior probability.
-
-    Attributes
-    ----------
-    held : mapping of str to sequence of float
+    held
         Parameters that change nothing where the others have their null values, and values at which these are tried.
     """
 
     held: Held = MappingProxyType({})
 
-    def __init__(self, name: str, kind: Kind, parameters: Numbers, sentence: str, price: float = 0.0) -> None:
-        self.name, self.kind, self.parameters = name, kind, parameters
-        self.sentence, self.price = sentence, price
+    def __init__(
+        self,
+        name: str,
+        kind: Kind,
+        parameters: Numbers,
+        acts: Any,
+        sentence: str,
+        price: float = 0.0,
+        held: Held = held,
+    ) -> None:
+        self.name, self.kind, self.parameters, self.acts = name, kind, parameters, acts
+        self.sentence, self.price, self.held = sentence, price, held
 
     @property
     def everywhere(self) -> str:
@@ -102,60 +110,34 @@ Change = Callable[[Experiment, Values], Experiment]
 class ChangedDescription(Cause):
     """A cause that changes robot, model or loading.
 
-    Parameters
+    Attributes
     ----------
-    name, kind, parameters, sentence, price
-        See `Cause`.
-    change
+    acts : callable
         From the experiment and values other than the null values to the experiment with the cause, see `Change`.
-    held
-        See `Cause`.
     """
 
-    def __init__(
-        self,
-        name: str,
-        kind: Kind,
-        parameters: Numbers,
-        change: Callable[..., Any],
-        sentence: str = "",
-        price: float = 0.0,
-        held: Held = Cause.held,
-    ) -> None:
-        super().__init__(name, kind, parameters, sentence, price)
-        self.change, self.held = change, held
+    acts: Callable[..., Any]
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
         if values == self.null_values(experiment):
             return experiment
-        return self.change(experiment, values)
+        changed: Experiment = self.acts(experiment, values)
+        return changed
 
 
 class BesideDescription(Cause):
     """A cause that no description has: what it adds is linear in its parameters.
 
-    Parameters
+    Attributes
     ----------
-    name, kind, sentence, price
-        See `Cause`.
-    parameters
+    parameters : tuple of Parameter
         Coefficients, zero where nothing is added.
-    terms
-        One for each parameter: what a coefficient of one adds.
+    acts : sequence of callable
+        A term for each parameter: what a coefficient of one adds.
     """
 
-    def __init__(
-        self,
-        name: str,
-        kind: Kind,
-        parameters: Numbers,
-        terms: Sequence[Callable[..., Array]],
-        sentence: str,
-        price: float = 0.0,
-    ) -> None:
-        super().__init__(name, kind, parameters, sentence, price)
-        self.terms = terms
+    acts: Sequence[Callable[..., Array]]
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """The description stays as it is."""
@@ -164,7 +146,7 @@ class BesideDescription(Cause):
     def added(self, values: Values, shape: tuple[int, ...], *of: Any) -> Array:
         """The sum of all terms, of what these depend on."""
         total = np.zeros(shape)
-        for p, term in zip(self.parameters, self.terms, strict=True):
+        for p, term in zip(self.parameters, self.acts, strict=True):
             if values[p.name] != 0.0:
                 total += values[p.name] * term(*of)
         return total
@@ -218,8 +200,8 @@ class SettlingLoad(StateLoad):
     ) -> None:
         last, held = settling_span(*span, float(np.ptp(clock(state))))
         name, sentence = f"{load.name}, settling", f"{load.sentence}, which settles"
-        super().__init__(name, load.kind, (*load.parameters, last), load.terms, sentence, load.price)
-        self.load, self.clock, self.span, self.held = load, clock, last.name, held
+        super().__init__(name, load.kind, (*load.parameters, last), load.acts, sentence, load.price, held)
+        self.load, self.clock, self.span = load, clock, last.name
 
     def action(self, state: BayState, values: Values) -> Array:
         """See `StateLoad.action`."""

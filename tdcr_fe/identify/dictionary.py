@@ -88,18 +88,16 @@ def _profiles(robot: Robot) -> Iterator[_Profile]:
         base, tip = numbers.values()
         return np.asarray(base + (tip - base) * s / length)
 
-    def between(a: float, b: float) -> Callable[[Values, float, Array], Array]:
-        def value(numbers: Values, null: float, s: Array) -> Array:
-            (there,) = numbers.values()
-            return np.where((s > a - ARC_TOLERANCE) & (s < b + ARC_TOLERANCE), there, null)
-
-        return value
+    def between(numbers: Values, null: float, s: Array, a: float, b: float) -> Array:
+        (there,) = numbers.values()
+        return np.where((s > a - ARC_TOLERANCE) & (s < b + ARC_TOLERANCE), there, null)
 
     yield _Profile("along s", "everywhere", ("base", "tip"), linear, 0.0)
     parts = [(edges[i], edges[j + 1]) for i, j in ranges(len(edges) - 1) if j > i]
     for a, b in parts:
         where = f"s = {a:.4g} to {b:.4g} m"
-        yield _Profile(f"({where})", f"from {where}", ("there",), between(a, b), math.log(len(parts)))
+        value, price = partial(between, a=a, b=b), math.log(len(parts))
+        yield _Profile(f"({where})", f"from {where}", ("there",), value, price)
 
 
 def _at(numbers: Iterable[Parameter], places: Sequence[str], at: str = "") -> tuple[Parameter, ...]:

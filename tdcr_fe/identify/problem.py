@@ -90,10 +90,10 @@ class FitProblem:
         every = tuple((e, tuple(values[e.name].items())) for e in ordered)
         return _applied(self, every).with_sequences(join_steps)
 
-    def acted(self, fit: Fit) -> Experiment:
-        """The experiment with a fitted model, and the action that its run carries as loads."""
-        found = self.with_effects(fit.effects, fit.values)
-        return found if fit.run.acted is None else with_action(found, fit.run.acted.action)
+    def acted(self, effects: Sequence[Effect], values: Point, run: Run) -> Experiment:
+        """The experiment with effects, and the action that a run carries as loads."""
+        found = self.with_effects(effects, values)
+        return found if run.acted is None else with_action(found, run.acted.action)
 
     @property
     def rough(self) -> FitProblem:
@@ -322,13 +322,11 @@ def refine(
     """
     problem = replace(problem, correction=np.zeros(problem.count))
     run = run or problem.simulated(effects, values)
-    action = None if run.acted is None else run.acted.action
 
     def with_model(count: int) -> Experiment:
         """With so many elements a bay, the model, and the loads of its run."""
         meshed = replace(problem, experiment=with_elements(problem.experiment, count))
-        found = meshed.with_effects(effects, values)
-        return found if action is None else with_action(found, action)
+        return meshed.acted(effects, values, run)
 
     n = problem.experiment.model.starting_elements_per_bay
     here = problem.residual(with_model(n), run)
@@ -344,7 +342,7 @@ def refine(
         return replace(problem, mesh_error=mesh_error), run
     more = min(FINEST, max(n + 1, int(np.ceil(n * (mesh_error / MESH) ** (1.0 / ORDER)))))
     experiment = with_elements(problem.experiment, more)
-    (again,) = problem.run([Job(with_model(more), run.trajectories, True, states=action is not None)])
+    (again,) = problem.run([Job(with_model(more), run.trajectories, True, states=run.acted is not None)])
     problem = replace(problem, mesh_error=mesh_error * (n / more) ** ORDER, experiment=experiment)
     return problem, replace(again, acted=run.acted)
 

@@ -184,7 +184,7 @@ def _errors(problem: FitProblem, fit: Fit, unit: str = "", near: Array | None = 
     """
     if problem.roots:  # they are in the covariance
         return []
-    experiment = problem.acted(fit)
+    experiment = problem.acted(fit.effects, fit.values, fit.run)
     inputs, displaced = _inputs(experiment)
     driven, sizes = np.any(inputs != 0.0, axis=0), {"1": inputs}
     if len(set(displaced[driven].tolist())) == 1:

@@ -67,13 +67,18 @@ STRONG = 10
 STRENGTHS = (1.0, 8.0, 64.0)
 
 
-def search_causes(search: Search, state: SearchState) -> SearchState:
-    """The whole search."""
+def all_causes(state: SearchState) -> tuple[Effect, ...]:
+    """The dictionary beside the declared model."""
     problem = state.problem
-    search.report("the dictionary of causes", 0.03)
     (run,) = problem.run([Job(problem.experiment, state.declared.run.trajectories, states=True)])
     assert run.bays is not None
-    every = dictionary(problem, run.bays)
+    return dictionary(problem, run.bays)
+
+
+def search_causes(search: Search, state: SearchState) -> SearchState:
+    """The whole search."""
+    search.report("the dictionary of causes", 0.03)
+    every = all_causes(state)
     if search.long_data:
         state = replace(state, dictionary=tuple(filter(is_named, every)))
         state = in_time(search, state, grow, Part.FURTHER_EFFECTS)

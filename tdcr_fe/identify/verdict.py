@@ -65,7 +65,7 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
     effects = added_effects(search, state, deviation, explained)
     certain = unlisted <= 1.0 - NAMED and all(e.kind_probability > NAMED for e in effects)
     held = {data.readings[i].step for i in np.flatnonzero(problem.held_out)}
-    corrected = problem.acted(best)
+    corrected = problem.acted(best.effects, best.values, best.run)
     declared_mesh = replace(corrected.model, elements_per_bay=data.model.elements_per_bay)
     left = problem.lengths(declared.residual), problem.lengths(best.residual), problem.whole_sigma
     correlation = spread / np.maximum(np.outer(deviation, deviation), 1e-300)
