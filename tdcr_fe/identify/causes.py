@@ -222,7 +222,7 @@ class PointForce(StateLoad):
     state
         Of the declared model.
     law
-        ``k``, its strength, and for a cord ``slack``, the distance from which on it pulls.
+        ``k``, its strength, first, and for a cord ``slack``, the distance from which on it pulls.
     """
 
     def __init__(
@@ -271,12 +271,9 @@ class PointForce(StateLoad):
     def by_values(self, moved: Array, values: Values) -> Array:
         """Derivatives of the force by all parameters, shape (K, 3, P)."""
         here, h = self.force(moved, values), 1e-6 * self.reach
-        by_law = [
-            self.force(moved, {**values, "k": 1.0})
-            if p.name == "k"
-            else (self.force(moved, {**values, p.name: values[p.name] + h}) - here) / h
-            for p in self.parameters[3:]
-        ]
+        by_law = [self.force(moved, {**values, "k": 1.0})]
+        for p in self.parameters[4:]:
+            by_law.append((self.force(moved, {**values, p.name: values[p.name] + h}) - here) / h)
         return np.concatenate((-self.stiffness(moved, values), np.stack(by_law, axis=-1)), axis=-1)
 
     def by_value(self, state: BayState, values: Values, name: str) -> Array:

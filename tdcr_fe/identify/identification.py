@@ -125,7 +125,7 @@ def _search(search: Search, state: SearchState, prepared: Prepared, schedule: Sc
     if state.data_fault:
         return state
     state = state.ending_at(schedule.search + schedule.grace)
-    listed = replace(search, deadline=schedule.search, long_data=prepared.rows is not None)
+    listed = replace(search, deadline=schedule.search)
     state = in_time(listed, state, search_causes, Part.FURTHER_EFFECTS)
     state = cut_short(listed, state, Part.FURTHER_EFFECTS)
     whole = replace(search, deadline=schedule.end)

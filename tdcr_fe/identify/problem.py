@@ -184,10 +184,10 @@ class FitProblem:
         """Excitation range of the data."""
         bend = np.linalg.norm(run.curvature[..., :2], axis=-1)
         commanded = [t for s in self.data.steps for t in s.tensions.values()]
-        needed = float(np.nanmax(run.base_tensions, initial=0.0))
+        needed = float(np.nanmax(run.base_tensions, initial=1e-6))
         moved = [abs(d) for s in self.data.steps for d in s.displacements.values()]
-        moved.append(float(np.nanmax(np.abs(run.displacements), initial=0.0)))
-        most = max([*commanded, needed, 1e-6]), max([*moved, 1e-9])
+        wound = float(np.nanmax(np.abs(run.displacements), initial=1e-9))
+        most = max([*commanded, needed]), max([*moved, wound])
         times = [s.time for s in self.data.steps if s.time is not None]
         return ExcitationRange(*most, float(np.nanmax(bend, initial=1e-6)), max(times, default=0.0))
 

@@ -213,10 +213,9 @@ def _with_errors(experiment: Experiment, errors: Array) -> Experiment:
     """The experiment, possibly with divided steps, with errors of the inputs, shape (K, n_tendons)."""
     steps, number = [], {n: i for i, n in enumerate(experiment.robot.tendon_names)}
     for step, here in at_ends(experiment, errors):
-        moved: dict[str, Any] = {
-            drive.inputs: {n: x + float(here[number[n]]) for n, x in own.items()}
-            for drive, own in step.inputs()
-        }
+        moved: dict[str, Any] = {}
+        for drive, own in step.inputs():
+            moved[drive.inputs] = {n: x + float(here[number[n]]) for n, x in own.items()}
         moved["tensions"] = {n: max(x, 0.0) for n, x in moved["tensions"].items()}
         steps.append(replace(step, **moved))
     return replace(experiment, steps=tuple(steps))

@@ -79,7 +79,7 @@ def search_causes(search: Search, state: SearchState) -> SearchState:
     """The whole search."""
     search.report("the dictionary of causes", 0.03)
     every = all_causes(state)
-    if search.long_data:
+    if state.rows is not None:
         state = replace(state, dictionary=tuple(filter(is_named, every)))
         state = in_time(search, state, grow, Part.FURTHER_EFFECTS)
         state = replace(state, extended=frozenset())
@@ -535,7 +535,7 @@ def grow(search: Search, state: SearchState) -> SearchState:
         more = len(names) < most_effects and (names, singles.__name__) not in state.extended
         tries = _visible(search, state) if more else _hidden(search, state)
         # Several causes that leave more than noise may stand for others.
-        anew = (names, exchange.__name__) not in state.extended and not search.long_data
+        anew = (names, exchange.__name__) not in state.extended and state.rows is None
         if anew and len(state.best.effects) > 1 and not search.explained(state):
             state = exchange(search, state, progress, costly=False)
             if state.best is not before:
@@ -628,12 +628,8 @@ def _hidden(search: Search, state: SearchState) -> list[_Try]:
         return []
     stages = (pairs,) if explained else (at_full_strength, pairs, costly_singles)
     models = {frozenset(f.names): f for f in (state.best, state.fits[frozenset()])}
-    return [
-        (propose, parent)
-        for names, parent in models.items()
-        for propose in stages
-        if (names, propose.__name__) not in state.extended
-    ]
+    each = itertools.product(models.items(), stages)
+    return [(stage, fit) for (names, fit), stage in each if (names, stage.__name__) not in state.extended]
 
 
 def _admissible(search: Search, state: SearchState, fit: Fit) -> bool:
