@@ -335,53 +335,55 @@ def _routings(problem: FitProblem) -> Iterator[Cause]:
 
 def _single_disks(problem: FitProblem) -> Iterator[Cause]:
     """One hole elsewhere; one disk turned and shifted in its plane, or slipped along the backbone."""
-    robot = problem.experiment.robot
+    for k in range(len(problem.experiment.robot.disks.positions)):
+        yield from _of_disk(problem.experiment.robot, k)
+
+
+def _of_disk(robot: Robot, k: int) -> Iterator[Cause]:
+    """What may be wrong with one disk, from 0."""
     offset = max(float(np.max(np.linalg.norm(robot.holes(t), axis=1))) for t in robot.tendons)
     plane = tuple(number(a, "m", (-offset, offset), 0.0, 0.02 * offset) for a in "xy")
     turn = number("angle", "rad", (-1.5, 1.5), 0.0, 0.02)
-    edges = robot.bay_edges
-    for k, s in enumerate(robot.disks.positions):
-        where = f"disk at s = {s:.4g} m"
-        through = [t.name for t in robot.tendons if s <= robot.end(t) + ARC_TOLERANCE]
+    count, edges, s = len(robot.disks.positions), robot.bay_edges, robot.disks.positions[k]
+    where = f"disk at s = {s:.4g} m"
+    through = [t.name for t in robot.tendons if s <= robot.end(t) + ARC_TOLERANCE]
 
-        def moved(experiment: Experiment, values: Values, names: Sequence[str], k: int = k) -> Experiment:
-            tendons, robot = [], experiment.robot
-            c, d = math.cos(values.get("angle", 0.0)), math.sin(values.get("angle", 0.0))
-            for t in robot.tendons:
-                if t.name in names:
-                    holes = robot.holes(t).copy()
-                    holes[k + 1] = np.array([[c, -d], [d, c]]) @ holes[k + 1]
-                    holes[k + 1] += values.get("x", 0.0), values.get("y", 0.0)
-                    at = tuple(map(float, robot.hole_arc_lengths(t)))
-                    t = replace(t, routing=PointsRouting(at, tuple((float(x), float(y)) for x, y in holes)))
-                tendons.append(t)
-            return experiment.with_robot(tendons=tuple(tendons))
+    def moved(experiment: Experiment, values: Values, names: Sequence[str]) -> Experiment:
+        tendons, robot = [], experiment.robot
+        c, d = math.cos(values.get("angle", 0.0)), math.sin(values.get("angle", 0.0))
+        for t in robot.tendons:
+            if t.name in names:
+                holes = robot.holes(t).copy()
+                holes[k + 1] = np.array([[c, -d], [d, c]]) @ holes[k + 1]
+                holes[k + 1] += values.get("x", 0.0), values.get("y", 0.0)
+                at = tuple(map(float, robot.hole_arc_lengths(t)))
+                t = replace(t, routing=PointsRouting(at, tuple((float(x), float(y)) for x, y in holes)))
+            tendons.append(t)
+        return experiment.with_robot(tendons=tuple(tendons))
 
-        def slipped(experiment: Experiment, values: Values, k: int = k) -> Experiment:
-            positions = list(experiment.robot.disks.positions)
-            positions[k] += values["along"]
-            return replace(experiment, robot=experiment.robot.with_disks(positions=tuple(positions)))
+    def slipped(experiment: Experiment, values: Values) -> Experiment:
+        positions = list(experiment.robot.disks.positions)
+        positions[k] += values["along"]
+        return replace(experiment, robot=experiment.robot.with_disks(positions=tuple(positions)))
 
-        entries = list[tuple[str, tuple[Parameter, ...], Change, str, int]]()
-        for name in through:
-            one, text = partial(moved, names=(name,)), f"a hole of tendon {name} is elsewhere"
-            entries.append((f"hole of {name}", plane, one, text, len(through)))
-        if len(through) > 1:
-            all_holes = partial(moved, names=through)
-            entries.append(("disk turned", (turn,), all_holes, "a disk is turned about the backbone", 1))
-            entries.append(("disk off its centre", plane, all_holes, "a disk is off its centre", 1))
-        if not any(t.end for t in robot.tendons) and k < len(robot.disks.positions) - 1:
-            room = 0.9 * float(min(edges[k + 1] - edges[k], edges[k + 2] - edges[k + 1]))
-            # of second order: no small step shows it
-            along = (number("along", "m", (-room, room), 0.0, 0.5 * room),)
-            entries.append(("disk slipped", along, slipped, "a disk has slipped along the backbone", 1))
-        kind = Kind("routing", ("place",), where)
-        for name, numbers, change, text, choices in entries:
-            price = math.log(choices * len(robot.disks.positions))
-            label = f"{name} ({where})"
-            cause = ChangedDescription(label, kind, numbers, change, text, price)
-            cause.exact_derivatives = change is not slipped  # the mesh changes
-            yield cause
+    def cause(name: str, numbers: Numbers, change: Change, text: str, choices: int = 1) -> Cause:
+        kind, price = Kind("routing", ("place",), where), math.log(choices * count)
+        return ChangedDescription(f"{name} ({where})", kind, numbers, change, text, price)
+
+    for name in through:
+        one, text = partial(moved, names=(name,)), f"a hole of tendon {name} is elsewhere"
+        yield cause(f"hole of {name}", plane, one, text, len(through))
+    if len(through) > 1:
+        all_holes = partial(moved, names=through)
+        yield cause("disk turned", (turn,), all_holes, "a disk is turned about the backbone")
+        yield cause("disk off its centre", plane, all_holes, "a disk is off its centre")
+    if not any(t.end for t in robot.tendons) and k < count - 1:
+        room = 0.9 * float(min(edges[k + 1] - edges[k], edges[k + 2] - edges[k + 1]))
+        # of second order: no small step shows it
+        along = (number("along", "m", (-room, room), 0.0, 0.5 * room),)
+        slip = cause("disk slipped", along, slipped, "a disk has slipped along the backbone")
+        slip.exact_derivatives = False  # the mesh changes
+        yield slip
 
 
 # ---------------------------------------------------------------------------------------------------- readings

@@ -58,9 +58,8 @@ def choose_next(search: Search, state: SearchState) -> NextExperiment | None:
         raise OutOfTime
     search.report("the next experiment", 0.96)
     models = [_Model(f, covariance(problem, f)) for f in (best, *leading_rivals(search, state))]
-    candidates = candidate_sequences(problem)
     judge = _parting if len(models) > 1 else _shrinking
-    planned = [_planned(problem, steps) for steps in candidates]
+    planned = [_planned(problem, steps) for steps in candidate_sequences(problem)]
     rough = judge(models, [p.rough for p in planned])
     for i, _ in sorted(rough, key=lambda x: -x[1].value):
         for _, exact in judge(models, [planned[i]]):
