@@ -225,9 +225,7 @@ class PointForce(StateLoad):
         ``k``, its strength, first, and for a cord ``slack``, the distance from which on it pulls.
     """
 
-    def __init__(
-        self, name: str, sentence: str, bay: int, state: BayState, law: tuple[Parameter, ...]
-    ) -> None:
+    def __init__(self, name: str, sentence: str, bay: int, state: BayState, law: Numbers) -> None:
         self.at, self.bay, self.reach = float(state.edges[bay + 1]), bay, 0.5 * float(state.edges[-1])
         where, far = state.place(bay), 20.0 * self.reach
         point = (Parameter(a, "m", -far, far, 0.0, 0.05 * self.reach, f"{a} of the point") for a in "xyz")
