@@ -30,7 +30,7 @@ BUDGET = {
     "tdcr_fe/commands": 766,
     "tdcr_fe/effects": 1230,
     "tdcr_fe/estimate": 1114,
-    "tdcr_fe/identify": 6312,
+    "tdcr_fe/identify": 6172,
     "tdcr_fe/io": 1777,
     "tdcr_fe/live": 359,
     "tdcr_fe/model": 2446,

@@ -129,14 +129,10 @@ def with_action(experiment: Experiment, action: Action) -> Experiment:
     wrench = np.concatenate((action.values[..., FORCE], couple), axis=-1)
     steps = []
     for step, here in at_ends(experiment, wrench):
-        ends = enumerate(zip(edges[1:], here, strict=True), 1)
-        loads = {f"{LOAD} {j}": Load(float(s), _triple(w[:3]), _triple(w[3:])) for j, (s, w) in ends}
+        ends = enumerate(zip(edges[1:].tolist(), here.tolist(), strict=True), 1)
+        loads = {f"{LOAD} {j}": Load(s, (a, b, c), (d, e, f)) for j, (s, (a, b, c, d, e, f)) in ends}
         steps.append(replace(step, loads={**step.loads, **loads}))
     return replace(experiment, steps=tuple(steps))
-
-
-def _triple(x: Array) -> tuple[float, float, float]:
-    return float(x[0]), float(x[1]), float(x[2])
 
 
 def action_inputs(experiment: Experiment) -> tuple[StepInput, ...]:
@@ -160,15 +156,13 @@ def bay_state(experiment: Experiment, steps: Sequence[StepResult]) -> BayState:
     rotation = frames[:, :-1] @ half
     moved = np.array([step.positions[nodes[1:]] for step in steps])
     moved = moved - np.array([0.0, 0.0, 1.0]) * edges[1:, None]
-    tension = np.zeros((count, bays, m))
+    tension, lever = np.zeros((count, bays, m)), np.zeros((bays, m, 2))
     for i, tendon in enumerate(robot.tendons):
-        inside = middles < robot.end(tendon)
+        end = robot.end(tendon)
+        inside = middles < end
         every = np.array([step.tensions[i] for step in steps])
         at = np.searchsorted(robot.hole_arc_lengths(tendon), middles[inside]) - 1
         tension[:, inside, i] = every[:, np.minimum(at, every.shape[1] - 1)]
-    lever = np.zeros((bays, m, 2))
-    for i, tendon in enumerate(robot.tendons):
-        end = robot.end(tendon)
         hole = tendon.routing.position(np.minimum(middles, end), end)
         lever[:, i] = np.stack((-hole[:, 1], hole[:, 0]), axis=1)
     actions = resolve(robot, experiment.steps)

@@ -31,6 +31,8 @@ def is_named(effect: Effect) -> bool:
 
 #: Numbers of a cause.
 Numbers = tuple[Parameter, ...]
+#: Values at which some of them are tried, see `Cause.held`.
+Held = Mapping[str, Sequence[float]]
 
 
 class Cause(Effect):
@@ -40,22 +42,30 @@ class Cause(Effect):
     ----------
     name, kind, parameters
         See `Effect`.
+    acts
+        How it acts: see `ChangedDescription` and `BesideDescription`.
     sentence
         What acts, in words, without its place.
     price
         What its choice among all of the same kind costs, in natural units of the logarithm of its prior probability.
-
-    Attributes
-    ----------
-    held : mapping of str to sequence of float
+    held
         Parameters that change nothing where the others have their null values, and values at which these are tried.
     """
 
-    held: Mapping[str, Sequence[float]] = MappingProxyType({})
+    held: Held = MappingProxyType({})
 
-    def __init__(self, name: str, kind: Kind, parameters: Numbers, sentence: str, price: float = 0.0) -> None:
-        self.name, self.kind, self.parameters = name, kind, parameters
-        self.sentence, self.price = sentence, price
+    def __init__(
+        self,
+        name: str,
+        kind: Kind,
+        parameters: Numbers,
+        acts: Any,
+        sentence: str,
+        price: float = 0.0,
+        held: Held = held,
+    ) -> None:
+        self.name, self.kind, self.parameters, self.acts = name, kind, parameters, acts
+        self.sentence, self.price, self.held = sentence, price, held
 
     @property
     def everywhere(self) -> str:
@@ -100,60 +110,34 @@ Change = Callable[[Experiment, Values], Experiment]
 class ChangedDescription(Cause):
     """A cause that changes robot, model or loading.
 
-    Parameters
+    Attributes
     ----------
-    name, kind, parameters, sentence, price
-        See `Cause`.
-    change
+    acts : callable
         From the experiment and values other than the null values to the experiment with the cause, see `Change`.
-    held
-        See `Cause`.
     """
 
-    def __init__(
-        self,
-        name: str,
-        kind: Kind,
-        parameters: Numbers,
-        change: Callable[..., Any],
-        sentence: str = "",
-        price: float = 0.0,
-        held: Mapping[str, Sequence[float]] = Cause.held,
-    ) -> None:
-        super().__init__(name, kind, parameters, sentence, price)
-        self.change, self.held = change, held
+    acts: Callable[..., Any]
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
         if values == self.null_values(experiment):
             return experiment
-        return self.change(experiment, values)
+        changed: Experiment = self.acts(experiment, values)
+        return changed
 
 
 class BesideDescription(Cause):
     """A cause that no description has: what it adds is linear in its parameters.
 
-    Parameters
+    Attributes
     ----------
-    name, kind, sentence, price
-        See `Cause`.
-    parameters
+    parameters : tuple of Parameter
         Coefficients, zero where nothing is added.
-    terms
-        One for each parameter: what a coefficient of one adds.
+    acts : sequence of callable
+        A term for each parameter: what a coefficient of one adds.
     """
 
-    def __init__(
-        self,
-        name: str,
-        kind: Kind,
-        parameters: Numbers,
-        terms: Sequence[Callable[..., Array]],
-        sentence: str,
-        price: float = 0.0,
-    ) -> None:
-        super().__init__(name, kind, parameters, sentence, price)
-        self.terms = terms
+    acts: Sequence[Callable[..., Array]]
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """The description stays as it is."""
@@ -162,7 +146,7 @@ class BesideDescription(Cause):
     def added(self, values: Values, shape: tuple[int, ...], *of: Any) -> Array:
         """The sum of all terms, of what these depend on."""
         total = np.zeros(shape)
-        for p, term in zip(self.parameters, self.terms, strict=True):
+        for p, term in zip(self.parameters, self.acts, strict=True):
             if values[p.name] != 0.0:
                 total += values[p.name] * term(*of)
         return total
@@ -216,18 +200,14 @@ class SettlingLoad(StateLoad):
     ) -> None:
         last, held = settling_span(*span, float(np.ptp(clock(state))))
         name, sentence = f"{load.name}, settling", f"{load.sentence}, which settles"
-        super().__init__(name, load.kind, (*load.parameters, last), load.terms, sentence, load.price)
-        self.load, self.clock, self.span, self.held = load, clock, last.name, held
+        super().__init__(name, load.kind, (*load.parameters, last), load.acts, sentence, load.price, held)
+        self.load, self.clock, self.span = load, clock, last.name
 
     def action(self, state: BayState, values: Values) -> Array:
         """See `StateLoad.action`."""
-        share = 1.0 - np.exp(-self._elapsed(state) / values[self.span])
-        return np.asarray(self.load.action(state, values) * share)
-
-    def _elapsed(self, state: BayState) -> Array:
-        """Of the clock since the first row, shape (K, 1, 1)."""
         clock = self.clock(state)[..., None]
-        return np.asarray(clock - clock[0])
+        share = 1.0 - np.exp(-(clock - clock[0]) / values[self.span])
+        return np.asarray(self.load.action(state, values) * share)
 
 
 class PointForce(StateLoad):
@@ -242,12 +222,10 @@ class PointForce(StateLoad):
     state
         Of the declared model.
     law
-        ``k``, its strength, and for a cord ``slack``, the distance from which on it pulls.
+        ``k``, its strength, first, and for a cord ``slack``, the distance from which on it pulls.
     """
 
-    def __init__(
-        self, name: str, sentence: str, bay: int, state: BayState, law: tuple[Parameter, ...]
-    ) -> None:
+    def __init__(self, name: str, sentence: str, bay: int, state: BayState, law: Numbers) -> None:
         self.at, self.bay, self.reach = float(state.edges[bay + 1]), bay, 0.5 * float(state.edges[-1])
         where, far = state.place(bay), 20.0 * self.reach
         point = (Parameter(a, "m", -far, far, 0.0, 0.05 * self.reach, f"{a} of the point") for a in "xyz")
@@ -280,9 +258,8 @@ class PointForce(StateLoad):
         h = 1e-6 * self.reach
         here, above, below = (self.pull(x, values) / x for x in (distance, distance + h, distance - h))
         along = (above - below) / (2.0 * h) / distance
-        return np.asarray(
-            -here[:, None, None] * np.eye(3) - along[:, None, None] * apart[:, :, None] * apart[:, None]
-        )
+        radial = along[:, None, None] * apart[:, :, None] * apart[:, None]
+        return np.asarray(-here[:, None, None] * np.eye(3) - radial)
 
     def _apart(self, moved: Array, values: Values) -> tuple[Array, Array]:
         """The way from the point of the backbone to the fixed one, shape (K, 3), and its length, never quite zero."""
@@ -292,12 +269,9 @@ class PointForce(StateLoad):
     def by_values(self, moved: Array, values: Values) -> Array:
         """Derivatives of the force by all parameters, shape (K, 3, P)."""
         here, h = self.force(moved, values), 1e-6 * self.reach
-        by_law = [
-            self.force(moved, {**values, "k": 1.0})
-            if p.name == "k"
-            else (self.force(moved, {**values, p.name: values[p.name] + h}) - here) / h
-            for p in self.parameters[3:]
-        ]
+        by_law = [self.force(moved, {**values, "k": 1.0})]
+        for p in self.parameters[4:]:
+            by_law.append((self.force(moved, {**values, p.name: values[p.name] + h}) - here) / h)
         return np.concatenate((-self.stiffness(moved, values), np.stack(by_law, axis=-1)), axis=-1)
 
     def by_value(self, state: BayState, values: Values, name: str) -> Array:

@@ -105,10 +105,8 @@ def _files_of_sets(result: IdentificationResult) -> dict[str, str]:
     """`corrected_files` of several data sets: one robot, and a scenario for each."""
     files: dict[str, str] = {}
     simulated = result.simulated
-    sequences = zip(
-        simulated.commanded.sequences, simulated.corrected.sequences, result.data.parts, strict=True
-    )
-    for part, corrected, (name, count) in sequences:
+    both = simulated.commanded.sequences, simulated.corrected.sequences
+    for part, corrected, (name, count) in zip(*both, result.data.parts, strict=True):
         ids = tuple(range(1, count + 1))
         steps, branches = part.steps[:count], ("",) * count
         unread = replace(result.data, readings=(), parts=())

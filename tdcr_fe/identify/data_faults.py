@@ -18,6 +18,7 @@ from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.noise import OUTLIER, is_noise, outliers, robust_scatter, series, structure
 from tdcr_fe.identify.problem import NOISE_REACHES, Fit, FitProblem, huber, join_steps
 from tdcr_fe.identify.result import MOST_NOISE
+from tdcr_fe.identify.rows import FEWEST
 from tdcr_fe.io.measured import MeasuredData, impossible_place
 from tdcr_fe.io.spreadsheet import number
 from tdcr_fe.model.channels import CHANNELS, arc_lengths
@@ -29,14 +30,10 @@ from tdcr_fe.model.units import mistaken
 #: displacements of the other sign, with errors of 30 and 100 um, leave a 190th to a 29th, wrong faults beside them an
 #: eighth.
 MISFIT = 4.0
-#: Equal readings in so many successive steps are a fault where the model moves by so many sigma meanwhile.
-EQUAL_STEPS, FAR = 4, 10.0
 #: A noise of sigma changes every reading where the readings differ by less than this share of sigma [1].
 RESOLVED = 0.2
 #: Sigma is wrong where the scatter of the residual is larger or smaller by this factor [1].
 WRONG_SIGMA = 3.0
-#: Sigma does not allow for rounding to steps of more than so many sigma: those of 3.5 sigma alone give that sigma [1].
-ROUNDED = 4.0
 #: Gross errors are those of at most this share of all markers in all steps [1].
 MOST_GROSS = 0.1
 #: A location beyond the declared length, up to so many times that length, is that of a marker, not of another unit [1].
@@ -114,14 +111,12 @@ class _Grid:
         With a price for every number that was chosen, and for the row: twice the logarithm of how many there are.
         Infinite where few readings are left.
         """
-        now = (self.measured - self.predicted) / self.sigma
-        squares, counts = [], []
-        for r in (now, fault.residual):
-            known = np.isfinite(r)
-            squares.append(np.sum(huber(np.where(known, r, 0.0), NOISE_REACHES), axis=(1, 2)))
-            counts.append(np.sum(known, axis=(1, 2)))
+        both = np.stack(((self.measured - self.predicted) / self.sigma, fault.residual))
+        known = np.isfinite(both)
+        squares = np.sum(huber(np.where(known, both, 0.0), NOISE_REACHES), axis=(2, 3))
+        counts = np.sum(known, axis=(2, 3))
 
-        def since(values: list[Array]) -> Array:
+        def since(values: Array) -> Array:
             before = np.concatenate(([0.0], np.cumsum(values[0])[:-1]))
             return before + np.cumsum(values[1][::-1])[::-1]
 
@@ -152,7 +147,7 @@ def data_fault(problem: FitProblem, declared: Fit) -> str:
     if seen := _declared_length(problem.data):
         return seen
     grids = [_Grid.of(problem, declared, family) for family in ("position", "curvature")]
-    found = [_mended(problem, declared, g) for g in grids if len(g.steps) >= EQUAL_STEPS]
+    found = [_mended(problem, declared, g) for g in grids if len(g.steps) >= FEWEST]
     return next(filter(None, found), "") or _tendon_readings(problem, declared)
 
 
@@ -182,7 +177,7 @@ def _tendon_readings(problem: FitProblem, declared: Fit) -> str:
     """Displacements or tensions that fit with another sign, in another unit or of another tendon, as a sentence."""
     for family, unit in (("tendon_displacement", "m"), ("base_tension", "N"), ("distal_tension", "N")):
         grid = _Grid.of(problem, declared, family)
-        if len(grid.steps) >= EQUAL_STEPS:
+        if len(grid.steps) >= FEWEST:
             scales = {f"if they are in {other}": size for other, size in mistaken(unit).items()}
             if unit == "m":
                 scales[f"with the other sign: {_PULLED_IN}"] = -1.0
@@ -234,11 +229,8 @@ def gross_errors(problem: FitProblem, best: Fit, significance: float) -> str:
     where = [(x.step, x.location) for x in data.readings]
     found = outliers(r)
     wrong, count = {where[i] for i, _ in found}, len(set(where))
-    if (
-        not wrong
-        or len(wrong) > MOST_GROSS * count
-        or np.median(np.abs([x for _, x in found])) < 2.0 * OUTLIER
-    ):
+    far = np.abs([x for _, x in found])
+    if not wrong or len(wrong) > MOST_GROSS * count or np.median(far) < 2.0 * OUTLIER:
         return ""
     kept = np.array([at not in wrong for at in where])
     rest = replace(data, readings=tuple(itertools.compress(data.readings, kept)))
@@ -246,11 +238,9 @@ def gross_errors(problem: FitProblem, best: Fit, significance: float) -> str:
         return ""
     steps = sorted({step for step, _ in wrong})
     listed = ", ".join(map(str, steps[:10])) + (", ..." if len(steps) > 10 else "")
-    off = (
-        f"{len(wrong)} of {count} markers and sensors, counted in every step, are far off (in steps {listed})"
-    )
+    off = f"{len(wrong)} of {count} markers and sensors, counted in every step, are far off"
     why = "their readings are wrong, or something acts in these steps alone"
-    return f"{off}, and all others leave only noise: {why}"
+    return f"{off} (in steps {listed}), and all others leave only noise: {why}"
 
 
 # --------------------------------------------------------------------------------------- seen in the readings
@@ -260,7 +250,7 @@ def _declared_length(data: MeasuredData) -> str:
     """Whether a marker of many steps is farther along the backbone than the declared one is long, as a sentence."""
     length = data.robot.backbone.length
     beyond = Counter(number(b.value) for b in data.left_out if b.column == "location")
-    markers = {s: n for s, n in beyond.items() if length < s <= FARTHEST * length and n >= EQUAL_STEPS}
+    markers = {s: n for s, n in beyond.items() if length < s <= FARTHEST * length and n >= FEWEST}
     if not markers:
         return ""
     listed = ", ".join(f"s = {s:.4g} m" for s in sorted(markers))
@@ -279,8 +269,9 @@ def _rounded(grid: _Grid) -> str:
     if values.size < 5 or grid.which.size < 20:
         return ""
     step, sigma = float(np.min(np.diff(values))), float(np.nanmedian(grid.sigma))
+    # steps of 3.5 sigma alone give that sigma
     whole = np.abs(values / step - np.round(values / step)).max() < 1e-3
-    if not whole or step < ROUNDED * sigma:
+    if not whole or step < NOISE_REACHES * sigma:
         return ""
     seen = f"positions are rounded to {1e3 * step:.3g} mm, but their sigma says {1e3 * sigma:.2g} mm"
     return f"{seen}: give the readings as the sensor has them, or the sigma that belongs to the rounding"
@@ -301,7 +292,7 @@ def _standing_still(problem: FitProblem, declared: Fit) -> str:
             moves = float(np.ptp(predicted[run]))
             first, last = readings[run[0]], readings[run[-1]]
             slack = first.unit == "N" and first.value == 0.0 and values.any()
-            if run.size >= EQUAL_STEPS and moves > FAR and not slack:
+            if run.size >= FEWEST and moves > 2.0 * OUTLIER and not slack:
                 place = first.location if isinstance(first.location, str) else f"s = {first.location:g} m"
                 at = "" if first.location is None else f" at {place}"
                 seen = f"constant at {first.value:.6g} {first.unit} from step {first.step} to {last.step}"
@@ -363,10 +354,8 @@ def _steps(grid: _Grid) -> Iterator[_Fault]:
         yield grid.mended(moved, text)
     r = (grid.measured[:, None] - grid.predicted[None, :]) / grid.sigma[:, None]
     both = np.isfinite(r)
-    cost = np.sum(
-        huber(np.where(both, r, 0.0), NOISE_REACHES) + np.where(both, 0.0, NOISE_REACHES), axis=(2, 3)
-    )
-    rows, columns = linear_sum_assignment(cost)
+    each = np.where(both, huber(r, NOISE_REACHES), NOISE_REACHES)
+    rows, columns = linear_sum_assignment(np.sum(each, axis=(2, 3)))
     others = int(np.count_nonzero(columns != rows))
     if others:
         moved = np.empty_like(grid.measured)

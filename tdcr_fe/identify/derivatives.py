@@ -14,6 +14,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Generator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -48,11 +49,6 @@ class Column(NamedTuple):
     parameter: str
     values: Mapping[str, float]  # of all its parameters, at which the derivative is taken
     step: float  # change of the coordinate, where the derivative is a difference of two runs
-
-    @property
-    def key(self) -> tuple[str, str]:
-        """Effect and parameter."""
-        return self.effect.name, self.parameter
 
     @property
     def about(self) -> Parameter:
@@ -165,15 +161,12 @@ class _Part:
     def __init__(self, problem: FitProblem, request: Request, action: Action | None = None) -> None:
         self.problem, self.request, self.action = problem, request, action
         self.effects, self.values = self._at_null()
-        bare = problem.with_effects(self.effects, self.values)
-        self._bare: Experiment | None = None  # without the action, once that is there
-        self.experiment = self._acted(bare)
-        self._bare = bare
+        self._bare = problem.with_effects(self.effects, self.values)  # without the action
+        self.experiment = self._bare if action is None else with_action(self._bare, action)
         self.observed: dict[int, Tabulated] = {}
         self.differenced: dict[int, str] = {}
-        self.exact: dict[str, int] = {}
         self.beside: dict[int, Experiment] = {}
-        tables: list[ModelParameter | StepInputs] = []
+        tables: dict[int, ModelParameter | StepInputs] = {}
         for number, column in enumerate(request.columns):
             if isinstance(column.effect, BesideDescription):
                 continue
@@ -181,9 +174,7 @@ class _Part:
                 self.differenced[number] = "it declares no exact derivatives"
                 continue
             if isinstance(column.effect, ChangedInputs) and column.effect.name not in self.values:
-                inputs = self._of_inputs(number)
-                self.exact[inputs.name] = number
-                tables.append(inputs)
+                tables[number] = self._of_inputs(number)
                 continue
             parameter = self._tabulated(number)
             table = parameter.apply
@@ -192,13 +183,14 @@ class _Part:
             if not neighbours:
                 self.differenced[number] = table.refused
                 continue
-            if any(e.observation != self.experiment.observation for e in neighbours):
+            here = self.experiment.observation
+            if any(e.observation != here for e in neighbours):
                 self.observed[number] = table
-            if not all(_same_robot(self.experiment, e) for e in neighbours):
-                self.exact[parameter.name] = number
-                tables.append(parameter)
+            if any(replace(e, observation=here) != self.experiment for e in neighbours):
+                tables[number] = parameter
+        self.exact = {table.name: number for number, table in tables.items()}
         acting = () if action is None else action_inputs(self.experiment)
-        job = Job(self.experiment, request.trajectories, request.record, (*tables, *acting))
+        job = Job(self.experiment, request.trajectories, request.record, (*tables.values(), *acting))
         self.job = job._replace(states=action is not None)
 
     def _acted(self, experiment: Experiment) -> Experiment:
@@ -206,7 +198,7 @@ class _Part:
         if self.action is None:
             return experiment
         bare = self._bare
-        if bare is None or experiment.ends != bare.ends:
+        if experiment.ends != bare.ends:
             return with_action(experiment, self.action)
         if experiment.steps is bare.steps:
             return replace(experiment, steps=self.experiment.steps)
@@ -305,11 +297,9 @@ class _Part:
         if not run.solved:
             return []
         for number in self.differenced:
-            try:
+            with suppress(ValueError):  # there is no such robot: the parameter stays where it is
                 coordinate = self.request.columns[number].coordinate + self._step(number)
                 self.beside[number] = self._moved(number, coordinate)
-            except ValueError:  # there is no such robot: the parameter stays where it is
-                continue
         return [Job(moved, reference) for moved in self.beside.values()]
 
     def _step(self, number: int) -> float:
@@ -317,11 +307,7 @@ class _Part:
         column = self.request.columns[number]
         low, high = self.problem.bounds(column.effect, column.parameter)
         z, h = column.coordinate, column.step
-        if not low <= z + h <= high:
-            h = -h
-        if not low <= z + h <= high:
-            h = max(high - z, low - z, key=abs)
-        return h
+        return next((x for x in (h, -h) if low <= z + x <= high), max(high - z, low - z, key=abs))
 
     def residual(self, experiment: Experiment, run: Run) -> Array:
         """Reading less prediction over sigma, shape (n,)."""
@@ -387,8 +373,3 @@ def _difference(values: Mapping[int, Array], present: Array, step: float) -> Arr
         return (values[1] - values[-1]) / (2.0 * step)
     side = 1 if 1 in values else -1
     return side * (2.0 * values[side] - 0.5 * values[2 * side] - 1.5 * present) / step
-
-
-def _same_robot(a: Experiment, b: Experiment) -> bool:
-    """Whether two experiments differ in the observation at most."""
-    return (a.robot, a.model, a.steps, a.ends) == (b.robot, b.model, b.steps, b.ends)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, NamedTuple
@@ -20,7 +20,7 @@ from tdcr_fe.effects import Effect, Experiment, Parameter, PlaceEffect
 from tdcr_fe.effects.base import Kind, Values
 from tdcr_fe.elements import Array
 from tdcr_fe.identify.bay_state import BayState
-from tdcr_fe.identify.causes import Cause, Change, ChangedDescription, ReadingCause, number
+from tdcr_fe.identify.causes import Cause, Change, ChangedDescription, Held, Numbers, ReadingCause, number
 from tdcr_fe.identify.input_causes import input_causes
 from tdcr_fe.identify.rows import clock_of, possible_starts, progress_along
 from tdcr_fe.identify.state_loads import ranges, state_loads
@@ -59,11 +59,11 @@ def dictionary(problem: FitProblem, state: BayState) -> tuple[Effect, ...]:
 def unnamed(problem: FitProblem, state: BayState) -> list[Cause]:
     """Causes on no list."""
     found = [*_along(problem), *input_causes(problem), *_loads_and_base(problem), *_rough_holes(problem)]
-    found += _compressible(problem, state)
-    found += [*(_friction_laws(problem, state) if _has_coefficients(problem) else ()), *_readings(problem)]
+    found += [*_compressible(problem, state), *_friction_laws(problem, state)]
+    found += [*_sensors(problem), *_readings(problem)]
     robot = problem.experiment.robot
     if robot.tendons and not robot.without_disks:
-        found += [*routings(problem), *single_disks(problem)]
+        found += [*_routings(problem), *_single_disks(problem)]
     return [*found, *state_loads(problem, state, clock_of(problem.data))]
 
 
@@ -80,7 +80,7 @@ class _Profile(NamedTuple):
     price: float  # see `Cause.price`
 
 
-def _profiles(robot: Robot) -> list[_Profile]:
+def _profiles(robot: Robot) -> Iterator[_Profile]:
     """Linear from the base to the tip, and another value between two disks, in more than one bay but not in all."""
     length, edges = robot.backbone.length, robot.bay_edges.tolist()
 
@@ -88,19 +88,16 @@ def _profiles(robot: Robot) -> list[_Profile]:
         base, tip = numbers.values()
         return np.asarray(base + (tip - base) * s / length)
 
-    def between(a: float, b: float) -> Callable[[Values, float, Array], Array]:
-        def value(numbers: Values, null: float, s: Array) -> Array:
-            (there,) = numbers.values()
-            return np.where((s > a - ARC_TOLERANCE) & (s < b + ARC_TOLERANCE), there, null)
+    def between(numbers: Values, null: float, s: Array, a: float, b: float) -> Array:
+        (there,) = numbers.values()
+        return np.where((s > a - ARC_TOLERANCE) & (s < b + ARC_TOLERANCE), there, null)
 
-        return value
-
-    found = [_Profile("along s", "everywhere", ("base", "tip"), linear, 0.0)]
+    yield _Profile("along s", "everywhere", ("base", "tip"), linear, 0.0)
     parts = [(edges[i], edges[j + 1]) for i, j in ranges(len(edges) - 1) if j > i]
     for a, b in parts:
         where = f"s = {a:.4g} to {b:.4g} m"
-        found.append(_Profile(f"({where})", f"from {where}", ("there",), between(a, b), math.log(len(parts))))
-    return found
+        value, price = partial(between, a=a, b=b), math.log(len(parts))
+        yield _Profile(f"({where})", f"from {where}", ("there",), value, price)
 
 
 def _at(numbers: Iterable[Parameter], places: Sequence[str], at: str = "") -> tuple[Parameter, ...]:
@@ -109,18 +106,18 @@ def _at(numbers: Iterable[Parameter], places: Sequence[str], at: str = "") -> tu
     return tuple(replace(p, name=f"{p.name}_{x}", meaning=f"{p.meaning} {at}{x}") for p, x in both)
 
 
-def _along(problem: FitProblem) -> list[Cause]:
+def _along(problem: FitProblem) -> Iterator[Cause]:
     """What depends on the arc length: radius and precurvature of the backbone, and the friction of the holes."""
-    robot, found = problem.experiment.robot, list[Cause]()
+    robot = problem.experiment.robot
     radius = number("radius", "1", (0.4, 2.5), 1.0, 0.02)
     curvatures = [number(f"kappa_{a}", "1/m", (-20.0, 20.0), 0.0, 0.01 / robot.backbone.length) for a in "xy"]
     friction = _more_friction(robot.tendons)
 
-    def add(name: str, perturbs: str, profile: _Profile, change: Change, *each: Parameter) -> None:
+    def cause(name: str, perturbs: str, profile: _Profile, change: Change, *each: Parameter) -> Cause:
         numbers = _at(each, profile.numbers)
         kind = Kind(perturbs, ("place",), profile.where)
         text = f"the {perturbs} changes along the backbone"
-        found.append(ChangedDescription(f"{name} {profile.name}", kind, numbers, change, text, profile.price))
+        return ChangedDescription(f"{name} {profile.name}", kind, numbers, change, text, profile.price)
 
     for profile in _profiles(robot):
 
@@ -149,11 +146,10 @@ def _along(problem: FitProblem) -> list[Cause]:
             tendons = tuple(_with_friction_at(t, s, profile.value(values, 0.0, s)) for t, s in holes)
             return experiment.with_robot(tendons=tendons)
 
-        add("radius", "stiffness", profile, tapered, radius)
-        add("precurvature", "precurvature", profile, bent, *curvatures)
+        yield cause("radius", "stiffness", profile, tapered, radius)
+        yield cause("precurvature", "precurvature", profile, bent, *curvatures)
         if _has_coefficients(problem):
-            add("friction", "transmission", profile, rougher, friction)
-    return found
+            yield cause("friction", "transmission", profile, rougher, friction)
 
 
 def _compressible(problem: FitProblem, state: BayState) -> Iterator[Cause]:
@@ -194,11 +190,11 @@ def _with_friction_at(tendon: Tendon, s: Array, more: Array) -> Tendon:
     return replace(tendon, tight_holes=(*tendon.tight_holes, *(TightHole(x, None, mu) for x, mu in pairs)))
 
 
-def _rough_holes(problem: FitProblem) -> list[Cause]:
+def _rough_holes(problem: FitProblem) -> Iterator[Cause]:
     """Another coefficient of friction at one hole."""
     robot = problem.experiment.robot
     holes = [(t.name, float(s)) for t in robot.tendons for s in robot.hole_arc_lengths(t)[1:-1]]
-    friction, found = _more_friction(robot.tendons), list[Cause]()
+    friction = _more_friction(robot.tendons)
     for name, s in holes if _has_coefficients(problem) else ():
 
         def rougher(experiment: Experiment, values: Values, name: str = name, s: float = s) -> Experiment:
@@ -209,8 +205,7 @@ def _rough_holes(problem: FitProblem) -> list[Cause]:
         where, text, price = f"tendon {name}, s = {s:.4g} m", "one hole is rougher", math.log(len(holes))
         kind = Kind("transmission", ("place",), where)
         label = f"friction at a hole ({where})"
-        found.append(ChangedDescription(label, kind, (friction,), rougher, text, price))
-    return found
+        yield ChangedDescription(label, kind, (friction,), rougher, text, price)
 
 
 def _friction_laws(problem: FitProblem, state: BayState) -> Iterator[Cause]:
@@ -218,6 +213,8 @@ def _friction_laws(problem: FitProblem, state: BayState) -> Iterator[Cause]:
 
     Or with the slip rate: towards rest it becomes another one.
     """
+    if not _has_coefficients(problem):
+        return
     friction = _more_friction(problem.experiment.robot.tendons)
     lengths, curvature = np.diff(state.edges), state.curvature[..., :2]
     bent = np.linalg.norm(curvature, axis=-1) * lengths
@@ -246,13 +243,11 @@ def _friction_laws(problem: FitProblem, state: BayState) -> Iterator[Cause]:
         yield _friction_law("slip rate", "slip rate", numbers, by_rate, held)
 
 
-def _friction_law(
-    what: str,
-    depends: str,
-    numbers: Sequence[Parameter],
-    law: Callable[[float, Values], FrictionCoefficient],
-    held: Mapping[str, Sequence[float]] = Cause.held,
-) -> Cause:
+#: The coefficient of friction from the constant one and the values of a cause.
+_Law = Callable[[float, Values], FrictionCoefficient]
+
+
+def _friction_law(what: str, depends: str, numbers: Numbers, law: _Law, held: Held = Cause.held) -> Cause:
     """A law of the coefficient at all holes of all tendons, from the constant one of each."""
 
     def changed(experiment: Experiment, values: Values) -> Experiment:
@@ -263,7 +258,7 @@ def _friction_law(
         return experiment.with_robot(tendons=tuple(tendons))
 
     kind, text = Kind("transmission", (depends,)), f"the friction changes with the {what}"
-    return ChangedDescription(f"friction by {what}", kind, tuple(numbers), changed, text, held=held)
+    return ChangedDescription(f"friction by {what}", kind, numbers, changed, text, held=held)
 
 
 def _with_loads(experiment: Experiment, change: Callable[[Sequence[float]], Array]) -> Experiment:
@@ -279,17 +274,13 @@ def _with_loads(experiment: Experiment, change: Callable[[Sequence[float]], Arra
     return replace(experiment, steps=steps)
 
 
-def _loads_and_base(problem: FitProblem) -> list[Cause]:
+def _loads_and_base(problem: FitProblem) -> Iterator[Cause]:
     """Loads of another size or direction; a backbone that leaves the base plate at an angle, or a robot that is askew.
 
     In the frame of the base, gravity and forces then have other directions, and the instrument is turned. Without
     gravity and forces that is a turned frame.
     """
     loads = [x for s in problem.data.steps for x in s.loads.values() if any(x.force) or any(x.moment)]
-    found = list[Cause]()
-
-    def add(name: str, kind: Kind, numbers: Sequence[Parameter], change: Change, text: str) -> None:
-        found.append(ChangedDescription(name, kind, tuple(numbers), change, text))
 
     def scaled(experiment: Experiment, values: Values) -> Experiment:
         return _with_loads(experiment, lambda x: values["factor"] * np.array(x))
@@ -306,23 +297,23 @@ def _loads_and_base(problem: FitProblem) -> list[Cause]:
         observation = replace(experiment.observation, rotation=(x, y, z))
         return replace(turned, model=replace(experiment.model, gravity=(gx, gy, gz)), observation=observation)
 
-    angles = [number(f"rot_{a}", "rad", (-1.5, 1.5), 0.0, 0.01) for a in "xyz"]
+    angles = tuple(number(f"rot_{a}", "rad", (-1.5, 1.5), 0.0, 0.01) for a in "xyz")
     if loads:
         kind, factor = Kind("load", ("nothing",), "all loads"), number("factor", "1", (0.1, 10.0), 1.0, 0.02)
-        add("gain of the loads", kind, [factor], scaled, "the loads are off by a factor")
-        add("loads turned", kind, angles, redirected, "the loads have another direction")
+        text = "the loads are off by a factor"
+        yield ChangedDescription("gain of the loads", kind, (factor,), scaled, text)
+        yield ChangedDescription("loads turned", kind, angles, redirected, "the loads have another direction")
     if loads or any(problem.data.model.gravity):
         kind, text = Kind("base", ("nothing",), "base"), "the backbone leaves the base plate at an angle"
-        add("base at an angle", kind, angles[:2], askew, text)
-    return found
+        yield ChangedDescription("base at an angle", kind, angles[:2], askew, text)
 
 
 # ----------------------------------------------------------------------------------------------------- tendons
 
 
-def routings(problem: FitProblem) -> list[Cause]:
+def _routings(problem: FitProblem) -> Iterator[Cause]:
     """The holes of one tendon elsewhere: at another angle and distance, the same along the backbone or not."""
-    ends, found = ("base", "end"), list[Cause]()
+    ends = "base", "end"
     angle = number("angle", "rad", (-1.5, 1.5), 0.0, 0.02)
     numbers = number("factor", "1", (0.3, 3.0), 1.0, 0.02), angle
     along = _at(numbers, ends, "at the ")
@@ -339,60 +330,60 @@ def routings(problem: FitProblem) -> list[Cause]:
         text = f"the holes of tendon {name} are elsewhere, at another angle or distance"
         for suffix, depends, own in (("", "nothing", numbers), (" along s", "place", along)):
             kind = Kind("routing", (depends,), f"tendon {name}")
-            found.append(ChangedDescription(f"routing of {name}{suffix}", kind, own, moved, text))
-    return found
+            yield ChangedDescription(f"routing of {name}{suffix}", kind, own, moved, text)
 
 
-def single_disks(problem: FitProblem) -> list[Cause]:
+def _single_disks(problem: FitProblem) -> Iterator[Cause]:
     """One hole elsewhere; one disk turned and shifted in its plane, or slipped along the backbone."""
-    robot, found = problem.experiment.robot, list[Cause]()
+    for k in range(len(problem.experiment.robot.disks.positions)):
+        yield from _of_disk(problem.experiment.robot, k)
+
+
+def _of_disk(robot: Robot, k: int) -> Iterator[Cause]:
+    """What may be wrong with one disk, from 0."""
     offset = max(float(np.max(np.linalg.norm(robot.holes(t), axis=1))) for t in robot.tendons)
     plane = tuple(number(a, "m", (-offset, offset), 0.0, 0.02 * offset) for a in "xy")
     turn = number("angle", "rad", (-1.5, 1.5), 0.0, 0.02)
-    edges = robot.bay_edges
-    for k, s in enumerate(robot.disks.positions):
-        where = f"disk at s = {s:.4g} m"
-        through = [t.name for t in robot.tendons if s <= robot.end(t) + ARC_TOLERANCE]
+    count, edges, s = len(robot.disks.positions), robot.bay_edges, robot.disks.positions[k]
+    where = f"disk at s = {s:.4g} m"
+    through = [t.name for t in robot.tendons if s <= robot.end(t) + ARC_TOLERANCE]
 
-        def moved(experiment: Experiment, values: Values, names: Sequence[str], k: int = k) -> Experiment:
-            tendons, robot = [], experiment.robot
-            c, d = math.cos(values.get("angle", 0.0)), math.sin(values.get("angle", 0.0))
-            for t in robot.tendons:
-                if t.name in names:
-                    holes = robot.holes(t).copy()
-                    holes[k + 1] = np.array([[c, -d], [d, c]]) @ holes[k + 1]
-                    holes[k + 1] += values.get("x", 0.0), values.get("y", 0.0)
-                    at = tuple(map(float, robot.hole_arc_lengths(t)))
-                    t = replace(t, routing=PointsRouting(at, tuple((float(x), float(y)) for x, y in holes)))
-                tendons.append(t)
-            return experiment.with_robot(tendons=tuple(tendons))
+    def moved(experiment: Experiment, values: Values, names: Sequence[str]) -> Experiment:
+        tendons, robot = [], experiment.robot
+        c, d = math.cos(values.get("angle", 0.0)), math.sin(values.get("angle", 0.0))
+        for t in robot.tendons:
+            if t.name in names:
+                holes = robot.holes(t).copy()
+                holes[k + 1] = np.array([[c, -d], [d, c]]) @ holes[k + 1]
+                holes[k + 1] += values.get("x", 0.0), values.get("y", 0.0)
+                at = tuple(map(float, robot.hole_arc_lengths(t)))
+                t = replace(t, routing=PointsRouting(at, tuple((float(x), float(y)) for x, y in holes)))
+            tendons.append(t)
+        return experiment.with_robot(tendons=tuple(tendons))
 
-        def slipped(experiment: Experiment, values: Values, k: int = k) -> Experiment:
-            positions = list(experiment.robot.disks.positions)
-            positions[k] += values["along"]
-            return replace(experiment, robot=experiment.robot.with_disks(positions=tuple(positions)))
+    def slipped(experiment: Experiment, values: Values) -> Experiment:
+        positions = list(experiment.robot.disks.positions)
+        positions[k] += values["along"]
+        return replace(experiment, robot=experiment.robot.with_disks(positions=tuple(positions)))
 
-        entries = list[tuple[str, tuple[Parameter, ...], Change, str, int]]()
-        for name in through:
-            one, text = partial(moved, names=(name,)), f"a hole of tendon {name} is elsewhere"
-            entries.append((f"hole of {name}", plane, one, text, len(through)))
-        if len(through) > 1:
-            all_holes = partial(moved, names=through)
-            entries.append(("disk turned", (turn,), all_holes, "a disk is turned about the backbone", 1))
-            entries.append(("disk off its centre", plane, all_holes, "a disk is off its centre", 1))
-        if not any(t.end for t in robot.tendons) and k < len(robot.disks.positions) - 1:
-            room = 0.9 * float(min(edges[k + 1] - edges[k], edges[k + 2] - edges[k + 1]))
-            # of second order: no small step shows it
-            along = (number("along", "m", (-room, room), 0.0, 0.5 * room),)
-            entries.append(("disk slipped", along, slipped, "a disk has slipped along the backbone", 1))
-        kind = Kind("routing", ("place",), where)
-        for name, numbers, change, text, choices in entries:
-            price = math.log(choices * len(robot.disks.positions))
-            label = f"{name} ({where})"
-            cause = ChangedDescription(label, kind, numbers, change, text, price)
-            cause.exact_derivatives = change is not slipped  # the mesh changes
-            found.append(cause)
-    return found
+    def cause(name: str, numbers: Numbers, change: Change, text: str, choices: int = 1) -> Cause:
+        kind, price = Kind("routing", ("place",), where), math.log(choices * count)
+        return ChangedDescription(f"{name} ({where})", kind, numbers, change, text, price)
+
+    for name in through:
+        one, text = partial(moved, names=(name,)), f"a hole of tendon {name} is elsewhere"
+        yield cause(f"hole of {name}", plane, one, text, len(through))
+    if len(through) > 1:
+        all_holes = partial(moved, names=through)
+        yield cause("disk turned", (turn,), all_holes, "a disk is turned about the backbone")
+        yield cause("disk off its centre", plane, all_holes, "a disk is off its centre")
+    if not any(t.end for t in robot.tendons) and k < count - 1:
+        room = 0.9 * float(min(edges[k + 1] - edges[k], edges[k + 2] - edges[k + 1]))
+        # of second order: no small step shows it
+        along = (number("along", "m", (-room, room), 0.0, 0.5 * room),)
+        slip = cause("disk slipped", along, slipped, "a disk has slipped along the backbone")
+        slip.exact_derivatives = False  # the mesh changes
+        yield slip
 
 
 # ---------------------------------------------------------------------------------------------------- readings
@@ -402,11 +393,11 @@ def single_disks(problem: FitProblem) -> list[Cause]:
 Weight = Callable[[MeasuredData], Array]
 
 
-def _readings(problem: FitProblem) -> list[ReadingCause]:
+def _readings(problem: FitProblem) -> Iterator[ReadingCause]:
     """Positions that move along the rows or from some row on, or are seen through a camera."""
-    readings, data, found = problem.readings, problem.data, _sensors(problem)
+    readings, data = problem.readings, problem.data
     if not np.any(readings.is_position):
-        return found
+        return
     length, clock = data.robot.backbone.length, clock_of(data)
     shifts = tuple(number(a, "m", (-length, length), 0.0, 2e-3 * length) for a in "xyz")
     turns = tuple(number(f"rot_{a}", "rad", (-1.0, 1.0), 0.0, 0.01) for a in "xyz")
@@ -423,7 +414,7 @@ def _readings(problem: FitProblem) -> list[ReadingCause]:
         times.append(("drift", "", clock, lambda d: progress_along(d.steps), 1.0))
     for first in (data.step_ids[k] for k in possible_starts(data)):
         times.append(("jump", f", from row {first} on", "row", after(first), float(len(data.steps))))
-    found += _camera(length)
+    yield from _camera(length)
     for (marker, who), (verb, since, depends, weight, choices) in itertools.product(groups.items(), times):
         kind = Kind("reading", (depends,), f"{who}{since}")
         price = math.log(choices * (1 if marker is None else len(markers)))
@@ -436,13 +427,12 @@ def _readings(problem: FitProblem) -> list[ReadingCause]:
             forms.append((f"{verb} on the section", text, shifts, [_on_section]))
         for name, text, numbers, moves in forms:
             shapes = tuple(partial(m, axis=i, weight=weight, marker=marker) for m in moves for i in range(3))
-            found.append(ReadingCause(f"{name} of {who}{since}", kind, numbers, shapes, text, price))
-    return found
+            yield ReadingCause(f"{name} of {who}{since}", kind, numbers, shapes, text, price)
 
 
-def _sensors(problem: FitProblem) -> list[ReadingCause]:
+def _sensors(problem: FitProblem) -> Iterator[ReadingCause]:
     """Sensors other than markers that read too much by a factor or by a constant: all of a kind, or one."""
-    of_each, found = dict[str, list[Reading]](), list[ReadingCause]()
+    of_each: dict[str, list[Reading]] = {}
     for r in problem.data.readings:
         for name in _sensor_names(r):
             of_each.setdefault(name, []).append(r)
@@ -454,8 +444,7 @@ def _sensors(problem: FitProblem) -> list[ReadingCause]:
             kind, shape = Kind("reading", ("nothing",), name), partial(_of_sensor, name=name, power=power)
             label, price = f"{p.name} of the readings of {name}", math.log(len(of_each))
             text = f"{name} is read too large or too small by a {by}"
-            found.append(ReadingCause(label, kind, (p,), (shape,), text, price))
-    return found
+            yield ReadingCause(label, kind, (p,), (shape,), text, price)
 
 
 def _sensor_names(r: Reading) -> tuple[str, ...]:
@@ -472,27 +461,27 @@ def _of_sensor(problem: FitProblem, run: Run, name: str, power: int) -> Array:
     return np.where(own, _predicted(problem, run)[0] ** power, 0.0)
 
 
-def _camera(length: float) -> list[ReadingCause]:
+def _camera(length: float) -> Iterator[ReadingCause]:
     """Scale, perspective and distortion of the positions, along every axis; axes that are not at right angles."""
     kind, scale = Kind("reading", ("position",)), number("scale", "1", (-0.5, 0.5), 0.0, 0.01)
     slope = number("slope", "1/m", (-0.5 / length, 0.5 / length), 0.0, 0.01 / length)
     radial = number("radial", "1/m^2", (-2.0 / length**2, 2.0 / length**2), 0.0, 0.01 / length**2)
     text = "positions are read too large or too small by a factor"
-    found = [ReadingCause("scale of the positions", kind, (scale,), (_scaled(-1, 0),), text)]
+    yield ReadingCause("scale of the positions", kind, (scale,), (partial(_scaled, axis=-1),), text)
     for axis, a in enumerate("xyz"):
-        shapes = (_scaled(axis, 0), _scaled(axis, 1))
+        across = partial(_scaled, axis=axis)
+        shapes = across, partial(across, power=1)
         text = f"a camera looks along {a}: what is nearer is larger"
-        found.append(ReadingCause(f"perspective along {a}", kind, (scale, slope), shapes, text))
+        yield ReadingCause(f"perspective along {a}", kind, (scale, slope), shapes, text)
         text = f"a camera looks along {a}, and its lens distorts: what is farther from its axis is larger"
-        shapes = (_scaled(axis, 0), _distorted(axis))
-        found.append(ReadingCause(f"lens distortion along {a}", kind, (scale, radial), shapes, text))
+        shapes = across, partial(_distorted, axis=axis)
+        yield ReadingCause(f"lens distortion along {a}", kind, (scale, radial), shapes, text)
     for (into, a), (of, b) in itertools.product(enumerate("xyz"), repeat=2):
         name, text = f"scale of {a}", f"positions along {a} are read too large or too small by a factor"
         if a != b:
             name, text = f"share of position {b} in {a}", f"the axes {a} and {b} are not at right angles"
         shape, price = partial(_shared, into=into, of=of), math.log(9.0)
-        found.append(ReadingCause(name, kind, (scale,), (shape,), text, price))
-    return found
+        yield ReadingCause(name, kind, (scale,), (shape,), text, price)
 
 
 def _shared(problem: FitProblem, run: Run, into: int, of: int) -> Array:
@@ -537,22 +526,14 @@ def _predicted(problem: FitProblem, run: Run) -> tuple[Array, Array]:
     return values, by_marker
 
 
-def _scaled(axis: int, power: int) -> Callable[[FitProblem, Run], Array]:
+def _scaled(problem: FitProblem, run: Run, axis: int, power: int = 0) -> Array:
     """Positions across an axis times a power of that along it; all positions where the axis is -1."""
-
-    def shape(problem: FitProblem, run: Run) -> Array:
-        r, (values, by_marker) = problem.readings, _predicted(problem, run)
-        return np.where(r.is_position & (r.axes != axis), values * by_marker[r.markers, axis] ** power, 0.0)
-
-    return shape
+    r, (values, by_marker) = problem.readings, _predicted(problem, run)
+    return np.where(r.is_position & (r.axes != axis), values * by_marker[r.markers, axis] ** power, 0.0)
 
 
-def _distorted(axis: int) -> Callable[[FitProblem, Run], Array]:
+def _distorted(problem: FitProblem, run: Run, axis: int) -> Array:
     """Positions across an axis times the square of their distance from it."""
-
-    def shape(problem: FitProblem, run: Run) -> Array:
-        r, (values, by_marker) = problem.readings, _predicted(problem, run)
-        square = np.sum(np.delete(by_marker[:, :3], axis, axis=1) ** 2, axis=1)[r.markers]
-        return np.where(r.is_position & (r.axes != axis), values * square, 0.0)
-
-    return shape
+    r, (values, by_marker) = problem.readings, _predicted(problem, run)
+    square = np.sum(np.delete(by_marker[:, :3], axis, axis=1) ** 2, axis=1)[r.markers]
+    return np.where(r.is_position & (r.axes != axis), values * square, 0.0)

@@ -13,12 +13,11 @@ from matplotlib.patches import Patch
 
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.identify.result import Estimate, IdentificationResult
+from tdcr_fe.identify.rows import FEWEST
 from tdcr_fe.identify.sentences import of_markers
 from tdcr_fe.report.environment import shown_unit, words
 from tdcr_fe.report.style import CORRECTED, DECLARED, HELD_OUT, MEASURED, logarithmic, styled
 
-#: A run of steps shows a loop where it has at least as many.
-LOOP_STEPS = 4
 #: Pairs of parameters with a correlation above this size are drawn, and so many of them and of the profiles [1].
 HARDLY_SEPARATE, SHOWN = 0.8, 4
 
@@ -152,7 +151,7 @@ def loop(result: IdentificationResult) -> tuple[int, range] | None:
             end += 1
         j = int(np.argmax(np.ptp(values[begin:end], axis=0)))
         change = np.diff(values[begin:end, j])
-        longest = LOOP_STEPS - 1 if found is None else len(found[1])
+        longest = FEWEST - 1 if found is None else len(found[1])
         if end - begin > longest and np.any(change > same) and np.any(change < -same):
             found = j, range(begin, end)
         begin = end - 1
@@ -167,7 +166,7 @@ def _loop(axes: Axes, result: IdentificationResult) -> bool:
     j, steps = longest[0], np.array(longest[1])
     measured, before, after = (tips[steps] for tips in _tip(result))
     known = np.isfinite(measured).all(axis=1)
-    if np.count_nonzero(known) < LOOP_STEPS:
+    if np.count_nonzero(known) < FEWEST:
         return False
     start = measured[known][0]
     path = measured[known] - start

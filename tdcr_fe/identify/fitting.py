@@ -127,9 +127,8 @@ def fit(problem: FitProblem, effects: Sequence[Effect], start: Point, race: Race
 
 def begin(problem: FitProblem, effects: Sequence[Effect], start: Point, along: Fit | None = None) -> Fitting:
     """A model at a point, on the path of another one, with all parameters free that change anything there."""
-    return evaluated(
-        problem, effects, start, [(e.name, p.name) for e in effects for p in e.parameters], along
-    )
+    free = [(e.name, p.name) for e in effects for p in e.parameters]
+    return evaluated(problem, effects, start, free, along)
 
 
 def evaluated(

@@ -12,7 +12,7 @@ import numpy as np
 
 from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.identify import fitting
-from tdcr_fe.identify.criteria import robust_threshold, unusable_data
+from tdcr_fe.identify.criteria import WORTHWHILE, robust_threshold, unusable_data
 from tdcr_fe.identify.data_faults import data_fault, other_sign_solves
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.next_experiment import choose_next
@@ -125,7 +125,7 @@ def _search(search: Search, state: SearchState, prepared: Prepared, schedule: Sc
     if state.data_fault:
         return state
     state = state.ending_at(schedule.search + schedule.grace)
-    listed = replace(search, deadline=schedule.search, long_data=prepared.rows is not None)
+    listed = replace(search, deadline=schedule.search)
     state = in_time(listed, state, search_causes, Part.FURTHER_EFFECTS)
     state = cut_short(listed, state, Part.FURTHER_EFFECTS)
     whole = replace(search, deadline=schedule.end)
@@ -133,10 +133,8 @@ def _search(search: Search, state: SearchState, prepared: Prepared, schedule: Sc
     state = in_time(whole, state.ending_at(end), _with_next, Part.NEXT_EXPERIMENT)
     if prepared.rows is not None:
         if prepared.frictional is not None:
-            frictional, timed = (
-                replace(prepared.frictional, deadline=end),
-                replace(search, deadline=schedule.friction),
-            )
+            frictional = replace(prepared.frictional, deadline=end)
+            timed = replace(search, deadline=schedule.friction)
             state = in_time(timed, state, partial(with_friction, frictional), Part.FRICTION)
         problem = replace(prepared.problem, deadline=latest)
         state = search.keep(fit_to_all_rows(whole, state, problem))
@@ -325,10 +323,6 @@ def _within(problem: FitProblem, effects: Sequence[Effect], values: Point) -> Po
     return problem.moved(effects, values, free, np.zeros(len(free)))
 
 
-#: Friction is left out where the misfit of the declared model grows by no more than this share.
-WORSE = 0.1
-
-
 def without_friction(problem: FitProblem) -> FitProblem:
     """The same problem for a model without friction; effects that act through friction are no candidates."""
     experiment = replace(problem.experiment, model=replace(problem.experiment.model, friction="none"))
@@ -351,7 +345,7 @@ def friction_explains_little(problem: FitProblem) -> bool:
         return False
     frictional = evaluate(problem, (), {})
     cost, other = (f.cost + f.held_cost for f in (frictionless, frictional))
-    return not frictional.solved or cost <= (1.0 + WORSE) * other
+    return not frictional.solved or cost <= (1.0 + WORTHWHILE) * other
 
 
 def with_friction(problem: FitProblem, search: Search, state: SearchState) -> SearchState:

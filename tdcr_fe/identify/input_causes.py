@@ -58,7 +58,7 @@ _InputLaw = Callable[[Array, Array, Values], Any]
 class ChangedInputs(ChangedDescription):
     """A cause that changes inputs by numbers times what follows from all inputs and from progress along the rows.
 
-    Its change is an `_InputLaw`. Where no number has the name of a tendon, the first one is that of all.
+    It acts by an `_InputLaw`. Where no number has the name of a tendon, the first one is that of all.
     """
 
     def _numbers(self, tendons: Sequence[str]) -> list[str]:
@@ -75,7 +75,7 @@ class ChangedInputs(ChangedDescription):
             return experiment
         commands, steps = Commands.of(experiment), list(experiment.steps)
         for kind, (table, given) in commands.kinds.items():
-            moved = table + factors * self.change(table, commands.progress, values)
+            moved = table + factors * self.acts(table, commands.progress, values)
             new = np.where(given, np.maximum(moved, 0.0) if kind == "tensions" else moved, table)
             for j in np.flatnonzero(np.any(new != table, axis=1)):
                 own: Any = {n: float(x) for n, x, there in zip(names, new[j], given[j], strict=True) if there}
@@ -91,7 +91,7 @@ class ChangedInputs(ChangedDescription):
         named = np.any([given for _, given in commands.kinds.values()], axis=0)
         found = np.zeros(named.shape)
         for table, given in commands.kinds.values():
-            found += np.where(given & own, self.change(table, commands.progress, values), 0.0)
+            found += np.where(given & own, self.acts(table, commands.progress, values), 0.0)
         rows = np.where(named, np.arange(len(found))[:, None], 0)
         return np.take_along_axis(found, np.maximum.accumulate(rows), axis=0)
 
@@ -173,9 +173,8 @@ class _Inputs(NamedTuple):
                 part = np.maximum(size - limit, 0.0) if above else np.minimum(size, limit)
                 return np.where(here, -np.sign(u) * part, 0.0)
 
-            what, null, tried = (
-                ("limit", most, (0.5, 0.7, 0.85)) if above else ("dead zone", 0.0, (0.1, 0.2, 0.4))
-            )
+            what, null = ("limit", most) if above else ("dead zone", 0.0)
+            tried = (0.5, 0.7, 0.85) if above else (0.1, 0.2, 0.4)
             numbers = share, number("limit", self.unit, (0.0, most), null, 0.05 * most)
             text = f"{having} {beyond if above else below} does not arrive"
             kind, held = Kind("input", ("tension",), where), {"limit": [x * most for x in tried]}

@@ -58,14 +58,12 @@ def choose_next(search: Search, state: SearchState) -> NextExperiment | None:
         raise OutOfTime
     search.report("the next experiment", 0.96)
     models = [_Model(f, covariance(problem, f)) for f in (best, *leading_rivals(search, state))]
-    candidates = candidate_sequences(problem)
     judge = _parting if len(models) > 1 else _shrinking
-    planned = [_planned(problem, steps) for steps in candidates]
+    planned = [_planned(problem, steps) for steps in candidate_sequences(problem)]
     rough = judge(models, [p.rough for p in planned])
-    for i in sorted(rough, key=lambda i: -rough[i].value):
-        exact = judge(models, [planned[i]])
-        if exact:
-            return exact[0].experiment
+    for i, _ in sorted(rough, key=lambda x: -x[1].value):
+        for _, exact in judge(models, [planned[i]]):
+            return exact
     return None
 
 
@@ -143,11 +141,8 @@ def _planned(problem: FitProblem, steps: tuple[LoadStep, ...]) -> FitProblem:
 # ------------------------------------------------------------------------------------------------ criteria
 
 
-class _Judged(NamedTuple):
-    """A candidate that all models solve."""
-
-    value: float  # how much it helps
-    experiment: NextExperiment
+#: A candidate that all models solve, with its number.
+_Judged = tuple[int, NextExperiment]
 
 
 def _solved(planned: Sequence[FitProblem], models: Sequence[_Model]) -> Iterator[tuple[int, list[Linear]]]:
@@ -166,9 +161,8 @@ def _solved(planned: Sequence[FitProblem], models: Sequence[_Model]) -> Iterator
             yield i, own
 
 
-def _parting(models: Sequence[_Model], planned: Sequence[FitProblem]) -> dict[int, _Judged]:
+def _parting(models: Sequence[_Model], planned: Sequence[FitProblem]) -> Iterator[_Judged]:
     """Candidates by how far they separate the rivals from the best model, over noise and uncertainty [sigma]."""
-    found = {}
     for i, (best, *others) in _solved(planned, models):
         apart = {}
         for model, other in zip(models[1:], others, strict=True):
@@ -179,18 +173,15 @@ def _parting(models: Sequence[_Model], planned: Sequence[FitProblem]) -> dict[in
         listed = ", ".join(f"{name} ({v:.1f} sigma)" for name, v in apart.items())
         if min(apart.values()) > 0.0:
             purpose = f"separates {models[0].fit.title} from {listed}"
-            experiment = NextExperiment(planned[i].data.steps, purpose, apart)
-            found[i] = _Judged(min(apart.values()), experiment)
-    return found
+            yield i, NextExperiment(planned[i].data.steps, purpose, apart)
 
 
-def _shrinking(models: Sequence[_Model], planned: Sequence[FitProblem]) -> dict[int, _Judged]:
+def _shrinking(models: Sequence[_Model], planned: Sequence[FitProblem]) -> Iterator[_Judged]:
     """Candidates by how much they reduce the standard error of the parameter that is known worst by its value."""
     (model,) = models
     fit = model.fit
-    found: dict[int, _Judged] = {}
     if not fit.free or not planned:
-        return found
+        return
     z = planned[0].coordinates(fit.effects, fit.values, fit.free)
     error = np.sqrt(np.maximum(np.diag(model.spread), 1e-300))
     widest = int(np.argmax(error / np.maximum(np.abs(z), 1e-300)))
@@ -201,6 +192,4 @@ def _shrinking(models: Sequence[_Model], planned: Sequence[FitProblem]) -> dict[
         share = float(np.sqrt(left) / error[widest])
         purpose = f"narrows the interval of {parameter} ({effect}) by {100.0 * (1.0 - share):.0f} %"
         name = f"{effect}.{parameter}"
-        experiment = NextExperiment(planned[i].data.steps, purpose, parameter=name, remaining_share=share)
-        found[i] = _Judged(-share, experiment)
-    return found
+        yield i, NextExperiment(planned[i].data.steps, purpose, parameter=name, remaining_share=share)

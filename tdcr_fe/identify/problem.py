@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -86,19 +86,14 @@ class FitProblem:
     def with_effects(self, effects: Sequence[Effect], values: Point) -> Experiment:
         """The experiment with effects, applied in the order of the catalogue, unlisted ones last."""
         order = {e.name: i for i, e in enumerate(self.catalogue)}
-        found = self._without_effects
-        for e in sorted(effects, key=lambda e: order.get(e.listed, len(order))):
-            found = _applied(found, e, tuple(values[e.name].items()))
-        return found.experiment.with_sequences(join_steps)
+        ordered = sorted(effects, key=lambda e: order.get(e.listed, len(order)))
+        every = tuple((e, tuple(values[e.name].items())) for e in ordered)
+        return _applied(self, every).with_sequences(join_steps)
 
-    def acted(self, fit: Fit) -> Experiment:
-        """The experiment with a fitted model, and the action that its run carries as loads."""
-        found = self.with_effects(fit.effects, fit.values)
-        return found if fit.run.acted is None else with_action(found, fit.run.acted.action)
-
-    @cached_property
-    def _without_effects(self) -> _Kept:
-        return _Kept(self.experiment)
+    def acted(self, effects: Sequence[Effect], values: Point, run: Run) -> Experiment:
+        """The experiment with effects, and the action that a run carries as loads."""
+        found = self.with_effects(effects, values)
+        return found if run.acted is None else with_action(found, run.acted.action)
 
     @property
     def rough(self) -> FitProblem:
@@ -189,10 +184,10 @@ class FitProblem:
         """Excitation range of the data."""
         bend = np.linalg.norm(run.curvature[..., :2], axis=-1)
         commanded = [t for s in self.data.steps for t in s.tensions.values()]
-        needed = float(np.nanmax(run.base_tensions, initial=0.0))
+        needed = float(np.nanmax(run.base_tensions, initial=1e-6))
         moved = [abs(d) for s in self.data.steps for d in s.displacements.values()]
-        moved.append(float(np.nanmax(np.abs(run.displacements), initial=0.0)))
-        most = max([*commanded, needed, 1e-6]), max([*moved, 1e-9])
+        wound = float(np.nanmax(np.abs(run.displacements), initial=1e-9))
+        most = max([*commanded, needed]), max([*moved, wound])
         times = [s.time for s in self.data.steps if s.time is not None]
         return ExcitationRange(*most, float(np.nanmax(bend, initial=1e-6)), max(times, default=0.0))
 
@@ -224,20 +219,20 @@ class FitProblem:
         return new
 
 
-@dataclass(frozen=True, eq=False)
-class _Kept:
-    """An experiment with some effects, which is the same object whenever it is asked for again."""
-
-    experiment: Experiment
+#: An effect and its values.
+_Given = tuple[Effect, tuple[tuple[str, float], ...]]
 
 
 @lru_cache
-def _applied(before: _Kept, e: Effect, values: tuple[tuple[str, float], ...]) -> _Kept:
-    """An experiment with another effect; kept, since derivatives by other effects begin with the same ones.
+def _applied(problem: FitProblem, every: tuple[_Given, ...]) -> Experiment:
+    """The experiment with effects, in this order; kept, since derivatives by other effects begin with the same ones.
 
     Actuator loss alone took a tenth of the time of an identification with it.
     """
-    return _Kept(before.experiment.with_sequences(lambda part: e.apply(part, dict(values))))
+    if not every:
+        return problem.experiment
+    *before, (e, values) = every
+    return _applied(problem, tuple(before)).with_sequences(lambda part: e.apply(part, dict(values)))
 
 
 def huber(r: Array, threshold: float) -> Array:
@@ -327,13 +322,11 @@ def refine(
     """
     problem = replace(problem, correction=np.zeros(problem.count))
     run = run or problem.simulated(effects, values)
-    action = None if run.acted is None else run.acted.action
 
     def with_model(count: int) -> Experiment:
         """With so many elements a bay, the model, and the loads of its run."""
         meshed = replace(problem, experiment=with_elements(problem.experiment, count))
-        found = meshed.with_effects(effects, values)
-        return found if action is None else with_action(found, action)
+        return meshed.acted(effects, values, run)
 
     n = problem.experiment.model.starting_elements_per_bay
     here = problem.residual(with_model(n), run)
@@ -349,7 +342,7 @@ def refine(
         return replace(problem, mesh_error=mesh_error), run
     more = min(FINEST, max(n + 1, int(np.ceil(n * (mesh_error / MESH) ** (1.0 / ORDER)))))
     experiment = with_elements(problem.experiment, more)
-    (again,) = problem.run([Job(with_model(more), run.trajectories, True, states=action is not None)])
+    (again,) = problem.run([Job(with_model(more), run.trajectories, True, states=run.acted is not None)])
     problem = replace(problem, mesh_error=mesh_error * (n / more) ** ORDER, experiment=experiment)
     return problem, replace(again, acted=run.acted)
 
@@ -368,7 +361,7 @@ def join_steps(experiment: Experiment) -> Experiment:
     Returns
     -------
     Experiment
-        The same one where there is friction, or nothing is divided.
+        The same one where there is friction, or effects divide nothing.
     """
     if experiment.model.friction != "none" or experiment.ends is None:
         return experiment
@@ -379,8 +372,6 @@ def join_steps(experiment: Experiment) -> Experiment:
         if factor == 1.0:
             steps.append(passed)
             passed = None
-    if len(steps) == len(experiment.steps):
-        return experiment
     return replace(experiment, steps=tuple(steps), ends=None)
 
 

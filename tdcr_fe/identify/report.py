@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -43,15 +44,14 @@ PROFILES = (
 )
 
 
-def _sections(result: IdentificationResult, motion: Motion | None) -> list[Section]:
+def _sections(result: IdentificationResult, motion: Motion | None) -> Iterator[Section]:
     """What is below the first screen."""
     noted, data, text = sentences.remarks(result), result.data, result.remaining.description
-    found = []
     if motion is not None:
         declared = bool(motion.markers and motion.markers.declared.size)
         panel = {"panel": viewer.panel(motion), "declared": declared, "result": result}
         title = "The robot in 3D, measured and predicted"
-        found.append(Section("robot", title, "motion.html.j2", panel, folded=False))
+        yield Section("robot", title, "motion.html.j2", panel, folded=False)
     if result.effects:
         drawn = figures.parameters(result)
         known = result.simulated.catalogue
@@ -63,26 +63,25 @@ def _sections(result: IdentificationResult, motion: Motion | None) -> list[Secti
             "correlations": sentences.correlations(result),
             "picture": drawn and Picture(drawn, "Profiles of the parameters", PROFILES),
         }
-        found.append(Section("effects", "Effects added, and the evidence", "effects.html.j2", evidence))
+        yield Section("effects", "Effects added, and the evidence", "effects.html.j2", evidence)
     errors = "Error in every load step, and along the backbone"
     picture = Picture(figures.where_error_is(result), errors, f"{errors}. Shaded steps were held out.")
-    found.append(Section("error", "Where the error is", "pictures.html.j2", {"pictures": [picture]}))
+    yield Section("error", "Where the error is", "pictures.html.j2", {"pictures": [picture]})
     rest = {"text": f"{text[:1].upper()}{text[1:]}.", "tests": result.residuals.tests}
-    found.append(Section("rest", "What remains, and whether it is noise", "rest.html.j2", rest))
+    yield Section("rest", "What remains, and whether it is noise", "rest.html.j2", rest)
     rows = sorted(result.log.candidates, key=lambda c: (c.round, c.model, -c.drop))
     shown = {"result": result, "candidates": [c for c in rows if c.drop > 0.5 or c.fitted]}
-    found.append(Section("candidates", "Candidates and search", "candidates.html.j2", shown))
+    yield Section("candidates", "Candidates and search", "candidates.html.j2", shown)
     inputs = {
         "result": result,
         "noise": [(words(q), quantity(x, channel(q).unit)) for q, x in result.noise.rms_by_quantity.items()],
         "outliers": [(data.readings[i], r) for i, r in result.residuals.outliers],
     }
-    found.append(Section("data", "Declared robot, readings, rows left out", "data.html.j2", inputs))
+    yield Section("data", "Declared robot, readings, rows left out", "data.html.j2", inputs)
     if result.effects:
         scenarios = {n: t for n, t in corrected.corrected_files(result).items() if n.startswith("effects")}
         texts = {"scenarios": scenarios, "count": len(data.steps)}
-        found.append(Section("scenario", "Scenario of the corrected robot", "scenario.html.j2", texts))
-    return found
+        yield Section("scenario", "Scenario of the corrected robot", "scenario.html.j2", texts)
 
 
 def _cards(result: IdentificationResult) -> tuple[Card, ...]:

@@ -266,11 +266,14 @@ class NextExperiment:
     remaining_share: float = 1.0  # of that standard error [1]
 
     @property
+    def value(self) -> float:
+        """How much it helps: the least separation, else the share of the standard error that is left, negative."""
+        return min(self.separation.values(), default=-self.remaining_share)
+
+    @property
     def helps(self) -> bool:
         """Whether it is worth measuring."""
-        if self.separation:
-            return min(self.separation.values()) >= LEAST_SEPARATION
-        return self.remaining_share <= MOST_REMAINING
+        return self.value >= (LEAST_SEPARATION if self.separation else -MOST_REMAINING)
 
     def to_json(self) -> dict[str, Any]:
         """As in ``result.json``."""

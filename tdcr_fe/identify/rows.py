@@ -15,6 +15,10 @@ from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.model.loading import LoadStep, resolve
 
+#: Fewest steps, or readings, from which anything is concluded or shown, and steps with readings of which some are held
+#: out.
+FEWEST = 4
+
 
 def clock_of(data: MeasuredData) -> str:
     """What a drift depends on: time, else the row; empty where there are no times and rows are left out."""
@@ -87,10 +91,9 @@ def choose_held_out(data: MeasuredData, share: float = 0.3) -> tuple[int, ...]:
     position = {n: k for k, n in enumerate(data.step_ids)}
     read = np.bincount([position[r.step] for r in data.readings], minlength=len(data.steps)).astype(float)
     with_readings = np.flatnonzero(read)
-    if with_readings.size < 4:
+    if with_readings.size < FEWEST:
         return ()
-    parts = [[k for k in b if read[k] > 0.0] for b in blocks(data)]
-    parts = [b for b in parts if b]
+    parts = [own for b in blocks(data) if (own := [k for k in b if read[k] > 0.0])]
     if len(parts) == 1:
         last = max(1, round(share * with_readings.size * 0.75))
         return tuple(int(k) for k in with_readings[-last:])
@@ -99,11 +102,9 @@ def choose_held_out(data: MeasuredData, share: float = 0.3) -> tuple[int, ...]:
     table = inputs(data)
     every, whole = max(2, round(1.0 / share)), np.ptp(table[with_readings], axis=0)
     best: tuple[float, Sequence[int]] = (-np.inf, ())
-    for offset in range(every):
+    for offset in range(min(every, len(parts))):
         held = [k for i, b in enumerate(parts) if i % every == offset for k in b]
         kept = np.setdiff1d(with_readings, held)
-        if kept.size == 0 or not held:
-            continue
         seen, tested = (np.ptp(table[k], axis=0) / np.maximum(whole, 1e-12) for k in (kept, held))
         used = whole > 1e-9
         part = read[held].sum() / read.sum()

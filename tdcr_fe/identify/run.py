@@ -59,7 +59,7 @@ class Trajectory:
             begin = end
         return divided
 
-    def on_mesh(self, s: Array) -> Trajectory | None:
+    def on_mesh(self, s: Array) -> Trajectory:
         """The same path on another mesh: the same increments, with the twist of the backbone divided otherwise.
 
         Two runs on it differ by the error of the mesh alone, since both take the same substeps.
@@ -68,20 +68,11 @@ class Trajectory:
         ----------
         s
             Arc lengths of the nodes of the other mesh [m], shape (k,).
-
-        Returns
-        -------
-        Trajectory or None
-            None where the scene has coordinates besides those of the nodes.
         """
-        if self.s.size == s.size and np.array_equal(self.s, s):
+        if np.array_equal(self.s, s):
             return self
-        moved: PathRecord = []
-        for increments in self.waypoints:
-            if any(x.state.unknowns.coordinates.size != 7 * self.s.size for x in increments):
-                return None
-            moved.append([replace(x, state=x.state.on_mesh(self.s, s)) for x in increments])
-        return Trajectory(moved, self.ends, s)
+        moved = [[replace(x, state=x.state.on_mesh(self.s, s)) for x in part] for part in self.waypoints]
+        return replace(self, waypoints=moved, s=s)
 
 
 #: Those of a run: one for each loading sequence.
@@ -232,11 +223,8 @@ class Run:
     def curvature(self) -> Array:
         """Of the elements, as turning rates about the section's axes x, y, z [1/m], shape (n_steps, n-1, 3)."""
         relative = np.swapaxes(self.rotations[:, :-1], -1, -2) @ self.rotations[:, 1:]
-        n = relative.shape[0], relative.shape[1]
-        ok = np.isfinite(relative).all(axis=(-1, -2)).ravel()
-        turn = np.full((ok.size, 3), np.nan)
-        turn[ok] = Rotation.from_matrix(relative.reshape(-1, 3, 3)[ok]).as_rotvec()
-        return turn.reshape(*n, 3) / np.diff(self.s)[None, :, None]
+        turn = Rotation.from_matrix(relative.reshape(-1, 3, 3)).as_rotvec()
+        return np.asarray(turn.reshape(*relative.shape[:2], 3) / np.diff(self.s)[:, None])
 
 
 @dataclass(frozen=True, eq=False)

@@ -184,7 +184,7 @@ def _errors(problem: FitProblem, fit: Fit, unit: str = "", near: Array | None = 
     """
     if problem.roots:  # they are in the covariance
         return []
-    experiment = problem.acted(fit)
+    experiment = problem.acted(fit.effects, fit.values, fit.run)
     inputs, displaced = _inputs(experiment)
     driven, sizes = np.any(inputs != 0.0, axis=0), {"1": inputs}
     if len(set(displaced[driven].tolist())) == 1:
@@ -213,10 +213,9 @@ def _with_errors(experiment: Experiment, errors: Array) -> Experiment:
     """The experiment, possibly with divided steps, with errors of the inputs, shape (K, n_tendons)."""
     steps, number = [], {n: i for i, n in enumerate(experiment.robot.tendon_names)}
     for step, here in at_ends(experiment, errors):
-        moved: dict[str, Any] = {
-            drive.inputs: {n: x + float(here[number[n]]) for n, x in own.items()}
-            for drive, own in step.inputs()
-        }
+        moved: dict[str, Any] = {}
+        for drive, own in step.inputs():
+            moved[drive.inputs] = {n: x + float(here[number[n]]) for n, x in own.items()}
         moved["tensions"] = {n: max(x, 0.0) for n, x in moved["tensions"].items()}
         steps.append(replace(step, **moved))
     return replace(experiment, steps=tuple(steps))
@@ -247,8 +246,7 @@ def _forces(problem: FitProblem, fit: Fit, bays: Sequence[int], near: Array | No
 def _likeliest(problem: FitProblem, fit: Fit, source: _Source, inputs: Array) -> _Likeliest:
     """The likeliest scatter of a source; ``inputs``: of all steps, shape (K, n_tendons)."""
     blocks = _blocks(problem, source.residual, source.by)
-    usual = float(np.median(np.concatenate([b.strength for b in blocks]) ** 2)) if blocks else 0.0
-    usual = max(usual, 1e-300)
+    usual = max(float(np.median(np.concatenate([b.strength for b in blocks]) ** 2)), 1e-300)
 
     def cost(exponent: float) -> float:
         return -_log_likelihood(blocks, 10.0**exponent / usual)

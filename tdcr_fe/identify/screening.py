@@ -288,29 +288,6 @@ def _beside(space: _Space, one: _ProbeSet, signature: Array, limits: tuple[Array
     return Score(one.effect, drop, signature, begin, probe=one)
 
 
-def _towards_point(space: _Space, e: PointForce, run: Run, follows: bool = True) -> Score:
-    """A force towards a point."""
-    problem, fit = space.problem, space.fit
-    best = _best_point(problem, run, e, space, follows)
-    if best is None:
-        return Score.refused(e, fit, "")  # beside another model it may
-
-    def begin() -> Start:
-        values, predicted = space.adapted(best.change)
-        return Start({**values, e.name: best.values}, predicted)
-
-    probe = _ProbeSet.of(e, [best.values], problem.experiment)
-    return Score(e, best.drop, best.change[:, None], begin, probe=probe)
-
-
-class _BestPoint(NamedTuple):
-    """A force towards the point that explains a residual best."""
-
-    drop: float  # fall of the sum of squares
-    values: dict[str, float]
-    change: Array  # of the predictions over sigma, shape (n,)
-
-
 class _Pulled(NamedTuple):
     """What a force towards a point does."""
 
@@ -319,20 +296,18 @@ class _Pulled(NamedTuple):
     largest: float  # force [N]
 
 
-def _best_point(
-    problem: FitProblem, run: Run, cause: PointForce, space: _Space, follows: bool = True
-) -> _BestPoint | None:
-    """The force towards a point that explains a residual best, where the robot follows it linearly; None if none does.
+def _towards_point(space: _Space, cause: PointForce, run: Run, follows: bool = True) -> Score:
+    """The force towards a point that explains a residual best, where the robot follows it linearly.
 
     Parameters
     ----------
-    problem, run
-        The readings, and a run with its response to actions.
+    space
+        The residual, less what the parameters of the model can bring.
     cause
         The force. It is tried at all points of `PointForce.tries`; from the best one all its numbers are fitted.
         Fits from the best five explained as much in six data sets, at the best disk, but for 3 % in one.
-    space
-        The residual, less what the parameters of the model can bring.
+    run
+        With its response to actions.
     follows
         Whether the force moves the robot from where it is in the run; False: the run is where the force holds it.
     """
@@ -340,7 +315,7 @@ def _best_point(
     own = slice(COMPONENTS * cause.bay + FORCE.start, COMPONENTS * (cause.bay + 1))
     response, by_force = run.acted.response.state[:, own, own], run.acted.response.readings[:, None, own]
     response = response if follows else np.zeros_like(response)
-    names, steps = [p.name for p in cause.parameters], problem.readings.step
+    names, steps = [p.name for p in cause.parameters], space.problem.readings.step
     before, none = run.bays.moved[:, cause.bay], np.zeros((len(response), 3, 1))
 
     @lru_cache(maxsize=1)  # residual and derivatives are asked for one after the other
@@ -374,15 +349,22 @@ def _best_point(
     starts[:, strength] = strengths
     promised = np.where(strengths > low[strength], size * amplitudes**2, 0.0)
     if not np.any(promised > 0.0):
-        return None
+        return Score.refused(cause, space.fit, "")  # beside another model it may
     start = starts[np.argmax(promised)]
     found = least_squares(left, start, slopes, (low, high), x_scale=scales, max_nfev=EVALUATIONS)
     z = found.x
     if follows:  # a larger force bends or buckles the robot beyond first order
-        most = problem.data.robot.backbone.EI / cause.at**2
+        most = space.problem.data.robot.backbone.EI / cause.at**2
         z[strength] *= min(1.0, most / max(at(*z.tolist()).largest, 1e-300))
+    best, change = dict(zip(names, z.tolist(), strict=True)), at(*z.tolist()).change
+
+    def begin() -> Start:
+        values, predicted = space.adapted(change)
+        return Start({**values, cause.name: best}, predicted)
+
     drop = float(space.rest @ space.rest - np.sum(left(z) ** 2))
-    return _BestPoint(drop, dict(zip(names, z.tolist(), strict=True)), at(*z.tolist()).change)
+    probe = _ProbeSet.of(cause, [best], space.problem.experiment)
+    return Score(cause, drop, change[:, None], begin, probe=probe)
 
 
 def rescored(problem: FitProblem, fit: Fit, scores: Sequence[Score], run: Run) -> list[Score]:

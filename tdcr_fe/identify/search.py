@@ -27,6 +27,8 @@ from tdcr_fe.identify import fitting
 from tdcr_fe.identify.causes import Cause, is_named
 from tdcr_fe.identify.criteria import (
     BIC_DIFFERENCE,
+    HALVED,
+    WORTHWHILE,
     at_bound,
     bic,
     chi_square_threshold,
@@ -43,22 +45,11 @@ from tdcr_fe.identify.problem import Fit, FitProblem, Point
 from tdcr_fe.identify.result import Candidate
 from tdcr_fe.identify.scatter import find_scatter
 from tdcr_fe.identify.screening import FIRST_ORDER, Score, Start, apart, rescored, screen
-from tdcr_fe.identify.search_state import (
-    Search,
-    SearchState,
-    as_good,
-    in_time,
-    parent_of,
-    refined,
-)
+from tdcr_fe.identify.search_state import Search, SearchState, as_good, in_time, parent_of, refined
 from tdcr_fe.identify.settings import OutOfTime, Part
 
-#: Number of causes from which on a further one has to remove at least this part of the misfit on held-out steps [1].
-MANY, WORTHWHILE = 4, 0.1
-
-#: What differs in every step is looked for once a round has left more than this share of the misfit. Pretension left a
-#: seventh of that of practice set 10. The rest was friction, and errors of the inputs would have explained it.
-LITTLE = 0.5
+#: Number of causes from which on a further one has to remove `WORTHWHILE` of the misfit on held-out steps.
+MANY = 4
 
 #: Candidates of a round that the report shows.
 SHOWN = 40
@@ -76,14 +67,19 @@ STRONG = 10
 STRENGTHS = (1.0, 8.0, 64.0)
 
 
-def search_causes(search: Search, state: SearchState) -> SearchState:
-    """The whole search."""
+def all_causes(state: SearchState) -> tuple[Effect, ...]:
+    """The dictionary beside the declared model."""
     problem = state.problem
-    search.report("the dictionary of causes", 0.03)
     (run,) = problem.run([Job(problem.experiment, state.declared.run.trajectories, states=True)])
     assert run.bays is not None
-    every = dictionary(problem, run.bays)
-    if search.long_data:
+    return dictionary(problem, run.bays)
+
+
+def search_causes(search: Search, state: SearchState) -> SearchState:
+    """The whole search."""
+    search.report("the dictionary of causes", 0.03)
+    every = all_causes(state)
+    if state.rows is not None:
         state = replace(state, dictionary=tuple(filter(is_named, every)))
         state = in_time(search, state, grow, Part.FURTHER_EFFECTS)
         state = replace(state, extended=frozenset())
@@ -119,8 +115,7 @@ def scores_beside(state: SearchState, fit: Fit, costly: bool = False) -> tuple[S
         done = sorted([*done, *scores], key=lambda x: -x.drop)
         state = replace(state, scores={**state.scores, key: (done, reference)})
         scales = {name: x for score in scores for name, x in score.scales.items()}
-        problem = replace(state.problem, scales={**state.problem.scales, **scales})
-        state = replace(state, problem=problem)
+        state = replace(state, problem=replace(state.problem, scales={**state.problem.scales, **scales}))
         if not fit.effects:
             refused = {x.effect.name: x.note for x in scores if x.note and not x.effect.after}
             state = replace(state, refused={**state.refused, **refused})
@@ -236,7 +231,7 @@ def costly_singles(search: Search, state: SearchState, parent: Fit) -> tuple[Sea
     if parent.effects:
         return state, []
     state, found = singles(search, state, parent, True)
-    return state, [x for x in found if not x.named and _takes_a_run(x.score.effect)]
+    return state, [x for x in found if _takes_a_run(x.score.effect)]
 
 
 def _takes_a_run(effect: Effect) -> bool:
@@ -531,7 +526,7 @@ def grow(search: Search, state: SearchState) -> SearchState:
     most_effects = 1 if lacks_test(state.problem, state.declared) else settings.max_effects
     before = state.best
     for number in itertools.count(1):
-        if number > 1 and not search.explained(state) and state.best.cost > LITTLE * before.cost:
+        if number > 1 and not search.explained(state) and state.best.cost > HALVED * before.cost:
             state = with_scatter(state)
             if state.scatter:
                 break
@@ -540,7 +535,7 @@ def grow(search: Search, state: SearchState) -> SearchState:
         more = len(names) < most_effects and (names, singles.__name__) not in state.extended
         tries = _visible(search, state) if more else _hidden(search, state)
         # Several causes that leave more than noise may stand for others.
-        anew = (names, exchange.__name__) not in state.extended and not search.long_data
+        anew = (names, exchange.__name__) not in state.extended and state.rows is None
         if anew and len(state.best.effects) > 1 and not search.explained(state):
             state = exchange(search, state, progress, costly=False)
             if state.best is not before:
@@ -588,7 +583,7 @@ def with_scatter(state: SearchState) -> SearchState:
     Beside the best one alone where that explains most: dry friction left 3 % of a misfit, and a force all the same.
     """
     left, whole = (f.cost + f.held_cost for f in (state.best, state.declared))
-    for fit in (state.declared, state.best) if left > LITTLE * whole else (state.best,):
+    for fit in (state.declared, state.best) if left > HALVED * whole else (state.best,):
         tried = frozenset(fit.names), find_scatter.__name__
         if state.scatter or tried in state.extended:
             continue
@@ -633,18 +628,12 @@ def _hidden(search: Search, state: SearchState) -> list[_Try]:
         return []
     stages = (pairs,) if explained else (at_full_strength, pairs, costly_singles)
     models = {frozenset(f.names): f for f in (state.best, state.fits[frozenset()])}
-    return [
-        (propose, parent)
-        for names, parent in models.items()
-        for propose in stages
-        if (names, propose.__name__) not in state.extended
-    ]
+    each = itertools.product(models.items(), stages)
+    return [(stage, fit) for (names, fit), stage in each if (names, stage.__name__) not in state.extended]
 
 
 def _admissible(search: Search, state: SearchState, fit: Fit) -> bool:
-    """Whether a model improves on those that it contains."""
-    if not fit.effects:
-        return True
+    """Whether a model with causes improves on those that it contains."""
     return is_improvement(state.problem, fit, parent_of(state, fit), search.significance)
 
 

@@ -40,9 +40,6 @@ class Search:
     # reading of `tdcr_fe.identify.settings.clock` after which nothing further of the search begins, and fits
     # end where they are [s]
     deadline: float = math.inf
-    # whether, to be faster, causes without a name are tried only once no listed effect improves the model, and
-    # exchanges only at the end
-    long_data: bool = False
     kept: Kept = field(default_factory=Kept)
 
     def keep(self, state: SearchState) -> SearchState:
@@ -96,7 +93,9 @@ class SearchState:
     dictionary: tuple[Effect, ...] = ()  # all candidate causes
     next_experiment: NextExperiment | None = None
     profiles: tuple[Profile, ...] = ()  # of the parameters of the best model
-    rows: RowChoice | None = None  # load steps that the search uses; None for all
+    # load steps that the search uses; None for all. On a part of them, to be faster, causes without a name are tried
+    # only once no listed effect improves the model, and exchanges only at the end
+    rows: RowChoice | None = None
     sigma_estimated: bool = False  # whether any sigma was not given
 
     @classmethod

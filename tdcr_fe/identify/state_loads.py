@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations_with_replacement, product
@@ -56,7 +56,9 @@ class Factor:
     @property
     def how(self) -> str:
         """How a load with it acts, in words."""
-        return "in a part of the rows" if self.when else f"in proportion to {self.name}"
+        if self.when:
+            return "in a part of the rows"
+        return f"in proportion to {self.name}" if self.name else "constant"
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +89,8 @@ def _tendon(b: BayState, weight: Array) -> Array:
     return _moment(np.einsum("kbt,btc->kbc", weight, b.lever))
 
 
-def _slipping(b: BayState, sign: float) -> Array:
-    return _tendon(b, b.tension * (sign * b.direction[:, None, :] > 0.0))
+def _slipping(b: BayState, compare: np.ufunc) -> Array:
+    return _tendon(b, b.tension * compare(b.direction, 0)[:, None, :])
 
 
 def _bending(b: BayState) -> Array:
@@ -126,6 +128,7 @@ def _unit_curvature(b: BayState) -> Array:
     return np.asarray(_bending(b) / size[..., None])
 
 
+CONSTANT = Factor("", "", "", lambda b: np.ones(b.shape), "")
 CURVATURE = Factor("the curvature", "|kappa|", "m^-1", lambda b: _size(_bending(b)), "curvature")
 POSITION = Factor("the position along the backbone", "s", "m", lambda b: _in_all(b, b.middles), "place")
 TENSION = Factor("the sum of the tensions", "T", "N", lambda b: b.tension.sum(axis=-1), "tension")
@@ -142,13 +145,8 @@ UNIT_BENDING = Direction(
 )  # fmt: skip
 _AXES = {axis: partial(_constant, axis=i) for i, axis in enumerate("xy")}
 SECTION = Direction("about an axis of the section", "e", "", _AXES, "precurvature")
-TENDONS = Direction(
-    "along the moment of the tendons",
-    "m_T",
-    "N m",
-    {"coefficient": lambda b: _tendon(b, b.tension)},
-    "routing",
-)
+_TENSIONS = {"coefficient": lambda b: _tendon(b, b.tension)}
+TENDONS = Direction("along the moment of the tendons", "m_T", "N m", _TENSIONS, "routing")
 TENDON_SIGN = Direction(
     "along the moment of each tendon, by the sign of its last motion", "sum(sign_i m_Ti)", "N m",
     {"coefficient": lambda b: _tendon(b, b.tension * b.direction[:, None, :])},
@@ -157,7 +155,8 @@ TENDON_SIGN = Direction(
 
 BY_SLIP = Direction(
     "along the moment of each tendon, of one size after motion towards the base and of another after motion back",
-    "m_T by slip", "N m", {n: partial(_slipping, sign=x) for n, x in (("towards", 1.0), ("back", -1.0))},
+    "m_T by slip", "N m",
+    {"towards": partial(_slipping, compare=np.greater), "back": partial(_slipping, compare=np.less)},
     "transmission", "direction of loading",
 )  # fmt: skip
 
@@ -247,7 +246,9 @@ def library(bays: int, clock: Factor) -> list[Term]:
     factors = (CURVATURE, POSITION, TENSION, clock, LOADING)
     products = [p for n in (0, 1, 2) for p in combinations_with_replacement(factors, n)]
     pairs = [(p, d) for d in _DIRECTIONS for p in products]
-    terms = [Term(p, d) for p, d in pairs if (p, d) not in _LISTED and not _repeated_sign(p, d)]
+    # the square of a sign is one
+    once = [(p, d) for p, d in pairs if p.count(LOADING) + (d is TENDON_SIGN) <= 1]
+    terms = [Term(p, d) for p, d in once if (p, d) not in _LISTED]
     terms.append(Term((TURNING,), BY_SLIP))
     terms += [Term(p, UNIT_BENDING) for p in ((), (TENSION,), (clock,))]
     for some in ranges(bays):
@@ -281,23 +282,16 @@ def parts_of_rows(clock: Factor, starts: Mapping[int, float]) -> list[Factor]:
     return found
 
 
-def tensions_of(names: Sequence[str]) -> list[Factor]:
+def tensions_of(names: Sequence[str]) -> Iterator[Factor]:
     """The tension of each of several tendons."""
 
     def tension(state: BayState, number: int) -> Array:
         return state.tension[..., number]
 
-    found, choices = [], len(names)
+    choices = len(names)
     for i, n in enumerate(names if choices > 1 else ()):
         value = partial(tension, number=i)
-        found.append(Factor(f"the tension of tendon {n}", f"T_{n}", "N", value, "tension", choices))
-    return found
-
-
-def _repeated_sign(factors: tuple[Factor, ...], direction: Direction) -> bool:
-    """Whether a sign stands twice: its square is one."""
-    count = factors.count(LOADING) + (direction is TENDON_SIGN)
-    return count > 1
+        yield Factor(f"the tension of tendon {n}", f"T_{n}", "N", value, "tension", choices)
 
 
 def where(term: Term, edges: Array) -> str:
@@ -334,7 +328,7 @@ def sentence(term: Term) -> str:
 _Coefficients = Sequence[tuple[str, str, Callable[[BayState], Array]]]
 
 
-def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cause]:
+def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator[Cause]:
     """Causes that are moments and forces on the backbone which depend on its state.
 
     ``progress``: what a drift depends on, "time" or "row"; empty where drifts are left out.
@@ -342,18 +336,17 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
     size, length = scale(problem.experiment.robot), float(state.edges[-1])
     clock = TIME if progress == "time" else ROW
     bays = state.shape[1]
-    found: list[Cause] = []
 
-    def load(name: str, kind: Kind, terms: _Coefficients, text: str, price: float) -> list[StateLoad]:
+    def load(name: str, kind: Kind, terms: _Coefficients, text: str, price: float) -> Iterator[StateLoad]:
         """The cause, or none where a term does not act."""
         numbers = []
         for label, unit, term in terms:
             most = float(np.nanmax(np.abs(term(state)) / size, initial=0.0))
             if most <= 0.0:
-                return []
+                return
             step = TYPICAL / most
             numbers.append(Parameter(label, unit, -FARTHEST * step, FARTHEST * step, 0.0, step, label))
-        return [StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text, price)]
+        yield StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text, price)
 
     # Of several folders times begin anew, and what changes does so between them.
     restarts = problem.data.restarts
@@ -370,31 +363,30 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         choices = (1 if term.bays is None else parts_of_backbone) * math.prod(f.choices for f in term.factors)
         price = math.log(10.0) + PER_FACTOR * len(term.factors) + math.log(choices)
         kind = Kind(perturbs, depends, where(term, state.edges))
-        found += load(term.key, kind, term.actions, sentence(term), price)
+        yield from load(term.key, kind, term.actions, sentence(term), price)
         if progress and term.factors == (clock,) and term.bays is None and ((), term.direction) in _LISTED:
             last = Term((), term.direction)
             lasting = load(last.key, kind, last.actions, sentence(last), price)
             span = ("time", "s") if clock is TIME else ("rows", "1")
-            found += [SettlingLoad(x, lambda b: clock.value(b)[:, :1], span, state) for x in lasting]
+            yield from (SettlingLoad(x, lambda b: clock.value(b)[:, :1], span, state) for x in lasting)
     for free in free_loads(clock, tensions_of(problem.experiment.robot.tendon_names), parts, bays):
         if "row" in free.depends_on and not progress:
             continue
         for bay in range(bays - 1 if free.at_tip else 0, bays):
             at = state.place(bay)
-            terms = [(a, free.unit, free.on(bay, axis)) for axis, a in enumerate("xyz")]
-            price = 1.5 + math.log(state.choices(bay)) + math.log(free.choices)
-            kind = Kind(free.perturbs, free.depends_on, at)
-            what, when = f"{free.perturbs} {free.text}", f", {free.when}" if free.when else ""
-            found += load(f"{what} ({at}{when})", kind, terms, f"a {what}{when}", price)
+            terms = [(a, free.unit, partial(free.action, bay=bay, axis=axis)) for axis, a in enumerate("xyz")]
+            price = 1.5 + math.log(state.choices(bay)) + math.log(free.factor.choices)
+            kind, what = Kind(free.perturbs, free.depends_on, at), f"{free.perturbs} {free.text}"
+            when = f", {free.factor.when}" if free.factor.when else ""
+            yield from load(f"{what} ({at}{when})", kind, terms, f"a {what}{when}", price)
     powers = (1, "|u| u", "the square"), (2, "|u|^2 u", "the third power")
     for bay, (power, symbol, size_of) in product(range(bays), powers):
         kind = Kind("force", ("position",), f"disk at s = {state.edges[bay + 1]:.4g} m")
         own = [("coefficient", _unit("N", ["m"] * (power + 1)), partial(_displaced, bay=bay, power=power))]
-        text = (
-            f"a force along the displacement across the axis, proportional to {size_of} of the displacement"
-        )
+        along = "a force along the displacement across the axis"
+        text = f"{along}, proportional to {size_of} of the displacement"
         price = math.log(10.0) + PER_FACTOR * power + math.log(bays)
-        found += load(f"{symbol} ({_bays(bay, bay)})", kind, own, text, price)
+        yield from load(f"{symbol} ({_bays(bay, bay)})", kind, own, text, price)
     axes = {"xx": "x", "yy": "y", "xy": "xy"}
     tensor = [(n, "N m^2", partial(_by_curvature, axes=a)) for n, a in axes.items()]
     signed = product(enumerate("xy"), (("plus", 1.0), ("minus", -1.0)))
@@ -405,20 +397,24 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> list[Cau
         ("bending stiffness of another section", tensor, "the directions"),
         ("bending stiffness by side", sides, "bending to one side and to the other"),
     ):
-        found += load(name, kind, own, f"{text} {differs}", math.log(10.0))
-    found.append(DryBending(float(size[0]), length))
+        yield from load(name, kind, own, f"{text} {differs}", math.log(10.0))
+    yield DryBending(float(size[0]), length)
     bent = float(np.nanmax(_size(_bending(state)), initial=0.0))
-    found += [PermanentSet(float(size[0]), bent)] if bent > 0.0 else []
-    spread = [(a, "N/m", _spread(i)) for i, a in enumerate("xyz")]
+    if bent > 0.0:
+        yield PermanentSet(float(size[0]), bent)
+    spread = [(a, "N/m", partial(_spread, axis=i)) for i, a in enumerate("xyz")]
     kind = Kind("force", ("nothing",), "along the backbone")
     text = "a constant force along the whole backbone"
-    found += load("force along the backbone", kind, spread, text, 0.5 * OTHER_GRAVITY - UNNAMED)
+    yield from load("force along the backbone", kind, spread, text, 0.5 * OTHER_GRAVITY - UNNAMED)
     strength = TYPICAL * float(size[-1])
     for bay in range(bays):
         falls = (2, 1, 3) if bay == bays - 1 else (2,)
-        found += [Attraction(bay, state, power, strength) for power in falls]
-        found.append(Cord(bay, state, strength / length))
-    return found
+        yield from (Attraction(bay, state, power, strength) for power in falls)
+        yield Cord(bay, state, strength / length)
+
+
+#: From the state to a direction for every axis, shape (K, 3).
+_Along = Callable[[BayState, int], Array]
 
 
 class _FreeLoad(NamedTuple):
@@ -427,34 +423,30 @@ class _FreeLoad(NamedTuple):
     perturbs: str  # "force" or "moment"
     text: str
     depends_on: tuple[str, ...]
-    unit: str  # of its coefficients
-    # direction and size of a coefficient of one along an axis, shape (K, 3), on the disk at the end of a bay
-    vector: Callable[[BayState, int, int], Array]
-    at_tip: bool = False  # whether it acts on the tip only
-    choices: int = 1  # among how many of its kind it is chosen
-    when: str = ""  # in words, in which rows it acts; empty where in all
+    # along an axis it acts in this direction, and in proportion to that, on the disk at the end of a bay
+    direction: _Along
+    factor: Factor
+    at_tip: bool  # whether it acts on the tip only
 
-    def on(self, bay: int, axis: int) -> Callable[[BayState], Array]:
-        """The action on the disk at the end of a bay: a moment passes through all bays below it."""
+    @property
+    def unit(self) -> str:
+        """Of its coefficients."""
+        return _unit("N" if self.perturbs == "force" else "N m", [self.factor.unit])
 
-        def term(state: BayState) -> Array:
-            found, vector = np.zeros((*state.shape, COMPONENTS)), self.vector(state, bay, axis)
-            if self.perturbs == "force":
-                found[:, bay, FORCE] = vector
-            else:
-                found[:, : bay + 1, MOMENT] = np.einsum("kbij,ki->kbj", state.rotation[:, : bay + 1], vector)
-            return found
-
-        return term
-
-
-#: From the state to a direction for every axis, shape (K, 3).
-_Along = Callable[[BayState, int], Array]
+    def action(self, state: BayState, bay: int, axis: int) -> Array:
+        """Of a coefficient of one along an axis: a moment passes through all bays below the disk."""
+        found = np.zeros((*state.shape, COMPONENTS))
+        vector = self.factor.value(state)[:, bay, None] * self.direction(state, axis)
+        if self.perturbs == "force":
+            found[:, bay, FORCE] = vector
+        else:
+            found[:, : bay + 1, MOMENT] = np.einsum("kbij,ki->kbj", state.rotation[:, : bay + 1], vector)
+        return found
 
 
 def free_loads(
-    clock: Factor, tensions: Sequence[Factor], parts: Sequence[Factor], bays: int
-) -> list[_FreeLoad]:
+    clock: Factor, tensions: Iterable[Factor], parts: Sequence[Factor], bays: int
+) -> Iterator[_FreeLoad]:
     """Along fixed directions and along those that turn with the tip, constant or in proportion to something.
 
     ``tensions``: of single tendons; ``parts``: of the rows, see `parts_of_rows`.
@@ -469,27 +461,19 @@ def free_loads(
     def dipole(state: BayState, axis: int) -> Array:
         return np.cross(state.tip[:, :, 2], fixed(state, axis))
 
-    def vector(direction: _Along, factor: Factor | None, state: BayState, bay: int, axis: int) -> Array:
-        along = direction(state, axis)
-        return along if factor is None else factor.value(state)[:, bay, None] * along
-
-    found, many = [], len(parts) * bays > MOST_PAIRS
-    anywhere = (None, clock, TENSION, DISTANCE, *tensions, *parts)
+    many = len(parts) * bays > MOST_PAIRS
+    anywhere = (CONSTANT, clock, TENSION, DISTANCE, *tensions, *parts)
     for perturbs, text, by, direction, factors in (
         ("force", "of fixed direction", "", fixed, anywhere),
         ("moment", "of fixed direction", "", fixed, anywhere),
-        ("force", "that turns with the tip", "orientation", turning, (None,)),
-        ("moment", "that turns with the tip", "orientation", turning, (None,)),
-        ("moment", "of a uniform field on a magnet along the tip", "orientation", dipole, (None, clock)),
+        ("force", "that turns with the tip", "orientation", turning, (CONSTANT,)),
+        ("moment", "that turns with the tip", "orientation", turning, (CONSTANT,)),
+        ("moment", "of a uniform field on a magnet along the tip", "orientation", dipole, (CONSTANT, clock)),
     ):
         for factor in factors:
-            how, when = ("constant", "") if factor is None else (factor.how, factor.when)
-            depends = tuple(filter(None, (by, factor.kind if factor else ""))) or ("nothing",)
-            unit = _unit("N" if perturbs == "force" else "N m", [factor.unit] if factor else [])
-            load, choices = partial(vector, direction, factor), factor.choices if factor else 1
+            depends = tuple(filter(None, (by, factor.kind))) or ("nothing",)
             at_tip = direction is not fixed or (many and factor in parts)
-            found.append(_FreeLoad(perturbs, f"{text}, {how}", depends, unit, load, at_tip, choices, when))
-    return found
+            yield _FreeLoad(perturbs, f"{text}, {factor.how}", depends, direction, factor, at_tip)
 
 
 class DryBending(StateLoad):
@@ -590,12 +574,8 @@ def _displaced(state: BayState, bay: int, power: int) -> Array:
     return found
 
 
-def _spread(axis: int) -> Callable[[BayState], Array]:
+def _spread(state: BayState, axis: int) -> Array:
     """A constant force per length along an axis of the world."""
-
-    def term(state: BayState) -> Array:
-        found = np.zeros((*state.shape, COMPONENTS))
-        found[..., FORCE.start + axis] = np.diff(state.edges)
-        return found
-
-    return term
+    found = np.zeros((*state.shape, COMPONENTS))
+    found[..., FORCE.start + axis] = np.diff(state.edges)
+    return found

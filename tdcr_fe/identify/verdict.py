@@ -65,7 +65,7 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
     effects = added_effects(search, state, deviation, explained)
     certain = unlisted <= 1.0 - NAMED and all(e.kind_probability > NAMED for e in effects)
     held = {data.readings[i].step for i in np.flatnonzero(problem.held_out)}
-    corrected = problem.acted(best)
+    corrected = problem.acted(best.effects, best.values, best.run)
     declared_mesh = replace(corrected.model, elements_per_bay=data.model.elements_per_bay)
     left = problem.lengths(declared.residual), problem.lengths(best.residual), problem.whole_sigma
     correlation = spread / np.maximum(np.outer(deviation, deviation), 1e-300)
@@ -250,12 +250,11 @@ def estimates(problem: FitProblem, best: Fit, e: Effect, deviation: Array) -> di
         kept = "left at its null value" if value == null else "it changes nothing besides the other values"
         error, note = None, f"not determined by these data; {kept}"
         if (e.name, p.name) in best.free:
-            note = ""
             factor = value**2 if p.inverse and math.isfinite(value) else 1.0
             error = float(deviation[best.free.index((e.name, p.name))]) * factor
             low, high = problem.bounds(e, p.name)
             z = p.coordinate(value)
-            if min(abs(z - low), abs(high - z)) < 1e-9 * max(1.0, abs(high - low)):
-                note = "at its bound"
+            near = min(abs(z - low), abs(high - z)) < 1e-9 * max(1.0, abs(high - low))
+            note = "at its bound" if near else ""
         numbers[p.name] = Estimate(float(value), error, p.unit, note)
     return numbers

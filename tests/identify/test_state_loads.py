@@ -84,8 +84,8 @@ def test_loads_from_a_row_on_act_on_all_disks_of_short_sequences():
     """Up to 1200 pairs of rows and disks, else on the tip alone: their columns would take too much memory."""
     parts = state_loads.parts_of_rows(ROW, {7: 7.0, 8: 8.0})
     for bays, at_tip in ((300, False), (301, True)):
-        found = [load for load in state_loads.free_loads(ROW, (), parts, bays) if load.choices > 1]
-        assert len(found) == 8 and {load.at_tip for load in found} == {at_tip}
+        found = [x for x in state_loads.free_loads(ROW, (), parts, bays) if x.factor.choices > 1]
+        assert len(found) == 8 and {x.at_tip for x in found} == {at_tip}
 
 
 def test_stiffness_and_precurvature_from_a_row_on_act_in_these_rows():

@@ -147,7 +147,7 @@ def test_forms_of_one_effect_are_separated_by_one_experiment():
     of_gravity = f"for gravity: {other.separating_experiment}"
     assert text == f"for pretension: {own.separating_experiment}; {of_gravity}"
     assert separating_experiments(own, ("pretension (each)",), EFFECTS).count(own.separating_experiment) == 1
-    jump = Cause("jump (from row 30 on)", own.kind, (), "")  # a cause without a name has none: "for jump: ."
+    jump = Cause("jump (from row 30 on)", own.kind, (), (), "")  # of no name, it has none: "for jump: ."
     assert separating_experiments(jump, ("jump (from row 29 on)",), EFFECTS) == ""
     assert separating_experiments(jump, ("gravity",), EFFECTS) == of_gravity
 
