@@ -38,7 +38,6 @@ class CoefficientLaw(Protocol):
         mu, dmu_dnormal, dmu_drate : ndarray, shape (k,)
             Coefficient, not negative [1], and its derivatives by the two arguments [1/N, s/m].
         """
-        ...
 
 
 class Coefficients(NamedTuple):

@@ -33,12 +33,10 @@ class DrivenTendon(Protocol):
     @property
     def name(self) -> str:
         """Of the tendon."""
-        ...
 
     @property
     def spool(self) -> Any:
         """The spool on which a motor winds it, with its ``radius`` [m]; None where there is none."""
-        ...
 
 
 @dataclass(frozen=True)

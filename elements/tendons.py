@@ -155,7 +155,7 @@ class CableLines:
         return turns
 
     def stiffness(self, tension: Array) -> NodeStiffness:
-        """Geometric stiffness: derivative of `wrenches` at fixed tensions (m, n).
+        """Geometric stiffness: derivative of `wrenches` at fixed tensions (m, n), in Exudyn's sign.
 
         A segment of length ``l`` and direction ``e`` resists with ``T / l`` across ``e``. At a hole with offset ``o``
         the lever turns with the node, which adds ``(f o^T + o f^T) / 2 - (f . o) 1`` by the rotation, with the force

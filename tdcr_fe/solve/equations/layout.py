@@ -125,11 +125,6 @@ class RobotUnknowns(NamedTuple):
     mobilisations: slice  # Where these are
     clamped: bool  # Whether its base is clamped to ground
 
-    @property
-    def has_friction(self) -> bool:
-        """Whether friction acts in this robot."""
-        return self.mobilisations.stop > self.mobilisations.start
-
 
 class Numbering(NamedTuple):
     """Order of all unknowns of a scene."""

@@ -29,10 +29,8 @@ from tdcr_fe.solve.friction_path.rates import (
     columns_of,
     distance_to_bound,
     distance_to_tautness,
-    extrapolated,
     factorised,
     fixed_by_slack,
-    left_branch,
     sides,
     solve_rates,
     solved_transposed,
@@ -387,10 +385,13 @@ def _integrated(
         factor, z, tension = along_segment(path, count, length, unknowns)
         count += 1
         current = factor < breakpoints[passed] - ROUND_OFF and _is_near(evaluation, factor, tension, 1.0)
-        current = current and not left_branch(state.derivatives, branches_at(slips.transfer, z, tension))
+        # At another branch of the law the derivatives are others.
+        current = (
+            current and not (state.derivatives.branches != branches_at(slips.transfer, z, tension)).any()
+        )
         if current:
-            state = extrapolated(state, length, tension, rates.rate, rates.complement)
-            unclipped = z
+            moved = state.slip + length * (rates.complement + state.derivatives.elastic_slip * rates.rate)
+            state, unclipped = SlipState(tension, moved, state.derivatives), z
     reversals = reversal_slip, reversal_mobilisation, reversal_factor
     return FrictionPath(z, *reversals, complete, path, unknowns), count
 

@@ -193,29 +193,6 @@ def tension_columns(derivatives: SlipDerivatives, which: Index) -> Array:
 
 
 @compilable
-def extrapolated(
-    state: SlipState, length: float, tension: Array, rate: Array, complement: Array
-) -> SlipState:
-    """The state a little further on, with the same derivatives.
-
-    Parameters
-    ----------
-    state
-        The state here.
-    length
-        By how much the load factor is larger [1].
-    tension
-        Of the segments there [N], shape (q,).
-    rate
-        Rates of all unknowns [1, N], shape (n,).
-    complement
-        Rates of their complements [m], shape (n,).
-    """
-    moved = state.slip + length * (complement + state.derivatives.elastic_slip * rate)
-    return SlipState(tension, moved, state.derivatives)
-
-
-@compilable
 def with_changed(state: SlipState, which: Index, columns: Array, change: Array) -> SlipState:
     """The state at the same load factor with some of the unknowns changed a little, with the same derivatives.
 
@@ -234,12 +211,6 @@ def with_changed(state: SlipState, which: Index, columns: Array, change: Array) 
     slip = state.slip - change.dot(columns)
     slip[which] += by.elastic_slip[which] * change
     return SlipState(state.tension + change.dot(tension_columns(by, which)), slip, by)
-
-
-@compilable
-def left_branch(derivatives: SlipDerivatives, branches: Flags) -> bool:
-    """Whether the derivatives jump between where they were evaluated and a state with these branches of the law."""
-    return branches.size > 0 and bool((derivatives.branches != branches).any())
 
 
 class Rates(NamedTuple):

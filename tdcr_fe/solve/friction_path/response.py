@@ -271,6 +271,7 @@ class KnownStates(NamedTuple):
     """States of a substep, from its start to its end."""
 
     span: tuple[float, float]  # Load factors of the load step at its ends [1]
+    targets: tuple[Target, Target]  # Inputs and loads there
     taut: TautTendons  # The tendons under tension in any of the states
     points: tuple[InterpolationPoint, ...]  # The states, by load factor
 

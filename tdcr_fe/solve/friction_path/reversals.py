@@ -9,7 +9,7 @@ import numpy as np
 
 from tdcr_fe.elements import Array
 from tdcr_fe.elements.complementarity import solve_box
-from tdcr_fe.solve.equations.configuration import SolverState, Target
+from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.friction_path.follow import FrictionPath, follow_friction
 from tdcr_fe.solve.friction_path.rates import columns_of, tension_columns
@@ -44,11 +44,11 @@ class SubstepSlips(NamedTuple):
     columns: Array
 
     @classmethod
-    def of(cls, known: KnownStates, targets: tuple[Target, Target], allowed: float) -> SubstepSlips:
-        """From its solved states; further arguments as of `find_reversals`."""
+    def of(cls, known: KnownStates, allowed: float) -> SubstepSlips:
+        """From its solved states; for ``allowed`` see the attribute."""
         taut, start, end = known.taut, known.start, known.end
         holes, k = taut.holes, len(taut.holes)
-        data = [taut.slip_data(point, targets) for point in known.points]
+        data = [taut.slip_data(point, known.targets) for point in known.points]
         transfer, intervals = tension_transfer(taut.tendons), Intervals.between(data)
         elastic_slip = np.append(taut.presliding, np.zeros(len(taut.driven)))
         slips = InterpolatedSlips(transfer, intervals, elastic_slip, np.eye(len(data[0].tension)))
@@ -221,11 +221,7 @@ class Reversals(NamedTuple):
 
 
 def find_reversals(
-    known: KnownStates,
-    targets: tuple[Target, Target],
-    length: float,
-    allowed: float,
-    solved_with_reversals: bool,
+    known: KnownStates, length: float, allowed: float, *, solved_with_reversals: bool
 ) -> Reversals:
     """Reversals of slips between two solved states.
 
@@ -233,8 +229,6 @@ def find_reversals(
     ----------
     known
         Of the substep; the last one is solved from the first as a whole.
-    targets
-        Inputs and loads at both ends.
     length
         Of the longest backbone [m].
     allowed
@@ -247,7 +241,7 @@ def find_reversals(
     Reversals
         Without any effect where every slip is monotone, so that the substep is exact as a whole.
     """
-    substep = SubstepSlips.of(known, targets, allowed * length)
+    substep = SubstepSlips.of(known, allowed * length)
     path = substep.follow(substep.slips)
     corrected = substep.at_end(path)
     effect = substep.displacement(corrected - substep.after) / length

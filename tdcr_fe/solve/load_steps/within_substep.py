@@ -71,7 +71,8 @@ def known_states(
             unbalanced = solver.system.unbalanced(at.state, target, at.forces, at.numbering)
             load = response.to_load(at.linearization, at.forces, unbalanced, factor)
         points.append(InterpolationPoint(x, at, response, load))
-    return KnownStates(span, taut, tuple(points))
+    start, end = (solver.ramp.apply(solver.system, factor) for factor in span)
+    return KnownStates(span, (start, end), taut, tuple(points))
 
 
 def solve_within(
@@ -175,7 +176,7 @@ def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:
     trial = trial._replace(begin=replace(trial.begin, end=known.start), final=known.end)
     if not known.taut.holes.size:
         return trial
-    found = _reversals(solver, known, allowed)
+    found = find_reversals(known, solver.system.length, allowed, solved_with_reversals=False)
     trial = trial._replace(error=found.total, division=None if found.total <= allowed else 0.5)
     if trial.division is None:
         return trial
@@ -220,7 +221,7 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
         linear = result.linearization or known.end.linearization
         states = [*states, (1.0, _final(solver, result, linear, trial.end))]
         linked = known_states(solver, states, known.span)
-        again = _reversals(solver, linked, allowed, solved_with_reversals=True)
+        again = find_reversals(linked, solver.system.length, allowed, solved_with_reversals=True)
         diverges = again.effect > found.effect
         known, found = linked, again
         accepted = found.total <= allowed
@@ -260,16 +261,6 @@ def _linearised(solver: SubstepSolver, state: SolverState, load_factor: float) -
     return Equilibrium.at(solver.system, state, solver.ramp.apply(solver.system, load_factor))
 
 
-def _reversals(
-    solver: SubstepSolver, known: KnownStates, allowed: float, solved_with_reversals: bool = False
-) -> Reversals:
-    """Slip reversals in a substep, see `find_reversals`."""
-    system, ramp = solver.system, solver.ramp
-    start, end = known.span
-    targets = ramp.apply(system, start), ramp.apply(system, end)
-    return find_reversals(known, targets, system.length, allowed, solved_with_reversals)
-
-
 def is_steady(trial: Trial, linear: Linearization | None) -> bool:
     """Whether a substep is a whole load step without change of the loads in which all holes slip steadily.
 
@@ -305,7 +296,7 @@ def is_steady(trial: Trial, linear: Linearization | None) -> bool:
     for part in parts:
         was_taut, taut = (state.base_tension[part.robot] > 0.0 for state in (before, after))
         becomes_taut = (taut & ~was_taut)[part.driven].any()
-        if part.has_friction and ((was_taut & ~taut).any() or becomes_taut):
+        if part.frictional.any() and ((was_taut & ~taut).any() or becomes_taut):
             return False
     changes = input_changes(before, result.target)
     rate = pick(slip_changes(numbering, result.forces, linear.response(changes), changes))
@@ -384,20 +375,19 @@ def _point(solver: SubstepSolver, substep: SolvedSubstep, here: PathReversal) ->
         numbering.with_frictional_holes(none, reverses),
         slipping,
         pulling,
-        *_rates(solver, known.span, found, load_factor),
+        *_rates(solver, known, found, load_factor),
     )
 
 
 def _rates(
-    solver: SubstepSolver, span: tuple[float, float], point: Equilibrium, load_factor: float
+    solver: SubstepSolver, known: KnownStates, point: Equilibrium, load_factor: float
 ) -> tuple[tuple[Array, ...], Array | None]:
     """Derivatives of inputs and residual by the load factor, as differences to the ends of the substep."""
-    ramp, system = solver.ramp, solver.system
-    start, end = (ramp.apply(system, at) for at in span)
-    inputs = tuple([(b - a) / (span[1] - span[0]) for a, b in zip(start.inputs, end.inputs, strict=True)])
-    if not ramp.changes_beyond_inputs:
+    (first, last), (start, end) = known.span, known.targets
+    inputs = tuple([(b - a) / (last - first) for a, b in zip(start.inputs, end.inputs, strict=True)])
+    if not solver.ramp.changes_beyond_inputs:
         return inputs, None
-    far = max(span, key=lambda end: abs(end - load_factor))
-    target = ramp.apply(system, far)
-    unbalanced = system.unbalanced(point.state, target, point.forces, point.numbering)
+    far = max(known.span, key=lambda end: abs(end - load_factor))
+    target = solver.ramp.apply(solver.system, far)
+    unbalanced = solver.system.unbalanced(point.state, target, point.forces, point.numbering)
     return inputs, unbalanced / (far - load_factor)

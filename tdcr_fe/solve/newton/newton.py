@@ -147,8 +147,7 @@ def _iterate(problem: NewtonProblem, residual: Residual) -> NewtonResult:
             if damping is None:
                 step = full_step(problem, residual)
             else:
-                step = damped_step(problem, residual, damping)
-                damping = step.damping
+                step, damping = damped_step(problem, residual, damping)
         except np.linalg.LinAlgError:
             return end(NewtonStatus.SINGULAR)
         before, iterations = residual.size, iterations + 1
