@@ -181,12 +181,7 @@ class TendonLaw:
         return mobilisation @ self.hole_incidence.T
 
     def field(
-        self,
-        base_tension: Array,
-        shape: CableShape,
-        mobilisation: Array,
-        state: FrictionState,
-        time: float = 0.0,
+        self, base_tension: Array, shape: CableShape, mobilisation: Array, state: FrictionState, time: float
     ) -> TensionField:
         """Tensions for given mobilisations.
 

@@ -289,13 +289,6 @@ class SceneHooks:
                     "mbs.SolveDynamic solves such scenes"
                 )
 
-    def user_jacobian(self, t: float) -> np.ndarray | None:
-        """The user's own part of the system Jacobian, dense, or None."""
-        user = self.user_function("SystemJacobian")
-        if user is None:
-            return None
-        return np.asarray(user(self.system.mbs, t, 1.0, 0.0, 1.0).Convert2DenseMatrix(), dtype=float)
-
     def _after_step(self, mbs: exu.MainSystem, t: float) -> bool:
         self._check_counts()
         self._step_sizes.check(mbs, t, [robot.actuation.mesh for robot in self.robots])

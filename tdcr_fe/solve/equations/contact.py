@@ -185,8 +185,9 @@ class ContactStates:
         sized = {i: item for i, item in items.items() if np.isfinite(_size(item))}
         self._gaps = np.array([data.GetObjectLTGData(i)[0] for i in sized], dtype=int)
         self._sizes = np.array([_size(item) for item in sized.values()])
-        self._depths = np.array([_depth(item) for item in sized.values()])
         self._flat = np.array(["trianglePoints" in item for item in sized.values()], dtype=bool)
+        #: Penetrations at which the centre of a sphere is on the surface of another one [m]; none for triangles.
+        self._depths = np.array([min(item.get("spheresRadii", [np.inf])) for item in sized.values()])
         pairs = np.array([item["markerNumbers"] for item in sized.values()], dtype=int).reshape(-1, 2)
         # A marker belongs to many pairs, and is read once.
         self._markers, numbers = np.unique(pairs, return_inverse=True)
@@ -274,11 +275,6 @@ def _size(item: dict[str, Any]) -> float:
     if "spheresRadii" in item and not item["isHollowSphere1"]:
         return float(sum(item["spheresRadii"]))
     return float("inf")
-
-
-def _depth(item: dict[str, Any]) -> float:
-    """Penetration at which the centre of a sphere is on the surface of another one [m]; none for triangles."""
-    return float("inf") if "trianglePoints" in item else float(min(item["spheresRadii"]))
 
 
 def refuse_other_states(mbs: exu.MainSystem) -> None:

@@ -268,13 +268,10 @@ class SceneLayout:
 
     @classmethod
     def of(
-        cls,
-        mbs: exu.MainSystem,
-        robots: Sequence[TendonActuation],
-        point_loads: Sequence[PointLoad],
-        with_clamps: bool,
+        cls, robots: Sequence[TendonActuation], point_loads: Sequence[PointLoad], with_clamps: bool
     ) -> SceneLayout:
         """Layout of an assembled scene; ``with_clamps=False`` treats the joints of clamped bases as any other."""
+        mbs = robots[0].mbs
         data = mbs.systemData
         for robot in robots:
             robot.forget_coordinates()

@@ -20,7 +20,7 @@ from scipy.linalg.lapack import dgetrf, dgetrs
 
 from tdcr_fe.compiled import compilable, compiled_as
 from tdcr_fe.elements import Array, Flags, Index
-from tdcr_fe.elements.complementarity import MOST_IDLE_BLOCKS, ROUND_OFF, exchanged, largest, smallest
+from tdcr_fe.elements.complementarity import MOST_IDLE_BLOCKS, ROUND_OFF, exchanged, smallest
 from tdcr_fe.solve.newton.convergence import FRICTION_TOLERANCE
 
 
@@ -121,24 +121,6 @@ def sides(unknowns: PathUnknowns, z: Array) -> Array:
     return at_upper
 
 
-@compilable
-def fixed_by_slack(unknowns: PathUnknowns, slack: Array) -> Flags:
-    """Which unknowns stay at their bounds because their tendon has slack, shape (n,), or (0,) where there are none.
-
-    Parameters
-    ----------
-    unknowns
-        Of the path.
-    slack
-        Of the tendons driven by displacement [m], shape (c,).
-    """
-    if not slack.size or largest(slack) <= unknowns.tolerance:
-        return np.zeros(0, dtype=np.bool_)
-    fixed = np.zeros(len(unknowns.scale), dtype=np.bool_)
-    fixed[unknowns.holes :] = slack > unknowns.tolerance
-    return fixed
-
-
 class SlipDerivatives(NamedTuple):
     """Derivatives of the slips at a load factor; those by an unknown are computed when first used."""
 
@@ -224,7 +206,7 @@ class Rates(NamedTuple):
 
 
 @compilable
-def solve_rates(derivatives: SlipDerivatives, side: Array, fixed: Flags, unknowns: PathUnknowns) -> Rates:
+def solve_rates(derivatives: SlipDerivatives, side: Array, slack: Array, unknowns: PathUnknowns) -> Rates:
     """Rates at a load factor.
 
     A complementarity problem: an unknown at its bound stays there while its complement moves in the direction of the
@@ -236,13 +218,14 @@ def solve_rates(derivatives: SlipDerivatives, side: Array, fixed: Flags, unknown
         Of the slips at this load factor.
     side
         At which bounds the unknowns are, see `sides`, shape (n,).
-    fixed
-        Which unknowns stay at their bounds in any case, because the tendon has slack, shape (n,), or (0,) for none.
+    slack
+        Of the tendons driven by displacement [m], shape (c,): those that have any stay at their bounds in any case.
     unknowns
         Of the path.
     """
     count, load = len(side), derivatives.by_load
     active, back, pivoted = side, np.zeros(count), False
+    kept = slack <= unknowns.tolerance
     fewest, idle_left = count + 1, MOST_IDLE_BLOCKS
     for _ in range(30 + 10 * count):
         free = (active == 0.0).nonzero()[0]
@@ -256,8 +239,8 @@ def solve_rates(derivatives: SlipDerivatives, side: Array, fixed: Flags, unknown
             rate[free] = of_free
             complement = load - of_free.dot(columns)
         violated = active * complement < -unknowns.tolerance
-        if fixed.size:
-            violated &= ~fixed
+        if slack.size:
+            violated[unknowns.holes :] &= kept
         if pivoted:
             # Those that left their bounds must move inward.
             outward = side * unknowns.scale * rate > unknowns.tolerance
@@ -272,29 +255,29 @@ def solve_rates(derivatives: SlipDerivatives, side: Array, fixed: Flags, unknown
 
 
 @compilable
-def distance_to_bound(rates: Rates, z: Array, unknowns: PathUnknowns) -> float:
-    """Load factor from here to where a free unknown reaches a bound, at constant rates [1]; infinite if none does."""
-    free = rates.free
-    if not free.size:
-        return np.inf
-    rate = rates.rate[free]
-    bound = np.where(rate > 0.0, unknowns.upper[free], unknowns.lower[free])
-    return smallest(np.abs((bound - z[free]) / rate))
+def distance_to_event(rates: Rates, z: Array, slack: Array, unknowns: PathUnknowns) -> float:
+    """Load factor from here to where a free unknown reaches a bound, or the slack of a tendon vanishes [1].
 
-
-@compilable
-def distance_to_tautness(rates: Rates, slack: Array, holes: int) -> float:
-    """Load factor from here to where the slack of a tendon vanishes, at constant rates [1]; infinite if none does.
+    At constant rates; infinite where neither happens.
 
     Parameters
     ----------
     rates
         From here on.
+    z
+        Unknowns here, shape (n,).
     slack
-        Of the tendons [m], shape (n - holes,).
-    holes
-        Number of holes, which are the first unknowns.
+        Of the tendons driven by displacement [m], shape (c,).
+    unknowns
+        Of the path.
     """
-    closing = rates.complement[holes:]
-    ahead = (closing > 0.0) & (slack > 0.0)
-    return smallest(np.where(ahead, slack / np.where(ahead, closing, 1.0), np.inf))
+    event, free = np.inf, rates.free
+    if free.size:
+        rate = rates.rate[free]
+        bound = np.where(rate > 0.0, unknowns.upper[free], unknowns.lower[free])
+        event = smallest(np.abs((bound - z[free]) / rate))
+    if slack.size:
+        closing = rates.complement[unknowns.holes :]
+        ahead = (closing > 0.0) & (slack > 0.0)
+        event = min(event, smallest(np.where(ahead, slack / np.where(ahead, closing, 1.0), np.inf)))
+    return event

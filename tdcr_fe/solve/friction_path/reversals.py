@@ -81,18 +81,15 @@ class SubstepSlips(NamedTuple):
         right = self.presliding * (trial - self.after) + self.matrix @ self.after
         return solve_box(self.matrix, right, self.after)[0]
 
-    def with_reversals(self, path: FrictionPath) -> Array:
-        """Mobilisations at the end, counted from the last reversals of a path [1], shape (k,)."""
-        since = (self.slip - path.reversal_slip) / self.presliding
-        return self.corrected(path.reversal_mobilisation + since)
-
     def at_end(self, path: FrictionPath) -> Array:
         """Mobilisations at the end of the substep that follow from a path [1], shape (k,).
 
-        Those to first order, which have no error of the integration, where they agree with the end of the path. They
-        need not: where derivatives of the tensions jump, the equations to first order can have another solution.
+        Those to first order, counted from the last reversals, which have no error of the integration, where they agree
+        with the end of the path. They need not: where derivatives of the tensions jump, the equations to first order
+        can have another solution.
         """
-        first_order = self.with_reversals(path)
+        since = (self.slip - path.reversal_slip) / self.presliding
+        first_order = self.corrected(path.reversal_mobilisation + since)
         last = path.unknowns[: len(first_order)]
         if path.complete and self.displacement(last - first_order) > self.allowed:
             return last
@@ -122,12 +119,6 @@ class SubstepSlips(NamedTuple):
         """Uncertainty of the change of the slips: what the parabola in their rates adds to it [m], shape (k,)."""
         return np.abs(self.slips.intervals.defect[: len(self.presliding)])
 
-    @property
-    def is_rough(self) -> bool:
-        """Whether the interpolation is too uncertain to locate reversals."""
-        largest = max(float(np.abs(self.slip).max()), float(self.presliding.min()))
-        return float(self.slip_error.max()) > ROUGH * largest
-
     def path_error(self, path: FrictionPath, mobilisation: Array) -> tuple[float, bool] | None:
         """What the interpolation leaves uncertain in a complete path; None where it is too rough to say.
 
@@ -147,7 +138,8 @@ class SubstepSlips(NamedTuple):
         allowed, first_order = self.allowed, self._displacement_by_error(path)
         if first_order == 0.0:
             return 0.0, False
-        if self.is_rough:
+        largest = max(float(np.abs(self.slip).max()), float(self.presliding.min()))
+        if float(self.slip_error.max()) > ROUGH * largest:
             return None
         other = self.follow(self.slips._replace(intervals=self.slips.intervals.with_defect_doubled()))
         if not other.complete:

@@ -261,7 +261,7 @@ def _linearised(solver: SubstepSolver, state: SolverState, load_factor: float) -
     return Equilibrium.at(solver.system, state, solver.ramp.apply(solver.system, load_factor))
 
 
-def is_steady(trial: Trial, linear: Linearization | None) -> bool:
+def is_steady(trial: Trial, linear: Linearization) -> bool:
     """Whether a substep is a whole load step without change of the loads in which all holes slip steadily.
 
     That is, every hole of tendons under tension slips in one direction.
@@ -275,10 +275,10 @@ def is_steady(trial: Trial, linear: Linearization | None) -> bool:
     trial
         The solved substep.
     linear
-        Linearisation at the end, or at most an iteration before; None where there is none.
+        Linearisation at the end, or at most an iteration before.
     """
     before, result, ramp = trial.before, trial.result, trial.solver.ramp
-    if linear is None or trial.length != 1.0 or ramp.loads_change or ramp.nonlinear:
+    if trial.length != 1.0 or ramp.loads_change or ramp.nonlinear:
         return False
     after, numbering = result.state, linear.numbering
     pick, parts = numbering.at_frictional_holes, numbering.robots

@@ -37,10 +37,10 @@ class NewtonResult(NamedTuple):
 
     def reason(self, settings: SolverSettings) -> str:
         """In words, how the solve ended, with its residuals."""
-        found = f"relative residual {self.residual:.1e}, tolerance {settings.tolerance:.0e}"
         if self.unmet is not None:
             return f"{self.status.value} after {self.iterations} iterations: {self.unmet.text}"
-        return f"{self.status.value} ({found})"
+        balance = f"relative residual {self.residual:.1e}, tolerance {settings.tolerance:.0e}"
+        return f"{self.status.value} ({balance})"
 
 
 def newton(

@@ -178,39 +178,33 @@ class SolvedPoint:
         right = np.zeros((numbering.linear, count), order="F")
         if unbalanced is not None:
             right[: numbering.reduced, -1] -= unbalanced
-        known = []
         for part, disturbance in zip(numbering.robots, disturbances, strict=True):
-            known.append(self._right_side(right, part, disturbance))
+            self._enter(right, part, disturbance)
         zero_bases(right, numbering.clamped)
         unknowns = self.linearization.factorisation.solve(right)
         changes = [np.zeros((*x.shape, count)) for x in self.sticking]
-        found = self._tendons(unknowns, disturbances, known, changes)
+        found = self._tendons(unknowns, disturbances, changes)
         if numbering.has_friction and numbering.at_frictional_holes(self.sticking).any():
             unknowns, changes = self._with_sticking(unknowns, found, disturbances)
-            found = self._tendons(unknowns, disturbances, known, changes)
+            found = self._tendons(unknowns, disturbances, changes)
         return Response(unknowns, tuple(found))
 
     def _tendons(
-        self,
-        unknowns: Array,
-        disturbances: tuple[Disturbance, ...],
-        known: Sequence[Array],
-        changes: Sequence[Array],
+        self, unknowns: Array, disturbances: tuple[Disturbance, ...], changes: Sequence[Array]
     ) -> list[TendonChange]:
-        """Changes of the tendons of all robots with the unknowns, the known tensions at the base and mobilisations."""
+        """Changes of the tendons of all robots with the unknowns and the mobilisations."""
         found = []
-        for part, own, change, given, disturbance in zip(
-            self.numbering.robots, self.forces, changes, known, disturbances, strict=True
-        ):
-            base = given.copy()
+        by_robot = zip(self.numbering.robots, self.forces, changes, disturbances, strict=True)
+        for part, own, change, disturbance in by_robot:
+            base = disturbance.inputs.copy()
             base[part.driven] = unknowns[part.tensions]
             tension, released = own.tendon_change(unknowns[part.nodes], base, change)
             tension, released = tension + disturbance.tension, released + disturbance.released
             found.append(TendonChange(base, change, tension, released))
         return found
 
-    def _right_side(self, right: Array, part: RobotUnknowns, disturbance: Disturbance) -> Array:
-        """Enter a robot's disturbance; returns the known changes of its tensions at the base, shape (m, P)."""
+    def _enter(self, right: Array, part: RobotUnknowns, disturbance: Disturbance) -> None:
+        """Enter a robot's disturbance in the right sides, shape (linear, P)."""
         own = self.forces[part.robot]
         known = disturbance.inputs.copy()
         known[part.driven] = 0.0
@@ -222,7 +216,6 @@ class SolvedPoint:
             gap = disturbance.released.sum(axis=1)[part.driven] - disturbance.inputs[part.driven]
             gap[self.linearization.slack[part.robot]] = 0.0
             right[part.tensions] = -gap
-        return known
 
     def _with_sticking(
         self, fixed: Array, tendons: Sequence[TendonChange], disturbances: tuple[Disturbance, ...]

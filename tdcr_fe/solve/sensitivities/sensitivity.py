@@ -406,5 +406,5 @@ def _models(
     counts, clamp = elements_of_bays(handle.robot, handle.model), handle.actuation.clamp
     base = None if clamp is None else BasePose(clamp.position, clamp.rotation @ BEAM_TO_SECTION.T)
     experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=counts))
-    present = RobotModel.of(experiment, handle.actuation.law.hysteresis, base)
+    present = RobotModel.of(experiment, handle.actuation.law.hysteresis, base, None)
     return present, neighbours(present, chosen)
