@@ -233,9 +233,8 @@ class CableGeometry:
         size = np.sqrt(np.einsum("...i,...i->...", local, local) + self.CLEARANCE_ANGLE**2)
         inner = np.ones(nodes.shape, dtype=bool)
         inner[:, 1:-1], inner[:, -1] = self.mask[:, 1:], False
-        return np.asarray(
-            self.nominal + local * np.where(inner, self.clearance[:, None] / size, 0.0)[..., None]
-        )
+        shift = np.where(inner, self.clearance[:, None] / size, 0.0)
+        return np.asarray(self.nominal + local * shift[..., None])
 
     def evaluate(self, positions: Array, rotations: Array) -> CableShape:
         """Lengths and angles, with tendons shifted in oversized holes.

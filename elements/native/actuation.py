@@ -193,9 +193,8 @@ class TendonActuation:
                 return forces
         positions, rotations, _ = self._node_coordinates.poses(coordinates)
         measured, friction = self.model.measure(positions, rotations), history.friction
-        forces = self.model.at_mobilisation(
-            measured, history.base_tension, friction.mobilisation, friction, friction.time
-        )
+        given = history.base_tension, friction.mobilisation, friction, friction.time
+        forces = self.model.at_mobilisation(measured, *given)
         self._solved = coordinates, history, forces
         return forces
 

@@ -58,14 +58,12 @@ class HistoryNodes:
     """
 
     def __init__(self, system: SystemReference, law: TendonLaw, names: Sequence[str]) -> None:
-        self._system, self._law = system, law
+        self._system = system
         (m, n), g = law.shape, law.groups
         size = 4 + 3 * g + 2 * n
         self._shape = m, size
-        edges = np.cumsum([4, g, g, g, n, n])
-        self._slip, self._mobilisation, self._rate, self._tension, self._stretch = (
-            slice(int(a), int(b)) for a, b in pairwise(edges)
-        )
+        parts = [slice(int(a), int(b)) for a, b in pairwise(np.cumsum([4, g, g, g, n, n]))]
+        self._slip, self._mobilisation, self._rate, self._tension, self._stretch = parts
         #: That of a robot that was never loaded.
         self._unloaded = RobotHistory(law.initial_state(), np.zeros(m), np.full(m, np.nan), np.zeros((m, n)))
         self._slack, self._let_out = np.zeros((m, n)), law.released_unloaded().sum(axis=1)

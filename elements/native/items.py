@@ -76,8 +76,7 @@ def data_coordinates(mbs: exu.MainSystem, first: Any, count: int, configuration:
     """So many data coordinates in the memory of Exudyn, from those of a data node on, in one of its configurations."""
     data = mbs.systemData
     at = int(data.GetNodeLTGData(first)[0])
-    everything: Array = data.GetDataCoordinates(configuration, copy=False)
-    return everything[at : at + count]
+    return data.GetDataCoordinates(configuration, copy=False)[at : at + count]
 
 
 def _name(mbs: exu.MainSystem, kind: str, number: Any) -> str:

@@ -317,9 +317,8 @@ def estimate(model: ElementModel, states: Sequence[SolvedState], goal: float) ->
     """
     if not states:
         return []
-    twists, rotations, tensions = (
-        np.stack([getattr(s, name) for s in states]) for name in ("twists", "rotations", "tensions")
-    )
+    names = ("twists", "rotations", "tensions")
+    twists, rotations, tensions = (np.stack([getattr(s, name) for s in states]) for name in names)
     forces, couples = defects(model, twists, rotations, tensions)
     loads = bay_loads(model, twists, tensions)
     found = []

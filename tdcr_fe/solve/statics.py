@@ -250,7 +250,7 @@ def _at_time(position: Position, time: float) -> Position:
 
 def _is_as_left(system: SceneSystem, last: LastSolution) -> bool:
     """Whether a scene of robots alone is as it was left; what else may be in a scene could have changed unseen."""
-    users = any(system.hooks.user_function(kind) for kind in ("PreNewtonResidual", "SystemJacobian"))
+    users = any(map(system.hooks.user_function, ("PreNewtonResidual", "SystemJacobian")))
     if not system.layout.no_others or system.layout.user_loads or users or system.has_contact:
         return False
     if len(last.models) != len(system.robots) or any(

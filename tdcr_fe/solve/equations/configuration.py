@@ -259,10 +259,8 @@ class ConfigurationSpace:
     def fits(self, unknowns: Unknowns) -> bool:
         """Whether unknowns fit this scene: the same numbers of coordinates and the same meshes."""
         elements = [len(r.nodes) - 1 for r in self.robots]
-        rest = len(self._reduction.other_coordinates)
-        return [len(t) for t in unknowns.twists] == elements and (
-            len(unknowns.coordinates) == self._beam.size + rest
-        )
+        count = self._beam.size + len(self._reduction.other_coordinates)
+        return [len(t) for t in unknowns.twists] == elements and len(unknowns.coordinates) == count
 
 
 class SolverState(NamedTuple):

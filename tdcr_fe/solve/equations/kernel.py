@@ -101,8 +101,7 @@ class StaticKernel:
     def residual(self) -> Array:
         """Residual of all equations: forces on the coordinates, then constraints, shape (size,)."""
         self._kernel.ComputeNewtonResidual(self._mbs, self._settings)
-        found: Array = self._kernel.GetSystemResidual()
-        return found
+        return self._kernel.GetSystemResidual()
 
     def jacobian(self, *, loads: bool = False, constraints: bool = True) -> Array:
         """Derivative of the residual, shape (size, size).
@@ -131,8 +130,7 @@ class StaticKernel:
         self._kernel.ComputeJacobianODE2RHS(self._mbs, computeLoadsJacobian=int(loads))
         if constraints:
             self._kernel.ComputeJacobianAE(self._mbs)
-        found: Array = self._kernel.GetSystemJacobian()
-        return found
+        return self._kernel.GetSystemJacobian()
 
 
 class LoneRobot:

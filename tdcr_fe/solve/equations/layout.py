@@ -278,9 +278,8 @@ class SceneLayout:
             robot.disconnect()
         norms = [i for robot in robots for node in robot.nodes for i in data.GetNodeLTGAE(node)]
         clamps = _clamps(mbs, robots) if with_clamps else {}
-        dropped = data.ODE2Size() + np.array(
-            [*norms, *(i for joint in clamps.values() for i in joint)], dtype=int
-        )
+        joints = [i for joint in clamps.values() for i in joint]
+        dropped = data.ODE2Size() + np.array([*norms, *joints], dtype=int)
         coordinates = np.concatenate([r.coordinates for r in robots])
         reduction = BodyFrameReduction(mbs, coordinates, dropped)
         space = ConfigurationSpace(mbs, robots, reduction, clamps)

@@ -42,8 +42,7 @@ class DenseFactors(NamedTuple):
 
     def solve(self, right: Array) -> Array:
         """Solution for one or several right sides, shape (n,) or (n, k)."""
-        solution: Array = dgetrs(self.lu, self.pivots, right, trans=1)[0]
-        return solution
+        return dgetrs(self.lu, self.pivots, right, trans=1)[0]
 
     @property
     def sign(self) -> int:
@@ -296,9 +295,8 @@ class Linearization(NamedTuple):
     def twist_changes(self, step: Array) -> Array:
         """Change of the twists of all elements with the unknowns of equilibrium, to first order."""
         parts = zip(self.chains, self.numbering.robots, strict=True)
-        return np.concatenate(
-            [chain.changes(step[part.nodes].reshape(-1, 6)).reshape(-1) for chain, part in parts]
-        )
+        changes = [chain.changes(step[part.nodes].reshape(-1, 6)) for chain, part in parts]
+        return np.concatenate([change.reshape(-1) for change in changes])
 
 
 def backbone_tangent(

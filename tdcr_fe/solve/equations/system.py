@@ -86,9 +86,7 @@ class SceneSystem:
         user in a load step to the loads that are set.
         """
         robots, layout = len(self.robots), self.layout
-        users = any(
-            self.hooks.user_function(kind) for kind in ("PreNewtonResidual", "PreStep", "SystemJacobian")
-        )
+        users = any(map(self.hooks.user_function, ("PreNewtonResidual", "PreStep", "SystemJacobian")))
         turned = any(load.applied[0 if load.frame == "section" else 3 :].any() for load in self.point_loads)
         values = [load.value for load in self.point_loads]
         if users or turned or layout.user_loads or self.has_contact or not layout.only_robots_resist(values):

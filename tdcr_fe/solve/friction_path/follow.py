@@ -383,10 +383,9 @@ def _integrated(
         factor, z, tension = along_segment(path, count, length, unknowns)
         count += 1
         current = factor < breakpoints[passed] - ROUND_OFF and _is_near(evaluation, factor, tension, 1.0)
-        # At another branch of the law the derivatives are others.
-        current = (
-            current and not (state.derivatives.branches != branches_at(slips.transfer, z, tension)).any()
-        )
+        # On another branch of the law the derivatives are others.
+        branches = branches_at(slips.transfer, z, tension)
+        current = current and not (state.derivatives.branches != branches).any()
         if current:
             moved = state.slip + length * (rates.complement + state.derivatives.elastic_slip * rates.rate)
             state, unclipped = SlipState(tension, moved, state.derivatives), z

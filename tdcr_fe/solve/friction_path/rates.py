@@ -48,22 +48,19 @@ def factorised(matrix: Array) -> SmallFactors:
 @compiled_as(lambda factors, right: factors.lu.dot(right))
 def solved(factors: SmallFactors, right: Array) -> Array:
     """Solution ``x`` of ``matrix x = right``, shape (n,)."""
-    found: Array = dgetrs(factors.lu, factors.pivots, right, trans=1)[0]
-    return found
+    return dgetrs(factors.lu, factors.pivots, right, trans=1)[0]
 
 
 @compiled_as(lambda factors, rows: rows.dot(factors.lu.T))
 def solved_rows(factors: SmallFactors, rows: Array) -> Array:
     """The same for every row of an array, shape (i, n)."""
-    found: Array = dgetrs(factors.lu, factors.pivots, rows.T, trans=1)[0].T
-    return found
+    return dgetrs(factors.lu, factors.pivots, rows.T, trans=1)[0].T
 
 
 @compiled_as(lambda factors, right: right.dot(factors.lu))
 def solved_transposed(factors: SmallFactors, right: Array) -> Array:
     """Solution ``x`` of ``x matrix = right``, shape (n,)."""
-    found: Array = dgetrs(factors.lu, factors.pivots, right)[0]
-    return found
+    return dgetrs(factors.lu, factors.pivots, right)[0]
 
 
 @compiled_as(lambda matrix, which: matrix[which])

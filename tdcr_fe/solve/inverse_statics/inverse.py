@@ -105,9 +105,8 @@ def follow_path(
     Interrupted
         The user pressed Ctrl-C; its attribute ``result`` has the targets reached before, as where a step fails.
     """
-    check_instance(
-        "follow_path", "robot", robot, Robot, "a Robot. read_robot(path) reads one from robot.toml"
-    )
+    hint = "a Robot. read_robot(path) reads one from robot.toml"
+    check_instance("follow_path", "robot", robot, Robot, hint)
     hint = "TensionLimits, such as TensionLimits(largest=5.0, pretension=0.2)"
     check_instance("follow_path", "limits", limits, TensionLimits, hint)
     for name, value, allowed in (

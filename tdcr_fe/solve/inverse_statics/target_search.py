@@ -259,9 +259,8 @@ class TargetSearch:
             best = trial
             if lowered > 0.7 * gain and length >= 0.999 * radius:
                 radius *= 2.5
-        return SearchResult(
-            best, objective.at(best), max(objective.step(best, FIRST_RADIUS * objective.scale)[1], 0.0)
-        )
+        gain = objective.step(best, FIRST_RADIUS * objective.scale)[1]
+        return SearchResult(best, objective.at(best), max(gain, 0.0))
 
     def _solve(self, inputs: Array, by_displacement: bool, substeps: int | None) -> Trial | None:
         self.count += 1
@@ -273,8 +272,7 @@ class TargetSearch:
     def _moved(self, trial: Trial, step: Array) -> Trial | None:
         """The trial with tensions changed by a step, to first order."""
         if trial.step.displacements:
-            return self._solve(
-                trial.actuation.values + trial.inputs_by_tension @ step, True, trial.step.substeps
-            )
+            inputs = trial.actuation.values + trial.inputs_by_tension @ step
+            return self._solve(inputs, True, trial.step.substeps)
         tensions = np.clip(trial.actuation.values + step, self.objective.lower, self.objective.upper)
         return self._solve(tensions, False, trial.step.substeps)

@@ -195,9 +195,8 @@ class SubstepSolver:
             return state
         system, start = self.system, state.configuration
         change = np.zeros(system.numbering().total)
-        change[: len(motion)] = (
-            -np.copysign(PUSH * system.length, _along(motion, state, unstable.state)) * motion
-        )
+        way = -np.copysign(PUSH * system.length, _along(motion, state, unstable.state))
+        change[: len(motion)] = way * motion
         configuration, _ = system.layout.space.move(start, change, start.chains, self.settings.max_turn)
         return state._replace(configuration=configuration)
 

@@ -300,11 +300,9 @@ def is_steady(trial: Trial, linear: Linearization) -> bool:
             return False
     changes = input_changes(before, result.target)
     rate = pick(slip_changes(numbering, result.forces, linear.response(changes), changes))
-    slips = pick(
-        [last.slip - first.slip for last, first in zip(after.friction, before.friction, strict=True)]
-    )
+    slips = [end.slip - start.slip for end, start in zip(after.friction, before.friction, strict=True)]
     side = np.where(tense, new, 0.0)
-    first = 2.0 * slips - rate
+    first = 2.0 * pick(slips) - rate
     return bool(min((side * rate).min(), (side * first).min()) >= 0.0)
 
 
