@@ -336,7 +336,6 @@ def damping_of_node(damping: float, length: float) -> Array:
 
 def hold(k: Array, bases: Sequence[slice]) -> None:
     """Replace the equations of clamped bases by zero increments."""
+    zero_bases(k, bases)
     for base in bases:
-        rows = k[base]
-        rows.fill(0.0)
-        rows[:, base] = EYE6
+        k[base, base] = EYE6

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.elements import Array, Flags
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.hooks import SceneHooks
@@ -54,11 +54,6 @@ class Derivative:
     inputs: Array  # (m, P): Tension and slip at the base plate, and prescribed tension or displacement [N, m]
     loads: Array  # (L, 6, P): Of the concentrated loads
     time: Array  # (P,): [s]
-
-    def without(self, which: Flags) -> Derivative:
-        """Zero for some parameters, shape (P,)."""
-        keep = (~which).astype(float)
-        return Derivative(*(x * keep for x in vars(self).values()))
 
 
 class _Carried(NamedTuple):
@@ -184,8 +179,8 @@ class SensitivityHistory:
         system, ramp = solver.system, solver.ramp
         robot = system.robots.index(self.handle.actuation)
         goal = self.inputs.at(len(self.steps), self.handle.actuation.drives.scale)
-        carried = self.carried
-        begin = carried.derivative.without(self.inputs.restarts)
+        carried, goes_on = self.carried, (~self.inputs.restarts).astype(float)
+        begin = Derivative(*(x * goes_on for x in vars(carried.derivative).values()))
         carried = carried._replace(derivative=begin)
         wound = np.where(np.isnan(before.prescribed[robot])[:, None], begin.base_slip, begin.inputs)
         start = np.where(self.handle.actuation.drives.winds[:, None], wound, begin.base_tension)
