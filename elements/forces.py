@@ -135,10 +135,8 @@ class ForceModel:
         h = np.ones((count, len(twists)))
         h[:3], h[3:6] = DIFFERENCE * self.mesh.lengths, DIFFERENCE
         steps = h[:, :, None] * np.eye(count)[:, None]
-        above, below = (
-            self.strain_state(twists + x[..., :6], base_tension + x[:, 0, 6:]).curvature_rates()
-            for x in (steps, -steps)
-        )
+        beside = [self.strain_state(twists + x[..., :6], base_tension + x[:, 0, 6:]) for x in (steps, -steps)]
+        above, below = (state.curvature_rates() for state in beside)
         slopes = (above - below) / (2.0 * h[:, :, None, None])
         by_element = slopes[:6].reshape(6, len(twists), 6).transpose(1, 2, 0) @ by_twists
         change = np.tensordot(slopes[6:], by_tension, (0, 0))

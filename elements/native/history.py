@@ -69,12 +69,10 @@ class HistoryNodes:
         self._slack, self._let_out = np.zeros((m, n)), law.released_unloaded().sum(axis=1)
         start = self._encode(self._unloaded, self._slack, self._let_out)
         self._raw, self._decoded = start.tobytes(), self._unloaded
-        self.nodes: list[Any] = [
-            system.mbs.AddNode(
-                eii.NodeGenericData(name=name, numberOfDataCoordinates=size, initialCoordinates=row)
-            )
-            for name, row in zip(names, start, strict=True)
-        ]
+        self.nodes: list[Any] = []
+        for name, row in zip(names, start, strict=True):
+            node = eii.NodeGenericData(name=name, numberOfDataCoordinates=size, initialCoordinates=row)
+            self.nodes.append(system.mbs.AddNode(node))
 
     @property
     def size(self) -> int:

@@ -68,9 +68,8 @@ class ResidualScales:
         gaps = np.full(len(reduction.other_multipliers), 1.0 / length)
         meshes = [(r.mesh.stiffness[of_backbone(r.mesh), 5], r.mesh.arc_lengths[-1]) for r in robots]
         elastic = min(float(bending.min()) / float(own) ** 2 for bending, own in meshes)
-        return cls(
-            np.concatenate((nodes, other, gaps)), reduction.nodes, len(nodes) + len(other), length, elastic
-        )
+        weights = np.concatenate((nodes, other, gaps))
+        return cls(weights, reduction.nodes, len(nodes) + len(other), length, elastic)
 
     def relative_residual(self, unbalanced: Array, base_tension: Sequence[Array], load_size: float) -> float:
         """Largest unbalanced force, moment or gap over its scale [1].

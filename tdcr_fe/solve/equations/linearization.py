@@ -230,10 +230,8 @@ class Linearization(NamedTuple):
         factors = self.factorisation
         if not isinstance(factors, BorderedFactors):
             return ()
-        first = self.numbering.reduced
-        return tuple(
-            factors.slack[p.tensions.start - first : p.tensions.stop - first] for p in self.numbering.robots
-        )
+        first, places = self.numbering.reduced, [part.tensions for part in self.numbering.robots]
+        return tuple(factors.slack[own.start - first : own.stop - first] for own in places)
 
     def response(self, changes: tuple[Array, ...]) -> Array:
         """Change of the unknowns with the inputs, shape (linear,); the same tendons stay slack.

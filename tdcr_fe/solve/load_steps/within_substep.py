@@ -349,9 +349,8 @@ def _point(solver: SubstepSolver, substep: SolvedSubstep, here: PathReversal) ->
         guess = with_path_unknowns(known.end, taut, path.at(here.factor)[0])
         found = _at_fixed_friction(solver, guess, load_factor)
     if found is None:
-        message = (
-            f"no equilibrium where slips reverse, at load factor {load_factor:.4f}, for the derivatives there"
-        )
+        where = f"where slips reverse, at load factor {load_factor:.4f}"
+        message = f"no equilibrium {where}, for the derivatives there"
         raise StepFailed(message, load_factor, np.nan, known.start.state, 0)
     state, tension = found.state, found.driven_tension
     # A tendon that begins to pull has any tension at all, unlike a slack one.
@@ -364,11 +363,10 @@ def _point(solver: SubstepSolver, substep: SolvedSubstep, here: PathReversal) ->
     pulling = np.zeros(len(tension), dtype=bool)
     pulling[taut.driven] = here.arrives[k:]
     none = [np.zeros(own.shape, dtype=bool) for own in state.mobilisation]
+    base_tension = numbering.with_driven(state.base_tension, tension)
     return ReversalPoint(
         load_factor,
-        state._replace(
-            base_tension=numbering.with_driven(state.base_tension, tension), friction=substep.located.history
-        ),
+        state._replace(base_tension=base_tension, friction=substep.located.history),
         numbering.with_frictional_holes(none, sticks),
         numbering.with_frictional_holes(none, reverses),
         slipping,

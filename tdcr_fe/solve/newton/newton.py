@@ -167,12 +167,10 @@ def _committed(problem: NewtonProblem, residual: Residual, linear: Linearization
     # With prescribed displacements the sign also changes where a tendon goes slack, so it is not used.
     if linear is not None and not problem.numbering.any_driven:
         sign = linear.factorisation.sign
+    by_robot = zip(residual.forces, state.friction, strict=True)
     return state._replace(
         configuration=problem.system.reactions.balance(residual),
-        friction=tuple(
-            own.model.law.commit(own.field, before)
-            for own, before in zip(residual.forces, state.friction, strict=True)
-        ),
+        friction=tuple([own.model.law.commit(own.field, before) for own, before in by_robot]),
         loads=residual.target.loads,
         time=residual.target.time,
         tangent_sign=sign,

@@ -262,9 +262,8 @@ def _by_shifts(own: TendonForces, point: RobotPoint) -> Values:
     rate = np.zeros_like(point.mobilisation) if own.field.slip_rate is None else own.field.slip_rate
     stack = TendonStack.with_offsets(own.model, offsets.reshape(-1, *offsets.shape[2:]))
     values = stack.at(point, np.tile(rate, (2 * count, 1, 1)), which)
-    pulled, tension, released = (
-        np.moveaxis(x[:count] - x[count:], 0, -1) / (2.0 * steps[component]) for x in values
-    )
+    width = 2.0 * steps[component]
+    pulled, tension, released = (np.moveaxis(x[:count] - x[count:], 0, -1) / width for x in values)
     wrenches = np.zeros((len(point.positions), 6, count))
     wrenches[which] = pulled
     return with_rates(Values(wrenches, tension, released), own, rate, None)

@@ -274,11 +274,9 @@ class SensitivityHistory:
         configuration, own = solved.state.configuration, solved.forces[robot]
         chain, rotations = configuration.chains[robot], configuration.poses[robot][1]
         moved = rotations.swapaxes(1, 2)[:, None] @ np.stack((values.nodes, values.rotations), axis=1)
-        by_twists = chain.changes(moved.reshape(len(moved), 6, -1))
-        change = by_twists, values.base_tension
-        return BEAM_TO_SECTION @ self.explicit.curvature_rates(
-            chain.twists, own.base_tension, *change, own.field.time
-        )
+        changes = chain.changes(moved.reshape(len(moved), 6, -1)), values.base_tension
+        at = chain.twists, own.base_tension
+        return BEAM_TO_SECTION @ self.explicit.curvature_rates(*at, *changes, own.field.time)
 
     def _mobilisation(self, solved: SolvedPoint, robot: int, carried: _Carried) -> tuple[Array, Array]:
         """Mobilisations at the end of a substep, also of holes that have friction only at neighbouring values.
