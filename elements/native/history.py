@@ -123,9 +123,8 @@ class HistoryNodes:
         return self._decoded
 
     def _decode(self, raw: Array) -> RobotHistory:
-        friction = FrictionState(
-            raw[:, self._slip], raw[:, self._mobilisation], raw[:, self._rate], float(raw[0, 0])
-        )
+        holes = raw[:, self._slip], raw[:, self._mobilisation], raw[:, self._rate]
+        friction = FrictionState(*holes, float(raw[0, 0]))
         prescribed = np.where(raw[:, 2] > 0.5, raw[:, 3], np.nan)
         return RobotHistory(friction, raw[:, 1], prescribed, raw[:, self._stretch])
 

@@ -233,13 +233,9 @@ def recall(system: SceneSystem, parts: Sequence[SceneSystem], time: float) -> li
         At which the load step begins [s].
     """
     last: Any = system.mbs.variables.get(KEY)
-    if (
-        not isinstance(last, LastSolution)
-        or len(last.positions) != len(parts)
-        or not _is_as_left(system, last)
-    ):
-        return [Position(part.with_reactions(part.current_state(time))) for part in parts]
-    return [_at_time(position, time) for position in last.positions]
+    if isinstance(last, LastSolution) and len(last.positions) == len(parts) and _is_as_left(system, last):
+        return [_at_time(position, time) for position in last.positions]
+    return [Position(part.with_reactions(part.current_state(time))) for part in parts]
 
 
 def _at_time(position: Position, time: float) -> Position:
@@ -253,9 +249,7 @@ def _is_as_left(system: SceneSystem, last: LastSolution) -> bool:
     users = any(map(system.hooks.user_function, ("PreNewtonResidual", "SystemJacobian")))
     if not system.layout.no_others or system.layout.user_loads or users or system.has_contact:
         return False
-    if len(last.models) != len(system.robots) or any(
-        robot.model is not model for robot, model in zip(system.robots, last.models, strict=True)
-    ):
+    if [id(robot.model) for robot in system.robots] != [id(model) for model in last.models]:
         return False
     return all(
         len(now) == len(before) and np.allclose(now, before, rtol=ROUND_OFF, atol=ROUND_OFF)

@@ -99,9 +99,8 @@ class TriangleContact:
 
     def __init__(self, mbs: exu.MainSystem) -> None:
         self._mbs = mbs
-        self._all = [
-            each for each in general_spheres(mbs) if each.first_triangle is not None and each.radii.size
-        ]
+        spheres = [each for each in general_spheres(mbs) if each.radii.size]
+        self._all = [each for each in spheres if each.first_triangle is not None]
         self._step = DIFFERENCE * min((float(each.radii.min()) for each in self._all), default=0.0)
         self._nodes = _nodes_of_coordinates(mbs)
 
@@ -195,9 +194,8 @@ class ContactStates:
         general = general_spheres(mbs)
         self._general_size = min((spheres.size for spheres in general), default=np.inf)
         # Spheres that lie in each other from the beginning are built so, as those of a wall.
-        self._general_spheres = [
-            (spheres, spheres.centers_inside(mbs, exu.ConfigurationType.Reference)) for spheres in general
-        ]
+        reference = exu.ConfigurationType.Reference
+        self._general_spheres = [(spheres, spheres.centers_inside(mbs, reference)) for spheres in general]
         self._mbs = mbs
         self._foreign = np.setdiff1d(np.arange(data.DataSize()), np.fromiter(own_data, dtype=int))
         self._settings = settings

@@ -109,12 +109,9 @@ def follow_path(
     check_instance("follow_path", "robot", robot, Robot, hint)
     hint = "TensionLimits, such as TensionLimits(largest=5.0, pretension=0.2)"
     check_instance("follow_path", "limits", limits, TensionLimits, hint)
-    for name, value, allowed in (
-        ("drive_by", drive_by, ("tension", "displacement")),
-        ("effort", effort, ("tension", "change")),
-    ):
-        if value not in allowed:
-            raise ValueError(f'follow_path: {name} = {value!r}: must be "{allowed[0]}" or "{allowed[1]}"')
+    for name, value, other in (("drive_by", drive_by, "displacement"), ("effort", effort, "change")):
+        if value not in ("tension", other):
+            raise ValueError(f'follow_path: {name} = {value!r}: must be "tension" or "{other}"')
     if not robot.tendons:
         raise ValueError(f"follow_path: robot {robot.name!r} has no tendons")
     lower, upper = limits.bounds(robot.tendon_names)
@@ -271,10 +268,8 @@ class _FollowRun(MeshedRun):
         start = simulation.state
         present = np.clip(start.base_tension[0], task.lower, task.upper)
         reference = np.zeros_like(present) if task.effort == "tension" else start.base_tension[0]
-        length = task.robot.backbone.length
-        objective = Objective(
-            target, length, task.tolerance / length, task.lower, task.upper, reference, task.scale
-        )
+        length, bounds = task.robot.backbone.length, (task.lower, task.upper)
+        objective = Objective(target, length, task.tolerance / length, *bounds, reference, task.scale)
         label = target.label or f"target {number + 1}"
         search = TargetSearch(self.trials, start, objective, label)
         starts = [*self.guesses[number : number + 1], present, *self.points][:MOST_STARTS]

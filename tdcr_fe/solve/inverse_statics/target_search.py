@@ -179,9 +179,8 @@ class Objective:
         # The stacked system keeps the condition number of the derivatives; its normal equations would square it.
         matrix = np.vstack((jacobian * self.scale / weight, np.eye(tensions.size)))
         right = np.concatenate((-residual / weight, (self.reference - tensions) / self.scale))
-        found = lsq_linear(
-            matrix, right, (low - 1e-12, high + 1e-12), method="bvls", max_iter=100 * tensions.size
-        )
+        bounds = low - 1e-12, high + 1e-12
+        found = lsq_linear(matrix, right, bounds, method="bvls", max_iter=100 * tensions.size)
         step = self.scale * np.clip(found.x, low, high)
         return step, self.at(trial) - self._of(residual + jacobian @ step, tensions + step)
 

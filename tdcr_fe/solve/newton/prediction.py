@@ -64,13 +64,10 @@ def predict(
     last = linear.solved
     if last is None or not system.layout.only_robots_resist(target.loads) or not same_loads(state, target):
         return None
-    numbering = system.numbering()
-    length = _length_of(last, np.concatenate(changes))
-    if (
-        length is None
-        or not linear.numbering.same_unknowns(numbering)
-        or not np.array_equal(unknowns(state, numbering), last.end)
-    ):
+    numbering, length = system.numbering(), _length_of(last, np.concatenate(changes))
+    if length is None or not linear.numbering.same_unknowns(numbering):
+        return None
+    if not np.array_equal(unknowns(state, numbering), last.end):
         return None
     step = linear.response(changes)
     if numbering.has_friction:

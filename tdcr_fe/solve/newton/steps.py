@@ -179,14 +179,12 @@ def _coefficient_curves(residual: Residual, slips: Sequence[Array]) -> list[Coef
     by_robot = list(zip(residual.forces, residual.state.friction, slips, strict=True))
     if not any(own.model.law.varies and own.field.time > before.time for own, before, _ in by_robot):
         return []
-    curves = [
-        own.model.law.coefficient_curves(own.field, own.measured.shape.angles, before)
-        for own, before, _ in by_robot
-    ]
-    bent = [
-        curve(slip, own.field.mobilisation)[0] for curve, (own, _, slip) in zip(curves, by_robot, strict=True)
-    ]
-    return curves if any((ratio != 1.0).any() for ratio in bent) else []
+    curves, bent = [], False
+    for own, before, slip in by_robot:
+        curve = own.model.law.coefficient_curves(own.field, own.measured.shape.angles, before)
+        bent = bent or bool((curve(slip, own.field.mobilisation)[0] != 1.0).any())
+        curves.append(curve)
+    return curves if bent else []
 
 
 def on_curves(

@@ -158,9 +158,8 @@ class SolvedPoint:
         which = self.numbering.robots[robot].nodes.start + 6 * own.model.cable_nodes[:, None] + np.arange(6)
         which = which.ravel()
         disturbances = [Disturbance.none(x, len(which)) for x in self.forces]
-        disturbances[robot] = disturbances[robot]._replace(
-            wrenches=wrenches.reshape(-1, len(which)), tension=tension, released=released
-        )
+        changes = {"wrenches": wrenches.reshape(-1, len(which)), "tension": tension, "released": released}
+        disturbances[robot] = disturbances[robot]._replace(**changes)
         by_motion = self._respond_with_holes(tuple(disturbances))
         coupled = np.eye(len(which)) - by_motion.unknowns[which]
         moved = np.linalg.solve(coupled, response.unknowns[which])
@@ -226,17 +225,14 @@ class SolvedPoint:
         """
         numbering, pick = self.numbering, self.numbering.at_frictional_holes
         slips = []
-        for own, tendon, given, slope in zip(
-            self.forces, tendons, disturbances, self.flexibility, strict=True
-        ):
+        by_robot = zip(self.forces, tendons, disturbances, self.flexibility, strict=True)
+        for own, tendon, given, slope in by_robot:
             moved = own.model.law.slip_operator @ tendon.released - given.slip
             slips.append(moved + slope[0, ..., None] * given.mobilisation)
         excess = pick(slips)
         coupling = FrictionCoupling.of(numbering, self.forces, self.linearization.slack)
-        which = np.flatnonzero(pick(self.sticking))
-        columns, matrix = coupling.response(
-            self.linearization.factorisation.solve, which, pick([at_end for _, at_end in self.flexibility])
-        )
+        which, at_end = np.flatnonzero(pick(self.sticking)), pick([end for _, end in self.flexibility])
+        columns, matrix = coupling.response(self.linearization.factorisation.solve, which, at_end)
         change = np.zeros(excess.shape)
         change[which] = np.linalg.solve(matrix[which], excess[which])
         none = [np.zeros(own.mobilisation.shape) for own in disturbances]

@@ -343,9 +343,8 @@ def _reversed(
     Where the rate of a slip goes through zero, its derivative at the reversal is that at a fixed load factor. Where it
     jumps, because another hole begins to slip or a tendon becomes taut, the load factor at which that happens changes.
     """
-    disturbances = [
-        own.with_inputs(rates) for own, rates in zip(disturbed.disturbances, point.input_rates, strict=True)
-    ]
+    by_robot = zip(disturbed.disturbances, point.input_rates, strict=True)
+    disturbances = [own.with_inputs(rates) for own, rates in by_robot]
     response = solved.respond(tuple(disturbances), point.load_rates)
     released = response.tendons[robot].released
     slip = solved.forces[robot].model.law.slip_operator @ released
@@ -383,9 +382,8 @@ def _load_factor_change(
     elif numbering.at_driven(point.state.base_tension)[pulling].any():
         arriving = numbering.at_driven([x.base_tension for x in response.tendons])[pulling]
     elif pulling.any():
-        slack = [
-            x.released.sum(axis=1) - own.inputs for x, own in zip(response.tendons, disturbances, strict=True)
-        ]
+        by_robot = zip(response.tendons, disturbances, strict=True)
+        slack = [tendons.released.sum(axis=1) - own.inputs for tendons, own in by_robot]
         arriving = numbering.at_driven(slack)[pulling]
     else:
         return 0.0
