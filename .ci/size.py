@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2453,
+    "elements": 2439,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 766,
     "tdcr_fe/effects": 1236,
@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2465,
     "tdcr_fe/report": 1108,
     "tdcr_fe/scene": 1340,
-    "tdcr_fe/solve": 6398,
+    "tdcr_fe/solve": 6322,
     "tdcr_fe/sweeps": 1402,
     "validation": 6493,
     "tests": 12859,

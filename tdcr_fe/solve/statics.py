@@ -261,9 +261,7 @@ def _scene(system: SceneSystem) -> tuple[Array, ...]:
     """State and the user's own loads of a scene."""
     mbs, data = system.mbs, system.mbs.systemData
     ramped = {int(number) for item in system.point_loads for number in item.numbers}
-    loads = [
-        np.atleast_1d(mbs.GetLoadParameter(i, "load" if "load" in load else "loadVector"))
-        for i, load in ((i, mbs.GetLoad(i)) for i in range(data.NumberOfLoads()))
-        if i not in ramped
-    ]
+    others = {i: mbs.GetLoad(i) for i in range(data.NumberOfLoads()) if i not in ramped}
+    keys = {i: "load" if "load" in load else "loadVector" for i, load in others.items()}
+    loads = [np.atleast_1d(mbs.GetLoadParameter(i, key)) for i, key in keys.items()]
     return *map(np.array, data.GetSystemState()), np.concatenate((np.zeros(0), *loads))

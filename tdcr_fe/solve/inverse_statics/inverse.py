@@ -289,28 +289,18 @@ class _FollowRun(MeshedRun):
     def _outcome(
         self, objective: Objective, best: SearchResult, trials: int, starts: int, result: StepResult
     ) -> ReachedTarget:
-        task, trial = self.task, best.trial
-        error, direction_error = objective.errors(trial)
+        task, trial, gain = self.task, best.trial, best.possible_gain
         if objective.size(trial) <= objective.tolerance:
             status = ReachStatus.REACHED
-        elif best.possible_gain <= AGREEMENT * objective.tolerance:
+        elif gain <= AGREEMENT * objective.tolerance:
             status = ReachStatus.OUT_OF_REACH
         else:
             status = ReachStatus.NOT_CONVERGED
         most = trial.tensions >= task.upper - 1e-6 * task.scale
+        at_largest = tuple(n for n, x in zip(task.robot.tendon_names, most, strict=True) if x)
+        errors, inputs = objective.errors(trial), (trial.tensions, trial.displacements)
         return ReachedTarget(
-            objective.target,
-            status,
-            error,
-            direction_error,
-            trial.tensions,
-            trial.displacements,
-            tuple(n for n, x in zip(task.robot.tendon_names, most, strict=True) if x),
-            best.possible_gain,
-            trials,
-            starts,
-            trial.step,
-            result,
+            objective.target, status, *errors, *inputs, at_largest, gain, trials, starts, trial.step, result
         )
 
     def follow_result(self, wall_time: float, findings: Findings) -> FollowResult:

@@ -91,18 +91,11 @@ class TrialSteps:
             report = simulation.advance(target, step.substeps, follow=self._history.advance)
         except (StepFailed, np.linalg.LinAlgError):  # the latter from a singular tangent
             return None
-        positions, rotations = simulation.state.configuration.poses[0]
-        return Trial(
-            step,
-            target,
-            report,
-            simulation.state,
-            positions[-1].copy(),
-            rotations[-1] @ BEAM_TO_SECTION.T[:, 2],
-            simulation.state.base_tension[0].copy(),
-            simulation.displacement,
-            *self._derivatives(bool(step.displacements)),
-        )
+        state, derivatives = simulation.state, self._derivatives(bool(step.displacements))
+        positions, rotations = state.configuration.poses[0]
+        tip = positions[-1].copy(), rotations[-1] @ BEAM_TO_SECTION.T[:, 2]
+        at_base = state.base_tension[0].copy(), simulation.displacement
+        return Trial(step, target, report, state, *tip, *at_base, *derivatives)
 
     def _derivatives(self, by_displacement: bool) -> tuple[Array, Array]:
         """Derivatives of the tip and of the inputs by the tensions, at the end of the trial."""

@@ -364,15 +364,10 @@ def _point(solver: SubstepSolver, substep: SolvedSubstep, here: PathReversal) ->
     pulling[taut.driven] = here.arrives[k:]
     none = [np.zeros(own.shape, dtype=bool) for own in state.mobilisation]
     base_tension = numbering.with_driven(state.base_tension, tension)
-    return ReversalPoint(
-        load_factor,
-        state._replace(base_tension=base_tension, friction=substep.located.history),
-        numbering.with_frictional_holes(none, sticks),
-        numbering.with_frictional_holes(none, reverses),
-        slipping,
-        pulling,
-        *_rates(solver, known, found, load_factor),
-    )
+    state = state._replace(base_tension=base_tension, friction=substep.located.history)
+    sticking, turned = (numbering.with_frictional_holes(none, which) for which in (sticks, reverses))
+    rates = _rates(solver, known, found, load_factor)
+    return ReversalPoint(load_factor, state, sticking, turned, slipping, pulling, *rates)
 
 
 def _rates(

@@ -163,10 +163,8 @@ class SolvedPoint:
         by_motion = self._respond_with_holes(tuple(disturbances))
         coupled = np.eye(len(which)) - by_motion.unknowns[which]
         moved = np.linalg.solve(coupled, response.unknowns[which])
-        tendons = tuple(
-            TendonChange(*(a + b @ moved for a, b in zip(x, y, strict=True)))
-            for x, y in zip(response.tendons, by_motion.tendons, strict=True)
-        )
+        pairs = zip(response.tendons, by_motion.tendons, strict=True)
+        tendons = tuple(TendonChange(*(a + b @ moved for a, b in zip(x, y, strict=True))) for x, y in pairs)
         return Response(response.unknowns + by_motion.unknowns @ moved, tendons)
 
     def _respond_with_holes(

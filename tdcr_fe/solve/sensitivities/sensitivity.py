@@ -247,15 +247,8 @@ class SensitivityHistory:
             begin = disturbed.inherited
             travel = disturbed.rate[:, : law.groups, None] * begin.elapsed
             rates = (slip - begin.slip - travel) / disturbed.duration
-        after = Derivative(
-            slip,
-            before.slip,
-            change.mobilisation,
-            rates,
-            change.base_tension,
-            change.released.sum(axis=1),
-            *inputs,
-        )
+        base = change.base_tension, change.released.sum(axis=1)
+        after = Derivative(slip, before.slip, change.mobilisation, rates, *base, *inputs)
         part = solved.numbering.robots[robot]
         moved = response.unknowns[part.nodes].reshape(-1, 2, 3, len(self.parameters))
         world = solved.state.configuration.poses[robot][1][:, None] @ moved
@@ -264,9 +257,8 @@ class SensitivityHistory:
         displacements[part.driven] = inputs.tendons[part.driven]
         slips = holes @ change.released
         carried = _Carried(after, disturbed.mobilisation, disturbed.slip, carried.slip)
-        return _StepValues(
-            world[:, 0], world[:, 1], change.tension, change.base_tension, displacements, slips, carried
-        )
+        of_tendons = change.tension, change.base_tension, displacements, slips
+        return _StepValues(world[:, 0], world[:, 1], *of_tendons, carried)
 
     def _curvature_rates(self, values: _StepValues, solved: SolvedPoint) -> Array:
         """Derivatives of the curvature rates at the end of a step, in section axes, shape (E, 2, 3, P)."""
@@ -351,13 +343,10 @@ def _reversed(
     by_parameter, by_load_factor = slip[..., :-1], slip[..., -1:]
     by_parameter = by_parameter + by_load_factor * _load_factor_change(point, solved, response, disturbances)
     turned, before = point.reverses[robot], carried.derivative
-    after = replace(
-        before,
-        slip=np.where(turned[..., None], by_parameter, before.slip),
-        mobilisation=np.where(turned[..., None], 0.0, before.mobilisation),
-    )
+    holes = turned[..., None]
+    slip, mobilisation = np.where(holes, by_parameter, before.slip), np.where(holes, 0.0, before.mobilisation)
     return _Carried(
-        after,
+        replace(before, slip=slip, mobilisation=mobilisation),
         np.where(turned, disturbed.mobilisation, carried.mobilisation),
         np.where(turned, disturbed.slip, carried.slip),
         carried.former,
