@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2520,
+    "elements": 2448,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 766,
     "tdcr_fe/effects": 1230,
@@ -36,10 +36,10 @@ BUDGET = {
     "tdcr_fe/model": 2446,
     "tdcr_fe/report": 1101,
     "tdcr_fe/scene": 1332,
-    "tdcr_fe/solve": 6502,
+    "tdcr_fe/solve": 6331,
     "tdcr_fe/sweeps": 1400,
     "validation": 6394,
-    "tests": 12490,
+    "tests": 12508,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")

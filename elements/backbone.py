@@ -181,7 +181,6 @@ class ElementChain:
         self._coefficients = coefficients(twists[:, 3:])
         #: Pose of every node in the frame of the one before, shape (E, 4, 4).
         self.steps = exp_matrix(twists, self._coefficients)
-        self._turns = self.steps[:, :3, :3]
 
     def nodes(self, base: Array, near: Array) -> NodePoses:
         """Poses of the nodes.
@@ -196,11 +195,6 @@ class ElementChain:
         positions, rotations = self.poses(base)
         parameters = euler_parameters_near(rotations, near)
         return NodePoses(positions, rotations, parameters, node_frames(rotations, parameters))
-
-    @cached_property
-    def _lever(self) -> Array:
-        """Cross product with the way from each node to the next, shape (E, 3, 3)."""
-        return skew(self.steps[:, :3, 3])
 
     def poses(self, base: Array) -> tuple[Array, Array]:
         """Positions (N, 3) and rotations (N, 3, 3) of all nodes, from the pose of the base (4, 4)."""
@@ -291,12 +285,12 @@ class ElementChain:
         half = skew(0.5 * beyond.reshape(-1, 2, 3))
         # Half the coadjoint map, from the change of a twist to that of the wrench beyond it, is [[0, f], [f, m]]; here
         # after the transposed map that takes twists of an element's first node to its second.
-        half[1:] = self._turns[:, None] @ half[1:]
+        half[1:] = self.steps[:, None, :3, :3] @ half[1:]
         turned = np.zeros((len(half), 6, 6))
         turned[:, :3, 3:] = turned[:, 3:, :3] = half[:, 0]
         turned[:, 3:, 3:] = half[:, 1]
         outer = turned[1:]
-        outer[:, 3:, 3:] += self._lever @ half[1:, 0]
+        outer[:, 3:, 3:] += skew(self.steps[:, :3, 3]) @ half[1:, 0]
         itself = wrenches.reshape(-1, 6).dot(_PULL).reshape(-1, 6, 6)
         itself[0] += turned[0]
         block = b.swapaxes(1, 2) @ (inner @ b)

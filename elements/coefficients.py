@@ -38,7 +38,6 @@ class CoefficientLaw(Protocol):
         mu, dmu_dnormal, dmu_drate : ndarray, shape (k,)
             Coefficient, not negative [1], and its derivatives by the two arguments [1/N, s/m].
         """
-        ...
 
 
 class Coefficients(NamedTuple):
@@ -163,9 +162,8 @@ def tension_derivatives(
     force_by_angle = 0.5 * (tension[:, :-1] + tension[:, 1:]) * np.cos(0.5 * angles)
     change[:, hole, hole] += solved.law.by_normal * force_by_angle
     by_length = solved.law.by_rate[:, :, None] * rate_by_length
-    total = solved.by_coefficient @ np.linalg.solve(
-        solved.matrix, np.concatenate((by_length, change), axis=2)
-    )
+    right = np.concatenate((by_length, change), axis=2)
+    total = solved.by_coefficient @ np.linalg.solve(solved.matrix, right)
     total[:, :, n:] += kept
     d_length, d_angle, by_mobilisation, d_base = np.split(total, (n, n + h, n + h + g), axis=2)
     return TensionDerivatives(d_length, d_angle, d_base[:, :, 0], by_mobilisation)

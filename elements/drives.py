@@ -33,12 +33,10 @@ class DrivenTendon(Protocol):
     @property
     def name(self) -> str:
         """Of the tendon."""
-        ...
 
     @property
     def spool(self) -> Any:
         """The spool on which a motor winds it, with its ``radius`` [m]; None where there is none."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -99,9 +97,8 @@ class TendonDrives:
     def of(cls, kinds: Iterable[Drive], tendons: Sequence[DrivenTendon]) -> TendonDrives:
         """One kind for each tendon."""
         kinds = tuple(kinds)
-        return cls(
-            kinds, np.array([kind.scale(t) for kind, t in zip(kinds, tendons, strict=True)], dtype=float)
-        )
+        scale = [kind.scale(tendon) for kind, tendon in zip(kinds, tendons, strict=True)]
+        return cls(kinds, np.array(scale, dtype=float))
 
     @classmethod
     def by_tension(cls, count: int) -> TendonDrives:

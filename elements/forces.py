@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tdcr_fe.elements import Array, Index
-from tdcr_fe.elements.backbone import BackboneMesh, NodeStiffness, relative_twists, strain_matrices
+from tdcr_fe.elements.backbone import BackboneMesh, relative_twists, strain_matrices
 from tdcr_fe.elements.capstan import TensionField
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.hysteresis import FrictionState
@@ -141,10 +141,8 @@ class ForceModel:
         h = np.ones((count, len(twists)))
         h[:3], h[3:6] = DIFFERENCE * self.mesh.lengths, DIFFERENCE
         steps = h[:, :, None] * np.eye(count)[:, None]
-        above, below = (
-            self.strain_state(twists + x[..., :6], base_tension + x[:, 0, 6:]).curvature_rates()
-            for x in (steps, -steps)
-        )
+        beside = [self.strain_state(twists + x[..., :6], base_tension + x[:, 0, 6:]) for x in (steps, -steps)]
+        above, below = (state.curvature_rates() for state in beside)
         slopes = (above - below) / (2.0 * h[:, :, None, None])
         by_element = slopes[:6].reshape(6, len(twists), 6).transpose(1, 2, 0) @ by_twists
         change = np.tensordot(slopes[6:], by_tension, (0, 0))
@@ -214,7 +212,8 @@ class ForceModel:
         return TendonForces(self, measured, base_tension, field)
 
 
-class TendonForces(NamedTuple):
+@dataclass(eq=False)
+class TendonForces:
     """Tensions and section forces in one configuration, with their derivatives.
 
     Derivatives are by body-frame increments ``[v, w]`` of the nodes.
@@ -224,12 +223,24 @@ class TendonForces(NamedTuple):
     measured: Measurement  # The configuration
     base_tension: Array  # (m,): Tension at the base [N]
     field: TensionField  # Tensions along the tendons
-    # (m, W): Change of the tensions at the base with the nodes that carry holes, of tendons whose base
-    # displacement is prescribed through their own elasticity [N/m, N]; None where the tensions at the base are
-    # given or unknowns
-    base_response: Array | None = None
 
     # ------------------------------------------------------------------ tendons
+
+    @cached_property
+    def tension_by_holes(self) -> Array:
+        """Derivatives of the tensions of the segments by the nodes that carry holes, shape (m, n, W)."""
+        f, s = self.field, self.measured.shape
+        change: Array = f.d_angle @ s.d_angles
+        return change + f.d_length @ s.d_lengths if f.depends_on_length else change
+
+    @cached_property
+    def released_by_holes(self) -> Array:
+        """Derivatives of the released lengths of the segments by the nodes that carry holes, shape (m, n, W)."""
+        f = self.field
+        found: Array = f.released_d_length[:, :, None] * self.measured.shape.d_lengths
+        if self.model.law.elastic:
+            found += f.released_d_tension[:, :, None] * self.tension_by_holes
+        return found
 
     def tendon_change(
         self, nodes: Array, base_tension: Array, mobilisation: Array | None = None
@@ -292,37 +303,22 @@ class TendonForces(NamedTuple):
         by_base_tension : ndarray, shape (k, m)
         by_mobilisation : ndarray, shape (k, k)
         """
-        f, s, law = self.field, self.measured.shape, self.model.law
+        f, law = self.field, self.model.law
         frictional = law.frictional
         tendon, group = np.nonzero(frictional)
         of_tendon = tendon[:, None] == np.arange(len(frictional))
-        released = f.released_d_length[:, :, None] * s.d_lengths
+        by_nodes = self.to_all_nodes((law.slip_operator @ self.released_by_holes)[frictional])
         if not law.elastic:
-            by_nodes = self.to_all_nodes((law.slip_operator @ released)[frictional])
             return by_nodes, np.zeros(of_tendon.shape), np.zeros((len(tendon),) * 2)
         stretched = law.slip_operator * f.released_d_tension[:, None, :]
-        by_nodes = law.slip_operator @ released + (stretched @ f.d_angle) @ s.d_angles
-        if f.depends_on_length:
-            by_nodes = by_nodes + (stretched @ f.d_length) @ s.d_lengths
         by_base = (stretched @ f.d_base[:, :, None])[frictional]
         by_mobilisation = (stretched @ f.by_mobilisation)[tendon[:, None], group[:, None], group]
         by_mobilisation = by_mobilisation * (tendon[:, None] == tendon)
-        return self.to_all_nodes(by_nodes[frictional]), by_base * of_tendon, by_mobilisation
+        return by_nodes, by_base * of_tendon, by_mobilisation
 
     def base_slip_rows(self) -> Array:
         """Derivative of the slip at the base plate by the nodes, shape (m, 6 N)."""
-        return self.to_all_nodes(self.base_slip_by_holes())
-
-    def base_slip_by_holes(self) -> Array:
-        """Derivative of the slip at the base plate by the nodes that carry holes, shape (m, W)."""
-        f, s = self.field, self.measured.shape
-        by_length, by_tension = f.released_d_length[:, None, :], f.released_d_tension[:, None, :]
-        if f.depends_on_length:
-            by_length = by_length + by_tension @ f.d_length
-        d = by_length @ s.d_lengths
-        if self.model.law.elastic:
-            d += (by_tension @ f.d_angle) @ s.d_angles
-        return np.asarray(d[:, 0])
+        return self.to_all_nodes(self.released_by_holes.sum(axis=1))
 
     def base_slip_by_base(self) -> Array:
         """Derivative of the slip at the base plate by the tension there [m/N], shape (m,)."""
@@ -362,13 +358,6 @@ class TendonForces(NamedTuple):
         d = -self.field.d_base[:, None, :] @ self.measured.shape.d_lengths
         return self.to_all_nodes(d[:, 0]).T
 
-    def geometric_stiffness(self) -> NodeStiffness:
-        """Derivative of the pull of the straight segments by `ForceModel.cable_nodes` at fixed tensions.
-
-        Written in frames that stay, and with the sign of Exudyn's Jacobian: minus the stiffness.
-        """
-        return self.measured.shape.lines.stiffness(self.field.tension)
-
     def add_tangent(self, k: Array, first: int = 0) -> None:
         """Add the derivative of `nodal_wrenches` by the nodes, written in frames that stay, in Exudyn's sign.
 
@@ -380,7 +369,8 @@ class TendonForces(NamedTuple):
             Number of the first node of this robot among them.
         """
         if self.model.geometry is not None:
-            self.geometric_stiffness().add_to(k, first + self.model.cable_nodes)
+            geometric = self.measured.shape.lines.stiffness(self.field.tension)
+            geometric.add_to(k, first + self.model.cable_nodes)
         inside = slice(6 * first, 6 * (first + self.model.mesh.arc_lengths.size))
         own, springs = k[inside, inside], self.model.springs
         if len(self.base_tension) or self.model.section is not None:
@@ -397,15 +387,9 @@ class TendonForces(NamedTuple):
         k
             Changed in place, shape (6 N, 6 N).
         """
-        f = self.field
-        d_lengths, d_angles = self.measured.shape.d_lengths, self.measured.shape.d_angles
-        change = f.d_angle @ d_angles
-        if f.depends_on_length:
-            change += f.d_length @ d_lengths
-        if self.base_response is not None:
-            change = change + f.d_base[:, :, None] * self.base_response[:, None, :]
+        change = self.tension_by_holes
         if self.model.geometry is None:
-            k -= d_lengths[:, 0].T @ change[:, 0]
+            k -= self.measured.shape.d_lengths[:, 0].T @ change[:, 0]
         else:
             pull = self.measured.shape.lines.softening(change)
             pull = pull.reshape(-1, pull.shape[-1])

@@ -181,12 +181,7 @@ class TendonLaw:
         return mobilisation @ self.hole_incidence.T
 
     def field(
-        self,
-        base_tension: Array,
-        shape: CableShape,
-        mobilisation: Array,
-        state: FrictionState,
-        time: float = 0.0,
+        self, base_tension: Array, shape: CableShape, mobilisation: Array, state: FrictionState, time: float
     ) -> TensionField:
         """Tensions for given mobilisations.
 
@@ -319,11 +314,9 @@ class TendonLaw:
         """`field` where coefficients of friction depend on normal force or slip rate."""
         duration, lengths, angles = state.rates_from(time)[1], shape.lengths, shape.angles
         at_holes = self.at_holes(mobilisation)
-        half = 0.5 * angles
+        half, per_second = 0.5 * angles, 1.0 / duration if duration > 0.0 else 0.0
         # Derivatives of the slip rates at the holes by the released lengths of the segments [1/s].
-        rate_by_released = (self.hole_incidence @ self.slip_operator) * (
-            1.0 / duration if duration > 0.0 else 0.0
-        )
+        rate_by_released = (self.hole_incidence @ self.slip_operator) * per_second
 
         def linearise(coefficient: Array) -> Linearisation:
             tension, slopes = capstan(base_tension, angles, at_holes, coefficient, self._adhesion)
@@ -438,8 +431,7 @@ class TendonLaw:
         The slips depend on them through the stretch of the tendons.
         """
         slips = (self.slip_operator * field.released_d_tension[:, None, :]) @ field.by_mobilisation
-        matrix: Array = flexibility[:, :, None] * np.eye(self.groups) - slips
-        return matrix
+        return flexibility[:, :, None] * np.eye(self.groups) - slips
 
     def with_slopes(
         self, field: TensionField, slopes: Callable[[], NDArray[Any]], trial: Array, state: FrictionState

@@ -127,8 +127,7 @@ class Dahl(Hysteresis):
         """See `Hysteresis.trial`."""
         travel = (slip - before.slip) / self.presliding
         limit = np.copysign(1.0 + ACCEPTED, travel)
-        found: Array = limit - (limit - before.mobilisation) * np.exp(-np.abs(travel))
-        return found
+        return limit - (limit - before.mobilisation) * np.exp(-np.abs(travel))
 
     def slip_of(self, mobilisation: Array, before: FrictionState) -> Array:
         """See `Hysteresis.slip_of`."""

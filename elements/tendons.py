@@ -155,7 +155,7 @@ class CableLines:
         return turns
 
     def stiffness(self, tension: Array) -> NodeStiffness:
-        """Geometric stiffness: derivative of `wrenches` at fixed tensions (m, n).
+        """Geometric stiffness: derivative of `wrenches` at fixed tensions (m, n), in Exudyn's sign.
 
         A segment of length ``l`` and direction ``e`` resists with ``T / l`` across ``e``. At a hole with offset ``o``
         the lever turns with the node, which adds ``(f o^T + o f^T) / 2 - (f . o) 1`` by the rotation, with the force
@@ -233,9 +233,8 @@ class CableGeometry:
         size = np.sqrt(np.einsum("...i,...i->...", local, local) + self.CLEARANCE_ANGLE**2)
         inner = np.ones(nodes.shape, dtype=bool)
         inner[:, 1:-1], inner[:, -1] = self.mask[:, 1:], False
-        return np.asarray(
-            self.nominal + local * np.where(inner, self.clearance[:, None] / size, 0.0)[..., None]
-        )
+        shift = np.where(inner, self.clearance[:, None] / size, 0.0)
+        return np.asarray(self.nominal + local * shift[..., None])
 
     def evaluate(self, positions: Array, rotations: Array) -> CableShape:
         """Lengths and angles, with tendons shifted in oversized holes.

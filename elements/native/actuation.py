@@ -193,9 +193,8 @@ class TendonActuation:
                 return forces
         positions, rotations, _ = self._node_coordinates.poses(coordinates)
         measured, friction = self.model.measure(positions, rotations), history.friction
-        forces = self.model.at_mobilisation(
-            measured, history.base_tension, friction.mobilisation, friction, friction.time
-        )
+        given = history.base_tension, friction.mobilisation, friction, friction.time
+        forces = self.model.at_mobilisation(measured, *given)
         self._solved = coordinates, history, forces
         return forces
 
@@ -248,7 +247,11 @@ class TendonActuation:
         if not self.connected:
             return _container(np.zeros((7 * len(self.nodes),) * 2))
         nodes, tendons = self._in_step(displacements, t)
-        holes = "present" if self.motors else self._assumed_holes(by_position, by_velocity)
+        holes: Holes = "present" if self.motors else self.holes
+        # Solvers ask with a negative factor, ``mbs.ComputeLinearizedSystem`` and ``mbs.ComputeODE2Eigenvalues`` with a
+        # positive one: they want small vibrations, in which no hole slips beyond its presliding.
+        if holes == "present" and not self.motors and by_position > 0.0 and by_velocity == 0.0:
+            holes = "stuck"
         tangent = self._scene_forces.tangent(nodes, tendons, holes, self.motors)
         # Both factors together are those of an iteration in time; derivatives for linearised systems are exact.
         if by_velocity != 0.0 and by_position != 0.0:
@@ -257,16 +260,6 @@ class TendonActuation:
                 tangent[: nodes.size, : nodes.size] -= excess
         tangent *= -by_position
         return _container(tangent)
-
-    def _assumed_holes(self, by_position: float, by_velocity: float) -> Holes:
-        """What a Jacobian assumes of the holes; factors as in `jacobian_on_coordinates`.
-
-        Solvers ask with a negative factor, ``mbs.ComputeLinearizedSystem`` and ``mbs.ComputeODE2Eigenvalues`` with a
-        positive one: they want small vibrations, in which no hole slips beyond its presliding.
-        """
-        if self.holes == "present" and by_position > 0.0 and by_velocity == 0.0:
-            return "stuck"
-        return self.holes
 
     def forces_by_inputs(self, stuck: bool) -> Array:
         """Change of the generalised forces on the coordinates of the nodes with the inputs, shape (7 N, m).

@@ -87,10 +87,7 @@ class ElasticTendons(NamedTuple):
             tension, before = np.where(halved, high - 0.5 * width, new), np.abs(gap)
             if not moved.any():  # ends with nan, too
                 break
-        forces = elastic.after(measured, tension, state, t)
-        pulled = driven & (tension > 0.0)
-        slope = np.where(pulled, -1.0 / forces.base_slip_by_base(), 0.0)
-        return forces._replace(base_response=slope[:, None] * forces.base_slip_by_holes())
+        return elastic.after(measured, tension, state, t)
 
     def at_rest(self, measured: Measurement) -> TendonForces:
         """Forces in a configuration at the tensions and mobilisations of the history."""
@@ -119,8 +116,7 @@ def stretch(model: ForceModel, tension: Array, lengths: Array) -> Array:
     relative = tension / own_stiffness(model)
     stretched = -lengths * relative / (1.0 + relative)
     parameters = model.law.parameters
-    stretched = np.where(parameters.mask, stretched, 0.0)
-    return np.where(parameters.rigid[:, None], stretched, 0.0)
+    return np.where(parameters.mask & parameters.rigid[:, None], stretched, 0.0)
 
 
 class Condensed(NamedTuple):
@@ -188,21 +184,21 @@ def forces_by_inputs(forces: TendonForces, winds: Flags, stuck: bool, size: int)
 def add_condensed(k: Array, forces: TendonForces, driven: Flags, stuck: bool) -> None:
     """Add the change of tensions at the base and of mobilisations with the nodes to a tangent.
 
-    Without it the tangent is that at fixed tensions at the base and fixed mobilisations. The mobilisation of a hole
-    that sticks follows its slip, ``ds = du / delta``; a tendon that is driven by displacement keeps its displacement.
-    Both are linear equations beside those of the nodes, and are eliminated.
+    Without it the tangent is that at fixed tensions at the base, the mobilisations being as those of the forces. The
+    mobilisation of a hole that sticks follows its slip, ``ds = du / delta``; a tendon that is driven by displacement
+    keeps its displacement. Both are linear equations beside those of the nodes, and are eliminated.
 
     Parameters
     ----------
     k
         By body-frame increments of the nodes, changed in place, shape (6 N, 6 N).
     forces
-        At the mobilisations of a solved state; tendons that are driven by displacement are elastic.
+        Tendons that are driven by displacement are elastic. To let holes stick, at the mobilisations of a solved state.
     driven
         Which tendons are driven by displacement and taut, shape (m,).
     stuck
-        Whether every frictional hole sticks; where not, every one slides on in its direction, or is at rest without
-        resistance.
+        Whether every frictional hole sticks; where not, mobilisations stay or follow as in the forces, so that holes at
+        those of a solved state slide on in their direction, or are at rest without resistance.
     """
     condensed = Condensed.of(forces, driven, stuck, len(k))
     if len(condensed.matrix):

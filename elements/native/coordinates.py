@@ -53,8 +53,7 @@ class NodeCoordinates:
 
     def displacements(self, configuration: Any = exu.ConfigurationType.Current) -> Array:
         """Coordinates in a configuration of the scene, without reference values, shape (N, 7)."""
-        moved: Array = self._system.mbs.systemData.GetODE2Coordinates(configuration, copy=False)
-        return moved[self.numbers]
+        return self._system.mbs.systemData.GetODE2Coordinates(configuration, copy=False)[self.numbers]
 
     def poses(self, displacements: Array) -> tuple[Array, Array, Array]:
         """Positions (N, 3), rotations (N, 3, 3) in beam axes and Euler parameters (N, 4) of coordinates, (N, 7)."""

@@ -58,25 +58,21 @@ class HistoryNodes:
     """
 
     def __init__(self, system: SystemReference, law: TendonLaw, names: Sequence[str]) -> None:
-        self._system, self._law = system, law
+        self._system = system
         (m, n), g = law.shape, law.groups
         size = 4 + 3 * g + 2 * n
         self._shape = m, size
-        edges = np.cumsum([4, g, g, g, n, n])
-        self._slip, self._mobilisation, self._rate, self._tension, self._stretch = (
-            slice(int(a), int(b)) for a, b in pairwise(edges)
-        )
+        parts = [slice(int(a), int(b)) for a, b in pairwise(np.cumsum([4, g, g, g, n, n]))]
+        self._slip, self._mobilisation, self._rate, self._tension, self._stretch = parts
         #: That of a robot that was never loaded.
         self._unloaded = RobotHistory(law.initial_state(), np.zeros(m), np.full(m, np.nan), np.zeros((m, n)))
         self._slack, self._let_out = np.zeros((m, n)), law.released_unloaded().sum(axis=1)
         start = self._encode(self._unloaded, self._slack, self._let_out)
         self._raw, self._decoded = start.tobytes(), self._unloaded
-        self.nodes: list[Any] = [
-            system.mbs.AddNode(
-                eii.NodeGenericData(name=name, numberOfDataCoordinates=size, initialCoordinates=row)
-            )
-            for name, row in zip(names, start, strict=True)
-        ]
+        self.nodes: list[Any] = []
+        for name, row in zip(names, start, strict=True):
+            node = eii.NodeGenericData(name=name, numberOfDataCoordinates=size, initialCoordinates=row)
+            self.nodes.append(system.mbs.AddNode(node))
 
     @property
     def size(self) -> int:
@@ -127,9 +123,8 @@ class HistoryNodes:
         return self._decoded
 
     def _decode(self, raw: Array) -> RobotHistory:
-        friction = FrictionState(
-            raw[:, self._slip], raw[:, self._mobilisation], raw[:, self._rate], float(raw[0, 0])
-        )
+        holes = raw[:, self._slip], raw[:, self._mobilisation], raw[:, self._rate]
+        friction = FrictionState(*holes, float(raw[0, 0]))
         prescribed = np.where(raw[:, 2] > 0.5, raw[:, 3], np.nan)
         return RobotHistory(friction, raw[:, 1], prescribed, raw[:, self._stretch])
 

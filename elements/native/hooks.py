@@ -18,7 +18,7 @@ import numpy as np
 from tdcr_fe.elements.backbone import BackboneMesh
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.condensation import ROUND_OFF
-from tdcr_fe.elements.native.items import RecordedItems, SystemReference, item_counts, refuse_force_sensors
+from tdcr_fe.elements.native.items import SystemReference, item_counts, item_names, removed, unchanged
 
 #: A step is tiny where it is shorter than this part of the one that was asked for [1].
 TINY = 0.01
@@ -108,7 +108,7 @@ class RobotInScene:
     """One robot of a system, and what was added to it."""
 
     actuation: TendonActuation
-    items: RecordedItems  # Items that must keep their numbers
+    items: dict[tuple[str, int], str]  # Names of items that must keep their numbers, see `item_names`
     # The concentrated loads on it, of `tdcr_fe.scene.loads`
     point_loads: list[Any] = field(default_factory=list)
     # What sees every step of Exudyn's own solvers before the history is committed
@@ -117,14 +117,12 @@ class RobotInScene:
     def add_load(self, load: Any) -> None:
         """Add a concentrated load."""
         self.point_loads.append(load)
-        self.items = self.items.joined(
-            RecordedItems.of(self.actuation.mbs, [], [load.nApplied], load.numbers)
-        )
+        self.items |= item_names(self.actuation.mbs, Node=[load.nApplied], Load=load.numbers)
 
     def add_observer(self, observe: Callable[[float], None], node: Any) -> None:
         """Let a function see the end of every step [s]; in a data node it keeps what it has seen."""
         self.observers.append(observe)
-        self.items = self.items.joined(RecordedItems.of(self.actuation.mbs, [], [node]))
+        self.items |= item_names(self.actuation.mbs, Node=[node])
 
     def refuse_apart(self, mbs: exu.MainSystem, t: float) -> None:
         """Refuse a dynamic run that begins at a time [s] with the base elsewhere than what carries it."""
@@ -209,8 +207,8 @@ class SceneHooks:
     def _check_items(self) -> None:
         """Forget robots whose items were deleted, or removed by ``mbs.Reset()``, which leaves ``mbs.variables``."""
         mbs = self.system.mbs
-        changed = [robot for robot in self.robots if not robot.items.unchanged(mbs)]
-        present = [robot for robot in changed if not robot.items.removed(mbs)]
+        changed = [robot for robot in self.robots if not unchanged(robot.items, mbs)]
+        present = [robot for robot in changed if not removed(robot.items, mbs)]
         if present:
             raise ValueError(
                 f"robot {present[0].actuation.name!r}: its items have other numbers in the system than when it was "
@@ -219,9 +217,8 @@ class SceneHooks:
         if changed:
             self.robots = [robot for robot in self.robots if robot not in changed]
         if item_counts(mbs)["Sensor"] != self._counts["Sensor"]:
-            refuse_force_sensors(
-                mbs, [spring for each in self.actuations for spring in each.connectors.drawn]
-            )
+            drawn = [spring for each in self.actuations for spring in each.connectors.drawn]
+            _refuse_force_sensors(mbs, drawn)
         self._counts = item_counts(mbs)
 
     def add(self, actuation: TendonActuation) -> None:
@@ -250,7 +247,7 @@ class SceneHooks:
 
         actuation.attach(forces, jacobian)
         nodes = (actuation.nodes[0], actuation.nodes[-1], *actuation.history_nodes.nodes[-1:])
-        items = RecordedItems.of(self.system.mbs, [actuation.connectors.forces], nodes)
+        items = item_names(self.system.mbs, Object=[actuation.connectors.forces], Node=nodes)
         self.robots.append(RobotInScene(actuation, items))
 
     def adopt(self, mbs: exu.MainSystem) -> None:
@@ -292,13 +289,6 @@ class SceneHooks:
                     "mbs.SolveDynamic solves such scenes"
                 )
 
-    def user_jacobian(self, t: float) -> np.ndarray | None:
-        """The user's own part of the system Jacobian, dense, or None."""
-        user = self.user_function("SystemJacobian")
-        if user is None:
-            return None
-        return np.asarray(user(self.system.mbs, t, 1.0, 0.0, 1.0).Convert2DenseMatrix(), dtype=float)
-
     def _after_step(self, mbs: exu.MainSystem, t: float) -> bool:
         self._check_counts()
         self._step_sizes.check(mbs, t, [robot.actuation.mesh for robot in self.robots])
@@ -310,6 +300,18 @@ class SceneHooks:
             for load in robot.point_loads:
                 load.applied = load.value
         return True if self._users_post_step is None else bool(self._users_post_step(mbs, t))
+
+
+def _refuse_force_sensors(mbs: exu.MainSystem, drawn: Sequence[int]) -> None:
+    """Refuse sensors of the force of objects that are only drawn."""
+    forces = (exu.OutputVariableType.Force, exu.OutputVariableType.ForceLocal)
+    for k in range(mbs.systemData.NumberOfSensors()):
+        sensor = mbs.GetSensor(k)
+        if int(sensor.get("objectNumber", -1)) in drawn and sensor["outputVariableType"] in forces:
+            raise ValueError(
+                f"sensor {sensor['name']!r}: segments in oTendons are only drawn, their force is zero; "
+                "arm.add_sensors() adds sensors of the tensions (tension_NAME, tensions_NAME)"
+            )
 
 
 def _function(present: Any) -> Callable[..., Any] | None:

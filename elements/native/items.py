@@ -7,7 +7,7 @@ turn, neither would ever be freed: Python does not see the references that Exudy
 from __future__ import annotations
 
 import weakref
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,35 +49,21 @@ class SystemReference:
         return mbs
 
 
-@dataclass(frozen=True)
-class RecordedItems:
-    """Names of some objects, nodes and loads."""
+def item_names(mbs: exu.MainSystem, **numbers: Sequence[Any]) -> dict[tuple[str, int], str]:
+    """The present names of items, given by kind (``Object``, ``Node``, ``Load``) and Exudyn's numbers."""
+    return {(kind, int(n)): _name(mbs, kind, n) for kind, those in numbers.items() for n in those}
 
-    names: dict[tuple[str, int], str]  # By kind and Exudyn's number
 
-    @classmethod
-    def of(
-        cls, mbs: exu.MainSystem, objects: Sequence[Any], nodes: Sequence[Any], loads: Sequence[Any] = ()
-    ) -> RecordedItems:
-        """The present names of objects, nodes and loads, given by Exudyn's numbers."""
-        numbers = {"Object": objects, "Node": nodes, "Load": loads}
-        return cls({(kind, int(n)): _name(mbs, kind, n) for kind, those in numbers.items() for n in those})
+def unchanged(names: Mapping[tuple[str, int], str], mbs: exu.MainSystem) -> bool:
+    """Whether every item of these names has its number."""
+    counts = item_counts(mbs)
+    return all(n < counts[kind] and _name(mbs, kind, n) == name for (kind, n), name in names.items())
 
-    def joined(self, other: RecordedItems) -> RecordedItems:
-        """These items and others."""
-        return RecordedItems(self.names | other.names)
 
-    def unchanged(self, mbs: exu.MainSystem) -> bool:
-        """Whether every item has its number."""
-        counts = item_counts(mbs)
-        return all(n < counts[kind] and _name(mbs, kind, n) == name for (kind, n), name in self.names.items())
-
-    def removed(self, mbs: exu.MainSystem) -> bool:
-        """Whether none of the items is in the system."""
-        present = {
-            (kind, _name(mbs, kind, n)) for kind, count in item_counts(mbs).items() for n in range(count)
-        }
-        return not any((kind, name) in present for (kind, _), name in self.names.items())
+def removed(names: Mapping[tuple[str, int], str], mbs: exu.MainSystem) -> bool:
+    """Whether none of the items of these names is in the system."""
+    present = {(kind, _name(mbs, kind, n)) for kind, count in item_counts(mbs).items() for n in range(count)}
+    return not any((kind, name) in present for (kind, _), name in names.items())
 
 
 def item_counts(mbs: exu.MainSystem) -> dict[str, int]:
@@ -86,24 +72,11 @@ def item_counts(mbs: exu.MainSystem) -> dict[str, int]:
     return {kind: getattr(mbs.systemData, f"NumberOf{kind}s")() for kind in kinds}
 
 
-def refuse_force_sensors(mbs: exu.MainSystem, drawn: Sequence[int]) -> None:
-    """Refuse sensors of the force of objects that are only drawn."""
-    forces = (exu.OutputVariableType.Force, exu.OutputVariableType.ForceLocal)
-    for k in range(mbs.systemData.NumberOfSensors()):
-        sensor = mbs.GetSensor(k)
-        if int(sensor.get("objectNumber", -1)) in drawn and sensor["outputVariableType"] in forces:
-            raise ValueError(
-                f"sensor {sensor['name']!r}: segments in oTendons are only drawn, their force is zero; "
-                "arm.add_sensors() adds sensors of the tensions (tension_NAME, tensions_NAME)"
-            )
-
-
 def data_coordinates(mbs: exu.MainSystem, first: Any, count: int, configuration: Any) -> Array:
     """So many data coordinates in the memory of Exudyn, from those of a data node on, in one of its configurations."""
     data = mbs.systemData
     at = int(data.GetNodeLTGData(first)[0])
-    everything: Array = data.GetDataCoordinates(configuration, copy=False)
-    return everything[at : at + count]
+    return data.GetDataCoordinates(configuration, copy=False)[at : at + count]
 
 
 def _name(mbs: exu.MainSystem, kind: str, number: Any) -> str:

@@ -70,24 +70,9 @@ def excess_tangent(coordinates: NodeCoordinates, mesh: BackboneMesh, displacemen
     wrenches = mesh.twist_stiffness * (twists - relative_twists(*coordinates.poses(before)[:2]))
     wrenches[:, 3:] = 0.0
     wrenches[(np.abs(wrenches) < limit).all(axis=1)] = 0.0
-    return constant_wrench_tangent(wrenches, twists, rotations, parameters)
-
-
-def constant_wrench_tangent(wrenches: Array, twists: Array, rotations: Array, parameters: Array) -> Array:
-    """Derivative of the generalised forces of elements with constant wrenches by the coordinates, shape (7 N, 7 N).
-
-    Parameters
-    ----------
-    wrenches
-        Conjugate to the twists of the elements [N, N m], shape (E, 6).
-    twists
-        Of the elements, shape (E, 6).
-    rotations, parameters
-        Of the nodes, shapes (N, 3, 3) and, of Euler parameters, (N, 4).
-    """
 
     def of_elements(moved: Array) -> Array:
-        """Wrenches on both nodes of every element, in their own frames, shape (..., E, 12)."""
+        """These wrenches, kept, on both nodes of every element, in their own frames, shape (..., E, 12)."""
         return np.asarray(-(wrenches[:, None] @ strain_matrices(moved))[..., 0, :])
 
     blocks = wrench_tangent(of_elements, twists, np.full(twists.shape, DIFFERENCE))

@@ -38,29 +38,20 @@ class MaterialDamping:
         cls, mbs: exu.MainSystem, name: str, nodes: Sequence[Any], mesh: BackboneMesh, retardation: Array
     ) -> MaterialDamping:
         """Add the dampers to a system, between the nodes of a mesh from the base on."""
-        hidden = eii.VObjectRigidBody(show=False)
+        massless = {"mass": 0.0, "inertia": [0.0] * 6, "visualization": eii.VObjectRigidBody(show=False)}
         bodies = [
-            mbs.AddObject(
-                eii.ObjectRigidBody(
-                    name=f"{name}.body{k}", nodeNumber=node, mass=0.0, inertia=[0.0] * 6, visualization=hidden
-                )
-            )
+            mbs.AddObject(eii.ObjectRigidBody(name=f"{name}.body{k}", nodeNumber=node, **massless))
             for k, node in enumerate(nodes)
         ]
         # From each node to the middle of the element in the unloaded state.
         ways = [exp_se3(sign * mesh.reference_twists) for sign in (0.5, -0.5)]
         dampers = []
         for e, damping in enumerate(viscosity(mesh, retardation)):
-            markers = [
-                mbs.AddMarker(
-                    eii.MarkerBodyRigid(
-                        name=f"{name}.marker{e}{side}",
-                        bodyNumber=bodies[e + k],
-                        localHT=exu.HT(rotation=turns[e], translation=middles[e]),
-                    )
-                )
-                for k, (side, (turns, middles)) in enumerate(zip("ab", ways, strict=True))
-            ]
+            markers = []
+            for body, side, (turns, middles) in zip(bodies[e : e + 2], "ab", ways, strict=True):
+                middle = exu.HT(rotation=turns[e], translation=middles[e])
+                marker = eii.MarkerBodyRigid(name=f"{name}.marker{e}{side}", bodyNumber=body, localHT=middle)
+                markers.append(mbs.AddMarker(marker))
             damper = eii.ObjectConnectorRigidBodySpringDamper(
                 name=f"{name}{e}",
                 markerNumbers=markers,

@@ -166,9 +166,8 @@ class SceneForces:
         n = len(found.rotations)
         k = np.zeros((6 * n, 6 * n))
         forces.add_tangent(k)
-        if holes != "present":
-            taut = tendons.driven & (forces.base_tension > 0.0)
-            add_condensed(k, forces, taut, holes == "stuck")
+        taut = tendons.driven & (forces.base_tension > 0.0)
+        add_condensed(k, forces, taut, holes == "stuck")
         to_twist = twists_by_coordinates(found.rotations, found.parameters)
         tangent = generalized_tangent(k, forces.nodal_wrenches()[:, 3:], to_twist)
         return with_motors(motors, tangent, found, to_twist) if motors else tangent

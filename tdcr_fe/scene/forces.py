@@ -6,12 +6,11 @@ import numpy as np
 
 from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, gauss_arc_lengths, reference_poses
-from tdcr_fe.elements.continuous_tendons import ContinuousTendons
 from tdcr_fe.elements.forces import ForceModel, SideSprings
 from tdcr_fe.elements.friction import FRICTION_MODELS, TendonLaw, TendonParameters
 from tdcr_fe.elements.hysteresis import Hysteresis
 from tdcr_fe.elements.material import NonlinearSection, SuperelasticSection
-from tdcr_fe.elements.section_forces import SectionForces
+from tdcr_fe.elements.section_forces import ContinuousTendons, SectionForces
 from tdcr_fe.elements.tendons import CableGeometry
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.friction import ConstantFriction

@@ -335,9 +335,8 @@ def estimate(model: ElementModel, states: Sequence[SolvedState], goal: float) ->
     """
     if not states:
         return []
-    twists, rotations, tensions = (
-        np.stack([getattr(s, name) for s in states]) for name in ("twists", "rotations", "tensions")
-    )
+    names = ("twists", "rotations", "tensions")
+    twists, rotations, tensions = (np.stack([getattr(s, name) for s in states]) for name in names)
     forces, couples = defects(model, twists, rotations, tensions)
     loads = bay_loads(model, twists, tensions)
     found = []
@@ -477,11 +476,9 @@ def mesh_warnings(
     coarse = [k for k, e in enumerate(errors, start=1) if not e <= tolerance]
     if coarse:
         worst = max(coarse, key=lambda k: errors[k - 1])
-        cure = (
-            "automatic refinement has reached its limit; the state is likely near a buckling load"
-            if model.elements_per_bay == "auto"
-            else 'use elements_per_bay = "auto" or a larger number'
-        )
+        cure = 'use elements_per_bay = "auto" or a larger number'
+        if model.elements_per_bay == "auto":
+            cure = "automatic refinement has reached its limit; the state is likely near a buckling load"
         found.append(
             f"{steps_named(coarse)}: the mesh is too coarse; the estimated discretisation error is up to "
             f"{errors[worst - 1]:.1e} of the length (step {worst}), more than mesh_tolerance = {tolerance:g}; {cure}"

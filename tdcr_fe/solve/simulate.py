@@ -253,9 +253,8 @@ def _with_estimate(step: StepResult, estimate: MeshEstimate | None) -> StepResul
     """A step with its discretisation error, where that was estimated."""
     if estimate is None:
         return step
-    return replace(
-        step, discretisation_error=estimate.largest, buckling_load_fraction=float(estimate.bay_loads.max())
-    )
+    load = float(estimate.bay_loads.max())
+    return replace(step, discretisation_error=estimate.largest, buckling_load_fraction=load)
 
 
 Run = TypeVar("Run", bound=MeshedRun)
@@ -314,9 +313,8 @@ class _Run(MeshedRun):
         request, estimated = self.request, isfinite(self.goal)
         for number, (step, target) in enumerate(zip(self.steps, request.targets, strict=True), start=1):
             try:
-                report = self.simulation.advance(
-                    target, step.substeps, self._near(number, step.substeps), self._follow
-                )
+                near = self._near(number, step.substeps)
+                report = self.simulation.advance(target, step.substeps, near, self._follow)
                 if refine:
                     self._keep_warm_start(number, report)
                 result = self._result(number, step, report, target)

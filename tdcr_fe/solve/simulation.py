@@ -42,10 +42,6 @@ def one_thread() -> AbstractContextManager[object]:
     return _controller().limit(limits=1, user_api="blas")
 
 
-#: Sees a solved load step, and leaves the scene as it is.
-PathObserver = Callable[[SolvedLoadStep], None]
-
-
 class Simulation:
     """One robot alone on ground, taken through load steps.
 
@@ -105,7 +101,7 @@ class Simulation:
         target: Actuation,
         substeps: int | None = None,
         near: Sequence[Increment] = (),
-        follow: PathObserver | None = None,
+        follow: Callable[[SolvedLoadStep], None] | None = None,
         deadline: float = math.inf,
     ) -> LoadStepReport:
         """Solve one load step.
@@ -119,7 +115,7 @@ class Simulation:
         near
             The substeps of a similar run, see `tdcr_fe.solve.load_steps.stepping.solve_load_step`.
         follow
-            Called with the solved load step.
+            Called with the solved load step; leaves the scene as it is.
         deadline
             Time after which no further substep begins, of `time.perf_counter` [s].
 

@@ -233,13 +233,9 @@ def recall(system: SceneSystem, parts: Sequence[SceneSystem], time: float) -> li
         At which the load step begins [s].
     """
     last: Any = system.mbs.variables.get(KEY)
-    if (
-        not isinstance(last, LastSolution)
-        or len(last.positions) != len(parts)
-        or not _is_as_left(system, last)
-    ):
-        return [Position(part.with_reactions(part.current_state(time))) for part in parts]
-    return [_at_time(position, time) for position in last.positions]
+    if isinstance(last, LastSolution) and len(last.positions) == len(parts) and _is_as_left(system, last):
+        return [_at_time(position, time) for position in last.positions]
+    return [Position(part.with_reactions(part.current_state(time))) for part in parts]
 
 
 def _at_time(position: Position, time: float) -> Position:
@@ -250,12 +246,10 @@ def _at_time(position: Position, time: float) -> Position:
 
 def _is_as_left(system: SceneSystem, last: LastSolution) -> bool:
     """Whether a scene of robots alone is as it was left; what else may be in a scene could have changed unseen."""
-    users = any(system.hooks.user_function(kind) for kind in ("PreNewtonResidual", "SystemJacobian"))
+    users = any(map(system.hooks.user_function, ("PreNewtonResidual", "SystemJacobian")))
     if not system.layout.no_others or system.layout.user_loads or users or system.has_contact:
         return False
-    if len(last.models) != len(system.robots) or any(
-        robot.model is not model for robot, model in zip(system.robots, last.models, strict=True)
-    ):
+    if [id(robot.model) for robot in system.robots] != [id(model) for model in last.models]:
         return False
     return all(
         len(now) == len(before) and np.allclose(now, before, rtol=ROUND_OFF, atol=ROUND_OFF)
@@ -267,9 +261,7 @@ def _scene(system: SceneSystem) -> tuple[Array, ...]:
     """State and the user's own loads of a scene."""
     mbs, data = system.mbs, system.mbs.systemData
     ramped = {int(number) for item in system.point_loads for number in item.numbers}
-    loads = [
-        np.atleast_1d(mbs.GetLoadParameter(i, "load" if "load" in load else "loadVector"))
-        for i, load in ((i, mbs.GetLoad(i)) for i in range(data.NumberOfLoads()))
-        if i not in ramped
-    ]
+    others = {i: mbs.GetLoad(i) for i in range(data.NumberOfLoads()) if i not in ramped}
+    keys = {i: "load" if "load" in load else "loadVector" for i, load in others.items()}
+    loads = [np.atleast_1d(mbs.GetLoadParameter(i, key)) for i, key in keys.items()]
     return *map(np.array, data.GetSystemState()), np.concatenate((np.zeros(0), *loads))

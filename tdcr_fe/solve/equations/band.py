@@ -143,13 +143,13 @@ class BandLayout:
         to.after[...] = backbone.after
         to.before[...] = backbone.after.swapaxes(1, 2)
 
-        holes = forces.geometric_stiffness()
+        lines, at_hole = forces.measured.shape.lines, forces.field.hole_slopes
+        assert at_hole is not None
+        holes = lines.stiffness(forces.field.tension)
         np.add(to.disk, holes.itself, out=to.disk)
         np.add(to.next_disk, holes.after, out=to.next_disk)
         np.add(to.previous_disk, holes.after.swapaxes(1, 2), out=to.previous_disk)
 
-        lines, at_hole = forces.measured.shape.lines, forces.field.hole_slopes
-        assert at_hole is not None
         rows = lines.segments[:, :, 3].reshape(n, m, 2, 6)
         np.negative(rows.transpose(0, 2, 3, 1), out=to.pulled)
         to.tensions[...] = 1.0

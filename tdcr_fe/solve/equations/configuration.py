@@ -192,9 +192,8 @@ class ConfigurationSpace:
         every = [chain.nodes(base, near[own]) for chain, base, own in by_robot]
         whole = every[0] if len(every) == 1 else NodePoses(*map(np.concatenate, zip(*every, strict=True)))
         coordinates = unknowns.coordinates.copy()
-        coordinates[self._beam] = (
-            np.concatenate((whole.positions, whole.parameters), axis=1) - self._reference
-        )
+        moved = np.concatenate((whole.positions, whole.parameters), axis=1)
+        coordinates[self._beam] = moved - self._reference
         written = unknowns._replace(coordinates=coordinates)
         poses = tuple([(own.positions, own.rotations) for own in every])
         shaped = zip(self.robots, poses, unknowns.twists, strict=True)
@@ -259,10 +258,8 @@ class ConfigurationSpace:
     def fits(self, unknowns: Unknowns) -> bool:
         """Whether unknowns fit this scene: the same numbers of coordinates and the same meshes."""
         elements = [len(r.nodes) - 1 for r in self.robots]
-        rest = len(self._reduction.other_coordinates)
-        return [len(t) for t in unknowns.twists] == elements and (
-            len(unknowns.coordinates) == self._beam.size + rest
-        )
+        count = self._beam.size + len(self._reduction.other_coordinates)
+        return [len(t) for t in unknowns.twists] == elements and len(unknowns.coordinates) == count
 
 
 class SolverState(NamedTuple):

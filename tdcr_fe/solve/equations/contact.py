@@ -99,9 +99,8 @@ class TriangleContact:
 
     def __init__(self, mbs: exu.MainSystem) -> None:
         self._mbs = mbs
-        self._all = [
-            each for each in general_spheres(mbs) if each.first_triangle is not None and each.radii.size
-        ]
+        spheres = [each for each in general_spheres(mbs) if each.radii.size]
+        self._all = [each for each in spheres if each.first_triangle is not None]
         self._step = DIFFERENCE * min((float(each.radii.min()) for each in self._all), default=0.0)
         self._nodes = _nodes_of_coordinates(mbs)
 
@@ -185,8 +184,9 @@ class ContactStates:
         sized = {i: item for i, item in items.items() if np.isfinite(_size(item))}
         self._gaps = np.array([data.GetObjectLTGData(i)[0] for i in sized], dtype=int)
         self._sizes = np.array([_size(item) for item in sized.values()])
-        self._depths = np.array([_depth(item) for item in sized.values()])
         self._flat = np.array(["trianglePoints" in item for item in sized.values()], dtype=bool)
+        #: Penetrations at which the centre of a sphere is on the surface of another one [m]; none for triangles.
+        self._depths = np.array([min(item.get("spheresRadii", [np.inf])) for item in sized.values()])
         pairs = np.array([item["markerNumbers"] for item in sized.values()], dtype=int).reshape(-1, 2)
         # A marker belongs to many pairs, and is read once.
         self._markers, numbers = np.unique(pairs, return_inverse=True)
@@ -194,9 +194,8 @@ class ContactStates:
         general = general_spheres(mbs)
         self._general_size = min((spheres.size for spheres in general), default=np.inf)
         # Spheres that lie in each other from the beginning are built so, as those of a wall.
-        self._general_spheres = [
-            (spheres, spheres.centers_inside(mbs, exu.ConfigurationType.Reference)) for spheres in general
-        ]
+        reference = exu.ConfigurationType.Reference
+        self._general_spheres = [(spheres, spheres.centers_inside(mbs, reference)) for spheres in general]
         self._mbs = mbs
         self._foreign = np.setdiff1d(np.arange(data.DataSize()), np.fromiter(own_data, dtype=int))
         self._settings = settings
@@ -274,11 +273,6 @@ def _size(item: dict[str, Any]) -> float:
     if "spheresRadii" in item and not item["isHollowSphere1"]:
         return float(sum(item["spheresRadii"]))
     return float("inf")
-
-
-def _depth(item: dict[str, Any]) -> float:
-    """Penetration at which the centre of a sphere is on the surface of another one [m]; none for triangles."""
-    return float("inf") if "trianglePoints" in item else float(min(item["spheresRadii"]))
 
 
 def refuse_other_states(mbs: exu.MainSystem) -> None:

@@ -64,7 +64,32 @@ class StaticKernel:
         own = [i for robot in hooks.actuations for i in robot.history_nodes.coordinate_numbers()]
         self.contact = ContactStates(mbs, own, settings)
         self.triangles = TriangleContact(mbs)
-        self._kernel = _initialised(mbs, hooks, settings, self.contact)
+        self._kernel = self._initialised(hooks)
+
+    def _initialised(self, hooks: SceneHooks) -> Any:
+        """Exudyn's static solver, ready to evaluate residual and Jacobian; the scene stays as it is."""
+        kernel, data = exu.MainSolverStatic(), self._mbs.systemData
+        # Without velocities: after a motion dampers would act on the state at rest.
+        start = np.array(data.GetODE2Coordinates())
+        multipliers = np.array(data.GetAECoordinates())
+        states = np.array(data.GetDataCoordinates())
+        # Exudyn's advice on large systems is about its own solvers.
+        warned = exu.config.suppressWarnings
+        exu.config.suppressWarnings = True
+        try:
+            with hooks.without_post_step():
+                self.contact.initialise()
+                ready = kernel.InitializeSolver(self._mbs, self._settings)
+        finally:
+            exu.config.suppressWarnings = warned
+        if not ready:
+            raise RuntimeError("Exudyn could not initialise its static solver for this system")
+        data.SetODE2Coordinates(start)
+        if multipliers.size:
+            data.SetAECoordinates(multipliers)
+        if states.size:
+            data.SetDataCoordinates(states)
+        return kernel
 
     @cached_property
     def _joints(self) -> list[exu.ObjectIndex]:
@@ -76,8 +101,7 @@ class StaticKernel:
     def residual(self) -> Array:
         """Residual of all equations: forces on the coordinates, then constraints, shape (size,)."""
         self._kernel.ComputeNewtonResidual(self._mbs, self._settings)
-        found: Array = self._kernel.GetSystemResidual()
-        return found
+        return self._kernel.GetSystemResidual()
 
     def jacobian(self, *, loads: bool = False, constraints: bool = True) -> Array:
         """Derivative of the residual, shape (size, size).
@@ -106,8 +130,7 @@ class StaticKernel:
         self._kernel.ComputeJacobianODE2RHS(self._mbs, computeLoadsJacobian=int(loads))
         if constraints:
             self._kernel.ComputeJacobianAE(self._mbs)
-        found: Array = self._kernel.GetSystemJacobian()
-        return found
+        return self._kernel.GetSystemJacobian()
 
 
 class LoneRobot:
@@ -165,34 +188,6 @@ def _joint_stiffness(mbs: exu.MainSystem, joints: Sequence[exu.ObjectIndex]) -> 
                 found[moving, k] += mbs.ComputeItem(joint, exu.ComputeItemType.ReactionForces) / (2.0 * step)
             current[k] = start
     return found
-
-
-def _initialised(
-    mbs: exu.MainSystem, hooks: SceneHooks, settings: exu.SimulationSettings, contact: ContactStates
-) -> Any:
-    """Exudyn's static solver, ready to evaluate residual and Jacobian; the scene stays as it is."""
-    kernel, data = exu.MainSolverStatic(), mbs.systemData
-    # Without velocities: after a motion dampers would act on the state at rest.
-    start = np.array(data.GetODE2Coordinates())
-    multipliers = np.array(data.GetAECoordinates())
-    states = np.array(data.GetDataCoordinates())
-    # Exudyn's advice on large systems is about its own solvers.
-    warned = exu.config.suppressWarnings
-    exu.config.suppressWarnings = True
-    try:
-        with hooks.without_post_step():
-            contact.initialise()
-            ready = kernel.InitializeSolver(mbs, settings)
-    finally:
-        exu.config.suppressWarnings = warned
-    if not ready:
-        raise RuntimeError("Exudyn could not initialise its static solver for this system")
-    data.SetODE2Coordinates(start)
-    if multipliers.size:
-        data.SetAECoordinates(multipliers)
-    if states.size:
-        data.SetDataCoordinates(states)
-    return kernel
 
 
 class Residual(NamedTuple):

@@ -68,9 +68,8 @@ class ResidualScales:
         gaps = np.full(len(reduction.other_multipliers), 1.0 / length)
         meshes = [(r.mesh.stiffness[of_backbone(r.mesh), 5], r.mesh.arc_lengths[-1]) for r in robots]
         elastic = min(float(bending.min()) / float(own) ** 2 for bending, own in meshes)
-        return cls(
-            np.concatenate((nodes, other, gaps)), reduction.nodes, len(nodes) + len(other), length, elastic
-        )
+        weights = np.concatenate((nodes, other, gaps))
+        return cls(weights, reduction.nodes, len(nodes) + len(other), length, elastic)
 
     def relative_residual(self, unbalanced: Array, base_tension: Sequence[Array], load_size: float) -> float:
         """Largest unbalanced force, moment or gap over its scale [1].
@@ -124,11 +123,6 @@ class RobotUnknowns(NamedTuple):
     frictional: Flags  # (m, g): Which of its mobilisations are unknowns
     mobilisations: slice  # Where these are
     clamped: bool  # Whether its base is clamped to ground
-
-    @property
-    def has_friction(self) -> bool:
-        """Whether friction acts in this robot."""
-        return self.mobilisations.stop > self.mobilisations.start
 
 
 class Numbering(NamedTuple):
@@ -273,22 +267,18 @@ class SceneLayout:
 
     @classmethod
     def of(
-        cls,
-        mbs: exu.MainSystem,
-        robots: Sequence[TendonActuation],
-        point_loads: Sequence[PointLoad],
-        with_clamps: bool,
+        cls, robots: Sequence[TendonActuation], point_loads: Sequence[PointLoad], with_clamps: bool
     ) -> SceneLayout:
         """Layout of an assembled scene; ``with_clamps=False`` treats the joints of clamped bases as any other."""
+        mbs = robots[0].mbs
         data = mbs.systemData
         for robot in robots:
             robot.forget_coordinates()
             robot.disconnect()
         norms = [i for robot in robots for node in robot.nodes for i in data.GetNodeLTGAE(node)]
         clamps = _clamps(mbs, robots) if with_clamps else {}
-        dropped = data.ODE2Size() + np.array(
-            [*norms, *(i for joint in clamps.values() for i in joint)], dtype=int
-        )
+        joints = [i for joint in clamps.values() for i in joint]
+        dropped = data.ODE2Size() + np.array([*norms, *joints], dtype=int)
         coordinates = np.concatenate([r.coordinates for r in robots])
         reduction = BodyFrameReduction(mbs, coordinates, dropped)
         space = ConfigurationSpace(mbs, robots, reduction, clamps)

@@ -42,8 +42,7 @@ class DenseFactors(NamedTuple):
 
     def solve(self, right: Array) -> Array:
         """Solution for one or several right sides, shape (n,) or (n, k)."""
-        solution: Array = dgetrs(self.lu, self.pivots, right, trans=1)[0]
-        return solution
+        return dgetrs(self.lu, self.pivots, right, trans=1)[0]
 
     @property
     def sign(self) -> int:
@@ -231,10 +230,8 @@ class Linearization(NamedTuple):
         factors = self.factorisation
         if not isinstance(factors, BorderedFactors):
             return ()
-        first = self.numbering.reduced
-        return tuple(
-            factors.slack[p.tensions.start - first : p.tensions.stop - first] for p in self.numbering.robots
-        )
+        first, places = self.numbering.reduced, [part.tensions for part in self.numbering.robots]
+        return tuple(factors.slack[own.start - first : own.stop - first] for own in places)
 
     def response(self, changes: tuple[Array, ...]) -> Array:
         """Change of the unknowns with the inputs, shape (linear,); the same tendons stay slack.
@@ -296,9 +293,8 @@ class Linearization(NamedTuple):
     def twist_changes(self, step: Array) -> Array:
         """Change of the twists of all elements with the unknowns of equilibrium, to first order."""
         parts = zip(self.chains, self.numbering.robots, strict=True)
-        return np.concatenate(
-            [chain.changes(step[part.nodes].reshape(-1, 6)).reshape(-1) for chain, part in parts]
-        )
+        changes = [chain.changes(step[part.nodes].reshape(-1, 6)) for chain, part in parts]
+        return np.concatenate([change.reshape(-1) for change in changes])
 
 
 def backbone_tangent(
@@ -338,7 +334,6 @@ def damping_of_node(damping: float, length: float) -> Array:
 
 def hold(k: Array, bases: Sequence[slice]) -> None:
     """Replace the equations of clamped bases by zero increments."""
+    zero_bases(k, bases)
     for base in bases:
-        rows = k[base]
-        rows.fill(0.0)
-        rows[:, base] = EYE6
+        k[base, base] = EYE6

@@ -76,7 +76,7 @@ class SceneSystem:
         self.kernel = StaticKernel(mbs, self.hooks)
         self._lone: LoneRobot | None = None
         self._user_residual = self.hooks.user_function("PreNewtonResidual")
-        self.layout = SceneLayout.of(mbs, self.robots, self.point_loads, with_clamps=True)
+        self.layout = SceneLayout.of(self.robots, self.point_loads, with_clamps=True)
         self.reactions = ClampReactions.of(mbs, self.layout)
 
     def independent(self) -> list[SceneSystem]:
@@ -86,9 +86,7 @@ class SceneSystem:
         user in a load step to the loads that are set.
         """
         robots, layout = len(self.robots), self.layout
-        users = any(
-            self.hooks.user_function(kind) for kind in ("PreNewtonResidual", "PreStep", "SystemJacobian")
-        )
+        users = any(map(self.hooks.user_function, ("PreNewtonResidual", "PreStep", "SystemJacobian")))
         turned = any(load.applied[0 if load.frame == "section" else 3 :].any() for load in self.point_loads)
         values = [load.value for load in self.point_loads]
         if users or turned or layout.user_loads or self.has_contact or not layout.only_robots_resist(values):
@@ -318,8 +316,9 @@ class SceneSystem:
         layout = self.layout
         turning = layout.others_turn or bool(layout.turning.any())
         j = self.kernel.jacobian(loads=turning, constraints=len(layout.reduction.other_multipliers) > 0)
-        extra = self.hooks.user_jacobian(residual.target.time)
-        if extra is not None:
+        user = self.hooks.user_function("SystemJacobian")
+        if user is not None:
+            extra = np.asarray(user(self.mbs, residual.target.time, 1.0, 0.0, 1.0).Convert2DenseMatrix())
             j[: extra.shape[0], : extra.shape[1]] += extra
         return layout.reduction.tangent(j, residual.state.configuration.frames)
 
@@ -395,5 +394,5 @@ class SceneSystem:
 
     def release_clamps(self) -> None:
         """Treat clamped bases as any other joint from now on, because their supports have been moved."""
-        self.layout = SceneLayout.of(self.mbs, self.robots, self.point_loads, with_clamps=False)
+        self.layout = SceneLayout.of(self.robots, self.point_loads, with_clamps=False)
         self.reactions = ClampReactions.of(self.mbs, self.layout)

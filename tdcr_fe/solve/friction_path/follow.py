@@ -27,12 +27,8 @@ from tdcr_fe.solve.friction_path.rates import (
     Rates,
     SlipState,
     columns_of,
-    distance_to_bound,
-    distance_to_tautness,
-    extrapolated,
+    distance_to_event,
     factorised,
-    fixed_by_slack,
-    left_branch,
     sides,
     solve_rates,
     solved_transposed,
@@ -357,7 +353,7 @@ def _integrated(
             evaluation = _Evaluation(factor, tension, largest(tension))
             z, state, unclipped = projected(constraints, z, state, unknowns)
         side, slack = sides(unknowns, z), np.maximum(-state.slip[holes:], 0.0)
-        rates = solve_rates(state.derivatives, side, fixed_by_slack(unknowns, slack), unknowns)
+        rates = solve_rates(state.derivatives, side, slack, unknowns)
         if not (rates.found and isfinite(rates.complement.dot(rates.complement))):
             break
         reversing = ((rates.side == 0.0) & (side != 0.0))[:holes].nonzero()[0]
@@ -387,10 +383,12 @@ def _integrated(
         factor, z, tension = along_segment(path, count, length, unknowns)
         count += 1
         current = factor < breakpoints[passed] - ROUND_OFF and _is_near(evaluation, factor, tension, 1.0)
-        current = current and not left_branch(state.derivatives, branches_at(slips.transfer, z, tension))
+        # On another branch of the law the derivatives are others.
+        branches = branches_at(slips.transfer, z, tension)
+        current = current and not (state.derivatives.branches != branches).any()
         if current:
-            state = extrapolated(state, length, tension, rates.rate, rates.complement)
-            unclipped = z
+            moved = state.slip + length * (rates.complement + state.derivatives.elastic_slip * rates.rate)
+            state, unclipped = SlipState(tension, moved, state.derivatives), z
     reversals = reversal_slip, reversal_mobilisation, reversal_factor
     return FrictionPath(z, *reversals, complete, path, unknowns), count
 
@@ -407,13 +405,11 @@ def _add_segment(
     path: PathSegments, i: int, slips: InterpolatedSlips, unknowns: PathUnknowns, here: _Here, longest: float
 ) -> float:
     """Add the path segment up to the next event, but no longer than given; its length."""
-    z, state, rates, slack, free = here.z, here.state, here.rates, here.slack, here.rates.free
+    z, state, rates, free = here.z, here.state, here.rates, here.rates.free
     tension_rate = state.derivatives.tension_by_load
     if free.size:
         tension_rate = tension_rate + rates.rate[free].dot(tension_columns(state.derivatives, free))
-    event = distance_to_bound(rates, z, unknowns)
-    if slack.size:
-        event = min(event, distance_to_tautness(rates, slack, unknowns.holes))
+    event = distance_to_event(rates, z, here.slack, unknowns)
     branch = distance_to_branch_change(slips.transfer, z, rates.rate, state.tension, tension_rate)
     length = min(longest, max(SHORTEST_SEGMENT, min(event, branch)))
     path.start[i], path.length[i], path.unknowns[i] = here.factor, length, z

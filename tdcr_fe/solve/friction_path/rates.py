@@ -20,7 +20,7 @@ from scipy.linalg.lapack import dgetrf, dgetrs
 
 from tdcr_fe.compiled import compilable, compiled_as
 from tdcr_fe.elements import Array, Flags, Index
-from tdcr_fe.elements.complementarity import MOST_IDLE_BLOCKS, ROUND_OFF, exchanged, largest, smallest
+from tdcr_fe.elements.complementarity import MOST_IDLE_BLOCKS, ROUND_OFF, exchanged, smallest
 from tdcr_fe.solve.newton.convergence import FRICTION_TOLERANCE
 
 
@@ -48,22 +48,19 @@ def factorised(matrix: Array) -> SmallFactors:
 @compiled_as(lambda factors, right: factors.lu.dot(right))
 def solved(factors: SmallFactors, right: Array) -> Array:
     """Solution ``x`` of ``matrix x = right``, shape (n,)."""
-    found: Array = dgetrs(factors.lu, factors.pivots, right, trans=1)[0]
-    return found
+    return dgetrs(factors.lu, factors.pivots, right, trans=1)[0]
 
 
 @compiled_as(lambda factors, rows: rows.dot(factors.lu.T))
 def solved_rows(factors: SmallFactors, rows: Array) -> Array:
     """The same for every row of an array, shape (i, n)."""
-    found: Array = dgetrs(factors.lu, factors.pivots, rows.T, trans=1)[0].T
-    return found
+    return dgetrs(factors.lu, factors.pivots, rows.T, trans=1)[0].T
 
 
 @compiled_as(lambda factors, right: right.dot(factors.lu))
 def solved_transposed(factors: SmallFactors, right: Array) -> Array:
     """Solution ``x`` of ``x matrix = right``, shape (n,)."""
-    found: Array = dgetrs(factors.lu, factors.pivots, right)[0]
-    return found
+    return dgetrs(factors.lu, factors.pivots, right)[0]
 
 
 @compiled_as(lambda matrix, which: matrix[which])
@@ -121,24 +118,6 @@ def sides(unknowns: PathUnknowns, z: Array) -> Array:
     return at_upper
 
 
-@compilable
-def fixed_by_slack(unknowns: PathUnknowns, slack: Array) -> Flags:
-    """Which unknowns stay at their bounds because their tendon has slack, shape (n,), or (0,) where there are none.
-
-    Parameters
-    ----------
-    unknowns
-        Of the path.
-    slack
-        Of the tendons driven by displacement [m], shape (c,).
-    """
-    if not slack.size or largest(slack) <= unknowns.tolerance:
-        return np.zeros(0, dtype=np.bool_)
-    fixed = np.zeros(len(unknowns.scale), dtype=np.bool_)
-    fixed[unknowns.holes :] = slack > unknowns.tolerance
-    return fixed
-
-
 class SlipDerivatives(NamedTuple):
     """Derivatives of the slips at a load factor; those by an unknown are computed when first used."""
 
@@ -193,29 +172,6 @@ def tension_columns(derivatives: SlipDerivatives, which: Index) -> Array:
 
 
 @compilable
-def extrapolated(
-    state: SlipState, length: float, tension: Array, rate: Array, complement: Array
-) -> SlipState:
-    """The state a little further on, with the same derivatives.
-
-    Parameters
-    ----------
-    state
-        The state here.
-    length
-        By how much the load factor is larger [1].
-    tension
-        Of the segments there [N], shape (q,).
-    rate
-        Rates of all unknowns [1, N], shape (n,).
-    complement
-        Rates of their complements [m], shape (n,).
-    """
-    moved = state.slip + length * (complement + state.derivatives.elastic_slip * rate)
-    return SlipState(tension, moved, state.derivatives)
-
-
-@compilable
 def with_changed(state: SlipState, which: Index, columns: Array, change: Array) -> SlipState:
     """The state at the same load factor with some of the unknowns changed a little, with the same derivatives.
 
@@ -236,12 +192,6 @@ def with_changed(state: SlipState, which: Index, columns: Array, change: Array) 
     return SlipState(state.tension + change.dot(tension_columns(by, which)), slip, by)
 
 
-@compilable
-def left_branch(derivatives: SlipDerivatives, branches: Flags) -> bool:
-    """Whether the derivatives jump between where they were evaluated and a state with these branches of the law."""
-    return branches.size > 0 and bool((derivatives.branches != branches).any())
-
-
 class Rates(NamedTuple):
     """Rates at one load factor that satisfy the conditions of complementarity."""
 
@@ -253,7 +203,7 @@ class Rates(NamedTuple):
 
 
 @compilable
-def solve_rates(derivatives: SlipDerivatives, side: Array, fixed: Flags, unknowns: PathUnknowns) -> Rates:
+def solve_rates(derivatives: SlipDerivatives, side: Array, slack: Array, unknowns: PathUnknowns) -> Rates:
     """Rates at a load factor.
 
     A complementarity problem: an unknown at its bound stays there while its complement moves in the direction of the
@@ -265,13 +215,14 @@ def solve_rates(derivatives: SlipDerivatives, side: Array, fixed: Flags, unknown
         Of the slips at this load factor.
     side
         At which bounds the unknowns are, see `sides`, shape (n,).
-    fixed
-        Which unknowns stay at their bounds in any case, because the tendon has slack, shape (n,), or (0,) for none.
+    slack
+        Of the tendons driven by displacement [m], shape (c,): those that have any stay at their bounds in any case.
     unknowns
         Of the path.
     """
     count, load = len(side), derivatives.by_load
     active, back, pivoted = side, np.zeros(count), False
+    kept = slack <= unknowns.tolerance
     fewest, idle_left = count + 1, MOST_IDLE_BLOCKS
     for _ in range(30 + 10 * count):
         free = (active == 0.0).nonzero()[0]
@@ -285,8 +236,8 @@ def solve_rates(derivatives: SlipDerivatives, side: Array, fixed: Flags, unknown
             rate[free] = of_free
             complement = load - of_free.dot(columns)
         violated = active * complement < -unknowns.tolerance
-        if fixed.size:
-            violated &= ~fixed
+        if slack.size:
+            violated[unknowns.holes :] &= kept
         if pivoted:
             # Those that left their bounds must move inward.
             outward = side * unknowns.scale * rate > unknowns.tolerance
@@ -301,29 +252,29 @@ def solve_rates(derivatives: SlipDerivatives, side: Array, fixed: Flags, unknown
 
 
 @compilable
-def distance_to_bound(rates: Rates, z: Array, unknowns: PathUnknowns) -> float:
-    """Load factor from here to where a free unknown reaches a bound, at constant rates [1]; infinite if none does."""
-    free = rates.free
-    if not free.size:
-        return np.inf
-    rate = rates.rate[free]
-    bound = np.where(rate > 0.0, unknowns.upper[free], unknowns.lower[free])
-    return smallest(np.abs((bound - z[free]) / rate))
+def distance_to_event(rates: Rates, z: Array, slack: Array, unknowns: PathUnknowns) -> float:
+    """Load factor from here to where a free unknown reaches a bound, or the slack of a tendon vanishes [1].
 
-
-@compilable
-def distance_to_tautness(rates: Rates, slack: Array, holes: int) -> float:
-    """Load factor from here to where the slack of a tendon vanishes, at constant rates [1]; infinite if none does.
+    At constant rates; infinite where neither happens.
 
     Parameters
     ----------
     rates
         From here on.
+    z
+        Unknowns here, shape (n,).
     slack
-        Of the tendons [m], shape (n - holes,).
-    holes
-        Number of holes, which are the first unknowns.
+        Of the tendons driven by displacement [m], shape (c,).
+    unknowns
+        Of the path.
     """
-    closing = rates.complement[holes:]
-    ahead = (closing > 0.0) & (slack > 0.0)
-    return smallest(np.where(ahead, slack / np.where(ahead, closing, 1.0), np.inf))
+    event, free = np.inf, rates.free
+    if free.size:
+        rate = rates.rate[free]
+        bound = np.where(rate > 0.0, unknowns.upper[free], unknowns.lower[free])
+        event = smallest(np.abs((bound - z[free]) / rate))
+    if slack.size:
+        closing = rates.complement[unknowns.holes :]
+        ahead = (closing > 0.0) & (slack > 0.0)
+        event = min(event, smallest(np.where(ahead, slack / np.where(ahead, closing, 1.0), np.inf)))
+    return event

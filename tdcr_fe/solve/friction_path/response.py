@@ -243,12 +243,11 @@ class TautTendons(NamedTuple):
             minus_slack = first + factor * (last - first) - field.base_slip[driven]
             bases.append((minus_slack, pulled[:, :-1], pulled[:, -1] + last - first))
             segment = here.stop
+        angles = self._joined([own.measured.shape.angles for own in forces])
         return SlipData(
             factor,
             self.tensions(state),
-            np.concatenate(
-                [*values, *(b[0] for b in bases), self._joined([f.measured.shape.angles for f in forces])]
-            ),
+            np.concatenate([*values, *(b[0] for b in bases), angles]),
             np.concatenate([*by_tension, *(b[1] for b in bases), turning]),
             np.concatenate([*by_load, *(b[2] for b in bases), load.angles]),
         )
@@ -271,6 +270,7 @@ class KnownStates(NamedTuple):
     """States of a substep, from its start to its end."""
 
     span: tuple[float, float]  # Load factors of the load step at its ends [1]
+    targets: tuple[Target, Target]  # Inputs and loads there
     taut: TautTendons  # The tendons under tension in any of the states
     points: tuple[InterpolationPoint, ...]  # The states, by load factor
 

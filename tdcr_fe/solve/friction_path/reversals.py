@@ -9,7 +9,7 @@ import numpy as np
 
 from tdcr_fe.elements import Array
 from tdcr_fe.elements.complementarity import solve_box
-from tdcr_fe.solve.equations.configuration import SolverState, Target
+from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.friction_path.follow import FrictionPath, follow_friction
 from tdcr_fe.solve.friction_path.rates import columns_of, tension_columns
@@ -44,11 +44,11 @@ class SubstepSlips(NamedTuple):
     columns: Array
 
     @classmethod
-    def of(cls, known: KnownStates, targets: tuple[Target, Target], allowed: float) -> SubstepSlips:
-        """From its solved states; further arguments as of `find_reversals`."""
+    def of(cls, known: KnownStates, allowed: float) -> SubstepSlips:
+        """From its solved states; for ``allowed`` see the attribute."""
         taut, start, end = known.taut, known.start, known.end
         holes, k = taut.holes, len(taut.holes)
-        data = [taut.slip_data(point, targets) for point in known.points]
+        data = [taut.slip_data(point, known.targets) for point in known.points]
         transfer, intervals = tension_transfer(taut.tendons), Intervals.between(data)
         elastic_slip = np.append(taut.presliding, np.zeros(len(taut.driven)))
         slips = InterpolatedSlips(transfer, intervals, elastic_slip, np.eye(len(data[0].tension)))
@@ -81,18 +81,15 @@ class SubstepSlips(NamedTuple):
         right = self.presliding * (trial - self.after) + self.matrix @ self.after
         return solve_box(self.matrix, right, self.after)[0]
 
-    def with_reversals(self, path: FrictionPath) -> Array:
-        """Mobilisations at the end, counted from the last reversals of a path [1], shape (k,)."""
-        since = (self.slip - path.reversal_slip) / self.presliding
-        return self.corrected(path.reversal_mobilisation + since)
-
     def at_end(self, path: FrictionPath) -> Array:
         """Mobilisations at the end of the substep that follow from a path [1], shape (k,).
 
-        Those to first order, which have no error of the integration, where they agree with the end of the path. They
-        need not: where derivatives of the tensions jump, the equations to first order can have another solution.
+        Those to first order, counted from the last reversals, which have no error of the integration, where they agree
+        with the end of the path. They need not: where derivatives of the tensions jump, the equations to first order
+        can have another solution.
         """
-        first_order = self.with_reversals(path)
+        since = (self.slip - path.reversal_slip) / self.presliding
+        first_order = self.corrected(path.reversal_mobilisation + since)
         last = path.unknowns[: len(first_order)]
         if path.complete and self.displacement(last - first_order) > self.allowed:
             return last
@@ -122,12 +119,6 @@ class SubstepSlips(NamedTuple):
         """Uncertainty of the change of the slips: what the parabola in their rates adds to it [m], shape (k,)."""
         return np.abs(self.slips.intervals.defect[: len(self.presliding)])
 
-    @property
-    def is_rough(self) -> bool:
-        """Whether the interpolation is too uncertain to locate reversals."""
-        largest = max(float(np.abs(self.slip).max()), float(self.presliding.min()))
-        return float(self.slip_error.max()) > ROUGH * largest
-
     def path_error(self, path: FrictionPath, mobilisation: Array) -> tuple[float, bool] | None:
         """What the interpolation leaves uncertain in a complete path; None where it is too rough to say.
 
@@ -147,7 +138,8 @@ class SubstepSlips(NamedTuple):
         allowed, first_order = self.allowed, self._displacement_by_error(path)
         if first_order == 0.0:
             return 0.0, False
-        if self.is_rough:
+        largest = max(float(np.abs(self.slip).max()), float(self.presliding.min()))
+        if float(self.slip_error.max()) > ROUGH * largest:
             return None
         other = self.follow(self.slips._replace(intervals=self.slips.intervals.with_defect_doubled()))
         if not other.complete:
@@ -221,11 +213,7 @@ class Reversals(NamedTuple):
 
 
 def find_reversals(
-    known: KnownStates,
-    targets: tuple[Target, Target],
-    length: float,
-    allowed: float,
-    solved_with_reversals: bool,
+    known: KnownStates, length: float, allowed: float, *, solved_with_reversals: bool
 ) -> Reversals:
     """Reversals of slips between two solved states.
 
@@ -233,8 +221,6 @@ def find_reversals(
     ----------
     known
         Of the substep; the last one is solved from the first as a whole.
-    targets
-        Inputs and loads at both ends.
     length
         Of the longest backbone [m].
     allowed
@@ -247,7 +233,7 @@ def find_reversals(
     Reversals
         Without any effect where every slip is monotone, so that the substep is exact as a whole.
     """
-    substep = SubstepSlips.of(known, targets, allowed * length)
+    substep = SubstepSlips.of(known, allowed * length)
     path = substep.follow(substep.slips)
     corrected = substep.at_end(path)
     effect = substep.displacement(corrected - substep.after) / length

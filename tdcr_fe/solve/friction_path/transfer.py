@@ -209,10 +209,8 @@ class AdhesiveTransfer:
         here, pace = z[: self._holes], rate[: self._holes]
         crossing = (here * pace < 0.0) & (tension[self._before] <= 0.0)
         falling = (tension > 0.0) & (tension_rate < 0.0)
-        to_zero = np.concatenate(
-            (-here[crossing] / pace[crossing], -tension[falling] / tension_rate[falling])
-        )
-        return float(to_zero.min(initial=np.inf))
+        to_zero = -here[crossing] / pace[crossing], -tension[falling] / tension_rate[falling]
+        return float(np.concatenate(to_zero).min(initial=np.inf))
 
     def at(self, factor: float, z: Array, angles: Array) -> Tensions:
         """As of `CapstanTransfer`."""

@@ -105,17 +105,13 @@ def follow_path(
     Interrupted
         The user pressed Ctrl-C; its attribute ``result`` has the targets reached before, as where a step fails.
     """
-    check_instance(
-        "follow_path", "robot", robot, Robot, "a Robot. read_robot(path) reads one from robot.toml"
-    )
+    hint = "a Robot. read_robot(path) reads one from robot.toml"
+    check_instance("follow_path", "robot", robot, Robot, hint)
     hint = "TensionLimits, such as TensionLimits(largest=5.0, pretension=0.2)"
     check_instance("follow_path", "limits", limits, TensionLimits, hint)
-    for name, value, allowed in (
-        ("drive_by", drive_by, ("tension", "displacement")),
-        ("effort", effort, ("tension", "change")),
-    ):
-        if value not in allowed:
-            raise ValueError(f'follow_path: {name} = {value!r}: must be "{allowed[0]}" or "{allowed[1]}"')
+    for name, value, other in (("drive_by", drive_by, "displacement"), ("effort", effort, "change")):
+        if value not in ("tension", other):
+            raise ValueError(f'follow_path: {name} = {value!r}: must be "tension" or "{other}"')
     if not robot.tendons:
         raise ValueError(f"follow_path: robot {robot.name!r} has no tendons")
     lower, upper = limits.bounds(robot.tendon_names)
@@ -272,10 +268,8 @@ class _FollowRun(MeshedRun):
         start = simulation.state
         present = np.clip(start.base_tension[0], task.lower, task.upper)
         reference = np.zeros_like(present) if task.effort == "tension" else start.base_tension[0]
-        length = task.robot.backbone.length
-        objective = Objective(
-            target, length, task.tolerance / length, task.lower, task.upper, reference, task.scale
-        )
+        length, bounds = task.robot.backbone.length, (task.lower, task.upper)
+        objective = Objective(target, length, task.tolerance / length, *bounds, reference, task.scale)
         label = target.label or f"target {number + 1}"
         search = TargetSearch(self.trials, start, objective, label)
         starts = [*self.guesses[number : number + 1], present, *self.points][:MOST_STARTS]
@@ -295,28 +289,18 @@ class _FollowRun(MeshedRun):
     def _outcome(
         self, objective: Objective, best: SearchResult, trials: int, starts: int, result: StepResult
     ) -> ReachedTarget:
-        task, trial = self.task, best.trial
-        error, direction_error = objective.errors(trial)
+        task, trial, gain = self.task, best.trial, best.possible_gain
         if objective.size(trial) <= objective.tolerance:
             status = ReachStatus.REACHED
-        elif best.possible_gain <= AGREEMENT * objective.tolerance:
+        elif gain <= AGREEMENT * objective.tolerance:
             status = ReachStatus.OUT_OF_REACH
         else:
             status = ReachStatus.NOT_CONVERGED
         most = trial.tensions >= task.upper - 1e-6 * task.scale
+        at_largest = tuple(n for n, x in zip(task.robot.tendon_names, most, strict=True) if x)
+        errors, inputs = objective.errors(trial), (trial.tensions, trial.displacements)
         return ReachedTarget(
-            objective.target,
-            status,
-            error,
-            direction_error,
-            trial.tensions,
-            trial.displacements,
-            tuple(n for n, x in zip(task.robot.tendon_names, most, strict=True) if x),
-            best.possible_gain,
-            trials,
-            starts,
-            trial.step,
-            result,
+            objective.target, status, *errors, *inputs, at_largest, gain, trials, starts, trial.step, result
         )
 
     def follow_result(self, wall_time: float, findings: Findings) -> FollowResult:

@@ -91,18 +91,11 @@ class TrialSteps:
             report = simulation.advance(target, step.substeps, follow=self._history.advance)
         except (StepFailed, np.linalg.LinAlgError):  # the latter from a singular tangent
             return None
-        positions, rotations = simulation.state.configuration.poses[0]
-        return Trial(
-            step,
-            target,
-            report,
-            simulation.state,
-            positions[-1].copy(),
-            rotations[-1] @ BEAM_TO_SECTION.T[:, 2],
-            simulation.state.base_tension[0].copy(),
-            simulation.displacement,
-            *self._derivatives(bool(step.displacements)),
-        )
+        state, derivatives = simulation.state, self._derivatives(bool(step.displacements))
+        positions, rotations = state.configuration.poses[0]
+        tip = positions[-1].copy(), rotations[-1] @ BEAM_TO_SECTION.T[:, 2]
+        at_base = state.base_tension[0].copy(), simulation.displacement
+        return Trial(step, target, report, state, *tip, *at_base, *derivatives)
 
     def _derivatives(self, by_displacement: bool) -> tuple[Array, Array]:
         """Derivatives of the tip and of the inputs by the tensions, at the end of the trial."""
@@ -179,9 +172,8 @@ class Objective:
         # The stacked system keeps the condition number of the derivatives; its normal equations would square it.
         matrix = np.vstack((jacobian * self.scale / weight, np.eye(tensions.size)))
         right = np.concatenate((-residual / weight, (self.reference - tensions) / self.scale))
-        found = lsq_linear(
-            matrix, right, (low - 1e-12, high + 1e-12), method="bvls", max_iter=100 * tensions.size
-        )
+        bounds = low - 1e-12, high + 1e-12
+        found = lsq_linear(matrix, right, bounds, method="bvls", max_iter=100 * tensions.size)
         step = self.scale * np.clip(found.x, low, high)
         return step, self.at(trial) - self._of(residual + jacobian @ step, tensions + step)
 
@@ -259,9 +251,8 @@ class TargetSearch:
             best = trial
             if lowered > 0.7 * gain and length >= 0.999 * radius:
                 radius *= 2.5
-        return SearchResult(
-            best, objective.at(best), max(objective.step(best, FIRST_RADIUS * objective.scale)[1], 0.0)
-        )
+        gain = objective.step(best, FIRST_RADIUS * objective.scale)[1]
+        return SearchResult(best, objective.at(best), max(gain, 0.0))
 
     def _solve(self, inputs: Array, by_displacement: bool, substeps: int | None) -> Trial | None:
         self.count += 1
@@ -273,8 +264,7 @@ class TargetSearch:
     def _moved(self, trial: Trial, step: Array) -> Trial | None:
         """The trial with tensions changed by a step, to first order."""
         if trial.step.displacements:
-            return self._solve(
-                trial.actuation.values + trial.inputs_by_tension @ step, True, trial.step.substeps
-            )
+            inputs = trial.actuation.values + trial.inputs_by_tension @ step
+            return self._solve(inputs, True, trial.step.substeps)
         tensions = np.clip(trial.actuation.values + step, self.objective.lower, self.objective.upper)
         return self._solve(tensions, False, trial.step.substeps)

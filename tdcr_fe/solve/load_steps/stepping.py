@@ -22,11 +22,7 @@ from tdcr_fe.solve.friction_path.reversals import ROUGH
 from tdcr_fe.solve.load_steps.load_path import Increment, Position, SolvedPath, StepFailed
 from tdcr_fe.solve.load_steps.loop import Instead, Judge, Proposal, Trial, take_substeps
 from tdcr_fe.solve.load_steps.substep import SMALLEST_PART, SubstepSolver, has_rates
-from tdcr_fe.solve.load_steps.within_substep import (
-    follows_path,
-    known_states,
-    with_reversals,
-)
+from tdcr_fe.solve.load_steps.within_substep import follows_path, known_states, with_reversals
 
 #: Parts of a load step to begin with where functions of the user set inputs or loads.
 NONLINEAR_PARTS = 8

@@ -93,6 +93,10 @@ class SubstepSolver:
     ) -> NewtonResult:
         """A solve, not converged where contact is too deep or unstable, or was perhaps jumped over in its substep.
 
+        An unstable solution in contact counts so where it lies aside of the path. In a symmetric scene the path itself
+        goes on through unstable equilibria, and is followed: of the displacement a part of 1e-8 was seen along an
+        unstable motion there, and of 6e-3 with a ball that is 10 um beside the plane in which a robot bends.
+
         ``may_jump``: where a robot snaps through, it may pass a contact.
         """
         if not (self.system.has_contact and result.converged):
@@ -101,15 +105,6 @@ class SubstepSolver:
             return result._replace(status=NewtonStatus.CONTACT_TOO_DEEP, unmet=None)
         if not may_jump and self.system.may_jump_over_contact(start, result.state):
             return result._replace(status=NewtonStatus.CONTACT_PASSED, unmet=None)
-        return self._unless_unstable(result, start)
-
-    def _unless_unstable(self, result: NewtonResult, start: SolverState) -> NewtonResult:
-        """A solution in contact, not converged where it is unstable and lies aside of the path.
-
-        In a symmetric scene the path itself goes on through unstable equilibria, and is followed: of the displacement a
-        part of 1e-8 was seen along an unstable motion there, and of 6e-3 with a ball that is 10 um beside the plane in
-        which a robot bends.
-        """
         motion = self._unstable_motion(result)
         if motion is None:
             return result
@@ -200,9 +195,8 @@ class SubstepSolver:
             return state
         system, start = self.system, state.configuration
         change = np.zeros(system.numbering().total)
-        change[: len(motion)] = (
-            -np.copysign(PUSH * system.length, _along(motion, state, unstable.state)) * motion
-        )
+        way = -np.copysign(PUSH * system.length, _along(motion, state, unstable.state))
+        change[: len(motion)] = way * motion
         configuration, _ = system.layout.space.move(start, change, start.chains, self.settings.max_turn)
         return state._replace(configuration=configuration)
 

@@ -71,7 +71,8 @@ def known_states(
             unbalanced = solver.system.unbalanced(at.state, target, at.forces, at.numbering)
             load = response.to_load(at.linearization, at.forces, unbalanced, factor)
         points.append(InterpolationPoint(x, at, response, load))
-    return KnownStates(span, taut, tuple(points))
+    start, end = (solver.ramp.apply(solver.system, factor) for factor in span)
+    return KnownStates(span, (start, end), taut, tuple(points))
 
 
 def solve_within(
@@ -175,7 +176,7 @@ def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:
     trial = trial._replace(begin=replace(trial.begin, end=known.start), final=known.end)
     if not known.taut.holes.size:
         return trial
-    found = _reversals(solver, known, allowed)
+    found = find_reversals(known, solver.system.length, allowed, solved_with_reversals=False)
     trial = trial._replace(error=found.total, division=None if found.total <= allowed else 0.5)
     if trial.division is None:
         return trial
@@ -220,7 +221,7 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
         linear = result.linearization or known.end.linearization
         states = [*states, (1.0, _final(solver, result, linear, trial.end))]
         linked = known_states(solver, states, known.span)
-        again = _reversals(solver, linked, allowed, solved_with_reversals=True)
+        again = find_reversals(linked, solver.system.length, allowed, solved_with_reversals=True)
         diverges = again.effect > found.effect
         known, found = linked, again
         accepted = found.total <= allowed
@@ -260,17 +261,7 @@ def _linearised(solver: SubstepSolver, state: SolverState, load_factor: float) -
     return Equilibrium.at(solver.system, state, solver.ramp.apply(solver.system, load_factor))
 
 
-def _reversals(
-    solver: SubstepSolver, known: KnownStates, allowed: float, solved_with_reversals: bool = False
-) -> Reversals:
-    """Slip reversals in a substep, see `find_reversals`."""
-    system, ramp = solver.system, solver.ramp
-    start, end = known.span
-    targets = ramp.apply(system, start), ramp.apply(system, end)
-    return find_reversals(known, targets, system.length, allowed, solved_with_reversals)
-
-
-def is_steady(trial: Trial, linear: Linearization | None) -> bool:
+def is_steady(trial: Trial, linear: Linearization) -> bool:
     """Whether a substep is a whole load step without change of the loads in which all holes slip steadily.
 
     That is, every hole of tendons under tension slips in one direction.
@@ -284,10 +275,10 @@ def is_steady(trial: Trial, linear: Linearization | None) -> bool:
     trial
         The solved substep.
     linear
-        Linearisation at the end, or at most an iteration before; None where there is none.
+        Linearisation at the end, or at most an iteration before.
     """
     before, result, ramp = trial.before, trial.result, trial.solver.ramp
-    if linear is None or trial.length != 1.0 or ramp.loads_change or ramp.nonlinear:
+    if trial.length != 1.0 or ramp.loads_change or ramp.nonlinear:
         return False
     after, numbering = result.state, linear.numbering
     pick, parts = numbering.at_frictional_holes, numbering.robots
@@ -305,15 +296,13 @@ def is_steady(trial: Trial, linear: Linearization | None) -> bool:
     for part in parts:
         was_taut, taut = (state.base_tension[part.robot] > 0.0 for state in (before, after))
         becomes_taut = (taut & ~was_taut)[part.driven].any()
-        if part.has_friction and ((was_taut & ~taut).any() or becomes_taut):
+        if part.frictional.any() and ((was_taut & ~taut).any() or becomes_taut):
             return False
     changes = input_changes(before, result.target)
     rate = pick(slip_changes(numbering, result.forces, linear.response(changes), changes))
-    slips = pick(
-        [last.slip - first.slip for last, first in zip(after.friction, before.friction, strict=True)]
-    )
+    slips = [end.slip - start.slip for end, start in zip(after.friction, before.friction, strict=True)]
     side = np.where(tense, new, 0.0)
-    first = 2.0 * slips - rate
+    first = 2.0 * pick(slips) - rate
     return bool(min((side * rate).min(), (side * first).min()) >= 0.0)
 
 
@@ -360,9 +349,8 @@ def _point(solver: SubstepSolver, substep: SolvedSubstep, here: PathReversal) ->
         guess = with_path_unknowns(known.end, taut, path.at(here.factor)[0])
         found = _at_fixed_friction(solver, guess, load_factor)
     if found is None:
-        message = (
-            f"no equilibrium where slips reverse, at load factor {load_factor:.4f}, for the derivatives there"
-        )
+        where = f"where slips reverse, at load factor {load_factor:.4f}"
+        message = f"no equilibrium {where}, for the derivatives there"
         raise StepFailed(message, load_factor, np.nan, known.start.state, 0)
     state, tension = found.state, found.driven_tension
     # A tendon that begins to pull has any tension at all, unlike a slack one.
@@ -375,29 +363,22 @@ def _point(solver: SubstepSolver, substep: SolvedSubstep, here: PathReversal) ->
     pulling = np.zeros(len(tension), dtype=bool)
     pulling[taut.driven] = here.arrives[k:]
     none = [np.zeros(own.shape, dtype=bool) for own in state.mobilisation]
-    return ReversalPoint(
-        load_factor,
-        state._replace(
-            base_tension=numbering.with_driven(state.base_tension, tension), friction=substep.located.history
-        ),
-        numbering.with_frictional_holes(none, sticks),
-        numbering.with_frictional_holes(none, reverses),
-        slipping,
-        pulling,
-        *_rates(solver, known.span, found, load_factor),
-    )
+    base_tension = numbering.with_driven(state.base_tension, tension)
+    state = state._replace(base_tension=base_tension, friction=substep.located.history)
+    sticking, turned = (numbering.with_frictional_holes(none, which) for which in (sticks, reverses))
+    rates = _rates(solver, known, found, load_factor)
+    return ReversalPoint(load_factor, state, sticking, turned, slipping, pulling, *rates)
 
 
 def _rates(
-    solver: SubstepSolver, span: tuple[float, float], point: Equilibrium, load_factor: float
+    solver: SubstepSolver, known: KnownStates, point: Equilibrium, load_factor: float
 ) -> tuple[tuple[Array, ...], Array | None]:
     """Derivatives of inputs and residual by the load factor, as differences to the ends of the substep."""
-    ramp, system = solver.ramp, solver.system
-    start, end = (ramp.apply(system, at) for at in span)
-    inputs = tuple([(b - a) / (span[1] - span[0]) for a, b in zip(start.inputs, end.inputs, strict=True)])
-    if not ramp.changes_beyond_inputs:
+    (first, last), (start, end) = known.span, known.targets
+    inputs = tuple([(b - a) / (last - first) for a, b in zip(start.inputs, end.inputs, strict=True)])
+    if not solver.ramp.changes_beyond_inputs:
         return inputs, None
-    far = max(span, key=lambda end: abs(end - load_factor))
-    target = ramp.apply(system, far)
-    unbalanced = system.unbalanced(point.state, target, point.forces, point.numbering)
+    far = max(known.span, key=lambda end: abs(end - load_factor))
+    target = solver.ramp.apply(solver.system, far)
+    unbalanced = solver.system.unbalanced(point.state, target, point.forces, point.numbering)
     return inputs, unbalanced / (far - load_factor)

@@ -83,8 +83,7 @@ def _compliance(system: SceneSystem, residual: Residual, linear: Linearization, 
         columns, matrix = coupling.response(linear.factorisation.solve, stuck, flexibility)
         held = np.linalg.solve(matrix[stuck], coupling.rows[stuck] @ moved)
         moved = moved + columns @ held
-    found: Array = moved[which]
-    return found
+    return moved[which]
 
 
 def freely_moving(system: SceneSystem, state: SolverState) -> list[str]:

@@ -37,10 +37,10 @@ class NewtonResult(NamedTuple):
 
     def reason(self, settings: SolverSettings) -> str:
         """In words, how the solve ended, with its residuals."""
-        found = f"relative residual {self.residual:.1e}, tolerance {settings.tolerance:.0e}"
         if self.unmet is not None:
             return f"{self.status.value} after {self.iterations} iterations: {self.unmet.text}"
-        return f"{self.status.value} ({found})"
+        balance = f"relative residual {self.residual:.1e}, tolerance {settings.tolerance:.0e}"
+        return f"{self.status.value} ({balance})"
 
 
 def newton(
@@ -147,8 +147,7 @@ def _iterate(problem: NewtonProblem, residual: Residual) -> NewtonResult:
             if damping is None:
                 step = full_step(problem, residual)
             else:
-                step = damped_step(problem, residual, damping)
-                damping = step.damping
+                step, damping = damped_step(problem, residual, damping)
         except np.linalg.LinAlgError:
             return end(NewtonStatus.SINGULAR)
         before, iterations = residual.size, iterations + 1
@@ -168,12 +167,10 @@ def _committed(problem: NewtonProblem, residual: Residual, linear: Linearization
     # With prescribed displacements the sign also changes where a tendon goes slack, so it is not used.
     if linear is not None and not problem.numbering.any_driven:
         sign = linear.factorisation.sign
+    by_robot = zip(residual.forces, state.friction, strict=True)
     return state._replace(
         configuration=problem.system.reactions.balance(residual),
-        friction=tuple(
-            own.model.law.commit(own.field, before)
-            for own, before in zip(residual.forces, state.friction, strict=True)
-        ),
+        friction=tuple([own.model.law.commit(own.field, before) for own, before in by_robot]),
         loads=residual.target.loads,
         time=residual.target.time,
         tangent_sign=sign,

@@ -64,13 +64,10 @@ def predict(
     last = linear.solved
     if last is None or not system.layout.only_robots_resist(target.loads) or not same_loads(state, target):
         return None
-    numbering = system.numbering()
-    length = _length_of(last, np.concatenate(changes))
-    if (
-        length is None
-        or not linear.numbering.same_unknowns(numbering)
-        or not np.array_equal(unknowns(state, numbering), last.end)
-    ):
+    numbering, length = system.numbering(), _length_of(last, np.concatenate(changes))
+    if length is None or not linear.numbering.same_unknowns(numbering):
+        return None
+    if not np.array_equal(unknowns(state, numbering), last.end):
         return None
     step = linear.response(changes)
     if numbering.has_friction:
@@ -85,8 +82,13 @@ def predict(
     else:
         slope = np.concatenate((linear.twist_changes(step), step[numbering.reduced :]))
         change = slope + last.curvature(length, slope)
-    there = _moved(system, state, change, numbering, settings.max_turn)
-    return None if there is None else Prediction(there, slope)
+    configuration, tension = moved_elements(system, state, change, settings.max_turn), state.base_tension
+    if configuration is None:
+        return None
+    if numbering.any_driven:
+        pulled = numbering.at_driven(tension) + change[numbering.reduced - numbering.linear :]
+        tension = numbering.with_driven(tension, np.maximum(pulled, 0.0))
+    return Prediction(state._replace(configuration=configuration, base_tension=tension), slope)
 
 
 def _length_of(last: SolvedStep, loading: Array) -> float | None:
@@ -106,20 +108,6 @@ def _all_keep_slipping(state: SolverState, slips: Array, numbering: Numbering) -
     tense = numbering.at_frictional_holes(tension) > 0.0
     mobilised = numbering.at_frictional_holes(state.mobilisation)
     return not tense.any() or all_keep_slipping(mobilised[tense], slips[tense])
-
-
-def _moved(
-    system: SceneSystem, state: SolverState, change: Array, numbering: Numbering, max_turn: float
-) -> SolverState | None:
-    """A state with changed unknowns; None where an element turns by more than allowed [rad]."""
-    configuration = moved_elements(system, state, change, max_turn)
-    if configuration is None:
-        return None
-    if not numbering.any_driven:
-        return state._replace(configuration=configuration)
-    pulled = numbering.at_driven(state.base_tension) + change[numbering.reduced - numbering.linear :]
-    tension = numbering.with_driven(state.base_tension, np.maximum(pulled, 0.0))
-    return state._replace(configuration=configuration, base_tension=tension)
 
 
 def moved_elements(

@@ -139,7 +139,6 @@ class NewtonStep(NamedTuple):
 
     change: Array  # (total,)
     linearization: Linearization  # The linearisation used
-    damping: float = 0.0  # Damping used [N m]
 
 
 def full_step(problem: NewtonProblem, residual: Residual, damping: float = 0.0) -> NewtonStep:
@@ -148,7 +147,7 @@ def full_step(problem: NewtonProblem, residual: Residual, damping: float = 0.0) 
     linear = problem.system.linearize(residual, numbering, damping)
     linear, fixed = linear.complementarity_step(residual.unbalanced, residual.forces, residual.target.inputs)
     if not numbering.has_friction:
-        return NewtonStep(fixed, linear, damping)
+        return NewtonStep(fixed, linear)
     state, forces, pick = residual.state, residual.forces, numbering.at_frictional_holes
     laws = [own.model.law.hysteresis.softened(problem.softening) for own in forces]
     mobilised, changes = pick(state.mobilisation), slip_changes(numbering, forces, fixed)
@@ -159,20 +158,20 @@ def full_step(problem: NewtonProblem, residual: Residual, damping: float = 0.0) 
     excess = slips - pick([before.slip for before in state.friction]) - travelled
     if not curves and all_keep_slipping(mobilised, excess):
         unchanged = np.zeros(numbering.total - numbering.linear)
-        return NewtonStep(np.append(fixed, unchanged), linear, damping)
+        return NewtonStep(np.append(fixed, unchanged), linear)
     coupling = FrictionCoupling.of(numbering, forces, linear.slack)
     flexibility = pick([law.flexibility(s, np.zeros_like(s)) for law, s, _ in by_robot])
     columns, matrix = coupling.response(linear.factorisation.solve, np.arange(len(mobilised)), flexibility)
-    new = acting = mobilised
-    if all(law.linear for law in laws):
+    linear_laws, new = all(law.linear for law in laws), mobilised
+    if linear_laws:
         new, _ = solve_box(matrix, excess + matrix @ mobilised, mobilised)
-        acting = new
-    if curves or not all(law.linear for law in laws):
+    acting = new
+    if curves or not linear_laws:
         by_mobilisation = np.diag(flexibility) - matrix
         start = slips + by_mobilisation @ (new - mobilised)
         new, acting = on_curves(numbering, laws, state, slips, by_mobilisation, start, curves)
     change = fixed + columns @ (acting - mobilised)
-    return NewtonStep(np.concatenate((change, new - mobilised)), linear, damping)
+    return NewtonStep(np.concatenate((change, new - mobilised)), linear)
 
 
 def _coefficient_curves(residual: Residual, slips: Sequence[Array]) -> list[CoefficientCurve]:
@@ -180,14 +179,12 @@ def _coefficient_curves(residual: Residual, slips: Sequence[Array]) -> list[Coef
     by_robot = list(zip(residual.forces, residual.state.friction, slips, strict=True))
     if not any(own.model.law.varies and own.field.time > before.time for own, before, _ in by_robot):
         return []
-    curves = [
-        own.model.law.coefficient_curves(own.field, own.measured.shape.angles, before)
-        for own, before, _ in by_robot
-    ]
-    bent = [
-        curve(slip, own.field.mobilisation)[0] for curve, (own, _, slip) in zip(curves, by_robot, strict=True)
-    ]
-    return curves if any((ratio != 1.0).any() for ratio in bent) else []
+    curves, bent = [], False
+    for own, before, slip in by_robot:
+        curve = own.model.law.coefficient_curves(own.field, own.measured.shape.angles, before)
+        bent = bent or bool((curve(slip, own.field.mobilisation)[0] != 1.0).any())
+        curves.append(curve)
+    return curves if bent else []
 
 
 def on_curves(
@@ -269,10 +266,10 @@ def on_curves(
     return mobilised, acts
 
 
-def damped_step(problem: NewtonProblem, residual: Residual, damping: float) -> NewtonStep:
+def damped_step(problem: NewtonProblem, residual: Residual, damping: float) -> tuple[NewtonStep, float]:
     """A step of the damped motion, limited in rotation, never towards a saddle point, nor over a contact.
 
-    The damping it returns is that for the next step: less, where no section turned by a fifth of what it may.
+    Also the damping for the next step [N m]: less, where no section turned by a fifth of what it may.
     """
     system, max_turn = problem.system, problem.settings.max_turn
     nodes = 6 * system.layout.reduction.nodes
@@ -288,7 +285,7 @@ def damped_step(problem: NewtonProblem, residual: Residual, damping: float) -> N
         if (turn <= max_turn and moved <= limit and not climbs) or damping >= most:
             break
         damping = min(max(4.0 * damping, least), most)
-    return step._replace(damping=0.2 * damping if turn < 0.2 * max_turn else damping)
+    return step, 0.2 * damping if turn < 0.2 * max_turn else damping
 
 
 def _climbs(system: SceneSystem, linear: Linearization, state: SolverState) -> bool:

@@ -212,7 +212,8 @@ class InputDerivatives:
                 actions = [_actions_like(experiment, present, e, ordered) for e in each.experiments]
             except StructureChanged as error:
                 raise NoDerivative(parameter, error) from error
-            changes = np.array([_changes(present, sequence) for sequence in actions])
+            inputs = np.array([[own.values for own in sequence] for sequence in (present, *actions)])
+            changes = inputs[1:] - inputs[0]
             # Where one neighbour alone changes an input, the other is beyond a bound: no tension falls below zero.
             alone = np.count_nonzero(changes, axis=0) == 1
             two_sided, one_sided = (np.tensordot(x, changes, 1) for x in (each.weights, 1.0 / each.offsets))
@@ -227,11 +228,6 @@ class InputDerivatives:
                             change = np.subtract((load.force, load.moment), (before.force, before.moment))
                             derivatives.loads[k, at, :, number] += weight * change.ravel()
         return derivatives
-
-
-def _changes(present: Sequence[Actuation], other: Sequence[Actuation]) -> Array:
-    """Changes of the inputs from one sequence to another, shape (steps, m)."""
-    return np.array([b.values - a.values for a, b in zip(present, other, strict=True)])
 
 
 def _actions_like(

@@ -158,16 +158,13 @@ class SolvedPoint:
         which = self.numbering.robots[robot].nodes.start + 6 * own.model.cable_nodes[:, None] + np.arange(6)
         which = which.ravel()
         disturbances = [Disturbance.none(x, len(which)) for x in self.forces]
-        disturbances[robot] = disturbances[robot]._replace(
-            wrenches=wrenches.reshape(-1, len(which)), tension=tension, released=released
-        )
+        changes = {"wrenches": wrenches.reshape(-1, len(which)), "tension": tension, "released": released}
+        disturbances[robot] = disturbances[robot]._replace(**changes)
         by_motion = self._respond_with_holes(tuple(disturbances))
         coupled = np.eye(len(which)) - by_motion.unknowns[which]
         moved = np.linalg.solve(coupled, response.unknowns[which])
-        tendons = tuple(
-            TendonChange(*(a + b @ moved for a, b in zip(x, y, strict=True)))
-            for x, y in zip(response.tendons, by_motion.tendons, strict=True)
-        )
+        pairs = zip(response.tendons, by_motion.tendons, strict=True)
+        tendons = tuple(TendonChange(*(a + b @ moved for a, b in zip(x, y, strict=True))) for x, y in pairs)
         return Response(response.unknowns + by_motion.unknowns @ moved, tendons)
 
     def _respond_with_holes(
@@ -178,39 +175,33 @@ class SolvedPoint:
         right = np.zeros((numbering.linear, count), order="F")
         if unbalanced is not None:
             right[: numbering.reduced, -1] -= unbalanced
-        known = []
         for part, disturbance in zip(numbering.robots, disturbances, strict=True):
-            known.append(self._right_side(right, part, disturbance))
+            self._enter(right, part, disturbance)
         zero_bases(right, numbering.clamped)
         unknowns = self.linearization.factorisation.solve(right)
         changes = [np.zeros((*x.shape, count)) for x in self.sticking]
-        found = self._tendons(unknowns, disturbances, known, changes)
+        found = self._tendons(unknowns, disturbances, changes)
         if numbering.has_friction and numbering.at_frictional_holes(self.sticking).any():
             unknowns, changes = self._with_sticking(unknowns, found, disturbances)
-            found = self._tendons(unknowns, disturbances, known, changes)
+            found = self._tendons(unknowns, disturbances, changes)
         return Response(unknowns, tuple(found))
 
     def _tendons(
-        self,
-        unknowns: Array,
-        disturbances: tuple[Disturbance, ...],
-        known: Sequence[Array],
-        changes: Sequence[Array],
+        self, unknowns: Array, disturbances: tuple[Disturbance, ...], changes: Sequence[Array]
     ) -> list[TendonChange]:
-        """Changes of the tendons of all robots with the unknowns, the known tensions at the base and mobilisations."""
+        """Changes of the tendons of all robots with the unknowns and the mobilisations."""
         found = []
-        for part, own, change, given, disturbance in zip(
-            self.numbering.robots, self.forces, changes, known, disturbances, strict=True
-        ):
-            base = given.copy()
+        by_robot = zip(self.numbering.robots, self.forces, changes, disturbances, strict=True)
+        for part, own, change, disturbance in by_robot:
+            base = disturbance.inputs.copy()
             base[part.driven] = unknowns[part.tensions]
             tension, released = own.tendon_change(unknowns[part.nodes], base, change)
             tension, released = tension + disturbance.tension, released + disturbance.released
             found.append(TendonChange(base, change, tension, released))
         return found
 
-    def _right_side(self, right: Array, part: RobotUnknowns, disturbance: Disturbance) -> Array:
-        """Enter a robot's disturbance; returns the known changes of its tensions at the base, shape (m, P)."""
+    def _enter(self, right: Array, part: RobotUnknowns, disturbance: Disturbance) -> None:
+        """Enter a robot's disturbance in the right sides, shape (linear, P)."""
         own = self.forces[part.robot]
         known = disturbance.inputs.copy()
         known[part.driven] = 0.0
@@ -222,7 +213,6 @@ class SolvedPoint:
             gap = disturbance.released.sum(axis=1)[part.driven] - disturbance.inputs[part.driven]
             gap[self.linearization.slack[part.robot]] = 0.0
             right[part.tensions] = -gap
-        return known
 
     def _with_sticking(
         self, fixed: Array, tendons: Sequence[TendonChange], disturbances: tuple[Disturbance, ...]
@@ -233,17 +223,14 @@ class SolvedPoint:
         """
         numbering, pick = self.numbering, self.numbering.at_frictional_holes
         slips = []
-        for own, tendon, given, slope in zip(
-            self.forces, tendons, disturbances, self.flexibility, strict=True
-        ):
+        by_robot = zip(self.forces, tendons, disturbances, self.flexibility, strict=True)
+        for own, tendon, given, slope in by_robot:
             moved = own.model.law.slip_operator @ tendon.released - given.slip
             slips.append(moved + slope[0, ..., None] * given.mobilisation)
         excess = pick(slips)
         coupling = FrictionCoupling.of(numbering, self.forces, self.linearization.slack)
-        which = np.flatnonzero(pick(self.sticking))
-        columns, matrix = coupling.response(
-            self.linearization.factorisation.solve, which, pick([at_end for _, at_end in self.flexibility])
-        )
+        which, at_end = np.flatnonzero(pick(self.sticking)), pick([end for _, end in self.flexibility])
+        columns, matrix = coupling.response(self.linearization.factorisation.solve, which, at_end)
         change = np.zeros(excess.shape)
         change[which] = np.linalg.solve(matrix[which], excess[which])
         none = [np.zeros(own.mobilisation.shape) for own in disturbances]
@@ -269,9 +256,8 @@ def _by_shifts(own: TendonForces, point: RobotPoint) -> Values:
     rate = np.zeros_like(point.mobilisation) if own.field.slip_rate is None else own.field.slip_rate
     stack = TendonStack.with_offsets(own.model, offsets.reshape(-1, *offsets.shape[2:]))
     values = stack.at(point, np.tile(rate, (2 * count, 1, 1)), which)
-    pulled, tension, released = (
-        np.moveaxis(x[:count] - x[count:], 0, -1) / (2.0 * steps[component]) for x in values
-    )
+    width = 2.0 * steps[component]
+    pulled, tension, released = (np.moveaxis(x[:count] - x[count:], 0, -1) / width for x in values)
     wrenches = np.zeros((len(point.positions), 6, count))
     wrenches[which] = pulled
     return with_rates(Values(wrenches, tension, released), own, rate, None)

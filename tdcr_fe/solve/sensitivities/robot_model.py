@@ -44,11 +44,7 @@ class RobotModel:
 
     @classmethod
     def of(
-        cls,
-        experiment: Experiment,
-        hysteresis: Hysteresis,
-        base: BasePose | None,
-        similar: RobotModel | None = None,
+        cls, experiment: Experiment, hysteresis: Hysteresis, base: BasePose | None, similar: RobotModel | None
     ) -> RobotModel:
         """Model from its description.
 
@@ -59,17 +55,18 @@ class RobotModel:
         hysteresis
             At the holes.
         similar
-            Another model, of which the mesh is taken where it is the same.
+            Another model, of which the mesh is taken where it is the same; None where there is none.
         """
         robot, model = experiment.robot, experiment.model
-        if similar is None or not _same_mesh(similar.experiment, experiment):
+        if similar is not None and not _same_mesh(similar.experiment, experiment):
+            similar = None
+        if similar is None:
             mesh, rigid = build_mesh(robot, model, load_positions(experiment))
-            forces = force_model(robot, model, mesh, rigid, hysteresis, base)
         else:
             mesh, rigid = similar.forces.mesh, similar.rigid
-            forces = force_model(robot, model, mesh, rigid, hysteresis, base)
-            if robot.tendons == similar.experiment.robot.tendons:
-                forces = replace(forces, section=similar.forces.section)
+        forces = force_model(robot, model, mesh, rigid, hysteresis, base)
+        if similar is not None and robot.tendons == similar.experiment.robot.tendons:
+            forces = replace(forces, section=similar.forces.section)
         weight = Masses.of(robot, mesh, model.gravity).weights()
         return cls(experiment, base, forces, rigid, weight)
 
@@ -154,7 +151,9 @@ class TendonStack:
         by_model = rows.reshape(len(models), -1)[np.argsort(order)]
         chosen, geometry = np.unique(by_model, return_index=True)[1], None
         if geometries:
-            geometry = _joined_geometry(geometries, first)
+            tables = ("nominal", "mask", "clearance")
+            joined = (np.concatenate([getattr(g, name) for g in geometries])[first] for name in tables)
+            geometry = CableGeometry(*joined)
         return cls(by_model, chosen, tuple(laws), geometry, tuple(m.section for m in own))
 
     @classmethod
@@ -190,7 +189,7 @@ class TendonStack:
             # No time passes, so that the rates are those given.
             state = FrictionState(np.zeros_like(rates[own]), mobilisation[own], rates[own])
             part = CableShape(shape.lengths[own], shape.angles[own])
-            fields.append(law.field(base[own], part, mobilisation[own], state))
+            fields.append(law.field(base[own], part, mobilisation[own], state, state.time))
             first = own.stop
         tension = np.concatenate([field.tension for field in fields])
         released = np.concatenate([field.released_length for field in fields])
@@ -225,15 +224,6 @@ def _tendon_keys(model: ForceModel, number: int) -> Iterator[tuple[Any, ...]]:
     alone = geometry is None or model.law.varies
     for i in range(len(parameters.mask)):
         yield i, number if alone else -1, model.law.law.active, *(table[i].tobytes() for table in tables)
-
-
-def _joined_geometry(models: Sequence[CableGeometry], which: Index) -> CableGeometry:
-    """Some of the cables of all models as those of one."""
-    return CableGeometry(
-        np.concatenate([g.nominal for g in models])[which],
-        np.concatenate([g.mask for g in models])[which],
-        np.concatenate([g.clearance for g in models])[which],
-    )
 
 
 def _joined_law(laws: Sequence[TendonLaw], mobilised: FrictionModel, which: Index) -> TendonLaw:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tdcr_fe.effects import Experiment
-from tdcr_fe.elements import Array, Flags
+from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.hooks import SceneHooks
@@ -54,11 +54,6 @@ class Derivative:
     inputs: Array  # (m, P): Tension and slip at the base plate, and prescribed tension or displacement [N, m]
     loads: Array  # (L, 6, P): Of the concentrated loads
     time: Array  # (P,): [s]
-
-    def without(self, which: Flags) -> Derivative:
-        """Zero for some parameters, shape (P,)."""
-        keep = (~which).astype(float)
-        return Derivative(*(x * keep for x in vars(self).values()))
 
 
 class _Carried(NamedTuple):
@@ -184,8 +179,8 @@ class SensitivityHistory:
         system, ramp = solver.system, solver.ramp
         robot = system.robots.index(self.handle.actuation)
         goal = self.inputs.at(len(self.steps), self.handle.actuation.drives.scale)
-        carried = self.carried
-        begin = carried.derivative.without(self.inputs.restarts)
+        carried, goes_on = self.carried, (~self.inputs.restarts).astype(float)
+        begin = Derivative(*(x * goes_on for x in vars(carried.derivative).values()))
         carried = carried._replace(derivative=begin)
         wound = np.where(np.isnan(before.prescribed[robot])[:, None], begin.base_slip, begin.inputs)
         start = np.where(self.handle.actuation.drives.winds[:, None], wound, begin.base_tension)
@@ -252,15 +247,8 @@ class SensitivityHistory:
             begin = disturbed.inherited
             travel = disturbed.rate[:, : law.groups, None] * begin.elapsed
             rates = (slip - begin.slip - travel) / disturbed.duration
-        after = Derivative(
-            slip,
-            before.slip,
-            change.mobilisation,
-            rates,
-            change.base_tension,
-            change.released.sum(axis=1),
-            *inputs,
-        )
+        base = change.base_tension, change.released.sum(axis=1)
+        after = Derivative(slip, before.slip, change.mobilisation, rates, *base, *inputs)
         part = solved.numbering.robots[robot]
         moved = response.unknowns[part.nodes].reshape(-1, 2, 3, len(self.parameters))
         world = solved.state.configuration.poses[robot][1][:, None] @ moved
@@ -269,9 +257,8 @@ class SensitivityHistory:
         displacements[part.driven] = inputs.tendons[part.driven]
         slips = holes @ change.released
         carried = _Carried(after, disturbed.mobilisation, disturbed.slip, carried.slip)
-        return _StepValues(
-            world[:, 0], world[:, 1], change.tension, change.base_tension, displacements, slips, carried
-        )
+        of_tendons = change.tension, change.base_tension, displacements, slips
+        return _StepValues(world[:, 0], world[:, 1], *of_tendons, carried)
 
     def _curvature_rates(self, values: _StepValues, solved: SolvedPoint) -> Array:
         """Derivatives of the curvature rates at the end of a step, in section axes, shape (E, 2, 3, P)."""
@@ -279,11 +266,9 @@ class SensitivityHistory:
         configuration, own = solved.state.configuration, solved.forces[robot]
         chain, rotations = configuration.chains[robot], configuration.poses[robot][1]
         moved = rotations.swapaxes(1, 2)[:, None] @ np.stack((values.nodes, values.rotations), axis=1)
-        by_twists = chain.changes(moved.reshape(len(moved), 6, -1))
-        change = by_twists, values.base_tension
-        return BEAM_TO_SECTION @ self.explicit.curvature_rates(
-            chain.twists, own.base_tension, *change, own.field.time
-        )
+        changes = chain.changes(moved.reshape(len(moved), 6, -1)), values.base_tension
+        at = chain.twists, own.base_tension
+        return BEAM_TO_SECTION @ self.explicit.curvature_rates(*at, *changes, own.field.time)
 
     def _mobilisation(self, solved: SolvedPoint, robot: int, carried: _Carried) -> tuple[Array, Array]:
         """Mobilisations at the end of a substep, also of holes that have friction only at neighbouring values.
@@ -350,22 +335,18 @@ def _reversed(
     Where the rate of a slip goes through zero, its derivative at the reversal is that at a fixed load factor. Where it
     jumps, because another hole begins to slip or a tendon becomes taut, the load factor at which that happens changes.
     """
-    disturbances = [
-        own.with_inputs(rates) for own, rates in zip(disturbed.disturbances, point.input_rates, strict=True)
-    ]
+    by_robot = zip(disturbed.disturbances, point.input_rates, strict=True)
+    disturbances = [own.with_inputs(rates) for own, rates in by_robot]
     response = solved.respond(tuple(disturbances), point.load_rates)
     released = response.tendons[robot].released
     slip = solved.forces[robot].model.law.slip_operator @ released
     by_parameter, by_load_factor = slip[..., :-1], slip[..., -1:]
     by_parameter = by_parameter + by_load_factor * _load_factor_change(point, solved, response, disturbances)
     turned, before = point.reverses[robot], carried.derivative
-    after = replace(
-        before,
-        slip=np.where(turned[..., None], by_parameter, before.slip),
-        mobilisation=np.where(turned[..., None], 0.0, before.mobilisation),
-    )
+    holes = turned[..., None]
+    slip, mobilisation = np.where(holes, by_parameter, before.slip), np.where(holes, 0.0, before.mobilisation)
     return _Carried(
-        after,
+        replace(before, slip=slip, mobilisation=mobilisation),
         np.where(turned, disturbed.mobilisation, carried.mobilisation),
         np.where(turned, disturbed.slip, carried.slip),
         carried.former,
@@ -390,9 +371,8 @@ def _load_factor_change(
     elif numbering.at_driven(point.state.base_tension)[pulling].any():
         arriving = numbering.at_driven([x.base_tension for x in response.tendons])[pulling]
     elif pulling.any():
-        slack = [
-            x.released.sum(axis=1) - own.inputs for x, own in zip(response.tendons, disturbances, strict=True)
-        ]
+        by_robot = zip(response.tendons, disturbances, strict=True)
+        slack = [tendons.released.sum(axis=1) - own.inputs for tendons, own in by_robot]
         arriving = numbering.at_driven(slack)[pulling]
     else:
         return 0.0
@@ -406,5 +386,5 @@ def _models(
     counts, clamp = elements_of_bays(handle.robot, handle.model), handle.actuation.clamp
     base = None if clamp is None else BasePose(clamp.position, clamp.rotation @ BEAM_TO_SECTION.T)
     experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=counts))
-    present = RobotModel.of(experiment, handle.actuation.law.hysteresis, base)
+    present = RobotModel.of(experiment, handle.actuation.law.hysteresis, base, None)
     return present, neighbours(present, chosen)
