@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robots import LENGTH, distance, paper, pull, seven, solve, three
+from robots import LENGTH, distance, paper, pull, seven, solve, tendon, three
 
 from tdcr_fe import Backbone, Disks, Load, LoadStep, Model, Robot, SolverSettings, Tendon, simulate
 from tdcr_fe.elements.complementarity import solve_box
@@ -177,6 +177,18 @@ def test_a_pull_from_rest_and_a_release_take_few_solves_although_every_hole_chan
     assert last.hole_states[0][:-1] == ("pull" if len(tensions) == 1 else "release",) * 12
     assert last.substeps == 1 and last.details["iterations_total"] <= most
     assert distance(result.tips[-1], fine.tips[-1]) < 1e-6 * LENGTH
+
+
+def test_a_slip_of_dahls_law_that_reverses_and_returns_within_a_step_is_not_lost():
+    """A hole slips towards the base at both ends: solved at once, nodes were 1.4e-4 of the length off."""
+    tendons = tendon("t1", mu=0.7), tendon("t2", 160.0, end=LENGTH / 2, axial_stiffness=3000.0)
+    robot = Robot(paper().backbone, Disks((LENGTH / 2, LENGTH)), tendons)
+    given = np.array([[1.4e-3, 1.2e-3], *np.linspace([1.4e-3, 1.2e-3], [1.6e-3, 0.1e-3], 11)[1:]])
+    model, settings = Model(hysteresis="dahl", elements_per_bay=4), SolverSettings(mesh_tolerance=np.inf)
+    steps = [LoadStep(displacements=dict(zip(("t1", "t2"), map(float, d), strict=True))) for d in given]
+    both = steps[:1] + steps[-1:], steps
+    whole, parts = (simulate(robot, model, some, settings).steps[-1] for some in both)
+    assert np.abs(whole.positions - parts.positions).max() < 1e-5 * LENGTH
 
 
 @pytest.mark.integration

@@ -89,6 +89,13 @@ class Ramp:
         return self.user_loads or any(load.changes for load in self.loads)
 
     @property
+    def several_change(self) -> bool:
+        """Whether loads, or more than one input, change in this load step: slips may then reverse and return in it."""
+        ends = (0.0, self.start_time), (1.0, self.end_time)
+        start, end = (np.concatenate([ramp(*at) for ramp in self.inputs]) for at in ends)
+        return self.loads_change or np.count_nonzero(start != end) > 1
+
+    @property
     def changes_beyond_inputs(self) -> bool:
         """Whether anything but the tendons' inputs may change: loads, or what depends on time."""
         return self.loads_change or self.user_inputs or self.before_increment is not None

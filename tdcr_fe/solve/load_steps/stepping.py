@@ -240,9 +240,9 @@ def _with_path_resolved(solver: SubstepSolver, begin: Position, proposals: Seque
 
     It begins with the proposed substeps, or as a whole. Where the path of the friction cannot be followed, it is
     also solved in parts of half its longest substep, again and again, until three in succession agree with the last. Of
-    laws of the coefficients two are enough, or one that agrees much better: their error falls with the square of the
-    parts. Where a coefficient falls with the slip rate there may be no limit: parts fail, or differ by twice as much as
-    before. Then the path before them is kept, with its error.
+    laws of the coefficients two are enough: their error falls with the square of the parts. Where a coefficient falls
+    with the slip rate there may be no limit: parts fail, or differ by twice as much as before. Then the path before
+    them is kept, with its error.
     """
     tolerance, rates = 2.0 * solver.settings.path_tolerance, has_rates(solver.system)
     count = NONLINEAR_PARTS if solver.ramp.nonlinear else 1
@@ -270,8 +270,6 @@ def _with_path_resolved(solver: SubstepSolver, begin: Position, proposals: Seque
             path, error = replace(path, rejected=path.rejected + finer.iterations_total), apart
             break
         agreed = agreed + 1 if apart <= tolerance else 0
-        if rates and apart <= 0.25 * tolerance:
-            agreed = 2
         path, error, former = replace(finer, rejected=finer.rejected + path.iterations_total), apart, apart
     else:
         return path
@@ -282,18 +280,18 @@ def _with_path_resolved(solver: SubstepSolver, begin: Position, proposals: Seque
 def _is_compared(solver: SubstepSolver, before: SolverState, path: SolvedPath) -> bool:
     """Whether the path cannot be followed, for laws of the coefficients or of Dahl, and may matter.
 
-    That is, a hole under tension changed its state, or loads change, so that slip may reverse and return; or a
-    coefficient changed with its slip rate. Rates are means over a substep, so the result depends on its length; and
+    That is, a hole under tension changed its state, or slip may have reversed and returned (`Ramp.several_change`); or
+    a coefficient changed with its slip rate. Rates are means over a substep, so the result depends on its length; and
     halves may agree with the whole by chance.
     """
     if follows_path(solver.system) and not has_rates(solver.system):
         return False
-    after = path.state
+    after, several = path.state, solver.ramp.several_change
     for i, robot in enumerate(solver.system.robots):
         taut = (np.maximum(before.base_tension[i], after.base_tension[i]) > 0.0)[:, None]
         old, new = before.mobilisation[i], after.mobilisation[i]
         changed = np.trunc(old) != np.trunc(new) if robot.law.hysteresis.linear else old != new
-        if np.any((changed | solver.ramp.loads_change) & taut & robot.law.frictional):
+        if np.any((changed | several) & taut & robot.law.frictional):
             return True
         own = path.forces[i]
         change = robot.law.coefficient_change(own.field, own.measured.shape.angles, before.friction[i])
