@@ -322,7 +322,8 @@ class _Run(MeshedRun):
                 self.end_at(step, failure)
                 break
             self.solved.append(result)
-            if request.reference_path is None and is_unstable(self.simulation, self.compression, result):
+            examined = request.reference_path is None
+            if report.unstable or (examined and is_unstable(self.simulation, self.compression, result)):
                 self.unstable.append(number)
             self.warnings.extend(step_warnings(number, report))
             if estimated and self._enough_estimated(number, report, refine) and refine and self.too_coarse():

@@ -37,7 +37,7 @@ from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.model.messages import steps_named
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.scene.energy import Masses
-from tdcr_fe.solve.newton.contact_stability import ROUND_OFF
+from tdcr_fe.solve.newton.unstable_motions import ROUND_OFF
 from tdcr_fe.solve.simulation import Simulation
 
 #: Compression over Euler's load from which stability is computed [1].
@@ -178,7 +178,7 @@ def instability_warnings(numbers: Sequence[int]) -> list[str]:
     if not numbers:
         return []
     return [
-        f"{steps_named(numbers)}: the equilibrium is unstable: loads or weight compress the backbone beyond its "
-        "buckling load, and a real robot takes another shape. To find it, apply a sideways force of some percent of "
-        "the load first, then the load in small steps"
+        f"{steps_named(numbers)}: the equilibrium is unstable: loads, weight or tendons compress the backbone beyond "
+        "its buckling load, and a real robot takes another shape. To find it, apply a sideways force of some percent "
+        "of the load first, then load and tensions in small steps"
     ]

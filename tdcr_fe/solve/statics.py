@@ -21,7 +21,7 @@ from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Position, Ramp, SolvedPath
 from tdcr_fe.solve.load_steps.stepping import solve_load_step
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
-from tdcr_fe.solve.newton.contact_stability import freely_moving
+from tdcr_fe.solve.newton.unstable_motions import freely_moving
 from tdcr_fe.solve.sensitivities.parameters import Parameter
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
 from tdcr_fe.solve.simulation import one_thread
@@ -71,8 +71,9 @@ def SolveTDCR(
     dict
         The fields of `tdcr_fe.solve.load_steps.load_path.LoadStepReport`: ``iterations``, ``iterations_total``
         (with those of rejected attempts), ``substeps``, ``residual``, ``snapped``, ``presliding_factor``,
-        ``refinement_error``, and ``unstable``: whether the equilibrium reached is unstable, which is examined in scenes
-        with contact. Robots that nothing couples are solved one by one; these are the largest values of all.
+        ``refinement_error``, and ``unstable``: whether the equilibrium reached is unstable, which is examined in
+        contact and beyond the buckling load of a bay. Robots that nothing couples are solved one by one; these are the
+        largest values of all.
 
     Raises
     ------

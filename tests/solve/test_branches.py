@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import BACKBONE, LENGTH, paper, simulation, single, three
+from robots import BACKBONE, LENGTH, paper, pull, simulation, single, three
 
 from tdcr_fe import Backbone, Disks, Robot, Simulation, simulate, stability
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings, resolve
@@ -74,6 +74,17 @@ def test_the_other_side_of_a_buckled_rod_is_a_jump():
 
 COLUMN = Robot(BACKBONE, Disks.equally_spaced(13, LENGTH), ())
 UP = (0.0, 0.0, -9.81)
+
+
+@pytest.mark.parametrize("tension", [0.35, 0.5])
+def test_a_tendon_that_buckles_its_only_bay_bends_it_to_its_own_side(tension: float) -> None:
+    """At 1.3 and 1.8 times the load of the bay, one step went to an unstable equilibrium on the other side."""
+    robot, model = paper(disks=Disks((LENGTH,))), Model(friction="none")
+    whole, parts = (
+        simulate(robot, model, pull(*np.linspace(0.0, tension, n)[1:])).steps[-1] for n in (2, 21)
+    )
+    assert whole.tip == pytest.approx(parts.tip, abs=1e-4 * LENGTH)
+    assert not whole.details["unstable"]
 
 
 def push(fraction: float, sideways: float = 1e-3) -> LoadStep:

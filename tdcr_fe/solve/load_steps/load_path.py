@@ -194,7 +194,7 @@ class SolvedPath:
     # where it is within the tolerance [1]
     refinement_error: float = 0.0
     end: Equilibrium | None = None  # The state at its end with its linearisation, where friction needed it
-    # Whether the state at its end is known to be unstable; this is examined in scenes with contact
+    # Whether the state at its end is known to be unstable; this is examined in contact and with buckled bays
     unstable: bool = False
 
     @property
@@ -278,7 +278,7 @@ class LoadStepReport:
         Estimated displacement of a node by what is not resolved of the path, over the length, where it is beyond the
         tolerance; else 0 [1].
     unstable : bool
-        Whether the equilibrium at its end is known to be unstable; this is examined in scenes with contact.
+        Whether the equilibrium at its end is known to be unstable; this is examined in contact and with buckled bays.
     """
 
     iterations: int

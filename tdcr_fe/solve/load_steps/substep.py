@@ -14,11 +14,11 @@ from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.linearization import Linearization, SolvedStep, input_changes
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.load_path import Ramp, SolvedPath, StepFailed, one_substep
-from tdcr_fe.solve.newton.contact_stability import ROUND_OFF, freely_moving, unstable_motion
 from tdcr_fe.solve.newton.convergence import NewtonStatus
 from tdcr_fe.solve.newton.newton import NewtonResult, newton
 from tdcr_fe.solve.newton.prediction import predict
 from tdcr_fe.solve.newton.steps import MOST_DAMPING
+from tdcr_fe.solve.newton.unstable_motions import ROUND_OFF, freely_moving, unstable_motions
 
 #: A jump of a node by more than this fraction of the length in a damped solve is a snap-through [1].
 SNAP = 0.02
@@ -36,7 +36,7 @@ ADVICE = {
     NewtonStatus.CONTACT_TOO_DEEP: "Give contact a larger stiffness, or the robot a smaller load.",
     NewtonStatus.CONTACT_PASSED: "No equilibrium in contact was found near the last one; try smaller load steps.",
     NewtonStatus.UNSTABLE: (
-        "A real robot slides off to one side, and no equilibrium was found there; try smaller load steps."
+        "A real robot slides off or buckles to one side, and no equilibrium was found there; try smaller load steps."
     ),
     NewtonStatus.NO_CONTACT_STATE: "Try smaller load steps, or a smaller contact stiffness.",
 }
@@ -86,36 +86,34 @@ class SubstepSolver:
             if result.converged:
                 solved = SolvedStep.of(start, result.state, linear.numbering, slope)
             result = result._replace(linearization=linear._replace(solved=solved))
-        return self._unless_wrong_in_contact(result, start)
+        return self._unless_wrong(result, start)
 
-    def _unless_wrong_in_contact(
+    def _unless_wrong(
         self, result: NewtonResult, start: SolverState, *, may_jump: bool = False
     ) -> NewtonResult:
-        """A solve, not converged where contact is too deep or unstable, or was perhaps jumped over in its substep.
+        """A solve, not converged where it is unstable, or contact is too deep or was perhaps jumped over in it.
 
-        An unstable solution in contact counts so where it lies aside of the path. In a symmetric scene the path itself
+        An unstable solution counts so where it lies aside of the path. In a symmetric scene the path itself
         goes on through unstable equilibria, and is followed: of the displacement a part of 1e-8 was seen along an
         unstable motion there, and of 6e-3 with a ball that is 10 um beside the plane in which a robot bends.
 
         ``may_jump``: where a robot snaps through, it may pass a contact.
         """
-        if not (self.system.has_contact and result.converged):
+        if not (result.converged and (self.system.has_contact or self._is_beyond_buckling(result.state))):
             return result
         if self.system.contact_at(result.state).too_deep():
             return result._replace(status=NewtonStatus.CONTACT_TOO_DEEP, unmet=None)
         if not may_jump and self.system.may_jump_over_contact(start, result.state):
             return result._replace(status=NewtonStatus.CONTACT_PASSED, unmet=None)
-        motion = self._unstable_motion(result)
-        if motion is None:
-            return result
-        if abs(_along(motion, start, result.state)) > ROUND_OFF:
+        motions = self._unstable_motions(result)
+        if any(abs(_along(motion, start, result.state)) > ROUND_OFF for motion in motions):
             return result._replace(status=NewtonStatus.UNSTABLE, unmet=None)
-        return result._replace(unstable=True)
+        return result._replace(unstable=len(motions) > 0)
 
-    def _unstable_motion(self, result: NewtonResult) -> Array | None:
-        """Increments of the nodes along which a solution in contact is unstable, see `unstable_motion`."""
+    def _unstable_motions(self, result: NewtonResult) -> Array:
+        """Increments of the nodes along which a solution is unstable, see `unstable_motions`."""
         residual = self.system.residual(result.state, result.target, self.system.numbering())
-        return unstable_motion(self.system, residual)
+        return unstable_motions(self.system, residual)
 
     def may_be_halved(self, length: float, status: NewtonStatus) -> bool:
         """Whether a substep of this length that did not converge is divided."""
@@ -140,6 +138,11 @@ class SubstepSolver:
         """Largest distance of any coordinate of a node between two states over the length [1]."""
         moved = a.configuration.positions - b.configuration.positions
         return float(np.max(np.abs(moved))) / self.system.length
+
+    def _is_beyond_buckling(self, state: SolverState) -> bool:
+        """Whether a bay of any robot is beyond its buckling load."""
+        robots = zip(self.system.robots, state.configuration.twists, self.system.layout.buckling, strict=True)
+        return any(np.any(r.mesh.lengths - twists[:, 0] > limit) for r, twists, limit in robots)
 
     def passes_buckling(self, before: SolverState, after: SolverState) -> bool:
         """Whether a bay of a robot driven by displacement is beyond its buckling load after a substep, not before.
@@ -167,7 +170,7 @@ class SubstepSolver:
             if self.is_late:
                 break
             result = newton(self.system, guess, target, self.settings, damped=True, softening=factor)
-            result = self._unless_wrong_in_contact(result, state, may_jump=True)
+            result = self._unless_wrong(result, state, may_jump=True)
             if result.converged:
                 path = one_substep(result, end, state.friction, factor)
                 snapped = self.distance(result.state, state) > SNAP
@@ -190,13 +193,13 @@ class SubstepSolver:
 
     def _pushed(self, state: SolverState, unstable: NewtonResult) -> SolverState:
         """A state a little farther from an unstable solution, along the motion in which that is unstable."""
-        motion = self._unstable_motion(unstable)
-        if motion is None:
+        motions, system, start = self._unstable_motions(unstable), self.system, state.configuration
+        if not len(motions):
             return state
-        system, start = self.system, state.configuration
+        along = np.array([_along(motion, state, unstable.state) for motion in motions])
+        most = int(np.argmax(np.abs(along)))
         change = np.zeros(system.numbering().total)
-        way = -np.copysign(PUSH * system.length, _along(motion, state, unstable.state))
-        change[: len(motion)] = way * motion
+        change[: motions.shape[1]] = -np.copysign(PUSH * system.length, along[most]) * motions[most]
         configuration, _ = system.layout.space.move(start, change, start.chains, self.settings.max_turn)
         return state._replace(configuration=configuration)
 

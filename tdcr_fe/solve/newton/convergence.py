@@ -30,7 +30,7 @@ class NewtonStatus(Enum):
     NO_CONTACT_STATE = "contact keeps opening and closing"
     CONTACT_PASSED = "nodes move by more than the size of a contact, which they might jump over"
     CONTACT_TOO_DEEP = "contact is too soft: the centre of one body is inside another"
-    UNSTABLE = "the equilibrium in contact is unstable"
+    UNSTABLE = "the equilibrium is unstable"
     SINGULAR = "the tangent is singular: something in the scene moves freely"
     NOT_FINITE = "the residual is not a number"
 

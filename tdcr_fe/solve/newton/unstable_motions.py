@@ -1,8 +1,9 @@
-"""Whether an equilibrium in contact is stable, and along which motion it is not.
+"""Whether an equilibrium in contact, or with buckled bays, is stable, and along which motions it is not.
 
 A robot that is pressed against an obstacle may lose its stability and slide off to one side. Beyond that load the state
-that goes on pressing is an equilibrium, too, and Newton's method finds it as easily. The response of the nodes to small
-forces shows it: in a stable equilibrium no force moves them against itself,
+that goes on pressing is an equilibrium, too, and Newton's method finds it as easily. So it is with tendons that
+compress a bay beyond its buckling load: a large load step may end bent to the wrong side. The response of the nodes to
+small forces shows it: in a stable equilibrium no force moves them against itself,
 
     f^T C f > 0  for all forces f on the nodes, with their compliance C,
 
@@ -30,8 +31,8 @@ ROUND_OFF = 1e-5
 NO_RESISTANCE = 1e-10
 
 
-def unstable_motion(system: SceneSystem, residual: Residual) -> Array | None:
-    """Increments of the nodes along which an equilibrium is unstable; None if it is stable.
+def unstable_motions(system: SceneSystem, residual: Residual) -> Array:
+    """Increments of the nodes along which an equilibrium is unstable; none if it is stable.
 
     Parameters
     ----------
@@ -42,14 +43,15 @@ def unstable_motion(system: SceneSystem, residual: Residual) -> Array | None:
 
     Returns
     -------
-    ndarray, shape (6 N,), or None
+    ndarray, shape (k, 6 N)
         Body-frame increments, the largest displacement 1; those of clamped bases are zero.
     """
+    free = np.ones(6 * system.layout.reduction.nodes, dtype=bool)
+    none = np.zeros((0, len(free)))
     try:
         linear = system.linearize(residual, system.numbering())
     except LinAlgError:
-        return None
-    free = np.ones(6 * system.layout.reduction.nodes, dtype=bool)
+        return none
     for base in linear.numbering.clamped:
         free[base] = False
     scale = np.sqrt(np.tile(damping_of_node(1.0, system.length), system.layout.reduction.nodes)[free])
@@ -57,15 +59,13 @@ def unstable_motion(system: SceneSystem, residual: Residual) -> Array | None:
     least = ROUND_OFF * float(np.abs(compliance).max())
     try:
         cholesky(0.5 * (compliance + compliance.T) + least * np.eye(len(compliance)))
-        return None
+        return none
     except LinAlgError:
         values, vectors = eig(compliance)
-    lowest = int(np.argmin(values.real))
-    if values[lowest].real >= -least:
-        return None
-    motion = np.zeros(len(free))
-    motion[free] = scale * vectors[:, lowest].real
-    return motion / np.abs(motion.reshape(-1, 6)[:, :3]).max()
+    below = values.real < -least
+    motions = np.zeros((np.count_nonzero(below), len(free)))
+    motions[:, free] = scale * vectors[:, below].real.T
+    return motions / np.abs(motions.reshape(len(motions), -1, 6)[..., :3]).max(axis=(1, 2))[:, None]
 
 
 def _compliance(system: SceneSystem, residual: Residual, linear: Linearization, which: Index) -> Array:
