@@ -311,8 +311,32 @@ def _loads_and_base(problem: FitProblem) -> Iterator[Cause]:
 # ----------------------------------------------------------------------------------------------------- tendons
 
 
+def _with_holes(experiment: Experiment, values: Values, names: Sequence[str], disks: slice) -> Experiment:
+    """With the holes of tendons in some disks elsewhere, the first of which is the base plate."""
+    tendons, robot = [], experiment.robot
+    factor, angle = values.get("factor", 1.0), values.get("angle", 0.0)
+    c, d = factor * math.cos(angle), factor * math.sin(angle)
+    for t in robot.tendons:
+        if t.name in names:
+            holes = robot.holes(t).copy()
+            holes[disks] = holes[disks] @ [[c, d], [-d, c]] + (values.get("x", 0.0), values.get("y", 0.0))
+            at = tuple(map(float, robot.hole_arc_lengths(t)))
+            t = replace(t, routing=PointsRouting(at, tuple((float(x), float(y)) for x, y in holes)))
+        tendons.append(t)
+    return experiment.with_robot(tendons=tuple(tendons))
+
+
+def _shift(robot: Robot) -> Numbers:
+    """Of holes in their plane, up to their largest distance from the backbone."""
+    offset = max(float(np.max(np.linalg.norm(robot.holes(t), axis=1))) for t in robot.tendons)
+    return tuple(number(a, "m", (-offset, offset), 0.0, 0.02 * offset) for a in "xy")
+
+
 def _routings(problem: FitProblem) -> Iterator[Cause]:
-    """The holes of one tendon elsewhere: at another angle and distance, the same along the backbone or not."""
+    """Holes elsewhere in all disks: of one tendon at another angle and distance, the same along the backbone or not.
+
+    Or of all tendons: at another distance, or off the centre.
+    """
     ends = "base", "end"
     angle = number("angle", "rad", (-1.5, 1.5), 0.0, 0.02)
     numbers = number("factor", "1", (0.3, 3.0), 1.0, 0.02), angle
@@ -331,6 +355,16 @@ def _routings(problem: FitProblem) -> Iterator[Cause]:
         for suffix, depends, own in (("", "nothing", numbers), (" along s", "place", along)):
             kind = Kind("routing", (depends,), f"tendon {name}")
             yield ChangedDescription(f"routing of {name}{suffix}", kind, own, moved, text)
+    robot = problem.experiment.robot
+    if len(robot.tendons) > 1:
+        every = partial(_with_holes, names=robot.tendon_names, disks=slice(None))
+        kind, text = Kind("routing", ("nothing",)), "the holes of all tendons are"
+        yield ChangedDescription(
+            "radius of all holes", kind, numbers[:1], every, f"{text} at another distance"
+        )
+        yield ChangedDescription(
+            "disks off their centre", kind, _shift(robot), every, f"{text} off the centre"
+        )
 
 
 def _single_disks(problem: FitProblem) -> Iterator[Cause]:
@@ -341,25 +375,12 @@ def _single_disks(problem: FitProblem) -> Iterator[Cause]:
 
 def _of_disk(robot: Robot, k: int) -> Iterator[Cause]:
     """What may be wrong with one disk, from 0."""
-    offset = max(float(np.max(np.linalg.norm(robot.holes(t), axis=1))) for t in robot.tendons)
-    plane = tuple(number(a, "m", (-offset, offset), 0.0, 0.02 * offset) for a in "xy")
+    plane = _shift(robot)
     turn = number("angle", "rad", (-1.5, 1.5), 0.0, 0.02)
     count, edges, s = len(robot.disks.positions), robot.bay_edges, robot.disks.positions[k]
     where = f"disk at s = {s:.4g} m"
+    moved = partial(_with_holes, disks=slice(k + 1, k + 2))
     through = [t.name for t in robot.tendons if s <= robot.end(t) + ARC_TOLERANCE]
-
-    def moved(experiment: Experiment, values: Values, names: Sequence[str]) -> Experiment:
-        tendons, robot = [], experiment.robot
-        c, d = math.cos(values.get("angle", 0.0)), math.sin(values.get("angle", 0.0))
-        for t in robot.tendons:
-            if t.name in names:
-                holes = robot.holes(t).copy()
-                holes[k + 1] = np.array([[c, -d], [d, c]]) @ holes[k + 1]
-                holes[k + 1] += values.get("x", 0.0), values.get("y", 0.0)
-                at = tuple(map(float, robot.hole_arc_lengths(t)))
-                t = replace(t, routing=PointsRouting(at, tuple((float(x), float(y)) for x, y in holes)))
-            tendons.append(t)
-        return experiment.with_robot(tendons=tuple(tendons))
 
     def slipped(experiment: Experiment, values: Values) -> Experiment:
         positions = list(experiment.robot.disks.positions)
